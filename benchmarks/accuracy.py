@@ -1,7 +1,8 @@
 """Accuracy of the boundary element solver: every accuracy figure of docs/performance.md, measured anew.
 
-Run ``make bench``, or ``PYTHONPATH=.:tests python benchmarks/accuracy.py [figure ...]``. The reference is the sphere's
-series, multipoles about two spheres, or fundamental solutions; each error is the worst of at least 8 random directions.
+Run ``make bench``, or ``PYTHONPATH=.:tests python benchmarks/accuracy.py [figure ...]``. The
+reference is the sphere's series, multipoles about two spheres, or fundamental solutions; each error
+is the worst of at least 8 random directions.
 """
 
 import sys
@@ -46,7 +47,10 @@ def one_each(positions: np.ndarray) -> at.Monopoles:
 
 
 def sphere_error(
-    radius: float, gap: float, frequency: float = FREQUENCY, solver: at.solvers.Solver | None = None
+    radius: float,
+    gap: float,
+    frequency: float = FREQUENCY,
+    solver: at.acoustics.Solver | None = None,
 ) -> float:
     """Worst error at 60 to 100 mm of 8 sources ``gap`` off a sphere."""
     scene, points = ball(radius, frequency), far_points()
@@ -55,7 +59,7 @@ def sphere_error(
     return float(relative(found, at.SphereSeries().radiate(scene, sources).at(points)).max())
 
 
-def surface_error(radius: float, height: float, solver: at.solvers.Solver | None = None) -> float:
+def surface_error(radius: float, height: float, solver: at.acoustics.Solver | None = None) -> float:
     """Worst error over the surface of a sphere, ``height`` off it, of 8 sources 100 mm away."""
     scene, sources = ball(radius), one_each(directions(8, 0) * 0.1)
     points = directions(60, 5) * (radius + height)
@@ -94,7 +98,11 @@ def outer_points(scene: at.Scene, count: int = 40, seed: int = 11) -> np.ndarray
 
 
 def finger_error(
-    radius: float, tilt: float, gap: float, offset: float = 0.5e-3, solver: at.solvers.Solver | None = None
+    radius: float,
+    tilt: float,
+    gap: float,
+    offset: float = 0.5e-3,
+    solver: at.acoustics.Solver | None = None,
 ) -> tuple[float, float]:
     """Worst error of 8 sources near two fingers, and the reference's own error."""
     scene = two_fingers(radius, tilt, gap)
@@ -137,15 +145,23 @@ def motion(precision: str, away: float = 1.0, length: float = 0.044) -> float:
     """Largest relative change of the pinch's transfer matrix when hand and array move together."""
     scene = two_fingers(8e-3, 20, 12e-3, length)
     sources, points = finger_sources(scene, 0.5e-3), outer_points(scene)
-    pose = at.Pose.turn(np.array([1.0, 2.0, -1.0]), 0.7, translation=(away, -0.3 * away, 0.2 * away))
-    moved = at.Scene(PAPER_AIR, [at.sound_hard(o.surface.moved(pose)) for o in scene.obstacles], frequency=FREQUENCY)
+    pose = at.Pose.turn(
+        np.array([1.0, 2.0, -1.0]), 0.7, translation=(away, -0.3 * away, 0.2 * away)
+    )
+    moved = at.Scene(
+        PAPER_AIR,
+        [at.sound_hard(o.surface.moved(pose)) for o in scene.obstacles],
+        frequency=FREQUENCY,
+    )
     solver = at.BoundaryElement(accuracy=0.03, precision=precision)
     rest = solver.radiate(scene, one_each(sources)).at(points)
     after = solver.radiate(moved, one_each(pose.apply(sources))).at(pose.apply(points))
     return float(relative(after, rest).max())
 
 
-def estimate_scenes(count: int = 50, seed: int = 2014) -> Iterator[tuple[str, at.Scene, np.ndarray]]:
+def estimate_scenes(
+    count: int = 50, seed: int = 2014
+) -> Iterator[tuple[str, at.Scene, np.ndarray]]:
     """Choose scenes by a seed: spheres, pairs of spheres down to a gap of 0.4 mm, thin capsules; 4 sources each."""
     pick = np.random.default_rng(seed)
     for index in range(count):
@@ -162,7 +178,9 @@ def estimate_scenes(count: int = 50, seed: int = 2014) -> Iterator[tuple[str, at
             ]
         else:
             radius, length = float(pick.uniform(0.5e-3, 3e-3)), float(pick.uniform(5e-3, 30e-3))
-            shapes = [at.capsule((0.0, 0.0, -0.5 * length), (0.0, 0.0, 0.5 * length), radius, radius)]
+            shapes = [
+                at.capsule((0.0, 0.0, -0.5 * length), (0.0, 0.0, 0.5 * length), radius, radius)
+            ]
         scene = at.Scene(PAPER_AIR, [at.sound_hard(shape) for shape in shapes], frequency=FREQUENCY)
         offset = float(np.exp(pick.uniform(np.log(0.1e-3), np.log(20e-3))))
         yield (
@@ -177,7 +195,9 @@ def _off_surface(scene: at.Scene, offset: float, pick: np.random.Generator) -> n
     found: list[np.ndarray] = []
     while len(found) < 4:
         surface = scene.obstacles[int(pick.integers(len(scene.obstacles)))].surface
-        base = surface.primitive.project(surface.vertices[[int(pick.integers(len(surface.vertices)))]] + 1e-6)
+        base = surface.primitive.project(
+            surface.vertices[[int(pick.integers(len(surface.vertices)))]] + 1e-6
+        )
         axis = surface.primitive.axis
         along = axis[1] - axis[0]
         share = np.clip((base - axis[0]) @ along / max(along @ along, 1e-30), 0, 1)
@@ -204,7 +224,9 @@ def estimate_and_error(scene: at.Scene, sources: np.ndarray) -> tuple[float, flo
     true = reference(scene, sources, points)
     size = np.linalg.norm(true, axis=0)
     estimate = np.linalg.norm(field.error_at(points) * size) / np.linalg.norm(size)
-    return float(estimate), float(np.linalg.norm(field.direct_at(points) - true) / np.linalg.norm(true))
+    return float(estimate), float(
+        np.linalg.norm(field.direct_at(points) - true) / np.linalg.norm(true)
+    )
 
 
 def table(rows: Sequence[tuple[str, str, Callable[[], str]]], wanted: Sequence[str]) -> None:
@@ -213,7 +235,10 @@ def table(rows: Sequence[tuple[str, str, Callable[[], str]]], wanted: Sequence[s
     for name, asked, measure in rows:
         if not wanted or any(name.startswith(word) for word in wanted):
             began = time.perf_counter()
-            print(f"| {name} | {asked} | {measure()} | {time.perf_counter() - began:.0f} |", flush=True)
+            print(
+                f"| {name} | {asked} | {measure()} | {time.perf_counter() - began:.0f} |",
+                flush=True,
+            )
 
 
 def _per_cent(values: Sequence[float]) -> str:
@@ -232,18 +257,27 @@ def _spheres() -> str:
 
 def _surface() -> str:
     heights = (1e-4, 2e-4, 5e-4)
-    return _per_cent([max(surface_error(radius, height) for radius in (2e-3, 1e-2, 3e-2)) for height in heights])
+    return _per_cent(
+        [max(surface_error(radius, height) for radius in (2e-3, 1e-2, 3e-2)) for height in heights]
+    )
 
 
 def _fingers() -> str:
-    cases = [(r, t, g) for r, t, g in zip((6, 8, 12, 6, 12), (0, 20, 45, 45, 0), (2, 12, 40, 6, 2), strict=True)]
+    cases = [
+        (r, t, g)
+        for r, t, g in zip((6, 8, 12, 6, 12), (0, 20, 45, 45, 0), (2, 12, 40, 6, 2), strict=True)
+    ]
     found = [finger_error(r * 1e-3, t, g * 1e-3) for r, t, g in cases]
     return f"{100 * max(e for e, _ in found):.2f} % (reference itself {100 * max(o for _, o in found):.2f} %)"
 
 
 def _iterations() -> str:
     scene = two_fingers(8e-3, 20, 12e-3)
-    report = at.BoundaryElement(accuracy=0.1).radiate(scene, one_each(finger_sources(scene, 0.5e-3))).report
+    report = (
+        at.BoundaryElement(accuracy=0.1)
+        .radiate(scene, one_each(finger_sources(scene, 0.5e-3)))
+        .report
+    )
     return f"{report.iterations} to {report.residual:.0e}"
 
 
@@ -251,7 +285,11 @@ def _estimates() -> str:
     ratios, worst, unseen = [], 0.0, 0
     for name, scene, sources in estimate_scenes():
         estimate, true = estimate_and_error(scene, sources)
-        print(f"  {name}: estimated {100 * estimate:.4f} %, true {100 * true:.4f} %", file=sys.stderr, flush=True)
+        print(
+            f"  {name}: estimated {100 * estimate:.4f} %, true {100 * true:.4f} %",
+            file=sys.stderr,
+            flush=True,
+        )
         ratios.append(estimate / true)
         worst, unseen = max(worst, true), unseen + (true > 0.1 and estimate < 0.1)
     inside = np.mean([0.3 <= ratio <= 10 for ratio in ratios])

@@ -2,8 +2,8 @@
 
     PYTHONPATH=.:tests python benchmarks/boards.py [box | picture | palm | reciprocity | thickness]
 
-``box`` solves the paper's pinch in its box of four boards, and again with smaller panels; ``box 0.03`` takes another
-accuracy than 5 %. ``picture`` draws what drives make there.
+``box`` solves the paper's pinch in its box of four boards, and again with smaller panels; ``box
+0.03`` takes another accuracy than 5 %. ``picture`` draws what drives make there.
 """
 
 import resource
@@ -75,8 +75,12 @@ def _kept_lines(transfers: dict[str, at.TransferMatrix], target: at.Target) -> I
         for name, transfer in transfers.items():
             whole = method(transfer, target).amplitudes
             held = whole / np.abs(whole).max(), whole / np.linalg.norm(whole), whole / np.abs(whole)
-            there, here = ([np.abs(one.matrix @ drive).min() for drive in held] for one in (known, unknown))
-            words = ", ".join(f"{one:.0f} ({other:.0f})" for one, other in zip(there, here, strict=True))
+            there, here = (
+                [np.abs(one.matrix @ drive).min() for drive in held] for one in (known, unknown)
+            )
+            words = ", ".join(
+                f"{one:.0f} ({other:.0f})" for one, other in zip(there, here, strict=True)
+            )
             yield (
                 f"{method.__name__} that knows {name}, boards that reflect (that do not): {words} Pa at equal peak, "
                 "energy and by phases alone"
@@ -87,15 +91,24 @@ def picture_rows(accuracy: float = 0.05) -> Iterator[str]:
     """Solve what drives make in the box of reflecting boards, and draw docs/boards-that-reflect.png."""
     array, apart, scene, target = paper_box()
     quick = at.BoundaryElement(accuracy, estimate=False)
-    known, unknown = (at.transfer_matrix(quick.radiate(one, target.beacons()), array) for one in (scene, apart))
-    drives = {"knows the fingers": at.best(unknown, target), "and the boards": at.best(known, target)}
+    known, unknown = (
+        at.transfer_matrix(quick.radiate(one, target.beacons()), array) for one in (scene, apart)
+    )
+    drives = {
+        "knows the fingers": at.best(unknown, target),
+        "and the boards": at.best(known, target),
+    }
     solver = at.BoundaryElement(accuracy)
     played = at.compare(scene, array, drives, target, solver=solver)
     alone = at.compare(apart, array, {"blind": drives["knows the fingers"]}, target, solver=solver)
     yield f"forwards in the box: {np.round(played.pressures['equal peak']).tolist()} Pa, {played.report.nodes} unknowns"
     figure, axes = plt.subplots(1, 3, figsize=(15, 4.2), layout="constrained")
     shown = (alone, 0), (played, 0), (played, 1)
-    titles = "boards that do not reflect", "boards reflect, drive does not know it", "boards reflect, drive knows it"
+    titles = (
+        "boards that do not reflect",
+        "boards reflect, drive does not know it",
+        "boards reflect, drive knows it",
+    )
     for ax, (made, drive), title in zip(axes, shown, titles, strict=True):
         at.plot.field(made, target, drive=drive, plane="xz", ax=ax)
         ax.set_title(title)
@@ -107,18 +120,26 @@ def palm_rows(accuracy: float = 0.05) -> Iterator[str]:
     table = at.plane((0, 0, -TABLE_BELOW), (0, 0, 1))
     for lift in (50e-3, 100e-3, 195.7e-3, 197.85e-3, 200e-3, 202.15e-3, 204.3e-3):
         hand, focus = hand_and_palm(lift)
-        array = at.autd3_board(at.Pose(np.eye(3), np.array([focus[0] - 0.086, focus[1] - 0.066, 0.0])))
+        array = at.autd3_board(
+            at.Pose(np.eye(3), np.array([focus[0] - 0.086, focus[1] - 0.066, 0.0]))
+        )
         boards, target = at.reflecting_boards(array), at.Target(focus[None])
         body, solver = at.sound_hard(hand), at.BoundaryElement(accuracy, estimate=True)
         matrices = [
-            at.transfer_matrix(solver.radiate(at.Scene(AIR, bodies, planes=planes), target.beacons()), array)
+            at.transfer_matrix(
+                solver.radiate(at.Scene(AIR, bodies, planes=planes), target.beacons()), array
+            )
             for bodies, planes in (([body], []), ([body, *boards], []), ([body, *boards], [table]))
         ]
         blind = at.best(matrices[0], target)
         words = []
         for name, matrix in zip(("board", "board and table"), matrices[1:], strict=True):
-            best, kept = (np.abs(matrix.pressure(one))[0] for one in (at.best(matrix, target), blind))
-            words.append(f"with the {name} {best:.0f} Pa, of which a drive that knows neither keeps {kept / best:.1%}")
+            best, kept = (
+                np.abs(matrix.pressure(one))[0] for one in (at.best(matrix, target), blind)
+            )
+            words.append(
+                f"with the {name} {best:.0f} Pa, of which a drive that knows neither keeps {kept / best:.1%}"
+            )
         alone = np.abs(matrices[0].pressure(blind))[0]
         yield f"palm, the hand {1e3 * lift:g} mm over a board: {alone:.0f} Pa without reflections; {'; '.join(words)}"
 
@@ -134,7 +155,9 @@ def reciprocity_rows() -> Iterator[str]:
         drive = at.Drive(chosen / np.abs(chosen).max())
         for asked in (0.05, 0.02, 0.01):
             solver = at.BoundaryElement(asked)
-            read = at.transfer_matrix(solver.radiate(scene, at.Target(points).beacons()), array).pressure(drive)
+            read = at.transfer_matrix(
+                solver.radiate(scene, at.Target(points).beacons()), array
+            ).pressure(drive)
             made = at.field_map(scene, array, drive, points, solver=solver)
             yield (
                 f"reciprocity of a board and a lined ball, {len(planes)} planes, {asked:.1%} asked: "
@@ -150,7 +173,9 @@ def thickness_rows() -> Iterator[str]:
     found = {}
     for thickness in (8.7e-3, 1.6e-3, 6e-3, 12e-3):
         scene = at.Scene(AIR, at.reflecting_boards(array, thickness))
-        found[thickness] = at.transfer_matrix(at.BoundaryElement(0.02).radiate(scene, target.beacons()), array).matrix
+        found[thickness] = at.transfer_matrix(
+            at.BoundaryElement(0.02).radiate(scene, target.beacons()), array
+        ).matrix
         first = found[8.7e-3]
         off = relative(found[thickness].T, plain.T), relative(found[thickness].T, first.T)
         yield (

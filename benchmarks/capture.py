@@ -1,8 +1,8 @@
 """Error and time of fitting a hand to what a depth camera saw of one side of it.
 
-The reference is the GLB hand, and a slender and a stout build of it, bent by their own rig; the fit was never tuned on
-``child``, another build. Run ``PYTHONPATH=.:tests python benchmarks/capture.py [views [builds]]``, with so many views
-of each pose.
+The reference is the GLB hand, and a slender and a stout build of it, bent by their own rig; the fit
+was never tuned on ``child``, another build. Run ``PYTHONPATH=.:tests python benchmarks/capture.py
+[views [builds]]``, with so many views of each pose.
 """
 
 import sys
@@ -11,9 +11,18 @@ from itertools import product
 
 import numpy as np
 
-from airtact.hand.fitting.fit import FittedHand, fit_hand
-from airtact.hand.joints import FINGERS
-from hand.rigged_hand import BENDS, BUILDS, Rigged, off_each_other, posed, rough, seen, turned_to_camera
+from airtact.hands.fitting.fit import FittedHand, fit_hand
+from airtact.hands.joints import FINGERS
+from hands.rigged_hand import (
+    BENDS,
+    BUILDS,
+    Rigged,
+    off_each_other,
+    posed,
+    rough,
+    seen,
+    turned_to_camera,
+)
 
 CAMERA = np.zeros(3)
 NAMES = (*FINGERS, "palm")
@@ -46,8 +55,12 @@ def single_frames(views: int, builds: list[str]) -> None:
         began = time.perf_counter()
         fitted = fit_hand(cloud, landmarks, "right", CAMERA)
         seconds = time.perf_counter() - began
-        means.append(report(f"{build}, {name}, {'back' if view % 2 else 'palm'} seen", fitted, true, seconds))
-    print(f"{len(means)} single frames: {1e3 * np.mean(means):.2f} mm, the worst {1e3 * max(means):.2f} mm")
+        means.append(
+            report(f"{build}, {name}, {'back' if view % 2 else 'palm'} seen", fitted, true, seconds)
+        )
+    print(
+        f"{len(means)} single frames: {1e3 * np.mean(means):.2f} mm, the worst {1e3 * max(means):.2f} mm"
+    )
 
 
 def sequence(frames: int = 20) -> None:
@@ -61,7 +74,12 @@ def sequence(frames: int = 20) -> None:
         before = fit_hand(cloud, landmarks, "right", CAMERA, before)
         seconds.append(time.perf_counter() - began)
         means.append(
-            report(f"frame {frame}, sizes {'kept' if before.anatomy.settled else 'learned'}", before, true, seconds[-1])
+            report(
+                f"frame {frame}, sizes {'kept' if before.anatomy.settled else 'learned'}",
+                before,
+                true,
+                seconds[-1],
+            )
         )
     print(
         f"first frame {1e3 * seconds[0]:.0f} ms, later ones {1e3 * np.median(seconds[1:]):.0f} ms, at most "

@@ -1,8 +1,9 @@
 """Rows of ``airtact bench`` beside those of the last tag: one that got 20 % slower is red, and the exit code is 1.
 
-Run ``make bench-compare``, or ``PYTHONPATH=. python benchmarks/compare.py --baseline out/before/bench.csv`` with what
-``airtact bench --quick --out out/before`` wrote earlier, on the same machine in the same state. Without a baseline the
-last tag is checked out below ``out/``, installed there and measured first, once.
+Run ``make bench-compare``, or ``PYTHONPATH=. python benchmarks/compare.py --baseline
+out/before/bench.csv`` with what ``airtact bench --quick --out out/before`` wrote earlier, on the
+same machine in the same state. Without a baseline the last tag is checked out below ``out/``,
+installed there and measured first, once.
 """
 
 import argparse
@@ -43,7 +44,10 @@ def times_in(file: Path) -> dict[str, tuple[float, float]]:
     """Return median and least time of each row of a bench.csv that has them."""
     with file.open(newline="", encoding="utf-8") as stream:
         rows = [row for row in csv.DictReader(stream) if row["median_s"]]
-    return {f"{row['what']}, {row['setting']}": (float(row["median_s"]), float(row["least_s"])) for row in rows}
+    return {
+        f"{row['what']}, {row['setting']}": (float(row["median_s"]), float(row["least_s"]))
+        for row in rows
+    }
 
 
 def changes(before: Path, now: Path) -> list[Change]:
@@ -54,30 +58,43 @@ def changes(before: Path, now: Path) -> list[Change]:
 
 def of_last_tag() -> Path:
     """Measure the last tag, unless that was done before."""
-    found = subprocess.run(["git", "describe", "--tags", "--abbrev=0"], capture_output=True, text=True)
+    found = subprocess.run(
+        ["git", "describe", "--tags", "--abbrev=0"], capture_output=True, text=True
+    )
     if found.returncode:
-        sys.exit("there is no tag to compare with: give --baseline bench.csv, which airtact bench --quick writes.")
+        sys.exit(
+            "there is no tag to compare with: give --baseline bench.csv, which airtact bench --quick writes."
+        )
     tag = found.stdout.strip()
     folder = (OUT / tag).resolve()
     file = folder / "bench" / "bench.csv"
     if not file.exists():
         source, python = folder / "source", folder / "venv/bin/python"
         folder.mkdir(parents=True, exist_ok=True)
-        subprocess.run(["git", "worktree", "add", "--force", "--detach", str(source), tag], check=True)
+        subprocess.run(
+            ["git", "worktree", "add", "--force", "--detach", str(source), tag], check=True
+        )
         subprocess.run([sys.executable, "-m", "venv", str(folder / "venv")], check=True)
-        subprocess.run([str(python), "-m", "pip", "install", "--quiet", f"{source}[mesh]"], check=True)
+        subprocess.run(
+            [str(python), "-m", "pip", "install", "--quiet", f"{source}[mesh]"], check=True
+        )
         bench(python, file.parent)
     return file
 
 
 def bench(python: Path | str, folder: Path) -> Path:
-    subprocess.run([str(python), "-m", "airtact", "bench", "--quick", "--quiet", "--out", str(folder)], check=True)
+    subprocess.run(
+        [str(python), "-m", "airtact", "bench", "--quick", "--quiet", "--out", str(folder)],
+        check=True,
+    )
     return folder / "bench.csv"
 
 
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--baseline", type=Path, help="bench.csv to compare with; the last tag's by default")
+    parser.add_argument(
+        "--baseline", type=Path, help="bench.csv to compare with; the last tag's by default"
+    )
     parser.add_argument("--now", type=Path, help="bench.csv of now; measured by default")
     given = parser.parse_args(arguments)
     before = given.baseline or of_last_tag()

@@ -33,7 +33,9 @@ with at.Emission(link, log=sys.argv[2]) as emission:
 
 
 def link_of(name: str) -> Link:
-    return RecordingLink("autd3", 4) if name == "recording" else at.AUTD3Link([at.Pose.identity()] * 4)
+    return (
+        RecordingLink("autd3", 4) if name == "recording" else at.AUTD3Link([at.Pose.identity()] * 4)
+    )
 
 
 TIMES = (
@@ -67,7 +69,9 @@ def times_of_frames(name: str) -> tuple[float, ...]:
         begun = time.perf_counter()
         emission.stop()
         stopped = time.perf_counter() - begun
-    frames = [float(value) for times in took.values() for value in 1e3 * np.percentile(times, [50, 99])]
+    frames = [
+        float(value) for times in took.values() for value in 1e3 * np.percentile(times, [50, 99])
+    ]
     return longer, *frames, 1e3 * stopped
 
 
@@ -85,7 +89,9 @@ def killed_to_silent(name: str, trials: int) -> list[float]:
                 feeder.kill()
             while not log.read_text().endswith("closed\n"):
                 time.sleep(0.01)
-            silent = next(line for line in log.read_text().splitlines() if line.endswith("silence confirmed"))
+            silent = next(
+                line for line in log.read_text().splitlines() if line.endswith("silence confirmed")
+            )
             found.append(1e3 * (float(silent.split()[0]) - killed))
     return found
 
@@ -109,7 +115,9 @@ def lost_to_known(trials: int) -> tuple[list[float], list[float]]:
                         known.append(1e3 * (time.monotonic() - killed))
             except LinkFailed:
                 pass
-            line = next(line for line in log.read_text().splitlines() if line.endswith("silence confirmed"))
+            line = next(
+                line for line in log.read_text().splitlines() if line.endswith("silence confirmed")
+            )
             silent.append(1e3 * (float(line.split()[0]) - killed))
     return known, silent
 
@@ -122,9 +130,13 @@ def main() -> None:
         print(f"| {what} | {rows['recording'][index]:.2f} | {rows['audit'][index]:.2f} |")
     silent = {name: killed_to_silent(name, trials) for name in rows}
     words = [f"{np.median(one):.1f}, at most {max(one):.1f}" for one in silent.values()]
-    print(f"| feeder killed until silence is confirmed, {trials} trials [ms] | {words[0]} | {words[1]} |")
+    print(
+        f"| feeder killed until silence is confirmed, {trials} trials [ms] | {words[0]} | {words[1]} |"
+    )
     known, rescued = lost_to_known(trials)
-    print(f"| link process killed until the feeder knows [ms] | | {np.median(known):.1f}, at most {max(known):.1f} |")
+    print(
+        f"| link process killed until the feeder knows [ms] | | {np.median(known):.1f}, at most {max(known):.1f} |"
+    )
     print(
         f"| and until another has silenced the boards [ms] | | {np.median(rescued):.0f}, at most {max(rescued):.0f} |"
     )

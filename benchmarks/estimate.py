@@ -1,8 +1,9 @@
 """The estimated error against the true one, in random scenes of shapes that nothing was tuned on.
 
-Spheroids, tori, cups, shells, and capsules in threes and fours, 25 to 70 kHz, 1 and 3 % asked. The source is far and
-the points are near the bodies or far from them, or the source is near and the points far. Truth are rings of monopoles
-(``references.axisymmetric``) and, for capsules, fundamental solutions.
+Spheroids, tori, cups, shells, and capsules in threes and fours, 25 to 70 kHz, 1 and 3 % asked. The
+source is far and the points are near the bodies or far from them, or the source is near and the
+points far. Truth are rings of monopoles (``references.axisymmetric``) and, for capsules,
+fundamental solutions.
 
     PYTHONPATH=.:tests python benchmarks/estimate.py [scenes [first]]
 """
@@ -17,7 +18,7 @@ import numpy as np
 
 import airtact as at
 from airtact.benching import fundamental_solutions
-from airtact.surfaces.primitives import Capsule
+from airtact.geometry.primitives import Capsule
 from references import axisymmetric
 from references.axisymmetric import Meridian
 
@@ -56,9 +57,13 @@ class Case:
             )
             return pressure[:, 0], own
         if self.kind == "focus":  # the rings want the far points as sources
-            pressure, own = axisymmetric.pressure_at(self.bodies, wavenumber, self.points, self.source, wanted)
+            pressure, own = axisymmetric.pressure_at(
+                self.bodies, wavenumber, self.points, self.source, wanted
+            )
             return pressure[0], own
-        pressure, own = axisymmetric.pressure_at(self.bodies, wavenumber, self.source, self.points, wanted)
+        pressure, own = axisymmetric.pressure_at(
+            self.bodies, wavenumber, self.source, self.points, wanted
+        )
         return pressure[:, 0], own
 
 
@@ -87,7 +92,9 @@ class Row:
     def held(self) -> bool:
         """Whether the ratio is as wanted; errors far under the accuracy asked may be overestimated."""
         least, most = HELD
-        return least <= self.ratio <= most or (self.ratio > most and self.estimated < self.case.accuracy)
+        return least <= self.ratio <= most or (
+            self.ratio > most and self.estimated < self.case.accuracy
+        )
 
     @property
     def quiet(self) -> bool:
@@ -99,7 +106,11 @@ class Row:
         case = self.case
         marks = "".join(
             mark
-            for mark, on in (("  NOT HELD", not self.held), ("  QUIET", self.quiet), ("  unsure", not self.sure))
+            for mark, on in (
+                ("  NOT HELD", not self.held),
+                ("  QUIET", self.quiet),
+                ("  unsure", not self.sure),
+            )
             if on
         )
         found = f"{100 * self.true:7.3f} % off, {100 * self.estimated:7.3f} % estimated, ratio {self.ratio:6.2f}"
@@ -123,7 +134,11 @@ def case_of(seed: int) -> Case:
         surfaces = [axisymmetric.surface(bodies[0], min(1e-3, bodies[0].wall))]
     scene = at.Scene(AIR, [at.sound_hard(surface) for surface in surfaces], frequency=frequency)
     far, near = partial(_far, draw), partial(_near, draw, scene)
-    source, points = {"near": (far(1), near(20)), "far": (far(1), far(20)), "focus": (near(1), far(20))}[kind]
+    source, points = {
+        "near": (far(1), near(20)),
+        "far": (far(1), far(20)),
+        "focus": (near(1), far(20)),
+    }[kind]
     return Case(seed, family, kind, accuracy, scene, bodies, source, points)
 
 
@@ -133,7 +148,9 @@ def _meridian(family: str, draw: np.random.Generator) -> Meridian:
 
     if family == "spheroid":
         equatorial = mm(3, 9)
-        return axisymmetric.spheroid(equatorial, min(equatorial * float(draw.uniform(0.4, 2.5)), 14e-3))
+        return axisymmetric.spheroid(
+            equatorial, min(equatorial * float(draw.uniform(0.4, 2.5)), 14e-3)
+        )
     if family == "torus":
         ring = mm(5, 10)
         return axisymmetric.torus(ring, ring * float(draw.uniform(0.2, 0.6)))
@@ -165,7 +182,11 @@ def _ends(capsule: Capsule) -> tuple[tuple[float, ...], tuple[float, ...]]:
 
 def _far(draw: np.random.Generator, count: int) -> np.ndarray:
     directions = draw.normal(size=(count, 3))
-    return directions / np.linalg.norm(directions, axis=1, keepdims=True) * draw.uniform(0.06, 0.1, size=(count, 1))
+    return (
+        directions
+        / np.linalg.norm(directions, axis=1, keepdims=True)
+        * draw.uniform(0.06, 0.1, size=(count, 1))
+    )
 
 
 def _near(draw: np.random.Generator, scene: at.Scene, count: int) -> np.ndarray:
@@ -184,7 +205,9 @@ def _near(draw: np.random.Generator, scene: at.Scene, count: int) -> np.ndarray:
 def row_of(case: Case) -> Row:
     """Solve a case and hold its estimate against the truth."""
     begun = time.perf_counter()
-    field = at.BoundaryElement(accuracy=case.accuracy).radiate(case.scene, at.Monopoles(case.source, np.ones(1)))
+    field = at.BoundaryElement(accuracy=case.accuracy).radiate(
+        case.scene, at.Monopoles(case.source, np.ones(1))
+    )
     report = field.report_at(case.points)
     estimated = float(field.error_at(case.points)[0])
     seconds = time.perf_counter() - begun

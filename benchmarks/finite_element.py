@@ -1,7 +1,8 @@
 """Finite elements: accuracy, time and memory on the pinch and on spheres.
 
-Run ``PYTHONPATH=.:tests python benchmarks/finite_element.py [figure ...]``. The reference is the sphere's series or
-fundamental solutions; boundary elements at 0.3 % are the other solver. Most figures need the package ``mkl``.
+Run ``PYTHONPATH=.:tests python benchmarks/finite_element.py [figure ...]``. The reference is the
+sphere's series or fundamental solutions; boundary elements at 0.3 % are the other solver. Most
+figures need the package ``mkl``.
 """
 
 import subprocess
@@ -13,7 +14,15 @@ import numpy as np
 
 import airtact as at
 from airtact.benching.peers.peak_memory import forget_peak, peak
-from benchmarks.accuracy import PAPER_AIR, directions, far_points, finger_error, one_each, relative, table
+from benchmarks.accuracy import (
+    PAPER_AIR,
+    directions,
+    far_points,
+    finger_error,
+    one_each,
+    relative,
+    table,
+)
 
 WATER = at.Medium(1481.0, 999.7)
 
@@ -41,12 +50,17 @@ def pinch_run(symmetry: str, factorisation: str, together: bool) -> None:
     """Solve the pinch once in this process and print what it took."""
     scene, array = pinch_scene(), at.surrounding_box()
     beacons = at.Target(at.pinch().foci(0.0)).beacons()
-    sources = at.Monopoles(beacons.positions, beacons.strengths.sum(axis=1)) if together else beacons
+    sources = (
+        at.Monopoles(beacons.positions, beacons.strengths.sum(axis=1)) if together else beacons
+    )
     solver = at.FiniteElement(
         symmetry="found" if symmetry == "found" else (),
         factorisation=factorisation,  # pyright: ignore
     )
-    solver.radiate(at.Scene(PAPER_AIR, [at.sound_hard(at.sphere(0.002, 0.001))]), one_each(np.array([[0, 0, 0.01]])))
+    solver.radiate(
+        at.Scene(PAPER_AIR, [at.sound_hard(at.sphere(0.002, 0.001))]),
+        one_each(np.array([[0, 0, 0.01]])),
+    )
     forget_peak()
     began = time.perf_counter()
     ready = solver.factorised(scene)
@@ -70,7 +84,9 @@ def pinch_run(symmetry: str, factorisation: str, together: bool) -> None:
 
 def _pinch(symmetry: str, factorisation: str = "pardiso", together: bool = True) -> str:
     command = [sys.executable, __file__, "--pinch", symmetry, factorisation, str(int(together))]
-    return subprocess.run(command, capture_output=True, text=True, check=True, cwd=Path.cwd()).stdout.strip()
+    return subprocess.run(
+        command, capture_output=True, text=True, check=True, cwd=Path.cwd()
+    ).stdout.strip()
 
 
 def verified(symmetric: bool = True) -> str:

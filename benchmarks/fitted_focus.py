@@ -1,12 +1,14 @@
 """Focal pressure with the fitted hand over that with the true hand, pinch.
 
-The reference is the GLB hand and two other builds of it, in a pinch, seen by a depth camera from one side. One drive
-is made with the hand that was fitted to this, aimed 0.5 mm off the pads where that hand has them; the other with the
-true hand, aimed 0.5 mm off its skin at the positions nearest to these pads. Both are time reversals of one energy on
-panels for 0.1, and a verification solution evaluates both on the true hand, at the second one's foci. The hand is
-fitted to one frame by itself, and to the last frame of a sequence in which it closes and turns, so that its sizes are
-learned. Run ``PYTHONPATH=.:tests python benchmarks/fitted_focus.py [views [builds]]``, with so many views of the palm's
-side of each hand and one of its back. The fit was never tuned on the build ``child``.
+The reference is the GLB hand and two other builds of it, in a pinch, seen by a depth camera from
+one side. One drive is made with the hand that was fitted to this, aimed 0.5 mm off the pads where
+that hand has them; the other with the true hand, aimed 0.5 mm off its skin at the positions nearest
+to these pads. Both are time reversals of one energy on panels for 0.1, and a verification solution
+evaluates both on the true hand, at the second one's foci. The hand is fitted to one frame by
+itself, and to the last frame of a sequence in which it closes and turns, so that its sizes are
+learned. Run ``PYTHONPATH=.:tests python benchmarks/fitted_focus.py [views [builds]]``, with so many
+views of the palm's side of each hand and one of its back. The fit was never tuned on the build
+``child``.
 """
 
 import sys
@@ -14,8 +16,8 @@ import sys
 import numpy as np
 
 import airtact as at
-from airtact.hand.fitting.size_prior import LEARNED
-from hand.rigged_hand import BUILDS, Rigged, posed, rough, seen, turned_to_camera
+from airtact.hands.fitting.size_prior import LEARNED
+from hands.rigged_hand import BUILDS, Rigged, posed, rough, seen, turned_to_camera
 
 OFF = 0.5e-3
 WIDER = 1.6
@@ -24,7 +26,9 @@ WIDER = 1.6
 CAMERA = np.zeros(3)
 
 
-def transfer_of(surface: at.Surface, foci: np.ndarray, array: at.PhasedArray, accuracy: float) -> np.ndarray:
+def transfer_of(
+    surface: at.Surface, foci: np.ndarray, array: at.PhasedArray, accuracy: float
+) -> np.ndarray:
     scene = at.Scene(at.air(celsius=20.0), [at.sound_hard(surface)])
     field = at.BoundaryElement(accuracy).radiate(scene, at.Target(foci).beacons())
     return at.transfer_matrix(field, array).matrix
@@ -52,7 +56,9 @@ def shares(build: str, view: int, palm: bool) -> list[float]:
     true, fitted = fits(build, view, palm)
     skin = at.Surface(true.vertices, true.triangles)
     pads = [[hand.place(name) for name in ("thumb.pad", "index.pad")] for hand in fitted]
-    foci = at.targets.onto_surface(np.array([point for pair in pads for point, _ in pair]), skin, offset=OFF)
+    foci = at.acoustics.onto_surface(
+        np.array([point for pair in pads for point, _ in pair]), skin, offset=OFF
+    )
     box = at.surrounding_box()
     middle = 0.5 * (true.vertices.min(axis=0) + true.vertices.max(axis=0))
     array = at.PhasedArray(WIDER * box.positions + middle, box.normals, box.element)
@@ -75,7 +81,9 @@ if __name__ == "__main__":
     views = int(sys.argv[1]) if len(sys.argv) > 1 else 1
     builds = sys.argv[2].split(",") if len(sys.argv) > 2 else list(BUILDS)
     for palm in (True, False):
-        all_of = np.array([shares(build, view, palm) for build in builds for view in range(views if palm else 1)])
+        all_of = np.array(
+            [shares(build, view, palm) for build in builds for view in range(views if palm else 1)]
+        )
         for which, column in zip(("one frame", "sequence"), all_of.T, strict=True):
             print(
                 f"{'palm' if palm else 'back'} seen, {which}: {column.mean():.2f} in the mean of {len(column)}, "

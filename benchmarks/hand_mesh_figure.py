@@ -100,27 +100,46 @@ def draw_quality(outcomes: Sequence[Outcome]) -> Figure:
         for axes, value in ((grid[0], focus_of), (grid[1], side_lobes_of)):
             for part in axes:
                 part.axhline(value(one), color=COLOURS[scene], linestyle=":", linewidth=1.2)
-    grid[0, 0].set(ylabel="pressure in the foci\nover that with the right hand", ylim=(0.0, 1.08), xlim=(0.0, FARTHEST))
-    grid[1, 0].set_ylabel("side lobes on the skin over the foci,\nagainst that with the right hand [dB]")
-    keys: list[Line2D | Patch] = [Line2D([], [], color=colour, label=scene) for scene, colour in COLOURS.items()]
+    grid[0, 0].set(
+        ylabel="pressure in the foci\nover that with the right hand",
+        ylim=(0.0, 1.08),
+        xlim=(0.0, FARTHEST),
+    )
+    grid[1, 0].set_ylabel(
+        "side lobes on the skin over the foci,\nagainst that with the right hand [dB]"
+    )
+    keys: list[Line2D | Patch] = [
+        Line2D([], [], color=colour, label=scene) for scene, colour in COLOURS.items()
+    ]
     keys.append(Line2D([], [], color="0.3", linestyle=":", label="no hand in the model at all"))
     keys.append(Patch(color="0.3", alpha=0.15, label="least to most of all random choices"))
     figure.legend(handles=keys, loc="outside lower center", ncols=4, frameon=False)
     return figure
 
 
-def _draw(axes: Axes, outcomes: Sequence[Outcome], column: Column, value: Callable[[Outcome], float]) -> None:
+def _draw(
+    axes: Axes, outcomes: Sequence[Outcome], column: Column, value: Callable[[Outcome], float]
+) -> None:
     for error, style in column.errors.items():
         for scene, colour in COLOURS.items():
-            sizes, spread = spreads([one for one in outcomes if (one.scene, one.error) == (scene, error)], value)
+            sizes, spread = spreads(
+                [one for one in outcomes if (one.scene, one.error) == (scene, error)], value
+            )
             if len(sizes) == 0:
                 continue
             if error not in SMALLER_PANELS:  # without an error nothing is lost, by definition
                 place, nothing = int(np.searchsorted(sizes, 0.0)), value(NOTHING)
-                sizes, spread = np.insert(sizes, place, 0.0), np.insert(spread, place, nothing, axis=0)
+                sizes, spread = (
+                    np.insert(sizes, place, 0.0),
+                    np.insert(spread, place, nothing, axis=0),
+                )
             sizes = column.factor * sizes
-            axes.plot(sizes, spread[:, 1], style, color=colour, marker="o", markersize=3.5, linewidth=1.4)
-            axes.fill_between(sizes, spread[:, 0], spread[:, 2], color=colour, alpha=0.15, linewidth=0)
+            axes.plot(
+                sizes, spread[:, 1], style, color=colour, marker="o", markersize=3.5, linewidth=1.4
+            )
+            axes.fill_between(
+                sizes, spread[:, 0], spread[:, 2], color=colour, alpha=0.15, linewidth=0
+            )
 
 
 def spreads(
@@ -150,12 +169,19 @@ def answers(outcomes: Sequence[Outcome]) -> list[str]:
     """
     scenes = [scene for scene in COLOURS if any(one.scene == scene for one in outcomes)]
     names = [f"{scene}: {what}" for scene in scenes for what in ("foci", "side lobes [dB]")]
-    lines = ["| what is wrong | by | " + " | ".join(names) + " |", "| --- | --- |" + " --- |" * len(names)]
+    lines = [
+        "| what is wrong | by | " + " | ".join(names) + " |",
+        "| --- | --- |" + " --- |" * len(names),
+    ]
     for error in dict.fromkeys(one.error for one in outcomes):
         for size in sorted({one.size for one in outcomes if one.error == error}):
             cells = []
             for scene in scenes:
-                ones = [one for one in outcomes if (one.scene, one.error, one.size) == (scene, error, size)]
+                ones = [
+                    one
+                    for one in outcomes
+                    if (one.scene, one.error, one.size) == (scene, error, size)
+                ]
                 cells += [_cell(ones, focus_of, "{:.2f}"), _cell(ones, side_lobes_of, "{:+.1f}")]
             lines.append(f"| {error} | {size:.3g} | " + " | ".join(cells) + " |")
     return lines

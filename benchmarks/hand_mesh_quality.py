@@ -1,10 +1,11 @@
 """How good a hand's mesh must be: what wrong poses, shapes, panels and delays cost at the true hand.
 
-Every drive is made with a hand that is wrong in one way, aimed at the pads where that hand has them. A verification
-solution evaluates it on the true hand: beacons at the true foci and at points all over the true skin are solved once
-for each scene, which serves any number of drives. All drives have the same energy. Pressures are relative to those of
-the drive that is made with the right hand on panels of the same size; the errors of coarse panels are relative to a
-drive on panels smaller than those of the verification solution.
+Every drive is made with a hand that is wrong in one way, aimed at the pads where that hand has
+them. A verification solution evaluates it on the true hand: beacons at the true foci and at points
+all over the true skin are solved once for each scene, which serves any number of drives. All drives
+have the same energy. Pressures are relative to those of the drive that is made with the right hand
+on panels of the same size; the errors of coarse panels are relative to a drive on panels smaller
+than those of the verification solution.
 """
 
 from collections.abc import Callable, Iterator
@@ -17,20 +18,26 @@ import numpy as np
 from jaxtyping import Complex128, Float64
 from scipy.spatial import KDTree
 
-from airtact.hand.files import load_hand
-from airtact.hand.hand import Hand
-from airtact.pose import Pose
-from airtact.scene.medium import air
-from airtact.scene.scene import Scene, sound_hard
-from airtact.scene.target import Target
-from airtact.scene.target_points import surface_points
-from airtact.solvers.bem.solver import BoundaryElement
-from airtact.solvers.problem import RadiatedField
-from airtact.surfaces.surface import Surface
-from airtact.synthesis.time_reversal import time_reversal
+from airtact.acoustics.medium import air
+from airtact.acoustics.scene import Scene, sound_hard
+from airtact.acoustics.solvers.bem.solver import BoundaryElement
+from airtact.acoustics.solvers.problem import RadiatedField
+from airtact.acoustics.target import Target
+from airtact.acoustics.target_points import surface_points
+from airtact.drives.conjugation import time_reversal
+from airtact.drives.transfer import focus_by_distance, transfer_matrix
+from airtact.geometry.pose import Pose
+from airtact.geometry.surface import Surface
+from airtact.hands.files import load_hand
+from airtact.hands.hand import Hand
 from airtact.transducers.layout import PhasedArray, flat_boards, surrounding_box
-from airtact.transfer import focus_by_distance, transfer_matrix
-from benchmarks.wrong_hands import bent, hand_of_triangles, random_direction, random_radii, scaled_radii
+from benchmarks.wrong_hands import (
+    bent,
+    hand_of_triangles,
+    random_direction,
+    random_radii,
+    scaled_radii,
+)
 
 FREQUENCY = 40e3
 """Of the sound [Hz]."""
@@ -75,7 +82,8 @@ class Outcome:
     seed : of the random choice.
     focus : pressure in the foci, their mean, over that of the drive with the right hand.
     worst : the same of the focus that loses most.
-    side_lobes : root mean square of the pressure on the skin away from the foci, over that of the right drive.
+    side_lobes : root mean square of the pressure on the skin away from the foci, over that of the
+        right drive.
     largest : the largest of it over the mean of the foci, both of this drive.
     """
 
@@ -97,7 +105,8 @@ class Case:
     ----------
     error, size, seed : as in ``Outcome``.
     drive : makes it, of energy 1.
-    panels : whether it is compared with the drive on the finest panels, not with that on panels as large as its own.
+    panels : whether it is compared with the drive on the finest panels, not with that on panels as
+        large as its own.
     """
 
     error: str
@@ -118,9 +127,10 @@ class Study:
     array : the transducers in the hand's frame.
     pads : names of the places that get a focus.
     folder : of the files of the matrix of the verification solution.
-    verifying, right, driving : accuracies of the verification solution, of the drive on the finest panels, and of all
-        drives that are not about panels.
-    spacing : of the points of the skin where side lobes are evaluated [m], but within a wavelength of a focus.
+    verifying, right, driving : accuracies of the verification solution, of the drive on the finest
+        panels, and of all drives that are not about panels.
+    spacing : of the points of the skin where side lobes are evaluated [m], but within a wavelength
+        of a focus.
     """
 
     name: str
@@ -148,10 +158,14 @@ class Study:
         points = np.concatenate([foci(self.hand, self.pads), self.side_lobe_points])
         if kept.exists():
             found = np.load(kept)
-            if np.array_equal(found["points"], points) and np.array_equal(found["array"], self.array.positions):
+            if np.array_equal(found["points"], points) and np.array_equal(
+                found["array"], self.array.positions
+            ):
                 return found["matrix"]
         target = Target(foci(self.hand, self.pads), suppression_points=self.side_lobe_points)
-        field = BoundaryElement(self.verifying).radiate(_scene(self.hand.surface), target.beacons(suppression=True))
+        field = BoundaryElement(self.verifying).radiate(
+            _scene(self.hand.surface), target.beacons(suppression=True)
+        )
         matrix = transfer_matrix(field, self.array).matrix
         self.folder.mkdir(parents=True, exist_ok=True)
         np.savez(kept, points=points, array=self.array.positions, matrix=matrix)
@@ -160,7 +174,9 @@ class Study:
     @cached_property
     def right_pressures(self) -> Float64[np.ndarray, "panels points"]:
         """Pressures of the drives of energy 1 for the right hand [Pa]: on usual panels, and on the finest."""
-        return np.abs(np.stack([self.reference @ self.drive(field) for field in (self.believed, self.finest)]))
+        return np.abs(
+            np.stack([self.reference @ self.drive(field) for field in (self.believed, self.finest)])
+        )
 
     @cached_property
     def finest(self) -> RadiatedField:
@@ -190,7 +206,9 @@ class Study:
         shift : (3,) by which that hand is believed to be elsewhere [m], or None.
         """
         array = self.array if shift is None else self.array.moved(Pose(np.eye(3), -shift))
-        amplitudes = time_reversal(transfer_matrix(field, array), Target(field.sources.positions)).amplitudes
+        amplitudes = time_reversal(
+            transfer_matrix(field, array), Target(field.sources.positions)
+        ).amplitudes
         return amplitudes / np.linalg.norm(amplitudes)
 
     def outcome(self, case: Case) -> Outcome:
@@ -230,7 +248,9 @@ def beacons(hand: Hand, pads: tuple[str, ...], accuracy: float) -> RadiatedField
     pads : names of its places.
     accuracy : of the solver.
     """
-    return BoundaryElement(accuracy).radiate(_scene(hand.surface), Target(foci(hand, pads)).beacons())
+    return BoundaryElement(accuracy).radiate(
+        _scene(hand.surface), Target(foci(hand, pads)).beacons()
+    )
 
 
 def _scene(surface: Surface) -> Scene:
@@ -267,8 +287,8 @@ def cases(study: Study, seeds: int) -> Iterator[Case]:
     Parameters
     ----------
     study : the scene.
-    seeds : random choices of each size of the errors that need a solution each; there are four times as many where one
-        solution serves all.
+    seeds : random choices of each size of the errors that need a solution each; there are four
+        times as many where one solution serves all.
     """
     yield Case("no hand at all", 0.0, 0, study.blind, panels=True)
     for seed, size in product(range(4 * seeds), SHIFTS):

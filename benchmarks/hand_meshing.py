@@ -1,7 +1,7 @@
 """Times to mesh a hand, and the quality of its mesh in random poses.
 
-Run ``PYTHONPATH=.:tests python benchmarks/hand_meshing.py [poses [record.jsonl]]``; a number makes so many random
-poses. 10,000 of them take half an hour; those in the record are not made again.
+Run ``PYTHONPATH=.:tests python benchmarks/hand_meshing.py [poses [record.jsonl]]``; a number makes
+so many random poses. 10,000 of them take half an hour; those in the record are not made again.
 """
 
 import json
@@ -12,22 +12,24 @@ from pathlib import Path
 
 import numpy as np
 
-from airtact.hand.anatomy_parts import hand_hulls
-from airtact.hand.hand import hand_from_joints
-from airtact.hand.joints import joints_of
-from airtact.hand.shape import deformed
-from airtact.hand.skin_mesh import HandMesh, even_skin
-from airtact.hand.sphere_mesh import Hulls
-from airtact.mesh.topology import cone_volumes, edge_twins, shells
-from airtact.solvers.bem.solver import BoundaryElement
-from hand.hand_poses import example, random_pose
+from airtact.acoustics.solvers.bem.solver import BoundaryElement
+from airtact.geometry.mesh.topology import cone_volumes, edge_twins, shells
+from airtact.hands.anatomy_parts import hand_hulls
+from airtact.hands.hand import hand_from_joints
+from airtact.hands.joints import joints_of
+from airtact.hands.shape import deformed
+from airtact.hands.skin_mesh import HandMesh, even_skin
+from airtact.hands.sphere_mesh import Hulls
+from hands.hand_poses import example, random_pose
 
 WAVELENGTH = 343.1 / 40e3
 
 
 def edge_for(accuracy: float) -> float:
     """Edge of the panels that a solve of this accuracy takes [m]."""
-    return WAVELENGTH * np.sqrt(6 / BoundaryElement(accuracy).nodes_per_square_wavelength * 4 / np.sqrt(3))
+    return WAVELENGTH * np.sqrt(
+        6 / BoundaryElement(accuracy).nodes_per_square_wavelength * 4 / np.sqrt(3)
+    )
 
 
 def quickest(run: Callable[[], HandMesh | None], times: int = 5) -> tuple[float, HandMesh]:
@@ -50,8 +52,18 @@ def report(what: str, hulls: Hulls, seconds: float, skin: HandMesh) -> None:
 
 def two_fingers(spread: float) -> Hulls:
     """Thumb and forefinger of the paper, as round cones."""
-    balls = [[-14, 0, 0, 8], [-28 - spread, -6, -45, 9.5], [14, 0, 0, 7.2], [28 + spread, 6, -45, 8.5]]
-    return Hulls(1e-3 * np.array(balls), np.array([[0, 1, -1], [2, 3, -1]]), np.zeros((2, 2)), 1.0 - np.eye(2))
+    balls = [
+        [-14, 0, 0, 8],
+        [-28 - spread, -6, -45, 9.5],
+        [14, 0, 0, 7.2],
+        [28 + spread, 6, -45, 8.5],
+    ]
+    return Hulls(
+        1e-3 * np.array(balls),
+        np.array([[0, 1, -1], [2, 3, -1]]),
+        np.zeros((2, 2)),
+        1.0 - np.eye(2),
+    )
 
 
 def times() -> None:
@@ -60,7 +72,9 @@ def times() -> None:
     seconds, skin = quickest(lambda: even_skin(fingers, fine))
     report("two fingers, edges of λ/6", fingers, seconds, skin)
     moved = two_fingers(5.0)
-    report("their next frame, 5 mm on", moved, *quickest(lambda: deformed(fingers, skin, moved, fine)))
+    report(
+        "their next frame, 5 mm on", moved, *quickest(lambda: deformed(fingers, skin, moved, fine))
+    )
     joints, radii = example("pinch")
     hand = hand_from_joints(joints, radii).open_to(0.012)
     hulls = hand.shape.hulls
@@ -69,7 +83,11 @@ def times() -> None:
     later = hand.open_to(0.021)
     apart = np.linalg.norm(later.joints - hand.joints, axis=1).max()
     now = later.shape.hulls
-    report(f"its next frame, {1e3 * apart:.1f} mm on", now, *quickest(lambda: deformed(hulls, skin, now, coarse)))
+    report(
+        f"its next frame, {1e3 * apart:.1f} mm on",
+        now,
+        *quickest(lambda: deformed(hulls, skin, now, coarse)),
+    )
     for name, build in (("hand of 3 mm", 3e-3), ("hand of 1.43 mm", fine)):
         report(name, hulls, *quickest(lambda build=build: even_skin(hulls, build), times=2))
 
@@ -85,10 +103,16 @@ def poses(count: int, record: Path | None) -> None:
             with record.open("a") as file:
                 file.write(json.dumps(row) + "\n")
         if row["angle"] < 20 or row["faulty"]:
-            print(f"pose {seed}: smallest angle {row['angle']:.1f}°{', faulty' * row['faulty']}", flush=True)
+            print(
+                f"pose {seed}: smallest angle {row['angle']:.1f}°{', faulty' * row['faulty']}",
+                flush=True,
+            )
     angles = np.array([row["angle"] for row in rows.values()])
     touching, faulty = (sum(row[key] for row in rows.values()) for key in ("touching", "faulty"))
-    off, seconds = max(row["off"] for row in rows.values()), [row["seconds"] for row in rows.values()]
+    off, seconds = (
+        max(row["off"] for row in rows.values()),
+        [row["seconds"] for row in rows.values()],
+    )
     print(
         f"{count:,} poses, in {touching:,} of them skins touch: {faulty} open, in pieces or inside out, smallest angle "
         f"at least 20° in {100 * np.mean(angles >= 20):.2f} %, the smallest {angles.min():.2f}°, corners "

@@ -1,9 +1,9 @@
 """How good must a hand's mesh be: what errors of pose, shape, mesh and delay cost at the true hand.
 
 Run ``PYTHONPATH=. python benchmarks/hand_quality.py [--seeds 3] [--scene pinch]``: writes
-docs/hand-mesh-quality.csv and .png and prints the answers. About ten minutes on two idle cores; all outcomes are kept
-in ``out/hand_quality``, so that an interrupted run continues. With ``--scene`` only that scene's are
-computed, and nothing is written to docs.
+docs/hand-mesh-quality.csv and .png and prints the answers. About ten minutes on two idle cores; all
+outcomes are kept in ``out/hand_quality``, so that an interrupted run continues. With ``--scene``
+only that scene's are computed, and nothing is written to docs.
 """
 
 import argparse
@@ -25,7 +25,11 @@ def read(path: Path) -> list[Outcome]:
     with path.open() as lines:
         return [
             Outcome(
-                row["scene"], row["error"], float(row["size"]), int(row["seed"]), *map(float, list(row.values())[4:])
+                row["scene"],
+                row["error"],
+                float(row["size"]),
+                int(row["seed"]),
+                *map(float, list(row.values())[4:]),
             )
             for row in csv.DictReader(lines)
         ]
@@ -38,7 +42,9 @@ def write(path: Path, outcomes: list[Outcome]) -> None:
         table.writeheader()
         for outcome in outcomes:
             row = asdict(outcome)
-            table.writerow(row | {name: f"{row[name]:.5g}" for name in COLUMNS if isinstance(row[name], float)})
+            table.writerow(
+                row | {name: f"{row[name]:.5g}" for name in COLUMNS if isinstance(row[name], float)}
+            )
 
 
 def outcomes_of(study: Study, seeds: int) -> list[Outcome]:
@@ -53,7 +59,8 @@ def outcomes_of(study: Study, seeds: int) -> list[Outcome]:
         write(kept, done)
         seconds = time.perf_counter() - began
         print(
-            f"{study.name}, {case.error}, {case.size:g}, {case.seed}: {done[-1].focus:.3f}, {seconds:.1f} s", flush=True
+            f"{study.name}, {case.error}, {case.size:g}, {case.seed}: {done[-1].focus:.3f}, {seconds:.1f} s",
+            flush=True,
         )
     return done
 
@@ -64,7 +71,7 @@ def main() -> None:
     parser.add_argument("--scene", choices=("pinch", "open hand"))
     asked = parser.parse_args()
     found = []
-    for study in studies(ROOT / "src/airtact/examples/hands", KEPT):
+    for study in studies(ROOT / "src/airtact/setup/examples/hands", KEPT):
         if asked.scene in (None, study.name):
             found += outcomes_of(study, asked.seeds)
     if asked.scene is None:

@@ -1,9 +1,10 @@
 """Error of a predicted pad, time of frames, and detections of MediaPipe in pictures of our hands.
 
-Run ``PYTHONPATH=.:tests python benchmarks/hand_tracking.py [--mediapipe PYTHON]``; PYTHON is one that has mediapipe
-0.10.21 and websockets. The motion is synthesised: reaching 150 mm to and fro at up to 0.5 m/s by minimum jerk, while
-thumb and index finger open from 5 to 45 mm and close once a second; the tracker's noise is white, 1 mm in each
-coordinate.
+Run ``PYTHONPATH=.:tests python benchmarks/hand_tracking.py [--mediapipe PYTHON]``; PYTHON is one
+that has mediapipe
+0.10.21 and websockets. The motion is synthesised: reaching 150 mm to and fro at up to 0.5 m/s by
+minimum jerk, while thumb and index finger open from 5 to 45 mm and close once a second; the
+tracker's noise is white, 1 mm in each coordinate.
 """
 
 import argparse
@@ -14,13 +15,13 @@ from pathlib import Path
 
 import numpy as np
 
-from airtact.hand.hand import hand_from_joints
-from airtact.tracking.frame import FaultyFrame, HandFrame
-from airtact.tracking.messages import from_json, from_osc, to_json, to_osc
-from airtact.tracking.prediction import Predictor
-from airtact.tracking.stream import HandStream
-from tracking.motions import Pinching
-from tracking.seen_by_mediapipe import seen_by_mediapipe
+from airtact.hands.hand import hand_from_joints
+from airtact.hands.tracking.frame import FaultyFrame, HandFrame
+from airtact.hands.tracking.messages import from_json, from_osc, to_json, to_osc
+from airtact.hands.tracking.prediction import Predictor
+from airtact.hands.tracking.stream import HandStream
+from hands.tracking.motions import Pinching
+from hands.tracking.seen_by_mediapipe import seen_by_mediapipe
 
 SECONDS, NOISE = 3.0, 1e-3
 CUTOFF, CUTOFF_PER_SPEED, CUTOFF_OF_VELOCITY = 8.0, 100.0, 8.0
@@ -58,12 +59,16 @@ def kalman(frames: list[HandFrame], latency: float) -> list[np.ndarray]:
 
 def prediction() -> None:
     motion = Pinching()
-    print("| frames | latency | last frame | one-euro | Kalman | Kalman, 95 of 100 |\n|---|---|---|---|---|---|")
+    print(
+        "| frames | latency | last frame | one-euro | Kalman | Kalman, 95 of 100 |\n|---|---|---|---|---|---|"
+    )
     for rate in (30, 90):
         frames = motion.frames(rate, SECONDS, NOISE)
         stale = np.array([pad(frame.landmarks, motion.radii) for frame in frames])
         for latency in (0.02, 0.05, 0.1):
-            true = np.array([pad(motion.at(frame.time + latency), motion.radii) for frame in frames])
+            true = np.array(
+                [pad(motion.at(frame.time + latency), motion.radii) for frame in frames]
+            )
             errors = [np.linalg.norm(stale - true, axis=1)]
             for method in (one_euro, kalman):
                 carried = []
@@ -75,9 +80,7 @@ def prediction() -> None:
                 errors.append(np.linalg.norm(np.array(carried) - true, axis=1))
             last, euro, ours = (1e3 * np.nanmean(one[10:]) for one in errors)
             most = 1e3 * np.quantile(errors[2][10:], 0.95)
-            cells = (
-                f"{rate} /s | {1e3 * latency:.0f} ms | {last:.1f} mm | {euro:.1f} mm | {ours:.1f} mm | {most:.1f} mm"
-            )
+            cells = f"{rate} /s | {1e3 * latency:.0f} ms | {last:.1f} mm | {euro:.1f} mm | {ours:.1f} mm | {most:.1f} mm"
             print(f"| {cells} |", flush=True)
 
 
@@ -88,7 +91,9 @@ def speed() -> None:
         began = time.perf_counter()
         for message in messages:
             read(message)
-        print(f"a frame of {name} ({len(messages[0]):,} bytes) read and checked: {_each(began, frames)}")
+        print(
+            f"a frame of {name} ({len(messages[0]):,} bytes) read and checked: {_each(began, frames)}"
+        )
     stream, predictor = HandStream(), Predictor(0.05)
     began = time.perf_counter()
     for frame in frames:
@@ -107,9 +112,16 @@ def pictures(python: str) -> None:
         with tempfile.TemporaryDirectory() as folder:
             found = seen_by_mediapipe(Path(folder), python, turns)
         kinds = (found.shape_errors, found.rigid_errors, found.placed_errors)
-        scaled, rigid, placed = (f"{1e3 * np.mean(one):.1f} (median {1e3 * np.median(one):.1f}) mm" for one in kinds)
-        print(f"palm turned up to {turns:.0f}°: {len(found.shape_errors)} of 20 found by MediaPipe, off by {scaled}")
-        print(f"  after motion and scale, {rigid} after motion, {placed} where the camera sees them", flush=True)
+        scaled, rigid, placed = (
+            f"{1e3 * np.mean(one):.1f} (median {1e3 * np.median(one):.1f}) mm" for one in kinds
+        )
+        print(
+            f"palm turned up to {turns:.0f}°: {len(found.shape_errors)} of 20 found by MediaPipe, off by {scaled}"
+        )
+        print(
+            f"  after motion and scale, {rigid} after motion, {placed} where the camera sees them",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

@@ -31,7 +31,7 @@ def main(chosen: list[str]) -> None:
             print(line, flush=True)
 
 
-def body_of(surface: at.Surface, ratio: complex | None) -> at.scene.Obstacle:
+def body_of(surface: at.Surface, ratio: complex | None) -> at.acoustics.Obstacle:
     """Return a body of an impedance, or a sound-hard one."""
     return at.sound_hard(surface) if ratio is None else at.impedance(surface, ratio)
 
@@ -41,8 +41,13 @@ def sphere_rows() -> Iterator[str]:
     for name, radius in RADII.items():
         for ratio in (None, *RATIOS):
             scene = at.Scene(PAPER_AIR, [body_of(at.sphere(radius, radius), ratio)])
-            sources = np.concatenate([directions(6, 1) * (radius + 0.5e-3), directions(6, 2) * (radius + 0.03)])
-            found, exact = (one.radiate(scene, one_each(sources)) for one in (at.BoundaryElement(), at.SphereSeries()))
+            sources = np.concatenate(
+                [directions(6, 1) * (radius + 0.5e-3), directions(6, 2) * (radius + 0.03)]
+            )
+            found, exact = (
+                one.radiate(scene, one_each(sources))
+                for one in (at.BoundaryElement(), at.SphereSeries())
+            )
             away, near = directions(60, 3) * (radius + 0.05), directions(60, 4) * (radius + 2e-3)
             errors = [relative(found.at(at_), exact.at(at_)) for at_ in (away, near)]
             yield (
@@ -127,7 +132,10 @@ def skin_rows() -> Iterator[str]:
     array = at.autd3_board(at.Pose(np.eye(3), np.array([-0.09, -0.07, -0.2])))
     rigid, skin = (
         at.transfer_matrix(
-            at.BoundaryElement(0.003).radiate(at.Scene(PAPER_AIR, [body_of(finger, ratio)]), target.beacons()), array
+            at.BoundaryElement(0.003).radiate(
+                at.Scene(PAPER_AIR, [body_of(finger, ratio)]), target.beacons()
+            ),
+            array,
         ).matrix
         for ratio in (None, SKIN)
     )

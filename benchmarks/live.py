@@ -1,14 +1,16 @@
 """Closed-loop truth of the live loop: what the drives that it made for a moving hand bring to the true hand.
 
-Run ``PYTHONPATH=.:tests python benchmarks/live.py [--setting pinch] [--seconds 5] [--emulated]``, or first with
-``--record FOLDER``, which takes as long as the motion and wants a quiet machine, and then with ``--judge FOLDER``,
-which takes minutes on any. Frames of a known motion, with a tracker's noise and 15 ms of latency, go by a web socket
-through the real loop in real time. Afterwards every 20th drive is tried on the true hand of the instant at which it was
-in the air, by a solution of the whole hand at 2 %. Kept is the pressure at the weakest focus over that of the drive
-that "best" makes from the true hand, at equal energy. With ``--runs 3`` all is done so often, and medians of the runs
-are printed too. With ``--emulated`` the clock is virtual, and solutions take the times that are given, so that a busy
-machine does not matter; ``--corrected`` then tries frames as perfect echoes would correct them, each so much later and
-one after the other, too. ``--solves`` prints how many hands a second one thread solves, and nothing else.
+Run ``PYTHONPATH=.:tests python benchmarks/live.py [--setting pinch] [--seconds 5] [--emulated]``,
+or first with ``--record FOLDER``, which takes as long as the motion and wants a quiet machine, and
+then with ``--judge FOLDER``, which takes minutes on any. Frames of a known motion, with a tracker's
+noise and 15 ms of latency, go by a web socket through the real loop in real time. Afterwards every
+20th drive is tried on the true hand of the instant at which it was in the air, by a solution of the
+whole hand at 2 %. Kept is the pressure at the weakest focus over that of the drive that "best"
+makes from the true hand, at equal energy. With ``--runs 3`` all is done so often, and medians of
+the runs are printed too. With ``--emulated`` the clock is virtual, and solutions take the times
+that are given, so that a busy machine does not matter; ``--corrected`` then tries frames as perfect
+echoes would correct them, each so much later and one after the other, too. ``--solves`` prints how
+many hands a second one thread solves, and nothing else.
 """
 
 import argparse
@@ -29,19 +31,19 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 import airtact as at
-from airtact.hand.hand import hand_from_joints
-from airtact.hand.kinematics import turned
+from airtact.drives.gerchberg_saxton import weighted_gerchberg_saxton
+from airtact.hands.hand import hand_from_joints
+from airtact.hands.kinematics import turned
+from airtact.hands.tracking.frame import FaultyFrame, HandFrame
+from airtact.hands.tracking.messages import to_json
 from airtact.live.distances import foci_on
 from airtact.live.drives.bending import BendingHand, SkinSources
 from airtact.live.drives.factors import HandFactors, PartSolver, solved
 from airtact.live.drives.maker import HandAware, solved_for
 from airtact.live.drives.solver_process import SOLVED_AHEAD, Asked, Plan, ShapeSolver
 from airtact.live.parts import Controls, LiveScene, Rule
-from airtact.synthesis.gerchberg_saxton import weighted_gerchberg_saxton
-from airtact.tracking.frame import FaultyFrame, HandFrame
-from airtact.tracking.messages import to_json
-from hand.hand_poses import example
-from tracking.motions import Pinching, reached
+from hands.hand_poses import example
+from hands.tracking.motions import Pinching, reached
 
 LATENCY = 0.015
 """From the picture to the frame's arrival [s]."""
@@ -103,7 +105,9 @@ def pinch() -> Setting:
     array = at.flat_boards(2, 2).facing(hand.pads[:2].mean(axis=0), (1.0, 0.0, 0.0), 0.2 + 0.075)
     array = array.moved(at.Pose(np.eye(3), np.array([0.075, 0.0, 0.0])))
     places, offsets = ("thumb.pad", "index.pad"), np.full(2, 1e-3)
-    return Setting(LiveScene(at.air(celsius=22), 40e3, array, "left", motion.radii, places, offsets), motion.at)
+    return Setting(
+        LiveScene(at.air(celsius=22), 40e3, array, "left", motion.radii, places, offsets), motion.at
+    )
 
 
 def box() -> Setting:
@@ -114,11 +118,16 @@ def box() -> Setting:
 
     def joints(then: float) -> np.ndarray:
         pose = motion.at(then) - np.array([reached(then), 0.0, 0.0])
-        sway = 0.004 * np.array([np.sin(np.pi * then), np.sin(1.3 * np.pi * then), np.sin(0.7 * np.pi * then)])
+        sway = 0.004 * np.array(
+            [np.sin(np.pi * then), np.sin(1.3 * np.pi * then), np.sin(0.7 * np.pi * then)]
+        )
         return BOX_SIZE * upright.apply(pose - middle) + sway
 
     places, offsets, radii = ("thumb.pad", "index.pad"), np.full(2, 1e-3), BOX_SIZE * motion.radii
-    return Setting(LiveScene(at.air(celsius=22), 40e3, at.surrounding_box(), "left", radii, places, offsets), joints)
+    return Setting(
+        LiveScene(at.air(celsius=22), 40e3, at.surrounding_box(), "left", radii, places, offsets),
+        joints,
+    )
 
 
 def open_hand(rates: Sequence[float] = (1.0, 1.0, 1.0, 1.0)) -> Setting:
@@ -137,7 +146,9 @@ def open_hand(rates: Sequence[float] = (1.0, 1.0, 1.0, 1.0)) -> Setting:
             moved = turned(moved, side, finger, -0.25 * (1.0 - np.cos(phase)))
         return moved + 0.01 * np.sin(np.pi * then) * np.array([1.0, 0.0, 0.0])
 
-    scene = LiveScene(at.air(celsius=22), 40e3, array, side, radii, places, np.full(len(places), 2e-3))
+    scene = LiveScene(
+        at.air(celsius=22), 40e3, array, side, radii, places, np.full(len(places), 2e-3)
+    )
     return Setting(scene, joints)
 
 
@@ -149,7 +160,9 @@ def restless() -> Setting:
 SETTINGS = {"pinch": pinch, "box": box, "open": open_hand, "restless": restless}
 
 
-def frames_of(setting: Setting, rate: float, seconds: float, noise: float, seed: int = 0) -> list[HandFrame]:
+def frames_of(
+    setting: Setting, rate: float, seconds: float, noise: float, seed: int = 0
+) -> list[HandFrame]:
     """Frames of a tracker with white noise in each coordinate [m]; those that are no possible hand are left out."""
     random = np.random.default_rng(seed)
     times = np.arange(round(seconds * rate)) / rate
@@ -170,7 +183,9 @@ class NotReposed(HandAware):
 
     def _rows(self, riding, solution):
         return (
-            super()._rows(riding, None) if solution is None else self._open_air.rows(solution.foci) * solution.factors
+            super()._rows(riding, None)
+            if solution is None
+            else self._open_air.rows(solution.foci) * solution.factors
         )
 
 
@@ -196,7 +211,9 @@ def warm(maker: HandAware, frame: HandFrame) -> None:
         time.sleep(0.02)
 
 
-def real(setting: Setting, maker: HandAware, frames: Sequence[HandFrame], seconds: float, path: Path) -> list[float]:
+def real(
+    setting: Setting, maker: HandAware, frames: Sequence[HandFrame], seconds: float, path: Path
+) -> list[float]:
     """Send frames to the real loop by a web socket, which records its session; return what ``at_the_link`` prints."""
     warm(maker, frames[0])
     begun = maker.solutions
@@ -213,7 +230,9 @@ def real(setting: Setting, maker: HandAware, frames: Sequence[HandFrame], second
     session = at.live.SessionWriter(path, setting.scene)
     sender = threading.Thread(target=send, daemon=True)
     sender.start()
-    done = at.live.follow(setting.scene, hands, maker, seconds=seconds, session=session, latency=LATENCY)
+    done = at.live.follow(
+        setting.scene, hands, maker, seconds=seconds, session=session, latency=LATENCY
+    )
     sender.join()
     age, oldest = 1e3 * (done.age - LATENCY), 1e3 * (done.oldest - LATENCY)
     found = [done.rate, 1e3 * done.delay, age, oldest, (maker.solutions - begun) / seconds]
@@ -234,9 +253,13 @@ def at_the_link(title: str, found: Sequence[float]) -> None:
 def recorded(path: Path) -> list[Played]:
     """Read the drives of a session."""
     found = at.live.read_session(path)
-    rows = zip(found.time_in_air, found.amplitudes, found.rules, found.states, found.kept, strict=True)
+    rows = zip(
+        found.time_in_air, found.amplitudes, found.rules, found.states, found.kept, strict=True
+    )
     return [
-        Played(float(t), np.array(d, dtype=complex), rule, k) for t, d, rule, state, k in rows if state == "playing"
+        Played(float(t), np.array(d, dtype=complex), rule, k)
+        for t, d, rule, state, k in rows
+        if state == "playing"
     ]
 
 
@@ -305,7 +328,10 @@ class EmulatedCarrying(Emulated):
         if self._solving is None and self._asked is not None:
             then, asked = self._asked
             ahead = SOLVED_AHEAD + now - then
-            self._solving = now + TO_CARRY, self._hand.solved(asked.after(ahead), asked.time + ahead)
+            self._solving = (
+                now + TO_CARRY,
+                self._hand.solved(asked.after(ahead), asked.time + ahead),
+            )
         super().advance(now)
 
     def _found(self, joints: np.ndarray, part: Rule, then: float) -> HandFactors | None:
@@ -315,13 +341,20 @@ class EmulatedCarrying(Emulated):
 def emulated_for(scene: LiveScene) -> list[Emulated]:
     """Emulate the processes that solve for a scene."""
     parts = [part for some in solved_for(scene) for part in some]
-    return [EmulatedCarrying(scene) if part == "carried" else Emulated(scene, part) for part in parts]
+    return [
+        EmulatedCarrying(scene) if part == "carried" else Emulated(scene, part) for part in parts
+    ]
 
 
-def emulated(maker: HandAware, frames: Sequence[HandFrame], seconds: float, latency: float = LATENCY) -> list[Played]:
+def emulated(
+    maker: HandAware, frames: Sequence[HandFrame], seconds: float, latency: float = LATENCY
+) -> list[Played]:
     """Run the maker on a virtual clock: a drive for each frame, and every ``OFTEN``."""
     arrivals = [frame.time + latency for frame in frames]
-    ticks = sorted([*((then, frame) for then, frame in zip(arrivals, frames, strict=True))], key=lambda one: one[0])
+    ticks = sorted(
+        [*((then, frame) for then, frame in zip(arrivals, frames, strict=True))],
+        key=lambda one: one[0],
+    )
     played, now, index = [], arrivals[0], 0
     while now < seconds:
         for step in np.linspace(now - OFTEN, now, 5)[1:]:
@@ -332,7 +365,9 @@ def emulated(maker: HandAware, frames: Sequence[HandFrame], seconds: float, late
             index += 1
         moment = maker.make(now + MAKING, Controls())
         if moment.joints is not None:
-            played.append(Played(now + MAKING, moment.amplitudes, moment.rule, moment.kept or np.nan))
+            played.append(
+                Played(now + MAKING, moment.amplitudes, moment.rule, moment.kept or np.nan)
+            )
         nearest = arrivals[index] if index < len(arrivals) else np.inf
         now = min(now + OFTEN, nearest)
     return played
@@ -353,7 +388,9 @@ class Judge:
         hand = hand_from_joints(self._setting.motion(then), scene.radii, side=scene.side)
         air = at.Scene(scene.medium, [at.sound_hard(hand.surface)], frequency=scene.frequency)
         target = at.Target(foci_on(hand, scene))
-        field = at.BoundaryElement(accuracy=ACCURACY).radiate(air, target.beacons())  # exact beside the walls of a box
+        field = at.BoundaryElement(accuracy=ACCURACY).radiate(
+            air, target.beacons()
+        )  # exact beside the walls of a box
         transfer = at.transfer_matrix(field, scene.array)
         best = weighted_gerchberg_saxton(transfer, target).amplitudes
         return transfer.matrix, weakest(transfer.matrix, best)
@@ -372,15 +409,25 @@ MAKERS = ("airtact", "distances", "not re-posed")
 
 
 def record(
-    setting: Setting, makers: Sequence[str], rate: float, noise: float, given: argparse.Namespace, folder: Path
+    setting: Setting,
+    makers: Sequence[str],
+    rate: float,
+    noise: float,
+    given: argparse.Namespace,
+    folder: Path,
 ) -> None:
     """Let the real loop follow the motion for each maker, and keep its sessions."""
     for which in makers:
-        title, found = f"{setting.name}, {rate:.0f} frames a second, noise {1e3 * noise:g} mm, {which}", []
+        title, found = (
+            f"{setting.name}, {rate:.0f} frames a second, noise {1e3 * noise:g} mm, {which}",
+            [],
+        )
         for run in range(given.runs):
             frames = frames_of(setting, rate, given.seconds, noise, run)
             path = folder / f"{title}{RUN}{run + 1}.h5"
-            found.append(real(setting, maker_of(which, setting, False), frames, given.seconds, path))
+            found.append(
+                real(setting, maker_of(which, setting, False), frames, given.seconds, path)
+            )
         if given.runs > 1:
             at_the_link(f"{title}, medians of {given.runs} runs", np.median(found, axis=0).tolist())
 
@@ -392,7 +439,9 @@ def judge(played: Sequence[Played], title: str, judge: Judge, every: int) -> tup
         print(f"  {title}: nothing to judge, the loop was silent", flush=True)
         return float("nan"), float("nan")
     kept = np.array([judge.kept(one) for one in some])
-    rules = ", ".join(f"{rule} {count}" for rule, count in Counter(one.rule for one in some).most_common())
+    rules = ", ".join(
+        f"{rule} {count}" for rule, count in Counter(one.rule for one in some).most_common()
+    )
     off = np.median([abs(one.kept - got) for one, got in zip(some, kept, strict=True)])
     median, tenth = np.median(kept), np.quantile(kept, 0.1)
     print(
@@ -411,7 +460,10 @@ def judged(paths: Sequence[Path], tried: Judge, every: int) -> None:
     for title, found in runs.items():
         if len(found) > 1:
             median, tenth = np.median(found, axis=0)
-            print(f"  {title}, medians of {len(found)} runs: kept {median:.3f}, lowest tenth {tenth:.3f}", flush=True)
+            print(
+                f"  {title}, medians of {len(found)} runs: kept {median:.3f}, lowest tenth {tenth:.3f}",
+                flush=True,
+            )
 
 
 def solves(seconds: float) -> None:
@@ -419,7 +471,9 @@ def solves(seconds: float) -> None:
     setting = pinch()
     scene, parts, bending = setting.scene, PartSolver(setting.scene), BendingHand(setting.scene)
     ways: dict[str, Callable[[np.ndarray, float], object]] = {
-        "two fingers' phalanges, rigid (40 asked)": lambda joints, then: parts.solved(joints, "phalanges", then),
+        "two fingers' phalanges, rigid (40 asked)": lambda joints, then: parts.solved(
+            joints, "phalanges", then
+        ),
         "two fingers (20 asked)": lambda joints, then: solved(scene, joints, "fingers", then),
         "the whole hand, on panels that bend (4 asked)": bending.solved,
         "the whole hand, meshed anew": lambda joints, then: solved(scene, joints, "hand", then),
@@ -432,7 +486,10 @@ def solves(seconds: float) -> None:
                 solve(setting.motion(then), then)
                 count += 1
             each = (time.process_time() - processor) / count
-            print(f"  {what}: {count / then:.1f} a second, {1e3 * each:.1f} ms of processor each", flush=True)
+            print(
+                f"  {what}: {count / then:.1f} a second, {1e3 * each:.1f} ms of processor each",
+                flush=True,
+            )
 
 
 def main() -> None:
@@ -440,15 +497,25 @@ def main() -> None:
     parser.add_argument("--setting", choices=[*SETTINGS, "all"], default="all")
     parser.add_argument("--seconds", type=float, default=6.0)
     parser.add_argument("--rates", type=float, nargs="+", default=[60.0, 120.0])
-    parser.add_argument("--noises", type=float, nargs="+", default=[0.0, 1e-3], help="of the tracker [m]")
+    parser.add_argument(
+        "--noises", type=float, nargs="+", default=[0.0, 1e-3], help="of the tracker [m]"
+    )
     parser.add_argument("--makers", choices=MAKERS, nargs="+", default=MAKERS)
     parser.add_argument("--method", default="best", help="that makes the drives, such as robust")
     parser.add_argument("--every", type=int, default=JUDGED, help="so many drives, one is judged")
-    parser.add_argument("--runs", type=int, default=1, help="of the real loop, whose medians are printed, too")
-    parser.add_argument("--solves", action="store_true", help="print how many hands a second are solved, alone")
+    parser.add_argument(
+        "--runs", type=int, default=1, help="of the real loop, whose medians are printed, too"
+    )
+    parser.add_argument(
+        "--solves", action="store_true", help="print how many hands a second are solved, alone"
+    )
     parser.add_argument("--emulated", action="store_true", help="use a virtual clock")
     parser.add_argument(
-        "--corrected", type=float, nargs="+", default=[], help="frames that echoes corrected, so much later each [s]"
+        "--corrected",
+        type=float,
+        nargs="+",
+        default=[],
+        help="frames that echoes corrected, so much later each [s]",
     )
     parser.add_argument("--record", type=Path, help="folder for sessions that are not judged yet")
     parser.add_argument("--judge", type=Path, help="folder of sessions that were recorded before")
@@ -465,15 +532,25 @@ def main() -> None:
             tried = Judge(setting)
             for delay in given.corrected if given.emulated else ():
                 frames = frames_of(setting, 1.0 / delay, given.seconds, CORRECTED)
-                played = emulated(maker_of("airtact", setting, True), frames, given.seconds, LATENCY + delay)
-                judge(played, f"{name}, frames corrected within {1e3 * delay:g} ms, emulated", tried, given.every)
+                played = emulated(
+                    maker_of("airtact", setting, True), frames, given.seconds, LATENCY + delay
+                )
+                judge(
+                    played,
+                    f"{name}, frames corrected within {1e3 * delay:g} ms, emulated",
+                    tried,
+                    given.every,
+                )
             for rate, noise in product(given.rates, given.noises):
                 if given.emulated:
                     frames = frames_of(setting, rate, given.seconds, noise)
                     for which in given.makers:
                         played = emulated(maker_of(which, setting, True), frames, given.seconds)
                         judge(
-                            played, f"{name}, {rate:.0f}/s, {1e3 * noise:g} mm, {which}, emulated", tried, given.every
+                            played,
+                            f"{name}, {rate:.0f}/s, {1e3 * noise:g} mm, {which}, emulated",
+                            tried,
+                            given.every,
                         )
                 elif given.judge is None:
                     record(setting, given.makers, rate, noise, given, folder)

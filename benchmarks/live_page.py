@@ -2,8 +2,9 @@
 
     PYTHONPATH=.:tests .venv/bin/python benchmarks/live_page.py
 
-The loop is ``airtact live live_pinch`` with its bundled motion. The page is opened in Chromium, drawn by the processor;
-ten pages are ten connections that read all that they get, the one that stalls reads nothing.
+The loop is ``airtact live live_pinch`` with its bundled motion. The page is opened in Chromium,
+drawn by the processor; ten pages are ten connections that read all that they get, the one that
+stalls reads nothing.
 """
 
 import ctypes
@@ -77,9 +78,21 @@ def run(watch: Callable[[str, ExitStack], dict[str, float]] | None) -> dict[str,
     """Run the loop while its page is watched, and return its drives a second and what was seen."""
     page = ["--no-page"] if watch is None else ["--page-port", "0"]
     with tempfile.TemporaryDirectory() as folder, ExitStack() as watched:
-        command = [sys.executable, "-m", "airtact", "live", "live_pinch", "--seconds", str(SECONDS), "--json"]
+        command = [
+            sys.executable,
+            "-m",
+            "airtact",
+            "live",
+            "live_pinch",
+            "--seconds",
+            str(SECONDS),
+            "--json",
+        ]
         loop = subprocess.Popen(
-            [*command, "--out", folder, *page], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            [*command, "--out", folder, *page],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
         )
         found: dict[str, float] = {}
         if watch is not None:
@@ -102,7 +115,13 @@ def address_in(loop: subprocess.Popen[str]) -> str:
 def connected(address: str) -> ClientConnection:
     """Connect as a page that is open does."""
     version = f"viser-v{viser.__version__}"
-    page = connect(address.replace("http", "ws"), subprotocols=[version], compression=None, max_size=None, proxy=None)
+    page = connect(
+        address.replace("http", "ws"),
+        subprotocols=[version],
+        compression=None,
+        max_size=None,
+        proxy=None,
+    )
     page.send(msgspec.msgpack.encode(CAMERA))
     return page
 
@@ -149,11 +168,19 @@ def chromium(address: str, watched: ExitStack) -> dict[str, float]:
 def main() -> None:
     """Print a table."""
     give_up_rights()
-    cases = {"no page": None, "page, not open": lambda address, watched: {}, "one in Chromium": chromium}
+    cases = {
+        "no page": None,
+        "page, not open": lambda address, watched: {},
+        "one in Chromium": chromium,
+    }
     for name, watch in {**cases, "ten": ten, "one that stalls": stalled}.items():
         found = [run(watch) for _ in range(RUNS)]
         middle = {key: sorted(one[key] for one in found)[RUNS // 2] for key in found[0]}
-        print(f"{name:16}", ", ".join(f"{value:.1f} {key}" for key, value in middle.items()), flush=True)
+        print(
+            f"{name:16}",
+            ", ".join(f"{value:.1f} {key}" for key, value in middle.items()),
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """How soon the live loop is silent: after the emergency stop, and after the last good frame of a hand.
 
-Run it from the root of the project: ``python benchmarks/live_safety.py``. The boards are AUTD3's own model of them.
+Run it from the root of the project: ``python benchmarks/live_safety.py``. The boards are AUTD3's
+own model of them.
 """
 
 import tempfile
@@ -11,9 +12,9 @@ from threading import Thread
 import numpy as np
 
 import airtact as at
-from airtact.hardware.links import link_to
-from airtact.scene_file import Setup
-from airtact.tracking import Recording, StreamHealth
+from airtact.emission.links import link_to
+from airtact.hands.tracking import Recording, StreamHealth
+from airtact.setup import Setup
 
 TRIALS = 5
 
@@ -21,13 +22,17 @@ TRIALS = 5
 def stops(setup: Setup, folder: Path) -> list[float]:
     """Time from the emergency stop to the silence that the boards confirm, by the link's log [s]."""
     scene, took = at.live.live_scene(setup), []
-    motion = at.tracking.load_recording(at.example("reaching.jsonl"))
+    motion = at.hands.load_recording(at.example("reaching.jsonl"))
     for trial in range(TRIALS):
         log = folder / f"{trial}.log"
-        boards = at.live.Boards(link_to("audit", "autd3", setup.poses, setup.medium.sound_speed), log)
+        boards = at.live.Boards(
+            link_to("audit", "autd3", setup.poses, setup.medium.sound_speed), log
+        )
         pressed = []
 
-        def press(after: float = 0.1 * trial, boards: at.live.Boards = boards, pressed: list = pressed) -> None:
+        def press(
+            after: float = 0.1 * trial, boards: at.live.Boards = boards, pressed: list = pressed
+        ) -> None:
             time.sleep(after)
             pressed.append(time.monotonic())
             boards.stop()
@@ -48,12 +53,14 @@ def stops(setup: Setup, folder: Path) -> list[float]:
 def fades(setup: Setup, folder: Path) -> list[float]:
     """Time from the last good frame to the zero drive, by the session [s]."""
     scene, took = at.live.live_scene(setup), []
-    frames = at.tracking.load_recording(at.example("reaching.jsonl")).frames[:130]
+    frames = at.hands.load_recording(at.example("reaching.jsonl")).frames[:130]
     kept = tuple(frame for frame in frames if not 60 <= frame.sequence < 120)
     for trial in range(TRIALS):
         file = folder / f"{trial}.h5"
         hands = at.live.RecordedHands(Recording(kept, StreamHealth()))
-        at.live.follow(scene, hands, at.live.Distances(scene), session=at.live.SessionWriter(file, scene))
+        at.live.follow(
+            scene, hands, at.live.Distances(scene), session=at.live.SessionWriter(file, scene)
+        )
         session = at.live.read_session(file)
         silent = ~session.amplitudes.any(axis=1) & (session.time_in_air > kept[59].time)
         took.append(float(session.time_in_air[silent][0] - kept[59].time))
@@ -63,9 +70,14 @@ def fades(setup: Setup, folder: Path) -> list[float]:
 def main() -> None:
     setup = at.read_scene(at.example("live_pinch"))
     with tempfile.TemporaryDirectory() as folder:
-        for what, measure in (("emergency stop to silence", stops), ("last good frame to silence", fades)):
+        for what, measure in (
+            ("emergency stop to silence", stops),
+            ("last good frame to silence", fades),
+        ):
             took = 1e3 * np.array(measure(setup, Path(folder)))
-            print(f"{what}: median {np.median(took):.0f} ms, longest {took.max():.0f} ms of {len(took)}")
+            print(
+                f"{what}: median {np.median(took):.0f} ms, longest {took.max():.0f} ms of {len(took)}"
+            )
 
 
 if __name__ == "__main__":

@@ -1,9 +1,11 @@
 """Bodies before a rigid plane: against two mirrored bodies, what the plane costs, and reciprocity.
 
-The series of two spheres is truth for a sphere; a hand is held against itself and its image solved as two
-bodies, on the same panels, because a mesh that is rebuilt from mirrored triangles is another body.
+The series of two spheres is truth for a sphere; a hand is held against itself and its image solved
+as two bodies, on the same panels, because a mesh that is rebuilt from mirrored triangles is another
+body.
 
-    PYTHONPATH=.:tests python benchmarks/planes.py [sphere | hand | cost | reciprocity | palm | live]
+    PYTHONPATH=.:tests python benchmarks/planes.py [sphere | hand | cost | reciprocity | palm |
+    live]
 """
 
 import sys
@@ -15,13 +17,13 @@ from functools import partial
 import numpy as np
 
 import airtact as at
-from airtact.hand.hand import hand_from_joints
+from airtact.acoustics.solvers.bem.operator import assemble, transposed_right_side
+from airtact.acoustics.solvers.gmres import gmres
+from airtact.hands.hand import hand_from_joints
 from airtact.live.distances import foci_on
 from airtact.live.drives.factors import OpenAir, solved
-from airtact.solvers.bem.operator import assemble, transposed_right_side
-from airtact.solvers.gmres import gmres
+from hands.tracking.motions import pinch_pose
 from references import before_a_plane
-from tracking.motions import pinch_pose
 
 AIR = at.Medium(sound_speed=343.1, density=1.293)
 TABLE = at.plane((0, 0, 0), (0, 0, 1))
@@ -49,14 +51,21 @@ def sphere_rows() -> Iterator[str]:
         ball = at.sphere(RADIUS, RADIUS, centre=(0, 0, height + RADIUS))
         scene = at.Scene(AIR, [at.sound_hard(ball)], planes=[TABLE])
         free = away[-scene.depth(away) > 0.01][:8]
-        beside = np.array([[0.0, RADIUS + 0.5e-3, height + RADIUS], [0.0, 0.0, height + 2 * RADIUS + 1e-3]])
+        beside = np.array(
+            [[0.0, RADIUS + 0.5e-3, height + RADIUS], [0.0, 0.0, height + 2 * RADIUS + 1e-3]]
+        )
         sources = np.concatenate([[[0.03, 0.02, 0.06], [0.04, 0.0, 0.0]], beside])
         points = np.concatenate([free, on])
-        field = at.BoundaryElement(accuracy=0.01).radiate(scene, at.Monopoles(sources, np.eye(len(sources))))
+        field = at.BoundaryElement(accuracy=0.01).radiate(
+            scene, at.Monopoles(sources, np.eye(len(sources)))
+        )
         exact, own = before_a_plane.sphere_pressure(scene, sources, points)
         found = field.at(points)
         errors = [relative(found[some], exact[some]) for some in (slice(0, 8), slice(8, None))]
-        each = ", ".join(f"{relative(found[8:, one, None], exact[8:, one, None]):.2%}" for one in range(len(sources)))
+        each = ", ".join(
+            f"{relative(found[8:, one, None], exact[8:, one, None]):.2%}"
+            for one in range(len(sources))
+        )
         yield (
             f"sphere {1e3 * height:g} mm over a plane, 1 % asked: {errors[0]:.2%} in the field, {errors[1]:.2%} on the "
             f"plane ({each} from each source; {field.report.nodes} unknowns, "
@@ -95,7 +104,10 @@ def hand_rows() -> Iterator[str]:
     on = np.concatenate([random.uniform(-0.08, 0.08, (30, 2)), np.zeros((30, 1))], axis=1)
     around = np.array([0.0, 0.0, 0.1]) + 0.25 * _upper(random.normal(size=(40, 3)))
     sources = np.array([[0.01, 0.02, 0.0], [0.15, 0.05, 0.3]])
-    both, strengths = np.concatenate([sources, sources * [1, 1, -1]]), np.tile(np.eye(2, dtype=complex), (2, 1))
+    both, strengths = (
+        np.concatenate([sources, sources * [1, 1, -1]]),
+        np.tile(np.eye(2, dtype=complex), (2, 1)),
+    )
     solver = at.BoundaryElement(accuracy=0.01)
     for lift in (2e-3, 20e-3):
         scene = at.Scene(AIR, [at.sound_hard(open_hand(lift))], planes=[TABLE])
@@ -105,7 +117,10 @@ def hand_rows() -> Iterator[str]:
         sides = np.ascontiguousarray(right.T, dtype=np.complex64)
         solved = gmres(lambda vectors, matrix=matrix: matrix.times(vectors, True), sides, 1e-4)
         twice = replace(field, density=solved.solution.T.astype(np.complex128))
-        apart = [relative(field.transposed.at(points), twice.transposed.at(points)) for points in (around, on)]
+        apart = [
+            relative(field.transposed.at(points), twice.transposed.at(points))
+            for points in (around, on)
+        ]
         yield (
             f"hand {1e3 * lift:g} mm over a table, 1 % asked, against it and its image as two bodies: "
             f"{apart[0]:.2%} around, {apart[1]:.2%} on the table ({field.report.nodes} and {matrix.count} unknowns)"
@@ -118,7 +133,9 @@ def _upper(vectors: np.ndarray) -> np.ndarray:
 
 
 def _matrix(scene: at.Scene, target: at.Target, array: at.PhasedArray) -> at.TransferMatrix:
-    return at.transfer_matrix(at.BoundaryElement(accuracy=0.01).radiate(scene, target.beacons()), array)
+    return at.transfer_matrix(
+        at.BoundaryElement(accuracy=0.01).radiate(scene, target.beacons()), array
+    )
 
 
 def cost_rows() -> Iterator[str]:
@@ -145,7 +162,9 @@ def palm_rows() -> Iterator[str]:
     """
     for lift in (50e-3, 100e-3, 195e-3, 200e-3, 205e-3):
         body, focus = hand_and_palm(lift)
-        array = at.autd3_board(at.Pose(np.eye(3), np.array([focus[0] - 0.086, focus[1] - 0.066, 0.0])))
+        array = at.autd3_board(
+            at.Pose(np.eye(3), np.array([focus[0] - 0.086, focus[1] - 0.066, 0.0]))
+        )
         target, solver = at.Target(focus[None]), at.BoundaryElement(accuracy=0.03)
         fields = [
             solver.radiate(at.Scene(AIR, [at.sound_hard(body)], planes=planes), target.beacons())
@@ -162,7 +181,8 @@ def palm_rows() -> Iterator[str]:
 def live_rows() -> Iterator[str]:
     """Yield what drives of the live loop keep for a hand that pinches over a table, a board standing beside it.
 
-    The hand does not move, so that nothing but the table tells the drives apart; it is solved with the table.
+    The hand does not move, so that nothing but the table tells the drives apart; it is solved with
+    the table.
     """
     hand = hand_from_joints(*pinch_pose(), side="left").open_to(0.02)
     low, middle = hand.surface.corners.reshape(-1, 3).min(axis=0), hand.pads[:2].mean(axis=0)
@@ -173,8 +193,12 @@ def live_rows() -> Iterator[str]:
         places, offsets = ("thumb.pad", "index.pad"), np.full(2, 1e-3)
         without = at.live.LiveScene(at.air(), 40e3, array, "left", hand.radii, places, offsets)
         target = at.Target(foci_on(hand, without))
-        scene = at.Scene(without.medium, [at.sound_hard(hand.surface)], frequency=40e3, planes=[table])
-        exact = at.transfer_matrix(at.BoundaryElement(accuracy=0.02).radiate(scene, target.beacons()), array)
+        scene = at.Scene(
+            without.medium, [at.sound_hard(hand.surface)], frequency=40e3, planes=[table]
+        )
+        exact = at.transfer_matrix(
+            at.BoundaryElement(accuracy=0.02).radiate(scene, target.beacons()), array
+        )
         best = _at_weakest(exact, at.best(exact, target).amplitudes)
         shares = []
         for known in (replace(without, planes=(table,)), without):
@@ -183,7 +207,9 @@ def live_rows() -> Iterator[str]:
                 rows = known.sounding.folded(OpenAir(known).rows(target.points) * factors)
                 drive = at.weighted_gerchberg_saxton(at.TransferMatrix(rows, float("nan")), target)
                 shares.append(_at_weakest(exact, drive.amplitudes) / best)
-        words = "whole hand {:.3f}, phalanges {:.3f} (without the table {:.3f}, {:.3f})".format(*shares)
+        words = "whole hand {:.3f}, phalanges {:.3f} (without the table {:.3f}, {:.3f})".format(
+            *shares
+        )
         yield f"live, a hand {1e3 * lift:g} mm over a table: of the attainable pressure {words} are kept"
 
 
@@ -202,7 +228,9 @@ def reciprocity_rows() -> Iterator[str]:
         for one in range(4):
             for other in range(one):
                 there, back = (
-                    at.BoundaryElement(asked).radiate(scene, at.Monopoles(pairs[[a]], np.ones(1))).at(pairs[[b]])[0, 0]
+                    at.BoundaryElement(asked)
+                    .radiate(scene, at.Monopoles(pairs[[a]], np.ones(1)))
+                    .at(pairs[[b]])[0, 0]
                     for a, b in ((one, other), (other, one))
                 )
                 worst = max(worst, abs(there - back) / abs(there))

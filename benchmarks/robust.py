@@ -1,7 +1,8 @@
 """What robust drives keep: every figure of docs/how-good-must-the-tracking-be.md, measured anew.
 
-Run ``PYTHONPATH=. python benchmarks/robust.py``. Names of parts, such as ``times``, run these alone. Drives are made
-for 64 samples of seed 0 and tried on 400 of seed 1, at equal energy; the pressure is that of the weakest focus.
+Run ``PYTHONPATH=. python benchmarks/robust.py``. Names of parts, such as ``times``, run these
+alone. Drives are made for 64 samples of seed 0 and tried on 400 of seed 1, at equal energy; the
+pressure is that of the weakest focus.
 """
 
 import sys
@@ -11,15 +12,15 @@ from collections.abc import Iterator
 import numpy as np
 
 import airtact as at
-from airtact.sampling.ensemble import matrices_at
-from airtact.synthesis import goal_value, robust_phase_only, robust_upper_bound
+from airtact.drives import goal_value, robust_phase_only, robust_upper_bound
+from airtact.drives.sampling.ensemble import matrices_at
 
 AIR = at.Medium(sound_speed=343.1, density=1.293)
 DRIVES = {"time reversal": at.time_reversal, "robust": at.robust}
 HELD_OUT = 400
 
 
-def pinch() -> tuple[at.solvers.RadiatedField, at.Target]:
+def pinch() -> tuple[at.acoustics.RadiatedField, at.Target]:
     fingers = at.pinch(gap=0.012)
     scene = at.Scene(AIR, [at.sound_hard(surface) for surface in fingers.surfaces], frequency=40e3)
     target = at.Target(fingers.foci(offset=0.5e-3))
@@ -27,32 +28,40 @@ def pinch() -> tuple[at.solvers.RadiatedField, at.Target]:
     return at.multipole_expansion(solver.radiate(scene, target.beacons())), target
 
 
-def open_hand() -> tuple[at.solvers.RadiatedField, at.Target, at.PhasedArray]:
+def open_hand() -> tuple[at.acoustics.RadiatedField, at.Target, at.PhasedArray]:
     setup = at.read_scene(at.example("open_hand"))
     solver = at.BoundaryElement(accuracy=0.06, estimate=False)
-    return at.multipole_expansion(solver.radiate(setup.scene, setup.target.beacons())), setup.target, setup.array
+    return (
+        at.multipole_expansion(solver.radiate(setup.scene, setup.target.beacons())),
+        setup.target,
+        setup.array,
+    )
 
 
-def boards(element: at.boards.Element | None = None) -> at.PhasedArray:
+def boards(element: at.transducers.Element | None = None) -> at.PhasedArray:
     return at.flat_boards(2, 2, element).facing((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 0.2)
 
 
-def fingertip() -> tuple[at.solvers.RadiatedField, at.Target]:
+def fingertip() -> tuple[at.acoustics.RadiatedField, at.Target]:
     scene = at.Scene(AIR, [at.sound_hard(at.sphere(radius=8e-3, edge=2e-3))], frequency=40e3)
     target = at.Target(np.array([[0.0, 0.0, 8.5e-3]]))
     return at.multipole_expansion(at.SphereSeries().radiate(scene, target.beacons())), target
 
 
 FOUR = np.array([[0.01, 0.0, 0.0], [-0.01, 0.005, 0.0], [0.0, -0.012, 0.004], [0.0, 0.0, -0.01]])
-SIX = 0.012 * np.stack([np.cos(np.pi / 3 * np.arange(6)), np.sin(np.pi / 3 * np.arange(6)), np.zeros(6)], axis=1)
+SIX = 0.012 * np.stack(
+    [np.cos(np.pi / 3 * np.arange(6)), np.sin(np.pi / 3 * np.arange(6)), np.zeros(6)], axis=1
+)
 
 
-def in_air(points: np.ndarray) -> tuple[at.solvers.RadiatedField, at.Target]:
+def in_air(points: np.ndarray) -> tuple[at.acoustics.RadiatedField, at.Target]:
     target = at.Target(points)
     return at.FreeField().radiate(at.Scene(AIR, [], frequency=40e3), target.beacons()), target
 
 
-def scenes() -> Iterator[tuple[str, at.solvers.RadiatedField, at.Target, at.PhasedArray, float, float]]:
+def scenes() -> Iterator[
+    tuple[str, at.acoustics.RadiatedField, at.Target, at.PhasedArray, float, float]
+]:
     """Name, beacons, target, array, position [mm] and rotation [degree] of ten scenes."""
     flat, plain = (boards(element) for element in (None, at.monopole()))
     fingers = pinch()
@@ -76,20 +85,26 @@ def at_equal_energy(
 
 def figures() -> None:
     """Print the table of scenes."""
-    print("| scene | off by | time reversal: expected, 9 of 10 | robust | 9 of 10, over time reversal |")
+    print(
+        "| scene | off by | time reversal: expected, 9 of 10 | robust | 9 of 10, over time reversal |"
+    )
     print("| expected given up | full scale, over phases of time reversal | worst over its bound |")
     shares = []
     for name, beacons, target, array, position, rotation in scenes():
         doubt = at.Uncertainty(position=1e-3 * position, rotation=rotation)
-        design, others = (at.ensemble(beacons, array, doubt, *given) for given in ((64, 0), (HELD_OUT, 1)))
-        usual, robust = (at_equal_energy(others, target, make(design, target)) for make in DRIVES.values())
+        design, others = (
+            at.ensemble(beacons, array, doubt, *given) for given in ((64, 0), (HELD_OUT, 1))
+        )
+        usual, robust = (
+            at_equal_energy(others, target, make(design, target)) for make in DRIVES.values()
+        )
         expected = [
             np.abs(design.pressure(drive)).min() / np.linalg.norm(drive.amplitudes)
             for drive in (make(design, target) for make in DRIVES.values())
         ]
         full = [
             goal_value(others, target, make(design, target))
-            for make in (at.synthesis.phase_conjugate, robust_phase_only)
+            for make in (at.drives.phase_conjugate, robust_phase_only)
         ]
         bound = robust_upper_bound(design, target)
         shares.append(bound.reached(design, target, at.robust(design, target, "worst")))
@@ -102,12 +117,29 @@ def figures() -> None:
 def doubts() -> None:
     """Print what single doubts leave of the expected pressure, for the pinch in both arrays."""
     flat, (beacons, target) = boards(), pinch()
-    given = [{"rotation": 2.0}, {"own_position": 1e-3}, {"along_skin": 1e-3}, {"temperature": 2.0}, {"humidity": 0.2}]
-    given += [{"gain": 0.1}, {"phase": 20.0}, {"dead": 0.1}, {"board_position": 1e-3}, {"board_rotation": 1.0}]
+    given = [
+        {"rotation": 2.0},
+        {"own_position": 1e-3},
+        {"along_skin": 1e-3},
+        {"temperature": 2.0},
+        {"humidity": 0.2},
+    ]
+    given += [
+        {"gain": 0.1},
+        {"phase": 20.0},
+        {"dead": 0.1},
+        {"board_position": 1e-3},
+        {"board_rotation": 1.0},
+    ]
     print("| in doubt | box: time reversal, robust | flat boards |")
     for one in given:
-        cells = [kept(beacons, target, array, at.Uncertainty(**one)) for array in (at.surrounding_box(), flat)]
-        print(f"| {next(iter(one))} {next(iter(one.values())):g} | {' | '.join(cells)} |", flush=True)
+        cells = [
+            kept(beacons, target, array, at.Uncertainty(**one))
+            for array in (at.surrounding_box(), flat)
+        ]
+        print(
+            f"| {next(iter(one))} {next(iter(one.values())):g} | {' | '.join(cells)} |", flush=True
+        )
 
 
 def by_error() -> None:
@@ -115,20 +147,36 @@ def by_error() -> None:
     steps = 0.5, 1.0, 2.0, 3.0, 5.0
     print("| foci, array | " + " | ".join(f"{step:g} mm" for step in steps) + " |")
     tip, fingers, box, flat = fingertip(), pinch(), at.surrounding_box(), boards()
-    rows = [("fingertip, box", *tip, box), ("two fingers, box", *fingers, box), ("six in air, box", *in_air(SIX), box)]
+    rows = [
+        ("fingertip, box", *tip, box),
+        ("two fingers, box", *fingers, box),
+        ("six in air, box", *in_air(SIX), box),
+    ]
     rows += [("fingertip, flat boards", *tip, flat), ("two fingers, flat boards", *fingers, flat)]
-    rows += [("six in air, flat boards", *in_air(SIX), flat), ("open hand, flat boards", *open_hand())]
+    rows += [
+        ("six in air, flat boards", *in_air(SIX), flat),
+        ("open hand, flat boards", *open_hand()),
+    ]
     for name, beacons, target, array in rows:
-        cells = [kept(beacons, target, array, at.Uncertainty(position=1e-3 * step)) for step in steps]
+        cells = [
+            kept(beacons, target, array, at.Uncertainty(position=1e-3 * step)) for step in steps
+        ]
         print(f"| {name} | {' | '.join(cells)} |", flush=True)
 
 
-def kept(beacons: at.solvers.RadiatedField, target: at.Target, array: at.PhasedArray, doubt: at.Uncertainty) -> str:
+def kept(
+    beacons: at.acoustics.RadiatedField,
+    target: at.Target,
+    array: at.PhasedArray,
+    doubt: at.Uncertainty,
+) -> str:
     """Return what time reversal and the robust drive leave of the expected pressure, 9 of 10 times."""
     design, others = (at.ensemble(beacons, array, doubt, *of) for of in ((64, 0), (HELD_OUT, 1)))
     usual = at.time_reversal(design, target)
     best = np.abs(design.pressure(usual)).min() / np.linalg.norm(usual.amplitudes)
-    shares = [at_equal_energy(others, target, make(design, target)) / best for make in DRIVES.values()]
+    shares = [
+        at_equal_energy(others, target, make(design, target)) / best for make in DRIVES.values()
+    ]
     return ", ".join(f"{share:.0%}" for share in shares)
 
 
@@ -137,7 +185,7 @@ def warmer() -> None:
     fingers = at.pinch(gap=0.012)
     target = at.Target(fingers.foci(offset=0.5e-3))
 
-    def solved(celsius: float) -> at.solvers.RadiatedField:
+    def solved(celsius: float) -> at.acoustics.RadiatedField:
         bodies = [at.sound_hard(surface) for surface in fingers.surfaces]
         scene = at.Scene(at.air(celsius=celsius), bodies, frequency=40e3)
         return at.BoundaryElement(accuracy=0.01, estimate=False).radiate(scene, target.beacons())
@@ -154,19 +202,26 @@ def warmer() -> None:
             size = np.linalg.norm(exact.matrix)
             off = [np.linalg.norm(one - exact.matrix) / size for one in (scaled, nominal.matrix)]
             share = np.abs(scaled @ drive.amplitudes).min() / np.abs(exact.pressure(drive)).min()
-            print(f"{warmer:g} K, {name}: scaled {off[0]:.1%} off, not scaled {off[1]:.0%}; weakest focus {share:.4f}")
+            print(
+                f"{warmer:g} K, {name}: scaled {off[0]:.1%} off, not scaled {off[1]:.0%}; weakest focus {share:.4f}"
+            )
 
 
 def dead_and_out_of_phase() -> None:
     """Print the mean loss that 64 samples predict, and Ruze's, beside that of 400 others."""
     beacons, target = pinch()
     doubt = at.Uncertainty(dead=0.1, phase=20.0)
-    design, others = (at.ensemble(beacons, at.surrounding_box(), doubt, *given) for given in ((64, 0), (HELD_OUT, 1)))
+    design, others = (
+        at.ensemble(beacons, at.surrounding_box(), doubt, *given)
+        for given in ((64, 0), (HELD_OUT, 1))
+    )
     drive = at.time_reversal(design, target)
     best = np.abs(design.pressure(drive)).min()
     shares = [goal_value(one, target, drive, "mean") / best for one in (design, others)]
     ruze = 0.9 * np.exp(-0.5 * np.radians(20.0) ** 2)
-    print(f"10 % dead, 20 degrees: mean kept {shares[0]:.4f} of 64 samples, {shares[1]:.4f} of 400, Ruze {ruze:.4f}")
+    print(
+        f"10 % dead, 20 degrees: mean kept {shares[0]:.4f} of 64 samples, {shares[1]:.4f} of 400, Ruze {ruze:.4f}"
+    )
 
 
 def times() -> None:

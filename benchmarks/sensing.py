@@ -1,10 +1,10 @@
 """The pose of two fingers from echoes: how exact, how near to the Cramér-Rao bound, from how far off, how quick.
 
-Run ``PYTHONPATH=. python benchmarks/sensing.py [TRIALS] [ROW ...]``; rows are matrix, noise, coarse, few, capture,
-wrong, between, gap, shape, hand, times and calibrate. Echoes are simulated by direct solves of every code at an
-accuracy of 0.3 % (2 % in the row hand), with smaller panels than those of the model (0.5 %; 2 % in the row coarse). The
-array is the box of 996 monopoles, in the row hand four boards; each trial has its own noise and start. What is solved
-is kept in ``out/sensing``.
+Run ``PYTHONPATH=. python benchmarks/sensing.py [TRIALS] [ROW ...]``; rows are matrix, noise,
+coarse, few, capture, wrong, between, gap, shape, hand, times and calibrate. Echoes are simulated by
+direct solves of every code at an accuracy of 0.3 % (2 % in the row hand), with smaller panels than
+those of the model (0.5 %; 2 % in the row coarse). The array is the box of 996 monopoles, in the row
+hand four boards; each trial has its own noise and start. What is solved is kept in ``out/sensing``.
 """
 
 import sys
@@ -17,7 +17,7 @@ from scipy.optimize import brentq, least_squares
 from scipy.spatial.transform import Rotation
 
 import airtact as at
-from airtact.hand.pinch import LENGTH, RADIUS, SPREAD
+from airtact.hands.pinch_dummy import LENGTH, RADIUS, SPREAD
 from airtact.live.drives.factors import part_of, rigid_part
 from airtact.live.drives.riding import ride
 from airtact.sensing import (
@@ -61,7 +61,9 @@ def model(accuracy: float = 0.005) -> ScatteringMatrix:
 
 @cache
 def perfect(codes: int, gap: float = 0.012) -> Echoes:
-    return at.simulate_echoes(TRUTH, scene(gap), BOX.seen_from(TRUE), random_codes(996, codes, seed=1))
+    return at.simulate_echoes(
+        TRUTH, scene(gap), BOX.seen_from(TRUE), random_codes(996, codes, seed=1)
+    )
 
 
 def noisy(pure: Echoes, decibels: float, receivers: int, seed: int) -> Echoes:
@@ -78,7 +80,9 @@ def start(position: float, degrees: float, seed: int) -> at.Pose:
     random = np.random.default_rng(1000 + seed)
     along, axis = (vector / np.linalg.norm(vector) for vector in random.normal(size=(2, 3)))
     turn = at.Pose.turn(axis, np.radians(degrees))
-    return TRUE @ at.Pose(turn.rotation, model().centre - turn.rotation @ model().centre + position * along)
+    return TRUE @ at.Pose(
+        turn.rotation, model().centre - turn.rotation @ model().centre + position * along
+    )
 
 
 def errors(found: Located) -> tuple[float, float]:
@@ -114,7 +118,10 @@ def trials(
     )
     mean = np.sqrt(np.mean(off_by[good] ** 2, axis=0)) if good.any() else np.full(2, np.nan)
     worst = off_by[good].max(axis=0) if good.any() else np.full(2, np.nan)
-    ratio = mean / [1e3 * np.sqrt(np.mean(least[0] ** 2)), np.degrees(np.sqrt(np.mean(least[1] ** 2)))]
+    ratio = mean / [
+        1e3 * np.sqrt(np.mean(least[0] ** 2)),
+        np.degrees(np.sqrt(np.mean(least[1] ** 2))),
+    ]
     print(
         f"{what} | {good.sum()} of {count} converged, {wrong} of them wrong | rms {mean[0]:.4f} mm, {mean[1]:.4f}° | "
         f"worst {worst[0]:.4f} mm, {worst[1]:.4f}° | over the bound {ratio[0]:.2f}, {ratio[1]:.2f} | "
@@ -126,7 +133,9 @@ def trials(
 def matrix(count: int) -> None:
     begun = time.perf_counter()
     used, found = time.process_time(), model()
-    seconds = f"{time.perf_counter() - begun:.1f} s, {time.process_time() - used:.1f} s of processors"
+    seconds = (
+        f"{time.perf_counter() - begun:.1f} s, {time.process_time() - used:.1f} s of processors"
+    )
     print(f"{found!r}: {seconds}, lost power {100 * found.lost_power:.2g} %", flush=True)
     codes, seen = random_codes(996, 4, seed=7), BOX.seen_from(TRUE)
     by_matrix = at.simulate_echoes(found, scene(), seen, codes).pressures
@@ -136,12 +145,21 @@ def matrix(count: int) -> None:
     ):
         direct = at.simulate_echoes(solver, scene(), seen, codes).pressures
         error = np.linalg.norm(by_matrix - direct) / np.linalg.norm(direct)
-        print(f"echoes by the matrix against direct solves by {name}: {100 * error:.2f} %", flush=True)
+        print(
+            f"echoes by the matrix against direct solves by {name}: {100 * error:.2f} %", flush=True
+        )
 
 
 def noise(count: int) -> None:
     for decibels in (30.0, 10.0):
-        trials(f"16 codes, 996 receivers, {decibels:g} dB, from 1 mm, 2°", count, perfect(16), decibels, 996, (1e-3, 2))
+        trials(
+            f"16 codes, 996 receivers, {decibels:g} dB, from 1 mm, 2°",
+            count,
+            perfect(16),
+            decibels,
+            996,
+            (1e-3, 2),
+        )
 
 
 def coarse(count: int) -> None:
@@ -160,7 +178,14 @@ def capture(count: int) -> None:
 
 
 def wrong(count: int) -> None:
-    trials("the true gap is 13 mm, the model's 12 mm, 30 dB", count, perfect(16, 0.013), 30.0, 996, (1e-3, 2))
+    trials(
+        "the true gap is 13 mm, the model's 12 mm, 30 dB",
+        count,
+        perfect(16, 0.013),
+        30.0,
+        996,
+        (1e-3, 2),
+    )
 
 
 @cache
@@ -173,9 +198,14 @@ def between(count: int) -> None:
     """Hold the matrix between the values of the family against one solved there."""
     value, made = 0.0107, family()
     ball = made.matrices[0].centre, made.matrices[0].radius
-    solved = at.scattering_matrix(at.BoundaryElement(accuracy=0.005, estimate=False), scene(value), ball=ball).matrix
+    solved = at.scattering_matrix(
+        at.BoundaryElement(accuracy=0.005, estimate=False), scene(value), ball=ball
+    ).matrix
     error = np.linalg.norm(made.at(value).matrix - solved) / np.linalg.norm(solved)
-    print(f"the matrix at {1e3 * value:g} mm against one solved there: {100 * error:.2f} %", flush=True)
+    print(
+        f"the matrix at {1e3 * value:g} mm against one solved there: {100 * error:.2f} %",
+        flush=True,
+    )
 
 
 def gap(count: int) -> None:
@@ -225,7 +255,9 @@ def other_fingers(seed: int) -> list[Capsule]:
 def capsules_of_pinch(gap: float = 0.012) -> list[Capsule]:
     side = np.array([-1.0, 1.0])
     tips = np.outer(side, [gap / 2 + RADIUS, 0, 0])
-    roots = tips + LENGTH * np.stack([side * np.sin(SPREAD), np.zeros(2), np.full(2, -np.cos(SPREAD))], axis=1)
+    roots = tips + LENGTH * np.stack(
+        [side * np.sin(SPREAD), np.zeros(2), np.full(2, -np.cos(SPREAD))], axis=1
+    )
     return [(root, tip, RADIUS) for root, tip in zip(roots, tips, strict=True)]
 
 
@@ -244,7 +276,9 @@ def fitted(fingers: list[Capsule]) -> tuple[float, at.Pose]:
             away, axis = motion(by).apply(points) - root, tip - root
             along = np.clip(away @ axis / (axis @ axis), 0, 1)
             apart.append(np.linalg.norm(away - along[:, None] * axis, axis=1) - radius)
-        return 1e3 * np.take_along_axis(np.array(apart), np.abs(apart).argmin(axis=0)[None], axis=0)[0]
+        return (
+            1e3 * np.take_along_axis(np.array(apart), np.abs(apart).argmin(axis=0)[None], axis=0)[0]
+        )
 
     found = least_squares(off, np.zeros(6))
     return 1e-3 * float(np.sqrt(np.mean(found.fun**2))), motion(found.x)
@@ -268,19 +302,25 @@ def shape(count: int) -> None:
 
     def beacons(bodies: at.Scene):
         foci = before_tips(fingers_of(bodies))
-        return at.multipole_expansion(at.BoundaryElement(accuracy=0.02).radiate(bodies, at.Target(foci).beacons()))
+        return at.multipole_expansion(
+            at.BoundaryElement(accuracy=0.02).radiate(bodies, at.Target(foci).beacons())
+        )
 
     def weakest(matrix: np.ndarray, drive: np.ndarray) -> float:
         return float(np.abs(matrix @ drive).min() / np.linalg.norm(drive))
 
     def drive(bodies: at.Scene, pose: at.Pose) -> np.ndarray:
         transfer = at.transfer_matrix(beacons(bodies), BOX.seen_from(pose))
-        return at.weighted_gerchberg_saxton(transfer, at.Target(before_tips(fingers_of(bodies)))).amplitudes
+        return at.weighted_gerchberg_saxton(
+            transfer, at.Target(before_tips(fingers_of(bodies)))
+        ).amplitudes
 
     rows = []
     for seed in range(count):
         fingers = other_fingers(seed)
-        bodies = at.Scene(AIR, [at.sound_hard(at.capsule(*one, edge=2.5e-3)) for one in fingers], frequency=40e3)
+        bodies = at.Scene(
+            AIR, [at.sound_hard(at.capsule(*one, edge=2.5e-3)) for one in fingers], frequency=40e3
+        )
         pure = at.simulate_echoes(TRUTH, bodies, BOX.seen_from(TRUE), random_codes(996, 16, seed=1))
         echoes, from_here = noisy(pure, 30.0, 996, seed), start(2e-3, 3.0, seed)
         rigid = at.locate(echoes, scene(), BOX, from_here, scattering=model())
@@ -302,7 +342,9 @@ def shape(count: int) -> None:
             ),
             flush=True,
         )
-    before, after, shaped, _, misfit, off, sure, seconds = np.median(np.array(rows, dtype=float)[:, :8], axis=0)
+    before, after, shaped, _, misfit, off, sure, seconds = np.median(
+        np.array(rows, dtype=float)[:, :8], axis=0
+    )
     worst = min(row[2] for row in rows if row[-1])
     print(
         f"fingers of another shape, 1.5 mm rms: pressure kept {before:.2f} from 2 mm, 3°, {after:.2f} after rigid "
@@ -316,38 +358,53 @@ def shape(count: int) -> None:
 def hand(count: int) -> None:
     """Locate the last phalanges of a hand over four boards by echoes of them alone, and of more and more of the hand.
 
-    The model is the phalanges alone, of the true shape; starts are as far off as a tracker with 1 mm of noise.
+    The model is the phalanges alone, of the true shape; starts are as far off as a tracker with 1
+    mm of noise.
     """
     setup = at.read_scene(at.example("live_pinch"), followed=True)
     live, own = at.live.live_scene(setup), setup.hands[0]
     foci = ride(live, own.joints).foci
 
     def air(surfaces: list[at.Surface]) -> at.Scene:
-        return at.Scene(live.medium, [at.sound_hard(one) for one in surfaces], frequency=live.frequency)
+        return at.Scene(
+            live.medium, [at.sound_hard(one) for one in surfaces], frequency=live.frequency
+        )
 
     phalanges = air([rigid_part(own, place) for place in live.places])
     own_matrix = at.scattering_matrix(at.BoundaryElement(accuracy=0.005, estimate=False), phalanges)
-    codes, truth = random_codes(len(live.array), 8, seed=1), at.BoundaryElement(accuracy=0.02, estimate=False)
+    codes, truth = (
+        random_codes(len(live.array), 8, seed=1),
+        at.BoundaryElement(accuracy=0.02, estimate=False),
+    )
     for part in ("phalanges", "fingers", "hand"):
         there = phalanges if part == "phalanges" else air([part_of(own, part, live.places, 2e-3)])
         used = time.process_time()
         pure = at.simulate_echoes(truth, there, live.array, codes)
         used = time.process_time() - used
         size = np.linalg.norm(pure.pressures) / np.sqrt(np.size(pure.pressures))
-        left = float(np.sqrt(np.mean(unexplained(pure, own_matrix, live.array, at.Pose.identity()) ** 2)))
+        left = float(
+            np.sqrt(np.mean(unexplained(pure, own_matrix, live.array, at.Pose.identity()) ** 2))
+        )
         found, off, started, seconds = [], [], [], []
         for seed in range(count):
             random = np.random.default_rng(seed)
             turn = Rotation.from_rotvec(np.radians(1.0) * random.normal(size=3)).as_matrix()
-            away = at.Pose(turn, foci.mean(axis=0) - turn @ foci.mean(axis=0) + 0.7e-3 * random.normal(size=3))
+            away = at.Pose(
+                turn, foci.mean(axis=0) - turn @ foci.mean(axis=0) + 0.7e-3 * random.normal(size=3)
+            )
             noise = 0.1 * size * (random.normal(size=(2, *pure.pressures.shape)) / np.sqrt(2))
-            echoes = replace(pure, pressures=pure.pressures + noise[0] + 1j * noise[1], noise=0.1 * size)
+            echoes = replace(
+                pure, pressures=pure.pressures + noise[0] + 1j * noise[1], noise=0.1 * size
+            )
             begun = time.process_time()
             found.append(at.locate(echoes, phalanges, live.array, away, scattering=own_matrix))
             seconds.append(time.process_time() - begun)
             for pose, some in ((away, started), (found[-1].pose, off)):
                 some.append(1e3 * np.linalg.norm(pose.apply(foci) - foci, axis=1).max())
-        left_over, believed = np.median([one.misfit for one in found]), sum(one.converged for one in found)
+        left_over, believed = (
+            np.median([one.misfit for one in found]),
+            sum(one.converged for one in found),
+        )
         print(f"echoes of the {part}, 8 codes, 20 dB, simulated in {used:.1f} s of processor:")
         print(
             f"  the phalanges leave {left:.2f} at the true pose | foci {np.median(started):.2f} mm off at the start, "
@@ -362,16 +419,24 @@ def times(count: int) -> None:
     waves = array_waves(model(), BOX.seen_from(TRUE), model().order + SPARE_ORDERS, single=True)
     _ = model().patterns  # as ``locate`` finds them
     echo = EchoModel.of(model(), waves, random_codes(996, 16, seed=1), np.arange(996))
-    motion, echoes = motion_of(np.array([5e-4, -3e-4, 2e-4, 0.01, 0.005, -0.01])), noisy(perfect(16), 30.0, 996, 0)
+    motion, echoes = (
+        motion_of(np.array([5e-4, -3e-4, 2e-4, 0.01, 0.005, -0.01])),
+        noisy(perfect(16), 30.0, 996, 0),
+    )
     at_start = start(1e-3, 2.0, 0)
     for name, work in (
         ("the echoes of a pose", lambda: echo.echoes(motion)),
         ("their six derivatives", lambda: echo.derivatives(motion)),
         (
             "the array's waves, once a start",
-            lambda: array_waves(model(), BOX.seen_from(TRUE), model().order + SPARE_ORDERS, single=True),
+            lambda: array_waves(
+                model(), BOX.seen_from(TRUE), model().order + SPARE_ORDERS, single=True
+            ),
         ),
-        ("a registration from 1 mm, 2°", lambda: at.locate(echoes, scene(), BOX, at_start, scattering=model())),
+        (
+            "a registration from 1 mm, 2°",
+            lambda: at.locate(echoes, scene(), BOX, at_start, scattering=model()),
+        ),
     ):
         work()
         took, used = [], time.process_time()
@@ -380,7 +445,9 @@ def times(count: int) -> None:
             work()
             took.append(time.perf_counter() - begun)
         used = (time.process_time() - used) / 9
-        print(f"{name}, 16 codes, 996 receivers: {1e3 * np.median(took):.1f} ms, {1e3 * used:.1f} ms of processors")
+        print(
+            f"{name}, 16 codes, 996 receivers: {1e3 * np.median(took):.1f} ms, {1e3 * used:.1f} ms of processors"
+        )
 
 
 def calibrate(count: int) -> None:
@@ -390,25 +457,52 @@ def calibrate(count: int) -> None:
         random = np.random.default_rng(seed)
         motions = random.normal(size=(4, 6)) * np.repeat([1e-3, np.radians(0.7)], 3)
         motions[0] = 0.0
-        gains = np.exp(0.1 * random.normal(size=(2, 996)) + 1j * np.radians(20) * random.normal(size=(2, 996)))
-        true = at.boards.join([moved(*pair) for pair in zip(boards, motions, strict=True)]).calibrated(gains[0])
-        air, codes = at.Medium(AIR.sound_speed + 2 * random.normal(), AIR.density), hadamard_codes(996)
+        gains = np.exp(
+            0.1 * random.normal(size=(2, 996)) + 1j * np.radians(20) * random.normal(size=(2, 996))
+        )
+        true = at.transducers.join(
+            [moved(*pair) for pair in zip(boards, motions, strict=True)]
+        ).calibrated(gains[0])
+        air, codes = (
+            at.Medium(AIR.sound_speed + 2 * random.normal(), AIR.density),
+            hadamard_codes(996),
+        )
         heard = simulate_transmissions(true, air, codes, reception=gains[1], noise=30.0, seed=seed)
         begun = time.process_time()
         found = at.calibrate(heard, BOX, AIR)
         seconds.append(time.process_time() - begun)
         pairs = list(zip(boards_of(found.array), boards_of(true), strict=True))
-        apart = max(float(np.linalg.norm(one.positions.mean(0) - other.positions.mean(0))) for one, other in pairs)
+        apart = max(
+            float(np.linalg.norm(one.positions.mean(0) - other.positions.mean(0)))
+            for one, other in pairs
+        )
         frames = [(one.normals[0], one.tangents[0]) for pair in pairs for one in pair]
-        turn = max(np.linalg.norm(np.subtract(*pair)) for pair in zip(frames[::2], frames[1::2], strict=True))
-        ratios = [one / other for one, other in zip((found.emission, found.reception), gains, strict=True)]
+        turn = max(
+            np.linalg.norm(np.subtract(*pair))
+            for pair in zip(frames[::2], frames[1::2], strict=True)
+        )
+        ratios = [
+            one / other for one, other in zip((found.emission, found.reception), gains, strict=True)
+        ]
         ratio = np.concatenate([one / one.mean() for one in ratios])
         size, phase = np.std(np.abs(ratio)), np.degrees(np.std(np.angle(ratio)))
-        off.append((1e3 * apart, np.degrees(turn), 100 * size, phase, abs(found.sound_speed - air.sound_speed)))
+        off.append(
+            (
+                1e3 * apart,
+                np.degrees(turn),
+                100 * size,
+                phase,
+                abs(found.sound_speed - air.sound_speed),
+            )
+        )
         assert found.converged, found
-    names = "worst board {:.4f} mm | {:.4f}° | gains {:.3f} % | phases {:.3f}° | sound speed {:.5f} m/s"
+    names = (
+        "worst board {:.4f} mm | {:.4f}° | gains {:.3f} % | phases {:.3f}° | sound speed {:.5f} m/s"
+    )
     print("calibrate, 30 dB, rms: " + names.format(*np.sqrt(np.mean(np.square(off), axis=0))))
-    print(f"worst of {count}: {names.format(*np.max(off, axis=0))} | {np.median(seconds):.1f} s of processor each")
+    print(
+        f"worst of {count}: {names.format(*np.max(off, axis=0))} | {np.median(seconds):.1f} s of processor each"
+    )
 
 
 ROWS = {

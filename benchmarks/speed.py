@@ -1,8 +1,9 @@
 """Time and memory of the jobs: every speed figure of docs/performance.md, measured anew.
 
-Run ``make bench``, or ``PYTHONPATH=.:tests python benchmarks/speed.py [row ...]`` with the first words of the rows
-wanted. Times are medians with the least and the most, errors are against fundamental solutions or, for a hand, against
-a more accurate solution; these references take some minutes the first time and are cached in ``out/bench/references``.
+Run ``make bench``, or ``PYTHONPATH=.:tests python benchmarks/speed.py [row ...]`` with the first
+words of the rows wanted. Times are medians with the least and the most, errors are against
+fundamental solutions or, for a hand, against a more accurate solution; these references take some
+minutes the first time and are cached in ``out/bench/references``.
 """
 
 import os
@@ -21,7 +22,7 @@ from airtact.live.drives.bending import BendingHand
 from benchmarks import live
 
 ROOT = Path(__file__).parent.parent
-EXAMPLES = ROOT / "src/airtact/examples"
+EXAMPLES = ROOT / "src/airtact/setup/examples"
 CACHE = ROOT / "out/bench/references"
 
 
@@ -32,7 +33,9 @@ def pinch_seconds() -> tuple[float, float]:
     best = float("inf")
     for _ in range(5):
         fingers = at.pinch()
-        scene = at.Scene(at.Medium(343.1, 1.293), [at.sound_hard(surface) for surface in fingers.surfaces])
+        scene = at.Scene(
+            at.Medium(343.1, 1.293), [at.sound_hard(surface) for surface in fingers.surfaces]
+        )
         target = at.Target(fingers.foci())
         array = at.surrounding_box()
         began = time.perf_counter()
@@ -59,7 +62,10 @@ def render_seconds(name: str) -> tuple[float, float]:
 def import_seconds() -> float:
     """Import airtact in a fresh interpreter, best of five [s]."""
     code = "import time; t = time.perf_counter(); import airtact; print(time.perf_counter() - t)"
-    runs = [subprocess.run([sys.executable, "-c", code], check=True, capture_output=True) for _ in range(5)]
+    runs = [
+        subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
+        for _ in range(5)
+    ]
     return min(float(run.stdout) for run in runs)
 
 
@@ -82,7 +88,14 @@ def carried(runs: int = 8) -> list[Row]:
         joints, began = setting.motion(0.32 + 0.02 * frame), time.process_time()
         solver.carried(joints, 0.0)
         seconds.append(time.process_time() - began)
-    return [Row("sound of a whole hand carried to a new pose", "-", f"{1e3 * min(seconds):.1f} ms of processor", "")]
+    return [
+        Row(
+            "sound of a whole hand carried to a new pose",
+            "-",
+            f"{1e3 * min(seconds):.1f} ms of processor",
+            "",
+        )
+    ]
 
 
 def rendered(name: str, asked: str) -> list[Row]:
@@ -104,8 +117,13 @@ def rows(runs: int = 7) -> dict[str, Callable[[], list[Row]]]:
 
 if __name__ == "__main__":
     load, cores = os.getloadavg()[0], len(os.sched_getaffinity(0))
-    print(f"{cores} cores, {_kernels.active_variant()}, load before {load:.1f}: medians of 7 (least to most)\n")
+    print(
+        f"{cores} cores, {_kernels.active_variant()}, load before {load:.1f}: medians of 7 (least to most)\n"
+    )
     print("| figure | asked | measured | error | where the time went |\n|---|---|---|---|---|")
     for name, measure in rows().items():
         for row in measure() if name in sys.argv[1:] or not sys.argv[1:] else []:
-            print(f"| {row.what} | {row.asked} | {row.measured} | {row.error} | {row.profile} |", flush=True)
+            print(
+                f"| {row.what} | {row.asked} | {row.measured} | {row.error} | {row.profile} |",
+                flush=True,
+            )

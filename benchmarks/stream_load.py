@@ -2,7 +2,8 @@
 
     python benchmarks/stream_load.py [SECONDS]
 
-A process of its own sends. The age of a frame is the time from its sending to its use by the stream, by one clock.
+A process of its own sends. The age of a frame is the time from its sending to its use by the
+stream, by one clock.
 """
 
 import subprocess
@@ -13,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from airtact.examples import example
-from airtact.tracking.frame import HandFrame
-from airtact.tracking.messages import to_json
-from airtact.tracking.receivers import WebSocketReceiver
-from airtact.tracking.recordings import load_recording
-from airtact.tracking.stream import HandStream
+from airtact.hands.tracking.frame import HandFrame
+from airtact.hands.tracking.messages import to_json
+from airtact.hands.tracking.receivers import WebSocketReceiver
+from airtact.hands.tracking.recordings import load_recording
+from airtact.hands.tracking.stream import HandStream
+from airtact.setup.examples import example
 
 RATE = 2000
 """Frames a second."""
@@ -47,9 +48,13 @@ def resident() -> int:
 
 def main(seconds: float) -> None:
     """Send, and print what came."""
-    first = next(one for one in load_recording(example("pinching.jsonl")).frames if one.landmarks is not None)
+    first = next(
+        one for one in load_recording(example("pinching.jsonl")).frames if one.landmarks is not None
+    )
     line = to_json(HandFrame(0.5, first.side, 12345, first.landmarks)).decode() + "\n"
-    ages = array("d", bytes(8 * int(seconds * RATE)))  # made before, so that it does not count as growth
+    ages = array(
+        "d", bytes(8 * int(seconds * RATE))
+    )  # made before, so that it does not count as growth
     used = 0
 
     def note(frame: HandFrame) -> None:
@@ -75,7 +80,9 @@ def main(seconds: float) -> None:
     used_share, overtaken = (part / (0.9 * count) for part in (used, stream.health.overtaken))
     print(f"age: median {age[0]:.2f} ms, 99 of 100 within {age[1]:.2f} ms")
     print(f"{used_share:.2%} of the good frames used, {overtaken:.2%} overtaken by newer ones")
-    print(f"memory {early / 1e6:.1f} MB after a fifth, {late / 1e6:.1f} MB at the end ({(late - early) / early:+.2%})")
+    print(
+        f"memory {early / 1e6:.1f} MB after a fifth, {late / 1e6:.1f} MB at the end ({(late - early) / early:+.2%})"
+    )
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 """How well any surface is solved: every figure of scanned, drawn and damaged meshes, measured anew.
 
-Run ``PYTHONPATH=.:tests python benchmarks/surfaces.py [figure ...]``; ``hand`` and ``damaged`` take minutes. The
-reference is fundamental solutions inside an ellipsoid, or the same body with smaller panels.
+Run ``PYTHONPATH=.:tests python benchmarks/surfaces.py [figure ...]``; ``hand`` and ``damaged`` take
+minutes. The reference is fundamental solutions inside an ellipsoid, or the same body with smaller
+panels.
 """
 
 import sys
@@ -13,11 +14,15 @@ import trimesh
 
 import airtact as at
 from airtact.benching.peers.peak_memory import forget_peak, peak
-from airtact.mesh.quadratic_triangles import enclosed_volume, longest_edges, smallest_angles
+from airtact.geometry.mesh.quadratic_triangles import (
+    enclosed_volume,
+    longest_edges,
+    smallest_angles,
+)
 from benchmarks.accuracy import FREQUENCY, PAPER_AIR, directions, far_points, one_each, relative
-from mesh.repair.damage import damaged
+from geometry.assorted_meshes import assorted
+from geometry.mesh.repair.damage import damaged
 from references import ellipsoid
-from surfaces.assorted_meshes import assorted
 
 HAND = at.example("generic-hand-right.glb")
 OPEN_HAND = at.example("open_hand")
@@ -28,7 +33,9 @@ EDGE = 0.638 * PAPER_AIR.wavelength(FREQUENCY)
 
 def scene_of(vertices: np.ndarray, triangles: np.ndarray) -> at.Scene:
     """Put a body of flat triangles into the air, as it comes from a file."""
-    return at.Scene(PAPER_AIR, [at.sound_hard(at.Surface(vertices, triangles))], frequency=FREQUENCY)
+    return at.Scene(
+        PAPER_AIR, [at.sound_hard(at.Surface(vertices, triangles))], frequency=FREQUENCY
+    )
 
 
 def scanned(axes: np.ndarray, level: int, noise: float) -> at.Scene:
@@ -41,7 +48,9 @@ def scanned(axes: np.ndarray, level: int, noise: float) -> at.Scene:
     return scene_of(points + rough * normals, np.array(mesh.faces))
 
 
-def scanned_error(axes: np.ndarray, gap: float, level: int, noise: float) -> tuple[float, float, float, int]:
+def scanned_error(
+    axes: np.ndarray, gap: float, level: int, noise: float
+) -> tuple[float, float, float, int]:
     """Worst error of 8 sources a gap off the skin, seconds with and without panelling, and unknowns."""
     skin, normals, _ = ellipsoid.surface_points(axes, 8)
     positions, points = skin + gap * normals, far_points()
@@ -53,14 +62,24 @@ def scanned_error(axes: np.ndarray, gap: float, level: int, noise: float) -> tup
         began = time.perf_counter()
         field = at.BoundaryElement().radiate(scene, one_each(positions))
         seconds.append(time.perf_counter() - began)
-    return float(relative(field.at(points), true).max()), seconds[0], min(seconds[1:]), field.report.nodes
+    return (
+        float(relative(field.at(points), true).max()),
+        seconds[0],
+        min(seconds[1:]),
+        field.report.nodes,
+    )
 
 
-def against_smaller_panels(dimensions: tuple[float, float, float], positions: np.ndarray) -> tuple[float, float, float]:
+def against_smaller_panels(
+    dimensions: tuple[float, float, float], positions: np.ndarray
+) -> tuple[float, float, float]:
     """Worst error of a box at 1 % against 0.0005, relative error of its volume, smallest angle of its panels."""
     box = trimesh.creation.box(dimensions)
     scene = scene_of(np.array(box.vertices), np.array(box.faces))
-    fields = [at.BoundaryElement(accuracy=asked).radiate(scene, one_each(positions)) for asked in (0.01, 0.0005)]
+    fields = [
+        at.BoundaryElement(accuracy=asked).radiate(scene, one_each(positions))
+        for asked in (0.01, 0.0005)
+    ]
     found, true = (field.at(far_points()) for field in fields)
     panels = fields[0].surface.nodes.quadratic_triangles
     volume = enclosed_volume(panels) / np.prod(dimensions) - 1
@@ -68,7 +87,10 @@ def against_smaller_panels(dimensions: tuple[float, float, float], positions: np
 
 
 def scanned_figures() -> Iterator[str]:
-    for name, axes in (("sphere 10 mm", np.full(3, 0.01)), ("ellipsoid 15, 10, 7 mm", np.array([15, 10, 7]) * 1e-3)):
+    for name, axes in (
+        ("sphere 10 mm", np.full(3, 0.01)),
+        ("ellipsoid 15, 10, 7 mm", np.array([15, 10, 7]) * 1e-3),
+    ):
         for gap in (0.002, 0.02):
             few, many = scanned_error(axes, gap, 4, 0.0), scanned_error(axes, gap, 6, 2e-5)
             yield (
@@ -80,10 +102,15 @@ def scanned_figures() -> Iterator[str]:
 
 
 def box_figures() -> Iterator[str]:
-    beside = np.array([[0, 0, 9.5], [3, 5, 9.5], [9.5, 9, 2], [20, 10, 3], [10, 10, 10], [0, 0, 30]]) * 1e-3
+    beside = (
+        np.array([[0, 0, 9.5], [3, 5, 9.5], [9.5, 9, 2], [20, 10, 3], [10, 10, 10], [0, 0, 30]])
+        * 1e-3
+    )
     error, volume, angle = against_smaller_panels((0.015, 0.015, 0.015), beside)
     yield f"cube of 15 mm: {100 * error:.2f} %, volume {100 * volume:.1g} % off, smallest angle {angle:.0f} degrees"
-    before = np.array([[0, 0, 2], [3, 5, 1], [10.5, 4, 1], [0, 0, 10], [10, 0, 10], [0, 0, 30]]) * 1e-3
+    before = (
+        np.array([[0, 0, 2], [3, 5, 1], [10.5, 4, 1], [0, 0, 10], [10, 0, 10], [0, 0, 30]]) * 1e-3
+    )
     error, volume, angle = against_smaller_panels((0.02, 0.02, 0.0006), before)
     off = f"volume {100 * volume:.1g} % off, smallest angle {angle:.0f} degrees"
     yield f"plate 20 x 20 x 0.6 mm: {100 * error:.2f} %, {off}"
@@ -93,7 +120,10 @@ def hand_figures() -> Iterator[str]:
     import tomllib
 
     points = [focus["point"] for focus in tomllib.loads(OPEN_HAND.read_text())["foci"]][:5]
-    beacons, points_above = one_each(np.array(points)), np.array([0.01, -0.02, 0.0]) + 0.25 * directions(200, 3)
+    beacons, points_above = (
+        one_each(np.array(points)),
+        np.array([0.01, -0.02, 0.0]) + 0.25 * directions(200, 3),
+    )
     air = at.air(celsius=20.0, humidity=0.5, frequency=FREQUENCY)
     found = []
     for asked in (0.03, 0.003):
@@ -101,7 +131,9 @@ def hand_figures() -> Iterator[str]:
         scene = at.Scene(air, [at.sound_hard(at.load_surface(HAND))], frequency=FREQUENCY)
         began = time.perf_counter()
         field = at.BoundaryElement(accuracy=asked).radiate(scene, beacons)
-        found.append((field.at(points_above), field.report, time.perf_counter() - began, peak() - held))
+        found.append(
+            (field.at(points_above), field.report, time.perf_counter() - began, peak() - held)
+        )
     (coarse, report, seconds, memory), (fine, verified, _, _) = found
     yield (
         f"open hand at 3 %, five fingertips: {100 * relative(coarse, fine).max():.1f} % from the solve at "
@@ -139,7 +171,9 @@ def angle_figures() -> Iterator[str]:
     worst.sort()
     above = sum(angle >= 15 for angle, *_ in worst)
     below = ", ".join(
-        f"{name} {angle:.1f} ({100 * share:.1f} % of {count})" for angle, name, share, count in worst if angle < 15
+        f"{name} {angle:.1f} ({100 * share:.1f} % of {count})"
+        for angle, name, share, count in worst
+        if angle < 15
     )
     yield f"{above} of {len(worst)} meshes have no angle below 15 degrees, edge {1e3 * EDGE:.1f} mm; others: {below}"
 
@@ -164,7 +198,7 @@ def damaged_figures(count: int = 500) -> Iterator[str]:
 
 
 def _repaired(mesh: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    from airtact.mesh.repair.pipeline import repaired
+    from airtact.geometry.mesh.repair.pipeline import repaired
 
     found = repaired(*mesh)
     return found.vertices, found.triangles

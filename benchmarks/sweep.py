@@ -1,7 +1,8 @@
 """Sweeps over many processors: their speed, on processes and on Dask, and what killing them leaves.
 
-Run ``PYTHONPATH=. python benchmarks/sweep.py speed``, ``kills`` or ``dask``. 200 poses of the pinch before the box of
-996 elements at 3 %, for ``kills`` at 10 %: ten gaps, each at twenty places of the box. Every process has one thread.
+Run ``PYTHONPATH=. python benchmarks/sweep.py speed``, ``kills`` or ``dask``. 200 poses of the pinch
+before the box of 996 elements at 3 %, for ``kills`` at 10 %: ten gaps, each at twenty places of the
+box. Every process has one thread.
 """
 
 import argparse
@@ -17,8 +18,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import airtact as at
-from airtact.sweeping.scene_point import scene_point
-from airtact.sweeping.sweep import sweep
+from airtact.setup.sweeping.scene_point import scene_point
+from airtact.setup.sweeping.sweep import sweep
 from airtact.workflows.sweep.grid import grid_of
 from airtact.workflows.sweep.sweep import executor_of
 
@@ -31,12 +32,15 @@ def scene(folder: Path, accuracy: float = 0.03) -> Path:
     """Write the example at another accuracy into a folder."""
     file = folder / "pinch.toml"
     file.write_text(
-        at.example("pinch").read_text("utf-8").replace("accuracy = 0.01", f"accuracy = {accuracy}"), "utf-8"
+        at.example("pinch").read_text("utf-8").replace("accuracy = 0.01", f"accuracy = {accuracy}"),
+        "utf-8",
     )
     return file
 
 
-def compared(batches: int, places: int, one: tuple[int, str | None], other: tuple[int, str | None]) -> None:
+def compared(
+    batches: int, places: int, one: tuple[int, str | None], other: tuple[int, str | None]
+) -> None:
     """Compute batches of points by one and the other in turn, both started and warm, so that both get the same load."""
     kinds = (one, other)
     with TemporaryDirectory() as name, ExitStack() as stack:
@@ -57,7 +61,9 @@ def compared(batches: int, places: int, one: tuple[int, str | None], other: tupl
         middle, all_of_it = statistics.median(found), ", ".join(f"{1e3 * one:.0f}" for one in found)
         print(f"{dask or 'processes'} of {number}: {1e3 * middle:.1f} ms a point ({all_of_it})")
     ratios = [first / second for first, second in zip(*runs, strict=True)]
-    print(f"the first over the second: {statistics.median(ratios):.2f} ({min(ratios):.2f} to {max(ratios):.2f})")
+    print(
+        f"the first over the second: {statistics.median(ratios):.2f} ({min(ratios):.2f} to {max(ratios):.2f})"
+    )
 
 
 def kills(count: int, seed: int) -> None:
@@ -65,20 +71,32 @@ def kills(count: int, seed: int) -> None:
     chance = random.Random(seed)
     with TemporaryDirectory() as name:
         folder = Path(name)
-        command = [sys.executable, "-m", "airtact", "sweep", str(scene(folder, 0.1)), "--no-pictures", "--quiet"]
+        command = [
+            sys.executable,
+            "-m",
+            "airtact",
+            "sweep",
+            str(scene(folder, 0.1)),
+            "--no-pictures",
+            "--quiet",
+        ]
         command += [word for axis in varied(20) for word in ("--vary", axis)]
         begun = time.perf_counter()
         subprocess.run([*command, "--out", str(folder / "whole")], check=True)
         took = time.perf_counter() - begun
         kept = []
         for _ in range(count):
-            run = subprocess.Popen([*command, "--out", str(folder / "killed")], start_new_session=True)
+            run = subprocess.Popen(
+                [*command, "--out", str(folder / "killed")], start_new_session=True
+            )
             time.sleep(chance.uniform(0.0, 2.0 * took / count + 4.0))
             os.kill(run.pid, signal.SIGKILL)
             run.wait()
             kept.append(len(list((folder / "killed" / "points").glob("*.json"))))
         subprocess.run([*command, "--out", str(folder / "killed")], check=True)
-        same = (folder / "killed/sweep.csv").read_bytes() == (folder / "whole/sweep.csv").read_bytes()
+        same = (folder / "killed/sweep.csv").read_bytes() == (
+            folder / "whole/sweep.csv"
+        ).read_bytes()
         rows = (folder / "killed/sweep.csv").read_text("utf-8").count("\n") - 1
     print(f"killed {count} times, with so many points kept: {kept}")
     print(f"then finished: {rows} rows, the same bytes as without a kill: {same}")

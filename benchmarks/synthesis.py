@@ -1,9 +1,10 @@
 """Pressures and times of the synthesis methods: every figure of docs/performance.md about drives, measured anew.
 
-Run ``PYTHONPATH=.:tests python benchmarks/synthesis.py``, with ``--acoustools PYTHON`` the Python of an environment
-where AcousTools is installed (it needs PyTorch), else that comparison is left out. The transfer matrices of 300 points
-beside the pinch and 300 beside the open hand, 0.5 to 10 mm off the skin, are solved once and cached in ``out/bench``.
-A set is a random choice of them, no two nearer than λ/10.
+Run ``PYTHONPATH=.:tests python benchmarks/synthesis.py``, with ``--acoustools PYTHON`` the Python
+of an environment where AcousTools is installed (it needs PyTorch), else that comparison is left
+out. The transfer matrices of 300 points beside the pinch and 300 beside the open hand, 0.5 to 10 mm
+off the skin, are solved once and cached in ``out/bench``. A set is a random choice of them, no two
+nearer than λ/10.
 """
 
 import argparse
@@ -17,9 +18,9 @@ from pathlib import Path
 import numpy as np
 
 import airtact as at
-from airtact.scene_file.building import read_scene
-from airtact.synthesis.gerchberg_saxton import alternating_projections
-from airtact.synthesis.upper_bound import relaxed_bound
+from airtact.drives.bounds import relaxed_bound
+from airtact.drives.gerchberg_saxton import alternating_projections
+from airtact.setup.building import read_scene
 
 ROOT = Path(__file__).parent.parent
 CACHE = ROOT / "out/bench/synthesis.npz"
@@ -46,7 +47,9 @@ def transfers() -> dict[str, at.TransferMatrix]:
         for name in names:
             setup = read_scene(at.example(name))
             target = at.Target(beside(setup.scene, random))
-            transfer = at.transfer_matrix(setup.solver.radiate(setup.scene, target.beacons()), setup.array)
+            transfer = at.transfer_matrix(
+                setup.solver.radiate(setup.scene, target.beacons()), setup.array
+            )
             arrays |= {f"{name}_matrix": transfer.matrix, f"{name}_points": target.points}
             arrays[f"{name}_wavelength"] = np.array(setup.scene.wavelength)
         CACHE.parent.mkdir(parents=True, exist_ok=True)
@@ -54,18 +57,26 @@ def transfers() -> dict[str, at.TransferMatrix]:
     with np.load(CACHE) as cached:
         return {
             name: at.TransferMatrix(
-                cached[f"{name}_matrix"], 0.0, cached[f"{name}_points"], float(cached[f"{name}_wavelength"])
+                cached[f"{name}_matrix"],
+                0.0,
+                cached[f"{name}_points"],
+                float(cached[f"{name}_wavelength"]),
             )
             for name in names
         }
 
 
-def choose(whole: at.TransferMatrix, count: int, random: np.random.Generator, apart: float = 0.1) -> np.ndarray:
+def choose(
+    whole: at.TransferMatrix, count: int, random: np.random.Generator, apart: float = 0.1
+) -> np.ndarray:
     assert whole.foci is not None
     assert whole.wavelength is not None
     chosen: list[int] = []
     for index in random.permutation(len(whole.foci)):
-        near = np.linalg.norm(whole.foci[chosen] - whole.foci[index], axis=1) < apart * whole.wavelength
+        near = (
+            np.linalg.norm(whole.foci[chosen] - whole.foci[index], axis=1)
+            < apart * whole.wavelength
+        )
         if not near.any():
             chosen.append(int(index))
         if len(chosen) == count:
@@ -75,16 +86,22 @@ def choose(whole: at.TransferMatrix, count: int, random: np.random.Generator, ap
 
 def part(whole: at.TransferMatrix, rows: np.ndarray) -> tuple[at.TransferMatrix, at.Target]:
     assert whole.foci is not None
-    return at.TransferMatrix(whole.matrix[rows], 0.0, whole.foci[rows], whole.wavelength), at.Target(whole.foci[rows])
+    return at.TransferMatrix(
+        whole.matrix[rows], 0.0, whole.foci[rows], whole.wavelength
+    ), at.Target(whole.foci[rows])
 
 
-def sets(least: int, most: int, count: int, apart: float = 0.1) -> Iterator[tuple[at.TransferMatrix, at.Target]]:
+def sets(
+    least: int, most: int, count: int, apart: float = 0.1
+) -> Iterator[tuple[at.TransferMatrix, at.Target]]:
     """Draw sets beside the pinch and the open hand in turn, again where a focus is shadowed."""
     random, wholes = np.random.default_rng(11), list(transfers().values())
     made = 0
     while made < count:
         whole = wholes[made % len(wholes)]
-        transfer, target = part(whole, choose(whole, int(random.integers(least, most + 1)), random, apart))
+        transfer, target = part(
+            whole, choose(whole, int(random.integers(least, most + 1)), random, apart)
+        )
         try:
             at.upper_bound(transfer, target, tolerance=1.0)
         except at.InvalidInput:
@@ -117,7 +134,9 @@ def single_focus() -> None:
         most = float(np.abs(transfer.matrix).sum())
         reversal = at.time_reversal(transfer, target)
         energy = float(np.linalg.norm(reversal.amplitudes) * np.linalg.norm(transfer.matrix))
-        worst = max(worst, abs(smallest(transfer, at.synthesis.phase_conjugate(transfer, target)) / most - 1.0))
+        worst = max(
+            worst, abs(smallest(transfer, at.drives.phase_conjugate(transfer, target)) / most - 1.0)
+        )
         worst = max(worst, abs(smallest(transfer, reversal) / energy - 1.0))
     row("one focus against the analytic optimum, 40 foci", "1e-6", f"{worst:.1e}")
 
@@ -131,13 +150,23 @@ def against_bound() -> None:
         exact = smallest(transfer, at.max_min(transfer, target))
         starts = np.exp(2j * np.pi * random.uniform(size=(STARTS, count)))
         alike = np.tile(np.arange(count), (STARTS, 1))
-        best = alternating_projections(transfer.matrix, alike, np.ones((STARTS, count)), starts, 300)[1].max()
+        best = alternating_projections(
+            transfer.matrix, alike, np.ones((STARTS, count)), starts, 300
+        )[1].max()
         shares.append(smallest(transfer, drive) / bound.worst)
         others.append(exact / best)
         rounded.append(smallest(transfer, drive) / exact)
     reached = f"median {np.median(shares):.1%}, least {min(shares):.1%}"
-    row(f"max_min, 8 + 8 bits, worst focus over the bound, {SETS} sets of 2 to 16", "90 %, 85 %", reached)
-    row(f"the same over the best of {STARTS} starts, 300 iterations each", "99 %", f"least {min(others):.2%}")
+    row(
+        f"max_min, 8 + 8 bits, worst focus over the bound, {SETS} sets of 2 to 16",
+        "90 %, 85 %",
+        reached,
+    )
+    row(
+        f"the same over the best of {STARTS} starts, 300 iterations each",
+        "99 %",
+        f"least {min(others):.2%}",
+    )
     row("what 8 + 8 bits leave of the worst focus", "-", f"least {min(rounded):.2%}")
 
 
@@ -145,7 +174,9 @@ def certificate() -> None:
     times, over, eigenvalues = [], [], []
     for transfer, target in sets(16, 16, 20):
         times.append(seconds(functools.partial(at.upper_bound, transfer, target), 3))
-        bound, tight = (at.upper_bound(transfer, target, tolerance=tolerance) for tolerance in (1e-3, 1e-6))
+        bound, tight = (
+            at.upper_bound(transfer, target, tolerance=tolerance) for tolerance in (1e-3, 1e-6)
+        )
         over.append(bound.worst / tight.worst - 1.0)
         eigenvalues.append(bound.eigenvalue(transfer, target))
     row("bound of 16 foci, slowest of 20 sets", "0.5 s", f"{max(times):.3f} s")
@@ -156,11 +187,15 @@ def certificate() -> None:
 def iterated() -> None:
     worst = 0.0
     for transfer, target in sets(2, 10, 40, apart=2.0):
-        inverse = at.synthesis.inverse_filter(transfer, target, weight=0.0).amplitudes
-        passes = at.synthesis.iterated_time_reversal(transfer, target, passes=5).amplitudes
+        inverse = at.drives.inverse_filter(transfer, target, weight=0.0).amplitudes
+        passes = at.drives.iterated_time_reversal(transfer, target, passes=5).amplitudes
         passes = passes * np.vdot(passes, inverse) / np.vdot(passes, passes)
         worst = max(worst, float(np.linalg.norm(passes - inverse) / np.linalg.norm(inverse)))
-    row("iterated time reversal, 5 passes, against the inverse filter, 2 λ apart, 40 sets", "1 %", f"{worst:.2%}")
+    row(
+        "iterated time reversal, 5 passes, against the inverse filter, 2 λ apart, 40 sets",
+        "1 %",
+        f"{worst:.2%}",
+    )
 
 
 def another_solver() -> None:
@@ -174,15 +209,22 @@ def another_solver() -> None:
     worst = 0.0
     for method in (
         at.time_reversal,
-        at.synthesis.inverse_filter,
+        at.drives.inverse_filter,
         at.weighted_gerchberg_saxton,
         at.max_min,
-        at.synthesis.gradient,
+        at.drives.gradient,
     ):
         drive = method(transfer, target)
         verified = at.evaluate(scene, array, drive, target, solver=at.SphereSeries())
-        worst = max(worst, float(np.max(np.abs(np.abs(transfer.pressure(drive)) / verified.magnitudes - 1.0))))
-    row("pressure at 8 foci round a sphere, by boundary elements and by series, 5 methods", "3 %", f"{worst:.2%}")
+        worst = max(
+            worst,
+            float(np.max(np.abs(np.abs(transfer.pressure(drive)) / verified.magnitudes - 1.0))),
+        )
+    row(
+        "pressure at 8 foci round a sphere, by boundary elements and by series, 5 methods",
+        "3 %",
+        f"{worst:.2%}",
+    )
 
 
 def speed() -> None:
@@ -190,15 +232,17 @@ def speed() -> None:
         random = np.random.default_rng(1)
         transfer, target = part(whole, choose(whole, 16, random))
         bound = at.upper_bound(transfer, target)
-        for method in (at.synthesis.gs_pat, at.weighted_gerchberg_saxton, at.max_min):
+        for method in (at.drives.gs_pat, at.weighted_gerchberg_saxton, at.max_min):
             took = seconds(functools.partial(method, transfer, target))
             share = bound.reached(transfer, target, method(transfer, target))
             measured = f"{1e3 * took:.2f} ms, {share:.1%} of the bound"
             row(f"{name}, 16 foci, one set: {method.__name__}", "1 ms", measured)
         many = np.array([choose(whole, 16, random) for _ in range(1000)])
-        took = seconds(functools.partial(at.synthesis.weighted_gerchberg_saxton_sets, whole, many), 5)
+        took = seconds(functools.partial(at.drives.weighted_gerchberg_saxton_sets, whole, many), 5)
         shares = []
-        for rows, drive in zip(many[:40], at.synthesis.weighted_gerchberg_saxton_sets(whole, many[:40]), strict=True):
+        for rows, drive in zip(
+            many[:40], at.drives.weighted_gerchberg_saxton_sets(whole, many[:40]), strict=True
+        ):
             transfer, target = part(whole, rows)
             bound = float(relaxed_bound(transfer.matrix, 1e-3)[0].worst)
             shares.append(smallest(transfer, drive) / bound)
@@ -229,7 +273,11 @@ print(json.dumps(found))
 
 def against_acoustools(python: str | None) -> None:
     if python is None:
-        row("AcousTools", "3 times faster, never lower", "left out: no --acoustools PYTHON was given")
+        row(
+            "AcousTools",
+            "3 times faster, never lower",
+            "left out: no --acoustools PYTHON was given",
+        )
         return
     drawn = list(sets(16, 16, 40))
     shared = CACHE.with_name("acoustools.npz")
@@ -237,19 +285,37 @@ def against_acoustools(python: str | None) -> None:
     for iterations in (50, 200):
         call = [python, "-W", "ignore", "-c", ACOUSTOOLS, str(shared), str(iterations)]
         answer = subprocess.run(call, capture_output=True, text=True, check=True).stdout
-        theirs = {name: np.array(rows) for name, rows in json.loads(answer.splitlines()[-1]).items()}
-        for name, method in (("wgs", at.weighted_gerchberg_saxton), ("gspat", at.synthesis.gs_pat)):
+        theirs = {
+            name: np.array(rows) for name, rows in json.loads(answer.splitlines()[-1]).items()
+        }
+        for name, method in (("wgs", at.weighted_gerchberg_saxton), ("gspat", at.drives.gs_pat)):
             jobs = [functools.partial(method, *one, iterations=iterations) for one in drawn]
-            ours = np.array([(seconds(job, 5), smallest(one[0], job())) for job, one in zip(jobs, drawn, strict=True)])
-            faster, worst = np.median(theirs[name][:, 0] / ours[:, 0]), ours[:, 1] / theirs[name][:, 1]
+            ours = np.array(
+                [
+                    (seconds(job, 5), smallest(one[0], job()))
+                    for job, one in zip(jobs, drawn, strict=True)
+                ]
+            )
+            faster, worst = (
+                np.median(theirs[name][:, 0] / ours[:, 0]),
+                ours[:, 1] / theirs[name][:, 1],
+            )
             measured = f"{faster:.1f} times ({1e3 * np.median(ours[:, 0]):.2f} ms), {worst.min():.6f}, median "
             measured += f"{np.median(worst):.3f} of their worst focus"
-            row(f"AcousTools' {name}, {iterations} iterations, single precision, 40 sets", "3 times, 1", measured)
+            row(
+                f"AcousTools' {name}, {iterations} iterations, single precision, 40 sets",
+                "3 times, 1",
+                measured,
+            )
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--acoustools", metavar="PYTHON", help="Python of an environment with AcousTools and PyTorch")
+    parser.add_argument(
+        "--acoustools",
+        metavar="PYTHON",
+        help="Python of an environment with AcousTools and PyTorch",
+    )
     options = parser.parse_args()
     print("| figure | asked | measured |\n|---|---|---|")
     for figure in (single_focus, against_bound, certificate, iterated, another_solver, speed):

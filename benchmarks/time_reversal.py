@@ -1,8 +1,9 @@
 """What echoes focus on for two fingers, with no knowledge of them: pressures at the foci, and a picture.
 
-Run ``python benchmarks/time_reversal.py [PICTURE]``, about half a minute on two idle cores. The pinch stands in the
-box of 996 monopoles; codes are from noise-free echoes by its scattering matrix, which is their best case, and pressures
-from boundary elements. All drives have every element at full scale, except the first, which may have less.
+Run ``python benchmarks/time_reversal.py [PICTURE]``, about half a minute on two idle cores. The
+pinch stands in the box of 996 monopoles; codes are from noise-free echoes by its scattering matrix,
+which is their best case, and pressures from boundary elements. All drives have every element at
+full scale, except the first, which may have less.
 """
 
 import sys
@@ -28,7 +29,11 @@ def drives(array: at.PhasedArray, scene: at.Scene, foci: np.ndarray) -> dict[str
         return at.simulate_echoes(scattering, scene, array, code).pressures
 
     every = dort(at.simulate_echoes(scattering, scene, array, hadamard_codes(996)), 12)
-    print("singular values over the first:", np.round(every.values[:12], 2), f"{(every.values > 0.5).sum()} above half")
+    print(
+        "singular values over the first:",
+        np.round(every.values[:12], 2),
+        f"{(every.values > 0.5).sum()} above half",
+    )
     found = {
         "known hand": at.max_min(transfer, target).amplitudes,
         "distances": at.focus_by_distance(array, target, AIR, scene.frequency).amplitudes,

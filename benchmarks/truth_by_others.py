@@ -1,11 +1,12 @@
 """Pressures and target strengths by other people's packages, which the tests hold the solvers against.
 
-The packages are installed in environments of their own, because they pin other versions of NumPy and SciPy. Both have
-the MIT licence; nothing of them is copied, their results are written:
+The packages are installed in environments of their own, because they pin other versions of NumPy
+and SciPy. Both have the MIT licence; nothing of them is copied, their results are written:
 
-    python -m venv build/others && build/others/bin/pip install acoustotreams==0.2.50 echosms==0.24.0
-    build/others/bin/python benchmarks/truth_by_others.py spheres tests/references/acoustotreams.json
-    build/others/bin/python benchmarks/truth_by_others.py strengths tests/references/echosms.json
+    python -m venv build/others && build/others/bin/pip install acoustotreams==0.2.50
+    echosms==0.24.0 build/others/bin/python benchmarks/truth_by_others.py spheres
+    tests/references/acoustotreams.json build/others/bin/python benchmarks/truth_by_others.py
+    strengths tests/references/echosms.json
 """
 
 import json
@@ -34,7 +35,11 @@ WATER_SPEED, WATER_DENSITY = 1477.4, 1026.8
 
 SPHERE_RADIUS, SPHEROID_SEMI_AXES = 0.01, (0.07, 0.01)
 SPHERE_FREQUENCIES = [12e3, 38e3, 70e3, 120e3]
-SPHEROID_FREQUENCIES = [12e3, 38e3, 60e3]  # at 80 kHz the series of echosms is cut too early: 0.08 dB off the paper
+SPHEROID_FREQUENCIES = [
+    12e3,
+    38e3,
+    60e3,
+]  # at 80 kHz the series of echosms is cut too early: 0.08 dB off the paper
 ANGLES = [90.0, 60.0, 30.0, 10.0]  # between the long axis and the sound at 38 kHz, broadside first
 
 
@@ -66,15 +71,20 @@ def _beside_spheres(count: int, degree: int) -> np.ndarray:
 
     wavenumber = 2 * np.pi * FREQUENCY / SOUND_SPEED
     air, hard = at.AcousticMaterial(1.3, SOUND_SPEED), at.AcousticMaterial(np.inf, 0.0)
-    in_default_air = wavenumber * SOUND_SPEED / at.AcousticMaterial().c  # the wavenumbers are those of its own air
-    matrices = [at.AcousticTMatrix.sphere(degree, in_default_air, radius, [hard, air]) for radius in RADII[:count]]
+    in_default_air = (
+        wavenumber * SOUND_SPEED / at.AcousticMaterial().c
+    )  # the wavenumbers are those of its own air
+    matrices = [
+        at.AcousticTMatrix.sphere(degree, in_default_air, radius, [hard, air])
+        for radius in RADII[:count]
+    ]
     cluster = at.AcousticTMatrix.cluster(matrices, CENTRES[:count]).interaction.solve()
     pressures = []
     for source in SOURCES:
         basis = at.ScalarSphericalWaveBasis([(0, 0, 0)], [source])
-        wave = at.spherical_wave_scalar(0, 0, k0=in_default_air, basis=basis, material=air, modetype="singular") * (
-            1j * wavenumber * np.sqrt(4 * np.pi)
-        )
+        wave = at.spherical_wave_scalar(
+            0, 0, k0=in_default_air, basis=basis, material=air, modetype="singular"
+        ) * (1j * wavenumber * np.sqrt(4 * np.pi))
         scattered = cluster @ wave.expand(cluster.basis, "regular")
         found = [np.ravel(np.asarray(scattered.pfield(receiver)))[0] for receiver in RECEIVERS]
         distance = np.linalg.norm(np.array(RECEIVERS) - source, axis=1)
@@ -97,7 +107,9 @@ def strengths() -> dict:
     major, minor = SPHEROID_SEMI_AXES
 
     def of_spheroid(frequency: float, angle: float) -> float:
-        return float(spheroid.calculate_ts_single(**water, a=major, b=minor, theta=angle, f=frequency))
+        return float(
+            spheroid.calculate_ts_single(**water, a=major, b=minor, theta=angle, f=frequency)
+        )
 
     return {
         "source": "echoSMs, exact modal series, MIT licence; the bodies of J. M. Jech and others, J. Acoust. Soc. Am. "
@@ -108,7 +120,10 @@ def strengths() -> dict:
         "sphere": {
             "radius": SPHERE_RADIUS,
             "frequencies": SPHERE_FREQUENCIES,
-            "strengths": [sphere.calculate_ts_single(**water, a=SPHERE_RADIUS, f=one) for one in SPHERE_FREQUENCIES],
+            "strengths": [
+                sphere.calculate_ts_single(**water, a=SPHERE_RADIUS, f=one)
+                for one in SPHERE_FREQUENCIES
+            ],
         },
         "spheroid": {
             "semi_axes": SPHEROID_SEMI_AXES,
@@ -121,4 +136,6 @@ def strengths() -> dict:
 
 
 if __name__ == "__main__":
-    Path(sys.argv[2]).write_text(json.dumps({"spheres": spheres, "strengths": strengths}[sys.argv[1]](), indent=1))
+    Path(sys.argv[2]).write_text(
+        json.dumps({"spheres": spheres, "strengths": strengths}[sys.argv[1]](), indent=1)
+    )

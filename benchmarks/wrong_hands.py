@@ -5,10 +5,10 @@ from jaxtyping import Float64
 from scipy.spatial.transform import Rotation
 
 from airtact import _kernels
-from airtact.hand.hand import Hand
-from airtact.hand.joints import CHAINS
-from airtact.hand.skin_mesh import even_skin
-from airtact.surfaces.surface import Surface
+from airtact.geometry.surface import Surface
+from airtact.hands.hand import Hand
+from airtact.hands.joints import CHAINS
+from airtact.hands.skin_mesh import even_skin
 
 TURNED = 3
 """Joints of each finger that are turned, from its root on."""
@@ -46,7 +46,9 @@ def bent(hand: Hand, size: float, seed: int) -> Hand:
     return Hand(_turned(hand, scale * turns), hand.radii, hand.side)
 
 
-def _turned(hand: Hand, turns: Float64[np.ndarray, "fingers turned 3"]) -> Float64[np.ndarray, "25 3"]:
+def _turned(
+    hand: Hand, turns: Float64[np.ndarray, "fingers turned 3"]
+) -> Float64[np.ndarray, "25 3"]:
     joints = hand.joints.copy()
     for chain, finger in zip(CHAINS, turns, strict=True):
         first = len(chain) - 1 - TURNED

@@ -19,7 +19,13 @@ project = "airtact"
 author = "The airtact developers"
 version = release = airtact.__version__
 
-extensions = ["myst_nb", "numpydoc", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx_copybutton"]
+extensions = [
+    "myst_nb",
+    "numpydoc",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx_copybutton",
+]
 html_theme = "furo"
 html_title = f"airtact {release}"
 html_math_renderer = "mathml"
@@ -37,7 +43,11 @@ myst_heading_anchors = 4
 copybutton_exclude = ".linenos, .gp, .go"
 
 autodoc_class_signature = "mixed"
-autodoc_default_options = {"members": True, "special-members": "__init__", "member-order": "bysource"}
+autodoc_default_options = {
+    "members": True,
+    "special-members": "__init__",
+    "member-order": "bysource",
+}
 autodoc_preserve_defaults = True
 autodoc_typehints_format = "short"
 autosummary_generate = False
@@ -51,10 +61,14 @@ nitpick_ignore_regex = [
         r"(collections|concurrent|dataclasses|jaxtyping|matplotlib|mpl_toolkits|numpy|np|pathlib|types|typing)\..*",
     ),
     ("py:.*", "ndarray|optional|Path"),
-    # The inside of shapes and the classes of fields, which users get but do not make: a field is a ``RadiatedField``.
+    # The inside of shapes and the classes of fields, which users get but do not make: a field is a
+    # ``RadiatedField``.
     ("py:.*", r"airtact\.(mesh|hand|solvers)\.\w+\..*"),
     ("py:.*", r"airtact\.solvers\.free_field\..*"),
-    ("py:.*", r"airtact\.live\.(drives|page)\..*"),  # the processes beside the loop, which ``airtact live`` starts
+    (
+        "py:.*",
+        r"airtact\.live\.(drives|page)\..*",
+    ),  # the processes beside the loop, which ``airtact live`` starts
 ]
 
 logger = logging.getLogger(__name__)
@@ -74,12 +88,17 @@ left out:
 
 def namespaces() -> list[ModuleType]:
     """``airtact`` and the modules right below it that say with ``__all__`` what is public."""
-    return [airtact, *(value for name in airtact.__all__ if inspect.ismodule(value := getattr(airtact, name)))]
+    return [
+        airtact,
+        *(value for name in airtact.__all__ if inspect.ismodule(value := getattr(airtact, name))),
+    ]
 
 
 def directive(name: str, member: Any) -> str:
     """Tell autodoc to document a name in full."""
-    kind = "class" if inspect.isclass(member) else "function" if inspect.isroutine(member) else "data"
+    kind = (
+        "class" if inspect.isclass(member) else "function" if inspect.isroutine(member) else "data"
+    )
     if inspect.isclass(member) and issubclass(member, BaseException):
         kind = "exception"
     return f".. auto{kind}:: {name}\n"
@@ -124,12 +143,22 @@ def write_errors() -> None:
                 continue
             code = next((word.value for word in node.keywords if word.arg == "code"), None)
             if isinstance(code, ast.Constant) and isinstance(code.value, str):
-                texts = [argument for argument in node.args if isinstance(argument, ast.JoinedStr | ast.Constant)]
+                texts = [
+                    argument
+                    for argument in node.args
+                    if isinstance(argument, ast.JoinedStr | ast.Constant)
+                ]
                 sentence = ast.unparse(texts[0]).removeprefix("f")[1:-1] if texts else ""
                 room = str(path.relative_to(root).with_suffix(""))
                 if code.value not in found or not found[code.value][1]:
-                    found[code.value] = room, re.sub(r"\{[^{}]*(?:\{[^{}]*\}[^{}]*)*\}", "…", sentence)
-    rows = [f"| `{code}` | `{room}` | {text.replace('|', ' ')} |" for code, (room, text) in sorted(found.items())]
+                    found[code.value] = (
+                        room,
+                        re.sub(r"\{[^{}]*(?:\{[^{}]*\}[^{}]*)*\}", "…", sentence),
+                    )
+    rows = [
+        f"| `{code}` | `{room}` | {text.replace('|', ' ')} |"
+        for code, (room, text) in sorted(found.items())
+    ]
     text = ERRORS_HEAD + "\n".join(rows) + "\n"
     path = REFERENCE / "errors.md"
     if not path.exists() or path.read_text(encoding="utf-8") != text:
@@ -146,7 +175,9 @@ def mathml(translator: Any, node: nodes.Element) -> None:
     raise nodes.SkipNode
 
 
-def named_first(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
+def named_first(
+    app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]
+) -> None:
     """Put what follows ``name : `` on a line of its own: types stand in the annotations, so it is a sentence."""
     heading, found = "", []
     for at, line in enumerate(lines):
@@ -161,24 +192,36 @@ def named_first(app: Sphinx, what: str, name: str, obj: object, options: object,
     lines[:] = found
 
 
-def plain_bars(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
+def plain_bars(
+    app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]
+) -> None:
     """Let |x| be a magnitude: docstrings have no substitutions."""
     code = False
     for at, line in enumerate(lines):
         code = line.lstrip().startswith(">>>") or (code and bool(line.strip()))
         if not code:
             parts = line.split("``")
-            lines[at] = "``".join(part if odd % 2 else part.replace("|", r"\|") for odd, part in enumerate(parts))
+            lines[at] = "``".join(
+                part if odd % 2 else part.replace("|", r"\|") for odd, part in enumerate(parts)
+            )
 
 
 def signature(
-    app: Sphinx, what: str, name: str, obj: object, options: object, arguments: str | None, result: str | None
+    app: Sphinx,
+    what: str,
+    name: str,
+    obj: object,
+    options: object,
+    arguments: str | None,
+    result: str | None,
 ) -> tuple[str | None, str | None]:
     """Write what a dataclass makes anew for each object so that Sphinx can read it."""
     return arguments and arguments.replace("<factory>", "..."), result
 
 
-def written_by_dataclass(app: Sphinx, what: str, name: str, obj: Any, skip: bool, options: object) -> bool | None:
+def written_by_dataclass(
+    app: Sphinx, what: str, name: str, obj: Any, skip: bool, options: object
+) -> bool | None:
     """Leave out an ``__init__`` that nobody wrote."""
     return True if name == "__init__" and obj.__code__.co_filename == "<string>" else None
 
@@ -190,7 +233,9 @@ def private_type(app: Sphinx, domain: object, node: nodes.Element) -> bool:
         above = above.parent
     if above is None:
         return False
-    logger.warning("signature of %s shows %s, which is not public", above["ids"][0], node["reftarget"])
+    logger.warning(
+        "signature of %s shows %s, which is not public", above["ids"][0], node["reftarget"]
+    )
     return True
 
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from airtact.drives.transfer import Drive, TransferMatrix
 from airtact.transducers.layout import surrounding_box
-from airtact.transfer import Drive, TransferMatrix
 
 WAVELENGTH = 343.1 / 40e3
 

@@ -23,8 +23,15 @@ install_import_hook("airtact", "checked_types.check")
 settings.register_profile("airtact", deadline=None, derandomize=True, max_examples=40)
 settings.load_profile("airtact")
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-SOFTWARE = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
+CHROMIUM = (
+    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+)
+SOFTWARE = [
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--no-sandbox",
+]
 
 _kernels = import_module("airtact._kernels")  # after the hook
 
@@ -41,7 +48,7 @@ def variant(request):
 @pytest.fixture
 def box() -> Callable[..., Any]:
     import airtact as at
-    from mesh.meshes import box_mesh
+    from geometry.mesh.meshes import box_mesh
 
     return lambda *corners: at.Surface(*box_mesh(*corners))
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from airtact.conventions import LONGEST_SENTENCE, InvalidInput
+from airtact.errors import LONGEST_SENTENCE, InvalidInput
 
 NUMBER = re.compile(rb"-?\d[\d.]*(?:e[-+]?\d+)?")
 NUMBERS = (
@@ -44,10 +44,16 @@ BYTES = (
 
 def seeds(fast: int, slow: int, *found: int) -> list:
     """List the seeds of a fuzz test, ten in a test: the first ones and those that found a fault; others are slow."""
-    first, others = [*range(fast), *found], [seed for seed in range(fast, slow) if seed not in found]
+    first, others = (
+        [*range(fast), *found],
+        [seed for seed in range(fast, slow) if seed not in found],
+    )
     return [
         *(pytest.param(batch, id=_id(batch)) for batch in batched(first, 10)),
-        *(pytest.param(batch, id=_id(batch), marks=pytest.mark.slow) for batch in batched(others, 100)),
+        *(
+            pytest.param(batch, id=_id(batch), marks=pytest.mark.slow)
+            for batch in batched(others, 100)
+        ),
     ]
 
 
@@ -82,7 +88,9 @@ def damaged(raw: bytes, draw: random.Random) -> bytes:
         elif kind == 5:
             raw = raw[:place] + draw.choice(BYTES) + raw[place + draw.choice((0, 1, 4)) :]
         else:
-            raw = draw.choice((raw[:place], raw[:place] + raw[place + draw.randrange(100) :], raw + raw[place:]))
+            raw = draw.choice(
+                (raw[:place], raw[:place] + raw[place + draw.randrange(100) :], raw + raw[place:])
+            )
     return raw
 
 

@@ -5,11 +5,13 @@ from contextlib import contextmanager
 
 import pytest
 
-from airtact.conventions import InvalidInput, NotConverged
+from airtact.errors import InvalidInput, NotConverged
 
 
 @contextmanager
-def raises_code(code: str, *numbers: str) -> Iterator[pytest.ExceptionInfo[InvalidInput | NotConverged]]:
+def raises_code(
+    code: str, *numbers: str
+) -> Iterator[pytest.ExceptionInfo[InvalidInput | NotConverged]]:
     """Expect ``InvalidInput`` or ``NotConverged`` with a code, and some texts, mostly numbers, in the sentence."""
     with pytest.raises((InvalidInput, NotConverged)) as caught:
         yield caught

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from airtact.conventions import InvalidInput
+from airtact.errors import InvalidInput
 
 
 def hangs(path: Path) -> dict:

@@ -58,9 +58,13 @@ def test_bodies_of_meshes_and_hands_name_their_extra(command, file, out, tmp_pat
 
 
 def test_all_is_every_extra_for_users() -> None:
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
+        "optional-dependencies"
+    ]
     named = {
-        name for requirement in extras["all"] for name in requirement.partition("[")[2].partition("]")[0].split(",")
+        name
+        for requirement in extras["all"]
+        for name in requirement.partition("[")[2].partition("]")[0].split(",")
     }
     assert named == set(extras) - {"all", "docs", "test"}
 
@@ -70,7 +74,9 @@ def test_a_source_install_without_a_compiler_says_so_in_one_line(tmp_path) -> No
     if cmake is None:
         pytest.skip("cmake is not installed here; pip brings its own to build from the sources.")
     without = {**os.environ, "CXX": str(tmp_path / "no-compiler")}
-    done = subprocess.run([cmake, "-S", ROOT, "-B", tmp_path], capture_output=True, text=True, env=without, timeout=60)
+    done = subprocess.run(
+        [cmake, "-S", ROOT, "-B", tmp_path], capture_output=True, text=True, env=without, timeout=60
+    )
     assert done.returncode != 0
     (line,) = [line for line in done.stderr.splitlines() if "C++17" in line]
     assert "No C++17 compiler was found: install one" in line

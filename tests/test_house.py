@@ -19,13 +19,20 @@ from jaxtyping import AbstractArray
 
 import airtact as at
 from airtact.cli import commands
-from airtact.scene_file import tables
-from airtact.scene_file.parsing import keys_of
+from airtact.setup import tables
+from airtact.setup.parsing import keys_of
 from paths import ROOT
 
 MODULES = sorted((ROOT / "src/airtact").rglob("*.py"))
-SOURCES = sorted(path for folder in ("src", "tests", "benchmarks") for path in (ROOT / folder).rglob("*.py"))
-DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+SOURCES = sorted(
+    path for folder in ("src", "tests", "benchmarks") for path in (ROOT / folder).rglob("*.py")
+)
+DOCUMENTS = [
+    ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+    ROOT / "CHANGELOG.md",
+    *sorted((ROOT / "docs").glob("*.md")),
+]
 
 PUBLIC_NAMES = (Path(__file__).parent / "public_names.txt").read_text(encoding="utf-8").split()
 NAMESPACES = [at, *(value for name in at.__all__ if inspect.ismodule(value := getattr(at, name)))]
@@ -52,7 +59,10 @@ def test_the_way_through_that_others_rely_on() -> None:
     thumb = at.capsule((-0.014, 0, 0), (-0.014, 0, -0.01), radius=8e-3, edge=2.5e-3)
     scene = at.Scene(medium, [at.sound_hard(thumb)], frequency=40e3)
     target = at.Target(np.array([[-0.005, 0.0, 0.0]]), pressures=1500.0)
-    array, pose = at.autd3_board(at.Pose.identity()), at.Pose(np.eye(3), np.array([0.08, 0.06, 0.1]))
+    array, pose = (
+        at.autd3_board(at.Pose.identity()),
+        at.Pose(np.eye(3), np.array([0.08, 0.06, 0.1])),
+    )
     solver = at.BoundaryElement(accuracy=0.1)
 
     beacons = solver.radiate(scene, target.beacons())
@@ -74,7 +84,11 @@ def test_the_way_through_that_others_rely_on() -> None:
 def members(cls: type) -> dict[str, typing.Any]:
     """Public methods and properties that a class defines itself; the types of its fields stand in the class."""
     fields = typing.get_type_hints(cls)
-    return {name: value for name, value in vars(cls).items() if not name.startswith("_") and name not in fields}
+    return {
+        name: value
+        for name, value in vars(cls).items()
+        if not name.startswith("_") and name not in fields
+    }
 
 
 def plain_function(member: typing.Any) -> typing.Callable:
@@ -92,7 +106,11 @@ def public_callables() -> Iterator[tuple[str, typing.Callable]]:
         yield name, PUBLIC[name]
     for name in CLASSES:
         cls = PUBLIC[name]
-        if "__init__" in vars(cls) and not issubclass(cls, Exception) and not getattr(cls, "_is_protocol", False):
+        if (
+            "__init__" in vars(cls)
+            and not issubclass(cls, Exception)
+            and not getattr(cls, "_is_protocol", False)
+        ):
             yield f"{name}()", cls.__init__
         for member, value in members(cls).items():
             yield f"{name}.{member}", plain_function(value)
@@ -105,7 +123,9 @@ def annotations_of(function: typing.Callable) -> dict[str, typing.Any]:
     """Types of all arguments and of the result; an argument without one is an error of the house."""
     function = inspect.unwrap(function)
     hints = typing.get_type_hints(function)
-    parameters = [name for name in inspect.signature(function).parameters if name not in ("self", "cls")]
+    parameters = [
+        name for name in inspect.signature(function).parameters if name not in ("self", "cls")
+    ]
     missing = [name for name in [*parameters, "return"] if name not in hints]
     assert not missing, f"no type: {missing}"
     return hints
@@ -115,7 +135,9 @@ def shapeless(hint: typing.Any) -> list[str]:
     """Parts of a type that could hold an array of any shape."""
     if inspect.isclass(hint) and issubclass(hint, AbstractArray):
         return [] if "..." not in hint.dim_str.split() else [f"any shape: {hint}"]
-    if hint in (typing.Any, object, list, tuple, dict) or (inspect.isclass(hint) and issubclass(hint, np.ndarray)):
+    if hint in (typing.Any, object, list, tuple, dict) or (
+        inspect.isclass(hint) and issubclass(hint, np.ndarray)
+    ):
         return [f"no shape: {hint}"]
     return [fault for part in typing.get_args(hint) for fault in shapeless(part)]
 
@@ -137,25 +159,29 @@ def test_the_search_for_missing_shapes_finds_them() -> None:
     assert shapeless(np.ndarray | None)
     assert shapeless(dict[str, np.typing.NDArray[np.float64]])
     assert shapeless(typing.get_type_hints(at.Target)["points"]) == []
-    arrays = [name for name, function in CALLABLES.items() if "jaxtyping" in str(annotations_of(function))]
+    arrays = [
+        name for name, function in CALLABLES.items() if "jaxtyping" in str(annotations_of(function))
+    ]
     assert len(arrays) >= 20  # the search does look at arrays
 
 
 ANY_ARRAY = {
-    "airtact.validation.of_kind",
-    "airtact.validation.check_finite",
+    "airtact.checks.of_kind",
+    "airtact.checks.check_finite",
     "airtact.printing.in_short",
     "airtact.printing.one_line",
-    "airtact.solvers.gmres.gmres",
-    "airtact.hardware.channel.Channel.send",
-    "airtact.hardware.channel.Channel.receive",
-    "airtact.hardware.feeding.LinkProcess.ask",
-    "airtact.hardware.player.Player.ask",
+    "airtact.acoustics.solvers.gmres.gmres",
+    "airtact.emission.channel.Channel.send",
+    "airtact.emission.channel.Channel.receive",
+    "airtact.emission.feeding.LinkProcess.ask",
+    "airtact.emission.player.Player.ask",
 }
 """Inner functions that take arrays of any shape and type, a product that does, or messages that hold whatever."""
 
 
-@pytest.mark.parametrize("module", [path for path in MODULES if path.name != "__init__.py"], ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "module", [path for path in MODULES if path.name != "__init__.py"], ids=lambda path: path.stem
+)
 def test_inner_functions_and_classes_have_no_bare_array(module) -> None:
     name = ".".join(module.relative_to(ROOT / "src").with_suffix("").parts)
     own = {
@@ -163,18 +189,35 @@ def test_inner_functions_and_classes_have_no_bare_array(module) -> None:
         for word, value in vars(importlib.import_module(name)).items()
         if not word.startswith("_") and getattr(value, "__module__", None) == name
     }
-    hints = {f"{name}.{word}": annotations_of(value) for word, value in own.items() if inspect.isfunction(value)}
+    hints = {
+        f"{name}.{word}": annotations_of(value)
+        for word, value in own.items()
+        if inspect.isfunction(value)
+    }
     for word, cls in own.items():
         if inspect.isclass(cls):
             hints[f"{name}.{word}"] = typing.get_type_hints(cls)
             methods = {member: plain_function(value) for member, value in members(cls).items()}
-            hints |= {f"{name}.{word}.{key}": annotations_of(it) for key, it in methods.items() if callable(it)}
-    faults = {where: [fault for hint in types.values() for fault in shapeless(hint)] for where, types in hints.items()}
-    bare = {where for where, found in faults.items() if any(fault.startswith("no shape") for fault in found)}
+            hints |= {
+                f"{name}.{word}.{key}": annotations_of(it)
+                for key, it in methods.items()
+                if callable(it)
+            }
+    faults = {
+        where: [fault for hint in types.values() for fault in shapeless(hint)]
+        for where, types in hints.items()
+    }
+    bare = {
+        where
+        for where, found in faults.items()
+        if any(fault.startswith("no shape") for fault in found)
+    }
     assert bare - ANY_ARRAY == set()
 
 
-@pytest.mark.parametrize("name", [*CLASSES, *(name for name in CALLABLES if not name.endswith("()"))])
+@pytest.mark.parametrize(
+    "name", [*CLASSES, *(name for name in CALLABLES if not name.endswith("()"))]
+)
 def test_public_names_have_docstrings(name) -> None:
     documented = PUBLIC[name] if name in CLASSES else CALLABLES[name]
     assert inspect.getdoc(documented), name
@@ -198,7 +241,7 @@ installed = (sys.prefix, sys.base_prefix, os.path.dirname(airtact.__file__))
 for name, mode in touched:
     if not name.endswith((".py", ".pyc", ".so")) and not name.startswith(installed) or set(mode) & set("wax+"):
         print("touched", name, mode)
-for name in ("numpy", "scipy", "jaxtyping", "airtact.scene", "airtact.solvers"):
+for name in ("numpy", "scipy", "jaxtyping", "airtact.acoustics", "airtact.acoustics.solvers"):
     if name in light:
         print("imported before a name was asked for", name)
 for name in "matplotlib trimesh h5py rich click skimage ngsolve netgen mmgpy manifold3d jinja2".split():
@@ -217,7 +260,9 @@ print([name for name in ("numpy", "scipy", "matplotlib", "airtact.workflows") if
 
 def test_import_touches_no_file_and_no_device() -> None:
     # -B: writing bytecode beside the sources is Python's own doing.
-    done = subprocess.run([sys.executable, "-B", "-c", WATCHED_IMPORT], capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-B", "-c", WATCHED_IMPORT], capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stderr
     assert done.stdout == ""
 
@@ -233,7 +278,9 @@ def test_each_public_name_is_what_type_checkers_see() -> None:
     typed = {
         alias.name: getattr(importlib.import_module(node.module), alias.name)
         for node in ast.walk(tree)
-        if isinstance(node, ast.ImportFrom) and node.module is not None and node.module.startswith("airtact")
+        if isinstance(node, ast.ImportFrom)
+        and node.module is not None
+        and node.module.startswith("airtact")
         for alias in node.names
     }
     assert sorted(typed) == sorted(at.__all__)
@@ -250,12 +297,16 @@ def test_modules_fit_and_say_what_they_are(path) -> None:
     tree = ast.parse(text)
     assert len(text.splitlines()) <= 600
     assert ast.get_docstring(tree) or path not in MODULES
-    functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
+    functions = [
+        node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+    ]
     long = {node.name: node.end_lineno - node.lineno + 1 for node in functions if node.end_lineno}
     assert {name: lines for name, lines in long.items() if lines > 60} == {}
 
 
-@pytest.mark.parametrize("folder", sorted({path.parent for path in MODULES}), ids=lambda path: path.name)
+@pytest.mark.parametrize(
+    "folder", sorted({path.parent for path in MODULES}), ids=lambda path: path.name
+)
 def test_a_folder_fits_a_glance(folder) -> None:
     assert len([path for path in folder.iterdir() if path.is_file()]) <= 16
 
@@ -268,7 +319,9 @@ def test_every_fault_has_a_code(path) -> None:
             code = next((word.value for word in node.keywords if word.arg == "code"), None)
             assert code is not None, f"line {node.lineno} has no code"
             if isinstance(code, ast.Constant):
-                assert re.fullmatch("[a-z]+(_[a-z0-9]+)*", str(code.value)), f"line {node.lineno}: {code.value}"
+                assert re.fullmatch("[a-z]+(_[a-z0-9]+)*", str(code.value)), (
+                    f"line {node.lineno}: {code.value}"
+                )
 
 
 def test_no_module_has_a_name_that_says_nothing() -> None:
@@ -289,7 +342,10 @@ def test_no_file_depends_on_where_it_was_written() -> None:
     ]
     forbidden = re.compile("|".join(patterns))
     listed = subprocess.run(
-        ["git", "ls-files", "--cached", "--others", "--exclude-standard"], cwd=ROOT, capture_output=True, text=True
+        ["git", "ls-files", "--cached", "--others", "--exclude-standard"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
     )
     assert listed.returncode == 0, listed.stderr
     found = []
@@ -319,25 +375,37 @@ def test_every_command_is_documented() -> None:
 
 def test_every_key_of_a_scene_file_is_documented() -> None:
     page = (ROOT / "docs/scene-file.md").read_text(encoding="utf-8")
-    kinds = [kind for kind in vars(tables).values() if inspect.isclass(kind) and issubclass(kind, tables.Table)]
+    kinds = [
+        kind
+        for kind in vars(tables).values()
+        if inspect.isclass(kind) and issubclass(kind, tables.Table)
+    ]
     keys = {key for kind in kinds for key in keys_of(kind)}
     assert len(keys) > 20
     assert sorted(key for key in keys if f"`{key}`" not in page) == []
 
 
 def test_the_drawing_shows_the_rooms_as_they_are() -> None:
-    contract = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
+    contract = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"][
+        "importlinter"
+    ]
     layers = [layer.split(" | ") for layer in contract["contracts"][0]["layers"]]
     known = {room for layer in layers for room in layer}
     drawing = (ROOT / "docs/architecture.md").read_text(encoding="utf-8").split("```")[1]
-    drawn = [re.findall(r"\| (\w+)(?= {2,}|\b)", line) for line in drawing.splitlines() if re.match(r"\| [a-z]", line)]
+    drawn = [
+        re.findall(r"\| (\w+)(?= {2,}|\b)", line)
+        for line in drawing.splitlines()
+        if re.match(r"\| [a-z]", line)
+    ]
     assert [[room for room in line if room in known] for line in drawn] == layers
 
 
 @pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.name)
 def test_links_lead_somewhere(path) -> None:
     links = re.findall(r"\]\(([^)#]+)\)", path.read_text(encoding="utf-8"))
-    assert [link for link in links if not link.startswith("http") and not (path.parent / link).exists()] == []
+    assert [
+        link for link in links if not link.startswith("http") and not (path.parent / link).exists()
+    ] == []
 
 
 def test_the_page_of_performance_has_the_place_for_what_was_measured() -> None:
@@ -366,7 +434,9 @@ def words_of(name: str) -> str:
     return re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name.rpartition(".")[2]).replace("_", " ")
 
 
-@pytest.mark.parametrize("name", [*PUBLIC, *(name for name in CALLABLES if not name.endswith("()"))])
+@pytest.mark.parametrize(
+    "name", [*PUBLIC, *(name for name in CALLABLES if not name.endswith("()"))]
+)
 def test_public_names_and_docstrings_use_the_words_of_the_field(name) -> None:
     documented = PUBLIC.get(name) or CALLABLES[name]
     assert PRIVATE_WORDS.findall(words_of(name)) == []
@@ -374,7 +444,9 @@ def test_public_names_and_docstrings_use_the_words_of_the_field(name) -> None:
 
 
 def test_the_search_for_private_words_finds_them() -> None:
-    assert PRIVATE_WORDS.findall(f"what the {words_of('share_heard')} of a matched layer tells") == [
+    assert PRIVATE_WORDS.findall(
+        f"what the {words_of('share_heard')} of a matched layer tells"
+    ) == [
         "heard",
         "matched layer",
         "tells",

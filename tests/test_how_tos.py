@@ -50,7 +50,9 @@ def run_python(page: Path, block: Block, names: dict) -> None:
 
 def run_commands(block: Block) -> None:
     for command in block.text.splitlines():
-        done = subprocess.run(command.split(), env={**os.environ, "PATH": BESIDE}, capture_output=True, text=True)
+        done = subprocess.run(
+            command.split(), env={**os.environ, "PATH": BESIDE}, capture_output=True, text=True
+        )
         assert done.returncode == 0, f"{command}: {done.stderr}"
 
 
@@ -69,7 +71,9 @@ def test_page_runs_and_prints_what_it_shows(page, tmp_path, monkeypatch, capsys)
         else:
             run_python(page, block, names)
         if shown is not None:
-            assert capsys.readouterr().out.strip() == shown.strip(), f"{page.name}, line {block.line}"
+            assert capsys.readouterr().out.strip() == shown.strip(), (
+                f"{page.name}, line {block.line}"
+            )
 
 
 def test_python_of_the_readme_runs(tmp_path, monkeypatch) -> None:
@@ -82,8 +86,15 @@ def test_python_of_the_readme_runs(tmp_path, monkeypatch) -> None:
 
 
 def test_commands_of_the_readme_exist() -> None:
-    targets = set(re.findall(r"^(\w[\w-]*):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
-    commands = [line for block in blocks(ROOT / "README.md") if block.kind == "sh" for line in block.text.splitlines()]
+    targets = set(
+        re.findall(r"^(\w[\w-]*):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
+    )
+    commands = [
+        line
+        for block in blocks(ROOT / "README.md")
+        if block.kind == "sh"
+        for line in block.text.splitlines()
+    ]
     asked = [line.split()[1] for line in commands if line.startswith("make ")]
     assert {"run", "test"} <= set(asked)
     assert set(asked) <= targets

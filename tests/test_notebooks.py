@@ -19,7 +19,9 @@ MOST_LINES = {"fingertip": 12, "six-foci": 10, "circle": 10}
 
 def sources_of(path: Path) -> list[str]:
     """Return the code cells of a notebook."""
-    return [cell.source for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code"]
+    return [
+        cell.source for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code"
+    ]
 
 
 def test_there_is_a_notebook_for_each_task() -> None:
@@ -35,14 +37,23 @@ def test_a_task_fits_its_lines(path) -> None:
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_uses_public_names_only(path) -> None:
     code = "\n".join(sources_of(path))
-    imported = {name.name for node in ast.walk(ast.parse(code)) if isinstance(node, ast.Import) for name in node.names}
+    imported = {
+        name.name
+        for node in ast.walk(ast.parse(code))
+        if isinstance(node, ast.Import)
+        for name in node.names
+    }
     assert imported <= {"airtact", "numpy"}
     assert "from airtact" not in code
     assert not re.search(r"\._\w", code)
     names = set(re.findall(r"\bat\.(\w+)", code))
     assert names <= set(at.__all__)
     cells = nbformat.read(path, as_version=4).cells
-    assert [cell for cell in cells if cell.cell_type == "code" and (cell.outputs or cell.execution_count)] == []
+    assert [
+        cell
+        for cell in cells
+        if cell.cell_type == "code" and (cell.outputs or cell.execution_count)
+    ] == []
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
@@ -52,5 +63,7 @@ def test_a_notebook_runs(path, tmp_path) -> None:
     shown = [output for cell in notebook.cells for output in cell.get("outputs", [])]
     assert any("image/png" in output.get("data", {}) for output in shown)
     if path.stem == "six-foci":
-        assert any("Weakest of 6 foci" in output.get("data", {}).get("text/html", "") for output in shown)
+        assert any(
+            "Weakest of 6 foci" in output.get("data", {}).get("text/html", "") for output in shown
+        )
     assert [output.text for output in shown if output.get("name") == "stderr"] == []

@@ -38,11 +38,15 @@ def objects() -> dict[str, object]:
         "transfer": transfer,
         "drive": drive,
         "frame": at.quantise(drive),
-        "sequence": at.synthesis.amplitude_modulation(drive),
+        "sequence": at.drives.amplitude_modulation(drive),
         "bound": at.upper_bound(transfer, target),
         "evaluation": at.evaluate(scene, array, drive, target, solver=solver),
-        "comparison": at.compare(scene, array, {"one": drive, "two": drive.phase_only()}, target, solver=solver),
-        "verification": at.evaluation.verify(scene, array, drive, target, solver=solver, transfer=transfer),
+        "comparison": at.compare(
+            scene, array, {"one": drive, "two": drive.phase_only()}, target, solver=solver
+        ),
+        "verification": at.evaluation.verify(
+            scene, array, drive, target, solver=solver, transfer=transfer
+        ),
         "hand": at.load_hand(HANDS / "relaxed.json"),
         "expansion": at.multipole_expansion(beacons),
         "free field": at.FreeField().radiate(at.Scene(scene.medium, []), target.beacons()),
@@ -56,15 +60,29 @@ def test_every_object_prints_in_one_short_line(objects) -> None:
 
 
 def test_a_line_has_the_numbers_that_matter(objects) -> None:
-    assert repr(objects["transfer"]).startswith("TransferMatrix(2 foci, 996 elements, estimated error ")
+    assert repr(objects["transfer"]).startswith(
+        "TransferMatrix(2 foci, 996 elements, estimated error "
+    )
     assert repr(objects["target"]) == "Target(2 foci, 1500 Pa asked)"
-    assert repr(objects["array"]) == "PhasedArray(996 elements, pistons of 4 mm, 140 x 140 x 172.7 mm)"
+    assert (
+        repr(objects["array"]) == "PhasedArray(996 elements, pistons of 4 mm, 140 x 140 x 172.7 mm)"
+    )
     assert f"weakest {100 * objects['evaluation'].worst:.1f} %" in repr(objects["evaluation"])
     assert "around 2 bodies" in repr(objects["field"])
     assert "Scene(open air, 40 kHz" in repr(objects["free field"].scene)
 
 
-NOTEBOOK = ["scene", "target", "array", "transfer", "drive", "field", "evaluation", "comparison", "hand"]
+NOTEBOOK = [
+    "scene",
+    "target",
+    "array",
+    "transfer",
+    "drive",
+    "field",
+    "evaluation",
+    "comparison",
+    "hand",
+]
 
 
 @pytest.mark.parametrize("name", NOTEBOOK)

@@ -51,7 +51,10 @@ def test_a_store_reports_what_it_solves(tmp_path) -> None:
     [
         (lambda drive, **words: at.evaluate(SCENE, BOARD, drive, TARGET, **words), []),
         (lambda drive, **words: at.compare(SCENE, BOARD, {"one": drive}, TARGET, **words), []),
-        (lambda drive, **words: at.field_map(SCENE, BOARD, drive, TARGET.points, **words), ["evaluating"]),
+        (
+            lambda drive, **words: at.field_map(SCENE, BOARD, drive, TARGET.points, **words),
+            ["evaluating"],
+        ),
         (
             lambda drive, **words: at.evaluation.verify(SCENE, BOARD, drive, TARGET, **words),
             [*SOLVE, "estimating", "evaluating", "looking"],
@@ -69,7 +72,9 @@ def test_a_file_a_fit_and_an_expansion_report_their_steps() -> None:
     steps: list[str] = []
     at.load_surface(at.example("generic-hand-right.glb"), progress=steps.append)
     landmarks = at.hands.load_landmarks(at.example("seen_hand.json"))
-    fitted = at.fit_hand(at.hands.load_cloud(at.example("seen_hand.ply")), *landmarks, progress=steps.append)
+    fitted = at.fit_hand(
+        at.hands.load_cloud(at.example("seen_hand.ply")), *landmarks, progress=steps.append
+    )
     field = SOLVER.radiate(SCENE, TARGET.beacons())
     at.multipole_expansion(field, progress=steps.append)
     read, fitted_words = ["reading", "repairing", "curving", "looking"], ["fitting", "fitting"]

@@ -37,12 +37,18 @@ def _autogroup() -> list[str]:
     return path.read_text().split() if path.exists() else []
 
 
-@pytest.mark.skipif(not _autogroup(), reason="only Linux has autogroups, where they are built in and shown")
+@pytest.mark.skipif(
+    not _autogroup(), reason="only Linux has autogroups, where they are built in and shown"
+)
 def test_a_process_gives_way_with_its_session_only_where_that_is_its_own():
     before = _autogroup()[-1]
     for own, group in ((True, "5"), (False, before)):
         ran = subprocess.run(
-            [sys.executable, "-c", GIVES_WAY], capture_output=True, text=True, check=True, start_new_session=own
+            [sys.executable, "-c", GIVES_WAY],
+            capture_output=True,
+            text=True,
+            check=True,
+            start_new_session=own,
         )
         nice, found = ran.stdout.split()
         assert int(nice) >= 5

@@ -1,6 +1,7 @@
 """Times, memory and error of the jobs of a moving hand, as ``airtact.benching`` defines them.
 
-``asv run NEW`` measures a commit in an environment of its own, ``asv continuous OLD NEW`` compares two.
+``asv run NEW`` measures a commit in an environment of its own, ``asv continuous OLD NEW`` compares
+two.
 """
 
 import numpy as np
@@ -48,11 +49,16 @@ class Ball:
     unit, timeout = "1", 600.0
 
     def setup(self) -> None:
-        self.bodies = Bodies((at.sphere(8e-3, 2e-3),), np.array([[0.0, 0.0, 8.5e-3], [0.0, 9e-3, 0.0]]))
+        self.bodies = Bodies(
+            (at.sphere(8e-3, 2e-3),), np.array([[0.0, 0.0, 8.5e-3], [0.0, 9e-3, 0.0]])
+        )
         self.elements = at.surrounding_box().positions
 
     def track_error(self) -> float:
         scene, beacons = self.bodies.scene, self.bodies.target.beacons()
-        fields = [solver.radiate(scene, beacons) for solver in (at.BoundaryElement(accuracy=0.03), at.SphereSeries())]
+        fields = [
+            solver.radiate(scene, beacons)
+            for solver in (at.BoundaryElement(accuracy=0.03), at.SphereSeries())
+        ]
         found, true = (field.at(self.elements).T for field in fields)
         return relative_error(found, true)

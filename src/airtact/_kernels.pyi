@@ -64,7 +64,12 @@ dual_low_rank_float64 = dual_low_rank_bfloat16
 dual_product_float64 = dual_product_bfloat16
 
 def double_layer_matrix_float32(
-    targets: np.ndarray, sources: np.ndarray, normals: np.ndarray, single: np.ndarray, k: complex, out: np.ndarray
+    targets: np.ndarray,
+    sources: np.ndarray,
+    normals: np.ndarray,
+    single: np.ndarray,
+    k: complex,
+    out: np.ndarray,
 ) -> None: ...
 
 double_layer_matrix_float64 = double_layer_matrix_float32
@@ -93,7 +98,9 @@ def dual_matrix_float32(
 
 dual_matrix_float64 = dual_matrix_float32
 
-def few_products_float32(matrix: np.ndarray, vectors: np.ndarray, transposed: bool, out: np.ndarray) -> None: ...
+def few_products_float32(
+    matrix: np.ndarray, vectors: np.ndarray, transposed: bool, out: np.ndarray
+) -> None: ...
 
 few_products_float64 = few_products_float32
 
@@ -177,7 +184,12 @@ def surface_integral(
     out: np.ndarray,
 ) -> None: ...
 def normal_derivative(
-    points: np.ndarray, normals: np.ndarray, sources: np.ndarray, strength: np.ndarray, k: complex, out: np.ndarray
+    points: np.ndarray,
+    normals: np.ndarray,
+    sources: np.ndarray,
+    strength: np.ndarray,
+    k: complex,
+    out: np.ndarray,
 ) -> None: ...
 def detoured_waves(
     centres: np.ndarray,
@@ -203,9 +215,15 @@ def chebyshev_sum_float32(
 
 chebyshev_sum_float64 = chebyshev_sum_float32
 
-def near_pairs(targets: np.ndarray, centres: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]: ...
-def panel_distances(panels: np.ndarray, points: np.ndarray, within: float, distance: np.ndarray) -> None: ...
-def mark_blocks(first: np.ndarray, panel: np.ndarray, targets: int, panels: int, met: np.ndarray) -> None: ...
+def near_pairs(
+    targets: np.ndarray, centres: np.ndarray, reach: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]: ...
+def panel_distances(
+    panels: np.ndarray, points: np.ndarray, within: float, distance: np.ndarray
+) -> None: ...
+def mark_blocks(
+    first: np.ndarray, panel: np.ndarray, targets: int, panels: int, met: np.ndarray
+) -> None: ...
 def place_nodes(
     panels: np.ndarray,
     rule: np.ndarray,
@@ -256,7 +274,9 @@ def near_integrals(
     distance: np.ndarray,
     reference: np.ndarray,
 ) -> None: ...
-def hull_distances(points: np.ndarray, balls: np.ndarray, parts: np.ndarray, out: np.ndarray) -> None: ...
+def hull_distances(
+    points: np.ndarray, balls: np.ndarray, parts: np.ndarray, out: np.ndarray
+) -> None: ...
 def blended_distance(
     points: np.ndarray,
     balls: np.ndarray,

@@ -29,19 +29,25 @@ def in_short(self: _Dataclass) -> str:
 
     Examples
     --------
-    >>> from airtact.scene.sources import Monopoles
+    >>> from airtact.acoustics.sources import Monopoles
     >>> Monopoles(np.zeros((2, 3)), np.ones(2))
     Monopoles(positions=[[0.0, 0.0, 0.0], [0.0, 0.0, 0.0]], strengths=[[(1+0j)], [(1+0j)]])
     >>> Monopoles(np.zeros((20, 3)), np.eye(20))
     Monopoles(positions=float64 (20, 3), strengths=complex128 (20, 20))
     """
-    parts = [f"{field.name}={_short(getattr(self, field.name))}" for field in dataclasses.fields(self) if field.repr]
+    parts = [
+        f"{field.name}={_short(getattr(self, field.name))}"
+        for field in dataclasses.fields(self)
+        if field.repr
+    ]
     return f"{type(self).__name__}({', '.join(parts)})"
 
 
 def _short(value: object) -> str:
     if isinstance(value, np.ndarray):
-        return str(value.tolist()) if value.size <= PRINTED_IN_FULL else f"{value.dtype} {value.shape}"
+        return (
+            str(value.tolist()) if value.size <= PRINTED_IN_FULL else f"{value.dtype} {value.shape}"
+        )
     written = repr(value)
     if len(written) <= LONGEST_PART and "\n" not in written:
         return written
@@ -87,7 +93,9 @@ def span(values: Iterable[float], unit: str, form: str = ".4g") -> str:
     return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
 
 
-def html_table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]], below: Iterable[str] = ()) -> str:
+def html_table(
+    title: str, head: Sequence[str], rows: Iterable[Sequence[str]], below: Iterable[str] = ()
+) -> str:
     """Make a small table for a notebook, in the colours of its page, light or dark, with sentences below it.
 
     Examples
@@ -99,17 +107,26 @@ def html_table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]], b
     written = list(rows)
     line = "<tr>{}</tr>".format
     parts = (
-        [line("".join(f'<th scope="col" style="{cell}text-align:right">{escape(name)}</th>' for name in head))]
+        [
+            line(
+                "".join(
+                    f'<th scope="col" style="{cell}text-align:right">{escape(name)}</th>'
+                    for name in head
+                )
+            )
+        ]
         if head
         else []
     )
     for row in written[:MOST_ROWS]:
         first, *others = (escape(text) for text in row)
         numbers = "".join(f'<td style="{cell}text-align:right">{text}</td>' for text in others)
-        parts.append(line(f'<th scope="row" style="{cell}text-align:left;font-weight:normal">{first}</th>{numbers}'))
-    caption = (
-        f'<caption style="caption-side:top;text-align:left;color:inherit;padding:.3em 0">{escape(title)}</caption>'
-    )
+        parts.append(
+            line(
+                f'<th scope="row" style="{cell}text-align:left;font-weight:normal">{first}</th>{numbers}'
+            )
+        )
+    caption = f'<caption style="caption-side:top;text-align:left;color:inherit;padding:.3em 0">{escape(title)}</caption>'
     more = f"<div>and {len(written) - MOST_ROWS} more</div>" if len(written) > MOST_ROWS else ""
     sentences = "".join(f"<div>{escape(sentence)}</div>" for sentence in below)
     table = f'<table style="border-collapse:collapse;color:inherit;background:none">{caption}{"".join(parts)}</table>'

@@ -8,17 +8,32 @@ import numpy as np
 import pytest
 
 import airtact as at
+from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
 from airtact.benching import bench, contest, growth
-from airtact.benching.contest import Solved, faster, flat_triangles, ours, points_inside, run_case, theirs
+from airtact.benching.contest import (
+    Solved,
+    faster,
+    flat_triangles,
+    ours,
+    points_inside,
+    run_case,
+    theirs,
+)
 from airtact.benching.fundamental_solutions import reference_pressure
 from airtact.benching.machine import memory_over_matrix
 from airtact.benching.performance_page import Bench
 from airtact.benching.phalanges import Phalanges
 from airtact.benching.real_time import RealTime, Row, to_drive
-from airtact.benching.scenes import Bodies, deformed, moved_each, moved_foci, two_fingers, whole_motion
+from airtact.benching.scenes import (
+    Bodies,
+    deformed,
+    moved_each,
+    moved_foci,
+    two_fingers,
+    whole_motion,
+)
 from airtact.benching.timing import Timed, correlation, relative_error, timed
-from airtact.mesh.topology import cone_volumes, edge_twins
-from airtact.solvers.spherical.sphere_series import SphereSeries
+from airtact.geometry.mesh.topology import cone_volumes, edge_twins
 from faults import raises_code
 from paths import HANDS
 
@@ -50,8 +65,13 @@ def test_every_frame_is_a_scene_whose_foci_stand_before_their_pads(frame: int) -
 def test_the_issues_two_fingers() -> None:
     bodies = two_fingers()
     assert [capsule.extent for capsule in bodies.capsules] == pytest.approx([60e-3, 60e-3])
-    assert -bodies.capsules[0].depth(bodies.capsules[1].project(bodies.foci[[1]]))[0] == pytest.approx(12e-3)
-    assert all(deformed(1).capsules[0].radius != deformed(frame).capsules[0].radius for frame in range(2, 8))
+    assert -bodies.capsules[0].depth(bodies.capsules[1].project(bodies.foci[[1]]))[
+        0
+    ] == pytest.approx(12e-3)
+    assert all(
+        deformed(1).capsules[0].radius != deformed(frame).capsules[0].radius
+        for frame in range(2, 8)
+    )
 
 
 # --- references, meshes, times ----------------------------------------------------------------------------------------
@@ -61,7 +81,9 @@ def test_the_reference_is_that_of_the_series_and_is_cached(tmp_path: Path) -> No
     reference = reference_pressure(BALL, FAR, BALL.foci, tmp_path)
     assert relative_error(reference.pressure, by_series(BALL)) < 3e-3
     files = list(tmp_path.iterdir())
-    assert np.array_equal(reference_pressure(BALL, FAR, BALL.foci, tmp_path).pressure, reference.pressure)
+    assert np.array_equal(
+        reference_pressure(BALL, FAR, BALL.foci, tmp_path).pressure, reference.pressure
+    )
     assert list(tmp_path.iterdir()) == files
     drive = np.exp(1j * np.arange(len(FAR)))[:, None]
     together = reference_pressure(BALL, FAR, BALL.foci, tmp_path, drive)
@@ -78,17 +100,28 @@ def test_flat_triangles_are_closed_even_and_hold_the_volume() -> None:
     sides = np.linalg.norm(np.roll(vertices[triangles], 1, axis=1) - vertices[triangles], axis=2)
     assert sides.max() < 2.5 * sides.min()
     inside = points_inside(bodies, 20)
-    assert np.bincount(np.argmax([c.depth(inside) for c in bodies.capsules], axis=0)).tolist() == [20, 20]
+    assert np.bincount(np.argmax([c.depth(inside) for c in bodies.capsules], axis=0)).tolist() == [
+        20,
+        20,
+    ]
     assert bodies.scene.depth(inside).min() > 1.5e-3
 
 
 def test_times_are_written_with_their_spread() -> None:
     assert str(Timed((0.020, 0.0301, 0.0222))) == "22.2 ms (20.0 to 30.1)"
-    assert str(Timed((0.020, 0.0301, 0.0222), (0.03, 0.031, 0.04))) == "22.2 ms (20.0 to 30.1; processor 31.0)"
+    assert (
+        str(Timed((0.020, 0.0301, 0.0222), (0.03, 0.031, 0.04)))
+        == "22.2 ms (20.0 to 30.1; processor 31.0)"
+    )
     assert str(Timed((2.0, 3.0, 1.5))) == "2.00 s (1.50 to 3.00)"
     seen: list[int] = []
     took, results = timed([lambda step=step: seen.append(step) or step for step in range(4)])
-    assert (results, len(took.seconds), len(took.processor), seen[-3:]) == ([1, 2, 3], 3, 3, [1, 2, 3])
+    assert (results, len(took.seconds), len(took.processor), seen[-3:]) == (
+        [1, 2, 3],
+        3,
+        3,
+        [1, 2, 3],
+    )
     assert set(seen[:-3]) == {0}
 
 
@@ -96,7 +129,9 @@ def test_errors_and_likeness() -> None:
     true = np.array([[1.0 + 1j, 2.0], [3.0, 4.0j]])
     assert relative_error(true * np.array([[1.01], [1.03]]), true) == pytest.approx(0.03)
     assert correlation(true[0] * 2j, true[0]) == pytest.approx(1.0)
-    assert correlation(np.array([1.0 + 0j, 0]), np.array([1.0 + 0j, 1.0])) == pytest.approx(np.sqrt(0.5))
+    assert correlation(np.array([1.0 + 0j, 0]), np.array([1.0 + 0j, 1.0])) == pytest.approx(
+        np.sqrt(0.5)
+    )
 
 
 # --- the contest -----------------------------------------------------------------------------------------------------
@@ -116,14 +151,19 @@ np.savez(
 
 def test_ours_runs_in_a_process_of_its_own_and_is_accurate() -> None:
     found = ours(BALL, FAR, by_series(BALL), 2, accuracies=(0.05,))
-    assert [one.package for one in found] == [f"airtact {at.__version__}", f"airtact {at.__version__}, no estimate"]
+    assert [one.package for one in found] == [
+        f"airtact {at.__version__}",
+        f"airtact {at.__version__}, no estimate",
+    ]
     for one in found:
         assert one.error < 0.05
         assert one.unknowns > 100
         assert len(one.timed.seconds) == 2
 
 
-def test_others_get_triangles_and_are_compared_alike(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_others_get_triangles_and_are_compared_alike(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "bempp_script.py").write_text(ANOTHER)
     monkeypatch.setattr(contest, "SCRIPTS", tmp_path)
     found = theirs("bempp-cl", sys.executable, BALL, FAR, by_series(BALL), 3, (2e-3,))
@@ -146,7 +186,11 @@ def solved(package: str, seconds: float, error: float) -> Solved:
 
 
 def test_the_ratio_is_to_the_fastest_of_ours_that_is_as_accurate() -> None:
-    mine = [solved("airtact", 0.01, 0.05), solved("airtact", 0.02, 0.02), solved("airtact", 0.05, 0.01)]
+    mine = [
+        solved("airtact", 0.01, 0.05),
+        solved("airtact", 0.02, 0.02),
+        solved("airtact", 0.05, 0.01),
+    ]
     times, best = faster(mine, solved("other", 3.0, 0.03)) or (0.0, mine[0])
     assert (times, best) == (pytest.approx(150.0), mine[1])
     assert faster(mine, solved("other", 3.0, 0.001)) is None
@@ -166,9 +210,9 @@ def test_a_row_has_time_error_and_profile(tmp_path: Path, monkeypatch: pytest.Mo
     assert "reference itself" in row.error
     assert "gmres" in row.profile
     made = to_drive(at.BoundaryElement(accuracy=0.1), frames[1], array)
-    assert relative_error(made.transfer.matrix, array.element.sensitivity * by_series(frames[1])) == pytest.approx(
-        row.numbers["error"], abs=5e-3
-    )
+    assert relative_error(
+        made.transfer.matrix, array.element.sensitivity * by_series(frames[1])
+    ) == pytest.approx(row.numbers["error"], abs=5e-3)
 
 
 def test_last_phalanges_are_timed_and_compared_with_exacter_ones() -> None:
@@ -208,15 +252,31 @@ def test_memory_is_measured_in_a_process_of_its_own() -> None:
 
 def test_rows_of_the_hand_need_its_pose(tmp_path: Path) -> None:
     names = set(bench.row_jobs(tmp_path, None, 1))
-    assert set(bench.row_jobs(tmp_path, HANDS / "relaxed.json", 1)) - names == {"hand", "hand-drive"}
+    assert set(bench.row_jobs(tmp_path, HANDS / "relaxed.json", 1)) - names == {
+        "hand",
+        "hand-drive",
+    }
 
 
 def test_the_folder_holds_tables_figures_and_the_page(tmp_path: Path) -> None:
     found = Bench(
         machine="x86_64, 2 cores, avx2",
-        contest=(solved("airtact 1", 0.02, 0.02), solved("other 2", 2.0, 0.03), solved("third 1", 1.0, 0.001)),
+        contest=(
+            solved("airtact 1", 0.02, 0.02),
+            solved("other 2", 2.0, 0.03),
+            solved("third 1", 1.0, 0.001),
+        ),
         own_error=0.001,
-        rows=(Row("two fingers", "25 ms", "21.0 ms (20.0 to 22.0)", "2 %", "gmres", {"seconds": (0.02, 0.022)}),),
+        rows=(
+            Row(
+                "two fingers",
+                "25 ms",
+                "21.0 ms (20.0 to 22.0)",
+                "2 %",
+                "gmres",
+                {"seconds": (0.02, 0.022)},
+            ),
+        ),
         unknowns=tuple(growth.Grown(size, Timed((1e-7 * size**2,))) for size in (1000, 2000)),
         elements=tuple(growth.Grown(size, Timed((1e-6 * size,))) for size in (249, 996)),
         notes=("AcousTools is left out: no --acoustools PYTHON was given.",),

@@ -15,8 +15,13 @@ def written(folder: Path, name: str, rows: str) -> Path:
 
 def test_a_row_that_got_slower_is_red_and_fails(tmp_path, capsys) -> None:
     before = written(tmp_path, "before.csv", BEFORE)
-    now = written(tmp_path, "now.csv", "a,10 ms,100,0.0125,0.0115,0.014,0.01,\nb,x,100,0.11,0.1,0.13,0.01,\n")
-    assert [(one.what, one.red) for one in changes(before, now)] == [("a, 10 ms", True), ("b, x", False)]
+    now = written(
+        tmp_path, "now.csv", "a,10 ms,100,0.0125,0.0115,0.014,0.01,\nb,x,100,0.11,0.1,0.13,0.01,\n"
+    )
+    assert [(one.what, one.red) for one in changes(before, now)] == [
+        ("a, 10 ms", True),
+        ("b, x", False),
+    ]
     assert main(["--baseline", str(before), "--now", str(now)]) == 1
     assert "1 of 2 rows are slower" in capsys.readouterr().out
 
@@ -26,4 +31,14 @@ def test_spread_alone_is_not_red_nor_is_the_same_bench(tmp_path) -> None:
     noisy = written(tmp_path, "now.csv", "a,10 ms,100,0.0125,0.0098,0.02,0.01,\n")
     assert main(["--baseline", str(before), "--now", str(noisy)]) == 0
     assert main(["--baseline", str(before), "--now", str(before)]) == 0
-    assert main(["--baseline", str(before), "--now", str(written(tmp_path, "other.csv", "other,x,1,1,1,1,1,\n"))]) == 1
+    assert (
+        main(
+            [
+                "--baseline",
+                str(before),
+                "--now",
+                str(written(tmp_path, "other.csv", "other,x,1,1,1,1,1,\n")),
+            ]
+        )
+        == 1
+    )

@@ -3,13 +3,19 @@
 import numpy as np
 import pytest
 
-from airtact.hand.hand import Hand
-from airtact.hand.joints import BONES, CHAINS
-from airtact.mesh.topology import edge_twins
+from airtact.geometry.mesh.topology import edge_twins
+from airtact.hands.hand import Hand
+from airtact.hands.joints import BONES, CHAINS
 from airtact.transducers.layout import PhasedArray
 from benchmarks.hand_mesh_figure import COLUMNS, answers, draw_quality, side_lobes_of, spreads
 from benchmarks.hand_mesh_quality import Outcome, Study, beacons, cases, studies
-from benchmarks.wrong_hands import bent, hand_of_triangles, random_direction, random_radii, scaled_radii
+from benchmarks.wrong_hands import (
+    bent,
+    hand_of_triangles,
+    random_direction,
+    random_radii,
+    scaled_radii,
+)
 from paths import HANDS
 
 TIPS = [chain[-1] for chain in CHAINS]
@@ -30,7 +36,9 @@ def test_bent_fingers_keep_their_bones_and_are_elsewhere_by_what_was_asked(study
     assert np.sqrt(np.mean(away[TIPS] ** 2)) == pytest.approx(size, rel=1e-3)
     assert np.all(away[[0, 1, 5, 6, 10, 11, 15, 16, 20, 21]] == 0)
     for one, other in BONES:
-        before, after = (np.linalg.norm(hand.joints[one] - hand.joints[other]) for hand in (study.hand, wrong))
+        before, after = (
+            np.linalg.norm(hand.joints[one] - hand.joints[other]) for hand in (study.hand, wrong)
+        )
         assert after == pytest.approx(before, rel=1e-9)
 
 
@@ -68,14 +76,18 @@ def test_no_drive_of_the_same_energy_passes_that_of_the_right_hand(study):
     found = {case.error: case for case in cases(study, 1)}
     blind = study.outcome(found["no hand at all"])
     assert 0.3 < blind.focus < 1.0
-    right = np.vdot(study.drive(study.believed), study.reference[0].conj() / np.linalg.norm(study.reference[0]))
+    right = np.vdot(
+        study.drive(study.believed), study.reference[0].conj() / np.linalg.norm(study.reference[0])
+    )
     assert abs(right) == pytest.approx(1.0, abs=1e-3)
     assert len(study.reference) == 1 + len(study.side_lobe_points) > 10
 
 
 def test_the_reference_is_read_again_from_its_file(study):
     first = study.reference
-    again = Study(study.name, study.hand, study.array, study.pads, study.folder, spacing=study.spacing)
+    again = Study(
+        study.name, study.hand, study.array, study.pads, study.folder, spacing=study.spacing
+    )
     assert np.array_equal(again.reference, first)  # of an accuracy that would give other numbers
 
 

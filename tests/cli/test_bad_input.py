@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import airtact as at
+from airtact.acoustics.solvers.bem import solver as bem_solver
+from airtact.acoustics.solvers.gmres import gmres
 from airtact.cli import main
-from airtact.solvers.bem import solver as bem_solver
-from airtact.solvers.gmres import gmres
-from airtact.synthesis.reach import achieved_fraction
+from airtact.drives.reach import achieved_fraction
 from faults import raises_code
-from mesh.meshes import box_mesh, torus_mesh
+from geometry.mesh.meshes import box_mesh, torus_mesh
 from paths import SCENES
 
 BALL = (SCENES / "ball.toml").read_text(encoding="utf-8")
@@ -23,12 +23,13 @@ FLAT = np.array([[0, 0, 0], [0.01, 0, 0], [0, 0.01, 0], [0.02, 0, 0]])  # three 
 
 
 def ply(vertices, triangles) -> str:
-    head = (
-        f"ply\nformat ascii 1.0\nelement vertex {len(vertices)}\nproperty float x\nproperty float y\nproperty float z\n"
-    )
+    head = f"ply\nformat ascii 1.0\nelement vertex {len(vertices)}\nproperty float x\nproperty float y\nproperty float z\n"
     head += f"element face {len(triangles)}\nproperty list uchar int vertex_indices\nend_header\n"
     rows = [" ".join(str(number) for number in vertex) for vertex in np.asarray(vertices).tolist()]
-    rows += [" ".join(str(index) for index in (3, *triangle)) for triangle in np.asarray(triangles).tolist()]
+    rows += [
+        " ".join(str(index) for index in (3, *triangle))
+        for triangle in np.asarray(triangles).tolist()
+    ]
     return head + "\n".join(rows) + "\n"
 
 
@@ -74,7 +75,11 @@ TEXTS = {
         "4 mm",
     ),
     "focus behind a face": (
-        [('layout = "boards"', 'layout = "boards"\npiston_radius = 4e-3'), ("-0.07]", "-0.006]"), ("8e-3,", "8e-2,")]
+        [
+            ('layout = "boards"', 'layout = "boards"\npiston_radius = 4e-3'),
+            ("-0.07]", "-0.006]"),
+            ("8e-3,", "8e-2,"),
+        ]
         + [("8e-2, 0.0, 0.0]", "8e-2, 0.0, -0.02]")],
         "behind_faces",
         "focus 1",
@@ -82,17 +87,38 @@ TEXTS = {
         "14 mm",
     ),
     "body behind a face": (
-        [('layout = "boards"', 'layout = "boards"\npiston_radius = 4e-3'), ("-0.07]", "-0.004]"), ("-0.08636", "0.01")]
+        [
+            ('layout = "boards"', 'layout = "boards"\npiston_radius = 4e-3'),
+            ("-0.07]", "-0.004]"),
+            ("-0.08636", "0.01"),
+        ]
         + [("-5.5e-3", "5.5e-3")],
         "behind_faces",
         "body 0",
         "249 elements",
         "1 mm",
     ),
-    "zero frequency": ([("[medium]", "frequency = 0.0\n[medium]")], "not_positive", "frequency is 0 Hz"),
-    "negative frequency": ([("[medium]", "frequency = -40e3\n[medium]")], "not_positive", "frequency is -40000 Hz"),
-    "frequency in kHz": ([("[medium]", "frequency = 40\n[medium]")], "out_of_range", "40 Hz", "kHz"),
-    "frequency NaN": ([("[medium]", "frequency = nan\n[medium]")], "not_positive", "frequency is nan Hz"),
+    "zero frequency": (
+        [("[medium]", "frequency = 0.0\n[medium]")],
+        "not_positive",
+        "frequency is 0 Hz",
+    ),
+    "negative frequency": (
+        [("[medium]", "frequency = -40e3\n[medium]")],
+        "not_positive",
+        "frequency is -40000 Hz",
+    ),
+    "frequency in kHz": (
+        [("[medium]", "frequency = 40\n[medium]")],
+        "out_of_range",
+        "40 Hz",
+        "kHz",
+    ),
+    "frequency NaN": (
+        [("[medium]", "frequency = nan\n[medium]")],
+        "not_positive",
+        "frequency is nan Hz",
+    ),
     "frequency in words": (
         [("[medium]", 'frequency = "40 kHz"\n[medium]')],
         "wrong_value",
@@ -102,7 +128,11 @@ TEXTS = {
     "infinite speed": ([("343.1", "inf")], "not_positive", "sound speed is inf m/s"),
     "speed in km/s": ([("343.1", "0.3431")], "out_of_range", "0.3431 m/s", "km/s"),
     "zero radius": ([("radius = 5e-3", "radius = 0")], "not_positive", "radius is 0 m"),
-    "negative radius": ([("radius = 5e-3", "radius = -5e-3")], "not_positive", "radius is -0.005 m"),
+    "negative radius": (
+        [("radius = 5e-3", "radius = -5e-3")],
+        "not_positive",
+        "radius is -0.005 m",
+    ),
     "radius in mm": ([("radius = 5e-3", "radius = 5")], "too_large", "10 m", "2 m", "millimetres"),
     "gap in mm": ([(SPHERE, "pinch = { gap = 12 }")], "out_of_range", "12 m", "millimetres"),
     "negative gap": ([(SPHERE, "pinch = { gap = -0.01 }")], "not_positive", "gap is -0.01 m"),
@@ -118,14 +148,25 @@ TEXTS = {
     "NaN focus": ([("8e-3,", "nan,")], "not_finite", "1 NaN", "[1, 0]"),
     "NaN pressure": ([("600.0", "nan")], "not_finite", "1 NaN", "[1]"),
     "NaN pose": ([("-0.07]", "nan]")], "not_finite", "1 NaN", "[2]"),
-    "wrong shape": ([("8e-3, 0.0, 0.0]", "8e-3, 0.0]")], "wrong_value", "foci[1].point", "length 3, got 2"),
+    "wrong shape": (
+        [("8e-3, 0.0, 0.0]", "8e-3, 0.0]")],
+        "wrong_value",
+        "foci[1].point",
+        "length 3, got 2",
+    ),
     "pressure for one of two": ([("pressure = 600.0", "")], "key_missing", "1 of 2"),
     "empty target": (
         [(BALL[BALL.index("[[foci]]") :], ""), ("[medium]", "foci = []\n[medium]")],
         "empty",
         "0 points",
     ),
-    "no accuracy": ([("accuracy = 0.05", "accuracy = 0")], "out_of_range", "accuracy is 0,", "0.0001", "0.3"),
+    "no accuracy": (
+        [("accuracy = 0.05", "accuracy = 0")],
+        "out_of_range",
+        "accuracy is 0,",
+        "0.0001",
+        "0.3",
+    ),
 }
 
 
@@ -158,7 +199,9 @@ def write(path: Path, changes) -> Path:
 def test_a_bad_surface_is_rejected(name, tmp_path, capsys):
     content, *fault = MESHES[name]
     (tmp_path / "mesh.ply").write_text(content, encoding="utf-8")
-    scene = write(tmp_path / "scene.toml", [(SPHERE, 'surface = "mesh.ply"'), ("-5.5e-3", "-30e-3")])
+    scene = write(
+        tmp_path / "scene.toml", [(SPHERE, 'surface = "mesh.ply"'), ("-5.5e-3", "-30e-3")]
+    )
     assert has(rejection(capsys, "check", scene), *fault)
 
 
@@ -168,7 +211,9 @@ def test_a_bad_scene_is_rejected(name, tmp_path, capsys):
     assert has(rejection(capsys, "check", write(tmp_path / "scene.toml", changes)), *fault)
 
 
-@pytest.mark.parametrize("name", ["overlapping bodies", "focus in a body", "frequency in kHz", "NaN pose"])
+@pytest.mark.parametrize(
+    "name", ["overlapping bodies", "focus in a body", "frequency in kHz", "NaN pose"]
+)
 def test_render_rejects_before_it_makes_a_folder(name, tmp_path, capsys):
     changes, *fault = TEXTS[name]
     scene = write(tmp_path / "scene.toml", changes)
@@ -183,7 +228,8 @@ def test_names_are_words_whatever_they_hold(name, tmp_path, capsys):
 
 
 def test_a_solver_that_does_not_converge_is_reported(tmp_path, capsys, monkeypatch):
-    # No closed body was found that needs more than the 120 iterations allowed, so two are allowed here.
+    # No closed body was found that needs more than the 120 iterations allowed, so two are allowed
+    # here.
     monkeypatch.setattr(bem_solver, "gmres", lambda *given, **_: gmres(*given, most_iterations=2))
     scene = write(tmp_path / "scene.toml", [])
     sentence = rejection(capsys, "render", scene, "--out", tmp_path / "out")
@@ -192,8 +238,12 @@ def test_a_solver_that_does_not_converge_is_reported(tmp_path, capsys, monkeypat
 
 def test_a_folder_that_cannot_be_written_is_rejected(tmp_path, capsys):
     (tmp_path / "file").touch()
-    sentence = rejection(capsys, "render", write(tmp_path / "scene.toml", []), "--out", tmp_path / "file")
-    assert re.search(r"cannot write into the output folder .*file: File exists \(error 17\)", sentence)
+    sentence = rejection(
+        capsys, "render", write(tmp_path / "scene.toml", []), "--out", tmp_path / "file"
+    )
+    assert re.search(
+        r"cannot write into the output folder .*file: File exists \(error 17\)", sentence
+    )
 
 
 # --- wrong kinds of object, by the Python interface -----------------------------------------------------------------
@@ -213,7 +263,12 @@ WATER_DROP = at.Scene(AIR, [at.filled(at.sphere(0.01, 0.005), at.Medium(1481, 99
 DROP_FIELD = at.SphereSeries().radiate(WATER_DROP, TARGET.beacons())
 
 KINDS = {
-    "radiate target": (lambda: FREE.radiate(SCENE, TARGET), "wrong_kind", "a Target", "a Monopoles"),
+    "radiate target": (
+        lambda: FREE.radiate(SCENE, TARGET),
+        "wrong_kind",
+        "a Target",
+        "a Monopoles",
+    ),
     "radiate points": (
         lambda: at.SphereSeries().radiate(WATER_DROP, TARGET.points),
         "wrong_kind",
@@ -226,7 +281,12 @@ KINDS = {
         "a Beacons",
         "a Scene",
     ),
-    "transfer of a target": (lambda: at.transfer_matrix(TARGET, ARRAY), "wrong_kind", "a Target", "a RadiatedField"),
+    "transfer of a target": (
+        lambda: at.transfer_matrix(TARGET, ARRAY),
+        "wrong_kind",
+        "a Target",
+        "a RadiatedField",
+    ),
     "transfer to a list": (
         lambda: at.transfer_matrix(FIELD, [ARRAY]),
         "wrong_kind",
@@ -312,7 +372,12 @@ KINDS = {
         "a Drive",
     ),
     "quantise a frame": (lambda: at.quantise(FRAME), "wrong_kind", "a Frame", "a Drive"),
-    "focus in kHz": (lambda: at.focus_by_distance(ARRAY, TARGET, AIR, 40), "out_of_range", "40 Hz", "kHz"),
+    "focus in kHz": (
+        lambda: at.focus_by_distance(ARRAY, TARGET, AIR, 40),
+        "out_of_range",
+        "40 Hz",
+        "kHz",
+    ),
     "focus by a speed": (
         lambda: at.focus_by_distance(ARRAY, TARGET, 343.1, 40e3),
         "wrong_kind",
@@ -333,9 +398,24 @@ KINDS = {
         "millimetres",
     ),
     "half a board": (lambda: at.flat_boards(1.5, 1), "not_integers", "1.5"),
-    "joining one": (lambda: at.boards.join(ARRAY), "wrong_kind", "a list of 1 or more arrays", "a PhasedArray"),
-    "joining others": (lambda: at.boards.join([ARRAY, AIR]), "wrong_kind", "a Medium", "a PhasedArray"),
-    "seen from a point": (lambda: ARRAY.seen_from(np.zeros(3)), "wrong_kind", "an array of shape (3,)", "a Pose"),
+    "joining one": (
+        lambda: at.transducers.join(ARRAY),
+        "wrong_kind",
+        "a list of 1 or more arrays",
+        "a PhasedArray",
+    ),
+    "joining others": (
+        lambda: at.transducers.join([ARRAY, AIR]),
+        "wrong_kind",
+        "a Medium",
+        "a PhasedArray",
+    ),
+    "seen from a point": (
+        lambda: ARRAY.seen_from(np.zeros(3)),
+        "wrong_kind",
+        "an array of shape (3,)",
+        "a Pose",
+    ),
     "surface moved by a point": (
         lambda: at.sphere(0.01, 0.005).moved(np.zeros(3)),
         "wrong_kind",
@@ -368,9 +448,14 @@ KINDS = {
     ),
     "many boards": (lambda: at.flat_boards(10**6, 10**6), "too_wide", "1.92e+05 m", "10 m"),
     "depth at a point": (lambda: WATER_DROP.depth(np.zeros(3)), "wrong_shape", "3"),
-    "depth nowhere": (lambda: at.Surface(*box_mesh()).depth(np.full((1, 3), np.nan)), "not_finite", "3 NaN", "[0, 0]"),
+    "depth nowhere": (
+        lambda: at.Surface(*box_mesh()).depth(np.full((1, 3), np.nan)),
+        "not_finite",
+        "3 NaN",
+        "[0, 0]",
+    ),
     "boundary in a list": (
-        lambda: at.scene.Obstacle(at.sphere(0.01, 0.005), ["sound_hard"]),
+        lambda: at.acoustics.Obstacle(at.sphere(0.01, 0.005), ["sound_hard"]),
         "unknown_name",
         "'sound_hard'",
     ),

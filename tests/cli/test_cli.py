@@ -16,7 +16,7 @@ from matplotlib.image import imread
 import airtact as at
 from airtact import __version__
 from airtact.cli import main
-from mesh.meshes import box_mesh
+from geometry.mesh.meshes import box_mesh
 from paths import EXAMPLES, ROOT
 
 BALL = ROOT / "tests" / "scenes" / "ball.toml"
@@ -86,7 +86,10 @@ def test_a_name_of_no_file_and_no_example_lists_the_examples(capsys, monkeypatch
 
 def test_help_of_render_names_all_scenes_that_come_with_airtact(capsys):
     printed = plain(output(capsys, "render", "--help")[1])
-    assert f"come with airtact: {', '.join(sorted(path.stem for path in EXAMPLES.glob('*.toml')))}." in printed
+    assert (
+        f"come with airtact: {', '.join(sorted(path.stem for path in EXAMPLES.glob('*.toml')))}."
+        in printed
+    )
 
 
 @pytest.mark.slow
@@ -118,7 +121,18 @@ def test_check_reports_what_is_in_a_scene(capsys):
     code, printed, _ = output(capsys, "check", BALL)
     assert code == 0
     # 4π · 25 mm² is 3.1 cm², and the foci are 0.5 and 3 mm off a ball of 5 mm.
-    for words in ("sphere", "sound-hard", "3.1 cm²", "south pole", "0.5 mm", "3 mm", "900 Pa", "249", "unknowns", "MB"):
+    for words in (
+        "sphere",
+        "sound-hard",
+        "3.1 cm²",
+        "south pole",
+        "0.5 mm",
+        "3 mm",
+        "900 Pa",
+        "249",
+        "unknowns",
+        "MB",
+    ):
         assert words in printed
 
 
@@ -130,7 +144,9 @@ def box_file(folder, change=lambda vertices, triangles: (vertices, triangles), n
 
 
 def test_check_reports_what_is_in_a_surface(capsys, tmp_path):
-    code, printed, errors = output(capsys, "check", box_file(tmp_path), "--scale", "1e-3", "--out", tmp_path / "out")
+    code, printed, errors = output(
+        capsys, "check", box_file(tmp_path), "--scale", "1e-3", "--out", tmp_path / "out"
+    )
     assert code == 0
     assert only_steps(errors)
     # 2 (2·3 + 2·4 + 3·4) cm², 2·3·4 cm³, 4 (20 + 30 + 40) mm of edges
@@ -173,7 +189,9 @@ def test_check_draws_the_fault_of_a_surface_that_it_rejects(capsys, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "bodies.png").touch()  # of an older run
     path = box_file(tmp_path, lambda v, t: (v, t[1:]))
-    code, printed, errors = output(capsys, "check", path, "--scale", "1e-3", "--out", tmp_path / "out")
+    code, printed, errors = output(
+        capsys, "check", path, "--scale", "1e-3", "--out", tmp_path / "out"
+    )
     assert (code, printed) == (2, "")
     *steps, last = errors.splitlines()
     assert only_steps("\n".join(steps))
@@ -220,7 +238,9 @@ def test_mesh_reports_how_good_panels_are(capsys, tmp_path):
         "repaired nothing",
     ):
         assert words in plain(printed)
-    assert "off the triangles given under 0.1 µm at most, under 0.1 µm in the mean" in plain(printed)
+    assert "off the triangles given under 0.1 µm at most, under 0.1 µm in the mean" in plain(
+        printed
+    )
     assert float(re.search(r"smallest angle (\d+\.\d)°", plain(printed))[1]) > 15
     assert "Warning" not in printed
     assert sorted(entry.name for entry in out.parent.iterdir()) == ["panels.png", "panels.vtkhdf"]
@@ -228,10 +248,14 @@ def test_mesh_reports_how_good_panels_are(capsys, tmp_path):
 
 def test_mesh_warns_of_triangles_too_coarse_for_a_curved_surface(capsys, tmp_path):
     trimesh.creation.icosphere(subdivisions=1, radius=0.02).export(tmp_path / "ball.ply")
-    code, printed, _ = output(capsys, "mesh", tmp_path / "ball.ply", "--out", tmp_path / "panels.stl")
+    code, printed, _ = output(
+        capsys, "mesh", tmp_path / "ball.ply", "--out", tmp_path / "panels.stl"
+    )
     assert code == 0
     # 80 triangles of a sphere: it stands 1.4 mm over them
-    assert re.search(r"Warning: the panels lie up to \d\.\d mm off the triangles given", plain(printed))
+    assert re.search(
+        r"Warning: the panels lie up to \d\.\d mm off the triangles given", plain(printed)
+    )
     assert "--sharp 0" in printed
 
 
@@ -248,7 +272,9 @@ def test_mesh_warns_of_triangles_too_coarse_for_a_curved_surface(capsys, tmp_pat
 def test_mesh_rejects_in_one_sentence(capsys, tmp_path, options, numbers, fault):
     scale = [] if "--scale" in options else ["--scale", "1e-3"]
     out = tmp_path / "out" / "panels.vtkhdf"
-    code, printed, errors = output(capsys, "mesh", box_file(tmp_path), *scale, *options, "--out", out)
+    code, printed, errors = output(
+        capsys, "mesh", box_file(tmp_path), *scale, *options, "--out", out
+    )
     assert (code, printed) == (2, "")
     last = errors.splitlines()[-1]
     assert last.endswith(f" [{fault}]")
@@ -298,7 +324,9 @@ def test_render_reports_its_steps_and_what_the_foci_get(capsys, tmp_path):
     ],
 )
 @pytest.mark.parametrize("command", SCENE_COMMANDS)
-def test_bad_input_is_one_sentence_and_exit_code_2(capsys, tmp_path, command, old, new, number, fault):
+def test_bad_input_is_one_sentence_and_exit_code_2(
+    capsys, tmp_path, command, old, new, number, fault
+):
     path = tmp_path / "scene.toml"
     path.write_text(BALL.read_text().replace(old, new))
     options = ["--out", tmp_path / "out"] if command == "render" else []

@@ -16,8 +16,12 @@ def fresh(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize(("name", "shown"), [("emit", "0 dropped"), ("export", "20 frames for 4 boards")])
-def test_the_examples_run_as_printed_from_a_fresh_run(capsys, monkeypatch, fresh, name: str, shown: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "shown"), [("emit", "0 dropped"), ("export", "20 frames for 4 boards")]
+)
+def test_the_examples_run_as_printed_from_a_fresh_run(
+    capsys, monkeypatch, fresh, name: str, shown: str
+) -> None:
     monkeypatch.chdir(fresh)
     assert main([name, "--help"]) == 0
     (example,) = re.findall(r"Example: airtact (.*(?:\n +.*)*)", capsys.readouterr().out)
@@ -31,7 +35,17 @@ def test_the_examples_run_as_printed_from_a_fresh_run(capsys, monkeypatch, fresh
 def test_the_default_level_of_an_example_is_under_the_limit(capsys, monkeypatch, fresh) -> None:
     """142 to 148 dB at full scale, and no more than the limit that is printed beside it."""
     monkeypatch.chdir(fresh)
-    emit = ["emit", "out/pinch/drive.h5", "--board", "autd3", "--link", "audit", "--yes", "--seconds", "0.05"]
+    emit = [
+        "emit",
+        "out/pinch/drive.h5",
+        "--board",
+        "autd3",
+        "--link",
+        "audit",
+        "--yes",
+        "--seconds",
+        "0.05",
+    ]
     levels = []
     for options in ([], ["--full-scale"]):
         assert main([*emit, *options]) == 0

@@ -33,7 +33,9 @@ def record(capsys, *arguments):
 def documented_keys(command):
     """Return the keys of a command's result in the table of the page."""
     page = (ROOT / "docs/commands.md").read_text(encoding="utf-8")
-    (row,) = re.findall(rf"^\| `{command}`[^|]* \| (.*) \|$", page.split("## Results as JSON")[1], re.MULTILINE)
+    (row,) = re.findall(
+        rf"^\| `{command}`[^|]* \| (.*) \|$", page.split("## Results as JSON")[1], re.MULTILINE
+    )
     return set(re.findall(r"`(\w+)`", re.sub(r"\([^)]*\)", "", row)))
 
 
@@ -51,9 +53,13 @@ def test_render_prints_what_the_foci_get_as_json(capsys, here):
     assert set(found) == COMMON | documented_keys("render")
     assert (found["airtact"], found["command"]) == (at.__version__, "render")
     assert [focus["asked"] for focus in found["foci"]] == [900.0, 600.0]
-    np.testing.assert_allclose([focus["position"] for focus in found["foci"]], [[0, 0, -5.5e-3], [8e-3, 0, 0]])
+    np.testing.assert_allclose(
+        [focus["position"] for focus in found["foci"]], [[0, 0, -5.5e-3], [8e-3, 0, 0]]
+    )
     with h5py.File(here / "out/ball/drive.h5") as file:
-        got = np.abs(file["transfer_matrix"][:] @ (file["amplitude"][:] * np.exp(1j * file["phase"][:])))
+        got = np.abs(
+            file["transfer_matrix"][:] @ (file["amplitude"][:] * np.exp(1j * file["phase"][:]))
+        )
     np.testing.assert_allclose([focus["pressure"] for focus in found["foci"]], got, rtol=0.05)
     assert [name for name, path in found["files"].items() if not (here / path).is_file()] == []
 
@@ -86,14 +92,19 @@ def test_compare_prints_the_methods_as_json_best_first(capsys, here):
     assert shares == sorted(shares, reverse=True)
     assert shares[0] > 0.9
     assert len(found["methods"][0]["pressures"]) == len(found["foci"]) == 2
-    assert sorted(entry.name for entry in (here / "out/ball").iterdir()) == ["drives", "methods.csv"]
+    assert sorted(entry.name for entry in (here / "out/ball").iterdir()) == [
+        "drives",
+        "methods.csv",
+    ]
 
 
 def test_check_prints_what_is_in_a_scene_or_a_surface_as_json(capsys, here):
     found = record(capsys, "check", BALL)
     assert set(found) == COMMON | documented_keys("check")
     assert found["bodies"][0]["area"] == pytest.approx(4.0 * np.pi * 5e-3**2, rel=0.01)
-    assert [focus["off_the_surface"] for focus in found["foci"]] == pytest.approx([0.5e-3, 3e-3], abs=1e-6)
+    assert [focus["off_the_surface"] for focus in found["foci"]] == pytest.approx(
+        [0.5e-3, 3e-3], abs=1e-6
+    )
     trimesh.creation.icosphere(subdivisions=3, radius=5.0).export(here / "ball.stl")
     found = record(capsys, "check", here / "ball.stl", "--scale", "1e-3")
     assert set(found) == COMMON | {"surface", "unknowns"}
@@ -105,7 +116,9 @@ def test_known_fields_are_solved_as_accurately_as_asked(capsys, monkeypatch):
     found = record(capsys, "check", "--physics")
     assert set(found) == COMMON | documented_keys("check --physics")
     assert found["threads"] >= 1
-    assert [one["name"].split(",")[0] for one in found["fields"]] == ["one sphere"] * 2 + ["two spheres"] * 2
+    assert [one["name"].split(",")[0] for one in found["fields"]] == ["one sphere"] * 2 + [
+        "two spheres"
+    ] * 2
     assert max(one["error"] for one in found["fields"]) < found["asked"] == 0.01
     assert max(one["own"] for one in found["fields"]) < 1e-3
 
@@ -161,7 +174,8 @@ def test_open_shows_the_page_in_the_browser(capsys, here, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("line", "nearest"), [("rendr", "render"), ("render x.toml --stor y", "--store"), ("reproduce inoue", "inoue2014")]
+    ("line", "nearest"),
+    [("rendr", "render"), ("render x.toml --stor y", "--store"), ("reproduce inoue", "inoue2014")],
 )
 def test_a_mistyped_command_option_or_name_suggests_the_nearest(capsys, line, nearest):
     code, printed, errors = output(capsys, *line.split())

@@ -9,9 +9,9 @@ import trimesh
 
 import airtact as at
 from airtact.cli import main
-from airtact.hand.fitting.skin_offset import EDGES
+from airtact.hands.fitting.skin_offset import EDGES
 from airtact.workflows.hand import fit
-from hand.rigged_hand import posed, rough, seen, turned_to_camera
+from hands.rigged_hand import posed, rough, seen, turned_to_camera
 from paths import HANDS
 
 CLOUD, LANDMARKS = str(HANDS / "seen_hand.ply"), str(HANDS / "seen_hand.json")
@@ -20,7 +20,12 @@ CLOUD, LANDMARKS = str(HANDS / "seen_hand.ply"), str(HANDS / "seen_hand.json")
 def test_a_cloud_gives_a_closed_skin_a_picture_and_how_sure_it_is(tmp_path: Path, capsys) -> None:
     file = tmp_path / "hand.ply"
 
-    assert main(["hand", CLOUD, "--landmarks", LANDMARKS, "--camera", "0", "0", "0", "--out", str(file)]) == 0
+    assert (
+        main(
+            ["hand", CLOUD, "--landmarks", LANDMARKS, "--camera", "0", "0", "0", "--out", str(file)]
+        )
+        == 0
+    )
 
     said = capsys.readouterr().out
     assert "skin uncertain by" in said
@@ -32,7 +37,9 @@ def test_a_cloud_gives_a_closed_skin_a_picture_and_how_sure_it_is(tmp_path: Path
 
 
 @pytest.mark.parametrize("edge", [None, 0.005])
-def test_the_file_holds_the_skin_that_was_brought_to_the_points(tmp_path: Path, edge: float | None) -> None:
+def test_the_file_holds_the_skin_that_was_brought_to_the_points(
+    tmp_path: Path, edge: float | None
+) -> None:
     done = fit(Path(CLOUD), Path(LANDMARKS), tmp_path / "hand.ply", (0.0, 0.0, 0.0), edge)
 
     written = at.load_surface(tmp_path / "hand.ply")
@@ -45,9 +52,14 @@ def test_the_file_holds_the_skin_that_was_brought_to_the_points(tmp_path: Path, 
     for name, point in done.places.items():
         assert abs(written.shape.depth(point[None])[0]) < 0.1e-3, name
     middle = np.median(
-        np.linalg.norm(written.vertices[written.triangles[:, 0]] - written.vertices[written.triangles[:, 1]], axis=1)
+        np.linalg.norm(
+            written.vertices[written.triangles[:, 0]] - written.vertices[written.triangles[:, 1]],
+            axis=1,
+        )
     )
-    assert middle == pytest.approx(0.5 * (edge or EDGES[0]), rel=0.25)  # curved panels, cut in four flat ones
+    assert middle == pytest.approx(
+        0.5 * (edge or EDGES[0]), rel=0.25
+    )  # curved panels, cut in four flat ones
 
 
 def test_pads_that_the_camera_did_not_see_are_said_to_be_less_sure(tmp_path: Path) -> None:
@@ -58,7 +70,9 @@ def test_pads_that_the_camera_did_not_see_are_said_to_be_less_sure(tmp_path: Pat
         (tmp_path / "joints.json").write_text(
             json.dumps({"positions_m": rough(true.joints, 8).tolist(), "side": "right"})
         )
-        done = fit(tmp_path / "cloud.npy", tmp_path / "joints.json", tmp_path / "hand.ply", (0.0, 0.0, 0.0))
+        done = fit(
+            tmp_path / "cloud.npy", tmp_path / "joints.json", tmp_path / "hand.ply", (0.0, 0.0, 0.0)
+        )
         errors.append(done.errors["index.pad"])
         off = np.linalg.norm(done.hand.joints[[8, 9]] - true.joints[[8, 9]], axis=1)
         assert np.sqrt(np.mean(off**2)) < 2.5 * done.errors["index.pad"]
@@ -74,7 +88,9 @@ def test_pads_that_the_camera_did_not_see_are_said_to_be_less_sure(tmp_path: Pat
         ((), "landmarks_missing"),
     ],
 )
-def test_options_that_do_not_go_together_are_rejected(tmp_path: Path, capsys, options: tuple, fault: str) -> None:
+def test_options_that_do_not_go_together_are_rejected(
+    tmp_path: Path, capsys, options: tuple, fault: str
+) -> None:
     assert main(["hand", CLOUD, *options, "--out", str(tmp_path / "hand.ply")]) == 2
     assert capsys.readouterr().err.endswith(f" [{fault}]\n")
 

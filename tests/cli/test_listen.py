@@ -15,11 +15,11 @@ from websockets.sync.client import connect
 
 import airtact as at
 from airtact.cli import main
-from airtact.tracking.messages import to_json
-from airtact.tracking.recordings import pads_over_time
+from airtact.hands.tracking.messages import to_json
+from airtact.hands.tracking.recordings import pads_over_time
 from faults import raises_code
+from hands.tracking.motions import Pinching, still
 from paths import HANDS
-from tracking.motions import Pinching, still
 
 EXAMPLE = HANDS / "pinching.jsonl"
 
@@ -42,8 +42,10 @@ def recording(tmp_path):
 
 def test_a_recording_gives_skins_and_a_picture(capsys, tmp_path):
     path = tmp_path / "hand.npz"
-    at.tracking.save_recording(path, [still(0), still(1, landmarks=None), still(2), still(4)])
-    code, said, _ = output(capsys, "hand", path, "--frame", 2, "--edge", "0.012", "--out", tmp_path / "skin.stl")
+    at.hands.save_recording(path, [still(0), still(1, landmarks=None), still(2), still(4)])
+    code, said, _ = output(
+        capsys, "hand", path, "--frame", 2, "--edge", "0.012", "--out", tmp_path / "skin.stl"
+    )
     assert code == 0
     assert "4 received, 4 used, 1 lost, 1 skipped" in said
     assert "the longest gap 67 ms" in said
@@ -58,7 +60,9 @@ def test_faulty_recordings_are_rejected_or_counted(capsys, recording, tmp_path):
     assert said.endswith(" [mirrored]\n")
     assert not (tmp_path / "skin.ply").exists()
     out = tmp_path / "skin.ply"
-    code, said, _ = output(capsys, "hand", recording, "--leave-out", "--frame", 9, "--edge", "0.012", "--out", out)
+    code, said, _ = output(
+        capsys, "hand", recording, "--leave-out", "--frame", 9, "--edge", "0.012", "--out", out
+    )
     assert code == 0
     assert "9 received, 8 used, 1 mirrored, 2 skipped" in said
 
@@ -80,14 +84,25 @@ def test_what_cannot_be_shown_is_rejected(capsys, recording, tmp_path):
 
 def test_clouds_alone_have_no_pads(capsys, tmp_path):
     joints = still(0).landmarks
-    at.tracking.save_recording(tmp_path / "hand.npz", [still(0, landmarks=None, cloud=joints)])
+    at.hands.save_recording(tmp_path / "hand.npz", [still(0, landmarks=None, cloud=joints)])
     code, _, said = output(capsys, "hand", tmp_path / "hand.npz", "--out", tmp_path / "skin.ply")
     assert code == 2
     assert "0 of 1 frames have landmarks" in said
 
 
 def test_what_trackers_send_is_recorded_and_kept_on_ctrl_c(tmp_path):
-    command = [sys.executable, "-m", "airtact", "listen", "--seconds", "600", "--websocket", "0", "--osc", "0"]
+    command = [
+        sys.executable,
+        "-m",
+        "airtact",
+        "listen",
+        "--seconds",
+        "600",
+        "--websocket",
+        "0",
+        "--osc",
+        "0",
+    ]
     file = tmp_path / "recorded.jsonl"
     with subprocess.Popen(
         [*command, "--out", file], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -105,7 +120,7 @@ def test_what_trackers_send_is_recorded_and_kept_on_ctrl_c(tmp_path):
         said = listening.stdout.read()
         assert listening.wait() == 0
     assert "Messages: 4 received, 3 used" in said
-    assert [frame.sequence for frame in at.tracking.load_recording(file).frames] == [0, 1, 2]
+    assert [frame.sequence for frame in at.hands.load_recording(file).frames] == [0, 1, 2]
 
 
 def test_a_silent_tracker_is_reported(capsys, tmp_path):
@@ -131,7 +146,7 @@ def test_help_has_an_example(capsys, command):
 
 
 def test_the_example_is_what_it_is_said_to_be():
-    frames = at.tracking.load_recording(EXAMPLE).frames
+    frames = at.hands.load_recording(EXAMPLE).frames
     motion = Pinching()
     assert len(frames) == 75
     for frame in frames[::25]:

@@ -15,11 +15,11 @@ from websockets.sync.client import connect
 
 import airtact as at
 from airtact.cli import main
+from airtact.hands.tracking import save_recording, to_json
 from airtact.live.session import read_session
-from airtact.tracking import save_recording, to_json
-from hardware.receivers import Nano16, wired
+from emission.receivers import Nano16, wired
+from hands.tracking.motions import reaching_recording, still
 from paths import EXAMPLES
-from tracking.motions import reaching_recording, still
 
 COMMAND = [sys.executable, "-m", "airtact", "live"]
 QUICK = ["live_pinch", "--no-page"]
@@ -39,7 +39,9 @@ class Running:
 
     def __init__(self, *arguments) -> None:
         words = [*COMMAND, *map(str, arguments)]
-        self.process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        self.process = subprocess.Popen(
+            words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
         self.lines: list[str] = []
 
     def __enter__(self) -> "Running":
@@ -81,9 +83,15 @@ def test_boards_get_the_drives_and_end_in_silence(tmp_path):
 
 
 def test_a_method_for_what_is_in_doubt_needs_no_table_of_it(tmp_path):
-    text = (EXAMPLES / "live_pinch.toml").read_text().replace("hands/pinch.json", str(EXAMPLES / "hands/pinch.json"))
+    text = (
+        (EXAMPLES / "live_pinch.toml")
+        .read_text()
+        .replace("hands/pinch.json", str(EXAMPLES / "hands/pinch.json"))
+    )
     scene = tmp_path / "scene.toml"
-    scene.write_text(text.replace("[drive.modulation]", '[drive]\nmethod = "robust"\n\n[drive.modulation]'))
+    scene.write_text(
+        text.replace("[drive.modulation]", '[drive]\nmethod = "robust"\n\n[drive.modulation]')
+    )
     code, found, said = done(scene, "--no-page", "--out", tmp_path, seconds=3.0)
     assert code == 0, said
     assert found["drives"] > 0
@@ -131,7 +139,9 @@ def test_trackers_by_websocket_are_followed_and_nonsense_is_counted(tmp_path):
         code, said = running.ended()
     assert code == 0
     said = " ".join(said.split())  # long rows go over two lines
-    used, overtaken = (int((re.search(rf"(\d+) {word}", said) or [0, 0])[1]) for word in ("used", "overtaken"))
+    used, overtaken = (
+        int((re.search(rf"(\d+) {word}", said) or [0, 0])[1]) for word in ("used", "overtaken")
+    )
     assert "120 received" in said
     assert "60 unreadable" in said
     assert used + overtaken == 60  # a busy machine reads the newest of those that wait
@@ -150,7 +160,9 @@ def test_without_a_tracker_it_waits_and_is_silent(tmp_path):
 def test_the_frames_of_a_session_are_followed_again(tmp_path):
     done(*QUICK, "--ignore-hand", "--out", tmp_path / "one")
     one = read_session(tmp_path / "one")
-    code, found, said = done(*QUICK, "--from", tmp_path / "one", "--out", tmp_path / "two", seconds=None)
+    code, found, said = done(
+        *QUICK, "--from", tmp_path / "one", "--out", tmp_path / "two", seconds=None
+    )
     assert code == 0, said
     assert found["health"]["used"] == len(one.frame_time)
     two = read_session(tmp_path / "two")
@@ -194,14 +206,18 @@ def test_what_is_no_session_is_not_checked_as_one(tmp_path, capsys):
 
 def recorded_without_a_hand(folder):
     """A session in which nothing came."""
-    at.live.SessionWriter(folder / "session.h5", at.live.live_scene(at.read_scene(at.example("live_pinch")))).close()
+    at.live.SessionWriter(
+        folder / "session.h5", at.live.live_scene(at.read_scene(at.example("live_pinch")))
+    ).close()
     return folder
 
 
 def test_frames_of_the_other_hand_are_named(tmp_path):
     mirrored = still(0).landmarks * np.array([1.0, 1.0, -1.0])
     file = tmp_path / "right.jsonl"
-    save_recording(file, [still(index, index / 60, side="right", landmarks=mirrored) for index in range(60)])
+    save_recording(
+        file, [still(index, index / 60, side="right", landmarks=mirrored) for index in range(60)]
+    )
     code, found, said = done(*QUICK, "--from", file, "--out", tmp_path)
     assert code == 0
     assert found["drives"] == 0
@@ -286,7 +302,8 @@ def test_ctrl_c_ends_in_silence(tmp_path, times):
 def test_a_hand_through_the_array_gets_no_sound(tmp_path):
     file = tmp_path / "through.jsonl"
     frames = [
-        still(index, index / 60, landmarks=still(0).landmarks + np.array([0.19, 0.0, 0.0])) for index in range(60)
+        still(index, index / 60, landmarks=still(0).landmarks + np.array([0.19, 0.0, 0.0]))
+        for index in range(60)
     ]
     save_recording(file, frames)
     code, found, said = done(*QUICK, "--from", file, "--out", tmp_path)
@@ -296,7 +313,11 @@ def test_a_hand_through_the_array_gets_no_sound(tmp_path):
 
 
 def test_a_scene_with_the_tracker_elsewhere_moves_its_frames(tmp_path):
-    text = (EXAMPLES / "live_pinch.toml").read_text().replace("hands/pinch.json", str(EXAMPLES / "hands/pinch.json"))
+    text = (
+        (EXAMPLES / "live_pinch.toml")
+        .read_text()
+        .replace("hands/pinch.json", str(EXAMPLES / "hands/pinch.json"))
+    )
     scene = tmp_path / "scene.toml"
     scene.write_text(text + "\n[tracker]\ntranslation = [0.01, 0.0, 0.0]\n")
     file = tmp_path / "still.jsonl"
@@ -309,13 +330,26 @@ def test_a_scene_with_the_tracker_elsewhere_moves_its_frames(tmp_path):
 
 def test_boards_that_fail_in_the_middle_end_it_with_a_session(tmp_path):
     board = "[[array.poses]]\naxis = [0.0, 1.0, 0.0]\ndegrees = -90.0\ntranslation = [0.1, -0.02, 0.0]\n"
-    text = (EXAMPLES / "live_pinch.toml").read_text().replace("hands/pinch.json", str(EXAMPLES / "hands/pinch.json"))
+    text = (
+        (EXAMPLES / "live_pinch.toml")
+        .read_text()
+        .replace("hands/pinch.json", str(EXAMPLES / "hands/pinch.json"))
+    )
     before, after = text.split("[array]")[0], text[text.index("# This pose is the hand") :]
     scene = tmp_path / "scene.toml"
     after = after.split("[drive.modulation]")[0]  # this board is too slow for a modulation
     scene.write_text(f'{before}[array]\nlayout = "boards"\nboard = "nano16"\n{board}\n{after}')
     with wired(Nano16(), cut_after=4000) as wire:
-        port = ["--board", "nano16", "--link", "serial", "--port", wire.port, "--full-scale", "--yes"]
+        port = [
+            "--board",
+            "nano16",
+            "--link",
+            "serial",
+            "--port",
+            wire.port,
+            "--full-scale",
+            "--yes",
+        ]
         with Running(scene, "--no-page", *port, "--out", tmp_path) as running:
             code, said = running.ended()
     assert code == 1, said

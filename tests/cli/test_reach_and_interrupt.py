@@ -27,7 +27,9 @@ point = [0.0, 0.0, {height}]
         ("flat_boards", 0.2, "pressure = 5e3", ()),
     ],
 )
-def test_what_cannot_be_reached_is_named_before_it_is_solved(tmp_path, capsys, layout, height, pressure, words) -> None:
+def test_what_cannot_be_reached_is_named_before_it_is_solved(
+    tmp_path, capsys, layout, height, pressure, words
+) -> None:
     path = tmp_path / "scene.toml"
     path.write_text(SCENE.format(layout=layout, height=height, pressure=pressure))
     assert main(["check", str(path)]) == 0
@@ -45,7 +47,9 @@ def test_a_package_of_a_bench_that_cannot_run_is_rejected(tmp_path, capsys) -> N
 
 def test_ctrl_c_in_render_says_what_was_kept(tmp_path) -> None:
     command = [sys.executable, "-m", "airtact", "render", "pinch", "--out", str(tmp_path / "out")]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as rendering:
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as rendering:
         assert rendering.stderr is not None
         for line in rendering.stderr:
             if "verifying" in line:

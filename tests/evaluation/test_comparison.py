@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
+from airtact.acoustics.medium import Medium
+from airtact.acoustics.scene import Scene
+from airtact.acoustics.solvers.free_field import FreeField
+from airtact.acoustics.target import Target
+from airtact.drives.conjugation import phase_conjugate, time_reversal
+from airtact.drives.transfer import Drive, focus_by_distance, transfer_matrix
 from airtact.evaluation.comparison import HELD_EQUAL, compare
 from airtact.evaluation.field import field_map
-from airtact.scene.medium import Medium
-from airtact.scene.scene import Scene
-from airtact.scene.target import Target
-from airtact.solvers.free_field import FreeField
-from airtact.synthesis.time_reversal import phase_conjugate, time_reversal
 from airtact.transducers.layout import flat_boards
-from airtact.transfer import Drive, focus_by_distance, transfer_matrix
 from faults import raises_code
 
 SCENE = Scene(Medium(343.1, 1.293), [])
@@ -32,7 +32,10 @@ def drives() -> dict[str, Drive]:
 def test_every_normalisation_holds_equal_what_it_says() -> None:
     given = drives()
     result = compare(SCENE, ARRAY, given, TARGET, solver=FreeField())
-    energies = [np.sum(np.abs(drive.amplitudes / np.abs(drive.amplitudes).max()) ** 2) for drive in given.values()]
+    energies = [
+        np.sum(np.abs(drive.amplitudes / np.abs(drive.amplitudes).max()) ** 2)
+        for drive in given.values()
+    ]
     for row, (name, drive) in enumerate(given.items()):
         largest = drive.amplitudes / np.abs(drive.amplitudes).max()
         alike = {
@@ -42,7 +45,9 @@ def test_every_normalisation_holds_equal_what_it_says() -> None:
         }
         assert name == result.names[row]
         for held_equal in HELD_EQUAL:
-            expected = np.abs(field_map(SCENE, ARRAY, Drive(alike[held_equal]), TARGET.points, solver=FreeField()))
+            expected = np.abs(
+                field_map(SCENE, ARRAY, Drive(alike[held_equal]), TARGET.points, solver=FreeField())
+            )
             np.testing.assert_allclose(result.pressures[held_equal][row], expected, rtol=1e-10)
 
 
@@ -52,7 +57,9 @@ def test_ratios_are_to_the_first_drive_in_pressure_and_squared() -> None:
         pressures = result.pressures[held_equal]
         np.testing.assert_array_equal(result.ratios(held_equal)[0], 1.0)
         np.testing.assert_allclose(result.ratios(held_equal) * pressures[0], pressures, rtol=1e-12)
-        np.testing.assert_allclose(result.squared_ratios(held_equal), (pressures / pressures[0]) ** 2, rtol=1e-12)
+        np.testing.assert_allclose(
+            result.squared_ratios(held_equal), (pressures / pressures[0]) ** 2, rtol=1e-12
+        )
 
 
 def test_the_field_of_each_drive_is_found_by_its_name() -> None:
@@ -75,7 +82,10 @@ def test_the_field_of_each_drive_is_found_by_its_name() -> None:
 def test_for_one_focus_the_normalisation_turns_the_conclusion_round() -> None:
     target = Target(TARGET.points[:1])
     transfer = transfer_matrix(FreeField().radiate(SCENE, target.beacons()), ARRAY)
-    pair = {"reversal": time_reversal(transfer, target), "phases": phase_conjugate(transfer, target)}
+    pair = {
+        "reversal": time_reversal(transfer, target),
+        "phases": phase_conjugate(transfer, target),
+    }
     result = compare(SCENE, ARRAY, pair, target, solver=FreeField())
     magnitude = np.abs(transfer.matrix[0])
     peak = magnitude.sum() * magnitude.max() / np.sum(magnitude**2)
@@ -89,9 +99,13 @@ def test_for_one_focus_the_normalisation_turns_the_conclusion_round() -> None:
 def test_the_scale_of_a_drive_plays_no_part() -> None:
     given = drives()
     weak = {name: Drive(0.1 * drive.amplitudes) for name, drive in given.items()}
-    first, second = (compare(SCENE, ARRAY, some, TARGET, solver=FreeField()) for some in (given, weak))
+    first, second = (
+        compare(SCENE, ARRAY, some, TARGET, solver=FreeField()) for some in (given, weak)
+    )
     for held_equal in HELD_EQUAL:
-        np.testing.assert_allclose(second.pressures[held_equal], first.pressures[held_equal], rtol=1e-10)
+        np.testing.assert_allclose(
+            second.pressures[held_equal], first.pressures[held_equal], rtol=1e-10
+        )
 
 
 def test_a_comparison_reads_as_a_table_that_says_what_is_held_equal() -> None:
@@ -116,7 +130,11 @@ def test_a_comparison_lists_every_focus_of_every_drive() -> None:
     result = compare(SCENE, ARRAY, drives(), TARGET, solver=FreeField())
     rows = result.table()
     assert len(rows) == 3 * 3 * len(TARGET.points)
-    row = next(row for row in rows if (row["held_equal"], row["drive"], row["focus"]) == ("equal energy", "control", 1))
+    row = next(
+        row
+        for row in rows
+        if (row["held_equal"], row["drive"], row["focus"]) == ("equal energy", "control", 1)
+    )
     assert row["pressure"] == result.pressures["equal energy"][2, 1]
     assert row["ratio"] == pytest.approx(result.ratios("equal energy")[2, 1], rel=1e-12)
     assert [row["x"], row["y"], row["z"]] == TARGET.points[1].tolist()
@@ -131,7 +149,13 @@ def test_drives_that_cannot_be_compared_raise() -> None:
     with raises_code("too_few", "not 0"):
         compare(SCENE, ARRAY, {}, TARGET, solver=FreeField())
     with raises_code("sizes_differ", "3 elements", "249"):
-        compare(SCENE, ARRAY, {"short": Drive(np.ones(3, dtype=np.complex128))}, TARGET, solver=FreeField())
+        compare(
+            SCENE,
+            ARRAY,
+            {"short": Drive(np.ones(3, dtype=np.complex128))},
+            TARGET,
+            solver=FreeField(),
+        )
     result = compare(SCENE, ARRAY, drives(), TARGET, solver=FreeField())
     with raises_code("unknown_name", "'equal power'", "3"):
         result.ratios("equal power")

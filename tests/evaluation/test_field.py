@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
+from airtact.acoustics.medium import Medium
+from airtact.acoustics.scene import Scene, sound_hard
+from airtact.acoustics.solvers.free_field import FreeField
+from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
+from airtact.drives.transfer import Drive
 from airtact.evaluation.field import drive_sources, field_map
-from airtact.pose import Pose
-from airtact.scene.medium import Medium
-from airtact.scene.scene import Scene, sound_hard
-from airtact.solvers.free_field import FreeField
-from airtact.solvers.spherical.sphere_series import SphereSeries
-from airtact.surfaces.primitives import sphere
+from airtact.geometry.pose import Pose
+from airtact.geometry.primitives import sphere
 from airtact.transducers.element import piston
 from airtact.transducers.layout import PhasedArray, autd3_board
-from airtact.transfer import Drive
 from faults import raises_code
 
 AIR = Medium(343.1, 1.293)
@@ -22,7 +22,9 @@ FULL = Drive(np.ones(1, dtype=np.complex128))
 
 def test_one_monopole_at_full_scale_makes_its_sensitivity_at_one_metre() -> None:
     array = PhasedArray(np.zeros((1, 3)), FORWARD)
-    pressure = field_map(Scene(AIR, []), array, FULL, np.array([[0.6, 0.0, 0.8]]), solver=FreeField())
+    pressure = field_map(
+        Scene(AIR, []), array, FULL, np.array([[0.6, 0.0, 0.8]]), solver=FreeField()
+    )
     assert np.abs(pressure[0]) == pytest.approx(4.38, rel=1e-12)
     assert np.abs(pressure[0]) / np.sqrt(2.0) == pytest.approx(3.10, abs=5e-3)
 
@@ -40,7 +42,10 @@ def test_a_piston_on_its_axis_is_the_closed_form(height: float) -> None:
 def test_sources_are_the_faces_element_by_element_with_one_sound_per_drive() -> None:
     array = autd3_board(Pose.turn((1, 1, 0), 0.3), piston(4.5e-3))
     random = np.random.default_rng(1)
-    drives = [Drive(random.uniform(-0.7, 0.7, 249) + 1j * random.uniform(-0.7, 0.7, 249)) for _ in range(3)]
+    drives = [
+        Drive(random.uniform(-0.7, 0.7, 249) + 1j * random.uniform(-0.7, 0.7, 249))
+        for _ in range(3)
+    ]
     sources = drive_sources(array, drives)
     assert sources.strengths.shape == (249 * 19, 3)
     for sound, drive in enumerate(drives):

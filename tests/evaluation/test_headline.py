@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
+from airtact.acoustics.medium import Medium
+from airtact.acoustics.scene import Scene
+from airtact.acoustics.solvers.free_field import FreeField
+from airtact.acoustics.target import Target
+from airtact.drives.default_method import best
+from airtact.drives.transfer import Drive, open_air_matrix
 from airtact.evaluation.comparison import compare
 from airtact.evaluation.headline import beyond_linear, body_word, headline, pascals, shortfalls
-from airtact.scene.medium import Medium
-from airtact.scene.scene import Scene
-from airtact.scene.target import Target
-from airtact.solvers.free_field import FreeField
-from airtact.synthesis.best import best
 from airtact.transducers.layout import flat_boards
-from airtact.transfer import Drive, open_air_matrix
 
 SCENE = Scene(Medium(343.1, 1.293), [])
 ARRAY = flat_boards(1, 1)
@@ -37,7 +37,9 @@ def test_the_gain_is_that_of_the_weakest_foci() -> None:
 
 def test_where_the_hand_does_not_matter_the_sentence_says_so() -> None:
     said = headline(compared(Target(POINTS)), 1.0, "object")
-    assert said.endswith("The object does not matter here: the solution distinguishes no less than 1.0%.")
+    assert said.endswith(
+        "The object does not matter here: the solution distinguishes no less than 1.0%."
+    )
 
 
 def test_below_full_scale_the_energies_are_equal() -> None:
@@ -56,7 +58,12 @@ def test_unequal_requests_are_counted_as_shares() -> None:
 
 @pytest.mark.parametrize(
     ("bodies", "word"),
-    [(["thumb", "finger"], "hand"), (["hand"], "hand"), (["left-Hand 2"], "hand"), (["sphere", "cup"], "object")],
+    [
+        (["thumb", "finger"], "hand"),
+        (["hand"], "hand"),
+        (["left-Hand 2"], "hand"),
+        (["sphere", "cup"], "object"),
+    ],
 )
 def test_bodies_are_called_what_they_are(bodies, word) -> None:
     assert body_word(bodies) == word

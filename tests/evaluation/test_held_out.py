@@ -6,7 +6,7 @@ import pytest
 import airtact as at
 from airtact.evaluation.held_out import held_out, shift_map
 from airtact.evaluation.windows import Window
-from airtact.figures.plots import draw_shifts
+from airtact.reports.plots import draw_shifts
 from faults import raises_code
 
 SCENE = at.Scene(at.air(), [at.sound_hard(at.sphere(radius=8e-3, edge=3e-3))], frequency=40e3)
@@ -17,7 +17,7 @@ SHIFTS = Window(np.zeros(3), np.array([1.0, 0, 0]), np.array([0, 0, 1.0]), 4e-3,
 
 
 @pytest.fixture(scope="module")
-def beacons() -> at.solvers.RadiatedField:
+def beacons() -> at.acoustics.RadiatedField:
     return at.SphereSeries().radiate(SCENE, TARGET.beacons())
 
 
@@ -33,7 +33,9 @@ def test_a_shift_gives_what_the_matrix_of_that_place_does(beacons, drives) -> No
     found = shift_map(beacons, ARRAY, TARGET, drives, SHIFTS)
     energies = [np.linalg.norm(drive.amplitudes) for drive in drives.values()]
     for index in (0, 4, 5):
-        there = at.transfer_matrix(beacons, ARRAY.seen_from(at.Pose(np.eye(3), SHIFTS.points[index])))
+        there = at.transfer_matrix(
+            beacons, ARRAY.seen_from(at.Pose(np.eye(3), SHIFTS.points[index]))
+        )
         for row, drive, energy in zip(found.pressures, drives.values(), energies, strict=True):
             exact = np.abs(there.pressure(drive)).min() * energies[0] / energy
             assert row[index] == pytest.approx(exact, rel=0.01)

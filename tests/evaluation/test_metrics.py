@@ -5,19 +5,19 @@ import re
 import numpy as np
 import pytest
 
+from airtact.acoustics.medium import Medium
+from airtact.acoustics.scene import Scene, sound_hard
+from airtact.acoustics.solvers.free_field import FreeField
+from airtact.acoustics.solvers.problem import SolveReport
+from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
+from airtact.acoustics.target import Target
+from airtact.drives.conjugation import time_reversal
+from airtact.drives.reach import achieved_fraction
+from airtact.drives.transfer import Drive, transfer_matrix
 from airtact.evaluation.metrics import Evaluation, evaluate
-from airtact.scene.medium import Medium
-from airtact.scene.scene import Scene, sound_hard
-from airtact.scene.target import Target
-from airtact.solvers.free_field import FreeField
-from airtact.solvers.problem import SolveReport
-from airtact.solvers.spherical.sphere_series import SphereSeries
-from airtact.surfaces.primitives import sphere
-from airtact.synthesis.reach import achieved_fraction
-from airtact.synthesis.time_reversal import time_reversal
+from airtact.geometry.primitives import sphere
 from airtact.transducers.element import piston
 from airtact.transducers.layout import PhasedArray, flat_boards, surrounding_box
-from airtact.transfer import Drive, transfer_matrix
 from faults import raises_code
 
 AIR = Medium(343.1, 1.293)
@@ -71,7 +71,10 @@ def test_an_evaluation_reads_as_a_table() -> None:
     assert "do not reflect" in text
     assert "not calibrated" in text
     assert "worst focus 300.0 Pa" in str(given_pressures(300.0, 400j))
-    columns = [line.rindex(end) + len(end) for line, end in zip(lines[:3], ("share", "50.0%", "-"), strict=True)]
+    columns = [
+        line.rindex(end) + len(end)
+        for line, end in zip(lines[:3], ("share", "50.0%", "-"), strict=True)
+    ]
     assert len(set(columns)) == 1
 
 

@@ -11,7 +11,7 @@ from faults import raises_code
 AIR = at.Medium(sound_speed=343.1, density=1.293)
 
 
-def open_air_field(direction: np.ndarray, distance: float) -> at.solvers.RadiatedField:
+def open_air_field(direction: np.ndarray, distance: float) -> at.acoustics.RadiatedField:
     source = at.Monopoles(distance * direction[None], np.array([distance + 0j]))
     return at.FreeField().radiate(at.Scene(AIR, [], frequency=40e3), source)
 
@@ -42,7 +42,9 @@ def test_what_blocks_it_follows_from_geometry():
     gap_aside = np.maximum(aside - microphone.diameter / 2, 0.0)
     height = np.clip(0.0, centres[:, 2], centres[:, 2] + microphone.housing)
     distance = np.hypot(gap_aside, height)
-    clear = np.abs(distance - radius) > 0.7e-3  # probes stand 3 mm apart along the housing and 0.8 mm along the rim
+    clear = (
+        np.abs(distance - radius) > 0.7e-3
+    )  # probes stand 3 mm apart along the housing and 0.8 mm along the rim
     blocked = microphone.blocked(scene, centres)
     assert 0.1 < blocked.mean() < 0.5
     np.testing.assert_array_equal(blocked[clear], distance[clear] < radius)
@@ -50,8 +52,12 @@ def test_what_blocks_it_follows_from_geometry():
 
 def test_blocked_positions_read_nothing():
     scene = at.Scene(AIR, [at.sound_hard(at.sphere(0.01, edge=1e-3))], frequency=40e3)
-    field = at.SphereSeries().radiate(scene, at.Monopoles(np.array([[0.0, 0.0, 0.05]]), np.array([1.0 + 0j])))
-    reading = Microphone(axis=(0.0, 0.0, 1.0), housing=0.0).read(field, np.array([[0.0, 0.0, 0.02], [0.0, 0.009, 0.0]]))
+    field = at.SphereSeries().radiate(
+        scene, at.Monopoles(np.array([[0.0, 0.0, 0.05]]), np.array([1.0 + 0j]))
+    )
+    reading = Microphone(axis=(0.0, 0.0, 1.0), housing=0.0).read(
+        field, np.array([[0.0, 0.0, 0.02], [0.0, 0.009, 0.0]])
+    )
     assert np.isfinite(reading[0, 0])
     assert np.isnan(reading[1, 0])
 

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from scipy.special import spherical_jn, spherical_yn
 
+from airtact.acoustics.medium import Medium
+from airtact.acoustics.scene import Scene, impedance, sound_hard
+from airtact.acoustics.solvers.bem.solver import BoundaryElement
+from airtact.acoustics.solvers.problem import RadiatedField, Solver
+from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
+from airtact.acoustics.sources import Monopoles
+from airtact.drives.transfer import Drive
 from airtact.evaluation.radiation import PAD_REACH, radiation_map, radiation_of, radiation_pressure
-from airtact.hand.pinch import pinch
-from airtact.scene.medium import Medium
-from airtact.scene.scene import Scene, impedance, sound_hard
-from airtact.scene.sources import Monopoles
-from airtact.solvers.bem.solver import BoundaryElement
-from airtact.solvers.problem import RadiatedField, Solver
-from airtact.solvers.spherical.sphere_series import SphereSeries
-from airtact.surfaces.primitives import sphere
+from airtact.geometry.primitives import sphere
+from airtact.hands.pinch_dummy import pinch
 from airtact.transducers.layout import surrounding_box
-from airtact.transfer import Drive
 from faults import raises_code
 
 AIR = Medium(343.1, 1.293)
@@ -27,9 +27,10 @@ PEAK = 1000.0
 def radiation_force(radius: float, frequency: float) -> float:
     """Force of a plane wave of 1000 Pa peak on a hard sphere that stands still [N].
 
-    F = π a² E Y with E = P²/(2ρc²) and Y = −(4/x²) Σ (n+1) [α_n + α_(n+1) + 2 (α_n α_(n+1) + β_n β_(n+1))], α_n + iβ_n
-    being the sphere's scattering coefficients (T. Hasegawa, K. Yosioka, J. Acoust. Soc. Am. 46, 1139, 1969, for a
-    sphere that does not yield; King 1934 without its motion).
+    F = π a² E Y with E = P²/(2ρc²) and Y = −(4/x²) Σ (n+1) [α_n + α_(n+1) + 2 (α_n α_(n+1) + β_n
+    β_(n+1))], α_n + iβ_n being the sphere's scattering coefficients (T. Hasegawa, K. Yosioka, J.
+    Acoust. Soc. Am. 46, 1139, 1969, for a sphere that does not yield; King 1934 without its
+    motion).
     """
     x = 2 * np.pi * frequency * radius / AIR.sound_speed
     order = np.arange(int(x + 5 * np.cbrt(x) + 15))
@@ -44,12 +45,16 @@ def radiation_force(radius: float, frequency: float) -> float:
 def in_plane_wave(radius: float, solver: Solver, frequency: float = 40e3) -> RadiatedField:
     """Field of a hard sphere in the sound of a monopole 50 m away, as good as a plane wave along −x."""
     scene = Scene(AIR, [sound_hard(sphere(radius, edge=radius / 3))], frequency=frequency)
-    source = Monopoles(np.array([[FAR, 0.0, 0.0]]), np.array([PEAK * FAR * np.exp(-1j * scene.wavenumber * FAR)]))
+    source = Monopoles(
+        np.array([[FAR, 0.0, 0.0]]), np.array([PEAK * FAR * np.exp(-1j * scene.wavenumber * FAR)])
+    )
     return solver.radiate(scene, source)
 
 
 @pytest.mark.parametrize(("radius", "error"), [(1e-3, 2e-3), (4e-3, 2e-3), (8e-3, 2e-3)])
-def test_the_pressure_on_a_sphere_adds_up_to_the_momentum_it_takes_from_a_plane_wave(radius, error) -> None:
+def test_the_pressure_on_a_sphere_adds_up_to_the_momentum_it_takes_from_a_plane_wave(
+    radius, error
+) -> None:
     field = in_plane_wave(radius, SphereSeries())
     skin = radiation_of(field, 0)
     assert skin.areas.sum() == pytest.approx(4 * np.pi * radius**2, rel=1e-3)
@@ -93,14 +98,17 @@ def fingers():
     array = surrounding_box()
     reach = np.linalg.norm(array.positions[:, None] - shape.foci(), axis=-1)
     phases = np.exp(-1j * scene.wavenumber * reach).sum(axis=1)
-    return shape, radiation_map(scene, array, Drive(phases / np.abs(phases).max()), solver=BoundaryElement(0.1))
+    return shape, radiation_map(
+        scene, array, Drive(phases / np.abs(phases).max()), solver=BoundaryElement(0.1)
+    )
 
 
 def test_pads_lie_under_the_foci_and_both_fingers_are_pushed_alike(fingers) -> None:
     shape, skin = fingers
     one, other = (skin.pad(focus) for focus in shape.foci())
     np.testing.assert_allclose([one.centre, other.centre], shape.pads, atol=2e-4)
-    # A piece of sphere and cylinder of 5 mm radius: a little more than a disc, counted by whole nodes.
+    # A piece of sphere and cylinder of 5 mm radius: a little more than a disc, counted by whole
+    # nodes.
     assert 0.95 * np.pi * 25e-6 < one.area < 1.15 * np.pi * 25e-6
     assert one.force == pytest.approx(other.force, rel=0.1)  # the boards are not quite symmetric
     assert one.force > 1e-4

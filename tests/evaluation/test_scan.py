@@ -72,7 +72,11 @@ def test_positions_that_cannot_be_predicted_are_left_out_and_counted():
         ("x,y,z,pressure\n0,0,0,1\n0,0,1,nan\n0,1,0,1\n", "cell_unreadable", "line 3"),
         ("x,y,z,pressure\n0,0,0,1\n0,0,1,2\n", "too_few", "2 positions; give 3"),
         ("x,y,z,pressure\n", "too_few", "0 positions"),
-        ("x,y,z,pressure\n0,0,0,1\n0,0,12,2\n0,0,1,2\n", "out_of_range", "position 1 of the scan is 12 m"),
+        (
+            "x,y,z,pressure\n0,0,0,1\n0,0,12,2\n0,0,1,2\n",
+            "out_of_range",
+            "position 1 of the scan is 12 m",
+        ),
         ("x,y,z,pressure\n0,0,0,1\n0,0,0,2\n0,0,1,2\n0,0,0,2\n", "repeated", "2 positions"),
         ("x,y,z,pressure\n0,0,0,0\n0,0,1,0\n0,1,0,0\n", "scan_silent", "all 3"),
     ],
@@ -92,7 +96,9 @@ def test_missing_and_binary_files_raise(tmp_path):
 
 def test_too_few_predictions_raise():
     with raises_code("scan_blocked", "2 of 4"):
-        overlay_scan(Scan(POINTS, np.ones(4, dtype=complex), True), np.array([1.0 + 0j, 1.0, np.nan, np.nan]))
+        overlay_scan(
+            Scan(POINTS, np.ones(4, dtype=complex), True), np.array([1.0 + 0j, 1.0, np.nan, np.nan])
+        )
     with raises_code("prediction_zero", "all 4"):
         overlay_scan(Scan(POINTS, np.ones(4, dtype=complex), True), np.zeros(4, dtype=complex))
     with raises_code("sizes_differ", "3 predictions", "4 positions"):

@@ -3,24 +3,28 @@
 import numpy as np
 import pytest
 
+from airtact.acoustics.medium import Medium
+from airtact.acoustics.scene import Scene, sound_hard
+from airtact.acoustics.solvers.bem.solver import BoundaryElement
+from airtact.acoustics.solvers.free_field import FreeField
+from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
+from airtact.acoustics.sources import Monopoles
 from airtact.evaluation.slices import MOST_FINE, slices_around, surface_pressure
 from airtact.evaluation.windows import plane_through
-from airtact.scene.medium import Medium
-from airtact.scene.scene import Scene, sound_hard
-from airtact.scene.sources import Monopoles
-from airtact.solvers.bem.solver import BoundaryElement
-from airtact.solvers.free_field import FreeField
-from airtact.solvers.spherical.sphere_series import SphereSeries
-from airtact.surfaces.primitives import sphere
+from airtact.geometry.primitives import sphere
 
 AIR = Medium(sound_speed=343.1, density=1.293)
 RADIUS = 8e-3
-SOURCES = Monopoles(np.array([[0.05, -0.03, 0.06], [-0.02, 0.05, 0.05]]), np.array([[1.0, 0.3], [0.5j, 1.0]]))
+SOURCES = Monopoles(
+    np.array([[0.05, -0.03, 0.06], [-0.02, 0.05, 0.05]]), np.array([[1.0, 0.3], [0.5j, 1.0]])
+)
 FOCI = np.array([[0.0, 0.0, 8.5e-3], [8.5e-3, 0.0, 0.0]])
 
 
 def points_of(slices):
-    index = np.stack(np.meshgrid(*map(np.arange, slices.depth.shape), indexing="ij"), axis=-1).reshape(-1, 3)
+    index = np.stack(
+        np.meshgrid(*map(np.arange, slices.depth.shape), indexing="ij"), axis=-1
+    ).reshape(-1, 3)
     return slices.corner + (index[:, ::-1] * slices.steps) @ slices.axes
 
 
@@ -67,12 +71,16 @@ def test_the_box_stands_along_the_frame_round_the_foci_and_has_them_in_a_plane(s
     assert (lowest < FOCI.min(axis=0) - scene.wavelength).all()
     assert (highest > FOCI.max(axis=0) + scene.wavelength).all()
     heights = FOCI @ slices.axes[2] - slices.corner @ slices.axes[2]
-    np.testing.assert_allclose(heights / slices.steps[2], round(heights[0] / slices.steps[2]), atol=1e-9)
+    np.testing.assert_allclose(
+        heights / slices.steps[2], round(heights[0] / slices.steps[2]), atol=1e-9
+    )
 
 
 def test_foci_far_apart_get_a_stack_of_planes():
     foci = np.array([[0.0, 0.0, 0.1], [0.16, 0.12, 0.1], [0.0, 0.12, 0.13]])
-    field = FreeField().radiate(Scene(AIR, [], 40e3), Monopoles(np.array([[0.05, 0.05, -0.1]]), np.ones(1)))
+    field = FreeField().radiate(
+        Scene(AIR, [], 40e3), Monopoles(np.array([[0.05, 0.05, -0.1]]), np.ones(1))
+    )
     slices = slices_around(field, [0], foci, plane_through(foci, np.empty((0, 3)), 8.6e-3))
     assert not slices.any_axis
     exact = np.abs(field.at(points_of(slices))[:, 0])
@@ -82,7 +90,10 @@ def test_foci_far_apart_get_a_stack_of_planes():
 def test_many_drives_are_not_refined(scene):
     field = SphereSeries().radiate(scene, Monopoles(SOURCES.positions, np.ones((2, MOST_FINE + 1))))
     window = plane_through(FOCI, scene.obstacles[0].surface.vertices, scene.wavelength)
-    few, many = (slices_around(field, list(range(count)), FOCI, window) for count in (MOST_FINE, MOST_FINE + 1))
+    few, many = (
+        slices_around(field, list(range(count)), FOCI, window)
+        for count in (MOST_FINE, MOST_FINE + 1)
+    )
     assert few.depth.size > 7 * many.depth.size
     np.testing.assert_allclose(few.pressures[::2, ::2, ::2, 0], many.pressures[..., 0], rtol=1e-9)
 

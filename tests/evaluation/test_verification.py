@@ -5,21 +5,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from airtact.acoustics.medium import Medium
+from airtact.acoustics.scene import Scene, sound_hard
+from airtact.acoustics.solvers.bem.solver import BoundaryElement
+from airtact.acoustics.solvers.free_field import FreeField
+from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
+from airtact.acoustics.target import Target
+from airtact.drives.conjugation import phase_conjugate, time_reversal
+from airtact.drives.rounding import quantise
+from airtact.drives.transfer import Drive, TransferMatrix, transfer_matrix
 from airtact.evaluation.thresholds import THRESHOLDS, sound_pressure_level, thresholds_of
 from airtact.evaluation.verification import Verification, attainable, verify
-from airtact.scene.medium import Medium
-from airtact.scene.scene import Scene, sound_hard
-from airtact.scene.target import Target
-from airtact.solvers.bem.solver import BoundaryElement
-from airtact.solvers.free_field import FreeField
-from airtact.solvers.spherical.sphere_series import SphereSeries
-from airtact.surfaces.primitives import sphere
-from airtact.synthesis.quantise import quantise
-from airtact.synthesis.time_reversal import phase_conjugate, time_reversal
+from airtact.geometry.primitives import sphere
 from airtact.transducers.element import monopole
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.levels import Levels
-from airtact.transfer import Drive, TransferMatrix, transfer_matrix
 from faults import raises_code
 
 AIR = Medium(343.1, 1.293)
@@ -40,7 +40,9 @@ def in_open_air(target: Target) -> TransferMatrix:
 def test_a_focus_served_alone_attains_what_it_can() -> None:
     target = Target(TWO[:1])
     transfer = in_open_air(target)
-    strongest = verify(OPEN_AIR, ARRAY, phase_conjugate(transfer, target), target, solver=FreeField())
+    strongest = verify(
+        OPEN_AIR, ARRAY, phase_conjugate(transfer, target), target, solver=FreeField()
+    )
     assert strongest.attained[0] == pytest.approx(1.0, abs=1e-12)
     assert strongest.energy == pytest.approx(24.0)
     # At equal energy nothing beats time reversal, and at full scale it gets less.
@@ -67,19 +69,34 @@ def test_the_effect_of_rounding_is_that_of_the_rounded_drive() -> None:
     drive = time_reversal(transfer, target)
     result = verify(OPEN_AIR, ARRAY, drive, target, solver=FreeField(), transfer=transfer)
     exact, rounded = (np.abs(transfer.pressure(one)) for one in (drive, quantise(drive).drive()))
-    assert result.quantisation_loss == pytest.approx(np.max(np.abs(rounded - exact) / exact), rel=1e-9)
+    assert result.quantisation_loss == pytest.approx(
+        np.max(np.abs(rounded - exact) / exact), rel=1e-9
+    )
     assert 0 < result.quantisation_loss < 5e-3
     coarse = Levels.even(amplitudes=5, phases=8)
-    result = verify(OPEN_AIR, ARRAY, drive, target, solver=FreeField(), transfer=transfer, levels=coarse)
+    result = verify(
+        OPEN_AIR, ARRAY, drive, target, solver=FreeField(), transfer=transfer, levels=coarse
+    )
     rounded = np.abs(transfer.pressure(quantise(drive, coarse).drive()))
-    assert result.quantisation_loss == pytest.approx(np.max(np.abs(rounded - exact) / exact), rel=1e-9)
+    assert result.quantisation_loss == pytest.approx(
+        np.max(np.abs(rounded - exact) / exact), rel=1e-9
+    )
     assert "rounding to 5 levels of amplitude and 8 of phase changes a focus by" in str(result)
 
 
 def test_the_side_lobe_of_one_element_is_where_the_box_comes_nearest_to_it() -> None:
-    single = PhasedArray(np.array([[0.0, 0.0, 0.1]]), np.array([[0.0, 0.0, -1.0]]), monopole(sensitivity=2.0))
+    single = PhasedArray(
+        np.array([[0.0, 0.0, 0.1]]), np.array([[0.0, 0.0, -1.0]]), monopole(sensitivity=2.0)
+    )
     target = Target(np.array([[0.0, 0.0, 0.0]]), suppression_points=np.array([[0.0, 0.0, -0.1]]))
-    result = verify(OPEN_AIR, single, Drive(np.array([1.0 + 0j])), target, solver=FreeField(), head=(0.0, 0.3, 0.1))
+    result = verify(
+        OPEN_AIR,
+        single,
+        Drive(np.array([1.0 + 0j])),
+        target,
+        solver=FreeField(),
+        head=(0.0, 0.3, 0.1),
+    )
     top = 2 * OPEN_AIR.wavelength
     assert result.side_lobe_in_box is not None
     assert result.side_lobe_in_box.point[2] == pytest.approx(top)
@@ -96,7 +113,8 @@ def test_the_side_lobe_of_one_element_is_where_the_box_comes_nearest_to_it() -> 
 
 
 def test_the_side_lobe_of_a_wide_target_is_not_lost_between_the_points_of_the_box() -> None:
-    # A focus that the target does not name, midway between the points of a box so wide that they are 5 mm apart.
+    # A focus that the target does not name, midway between the points of a box so wide that they
+    # are 5 mm apart.
     hidden = Target(np.array([[0.005, -0.0099, 0.0001]]))
     drive = phase_conjugate(in_open_air(hidden), hidden)
     wide = Target(np.array([[-0.05, -0.05, -0.04], [0.05, -0.05, 0.0], [0.0, 0.05, 0.06]]))
@@ -110,9 +128,12 @@ def test_the_side_lobe_of_a_wide_target_is_not_lost_between_the_points_of_the_bo
 def beside_a_ball() -> tuple[Verification, Verification]:
     scene = Scene(AIR, [sound_hard(sphere(6e-3, edge=2e-3))])
     target = Target(np.array([[0.0065, 0.0, 0.0], [0.0, 0.012, 0.0]]))
-    drive = phase_conjugate(transfer_matrix(SphereSeries().radiate(scene, target.beacons()), ARRAY), target)
+    drive = phase_conjugate(
+        transfer_matrix(SphereSeries().radiate(scene, target.beacons()), ARRAY), target
+    )
     exact, numeric = (
-        verify(scene, ARRAY, drive, target, solver=one) for one in (SphereSeries(), BoundaryElement(0.003))
+        verify(scene, ARRAY, drive, target, solver=one)
+        for one in (SphereSeries(), BoundaryElement(0.003))
     )
     return exact, numeric
 
@@ -124,14 +145,24 @@ def test_two_solvers_agree(beside_a_ball) -> None:
     assert found.force == pytest.approx(expected.force, rel=0.02)
     assert far is too_far is None  # 6 mm from the skin
     assert exact.pads(radius=3e-3)[0].area < expected.area
-    assert numeric.side_lobe_on_surface.pressure == pytest.approx(exact.side_lobe_on_surface.pressure, rel=0.01)
-    assert numeric.side_lobe_in_box.pressure == pytest.approx(exact.side_lobe_in_box.pressure, rel=0.01)
-    np.testing.assert_allclose(numeric.side_lobe_in_box.point, exact.side_lobe_in_box.point, atol=1e-9)
+    assert numeric.side_lobe_on_surface.pressure == pytest.approx(
+        exact.side_lobe_on_surface.pressure, rel=0.01
+    )
+    assert numeric.side_lobe_in_box.pressure == pytest.approx(
+        exact.side_lobe_in_box.pressure, rel=0.01
+    )
+    np.testing.assert_allclose(
+        numeric.side_lobe_in_box.point, exact.side_lobe_in_box.point, atol=1e-9
+    )
 
 
-def test_a_side_lobe_is_the_strongest_sound_farther_than_a_wavelength_from_the_foci(beside_a_ball) -> None:
+def test_a_side_lobe_is_the_strongest_sound_farther_than_a_wavelength_from_the_foci(
+    beside_a_ball,
+) -> None:
     exact, _ = beside_a_ball
-    away = np.linalg.norm(exact.skin.points[:, None] - exact.evaluation.target.points, axis=-1).min(axis=1)
+    away = np.linalg.norm(exact.skin.points[:, None] - exact.evaluation.target.points, axis=-1).min(
+        axis=1
+    )
     far = away > 343.1 / 40e3
     assert exact.side_lobe_on_surface.pressure == np.abs(exact.skin.pressure[far]).max()
     assert 0 < far.sum() < len(far)
@@ -146,7 +177,9 @@ def test_a_verification_reads_as_sentences(beside_a_ball) -> None:
     assert "Dalecki" in text
     assert "Howard" in text
     assert "safety" not in text
-    with_head = str(replace(exact, head=np.array([101.0, 104.26]), suppression_points=np.array([1.0 + 0j])))
+    with_head = str(
+        replace(exact, head=np.array([101.0, 104.26]), suppression_points=np.array([1.0 + 0j]))
+    )
     assert "at the head at most 104.3 dB SPL. This is no safety assessment" in with_head
     assert "mean p² of 1 suppression points -" in with_head
     assert "334 Pa, with spatiotemporal modulation" in exact.over_thresholds("spatiotemporal")
@@ -154,7 +187,11 @@ def test_a_verification_reads_as_sentences(beside_a_ball) -> None:
 
 def test_levels_against_thresholds() -> None:
     force, pressure = thresholds_of("amplitude")
-    assert (force.value, force.level(0.4e-3), force.level(0.8e-3)) == (0.4e-3, 0.0, pytest.approx(3.0103, abs=1e-4))
+    assert (force.value, force.level(0.4e-3), force.level(0.8e-3)) == (
+        0.4e-3,
+        0.0,
+        pytest.approx(3.0103, abs=1e-4),
+    )
     assert pressure.level(2 * 557.0) == pytest.approx(6.0206, abs=1e-4)
     assert force.level(-1e-3) == -np.inf
     assert all(threshold.source for threshold in THRESHOLDS)
@@ -167,7 +204,14 @@ def test_what_cannot_be_verified_raises(beside_a_ball) -> None:
     with raises_code("unknown_name", '"rotation"', "2 modulations"):
         beside_a_ball[0].over_thresholds("rotation")
     with raises_code("point_on_source", "point 1", "source 3"):
-        verify(OPEN_AIR, ARRAY, drive, target, solver=FreeField(), head=np.stack([np.zeros(3), ARRAY.positions[3]]))
+        verify(
+            OPEN_AIR,
+            ARRAY,
+            drive,
+            target,
+            solver=FreeField(),
+            head=np.stack([np.zeros(3), ARRAY.positions[3]]),
+        )
     scene = Scene(AIR, [sound_hard(sphere(4e-3, edge=2e-3, centre=(0.03, 0.0, 0.0)))])
     inside = Target(TWO, suppression_points=np.array([[0.03, 0.0, 0.0]]))
     with raises_code("inside_body", "suppression point", "4 mm deep"):

@@ -51,7 +51,9 @@ def test_the_points_of_a_window_are_a_grid_from_its_lower_left_corner():
     left, right, bottom, top = window.extent
     np.testing.assert_allclose(grid[0, 0], [left, bottom])
     np.testing.assert_allclose(grid[-1, -1], [right, top])
-    np.testing.assert_allclose(grid[0, 1] - grid[0, 0], [(right - left) / (columns - 1), 0], atol=1e-9)
+    np.testing.assert_allclose(
+        grid[0, 1] - grid[0, 0], [(right - left) / (columns - 1), 0], atol=1e-9
+    )
     np.testing.assert_allclose(window.height_of(window.points), 0.0, atol=1e-12)
     # Along an axis of the frame a picture shows the frame's own coordinates.
     assert (left + right) / 2 == pytest.approx(10.0)

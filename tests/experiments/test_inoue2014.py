@@ -91,7 +91,10 @@ def test_what_was_done_before_a_failure_and_before_ctrl_c_is_kept(tmp_path) -> N
         reproduce(tmp_path, report_step=broken_off, settings=settings)
     page = (tmp_path / "index.html").read_text(encoding="utf-8")
     assert "Unfinished: 2 parts are still to come (Rigid motion, Mesh and order)" in page
-    assert "This part failed, and the others were done without it: a gap of 0 mm leaves no room" in page
+    assert (
+        "This part failed, and the others were done without it: a gap of 0 mm leaves no room"
+        in page
+    )
     assert page.count("data:image/webp;base64,") == 6
     assert len(rows_of(tmp_path, "sweep")) == 1  # the fingers before the ones that cannot be
     unfinished = {"mesh_sizes", "rigid_motion", "rigid_motion_readings"}
@@ -112,10 +115,22 @@ def test_numbers_behind_each_figure_are_in_both_kinds_of_file(small) -> None:
 def test_drive_is_the_one_that_boundary_elements_make(small) -> None:
     rows, fingers, array = rows_of(small[0], "transducers"), dummies(), at.surrounding_box()
     made = numbers(rows, "amplitude") * np.exp(1j * numbers(rows, "phase_rad"))
-    received = at.BoundaryElement(accuracy=0.05).radiate(fingers.scene, fingers.beacon).at(array.positions)[:, 0]
-    assert abs(np.vdot(made, received.conj())) > 0.9 * np.linalg.norm(made) * np.linalg.norm(received)
-    assert np.allclose(np.stack([numbers(rows, axis) for axis in ("x_m", "y_m", "z_m")], axis=1), array.positions)
-    levels = numbers(rows, "amplitude_level") / 255 * np.exp(2j * np.pi * numbers(rows, "phase_level") / 256)
+    received = (
+        at.BoundaryElement(accuracy=0.05)
+        .radiate(fingers.scene, fingers.beacon)
+        .at(array.positions)[:, 0]
+    )
+    assert abs(np.vdot(made, received.conj())) > 0.9 * np.linalg.norm(made) * np.linalg.norm(
+        received
+    )
+    assert np.allclose(
+        np.stack([numbers(rows, axis) for axis in ("x_m", "y_m", "z_m")], axis=1), array.positions
+    )
+    levels = (
+        numbers(rows, "amplitude_level")
+        / 255
+        * np.exp(2j * np.pi * numbers(rows, "phase_level") / 256)
+    )
     assert np.abs(levels - made).max() < 1e-6  # the verified drive has 256 levels
 
 
@@ -140,9 +155,14 @@ def test_what_was_not_run_has_no_error_and_says_why(small) -> None:
 @pytest.mark.slow
 def test_quick_run_shows_what_the_issue_asks(tmp_path) -> None:
     done = reproduce(tmp_path, quick=True)
-    between = next(float(number.split()[0]) for number, what in done.facts if what == "between solvers")
+    between = next(
+        float(number.split()[0]) for number, what in done.facts if what == "between solvers"
+    )
     assert between <= 2.0
     assert len(rows_of(tmp_path, "sweep")) == 12 + 5
     motion = rows_of(tmp_path, "rigid_motion")
-    integral, literal = numbers(motion, "surface_integral"), numbers(motion, "4_nearest_nodes_lambda_6")
+    integral, literal = (
+        numbers(motion, "surface_integral"),
+        numbers(motion, "4_nearest_nodes_lambda_6"),
+    )
     assert np.median(integral) < 0.02 < np.median(literal)

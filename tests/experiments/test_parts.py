@@ -17,7 +17,7 @@ from airtact.experiments.mesh_sizes import how_many, study
 from airtact.experiments.part import write_columns
 from airtact.experiments.rigid_motion import Nodes, nodes_beside, random_poses
 from airtact.experiments.settings import FULL
-from airtact.figures.field_figure import past_the_surface
+from airtact.reports.field_figure import past_the_surface
 from airtact.timing import Clock
 from faults import raises_code
 
@@ -28,7 +28,9 @@ def test_dummies_are_those_of_the_pinch() -> None:
     made, known = dummies(gap=0.014), at.pinch(gap=0.014)
     assert np.allclose(made.foci, known.pads)
     probes = np.random.default_rng(1).uniform(-0.06, 0.06, (200, 3))
-    scene = at.Scene(at.Medium(343.1, 1.293), [at.sound_hard(one) for one in known.surfaces], frequency=40e3)
+    scene = at.Scene(
+        at.Medium(343.1, 1.293), [at.sound_hard(one) for one in known.surfaces], frequency=40e3
+    )
     assert np.allclose(made.scene.depth(probes), scene.depth(probes), atol=1e-9)
 
 
@@ -42,7 +44,8 @@ def test_foci_are_where_the_fingers_are_nearest(entering, tilt) -> None:
 
 
 @pytest.mark.parametrize(
-    ("settings", "code", "number"), [({"tilt": 120.0}, "out_of_range", "120"), ({"gap": 0.0}, "not_positive", "0 mm")]
+    ("settings", "code", "number"),
+    [({"tilt": 120.0}, "out_of_range", "120"), ({"gap": 0.0}, "not_positive", "0 mm")],
 )
 def test_impossible_fingers_raise(settings, code, number) -> None:
     with raises_code(code, number):
@@ -82,7 +85,9 @@ def test_nodes_surround_the_points_and_leave_the_bodies_out() -> None:
     nodes = nodes_beside(points, 2e-3, scene)
     assert (scene.depth(nodes) < 0).all()
     assert len(nodes) > 27
-    assert np.linalg.norm(nodes[:, None] - points, axis=2).min(axis=1).max() < 2e-3 * np.sqrt(3) * 2.4
+    assert (
+        np.linalg.norm(nodes[:, None] - points, axis=2).min(axis=1).max() < 2e-3 * np.sqrt(3) * 2.4
+    )
 
 
 def test_poses_are_the_same_every_time() -> None:
@@ -94,18 +99,33 @@ def test_poses_are_the_same_every_time() -> None:
 def costs_of(one: Combination) -> tuple[float, float, float]:
     """Tetrahedra, seconds and bytes of a mesh by a law of its own, other powers than the prediction's among it."""
     cells = {"tight": 1300, "box": 8600}[one.domain] * (0.3 + 0.7 * one.elements_per_wavelength**3)
-    local, shared = (one.order + 1) * (one.order + 2) * (one.order + 3) / 6, cells * one.order**3 / 6
-    return cells, 0.5 + 3e-4 * cells + 4e-7 * cells * local**2 + 2e-7 * shared**1.6, 3e8 + 40 * cells * local**2
+    local, shared = (
+        (one.order + 1) * (one.order + 2) * (one.order + 3) / 6,
+        cells * one.order**3 / 6,
+    )
+    return (
+        cells,
+        0.5 + 3e-4 * cells + 4e-7 * cells * local**2 + 2e-7 * shared**1.6,
+        3e8 + 40 * cells * local**2,
+    )
 
 
 def imitated(one: Combination, _limit: float) -> Ran:
     cells, seconds, most = costs_of(one)
-    return Ran(int(cells), int(cells * one.order**3 / 6), seconds, int(most), np.ones(4, dtype=np.complex128))
+    return Ran(
+        int(cells),
+        int(cells * one.order**3 / 6),
+        seconds,
+        int(most),
+        np.ones(4, dtype=np.complex128),
+    )
 
 
 def test_study_runs_what_is_within_its_limits_and_nothing_else() -> None:
     settings, kept = FULL, []
-    rows = study(settings, np.ones(4, dtype=np.complex128), Clock(lambda _: None), imitated, kept.append)
+    rows = study(
+        settings, np.ones(4, dtype=np.complex128), Clock(lambda _: None), imitated, kept.append
+    )
     assert len(rows) == 96
     assert len({row.combination for row in rows}) == 96
     for row in rows:
@@ -116,7 +136,9 @@ def test_study_runs_what_is_within_its_limits_and_nothing_else() -> None:
     ran = [row for row in rows if not row.notes]
     assert len(ran) > 30
     assert all(row.error == 0.0 for row in ran)
-    assert [sum(not row.notes for row in some) for some in kept] == list(range(len(ran) + 1))  # each run was kept
+    assert [sum(not row.notes for row in some) for some in kept] == list(
+        range(len(ran) + 1)
+    )  # each run was kept
 
 
 def test_study_stops_when_its_time_is_spent_and_says_so() -> None:
@@ -125,14 +147,20 @@ def test_study_stops_when_its_time_is_spent_and_says_so() -> None:
     cut = [row for row in rows if row.notes == "no time left for it"]
     assert cut
     assert any(not row.notes for row in rows)
-    assert f"{len(cut)} within those limits were not run because the study as a whole is given 1 s" in how_many(
-        rows, settings
+    assert (
+        f"{len(cut)} within those limits were not run because the study as a whole is given 1 s"
+        in how_many(rows, settings)
     )
 
 
 def test_study_in_which_nothing_ends_well_stops_too() -> None:
     settings = dataclasses.replace(FULL, study_budget=0.0)
-    rows = study(settings, np.ones(4, dtype=np.complex128), Clock(lambda _: None), lambda one, limit: "it broke")
+    rows = study(
+        settings,
+        np.ones(4, dtype=np.complex128),
+        Clock(lambda _: None),
+        lambda one, limit: "it broke",
+    )
     assert sum(row.notes == "it broke" for row in rows) == 1
     assert all(np.isnan(row.error) for row in rows)
     assert "1 begun did not end well" in how_many(rows, settings)
@@ -141,7 +169,11 @@ def test_study_in_which_nothing_ends_well_stops_too() -> None:
 def test_memory_of_a_process_is_its_own() -> None:
     """The largest memory that Linux counts for a child would hold what its parent had."""
     ballast = np.ones(2**26)  # half a gigabyte
-    command = [sys.executable, "-c", "from airtact.benching.peers.peak_memory import peak; print(peak())"]
+    command = [
+        sys.executable,
+        "-c",
+        "from airtact.benching.peers.peak_memory import peak; print(peak())",
+    ]
     most = int(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
     assert 2**24 < most < ballast.nbytes
 
@@ -169,7 +201,9 @@ def test_readings_keep_the_blanks_and_ratios_ignore_them() -> None:
 def test_values_are_carried_two_points_past_the_skin() -> None:
     window = Window(np.zeros(3), AXES["x"], AXES["z"], 9e-3, 1e-3, 1e-3)
     values = np.tile([1.0, 2, 3, 4, *[np.nan] * 6], 2)
-    assert np.array_equal(past_the_surface(window, values, 2)[:7], [1, 2, 3, 4, 4, 4, np.nan], equal_nan=True)
+    assert np.array_equal(
+        past_the_surface(window, values, 2)[:7], [1, 2, 3, 4, 4, 4, np.nan], equal_nan=True
+    )
 
 
 def test_columns_of_unequal_length_raise(tmp_path) -> None:

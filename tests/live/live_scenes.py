@@ -5,13 +5,13 @@ from threading import Event, Thread
 import numpy as np
 
 import airtact as at
-from airtact.hand.hand import hand_from_joints
+from airtact.hands.hand import hand_from_joints
+from airtact.hands.tracking.stream import HandStream
 from airtact.live.page.process import PageProcess
 from airtact.live.page.sound import DirectSound
 from airtact.live.parts import LiveScene, Moment
-from airtact.tracking.stream import HandStream
 from airtact.transducers.modulation import AmplitudeModulation
-from tracking.motions import pinch_pose
+from hands.tracking.motions import pinch_pose
 
 
 def one_board() -> LiveScene:
@@ -20,12 +20,16 @@ def one_board() -> LiveScene:
     middle = hand_from_joints(joints, radii, side="left").pads[:2].mean(axis=0)
     array = at.autd3_board().facing(tuple(middle), (0.0, 0.2, -1.0), 0.2)
     places, offsets = ("thumb.pad", "index.pad"), np.full(2, 1e-3)
-    return LiveScene(at.air(), 40e3, array, "left", radii, places, offsets, modulation=AmplitudeModulation())
+    return LiveScene(
+        at.air(), 40e3, array, "left", radii, places, offsets, modulation=AmplitudeModulation()
+    )
 
 
 def silent(scene: LiveScene, time: float = 0.0) -> Moment:
     """A moment without a hand."""
-    return Moment(time, time, None, None, np.zeros(len(scene.array), dtype=np.complex128), state="waiting")
+    return Moment(
+        time, time, None, None, np.zeros(len(scene.array), dtype=np.complex128), state="waiting"
+    )
 
 
 def playing(scene: LiveScene, time: float = 0.0) -> Moment:
@@ -48,7 +52,9 @@ class Loop:
         self.scene, self.pressed = one_board(), Event()
         self.stream = HandStream() if dragged else None
         hand = pinch_pose()[0] if dragged else None
-        self.page = PageProcess(self.scene, 0, hand=hand, stream=self.stream, on_emergency=self.pressed.set)
+        self.page = PageProcess(
+            self.scene, 0, hand=hand, stream=self.stream, on_emergency=self.pressed.set
+        )
         self._ended, self._thread = Event(), Thread(target=self._run)
         self._thread.start()
 

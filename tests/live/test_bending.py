@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.hand.kinematics import turned
+from airtact.acoustics.solvers.monopoles import monopole_pressure
+from airtact.hands.kinematics import turned
 from airtact.live.drives.bending import BendingHand, bones_of
 from airtact.live.drives.factors import HandFactors, OpenAir, solved
 from airtact.live.drives.maker import solved_for
 from airtact.live.drives.riding import ride
 from airtact.live.drives.solver_process import Asked, SolverProcess
 from airtact.live.drives.some_elements import SomeElements
-from airtact.solvers.monopoles import monopole_pressure
-from hand.hand_poses import example
+from hands.hand_poses import example
 from live.live_scenes import one_board
 
 
@@ -29,9 +29,13 @@ def scene(joints):
     """A board before an open hand, foci off its palm and two of its fingers."""
     radii = example("relaxed")[1]
     hand = at.hand_from_joints(joints, radii)
-    array = at.autd3_board().facing(tuple(joints.mean(axis=0)), tuple(hand.position("palm")[1]), 0.2)
+    array = at.autd3_board().facing(
+        tuple(joints.mean(axis=0)), tuple(hand.position("palm")[1]), 0.2
+    )
     places, offsets = ("palm", "index.pad", "ring.pad"), np.full(3, 3e-3)
-    return replace(one_board(), array=array, side=hand.side, radii=radii, places=places, offsets=offsets)
+    return replace(
+        one_board(), array=array, side=hand.side, radii=radii, places=places, offsets=offsets
+    )
 
 
 def bent(joints: np.ndarray, scene: at.live.LiveScene, angle: float) -> np.ndarray:
@@ -64,13 +68,17 @@ def test_the_pose_that_was_solved_is_the_whole_solution(scene, joints, bending):
     assert alike(scene, pose, found.factors, solved(scene, pose, "hand", 0.0).factors).min() > 0.96
 
 
-def test_sound_that_is_carried_is_nearer_to_a_bent_hand_than_sound_that_is_not(scene, joints, bending):
+def test_sound_that_is_carried_is_nearer_to_a_bent_hand_than_sound_that_is_not(
+    scene, joints, bending
+):
     pose = bent(joints, scene, 0.08)
     truth = solved(scene, pose, "hand", 0.0).factors
     carried = alike(scene, pose, bending.carried(pose, 0.0).factors, truth)
     left = alike(scene, pose, bending.carried(bent(joints, scene, 0.04), 0.0).factors, truth)
     assert carried.min() > 0.9
-    assert ((1.0 - carried) < 0.5 * (1.0 - left))[1:].all()  # of the fingers; the palm stays where it is
+    assert ((1.0 - carried) < 0.5 * (1.0 - left))[
+        1:
+    ].all()  # of the fingers; the palm stays where it is
     assert bending.carried(pose, 0.0).share < 1.0
 
 
@@ -80,17 +88,26 @@ def test_a_hand_that_moves_as_a_whole_carries_its_sources_along(scene, joints, b
     found = bending.carried(pose.apply(start), 0.0)
     sources, elements = bending.solved(start, 0.0), pose.inverse().apply(scene.array.positions)
     wavenumber = scene.medium.wavenumber(scene.frequency)
-    straight = monopole_pressure(elements, sources.riding.foci, np.eye(3, dtype=complex), wavenumber, "float64")
-    scattered = monopole_pressure(elements, sources.points, sources.strengths, wavenumber, "float64")
+    straight = monopole_pressure(
+        elements, sources.riding.foci, np.eye(3, dtype=complex), wavenumber, "float64"
+    )
+    scattered = monopole_pressure(
+        elements, sources.points, sources.strengths, wavenumber, "float64"
+    )
     truth = 1.0 + scattered / straight
-    assert np.linalg.norm(found.factors.T - truth) < 0.05 * np.linalg.norm(truth)  # found at a quarter of the elements
+    assert np.linalg.norm(found.factors.T - truth) < 0.05 * np.linalg.norm(
+        truth
+    )  # found at a quarter of the elements
 
 
 def test_what_comes_by_way_of_bones_is_added_up_with_the_phase_of_its_path(scene, joints, bending):
     found, later = bending.carried(joints, 0.0), ride(scene, bent(joints, scene, 0.02))
     moved = bones_of(later.hand)
     turns = np.einsum("hij,hik->hjk", found.bones.axes, moved.axes)
-    centres = np.einsum("hfj,hjk->hfk", found.centres - found.bones.starts[:, None], turns) + moved.starts[:, None]
+    centres = (
+        np.einsum("hfj,hjk->hfk", found.centres - found.bones.starts[:, None], turns)
+        + moved.starts[:, None]
+    )
     by_way = np.linalg.norm(centres[:, :, None] - scene.array.positions, axis=3)
     straight = np.linalg.norm(later.foci[:, None] - scene.array.positions, axis=2)
     longer = np.linalg.norm(centres - later.foci, axis=2)[..., None] + by_way - straight

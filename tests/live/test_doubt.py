@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 import airtact as at
+from airtact.drives.methods import METHODS
 from airtact.live.drives.doubt import MOST, SHARE, displaced, off_by, robust_drive
 from airtact.live.drives.factors import OpenAir
 from airtact.live.drives.maker import HandAware
 from airtact.live.drives.riding import ride
 from airtact.live.parts import Controls, LiveScene
-from airtact.synthesis.methods import METHODS
-from tracking.motions import pinch_pose, still
+from hands.tracking.motions import pinch_pose, still
 
 
 @pytest.fixture(scope="module")
@@ -19,7 +19,9 @@ def scene():
     joints, radii = pinch_pose()
     pads = at.hand_from_joints(joints, radii, side="left").pads[:2].mean(axis=0)
     array = at.surrounding_box(at.monopole()).moved(at.Pose(np.eye(3), pads))
-    return LiveScene(at.air(), 40e3, array, "left", radii, ("thumb.pad", "index.pad"), np.full(2, 5e-3))
+    return LiveScene(
+        at.air(), 40e3, array, "left", radii, ("thumb.pad", "index.pad"), np.full(2, 5e-3)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +37,9 @@ def lowest_tenth(scene, foci, off, amplitudes) -> float:
     return float(np.quantile(weakest, 0.1)) / float(np.linalg.norm(amplitudes))
 
 
-@pytest.mark.parametrize(("phases", "method", "gain"), [(False, "time_reversal", 1.2), (True, "best", 1.05)])
+@pytest.mark.parametrize(
+    ("phases", "method", "gain"), [(False, "time_reversal", 1.2), (True, "best", 1.05)]
+)
 def test_a_robust_drive_keeps_more_where_foci_are_off(scene, foci, phases, method, gain):
     off = 1.2e-3
     rows = OpenAir(scene).rows(foci)
@@ -49,7 +53,9 @@ def test_a_robust_drive_keeps_more_where_foci_are_off(scene, foci, phases, metho
 def test_displaced_rows_are_those_of_displaced_foci(scene, foci):
     open_air = OpenAir(scene)
     samples = displaced(scene, open_air.rows(foci), foci, 1e-3)
-    np.testing.assert_allclose(samples[:8] * samples[8:], np.tile(samples[:1] * samples[8:9], (8, 1, 1)), rtol=1e-3)
+    np.testing.assert_allclose(
+        samples[:8] * samples[8:], np.tile(samples[:1] * samples[8:9], (8, 1, 1)), rtol=1e-3
+    )
     assert samples.shape == (16, 2, len(scene.array))
     from airtact.live.drives.doubt import _deviations
 
@@ -62,7 +68,9 @@ def test_sure_foci_get_the_strongest_drive(scene, foci):
     assert off_by(1.0) == MOST
     rows = OpenAir(scene).rows(foci)
     sure = robust_drive(scene, rows, foci, 0.3e-3, phases=True)
-    best = METHODS["weighted_gerchberg_saxton"](at.TransferMatrix(rows, float("nan")), at.Target(foci)).amplitudes
+    best = METHODS["weighted_gerchberg_saxton"](
+        at.TransferMatrix(rows, float("nan")), at.Target(foci)
+    ).amplitudes
     np.testing.assert_allclose(sure, best, atol=1e-9)
 
 

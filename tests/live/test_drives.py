@@ -13,9 +13,9 @@ from airtact.live.drives.maker import HandAware
 from airtact.live.drives.riding import gap_change, ride, turn
 from airtact.live.drives.solver_process import Asked, ShapeSolver, SolverProcess
 from airtact.live.parts import Controls
-from hand.hand_poses import example
+from hands.hand_poses import example
+from hands.tracking.motions import pinch_pose, still
 from live.live_scenes import one_board
-from tracking.motions import pinch_pose, still
 
 
 class Nothing(ShapeSolver):
@@ -56,7 +56,7 @@ def joints():
     return np.array(at.hand_from_joints(touching, radii, side="left").open_to(0.02).joints)
 
 
-def seen(joints) -> at.tracking.HandFrame:
+def seen(joints) -> at.hands.HandFrame:
     return still(0, 0.0, landmarks=joints)
 
 
@@ -65,7 +65,9 @@ def exact(scene, joints):
     """The transfer matrix of the whole hand."""
     riding = ride(scene, joints)
     air = at.Scene(scene.medium, [at.sound_hard(riding.hand.surface)], frequency=scene.frequency)
-    beacons = at.BoundaryElement(accuracy=0.03, estimate=False).radiate(air, at.Target(riding.foci).beacons())
+    beacons = at.BoundaryElement(accuracy=0.03, estimate=False).radiate(
+        air, at.Target(riding.foci).beacons()
+    )
     return at.transfer_matrix(beacons, scene.array)
 
 
@@ -132,7 +134,9 @@ def test_rigid_phalanges_are_solved_wherever_they_are(scene, joints, phalanges):
 def test_a_palm_is_a_plane_beside_rigid_phalanges():
     joints, radii = example("relaxed")
     hand = at.hand_from_joints(joints, radii)
-    array = at.flat_boards(1, 2).facing(tuple(joints.mean(axis=0)), tuple(hand.position("palm")[1]), 0.2)
+    array = at.flat_boards(1, 2).facing(
+        tuple(joints.mean(axis=0)), tuple(hand.position("palm")[1]), 0.2
+    )
     places, offsets = ("palm", "index.pad"), np.full(2, 2e-3)
     scene = at.live.LiveScene(at.air(), 40e3, array, hand.side, radii, places, offsets)
     open_air = OpenAir(scene).rows(ride(scene, joints).foci)
@@ -140,7 +144,10 @@ def test_a_palm_is_a_plane_beside_rigid_phalanges():
     rigid = open_air * RigidParts(scene, joints).solved(joints, 0.0).factors
 
     def alike(one, other):
-        return [abs(np.vdot(a, b)) / np.linalg.norm(a) / np.linalg.norm(b) for a, b in zip(one, other, strict=True)]
+        return [
+            abs(np.vdot(a, b)) / np.linalg.norm(a) / np.linalg.norm(b)
+            for a, b in zip(one, other, strict=True)
+        ]
 
     assert min(alike(rigid, whole)) > 0.78
     assert alike(rigid, whole)[0] > alike(open_air, whole)[0] + 0.03

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import airtact as at
+from airtact.hands.tracking.recordings import Recording, load_recording
+from airtact.hands.tracking.stream import StreamHealth
 from airtact.live.session import Session, read_session
-from airtact.tracking.recordings import Recording, load_recording
-from airtact.tracking.stream import StreamHealth
-from tracking.motions import reaching_recording, still
+from hands.tracking.motions import reaching_recording, still
 
 
 @pytest.fixture(scope="module")
@@ -54,13 +54,19 @@ def test_sound_follows_a_recording_and_ends_with_it_in_silence(scene, tmp_path):
     # the drives are those of distances to the foci that were predicted
     index = len(session.states) // 2
     assert session.states[index] in ("playing", "fading")
-    drive = at.focus_by_distance(scene.array, at.Target(session.foci[index]), scene.medium, scene.frequency).amplitudes
+    drive = at.focus_by_distance(
+        scene.array, at.Target(session.foci[index]), scene.medium, scene.frequency
+    ).amplitudes
     got = session.amplitudes[index]
-    assert abs(np.vdot(got, drive)) == pytest.approx(np.linalg.norm(got) * np.linalg.norm(drive), rel=1e-6)
+    assert abs(np.vdot(got, drive)) == pytest.approx(
+        np.linalg.norm(got) * np.linalg.norm(drive), rel=1e-6
+    )
 
 
 def test_a_session_says_what_its_scene_was(scene, tmp_path):
-    done, session = followed(scene, recorded(reaching_recording()[:10]), tmp_path / "session.h5", seconds=0.2)
+    done, session = followed(
+        scene, recorded(reaching_recording()[:10]), tmp_path / "session.h5", seconds=0.2
+    )
     assert done.seconds > 0.0
     np.testing.assert_array_equal(session.scene.array.positions, scene.array.positions)
     assert session.scene.array.element.same_as(scene.array.element)
@@ -91,7 +97,10 @@ def test_a_frame_without_a_hand_fades_at_once(scene, tmp_path):
 
 def test_frames_of_the_other_hand_are_left_alone(scene, tmp_path):
     mirror = np.array([1.0, 1.0, -1.0])
-    frames = [still(index, index / 60, side="right", landmarks=still(0).landmarks * mirror) for index in range(20)]
+    frames = [
+        still(index, index / 60, side="right", landmarks=still(0).landmarks * mirror)
+        for index in range(20)
+    ]
     done, session = followed(scene, recorded(frames), tmp_path / "session.h5", seconds=0.8)
     assert done.drives == done.frames == 0
     assert "waiting for the left hand" in done.state
@@ -107,7 +116,10 @@ def test_frames_of_the_other_hand_are_left_alone(scene, tmp_path):
     ],
 )
 def test_a_hand_where_no_sound_may_be_gets_none(scene, tmp_path, shift, reason):
-    frames = [still(index, index / 60, landmarks=still(0).landmarks + np.array(shift)) for index in range(20)]
+    frames = [
+        still(index, index / 60, landmarks=still(0).landmarks + np.array(shift))
+        for index in range(20)
+    ]
     done, _ = followed(scene, recorded(frames), tmp_path / "session.h5", seconds=0.8)
     assert done.drives == 0
     assert reason in done.state
@@ -147,7 +159,9 @@ class Kept(at.live.Output):
 
 def test_the_emergency_stop_ends_the_sound_for_good(scene, tmp_path):
     output = Kept(5)
-    done, session = followed(scene, recorded(reaching_recording()), tmp_path / "s.h5", output=output, seconds=1.5)
+    done, session = followed(
+        scene, recorded(reaching_recording()), tmp_path / "s.h5", output=output, seconds=1.5
+    )
     assert done.stopped
     assert len(output.sent) == 5
     assert "stopped" in done.state
@@ -156,7 +170,7 @@ def test_the_emergency_stop_ends_the_sound_for_good(scene, tmp_path):
 
 
 def test_a_session_is_verified_against_the_hand_that_was_there(scene, tmp_path):
-    frames = [at.tracking.HandFrame(index / 60, "left", index, scene_rest()) for index in range(80)]
+    frames = [at.hands.HandFrame(index / 60, "left", index, scene_rest()) for index in range(80)]
     _, session = followed(scene, recorded(frames), tmp_path / "s.h5")
     found = at.live.verify_session(session, every=10_000, accuracy=0.1)
     assert len(found.kept) == 1

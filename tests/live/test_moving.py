@@ -6,21 +6,27 @@ import numpy as np
 import pytest
 
 import airtact as at
+from airtact.drives.methods import METHODS
 from airtact.live.drives.factors import OpenAir, solved
 from airtact.live.drives.maker import HandAware
 from airtact.live.drives.moving import Rounds, aligned, moving_points, turned_towards
 from airtact.live.drives.riding import ride
 from airtact.live.parts import Controls
-from airtact.synthesis.methods import METHODS
+from hands.tracking.motions import to_and_fro
 from live.test_drives import Ready
 from live.test_loop import recorded
-from tracking.motions import to_and_fro
 
 
 def scene_file(folder, modulation: str):
-    text = at.example("live_pinch").read_text().replace("hands/pinch.json", str(at.example("pinch.json")))
+    text = (
+        at.example("live_pinch")
+        .read_text()
+        .replace("hands/pinch.json", str(at.example("pinch.json")))
+    )
     path = folder / "moving.toml"
-    path.write_text(text[: text.index("[drive.modulation]")] + f"[drive.modulation]\n{modulation}\n")
+    path.write_text(
+        text[: text.index("[drive.modulation]")] + f"[drive.modulation]\n{modulation}\n"
+    )
     return at.read_scene(path)
 
 
@@ -47,29 +53,40 @@ def phalanges(scene, joints):
 def test_paths_are_those_of_the_scene_and_ride_with_the_hand(setup, scene, joints):
     paths = setup.modulation.paths(setup.scene, setup.target, setup.array.positions.mean(axis=0))
     here = moving_points(scene.moving, ride(scene, joints))
-    np.testing.assert_allclose(here, paths.transpose(1, 0, 2), atol=2e-4)  # the foci of the file are on its mesh
+    np.testing.assert_allclose(
+        here, paths.transpose(1, 0, 2), atol=2e-4
+    )  # the foci of the file are on its mesh
     pose = at.Pose.turn((0.0, 0.0, 1.0), 0.4, (0.01, 0.02, 0.03))
     moved = moving_points(scene.moving, ride(scene, pose.apply(joints)))
-    np.testing.assert_allclose(moved, pose.apply(here.reshape(-1, 3)).reshape(here.shape), atol=1e-9)
+    np.testing.assert_allclose(
+        moved, pose.apply(here.reshape(-1, 3)).reshape(here.shape), atol=1e-9
+    )
     assert scene.moving.rate == pytest.approx(50.0 * 12, rel=0.01)
 
 
 def test_rows_are_carried_on_to_the_displaced_foci(scene, joints):
     riding, open_air = ride(scene, joints), OpenAir(scene)
     points = moving_points(scene.moving, riding).reshape(-1, 3)
-    carried, exact = Rounds(scene, scene.moving, open_air.rows)._rows(riding, points), open_air.rows(points)
+    carried, exact = (
+        Rounds(scene, scene.moving, open_air.rows)._rows(riding, points),
+        open_air.rows(points),
+    )
     assert np.linalg.norm(carried - exact) < 0.05 * np.linalg.norm(exact)
 
 
 def test_each_focus_gets_its_sound_where_it_is(scene, joints, phalanges):
     riding = ride(scene, joints)
-    frames = Rounds(scene, scene.moving, OpenAir(scene).rows).frames(riding, phalanges.factors[2:], "best")
+    frames = Rounds(scene, scene.moving, OpenAir(scene).rows).frames(
+        riding, phalanges.factors[2:], "best"
+    )
     points = moving_points(scene.moving, riding)
     air = at.Scene(scene.medium, [at.sound_hard(riding.hand.surface)], frequency=scene.frequency)
     some = (0, 6)
     target = at.Target(points[list(some)].reshape(-1, 3))
     beacons = at.BoundaryElement(accuracy=0.08, estimate=False).radiate(air, target.beacons())
-    matrix = at.transfer_matrix(beacons, scene.array).matrix.reshape(len(some), -1, len(scene.array))
+    matrix = at.transfer_matrix(beacons, scene.array).matrix.reshape(
+        len(some), -1, len(scene.array)
+    )
     for rows, index in zip(matrix, some, strict=True):
         transfer = at.TransferMatrix(rows, float("nan"))
         best = METHODS["best"](transfer, at.Target(points[index])).amplitudes
@@ -82,14 +99,24 @@ def largest_step(one, other) -> float:
 
 
 @pytest.mark.parametrize("modulation", ['kind = "lm"', 'kind = "stm"\npath = "points"'])
-def test_a_newer_round_steps_no_farther_than_a_round_itself_at_the_link(tmp_path, joints, modulation):
+def test_a_newer_round_steps_no_farther_than_a_round_itself_at_the_link(
+    tmp_path, joints, modulation
+):
     scene = at.live.live_scene(scene_file(tmp_path, modulation))
     found = solved(scene, joints, "phalanges", 0.0)
-    maker, link, rounds = HandAware(scene, solvers=[Ready(found)]), at.emission.RecordingLink("autd3", 4), []
+    maker, link, rounds = (
+        HandAware(scene, solvers=[Ready(found)]),
+        at.emission.RecordingLink("autd3", 4),
+        [],
+    )
     with at.live.Boards(link) as boards:
         for index in range(12):
             now = index / 60
-            maker.take(at.tracking.HandFrame(now, "left", index, joints + to_and_fro(0.2 + now) - to_and_fro(0.2)))
+            maker.take(
+                at.hands.HandFrame(
+                    now, "left", index, joints + to_and_fro(0.2 + now) - to_and_fro(0.2)
+                )
+            )
             moment = maker.make(now, Controls())
             assert scene.moving is not None
             assert moment.frames is not None
@@ -110,7 +137,8 @@ def test_a_newer_round_steps_no_farther_than_a_round_itself_at_the_link(tmp_path
     assert len(replaced) > 4
     within = max(largest_step(one, np.roll(one, 1, axis=0)) for one in made)
     for last in replaced:
-        # A link that is late skips places of a round; the newer round may step as far as the round itself does there.
+        # A link that is late skips places of a round; the newer round may step as far as the round
+        # itself does there.
         newer = made[which[last + 1]]
         skipped = largest_step(newer[place[last]], newer[place[last + 1]])
         assert largest_step(sent[last], sent[last + 1]) < 1.15 * max(within, skipped)
@@ -135,7 +163,7 @@ def test_a_drive_is_turned_towards_the_one_before():
 
 def test_the_loop_leads_foci_and_the_page_holds_them_still(setup, scene, tmp_path):
     output = Turning()
-    frames = [at.tracking.HandFrame(i / 60, "left", i, setup.hands[0].joints) for i in range(90)]
+    frames = [at.hands.HandFrame(i / 60, "left", i, setup.hands[0].joints) for i in range(90)]
     hands = recorded(frames)
     at.live.follow(scene, hands, HandAware(scene, solvers=[]), output=output, seconds=1.5)
     assert output.cycled

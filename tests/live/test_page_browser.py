@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from hands.tracking.motions import pinch_pose
 from live.live_scenes import Loop
-from tracking.motions import pinch_pose
 
 PATIENCE = 120.0
 """The pictures are drawn by the processor, which others may be using [s]."""
@@ -19,7 +19,10 @@ def opened_page(browser, address):
     page.set_default_timeout(1e3 * PATIENCE)
     page.asked, page.faults = [], []
     page.on("request", lambda request: page.asked.append(request.url))
-    page.on("console", lambda message: page.faults.append(message.text) if message.type == "error" else None)
+    page.on(
+        "console",
+        lambda message: page.faults.append(message.text) if message.type == "error" else None,
+    )
     page.on("pageerror", lambda fault: page.faults.append(str(fault)))
     page.goto(address)
     page.get_by_text("drives a second").first.wait_for()
@@ -42,7 +45,9 @@ def colours(page) -> int:
 
 def slider(page, label: str):
     """Find the handle of the slider with a label."""
-    return page.locator(f"xpath=//label[normalize-space()='{label}']/following::*[@role='slider'][1]")
+    return page.locator(
+        f"xpath=//label[normalize-space()='{label}']/following::*[@role='slider'][1]"
+    )
 
 
 def test_what_is_set_on_the_page_reaches_the_loop(browser) -> None:
@@ -69,7 +74,9 @@ def test_what_is_set_on_the_page_reaches_the_loop(browser) -> None:
         assert at.stopped
         page.get_by_role("button", name="STOPPED FOR GOOD").wait_for()
         assert page.faults == []
-        assert [url for url in page.asked if not url.startswith((at.address, "data:", "blob:"))] == []
+        assert [
+            url for url in page.asked if not url.startswith((at.address, "data:", "blob:"))
+        ] == []
         page.close()
 
 
@@ -106,7 +113,10 @@ def test_array_and_hand_have_the_colours_that_were_sent(browser) -> None:
         page = opened_page(browser, loop.page.address)
         until(lambda: colours(page) > 200, "a picture of the hand")
         until(lambda: len(page.evaluate(DRAWN)["seen"]) == 2, "the array and the hand")
-        assert page.evaluate(DRAWN) == {"seen": 2 * [["MeshBasicMaterial", True, True]], "cheap": True}
+        assert page.evaluate(DRAWN) == {
+            "seen": 2 * [["MeshBasicMaterial", True, True]],
+            "cheap": True,
+        }
         assert page.faults == []
         page.close()
 
@@ -121,7 +131,9 @@ def test_a_hand_is_dragged_only_while_the_page_is_open(browser) -> None:
         before = loop.stream.latest("left").landmarks
         np.testing.assert_allclose(before, pinch_pose()[0], atol=1e-6)
         slider(page, "index [°]").press("End")
-        until(lambda: not np.allclose(loop.stream.latest("left").landmarks, before), "an open finger")
+        until(
+            lambda: not np.allclose(loop.stream.latest("left").landmarks, before), "an open finger"
+        )
         after = loop.stream.latest("left").landmarks
         moved = np.flatnonzero(np.linalg.norm(after - before, axis=1) > 1e-6)
         assert moved.tolist() == [7, 8, 9]

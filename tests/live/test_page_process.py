@@ -50,9 +50,14 @@ def asked(address: str, path: str, **headers: str) -> int:
 def connected(address: str, path: str = "/", origin: str | None = None) -> bool:
     """Try to open a websocket."""
     port = urlsplit(address).port
-    url, origin = f"ws://127.0.0.1:{port}{path}", None if origin is None else origin.format(port=port)
+    url, origin = (
+        f"ws://127.0.0.1:{port}{path}",
+        None if origin is None else origin.format(port=port),
+    )
     try:
-        connect(url, origin=origin, subprotocols=["viser-v0"], proxy=None).close()  # closes by itself: wrong version
+        connect(
+            url, origin=origin, subprotocols=["viser-v0"], proxy=None
+        ).close()  # closes by itself: wrong version
     except InvalidStatus as turned_away:
         return turned_away.response.status_code != 403
     return True
@@ -62,7 +67,9 @@ def test_pages_of_other_sites_are_turned_away(page) -> None:
     assert asked(page.address, "/") == 200
     assert asked(page.address, "/", Host="localhost:{port}") == 200
     assert asked(page.address, "/", Host="localhost:7000") == 200  # through a tunnel
-    assert asked(page.address, "/", Host="evil.example:{port}") == 403  # a name of theirs that leads here
+    assert (
+        asked(page.address, "/", Host="evil.example:{port}") == 403
+    )  # a name of theirs that leads here
     assert connected(page.address)
     assert connected(page.address, origin="http://127.0.0.1:{port}")
     assert not connected(page.address, origin="http://evil.example")
@@ -84,7 +91,9 @@ def test_other_addresses_need_the_token(open_page) -> None:
 
 def test_only_this_computer_is_served_unless_asked_for(page) -> None:
     assert page.address.startswith("http://127.0.0.1:")
-    others = {info[4][0] for info in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)} - {"127.0.0.1"}
+    others = {
+        info[4][0] for info in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)
+    } - {"127.0.0.1"}
     for address in others:
         with pytest.raises(ConnectionRefusedError):
             socket.create_connection((address, urlsplit(page.address).port), timeout=5)
@@ -143,7 +152,9 @@ def test_a_page_that_stalls_costs_the_loop_nothing() -> None:
     scene = one_board()
     with PageProcess(scene, port=0) as page:
         os.kill(page._process.pid, signal.SIGSTOP)
-        longer = replace(silent(scene), amplitudes=np.zeros(100_000, dtype=np.complex128))  # than what a pipe holds
+        longer = replace(
+            silent(scene), amplitudes=np.zeros(100_000, dtype=np.complex128)
+        )  # than what a pipe holds
         for _ in range(100):
             page.show(longer)
             time.sleep(0.001)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.hand.hand import hand_from_joints
+from airtact.hands.hand import hand_from_joints
 from airtact.live.drives.factors import OpenAir, part_of, solved
 from airtact.live.drives.riding import ride
 from airtact.live.page.section import ACROSS, ENLARGED, PIXELS, Section, enlarged
@@ -38,8 +38,12 @@ def test_a_slice_begins_at_the_upper_left(across, along, up, normal) -> None:
     points = section.points()
     centre = middle + 5e-3 * np.array(normal)
     np.testing.assert_allclose(section.middle, centre, atol=1e-12)
-    np.testing.assert_allclose(points[0], centre - half * np.array(along) + half * np.array(up), atol=1e-12)
-    np.testing.assert_allclose(points[PIXELS - 1], centre + half * np.array(along) + half * np.array(up), atol=1e-12)
+    np.testing.assert_allclose(
+        points[0], centre - half * np.array(along) + half * np.array(up), atol=1e-12
+    )
+    np.testing.assert_allclose(
+        points[PIXELS - 1], centre + half * np.array(along) + half * np.array(up), atol=1e-12
+    )
     assert np.linalg.det(section.axes) == pytest.approx(1.0)
 
 
@@ -94,7 +98,9 @@ def test_skin_and_slice_are_those_of_a_finer_solution() -> None:
         assert known.sum() > least
         assert error < 0.25
     known = np.isfinite(truth[: len(points)])
-    assert np.linalg.norm((direct - truth[: len(points)])[known]) > 0.4 * np.linalg.norm(truth[: len(points)][known])
+    assert np.linalg.norm((direct - truth[: len(points)])[known]) > 0.4 * np.linalg.norm(
+        truth[: len(points)][known]
+    )
 
 
 def test_a_solver_that_has_died_leaves_the_page_with_the_direct_sound() -> None:

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.hand.hand import hand_from_joints
+from airtact.geometry.mesh.topology import check_closed
+from airtact.hands.hand import hand_from_joints
 from airtact.live.page.skin import MovingSkin
 from airtact.live.page.sound import DirectSound
 from airtact.live.parts import LiveScene
-from airtact.mesh.topology import check_closed
+from hands.tracking.motions import Pinching
 from live.live_scenes import one_board, playing
-from tracking.motions import Pinching
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +56,9 @@ def test_hard_skin_has_twice_the_direct_sound_where_it_looks_at_the_array(board)
 
 def test_each_face_of_a_box_lights_its_own_side() -> None:
     scene = one_board()
-    box = LiveScene(scene.medium, 40e3, at.surrounding_box(), "left", None, scene.places, scene.offsets)
+    box = LiveScene(
+        scene.medium, 40e3, at.surrounding_box(), "left", None, scene.places, scene.offsets
+    )
     drive, centre = np.zeros(len(box.array), dtype=np.complex128), np.zeros((1, 3))
     one = box.array.normals @ box.array.normals[0] > 0.99
     drive[one] = np.exp(-1j * 732.0 * np.linalg.norm(box.array.positions[one], axis=1))

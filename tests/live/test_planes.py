@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.hand.hand import hand_from_joints
+from airtact.hands.hand import hand_from_joints
+from airtact.hands.tracking.frame import HandFrame
 from airtact.live.distances import foci_on
 from airtact.live.drives.factors import OpenAir, solved
 from airtact.live.drives.maker import HandAware
@@ -16,10 +17,9 @@ from airtact.live.parts import Controls, LiveScene
 from airtact.live.safety import Workspace
 from airtact.live.session import Session, SessionWriter, read_session
 from airtact.live.verification import verify_session
-from airtact.tracking.frame import HandFrame
+from hands.tracking.motions import pinch_pose
 from live.live_scenes import one_board
 from live.test_drives import Ready
-from tracking.motions import pinch_pose
 
 JOINTS = np.array(hand_from_joints(*pinch_pose(), side="left").open_to(0.02).joints)
 HAND = hand_from_joints(JOINTS, pinch_pose()[1], side="left")
@@ -27,7 +27,9 @@ LOW, MIDDLE = HAND.surface.corners.reshape(-1, 3).min(axis=0), HAND.pads[:2].mea
 TABLE = at.plane((0, 0, LOW[2] - 0.04), (0, 0, 1))
 BEFORE = replace(
     one_board(),
-    array=at.autd3_board(at.Pose.turn((1, 0, 0), -np.pi / 2, (MIDDLE[0] - 0.09, LOW[1] - 0.1, TABLE.point[2] + 0.14))),
+    array=at.autd3_board(
+        at.Pose.turn((1, 0, 0), -np.pi / 2, (MIDDLE[0] - 0.09, LOW[1] - 0.1, TABLE.point[2] + 0.14))
+    ),
 )
 """A board that stands upright beside the hand."""
 
@@ -64,7 +66,9 @@ def test_open_air_over_a_table_is_that_of_images(let_in) -> None:
     foci = foci_on(HAND, scene)
     found = scene.sounding.folded(OpenAir(scene).rows(foci))
     empty = at.Scene(scene.medium, [], frequency=40e3, planes=[TABLE])
-    rows = at.transfer_matrix(at.FreeField().radiate(empty, at.Target(foci).beacons()), array).matrix
+    rows = at.transfer_matrix(
+        at.FreeField().radiate(empty, at.Target(foci).beacons()), array
+    ).matrix
     assert np.linalg.norm(found - rows) < 1e-3 * np.linalg.norm(rows)
     amplitudes = rows[0].conj() / np.abs(rows).max()
     sound = DirectSound(scene).at(foci, amplitudes, foci.mean(axis=0))
@@ -76,7 +80,9 @@ def test_a_drive_that_knows_the_table_keeps_more(exact) -> None:
     knowing, not_knowing = (kept(exact, drive_of(scene)) for scene in (OVER, BEFORE))
     assert knowing > 0.9
     assert knowing > not_knowing + 0.1
-    assert kept(exact, drive_of(OVER, "phalanges")) > kept(exact, drive_of(BEFORE, "phalanges")) + 0.05
+    assert (
+        kept(exact, drive_of(OVER, "phalanges")) > kept(exact, drive_of(BEFORE, "phalanges")) + 0.05
+    )
     assert kept(exact, drive_of(OVER, None)) > kept(exact, drive_of(BEFORE, None))
 
 
@@ -147,7 +153,9 @@ def test_images_are_only_of_elements_off_the_plane() -> None:
     assert (both.strengths == 2.0).all()
     standing = WithImages.of(OVER.array, [TABLE])
     assert len(standing.array) == 2 * len(OVER.array)
-    np.testing.assert_allclose(TABLE.height(standing.array.positions[249:]), -TABLE.height(OVER.array.positions))
+    np.testing.assert_allclose(
+        TABLE.height(standing.array.positions[249:]), -TABLE.height(OVER.array.positions)
+    )
     plain = WithImages.of(OVER.array, [])
     assert plain.array is OVER.array
     rows = np.ones((2, 249), dtype=complex)

@@ -6,7 +6,7 @@ import numpy as np
 
 import airtact as at
 from airtact.live.safety import FADE, LONGEST_STEP, Gain
-from hardware.odd_links import SlowLink
+from emission.odd_links import SlowLink
 
 
 def test_a_drive_rises_and_falls_at_one_rate_also_after_a_long_silence() -> None:
@@ -22,7 +22,9 @@ def test_a_drive_rises_and_falls_at_one_rate_also_after_a_long_silence() -> None
 
 def loudness(link: at.emission.RecordingLink) -> np.ndarray:
     """Largest amplitude in each frame that the boards took."""
-    return np.array([float(frame.levels.amplitudes[frame.amplitude.max()]) for frame in link.frames])
+    return np.array(
+        [float(frame.levels.amplitudes[frame.amplitude.max()]) for frame in link.frames]
+    )
 
 
 def rise(boards: at.live.Boards, drive: np.ndarray) -> None:
@@ -44,7 +46,9 @@ def test_after_boards_fell_silent_by_themselves_the_first_drive_that_they_take_i
         while not link.frames[-1].silent and time.monotonic() < until:  # no call comes
             time.sleep(0.02)
         begun = len(link.frames)
-        rise(boards, full)  # these drives are full: the loop does not know yet that the boards fell silent
+        rise(
+            boards, full
+        )  # these drives are full: the loop does not know yet that the boards fell silent
     rising = loudness(link)[begun:-1]
     assert rising[0] < 0.2
     assert np.diff(rising[: rising.argmax() + 1]).max() < 0.2

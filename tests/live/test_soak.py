@@ -11,12 +11,18 @@ import numpy as np
 import pytest
 from websockets.sync.client import connect
 
+from airtact.hands.tracking import load_recording, to_json
 from airtact.live.session import read_session
-from airtact.tracking import load_recording, to_json
 from paths import EXAMPLES
 
 MINUTES = 10
-NONSENSE = [b"nonsense", b"{}", b"[" * 10_000, b'{"time": NaN, "side": "left", "sequence": 1}', b"\xff" * 1000]
+NONSENSE = [
+    b"nonsense",
+    b"{}",
+    b"[" * 10_000,
+    b'{"time": NaN, "side": "left", "sequence": 1}',
+    b"\xff" * 1000,
+]
 
 
 def state_of(process: int) -> tuple[float, int]:
@@ -30,9 +36,20 @@ def state_of(process: int) -> tuple[float, int]:
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="memory is read from /proc")
 def test_ten_minutes_with_nonsense_every_minute(tmp_path):
     frames = load_recording(EXAMPLES / "hands/reaching.jsonl").frames
-    command = [sys.executable, "-m", "airtact", "live", "live_pinch", "--no-page", "--from", "websocket:0"]
+    command = [
+        sys.executable,
+        "-m",
+        "airtact",
+        "live",
+        "live_pinch",
+        "--no-page",
+        "--from",
+        "websocket:0",
+    ]
     lasting = ["--seconds", str(60 * MINUTES + 5), "--out", str(tmp_path), "--json"]
-    with subprocess.Popen([*command, *lasting], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+    with subprocess.Popen(
+        [*command, *lasting], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as running:
         assert running.stderr is not None
         address = None
         while address is None:
@@ -55,6 +72,8 @@ def test_ten_minutes_with_nonsense_every_minute(tmp_path):
     assert memory[-1] <= 1.01 * memory[1]  # the first minute fills what is kept of fixed size
     assert threads[-1] == threads[1]
     session = read_session(tmp_path)
-    overtaken = json.loads(out)["health"]["overtaken"]  # by newer frames, while they waited on a loaded machine
+    overtaken = json.loads(out)["health"][
+        "overtaken"
+    ]  # by newer frames, while they waited on a loaded machine
     assert len(session.frame_time) + overtaken == 60 * 60 * MINUTES
     assert not session.amplitudes[-1].any()

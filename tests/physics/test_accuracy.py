@@ -13,13 +13,17 @@ from references import two_spheres
     [(0.5e-3, 40e3), (3e-3, 40e3)]
     + [(0.01, ka * 343.1 / (2 * np.pi * 0.01)) for ka in accuracy.INTERIOR_EIGENVALUES[:3]],
 )
-@pytest.mark.parametrize(("gap", "allowed"), [(0.0, 0.02), (1e-4, 0.02), (5e-4, 0.01), (20e-3, 0.01)])
+@pytest.mark.parametrize(
+    ("gap", "allowed"), [(0.0, 0.02), (1e-4, 0.02), (5e-4, 0.01), (20e-3, 0.01)]
+)
 def test_sphere_at_default_accuracy(radius, frequency, gap, allowed):
     assert accuracy.sphere_error(radius, gap, frequency) < allowed
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("gap", "allowed"), [(0.0, 0.02), (1e-4, 0.02), (5e-4, 0.01), (2e-3, 0.01), (20e-3, 0.01)])
+@pytest.mark.parametrize(
+    ("gap", "allowed"), [(0.0, 0.02), (1e-4, 0.02), (5e-4, 0.01), (2e-3, 0.01), (20e-3, 0.01)]
+)
 @pytest.mark.parametrize("radius", [16e-3, 30e-3])
 def test_large_sphere_at_default_accuracy(radius, gap, allowed):
     assert accuracy.sphere_error(radius, gap) < allowed
@@ -27,7 +31,10 @@ def test_large_sphere_at_default_accuracy(radius, gap, allowed):
 
 def test_a_sphere_of_five_wavelengths_converges_with_a_matrix_of_mostly_low_rank_blocks():
     """At 0.3 % it has 5,616 unknowns. The error falls with what is asked, beyond what rounding to bfloat16 leaves."""
-    scene, sources = accuracy.ball(0.02), at.Monopoles(np.array([[0, 0, 0.0205], [0, 0.05, 0.01]]), np.eye(2))
+    scene, sources = (
+        accuracy.ball(0.02),
+        at.Monopoles(np.array([[0, 0, 0.0205], [0, 0.05, 0.01]]), np.eye(2)),
+    )
     points = accuracy.directions(60, 3) * 0.15
     exact, found = at.SphereSeries().radiate(scene, sources).at(points), []
     for asked in (0.03, 0.01, 0.003):
@@ -60,9 +67,13 @@ def test_two_spheres_against_multipoles(radii, gap):
         for side, radius in zip((-1, 1), radii, strict=True)
     ]
     scene = at.Scene(accuracy.PAPER_AIR, [at.sound_hard(shape) for shape in shapes])
-    sources = np.array([[gap / 2 - 5e-4, 0, 0], [0, 0, 4e-3], [-gap / 2 - radii[0], radii[0] + 5e-4, 0]])
+    sources = np.array(
+        [[gap / 2 - 5e-4, 0, 0], [0, 0, 4e-3], [-gap / 2 - radii[0], radii[0] + 5e-4, 0]]
+    )
     points = accuracy.far_points(20)
-    true, own = two_spheres.pressure_at([s.primitive for s in shapes], scene.wavenumber, sources, points)
+    true, own = two_spheres.pressure_at(
+        [s.primitive for s in shapes], scene.wavenumber, sources, points
+    )
     found = at.BoundaryElement().radiate(scene, accuracy.one_each(sources)).at(points)
     assert own < 1e-3
     assert accuracy.relative(found, true).max() < 0.02
@@ -77,7 +88,9 @@ def test_two_short_fingers_against_fundamental_solutions():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("radius", "tilt", "gap"), [(6e-3, 0, 2e-3), (8e-3, 20, 12e-3), (12e-3, 45, 40e-3)])
+@pytest.mark.parametrize(
+    ("radius", "tilt", "gap"), [(6e-3, 0, 2e-3), (8e-3, 20, 12e-3), (12e-3, 45, 40e-3)]
+)
 def test_two_fingers_against_fundamental_solutions(radius, tilt, gap):
     error, own = accuracy.finger_error(radius, tilt, gap)
     assert own < 0.007
@@ -108,7 +121,9 @@ def test_the_error_estimate_is_of_the_size_of_the_error(index):
 
 @pytest.mark.slow
 def test_the_error_estimate_over_fifty_scenes():
-    pairs = np.array([accuracy.estimate_and_error(*scene[1:]) for scene in accuracy.estimate_scenes()])
+    pairs = np.array(
+        [accuracy.estimate_and_error(*scene[1:]) for scene in accuracy.estimate_scenes()]
+    )
     ratio = pairs[:, 0] / pairs[:, 1]
     assert np.mean((ratio >= 0.3) & (ratio <= 10)) >= 0.95
     assert not np.any((pairs[:, 1] > 0.1) & (pairs[:, 0] < 0.1))
@@ -117,7 +132,9 @@ def test_the_error_estimate_over_fifty_scenes():
 def test_twelve_iterations_for_two_fingers():
     scene = accuracy.two_fingers(8e-3, 20, 12e-3)
     report = (
-        at.BoundaryElement(accuracy=0.1).radiate(scene, accuracy.one_each(accuracy.finger_sources(scene, 5e-4))).report
+        at.BoundaryElement(accuracy=0.1)
+        .radiate(scene, accuracy.one_each(accuracy.finger_sources(scene, 5e-4)))
+        .report
     )
     assert report.residual < 1e-2
     assert report.iterations <= 12
@@ -135,7 +152,9 @@ def test_contact_beacons_on_both_pads_have_symmetric_fields(asked):
     """The pinch is its own mirror image, pads standing where panels meet."""
     fingers = at.pinch()
     scene = at.Scene(accuracy.PAPER_AIR, [at.sound_hard(surface) for surface in fingers.surfaces])
-    field = at.BoundaryElement(accuracy=asked).radiate(scene, at.Target(fingers.foci(0.0)).beacons())
+    field = at.BoundaryElement(accuracy=asked).radiate(
+        scene, at.Target(fingers.foci(0.0)).beacons()
+    )
     points = accuracy.far_points(30)
     found, mirrored = field.at(points), field.at(points * [-1, 1, 1])
     assert np.linalg.norm(found[:, 0] - mirrored[:, 1]) < 0.02 * np.linalg.norm(found[:, 0])

@@ -5,12 +5,12 @@ import pytest
 from scipy.special import roots_legendre
 
 import airtact as at
-from airtact.hand.anatomy_parts import hand_hulls, part_name
-from airtact.hand.shape import HandShape
-from airtact.hand.skin_mesh import even_skin, midpoints
-from airtact.hand.sphere_mesh import Hulls
+from airtact.hands.anatomy_parts import hand_hulls, part_name
+from airtact.hands.shape import HandShape
+from airtact.hands.skin_mesh import even_skin, midpoints
+from airtact.hands.sphere_mesh import Hulls
 from benchmarks.accuracy import PAPER_AIR, directions, far_points, one_each, relative
-from hand.hand_poses import example
+from hands.hand_poses import example
 
 WATER = at.Medium(1481.0, 999.7)
 
@@ -26,7 +26,9 @@ def finger(*names: str) -> at.Surface:
     parts = np.column_stack([parts.reshape(-1, 2), np.full(len(chosen), -1)])
     body = Hulls(balls, parts, whole.blend[both], whole.apart[both])
     skin = even_skin(body, 3e-3)
-    return at.Surface(skin.vertices, skin.triangles, midpoints(body, skin), HandShape(body, at.Pose.identity()))
+    return at.Surface(
+        skin.vertices, skin.triangles, midpoints(body, skin), HandShape(body, at.Pose.identity())
+    )
 
 
 def capsule() -> at.Surface:
@@ -55,7 +57,10 @@ class Case:
     def lifted(self, points: np.ndarray, height: float) -> np.ndarray:
         """Points so high over the surface, along the gradient of the depth."""
         step = 1e-4 * np.eye(3)
-        gradient = np.stack([self.scene.depth(points + one) - self.scene.depth(points - one) for one in step], axis=1)
+        gradient = np.stack(
+            [self.scene.depth(points + one) - self.scene.depth(points - one) for one in step],
+            axis=1,
+        )
         return points - height * gradient / np.linalg.norm(gradient, axis=1, keepdims=True)
 
 
@@ -79,7 +84,10 @@ def test_far_away_boundary_elements_find_the_same(case):
 def test_contact_where_panels_stand_off_each_other_agrees_with_finite_elements():
     """Two vertices beside panels that lie 1 and 11 micrometres off the one that is touched."""
     tip = fingertip()
-    scene, points = at.Scene(PAPER_AIR, [at.sound_hard(at.Surface(tip.vertices, tip.triangles))]), far_points(30)
+    scene, points = (
+        at.Scene(PAPER_AIR, [at.sound_hard(at.Surface(tip.vertices, tip.triangles))]),
+        far_points(30),
+    )
     ready = at.FiniteElement(symmetry=()).factorised(scene)
     for vertex in tip.vertices[[70, 110]]:
         sources = one_each(vertex[None])
@@ -92,7 +100,11 @@ def test_contact_on_a_capsule_agrees_with_boundary_elements():
     case = Case(capsule())
     sources, points = one_each(case.scene.obstacles[0].surface.vertices[::40][:3]), far_points(30)
     found = case.ready.radiate(case.scene, sources).at(points)
-    other = at.BoundaryElement(accuracy=0.001, precision="float64").radiate(case.scene, sources).at(points)
+    other = (
+        at.BoundaryElement(accuracy=0.001, precision="float64")
+        .radiate(case.scene, sources)
+        .at(points)
+    )
     assert relative(found, other).max() < 0.01
 
 
@@ -106,12 +118,15 @@ def test_source_and_receiver_may_change_places(case):
     assert np.abs(forth - back).max() < 2e-2 * np.abs(forth).mean()
 
 
-def power_through(field: at.solvers.RadiatedField, radius: float) -> tuple[float, float]:
+def power_through(field: at.acoustics.RadiatedField, radius: float) -> tuple[float, float]:
     """Power that leaves a sphere, and the power that crosses it either way."""
     cosine, weight = roots_legendre(32)
     turn = 2 * np.pi * np.arange(64) / 64
     sine, step = np.sqrt(1 - cosine**2), 1e-5
-    way = np.stack([np.outer(sine, np.cos(turn)), np.outer(sine, np.sin(turn)), np.outer(cosine, np.ones(64))], -1)
+    way = np.stack(
+        [np.outer(sine, np.cos(turn)), np.outer(sine, np.sin(turn)), np.outer(cosine, np.ones(64))],
+        -1,
+    )
     way, area = way.reshape(-1, 3), np.repeat(weight, 64) * 2 * np.pi / 64
     low, high = (field.at(way * (radius + side * step))[:, 0] for side in (-1, 1))
     crossing = np.imag(np.conj(0.5 * (low + high)) * (high - low) / (2 * step))
@@ -149,7 +164,9 @@ def test_a_body_turned_and_moved_scatters_the_same(case):
 
 @pytest.mark.parametrize("kind", [pytest.param("water", marks=pytest.mark.slow), "impedance"])
 def test_water_keeps_power_and_an_impedance_absorbs_it(kind):
-    obstacle = at.filled(capsule(), WATER) if kind == "water" else at.impedance(capsule(), 1.5 + 0.5j)
+    obstacle = (
+        at.filled(capsule(), WATER) if kind == "water" else at.impedance(capsule(), 1.5 + 0.5j)
+    )
     scene = at.Scene(PAPER_AIR, [obstacle])
     ready = at.FiniteElement(order=4, symmetry=()).factorised(scene)
     source = np.array([[0.0, 0.004, 0.03]])

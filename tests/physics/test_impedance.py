@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.solvers.problem import RadiatedField
+from airtact.acoustics.solvers.problem import RadiatedField
 from benchmarks.accuracy import PAPER_AIR, directions, one_each
 
 RATIOS = [0.5, 2.0, 2 + 2j, 20.0]
@@ -33,7 +33,9 @@ def power_into(field: RadiatedField) -> float:
 
 
 CASES = [
-    pytest.param(radius, ratio, marks=() if name == "higher" or ratio == 2 + 2j else pytest.mark.slow)
+    pytest.param(
+        radius, ratio, marks=() if name == "higher" or ratio == 2 + 2j else pytest.mark.slow
+    )
     for name, radius in RADII.items()
     for ratio in RATIOS
 ]
@@ -42,8 +44,12 @@ CASES = [
 @pytest.mark.parametrize(("radius", "ratio"), CASES)
 def test_a_sphere_is_its_series_on_and_off_its_resonances(radius, ratio):
     scene = sphere_scene(ratio, radius)
-    sources = one_each(np.concatenate([directions(3, 1) * (radius + 0.5e-3), directions(3, 2) * (radius + 0.03)]))
-    found, exact = (one.radiate(scene, sources) for one in (at.BoundaryElement(), at.SphereSeries()))
+    sources = one_each(
+        np.concatenate([directions(3, 1) * (radius + 0.5e-3), directions(3, 2) * (radius + 0.03)])
+    )
+    found, exact = (
+        one.radiate(scene, sources) for one in (at.BoundaryElement(), at.SphereSeries())
+    )
     away, near = directions(40, 3) * (radius + 0.05), directions(40, 4) * (radius + 2e-3)
     assert relative(found.at(away), exact.at(away)) < 0.01
     assert relative(found.at(near)[:, 3:], exact.at(near)[:, 3:]) < 0.01
@@ -59,7 +65,12 @@ def test_finer_panels_and_double_precision_converge_on_the_surface_too():
     errors = []
     for solver in (at.BoundaryElement(0.01), at.BoundaryElement(1e-3, "float64")):
         found = solver.radiate(scene, sources)
-        errors.append((relative(found.at(lit), exact.at(lit)), relative(found.at(10 * lit), exact.at(10 * lit))))
+        errors.append(
+            (
+                relative(found.at(lit), exact.at(lit)),
+                relative(found.at(10 * lit), exact.at(10 * lit)),
+            )
+        )
     assert errors[0][0] < 0.02
     assert errors[1][0] < 2e-3
     assert errors[1][1] < 1e-3
@@ -67,7 +78,9 @@ def test_finer_panels_and_double_precision_converge_on_the_surface_too():
 
 def test_the_velocity_on_the_surface_goes_into_it():
     scene, sources = sphere_scene(2 + 2j), one_each(directions(1, 1) * 0.02)
-    found, exact = (one.radiate(scene, sources) for one in (at.BoundaryElement(0.003), at.SphereSeries()))
+    found, exact = (
+        one.radiate(scene, sources) for one in (at.BoundaryElement(0.003), at.SphereSeries())
+    )
     points = directions(30, 6) * 8e-3
     points = points[points @ sources.positions[0] > 0]
     true = exact.velocity(points * (1 + 1e-9))
@@ -87,7 +100,10 @@ def test_the_power_that_enters_is_what_the_field_around_has_lost(ratio):
     cosine, weight = np.polynomial.legendre.leggauss(40)
     turn = 2 * np.pi * np.arange(80) / 80
     sine = np.sqrt(1 - cosine**2)
-    way = np.stack([np.outer(sine, np.cos(turn)), np.outer(sine, np.sin(turn)), np.outer(cosine, np.ones(80))], -1)
+    way = np.stack(
+        [np.outer(sine, np.cos(turn)), np.outer(sine, np.sin(turn)), np.outer(cosine, np.ones(80))],
+        -1,
+    )
     far = way.reshape(-1, 3) * 10.0
     intensity = 0.5 * np.abs(field.at(far)[:, 0]) ** 2 / (PAPER_AIR.density * PAPER_AIR.sound_speed)
     left = 100.0 * np.repeat(weight, 80) @ intensity * 2 * np.pi / 80
@@ -96,12 +112,17 @@ def test_the_power_that_enters_is_what_the_field_around_has_lost(ratio):
 
 
 def test_source_and_receiver_change_places_and_ever_more_so():
-    scene = at.Scene(PAPER_AIR, [at.impedance(at.capsule((-0.01, 0, 0), (0.01, 0, 0), 6e-3, 3e-3), 1.5 + 0.5j)])
+    scene = at.Scene(
+        PAPER_AIR, [at.impedance(at.capsule((-0.01, 0, 0), (0.01, 0, 0), 6e-3, 3e-3), 1.5 + 0.5j)]
+    )
     here, there = directions(3, 1) * 0.018, directions(4, 2) * 0.03
     worst = []
     for asked in (0.03, 0.003):
         solver = at.BoundaryElement(asked, estimate=False)
-        forth, back = solver.radiate(scene, one_each(here)).at(there), solver.radiate(scene, one_each(there)).at(here)
+        forth, back = (
+            solver.radiate(scene, one_each(here)).at(there),
+            solver.radiate(scene, one_each(there)).at(here),
+        )
         worst.append(np.abs(forth - back.T).max() / np.abs(forth).mean())
     assert worst[1] < min(3e-3, worst[0])
 
@@ -110,7 +131,10 @@ def two_kinds() -> tuple[at.Scene, tuple[complex, complex]]:
     """A hard ball and an absorbing one, 2 mm apart."""
     balls = [at.sphere(9e-3, 9e-3), at.sphere(6e-3, 6e-3, centre=(0.017 * 0.6, 0.0, 0.017 * 0.8))]
     ratio = 1.5 + 0.5j
-    return at.Scene(PAPER_AIR, [at.sound_hard(balls[0]), at.impedance(balls[1], ratio)]), (0.0, 1 / ratio)
+    return at.Scene(PAPER_AIR, [at.sound_hard(balls[0]), at.impedance(balls[1], ratio)]), (
+        0.0,
+        1 / ratio,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -122,7 +146,9 @@ def between() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     balls = [one.surface.primitive for one in scene.obstacles]
     sources = np.array([[0.006, 0.0, 0.008 + 1e-4], [-0.0095, 0, 0], [0.02, 0.01, 0.03]])
     away = directions(30, 3) * 0.1
-    exact, own = two_spheres.pressure_at(balls, scene.wavenumber, sources, away, admittances=admittances)
+    exact, own = two_spheres.pressure_at(
+        balls, scene.wavenumber, sources, away, admittances=admittances
+    )
     assert own < 1e-4
     return sources, away, exact
 
@@ -175,7 +201,9 @@ def test_a_picture_in_cells_is_the_same_as_point_by_point():
     scene, sources = sphere_scene(1 + 1j), one_each(directions(2, 1) * 0.02)
     field = at.BoundaryElement().radiate(scene, sources)
     across = np.linspace(-0.03, 0.03, 60)
-    points = np.stack([*np.meshgrid(across, across), np.full((60, 60), 0.002)], axis=-1).reshape(-1, 3)
+    points = np.stack([*np.meshgrid(across, across), np.full((60, 60), 0.002)], axis=-1).reshape(
+        -1, 3
+    )
     picture, some = field.at(points), slice(0, None, 97)
     known = np.isfinite(picture[some, 0])
     assert known.sum() > 20

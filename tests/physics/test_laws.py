@@ -5,12 +5,20 @@ import pytest
 from scipy.special import roots_legendre
 
 import airtact as at
-from airtact.solvers.bem.layer_potentials import NearRule, double_layer_pressure
-from airtact.solvers.bem.operator import assemble, dual_surface
-from airtact.solvers.bem.quadrature import Nodes, find_near, integrate_near, place_nodes
-from airtact.solvers.gmres import gmres
-from airtact.solvers.monopoles import monopole_pressure
-from benchmarks.accuracy import PAPER_AIR, directions, far_points, motion, one_each, reciprocity, relative
+from airtact.acoustics.solvers.bem.layer_potentials import NearRule, double_layer_pressure
+from airtact.acoustics.solvers.bem.operator import assemble, dual_surface
+from airtact.acoustics.solvers.bem.quadrature import Nodes, find_near, integrate_near, place_nodes
+from airtact.acoustics.solvers.gmres import gmres
+from airtact.acoustics.solvers.monopoles import monopole_pressure
+from benchmarks.accuracy import (
+    PAPER_AIR,
+    directions,
+    far_points,
+    motion,
+    one_each,
+    reciprocity,
+    relative,
+)
 
 SOLVERS = [at.SphereSeries(), at.BoundaryElement(), at.FiniteElement(order=4, symmetry=())]
 NAMES = ["series", "boundary element", "finite element"]
@@ -38,7 +46,9 @@ def test_reciprocity_between_fingers_falls_with_refinement():
 def test_moving_hand_and_array_together_changes_nothing(precision, allowed):
     assert motion(precision, away=0.0, length=0.012) < allowed
     assert motion(precision, away=1.0, length=0.012) < allowed
-    assert motion(precision, away=0.0) < allowed  # with panels that two points of equal distance are nearest on
+    assert (
+        motion(precision, away=0.0) < allowed
+    )  # with panels that two points of equal distance are nearest on
 
 
 @pytest.mark.parametrize("solver", SOLVERS, ids=NAMES)
@@ -50,9 +60,19 @@ def test_a_hard_body_neither_emits_nor_absorbs_power(solver):
     azimuth = 2 * np.pi * np.arange(48) / 48
     sine = np.sqrt(1 - cosine**2)
     way = np.stack(
-        [np.outer(sine, np.cos(azimuth)), np.outer(sine, np.sin(azimuth)), np.outer(cosine, np.ones(48))], -1
+        [
+            np.outer(sine, np.cos(azimuth)),
+            np.outer(sine, np.sin(azimuth)),
+            np.outer(cosine, np.ones(48)),
+        ],
+        -1,
     )
-    way, area, radius, step = way.reshape(-1, 3), np.repeat(weight, 48) * 2 * np.pi / 48, 0.016, 1e-5
+    way, area, radius, step = (
+        way.reshape(-1, 3),
+        np.repeat(weight, 48) * 2 * np.pi / 48,
+        0.016,
+        1e-5,
+    )
     low, high = (field.at(way * (radius + side * step))[:, 0] for side in (-1, 1))
     crossing = np.imag(np.conj(0.5 * (low + high)) * (high - low) / (2 * step))
     assert abs(area @ crossing) < 5e-3 * (area @ np.abs(crossing))
@@ -82,9 +102,13 @@ def test_beacons_solved_once_serve_every_pose_of_the_array(offset):
     pose = at.Pose.turn(np.array([0.0, 0.0, 1.0]), 0.4, translation=(0.004, 0.002 * offset, -0.003))
     foci = np.array([[0, 0, 0.0075], [0.0075, 0, 0]])
     array = at.PhasedArray(far_points(12), -directions(12, 8))
-    once = at.transfer_matrix(at.BoundaryElement().radiate(ball_scene(), one_each(foci)), array.seen_from(pose))
+    once = at.transfer_matrix(
+        at.BoundaryElement().radiate(ball_scene(), one_each(foci)), array.seen_from(pose)
+    )
     moved = at.Scene(PAPER_AIR, [at.sound_hard(at.sphere(0.007, 0.004).moved(pose))])
-    again = at.transfer_matrix(at.BoundaryElement().radiate(moved, one_each(pose.apply(foci))), array)
+    again = at.transfer_matrix(
+        at.BoundaryElement().radiate(moved, one_each(pose.apply(foci))), array
+    )
     assert relative(once.matrix, again.matrix).max() < 1e-4
 
 
@@ -106,12 +130,18 @@ BODIES = {
 }
 
 
-def single_layer(nodes: Nodes, points: np.ndarray, density: np.ndarray, wavenumber: complex) -> np.ndarray:
+def single_layer(
+    nodes: Nodes, points: np.ndarray, density: np.ndarray, wavenumber: complex
+) -> np.ndarray:
     """∫ e^{ikr}/(4πr) density dS at points on or off the skin: plain nodes far away, near integrals close by."""
     distance = np.linalg.norm(points[:, None] - nodes.points, axis=2)
     distance[distance < 1e-9] = np.inf  # a node's own panel is near, so its entry is replaced
-    rows = nodes.weights / (4 * np.pi * distance) * np.exp(1j * wavenumber * np.minimum(distance, 1.0))
-    near = integrate_near(nodes, points, find_near(nodes, points, 2.5), wavenumber, (8, 8), single_layer=True)
+    rows = (
+        nodes.weights / (4 * np.pi * distance) * np.exp(1j * wavenumber * np.minimum(distance, 1.0))
+    )
+    near = integrate_near(
+        nodes, points, find_near(nodes, points, 2.5), wavenumber, (8, 8), single_layer=True
+    )
     rows[near.target[:, None], 6 * near.panel[:, None] + np.arange(6)] = near.values
     return rows @ density
 
@@ -130,7 +160,13 @@ def test_a_source_inside_the_body_has_its_field_outside(name):
     matrix = assemble(surface, "float64")
     offset = nodes.points - inner
     r = np.linalg.norm(offset, axis=1)
-    push = np.exp(1j * wavenumber * r) / r * (1j * wavenumber - 1 / r) * (offset * nodes.normals).sum(axis=1) / r
+    push = (
+        np.exp(1j * wavenumber * r)
+        / r
+        * (1j * wavenumber - 1 / r)
+        * (offset * nodes.normals).sum(axis=1)
+        / r
+    )
     right = -single_layer(nodes, nodes.points, push, wavenumber)
     right += 1j * np.repeat(single_layer(nodes, surface.shifted, push, wavenumber), 3)
     pressure = gmres(matrix.times, right[None], 1e-8).solution.T

@@ -4,17 +4,27 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.solvers.free_field import open_air_pressure
-from airtact.solvers.problem import RadiatedField
+from airtact.acoustics.solvers.free_field import open_air_pressure
+from airtact.acoustics.solvers.problem import RadiatedField
 
 AIR = at.Medium(343.1, 1.293, absorption=0.1)
 RADIUS = 6e-3
 BALL = at.sphere(radius=RADIUS, edge=2.5e-3)
 SCENE = at.Scene(AIR, [at.sound_hard(BALL)])
 HEIGHTS = (3e-4, 2e-3, 0.05)
-SOURCES = at.Monopoles(np.array([[0, 0, RADIUS + HEIGHTS[0]], [RADIUS + HEIGHTS[1], 0, 0], [0, 0.056, 0]]), np.eye(3))
+SOURCES = at.Monopoles(
+    np.array([[0, 0, RADIUS + HEIGHTS[0]], [RADIUS + HEIGHTS[1], 0, 0], [0, 0.056, 0]]), np.eye(3)
+)
 TOUCHING = at.Monopoles(np.array([[0, 0, RADIUS], [0, 0.056, 0]]), np.eye(2))
-POINTS = np.array([[0.03, 0.01, 0.02], [0, 0, -RADIUS - 1e-4], [1e-3, 0, RADIUS + 1e-3], [0, 0.0561, 0], [0, 0, 0.14]])
+POINTS = np.array(
+    [
+        [0.03, 0.01, 0.02],
+        [0, 0, -RADIUS - 1e-4],
+        [1e-3, 0, RADIUS + 1e-3],
+        [0, 0.0561, 0],
+        [0, 0, 0.14],
+    ]
+)
 
 SOLVERS = {
     "series": at.SphereSeries(),
@@ -41,7 +51,9 @@ def image_series(height: float) -> complex:
 
     k, order = SCENE.wavenumber, np.arange(90)
     ka, kr = k * RADIUS, k * (RADIUS + height)
-    slope = spherical_jn(order, ka, True) / (spherical_jn(order, ka, True) + 1j * spherical_yn(order, ka, True))
+    slope = spherical_jn(order, ka, True) / (
+        spherical_jn(order, ka, True) + 1j * spherical_yn(order, ka, True)
+    )
     outgoing = spherical_jn(order, kr) + 1j * spherical_yn(order, kr)
     return complex(-1j * k * np.sum((2 * order + 1) * slope * outgoing**2))
 
@@ -89,7 +101,11 @@ def test_many_points_in_cells_are_as_single_ones():
 @pytest.mark.parametrize("name", ["series", "boundary element"])
 def test_at_a_source_that_touches_a_body_and_inside_it_is_unknown(name):
     points = np.array([[0, 0, RADIUS], [0, 0, 0.5 * RADIUS], [0, 0.056, 0]])
-    assert np.isnan(solved(name, TOUCHING).scattered_at(points)).any(axis=1).tolist() == [True, True, False]
+    assert np.isnan(solved(name, TOUCHING).scattered_at(points)).any(axis=1).tolist() == [
+        True,
+        True,
+        False,
+    ]
 
 
 def test_without_the_direct_solution_points_near_the_surface_are_rejected():
@@ -115,4 +131,6 @@ def test_open_air_scatters_nothing():
 
 def test_a_field_that_knows_no_better_subtracts_the_incident_pressure():
     field = solved("series")
-    np.testing.assert_allclose(RadiatedField.scattered_at(field, POINTS), field.scattered_at(POINTS), rtol=1e-5)
+    np.testing.assert_allclose(
+        RadiatedField.scattered_at(field, POINTS), field.scattered_at(POINTS), rtol=1e-5
+    )

@@ -3,22 +3,22 @@
 import numpy as np
 import pytest
 
+from airtact.acoustics.medium import Medium
+from airtact.acoustics.scene import Scene, sound_hard
+from airtact.acoustics.solvers.bem.quadrature import place_nodes
+from airtact.acoustics.solvers.bem.solver import BoundaryElement
+from airtact.acoustics.solvers.problem import Solver
+from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
+from airtact.acoustics.target import Target
+from airtact.acoustics.target_points import surface_points
+from airtact.drives.gradient_descent import gradient
+from airtact.drives.transfer import Drive, TransferMatrix, transfer_matrix
+from airtact.drives.weakest_focus import max_min
 from airtact.evaluation.field import drive_sources
-from airtact.hand.pinch import pinch
-from airtact.scene.medium import Medium
-from airtact.scene.scene import Scene, sound_hard
-from airtact.scene.target import Target
-from airtact.scene.target_points import surface_points
-from airtact.solvers.bem.quadrature import place_nodes
-from airtact.solvers.bem.solver import BoundaryElement
-from airtact.solvers.problem import Solver
-from airtact.solvers.spherical.sphere_series import SphereSeries
-from airtact.surfaces.panels import panels_of
-from airtact.surfaces.primitives import sphere
-from airtact.synthesis.gradient import gradient
-from airtact.synthesis.max_min import max_min
+from airtact.geometry.panels import panels_of
+from airtact.geometry.primitives import sphere
+from airtact.hands.pinch_dummy import pinch
 from airtact.transducers.layout import surrounding_box
-from airtact.transfer import Drive, TransferMatrix, transfer_matrix
 
 AIR = Medium(343.1, 1.293)
 ARRAY = surrounding_box()
@@ -32,15 +32,24 @@ def drives_for(transfer: TransferMatrix, target: Target) -> tuple[Drive, Drive]:
 
 
 def measured(
-    scene: Scene, target: Target, drives: tuple[Drive, Drive], facing: np.ndarray, within: float, solver: Solver
+    scene: Scene,
+    target: Target,
+    drives: tuple[Drive, Drive],
+    facing: np.ndarray,
+    within: float,
+    solver: Solver,
 ) -> tuple[float, float]:
     """Fall of the mean p² over the skin that looks to its body's side [dB], and the loss of the weakest focus."""
     field = solver.radiate(scene, drive_sources(ARRAY, list(drives)))
     edge = scene.wavelength / 3
-    panels = panels_of([obstacle.surface.shape for obstacle in scene.obstacles], edge, np.empty((0, 3)), edge)
+    panels = panels_of(
+        [obstacle.surface.shape for obstacle in scene.obstacles], edge, np.empty((0, 3)), edge
+    )
     nodes = place_nodes(panels.quadratic_triangles, panels.body, panels.deviation)
     chosen = np.einsum("qd,qd->q", nodes.normals, facing[nodes.body]) > np.cos(np.radians(within))
-    loud, quiet = np.average(np.abs(field.at(nodes.points[chosen])) ** 2, axis=0, weights=nodes.weights[chosen])
+    loud, quiet = np.average(
+        np.abs(field.at(nodes.points[chosen])) ** 2, axis=0, weights=nodes.weights[chosen]
+    )
     weakest = np.abs(field.at(target.points)).min(axis=0)
     return 10.0 * float(np.log10(quiet / loud)), 1.0 - float(weakest[1] / weakest[0])
 
@@ -51,8 +60,12 @@ def test_the_back_of_a_ball_falls_silent_by_the_measure_of_another_solver() -> N
     back = np.array([[-1.0, 0.0, 0.0]])
     zone = surface_points(ball, 0.3 * scene.wavelength, facing=(-1.0, 0.0, 0.0), within=60.0)
     target = Target(np.array([[8.5e-3, 0.0, 0.0]]), suppression_points=zone)
-    transfer = transfer_matrix(SphereSeries().radiate(scene, target.beacons(suppression=True)), ARRAY)
-    fall, loss = measured(scene, target, drives_for(transfer, target), back, 60.0, BoundaryElement(0.02))
+    transfer = transfer_matrix(
+        SphereSeries().radiate(scene, target.beacons(suppression=True)), ARRAY
+    )
+    fall, loss = measured(
+        scene, target, drives_for(transfer, target), back, 60.0, BoundaryElement(0.02)
+    )
     assert fall < -10.0
     assert loss < 0.10
 
@@ -68,7 +81,11 @@ def test_the_backs_of_both_fingers_of_the_pinch_fall_by_ten_decibels() -> None:
         for surface, side in zip(fingers.surfaces, outward, strict=True)
     ]
     target = Target(fingers.foci(), suppression_points=np.concatenate(zone))
-    transfer = transfer_matrix(BoundaryElement(0.1).radiate(scene, target.beacons(suppression=True)), ARRAY)
-    fall, loss = measured(scene, target, drives_for(transfer, target), outward, 60.0, BoundaryElement(0.01))
+    transfer = transfer_matrix(
+        BoundaryElement(0.1).radiate(scene, target.beacons(suppression=True)), ARRAY
+    )
+    fall, loss = measured(
+        scene, target, drives_for(transfer, target), outward, 60.0, BoundaryElement(0.01)
+    )
     assert fall < -10.0
     assert loss < 0.10

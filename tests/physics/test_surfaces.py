@@ -74,16 +74,20 @@ def test_a_bead_of_half_a_millimetre_scatters_as_the_series_says():
 
 
 def test_a_mesh_that_moves_needs_no_new_panels_and_sounds_alike():
-    vertices, triangles = np.array(trimesh.creation.icosphere(3).vertices) * AXES, trimesh.creation.icosphere(3).faces
+    vertices, triangles = (
+        np.array(trimesh.creation.icosphere(3).vertices) * AXES,
+        trimesh.creation.icosphere(3).faces,
+    )
     surface = at.Surface(vertices, np.array(triangles))
     pose = at.Pose.turn((1, 2, 3), 0.8, translation=(0.3, -0.2, 0.1))
     positions, points = accuracy.directions(3, 1) * 0.02, accuracy.far_points(30)
     solver = at.BoundaryElement(precision="float64")
-    here = solver.radiate(at.Scene(accuracy.PAPER_AIR, [at.sound_hard(surface)]), accuracy.one_each(positions)).at(
-        points
-    )
+    here = solver.radiate(
+        at.Scene(accuracy.PAPER_AIR, [at.sound_hard(surface)]), accuracy.one_each(positions)
+    ).at(points)
     there = solver.radiate(
-        at.Scene(accuracy.PAPER_AIR, [at.sound_hard(surface.moved(pose))]), accuracy.one_each(pose.apply(positions))
+        at.Scene(accuracy.PAPER_AIR, [at.sound_hard(surface.moved(pose))]),
+        accuracy.one_each(pose.apply(positions)),
     ).at(pose.apply(points))
     assert accuracy.relative(there, here).max() < 1e-9
 
@@ -93,12 +97,15 @@ def test_panels_far_off_the_triangles_are_told():
     mesh = trimesh.creation.icosahedron()
     mesh.apply_scale(0.012)
     scene = surfaces.scene_of(np.array(mesh.vertices), np.array(mesh.faces))
-    field = at.BoundaryElement(accuracy=0.1).radiate(scene, accuracy.one_each(np.array([[0, 0, 0.03]])))
+    field = at.BoundaryElement(accuracy=0.1).radiate(
+        scene, accuracy.one_each(np.array([[0, 0, 0.03]]))
+    )
     assert field.report.farthest_off_triangles > 2e-3
     assert any("off the triangles" in warning for warning in field.report.warnings)
     flat = at.Surface(np.array(mesh.vertices), np.array(mesh.faces), sharp_degrees=0)
     field = at.BoundaryElement(accuracy=0.1).radiate(
-        at.Scene(accuracy.PAPER_AIR, [at.sound_hard(flat)]), accuracy.one_each(np.array([[0, 0, 0.03]]))
+        at.Scene(accuracy.PAPER_AIR, [at.sound_hard(flat)]),
+        accuracy.one_each(np.array([[0, 0, 0.03]])),
     )
     assert field.report.farthest_off_triangles < 1e-9
     assert not any("off the triangles" in warning for warning in field.report.warnings)
@@ -106,8 +113,8 @@ def test_panels_far_off_the_triangles_are_told():
 
 @pytest.mark.slow
 def test_fifty_assorted_meshes_get_panels_that_hold_their_volume():
-    from airtact.mesh.quadratic_triangles import enclosed_volume, smallest_angles
-    from surfaces.assorted_meshes import assorted
+    from airtact.geometry.mesh.quadratic_triangles import enclosed_volume, smallest_angles
+    from geometry.assorted_meshes import assorted
 
     count = 0
     for name, mesh in assorted():

@@ -1,6 +1,7 @@
 """Pressures and target strengths that packages by other people computed, of spheres and a prolate spheroid.
 
-The files beside the references say which package, and ``benchmarks/truth_by_others.py`` makes them again.
+The files beside the references say which package, and ``benchmarks/truth_by_others.py`` makes them
+again.
 """
 
 import json
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.surfaces.primitives import Capsule
+from airtact.geometry.primitives import Capsule
 from paths import ROOT
 from references import axisymmetric, two_spheres
 
@@ -36,7 +37,9 @@ def test_two_and_three_spheres_are_what_acoustotreams_says(case, accuracy) -> No
     true = np.array(case["real"]) + 1j * np.array(case["imaginary"])
     assert case["own_error"] < 2e-5
     surfaces = [at.sphere(one.radius, one.radius / 2).moved(one.pose) for one in shapes(case)]
-    scene = at.Scene(AIR, [at.sound_hard(surface) for surface in surfaces], frequency=SPHERES["frequency"])
+    scene = at.Scene(
+        AIR, [at.sound_hard(surface) for surface in surfaces], frequency=SPHERES["frequency"]
+    )
     sources = at.Monopoles(np.array(SPHERES["sources"]), np.eye(len(SPHERES["sources"])))
     field = at.BoundaryElement(accuracy=accuracy).radiate(scene, sources)
     assert relative(field.at(np.array(SPHERES["receivers"])), true) < 1.5 * accuracy
@@ -51,7 +54,9 @@ def test_the_multipoles_of_two_spheres_are_what_acoustotreams_says() -> None:
     assert relative(found, np.array(case["real"]) + 1j * np.array(case["imaginary"])) < 2e-5
 
 
-def backscattered(surface: at.Surface, frequency: float, directions: np.ndarray, accuracy: float) -> np.ndarray:
+def backscattered(
+    surface: at.Surface, frequency: float, directions: np.ndarray, accuracy: float
+) -> np.ndarray:
     """Amplitudes [m] of the sound scattered back to where plane waves come from."""
     scene = at.Scene(WATER, [at.sound_hard(surface)], frequency=frequency)
     places = FAR * directions
@@ -76,10 +81,14 @@ def test_a_rigid_spheroid_of_70_by_10_mm_has_the_target_strengths_of_echosms() -
     major, minor = known["semi_axes"]
     body = axisymmetric.surface(axisymmetric.spheroid(minor, major), 3e-3)
     broadside = np.array([[1.0, 0.0, 0.0]])
-    found = [backscattered(body, frequency, broadside, 0.003)[0] for frequency in known["frequencies"]]
+    found = [
+        backscattered(body, frequency, broadside, 0.003)[0] for frequency in known["frequencies"]
+    ]
     np.testing.assert_allclose(found, amplitudes(known["strengths"]), rtol=0.01)
     angle = np.radians(known["angles"])
-    found = backscattered(body, 38e3, np.stack([np.sin(angle), 0 * angle, np.cos(angle)], axis=1), 0.003)
+    found = backscattered(
+        body, 38e3, np.stack([np.sin(angle), 0 * angle, np.cos(angle)], axis=1), 0.003
+    )
     true = amplitudes(known["strengths_at_angles"])
     np.testing.assert_allclose(found, true, atol=0.003 * true.max())
 

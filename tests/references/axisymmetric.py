@@ -1,10 +1,11 @@
 """Sound-hard bodies of revolution by rings of monopoles inside them: independent of every solver in src.
 
-A meridian curve is turned about the z axis. Rings of monopoles stand a given depth under it and rings of fitting points
-on it, all with the same number of points around, so the matrix of ∂p/∂n is block-circulant and a discrete Fourier
-transform along the azimuth leaves one small least-squares problem for each order (A. Karageorghis and G. Fairweather,
-"The method of fundamental solutions for axisymmetric potential problems", Int. J. Numer. Meth. Engng 44 (1999) 1653).
-The residual ∂p/∂n at surface points between the fitted ones, and the change from a coarser fit, bound the error.
+A meridian curve is turned about the z axis. Rings of monopoles stand a given depth under it and
+rings of fitting points on it, all with the same number of points around, so the matrix of ∂p/∂n is
+block-circulant and a discrete Fourier transform along the azimuth leaves one small least-squares
+problem for each order (A. Karageorghis and G. Fairweather, "The method of fundamental solutions for
+axisymmetric potential problems", Int. J. Numer. Meth. Engng 44 (1999) 1653). The residual ∂p/∂n at
+surface points between the fitted ones, and the change from a coarser fit, bound the error.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,13 +22,18 @@ Piece = Callable[[np.ndarray], np.ndarray]
 """Points (P, 2) of a smooth piece of a meridian, distance from the axis and height [m], at parameters 0 to 1."""
 
 
-def arc(middle: tuple[float, float], semi_axes: tuple[float, float], start: float, end: float) -> Piece:
+def arc(
+    middle: tuple[float, float], semi_axes: tuple[float, float], start: float, end: float
+) -> Piece:
     """Part of an ellipse or circle about ``middle`` [m], from one angle to another [degrees]."""
     first, last = np.radians([start, end])
 
     def points(share: np.ndarray) -> np.ndarray:
         angle = first + (last - first) * share
-        return np.stack([middle[0] + semi_axes[0] * np.cos(angle), middle[1] + semi_axes[1] * np.sin(angle)], axis=1)
+        return np.stack(
+            [middle[0] + semi_axes[0] * np.cos(angle), middle[1] + semi_axes[1] * np.sin(angle)],
+            axis=1,
+        )
 
     return points
 
@@ -41,7 +47,8 @@ def line(start: tuple[float, float], end: tuple[float, float]) -> Piece:
 class Meridian:
     """Curve whose turning about the z axis is the surface, the body on its left; from pole to pole, or closed.
 
-    ``wall`` is the least thickness of the body across [m]: monopoles stand at most a third of it deep.
+    ``wall`` is the least thickness of the body across [m]: monopoles stand at most a third of it
+    deep.
     """
 
     pieces: Sequence[Piece]
@@ -59,14 +66,18 @@ class Meridian:
         points, normals = np.empty((2, len(lengths), 2))
         for index, piece in enumerate(self.pieces):
             own = which == index
-            share = np.interp(lengths[own] - bounds[index], _lengths(piece), np.linspace(0, 1, SAMPLES + 1))
+            share = np.interp(
+                lengths[own] - bounds[index], _lengths(piece), np.linspace(0, 1, SAMPLES + 1)
+            )
             points[own] = piece(share)
             along = piece(share + 1e-6) - piece(share - 1e-6)
             along /= np.linalg.norm(along, axis=1, keepdims=True)
             normals[own] = np.stack([along[:, 1], -along[:, 0]], axis=1)
         return points, normals
 
-    def spaced(self, spacing: Callable[[np.ndarray], np.ndarray], offset: float = 0.5) -> np.ndarray:
+    def spaced(
+        self, spacing: Callable[[np.ndarray], np.ndarray], offset: float = 0.5
+    ) -> np.ndarray:
         """Lengths along the curve whose steps are about a spacing at the local points [m]."""
         total = float(self.lengths.sum())
         fine = (np.arange(20000) + 0.5) / 20000 * total
@@ -92,7 +103,9 @@ def upright_capsule(radius: float, length: float, height: float = 0.0) -> Meridi
     """Capsule along the axis [m]."""
     low, high = height - length / 2, height + length / 2
     ends = arc((0, low), (radius, radius), -90, 0), arc((0, high), (radius, radius), 0, 90)
-    return Meridian([ends[0], line((radius, low), (radius, high)), ends[1]] if length else [*ends], 2 * radius)
+    return Meridian(
+        [ends[0], line((radius, low), (radius, high)), ends[1]] if length else [*ends], 2 * radius
+    )
 
 
 def torus(ring: float, tube: float) -> Meridian:
@@ -150,27 +163,39 @@ class Fit:
         places = _turned(self.rings, around).reshape(-1, 3)
         strengths = self.strengths.reshape(len(places), -1)
         total = np.zeros((len(points), strengths.shape[1]), dtype=complex)
-        for block in np.array_split(np.arange(len(places)), 1 + len(points) * len(places) // 4_000_000):
+        for block in np.array_split(
+            np.arange(len(places)), 1 + len(points) * len(places) // 4_000_000
+        ):
             total += _waves(points, places[block], self.wavenumber) @ strengths[block]
         return total
 
 
 def fitted(
-    meridians: Sequence[Meridian], wavenumber: complex, sources: np.ndarray, fineness: float = 2.0, around: int = 0
+    meridians: Sequence[Meridian],
+    wavenumber: complex,
+    sources: np.ndarray,
+    fineness: float = 2.0,
+    around: int = 0,
 ) -> Fit:
     """Fit rings of monopoles, ``fineness`` of them per depth, to ∂p/∂n = 0 on bodies beside unit sources (N, 3)."""
     wavelength = 2 * np.pi / abs(wavenumber)
     rings, points, normals, checks = [], [], [], []
     finest = np.inf
     for own in meridians:
-        others = [other.at(np.linspace(0, other.lengths.sum(), 4000))[0] for other in meridians if other is not own]
+        others = [
+            other.at(np.linspace(0, other.lengths.sum(), 4000))[0]
+            for other in meridians
+            if other is not own
+        ]
         depth = _depth(own, others, wavelength)
         lengths = own.spaced(lambda p, depth=depth: np.minimum(depth(p) / fineness, wavelength / 8))
         base, outward = own.at(lengths)
         ring = base - depth(base)[:, None] * outward
         rings.append(ring[ring[:, 0] > 1e-9])
         finest = min(finest, float((depth(base) / np.maximum(base[:, 0], 1e-9)).min()))
-        half = own.spaced(lambda p, depth=depth: 0.5 * np.minimum(depth(p) / fineness, wavelength / 8))
+        half = own.spaced(
+            lambda p, depth=depth: 0.5 * np.minimum(depth(p) / fineness, wavelength / 8)
+        )
         for lists, where in ((1, half), (0, own.spaced(lambda p, depth=depth: depth(p), 0.31))):
             at_, out = own.at(where)
             if lists:
@@ -189,8 +214,12 @@ def fitted(
     orders = np.flatnonzero(sizes > 1e-9 * sizes.max())
     kernel = np.concatenate(
         [
-            np.fft.fft(_ring_kernel(at_, out, source_rings, angles, wavenumber), axis=2)[:, :, orders]
-            for at_, out in zip(np.array_split(fit_points, 40), np.array_split(fit_normals, 40), strict=True)
+            np.fft.fft(_ring_kernel(at_, out, source_rings, angles, wavenumber), axis=2)[
+                :, :, orders
+            ]
+            for at_, out in zip(
+                np.array_split(fit_points, 40), np.array_split(fit_normals, 40), strict=True
+            )
         ]
     )
     strengths = np.zeros((len(source_rings), around, len(sources)), dtype=complex)
@@ -204,7 +233,9 @@ def fitted(
     return Fit(fit.rings, fit.strengths, wavenumber, sources, _residual(fit, checks))
 
 
-def _depth(own: Meridian, others: Sequence[np.ndarray], wavelength: float) -> Callable[[np.ndarray], np.ndarray]:
+def _depth(
+    own: Meridian, others: Sequence[np.ndarray], wavelength: float
+) -> Callable[[np.ndarray], np.ndarray]:
     """Depth of the monopoles under points of a meridian (P, 2): less beside thin walls and other bodies."""
 
     def depth(points: np.ndarray) -> np.ndarray:
@@ -227,7 +258,11 @@ def _turned(meridian: np.ndarray, around: int) -> np.ndarray:
 
 
 def _ring_kernel(
-    points: np.ndarray, normals: np.ndarray, rings: np.ndarray, angles: np.ndarray, wavenumber: complex
+    points: np.ndarray,
+    normals: np.ndarray,
+    rings: np.ndarray,
+    angles: np.ndarray,
+    wavenumber: complex,
 ) -> np.ndarray:
     """∂p/∂n at points turned by angles, of the monopole of each ring at angle 0: (P, rings, angles)."""
     flat, height = points[:, 0, None, None], points[:, 1, None, None]
@@ -244,11 +279,15 @@ def _waves(points: np.ndarray, sources: np.ndarray, wavenumber: complex) -> np.n
     return np.exp(1j * wavenumber * distance) / distance
 
 
-def _slopes(points: np.ndarray, normals: np.ndarray, sources: np.ndarray, wavenumber: complex) -> np.ndarray:
+def _slopes(
+    points: np.ndarray, normals: np.ndarray, sources: np.ndarray, wavenumber: complex
+) -> np.ndarray:
     offset = points[:, None] - sources[None]
     distance = np.linalg.norm(offset, axis=2)
     along = np.einsum("pnd,pd->pn", offset, normals)
-    return (1j * wavenumber - 1 / distance) * np.exp(1j * wavenumber * distance) * along / distance**2
+    return (
+        (1j * wavenumber - 1 / distance) * np.exp(1j * wavenumber * distance) * along / distance**2
+    )
 
 
 def _residual(fit: Fit, checks: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
@@ -258,10 +297,14 @@ def _residual(fit: Fit, checks: Sequence[tuple[np.ndarray, np.ndarray]]) -> floa
     strengths = fit.strengths.reshape(len(places), -1)
     pick = np.random.default_rng(5)
     for points, normals in checks:
-        chosen = pick.choice(len(points), min(60, len(points)), replace=False, p=points[:, 0] / points[:, 0].sum())
+        chosen = pick.choice(
+            len(points), min(60, len(points)), replace=False, p=points[:, 0] / points[:, 0].sum()
+        )
         turn = pick.uniform(0, 2 * np.pi, len(chosen))
         place, outward = (
-            np.stack([a[chosen, 0] * np.cos(turn), a[chosen, 0] * np.sin(turn), a[chosen, 1]], axis=1)
+            np.stack(
+                [a[chosen, 0] * np.cos(turn), a[chosen, 0] * np.sin(turn), a[chosen, 1]], axis=1
+            )
             for a in (points, normals)
         )
         arriving = _slopes(place, outward, fit.sources, fit.wavenumber)
@@ -282,15 +325,18 @@ def pressure_at(
 ) -> tuple[np.ndarray, float]:
     """Total pressure (P, N) [Pa] of unit sources (N, 3) at receivers (P, 3), and its own relative error.
 
-    The set farther from the bodies becomes the sources, by reciprocity. Rings are made finer until the error is as
-    ``wanted``, if they can: near the resonance of a cavity the coarser ones are some percent off.
+    The set farther from the bodies becomes the sources, by reciprocity. Rings are made finer until
+    the error is as ``wanted``, if they can: near the resonance of a cavity the coarser ones are
+    some percent off.
     """
     before = pressure = fitted(meridians, wavenumber, sources, 1.7).pressure(receivers)
     error = np.inf
     for fineness in (2.2, 3.0, 4.0, 5.5):
         fit = fitted(meridians, wavenumber, sources, fineness)
         pressure = fit.pressure(receivers)
-        error = max(np.linalg.norm(pressure - before) / np.linalg.norm(pressure), 0.1 * fit.residual)
+        error = max(
+            np.linalg.norm(pressure - before) / np.linalg.norm(pressure), 0.1 * fit.residual
+        )
         if error < wanted:
             break
         before = pressure
@@ -323,7 +369,9 @@ def surface(meridian: Meridian, edge: float) -> at.Surface:
 
     def point(length: np.ndarray, angle: np.ndarray) -> np.ndarray:
         flat = meridian.at(length)[0]
-        return np.stack([flat[:, 0] * np.cos(angle), flat[:, 0] * np.sin(angle), flat[:, 1]], axis=1)
+        return np.stack(
+            [flat[:, 0] * np.cos(angle), flat[:, 0] * np.sin(angle), flat[:, 1]], axis=1
+        )
 
     parameters = []
     inner = stops[:-1] if closed else stops[1:-1]
@@ -358,12 +406,21 @@ def surface(meridian: Meridian, edge: float) -> at.Surface:
     middles = np.empty((len(index), 3, 3))
     for edge_of in range(3):
         one, two = index[:, edge_of], index[:, (edge_of + 1) % 3]
-        first, second, angle, other = lengths[one].copy(), lengths[two].copy(), turns[one].copy(), turns[two].copy()
+        first, second, angle, other = (
+            lengths[one].copy(),
+            lengths[two].copy(),
+            turns[one].copy(),
+            turns[two].copy(),
+        )
         pole_one, pole_two = one >= len(given), two >= len(given)
         angle[pole_one], other[pole_two] = other[pole_one], angle[pole_two]
         wrap = np.abs(first - second) > shift / 2
         low = np.minimum(first, second)
-        mid = np.where(wrap & closed, low + (np.maximum(first, second) - low - shift) / 2, 0.5 * (first + second))
+        mid = np.where(
+            wrap & closed,
+            low + (np.maximum(first, second) - low - shift) / 2,
+            0.5 * (first + second),
+        )
         turn = angle + 0.5 * (np.mod(other - angle + np.pi, 2 * np.pi) - np.pi)
         middles[:, edge_of] = point(np.mod(mid, shift) if closed else mid, turn)
     return at.Surface(vertices, index, midpoints=middles)

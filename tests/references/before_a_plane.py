@@ -6,7 +6,9 @@ import airtact as at
 from references import two_spheres
 
 
-def sphere_pressure(scene: at.Scene, sources: np.ndarray, receivers: np.ndarray) -> tuple[np.ndarray, float]:
+def sphere_pressure(
+    scene: at.Scene, sources: np.ndarray, receivers: np.ndarray
+) -> tuple[np.ndarray, float]:
     """Total pressure of unit monopoles before the plane and the one sphere of a scene.
 
     Returns
@@ -19,7 +21,9 @@ def sphere_pressure(scene: at.Scene, sources: np.ndarray, receivers: np.ndarray)
     both = np.concatenate([sources, _mirrored(plane, sources)])
     ratio = scene.obstacles[0].ratio
     admittances = 2 * (0.0 if ratio is None else 1.0 / ratio,)
-    pressure, own = two_spheres.pressure_at([ball, image], scene.wavenumber, both, receivers, admittances=admittances)
+    pressure, own = two_spheres.pressure_at(
+        [ball, image], scene.wavenumber, both, receivers, admittances=admittances
+    )
     return pressure[:, : len(sources)] + pressure[:, len(sources) :], own
 
 

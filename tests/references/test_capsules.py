@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-
-from airtact.benching import fundamental_solutions as capsules
 from airtact.pose import Pose
 from airtact.scene.medium import Medium
 from airtact.scene.scene import Scene, sound_hard
 from airtact.scene.sources import Monopoles
 from airtact.solvers.spherical.sphere_series import SphereSeries
 from airtact.surfaces.primitives import Capsule
+
+from airtact.benching import fundamental_solutions as capsules
 from references import two_spheres
 
 AIR = Medium(sound_speed=343.1, density=1.293)
@@ -28,7 +28,9 @@ def fingers(first, second, degrees, gap, length):
         tilt = side * np.radians(degrees)
         tip = np.array([side * (gap / 2.0 + radius), 0.0, 0.0])
         pose = Pose.turn((0.0, 1.0, 0.0), -tilt)
-        bodies.append(Capsule(radius, length, Pose(pose.rotation, tip - pose.rotation[:, 2] * length / 2.0)))
+        bodies.append(
+            Capsule(radius, length, Pose(pose.rotation, tip - pose.rotation[:, 2] * length / 2.0))
+        )
     return bodies
 
 
@@ -49,7 +51,8 @@ def test_one_sphere_is_the_series(radius, off):
 )
 def test_two_spheres_are_the_multipoles(first, second, gap):
     balls = [
-        Capsule(r, 0.0, Pose(np.eye(3), np.array([x, 0, 0]))) for r, x in ((first, 0.0), (second, first + second + gap))
+        Capsule(r, 0.0, Pose(np.eye(3), np.array([x, 0, 0])))
+        for r, x in ((first, 0.0), (second, first + second + gap))
     ]
     skin = around(5, first + 5e-4, seed=3)
     near = np.vstack([skin[balls[1].depth(skin) < 0.0], [[first + gap / 2.0, 0.0, 0.0]]])
@@ -64,7 +67,10 @@ def test_two_spheres_are_the_multipoles(first, second, gap):
 
 def test_own_error_of_two_fingers_bounds_the_distance_to_a_finer_fit():
     bodies = fingers(0.006, 0.007, 30.0, 0.004, 0.012)
-    near, far = np.array([[-0.0015, 0.0, 0.0], [0.0015, 0.0, 0.0], [0.0, 0.003, -0.005]]), around(10, 0.09, seed=5)
+    near, far = (
+        np.array([[-0.0015, 0.0, 0.0], [0.0015, 0.0, 0.0], [0.0, 0.003, -0.005]]),
+        around(10, 0.09, seed=5),
+    )
     pressure, error = capsules.pressure_at(bodies, K, near, far)
     finer = capsules.fitted(bodies, K, far, 4.0).pressure(near).T
     true = np.max(np.linalg.norm(pressure - finer, axis=0) / np.linalg.norm(finer, axis=0))

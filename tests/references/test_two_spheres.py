@@ -2,15 +2,15 @@
 
 import numpy as np
 import pytest
-
-from airtact.benching import self_check
-from airtact.benching.fundamental_solutions import pressure_at as by_fundamental_solutions
 from airtact.pose import Pose
 from airtact.scene.medium import Medium
 from airtact.scene.scene import Scene, impedance, sound_hard
 from airtact.scene.sources import Monopoles
 from airtact.solvers.spherical.sphere_series import SphereSeries
 from airtact.surfaces.primitives import Capsule
+
+from airtact.benching import self_check
+from airtact.benching.fundamental_solutions import pressure_at as by_fundamental_solutions
 from references.two_spheres import fitted, pressure_at
 
 AIR = Medium(sound_speed=343.1, density=1.293)
@@ -22,7 +22,10 @@ def ball(centre, radius):
 
 
 def pair(first, second, gap, direction=(0.6, 0.0, 0.8)):
-    return [ball((0.0, 0.0, 0.0), first), ball((first + second + gap) * np.array(direction), second)]
+    return [
+        ball((0.0, 0.0, 0.0), first),
+        ball((first + second + gap) * np.array(direction), second),
+    ]
 
 
 def around(number, radius, seed=0):
@@ -46,7 +49,9 @@ def test_a_lonely_sphere_of_an_impedance_is_the_series():
     spheres, ratio = [ball((0.0, 0.0, 0.0), 0.009), ball((3.0, 0.0, 4.0), 0.0005)], 1.5 + 0.5j
     near, far = around(5, 0.0095), around(12, 0.08, seed=1)
     pressure, error = pressure_at(spheres, K, near, far, admittances=(1 / ratio, 2.0))
-    exact = SphereSeries().radiate(Scene(AIR, [impedance(spheres[0].mesh(0.006), ratio)]), Monopoles(near, np.eye(5)))
+    exact = SphereSeries().radiate(
+        Scene(AIR, [impedance(spheres[0].mesh(0.006), ratio)]), Monopoles(near, np.eye(5))
+    )
     assert error < 1e-5
     np.testing.assert_allclose(pressure, exact.at(far), atol=2e-5 * np.abs(pressure).max())
 
@@ -79,14 +84,25 @@ def test_power_drawn_from_the_source_arrives_far_away():
     azimuth = 2.0 * np.pi * np.arange(72) / 72.0
     sine = np.sqrt(1.0 - cosine**2)
     sphere = np.stack(
-        [np.outer(sine, np.cos(azimuth)), np.outer(sine, np.sin(azimuth)), np.outer(cosine, np.ones(72))], axis=2
+        [
+            np.outer(sine, np.cos(azimuth)),
+            np.outer(sine, np.sin(azimuth)),
+            np.outer(cosine, np.ones(72)),
+        ],
+        axis=2,
     ).reshape(-1, 3)
     steps = 2e-5 * np.vstack([np.eye(3), -np.eye(3)])
     listeners = np.vstack([source + steps, source + 2.0 * steps, 1000.0 * sphere])
     pressure, error = pressure_at(spheres, K, source, listeners)
     near, next_near = pressure[:6, 0].imag.mean(), pressure[6:12, 0].imag.mean()
     drawn = 4.0 * np.pi * (4.0 * near - next_near) / 3.0
-    heard = K.real * np.sum(np.repeat(weight, 72) * np.abs(1000.0 * pressure[12:, 0]) ** 2) * 2.0 * np.pi / 72.0
+    heard = (
+        K.real
+        * np.sum(np.repeat(weight, 72) * np.abs(1000.0 * pressure[12:, 0]) ** 2)
+        * 2.0
+        * np.pi
+        / 72.0
+    )
     assert error < 1e-4
     assert heard == pytest.approx(drawn, rel=1e-4)
 
@@ -96,14 +112,18 @@ def test_turning_everything_changes_nothing():
     spheres = pair(0.01, 0.007, 0.004)
     near, far = around(4, 0.0105, seed=6), around(7, 0.09, seed=7)
     here = pressure_at(spheres, K, near, far)[0]
-    there = pressure_at([sphere.moved(turn) for sphere in spheres], K, turn.apply(near), turn.apply(far))[0]
+    there = pressure_at(
+        [sphere.moved(turn) for sphere in spheres], K, turn.apply(near), turn.apply(far)
+    )[0]
     np.testing.assert_allclose(there, here, atol=1e-6 * np.abs(here).max())
 
 
 def test_what_the_self_check_holds_two_spheres_against_is_what_the_multipoles_say():
     middle = (sum(self_check.RADII) + self_check.GAP, 0.0, 0.0)
     spheres = [ball((0.0, 0.0, 0.0), self_check.RADII[0]), ball(middle, self_check.RADII[1])]
-    between = np.array([[self_check.RADII[0] + self_check.GAP / 2, height, 0.0] for height in (0.0, 2e-3, 4e-3)])
+    between = np.array(
+        [[self_check.RADII[0] + self_check.GAP / 2, height, 0.0] for height in (0.0, 2e-3, 4e-3)]
+    )
     far = around(10, 0.1, seed=3)
     known, own = by_fundamental_solutions(spheres, K, far, between, self_check.REFERENCE_ERROR)
     exact, _ = pressure_at(spheres, K, far, between)

@@ -1,19 +1,19 @@
 """Two spheres, sound-hard or of an impedance, by multipoles about both centres: independent of every solver in src.
 
-In the frame whose z axis joins the centres p = p_inc + Σ c_snm h_n(k r_s)/h_n(k a_s) P_n^m(cos θ_s) e^{imφ} over the
-spheres s. Rotation about that axis keeps the azimuthal orders m apart, so each m is one small least-squares problem for
-∂p/∂n + ikβ p = 0 at Gauss points of both meridians, β being a sphere's admittance ρc/Z; a Fourier transform brings the
-incident slopes to orders m. (The ansatz is that of P. A. Martin, Multiple Scattering, Cambridge 2006, section 4.6; the
-coefficients are fitted instead.)
+In the frame whose z axis joins the centres p = p_inc + Σ c_snm h_n(k r_s)/h_n(k a_s) P_n^m(cos θ_s)
+e^{imφ} over the spheres s. Rotation about that axis keeps the azimuthal orders m apart, so each m
+is one small least-squares problem for ∂p/∂n + ikβ p = 0 at Gauss points of both meridians, β being
+a sphere's admittance ρc/Z; a Fourier transform brings the incident slopes to orders m. (The ansatz
+is that of P. A. Martin, Multiple Scattering, Cambridge 2006, section 4.6; the coefficients are
+fitted instead.)
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import sph_legendre_p_all, spherical_jn, spherical_yn
-
 from airtact.surfaces.primitives import Capsule
+from scipy.special import sph_legendre_p_all, spherical_jn, spherical_yn
 
 MOST_ORDERS = 110
 
@@ -32,8 +32,9 @@ def pressure_at(
     ----------
     spheres : two capsules of length 0.
     wavenumber : k [1/m].
-    sources, receivers : (N, 3) and (P, 3) outside [m]. By reciprocity the set that stays further from the skins speaks,
-        so one of the two may come as close as it likes; both within a few millimetres needs too many orders.
+    sources, receivers : (N, 3) and (P, 3) outside [m]. By reciprocity the set that stays further
+        from the skins speaks, so one of the two may come as close as it likes; both within a few
+        millimetres needs too many orders.
     wanted : own error at which to stop raising the order.
     admittances : β of each sphere, 0 for a sound-hard one.
 
@@ -62,15 +63,21 @@ def clearance(spheres: Sequence[Capsule], points: np.ndarray) -> float:
     return float(min(-sphere.depth(points).max() for sphere in spheres))
 
 
-def monopole_slopes(points: np.ndarray, normals: np.ndarray, sources: np.ndarray, wavenumber: complex) -> np.ndarray:
+def monopole_slopes(
+    points: np.ndarray, normals: np.ndarray, sources: np.ndarray, wavenumber: complex
+) -> np.ndarray:
     """Derivative of e^{ikr}/r along the normals at (Q, 3) points: (Q, N)."""
     offset = points[:, None, :] - sources[None, :, :]
     distance = np.linalg.norm(offset, axis=2)
     along = np.einsum("qni,qi->qn", offset, normals) / distance
-    return (1j * wavenumber - 1.0 / distance) * np.exp(1j * wavenumber * distance) / distance * along
+    return (
+        (1j * wavenumber - 1.0 / distance) * np.exp(1j * wavenumber * distance) / distance * along
+    )
 
 
-def incident_rise(points: np.ndarray, normals: np.ndarray, sources: np.ndarray, k: complex, admittance: complex):
+def incident_rise(
+    points: np.ndarray, normals: np.ndarray, sources: np.ndarray, k: complex, admittance: complex
+):
     """∂p/∂n + ikβ p of e^{ikr}/r at (Q, 3) points: (Q, N)."""
     slope = monopole_slopes(points, normals, sources, k)
     if not admittance:
@@ -81,7 +88,9 @@ def incident_rise(points: np.ndarray, normals: np.ndarray, sources: np.ndarray, 
 
 def hankel(orders: np.ndarray, argument: np.ndarray, derivative: bool = False) -> np.ndarray:
     """Spherical Hankel function of the first kind."""
-    return spherical_jn(orders, argument, derivative) + 1j * spherical_yn(orders, argument, derivative)
+    return spherical_jn(orders, argument, derivative) + 1j * spherical_yn(
+        orders, argument, derivative
+    )
 
 
 @dataclass
@@ -114,7 +123,9 @@ class Fit:
         normals = np.random.default_rng(11).normal(size=(300, 3))
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         defect, incident = 0.0, 0.0
-        for centre, radius, admittance in zip(self.centres, self.radii, self.admittances, strict=True):
+        for centre, radius, admittance in zip(
+            self.centres, self.radii, self.admittances, strict=True
+        ):
             points = centre + radius * normals
             slope = incident_rise(points, normals, self.sources, self.wavenumber, admittance)
             incident += np.linalg.norm(slope) ** 2
@@ -125,19 +136,31 @@ class Fit:
             defect += np.linalg.norm(slope) ** 2
         return float(np.sqrt(defect / incident))
 
-    def _waves(self, which: int, local: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _waves(
+        self, which: int, local: np.ndarray, normals: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Multipoles of one sphere (n, m, P) at points of the frame, and their slopes along the normals."""
         offset = local - self.centres[which]
-        flat = np.maximum(np.hypot(offset[:, 0], offset[:, 1]), 1e-15)  # on the axis there is no azimuth
+        flat = np.maximum(
+            np.hypot(offset[:, 0], offset[:, 1]), 1e-15
+        )  # on the axis there is no azimuth
         azimuth = np.arctan2(offset[:, 1], offset[:, 0])
         around = np.array([-np.sin(azimuth), np.cos(azimuth)])
         flatwise = normals[:, 0] * around[1] - normals[:, 1] * around[0]
         waves, slopes = meridian_waves(
-            self.order, self.wavenumber, self.radii[which], flat, offset[:, 2], flatwise, normals[:, 2]
+            self.order,
+            self.wavenumber,
+            self.radii[which],
+            flat,
+            offset[:, 2],
+            flatwise,
+            normals[:, 2],
         )
         orders = np.arange(-self.turns, self.turns + 1)
         turn = np.exp(1j * orders[:, None] * azimuth)
-        swirl = 1j * orders[:, None] * (normals[:, 0] * around[0] + normals[:, 1] * around[1]) / flat
+        swirl = (
+            1j * orders[:, None] * (normals[:, 0] * around[0] + normals[:, 1] * around[1]) / flat
+        )
         picked = np.abs(orders)
         return waves[:, picked] * turn, (slopes[:, picked] + waves[:, picked] * swirl) * turn
 
@@ -159,8 +182,13 @@ def meridian_waves(
     radial = (hankel(n, wavenumber * distance) / scale)[:, None]
     rise = (wavenumber * hankel(n, wavenumber * distance, True) / scale)[:, None]
     sine, cosine = flat / distance, height / distance
-    outward, southward = normal_flat * sine + normal_height * cosine, normal_flat * cosine - normal_height * sine
-    return radial * legendre[0], rise * legendre[0] * outward + radial * legendre[1] * southward / distance
+    outward, southward = (
+        normal_flat * sine + normal_height * cosine,
+        normal_flat * cosine - normal_height * sine,
+    )
+    return radial * legendre[0], rise * legendre[0] * outward + radial * legendre[
+        1
+    ] * southward / distance
 
 
 def fitted(
@@ -181,10 +209,14 @@ def fitted(
     for on in range(2):
         for of in range(2):
             height = heights[on] - heights[of] + radii[on] * cosine
-            waves, rises = meridian_waves(order, wavenumber, radii[of], radii[on] * sine, height, sine, cosine)
+            waves, rises = meridian_waves(
+                order, wavenumber, radii[of], radii[on] * sine, height, sine, cosine
+            )
             rows[on][of] = rises + 1j * wavenumber * admittances[on] * waves
     slopes = [
-        incident_orders(cosine, sine, radii[on], heights[on], local_sources, wavenumber, admittances[on])
+        incident_orders(
+            cosine, sine, radii[on], heights[on], local_sources, wavenumber, admittances[on]
+        )
         for on in range(2)
     ]
     loudness = sum(np.linalg.norm(slope, axis=(0, 2)) for slope in slopes)
@@ -192,15 +224,30 @@ def fitted(
     balance = np.sqrt(np.concatenate([weight, weight]))[:, None]
     coefficients = np.zeros((2, order + 1, 2 * turns + 1, len(sources)), dtype=np.complex128)
     for m in range(turns + 1):
-        matrix = balance * np.concatenate([np.concatenate([rows[on][of][m:, m] for of in (0, 1)]).T for on in (0, 1)])
+        matrix = balance * np.concatenate(
+            [np.concatenate([rows[on][of][m:, m] for of in (0, 1)]).T for on in (0, 1)]
+        )
         signs = (m,) if m == 0 else (m, -m)
-        right = np.concatenate([np.concatenate([slopes[on][:, sign] for on in (0, 1)]) for sign in signs], axis=1)
+        right = np.concatenate(
+            [np.concatenate([slopes[on][:, sign] for on in (0, 1)]) for sign in signs], axis=1
+        )
         size = np.linalg.norm(matrix, axis=0)
         found = np.linalg.lstsq(matrix / size, -balance * right, rcond=1e-15)[0] / size[:, None]
         for sign, part in zip(signs, np.split(found, len(signs), axis=1), strict=True):
             coefficients[:, m:, turns + sign] = part.reshape(2, order + 1 - m, -1)
     places = [np.array([0.0, 0.0, height]) for height in heights]
-    return Fit(places, radii, frame, origin, wavenumber, local_sources, order, turns, coefficients, admittances)
+    return Fit(
+        places,
+        radii,
+        frame,
+        origin,
+        wavenumber,
+        local_sources,
+        order,
+        turns,
+        coefficients,
+        admittances,
+    )
 
 
 def joining_frame(axis: np.ndarray) -> tuple[np.ndarray, float]:
@@ -222,7 +269,11 @@ def incident_orders(
 ) -> np.ndarray:
     """Azimuthal orders of the incident slope on the rings of a sphere: (latitudes, orders as np.fft gives them, N)."""
     azimuth = 2.0 * np.pi * np.arange(len(cosine) + 2) / (len(cosine) + 2)
-    ring = [np.outer(sine, np.cos(azimuth)), np.outer(sine, np.sin(azimuth)), np.outer(cosine, np.ones_like(azimuth))]
+    ring = [
+        np.outer(sine, np.cos(azimuth)),
+        np.outer(sine, np.sin(azimuth)),
+        np.outer(cosine, np.ones_like(azimuth)),
+    ]
     normals = np.stack(ring, axis=2).reshape(-1, 3)
     skin = [0.0, 0.0, height] + radius * normals
     parts = []

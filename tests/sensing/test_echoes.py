@@ -98,6 +98,10 @@ def test_codes_are_at_full_scale_and_independent() -> None:
     assert np.allclose(np.abs(random_codes(5, 4)), 1, rtol=0, atol=1e-15)
     assert np.array_equal(random_codes(5, 4, seed=2), random_codes(5, 4, seed=2))
     assert not np.array_equal(random_codes(5, 4, seed=2), random_codes(5, 4, seed=3))
-    for wrong in (lambda: hadamard_codes(5, 9), lambda: random_codes(0, 4), lambda: random_codes(5, 4, seed=-1)):
+    for wrong in (
+        lambda: hadamard_codes(5, 9),
+        lambda: random_codes(0, 4),
+        lambda: random_codes(5, 4, seed=-1),
+    ):
         with raises_code("out_of_range"):
             wrong()

@@ -25,7 +25,9 @@ def family() -> ScatteringFamily:
 def measured(gap: float, noise: float = 30.0) -> at.Echoes:
     """Echoes that the boundary elements make with smaller panels than the model's."""
     solver = at.BoundaryElement(accuracy=0.01, estimate=False)
-    return at.simulate_echoes(solver, capsules(gap), BOX.seen_from(TRUE), CODES, noise=noise, seed=1)
+    return at.simulate_echoes(
+        solver, capsules(gap), BOX.seen_from(TRUE), CODES, noise=noise, seed=1
+    )
 
 
 def off(pose: at.Pose) -> tuple[float, float]:
@@ -41,7 +43,10 @@ def test_between_the_values_the_matrix_is_that_of_a_solve() -> None:
     solved = at.scattering_matrix(COARSE, capsules(value), ball=ball)
     assert relative(made.at(value).matrix, solved.matrix) < 0.01
     nodes = [0.5 * (12e-3 + 14e-3) + 1e-3 * x for x in np.polynomial.chebyshev.chebpts1(4)]
-    assert all(relative(made.at(x).matrix, one.matrix) < 1e-10 for x, one in zip(nodes, made.matrices, strict=True))
+    assert all(
+        relative(made.at(x).matrix, one.matrix) < 1e-10
+        for x, one in zip(nodes, made.matrices, strict=True)
+    )
     assert 1e-4 < made.error < 0.02
 
 
@@ -56,7 +61,9 @@ def test_the_effect_of_a_motion_is_that_of_a_motion() -> None:
         one = at.sphere(4e-3, 2e-3, (0, 0, height))
         return at.Scene(AIR, [at.sound_hard(one)], frequency=40e3)
 
-    assert scattering_family(at.SphereSeries(), moved, -5e-4, 5e-4).effect == pytest.approx(1.0, rel=0.02)
+    assert scattering_family(at.SphereSeries(), moved, -5e-4, 5e-4).effect == pytest.approx(
+        1.0, rel=0.02
+    )
 
 
 def test_pose_and_gap_are_found_together() -> None:
@@ -73,7 +80,10 @@ def test_pose_and_gap_are_found_together() -> None:
 
 def test_the_derivatives_by_the_gap_are_those_of_the_echoes() -> None:
     waves = array_waves(family().at(13e-3), BOX.seen_from(TRUE), family().matrices[0].order + 9)
-    motion, some = motion_of(np.array([9e-4, -4e-4, 7e-4, 0.02, 0.03, -0.01])), np.arange(0, 996, 50)
+    motion, some = (
+        motion_of(np.array([9e-4, -4e-4, 7e-4, 0.02, 0.03, -0.01])),
+        np.arange(0, 996, 50),
+    )
 
     def echoes(scattering: at.sensing.ScatteringMatrix) -> np.ndarray:
         return EchoModel.of(scattering, waves, CODES[:, :2], some).echoes(motion)
@@ -91,14 +101,20 @@ def test_a_gap_outside_the_range_is_not_believed() -> None:
 
 def test_an_opening_that_is_a_motion_is_named() -> None:
     def lifted(height: float) -> at.Scene:
-        balls = [at.sphere(3e-3, 2e-3, (x, y, height)) for x, y in ((-5e-3, 0), (5e-3, 2e-3), (0, 7e-3))]
+        balls = [
+            at.sphere(3e-3, 2e-3, (x, y, height)) for x, y in ((-5e-3, 0), (5e-3, 2e-3), (0, 7e-3))
+        ]
         return at.Scene(AIR, [at.sound_hard(one) for one in balls], frequency=40e3)
 
     made = scattering_family(at.BoundaryElement(accuracy=0.1, estimate=False), lifted, -5e-4, 5e-4)
     echoes = at.simulate_echoes(made.matrices[0], made.scene, BOX, CODES[:, :2])
-    with raises_code("pose_undetermined", "a change of the opening together with a translation along"):
+    with raises_code(
+        "pose_undetermined", "a change of the opening together with a translation along"
+    ):
         at.locate(echoes, made, BOX, at.Pose.identity())
-    few = at.simulate_echoes(made.matrices[0], made.scene, BOX, CODES[:, :1], receivers=np.arange(3))
+    few = at.simulate_echoes(
+        made.matrices[0], made.scene, BOX, CODES[:, :1], receivers=np.arange(3)
+    )
     with raises_code("pose_undetermined", "3 receivers", "1 transmission"):
         at.locate(few, made, BOX, at.Pose.identity())
 

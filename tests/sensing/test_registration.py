@@ -18,7 +18,9 @@ CODES = at.sensing.random_codes(996, 8, seed=2)
 def measured(noise: float = 30.0, gap: float = 0.013) -> at.Echoes:
     """Echoes that the boundary elements make with smaller panels than the model's."""
     solver = at.BoundaryElement(accuracy=0.01, estimate=False)
-    return at.simulate_echoes(solver, capsules(gap), BOX.seen_from(TRUE), CODES, noise=noise, seed=1)
+    return at.simulate_echoes(
+        solver, capsules(gap), BOX.seen_from(TRUE), CODES, noise=noise, seed=1
+    )
 
 
 def located(echoes: at.Echoes, start: at.Pose, array: at.PhasedArray = BOX) -> at.sensing.Located:
@@ -51,14 +53,19 @@ def test_errors_are_near_the_cramer_rao_bound() -> None:
     for _ in range(8):
         noise = (
             deviation
-            * (random.normal(size=pure.pressures.shape) + 1j * random.normal(size=pure.pressures.shape))
+            * (
+                random.normal(size=pure.pressures.shape)
+                + 1j * random.normal(size=pure.pressures.shape)
+            )
             / np.sqrt(2)
         )
         echoes = at.Echoes(CODES[:, :2], pure.pressures + noise, noise=deviation)
         found = located(echoes, TRUE)
         weight = np.linalg.inv(found.bound)
         turn = found.pose.rotation @ TRUE.rotation.T
-        twist = twist_of(np.block([[turn, np.zeros((3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]]))[3:]
+        twist = twist_of(np.block([[turn, np.zeros((3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]]))[
+            3:
+        ]
         error = np.concatenate([found.centre - TRUE.apply(model.centre[None])[0], twist])
         off.append(error @ weight @ error)
     assert 3.0 < np.mean(off) < 10.0  # chi squared with 6 degrees of freedom: 6 ± 1.2
@@ -74,7 +81,9 @@ def test_a_wrong_model_is_not_believed_and_its_doubt_covers_how_far_it_is_off() 
 
 def test_dead_receivers_are_left_out() -> None:
     dead = np.array([5, 100, 700])
-    echoes = at.simulate_echoes(solved(), capsules(), BOX.seen_from(TRUE), CODES, noise=30.0, dead=dead)
+    echoes = at.simulate_echoes(
+        solved(), capsules(), BOX.seen_from(TRUE), CODES, noise=30.0, dead=dead
+    )
     found = located(echoes, off_by(TRUE, 1e-3, np.radians(2), seed=0))
     assert found.converged
     assert found.left_out.tolist() == dead.tolist()
@@ -100,7 +109,8 @@ def test_derivatives_are_those_of_the_echoes() -> None:
     for axis in range(6):
         step = (1e-4 if axis < 3 else 4e-3) * np.eye(6)[axis]
         one, two = (
-            model.echoes(motion @ motion_of(far * step)) - model.echoes(motion @ motion_of(-far * step))
+            model.echoes(motion @ motion_of(far * step))
+            - model.echoes(motion @ motion_of(-far * step))
             for far in (1, 2)
         )
         # central differences of the fourth order, in single precision
@@ -130,4 +140,6 @@ def test_a_turn_that_changes_nothing_is_named() -> None:
     scattering = at.scattering_matrix(at.SphereSeries(), scene)
     echoes = at.simulate_echoes(scattering, scene, BOX, CODES[:, :2])
     with raises_code("pose_undetermined", "a turn about"):
-        at.locate(echoes, scene, BOX, at.Pose(np.eye(3), np.array([1e-4, 0, 0])), scattering=scattering)
+        at.locate(
+            echoes, scene, BOX, at.Pose(np.eye(3), np.array([1e-4, 0, 0])), scattering=scattering
+        )

@@ -24,7 +24,9 @@ def test_a_right_pose_leaves_the_noise_alone(exact) -> None:
     assert np.sqrt(np.mean(left**2)) == pytest.approx(np.sqrt(0.1 / 1.1), rel=0.03)
 
 
-def test_a_dead_receiver_leaves_what_it_should_have_received_and_a_ringing_one_is_unknown(exact) -> None:
+def test_a_dead_receiver_leaves_what_it_should_have_received_and_a_ringing_one_is_unknown(
+    exact,
+) -> None:
     whole = np.asarray(exact.pressures)
     pressures, valid = whole.copy(), np.ones(whole.shape, dtype=bool)
     pressures[3], valid[7], valid[8, ::2] = 0.0, False, False
@@ -37,7 +39,9 @@ def test_a_dead_receiver_leaves_what_it_should_have_received_and_a_ringing_one_i
 
 
 def test_a_pose_that_is_a_wavelength_off_leaves_more_than_the_echoes(exact) -> None:
-    left = at.sensing.unexplained(exact, SCATTERING, ARRAY, at.Pose(np.eye(3), np.array([9e-3, 0.0, 4e-3])))
+    left = at.sensing.unexplained(
+        exact, SCATTERING, ARRAY, at.Pose(np.eye(3), np.array([9e-3, 0.0, 4e-3]))
+    )
     assert 1.0 < np.sqrt(np.mean(left**2)) < 2.0
     with pytest.raises(at.InvalidInput) as caught:
         at.sensing.unexplained(exact, SCATTERING, at.surrounding_box(), HERE)

@@ -25,8 +25,12 @@ def closed_form(scene: at.Scene, centre: np.ndarray, order: int, radius: float) 
     wide, wavenumber = order + 12, scene.wavenumber.real
     n, size = orders_of_waves(wide).astype(int), wavenumber * radius
     regular, other = spherical_jn(n, size, True), spherical_yn(n, size, True)
-    to_ball = moved(np.array([*-centre, 0, 0, 0]), np.eye(wave_count(wide), dtype=complex), wavenumber)
-    return (to_ball.T * (-regular / (regular + 1j * other)) @ to_ball)[: wave_count(order), : wave_count(order)]
+    to_ball = moved(
+        np.array([*-centre, 0, 0, 0]), np.eye(wave_count(wide), dtype=complex), wavenumber
+    )
+    return (to_ball.T * (-regular / (regular + 1j * other)) @ to_ball)[
+        : wave_count(order), : wave_count(order)
+    ]
 
 
 @pytest.mark.parametrize(
@@ -48,14 +52,20 @@ def test_pressures_are_what_acoustotreams_says(case) -> None:
         for radius, centre in zip(case["radii"], case["centres"], strict=True)
     ]
     scene = at.Scene(
-        at.Medium(SPHERES["sound_speed"], 1.2), [at.sound_hard(one) for one in bodies], frequency=SPHERES["frequency"]
+        at.Medium(SPHERES["sound_speed"], 1.2),
+        [at.sound_hard(one) for one in bodies],
+        frequency=SPHERES["frequency"],
     )
-    found = at.scattering_matrix(at.BoundaryElement(accuracy=0.003, estimate=False), scene, accuracy=1e-4)
+    found = at.scattering_matrix(
+        at.BoundaryElement(accuracy=0.003, estimate=False), scene, accuracy=1e-4
+    )
     points = [np.array(SPHERES[name]) - found.centre for name in ("sources", "receivers")]
     outside = [np.linalg.norm(one, axis=1) > 1.15 * found.radius for one in points]
     assert min(one.sum() for one in outside) >= 2
     sources, receivers = (one[mask] for one, mask in zip(points, outside, strict=True))
-    from_sources, to_receivers = (monopole_waves(found.order, one, scene.wavenumber) for one in (sources, receivers))
+    from_sources, to_receivers = (
+        monopole_waves(found.order, one, scene.wavenumber) for one in (sources, receivers)
+    )
     scattered = to_receivers.T @ found.matrix @ from_sources / (4j * np.pi * scene.wavenumber)
     distance = np.linalg.norm(receivers[:, None] - sources, axis=2)
     true = np.array(case["real"]) + 1j * np.array(case["imaginary"])
@@ -74,16 +84,22 @@ def test_echoes_of_random_codes_are_those_of_direct_solves() -> None:
 
 @pytest.mark.slow
 def test_echoes_of_two_fingers_are_those_of_direct_solves() -> None:
-    scene = at.Scene(AIR, [at.sound_hard(surface) for surface in at.pinch(gap=0.012).surfaces], frequency=40e3)
+    scene = at.Scene(
+        AIR, [at.sound_hard(surface) for surface in at.pinch(gap=0.012).surfaces], frequency=40e3
+    )
     codes, array = at.sensing.random_codes(996, 2, seed=3), BOX.seen_from(TRUE)
-    exact = at.simulate_echoes(at.BoundaryElement(accuracy=0.003, estimate=False), scene, array, codes).pressures
+    exact = at.simulate_echoes(
+        at.BoundaryElement(accuracy=0.003, estimate=False), scene, array, codes
+    ).pressures
     by_matrix = at.scattering_matrix(at.BoundaryElement(accuracy=0.005, estimate=False), scene)
     assert relative(at.simulate_echoes(by_matrix, scene, array, codes).pressures, exact) < 0.007
 
 
 def test_waves_that_hardly_reach_the_bodies_need_no_solve() -> None:
     rod = at.Scene(
-        AIR, [at.sound_hard(at.capsule((-22e-3, 0, 0), (22e-3, 0, 0), radius=4e-3, edge=2e-3))], frequency=40e3
+        AIR,
+        [at.sound_hard(at.capsule((-22e-3, 0, 0), (22e-3, 0, 0), radius=4e-3, edge=2e-3))],
+        frequency=40e3,
     )
     solver = at.BoundaryElement(accuracy=0.02, estimate=False)
     found = at.scattering_matrix(solver, rod)
@@ -91,12 +107,18 @@ def test_waves_that_hardly_reach_the_bodies_need_no_solve() -> None:
     assert patterns is not None
     assert patterns.shape[1] < 0.5 * len(found.matrix)
     assert relative(patterns.T @ patterns, np.eye(patterns.shape[1])) < 1e-5
-    assert reaching_patterns(ball(), ball().obstacles[0].surface.vertices.mean(axis=0), 10, 0.01) is None
+    assert (
+        reaching_patterns(ball(), ball().obstacles[0].surface.vertices.mean(axis=0), 10, 0.01)
+        is None
+    )
     random = np.random.default_rng(0)
     points = random.normal(size=(30, 3))
     points *= 0.035 / np.linalg.norm(points, axis=1)[:, None]
     field = solver.radiate(rod, at.Monopoles(points[:15], np.eye(15)))
-    waves = [monopole_waves(found.order, some - found.centre, rod.wavenumber) for some in (points[15:], points[:15])]
+    waves = [
+        monopole_waves(found.order, some - found.centre, rod.wavenumber)
+        for some in (points[15:], points[:15])
+    ]
     scattered = waves[0].T @ found.matrix @ waves[1] / (4j * np.pi * rod.wavenumber)
     assert relative(scattered, field.scattered_at(points[15:])) < 0.01
 
@@ -104,12 +126,15 @@ def test_waves_that_hardly_reach_the_bodies_need_no_solve() -> None:
 def test_few_patterns_scatter_as_the_whole_matrix_does() -> None:
     one = at.capsule((-20e-3, 0, 0), (20e-3, 0, 0), radius=4e-3, edge=2e-3)
     rod = at.scattering_matrix(
-        at.BoundaryElement(accuracy=0.05, estimate=False), at.Scene(AIR, [at.sound_hard(one)], frequency=40e3)
+        at.BoundaryElement(accuracy=0.05, estimate=False),
+        at.Scene(AIR, [at.sound_hard(one)], frequency=40e3),
     )
     assert rod.patterns is not None
     assert rod.patterns[0].shape[1] < 0.5 * len(rod.matrix)
     random = np.random.default_rng(0)
-    regular = (random.normal(size=(len(rod.matrix), 3)) + 1j * random.normal(size=(len(rod.matrix), 3))).astype("c8")
+    regular = (
+        random.normal(size=(len(rod.matrix), 3)) + 1j * random.normal(size=(len(rod.matrix), 3))
+    ).astype("c8")
     assert relative(rod.scatter(regular), rod.matrix @ regular) < 1e-3
     full = at.scattering_matrix(at.SphereSeries(), ball())
     some = np.ascontiguousarray(regular[: len(full.matrix)])
@@ -141,7 +166,9 @@ def test_bodies_that_have_no_matrix_are_rejected() -> None:
     with raises_code("out_of_range", "0.5"):
         at.scattering_matrix(at.SphereSeries(), ball(), accuracy=0.5)
     with raises_code("too_large", "80"):
-        at.scattering_matrix(at.SphereSeries(), at.Scene(AIR, [at.sound_hard(at.sphere(0.12, 0.03))], frequency=40e3))
+        at.scattering_matrix(
+            at.SphereSeries(), at.Scene(AIR, [at.sound_hard(at.sphere(0.12, 0.03))], frequency=40e3)
+        )
 
 
 def test_a_matrix_says_what_it_is() -> None:

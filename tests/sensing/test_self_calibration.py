@@ -12,15 +12,17 @@ from faults import raises_code
 
 BELIEVED_AIR = at.Medium(343.1, 1.2)
 TRUE_AIR = at.Medium(344.4, 1.2)
-calibrate = partial(at.sensing.calibrate, boards=2)
+calibrate = partial(at.calibrate, boards=2)
 simulate_transmissions = partial(at.sensing.simulate_transmissions, boards=2)
 FACING = at.Pose.turn((1, 0, 0), np.pi, (0, 0.03, 0.06))
 OFF = at.Pose.turn((1, 2, -1), 0.012, (4e-4, -3e-4, 2e-4))
 
 
-def pair(off: at.Pose | None = None, element: at.boards.Element | None = None) -> at.PhasedArray:
+def pair(
+    off: at.Pose | None = None, element: at.transducers.Element | None = None
+) -> at.PhasedArray:
     facing = FACING if off is None else off @ FACING
-    return at.boards.board_array("nano16", [at.Pose.identity(), facing], element)
+    return at.transducers.board_array("nano16", [at.Pose.identity(), facing], element)
 
 
 def gains(seed: int, count: int = 24) -> np.ndarray:
@@ -28,9 +30,15 @@ def gains(seed: int, count: int = 24) -> np.ndarray:
     return np.exp(0.1 * random.normal(size=count) + 0.3j * random.normal(size=count))
 
 
-def by_hand(array: at.PhasedArray, reception: np.ndarray, codes: np.ndarray, noise: float) -> at.Echoes:
+def by_hand(
+    array: at.PhasedArray, reception: np.ndarray, codes: np.ndarray, noise: float
+) -> at.Echoes:
     """Add up s e^{ikR}/R over the points of both faces, pair by pair of elements."""
-    wavenumber, faces, weights = TRUE_AIR.wavenumber(40e3).real, array.face_points, array.element.weights
+    wavenumber, faces, weights = (
+        TRUE_AIR.wavenumber(40e3).real,
+        array.face_points,
+        array.element.weights,
+    )
     pairs = np.zeros((len(array), len(array)), dtype=complex)
     for receiver, points in enumerate(faces):
         for emitter in range(12, 24) if receiver < 12 else range(12):
@@ -73,7 +81,10 @@ def test_errors_are_as_large_as_the_covariance_says() -> None:
         found = calibrate(heard, pair(OFF, at.monopole()), TRUE_AIR)
         move = found.shifts[1]
         turn = found.motions[1].rotation
-        twist = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2
+        twist = (
+            np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+            / 2
+        )
         error = np.concatenate([move, twist, [found.sound_speed - 344.4]])
         off.append(error @ np.linalg.solve(found.covariance, error))
     assert 4.0 < np.mean(off) < 11.0  # chi squared with 7 degrees of freedom: 7 ± 1.1
@@ -154,24 +165,30 @@ def test_transmissions_that_tell_too_little_are_rejected() -> None:
     heard = by_hand(pair(OFF), np.ones(24), hadamard_codes(24), 1e-3)
     pressures = np.asarray(heard.pressures)
     with raises_code("element_count", "24", "12"):
-        calibrate(heard, at.boards.board_array("nano16"), BELIEVED_AIR)
+        calibrate(heard, at.transducers.board_array("nano16"), BELIEVED_AIR)
     with raises_code("codes_alike", "8 transmissions tell 8 of 24"):
         calibrate(at.Echoes(heard.codes[:, :8], pressures[:, :8]), pair(), BELIEVED_AIR)
     with raises_code("all_noise", "no direct sound"):
         calibrate(at.Echoes(heard.codes, np.zeros((24, 32))), pair(), BELIEVED_AIR)
     side = at.Pose(np.eye(3), np.array([0.1, 0.0, 0.0]))
-    flat = at.boards.board_array("nano16", [at.Pose.identity(), side])
+    flat = at.transducers.board_array("nano16", [at.Pose.identity(), side])
     with raises_code("facing_none", "board 1 of 2"):
         calibrate(heard, flat, BELIEVED_AIR)
     with raises_code("unknown_boards", "0 boards"):
-        at.sensing.calibrate(heard, pair(), BELIEVED_AIR)
+        at.calibrate(heard, pair(), BELIEVED_AIR)
     with raises_code("unknown_boards", "5 boards"):
-        at.sensing.calibrate(heard, pair(), BELIEVED_AIR, boards=5)
+        at.calibrate(heard, pair(), BELIEVED_AIR, boards=5)
     size = np.abs(pressures)
     with raises_code("clipped", "measure again"):
-        calibrate(at.Echoes(heard.codes, pressures * np.minimum(1, 0.5 * size.max() / size)), pair(), BELIEVED_AIR)
+        calibrate(
+            at.Echoes(heard.codes, pressures * np.minimum(1, 0.5 * size.max() / size)),
+            pair(),
+            BELIEVED_AIR,
+        )
     few = np.array([0, 1, 12, 13])
     with raises_code("calibration_undetermined", "4 receivers", "board 1"):
-        calibrate(at.Echoes(heard.codes, pressures[few], few, noise=heard.noise), pair(), BELIEVED_AIR)
+        calibrate(
+            at.Echoes(heard.codes, pressures[few], few, noise=heard.noise), pair(), BELIEVED_AIR
+        )
     with raises_code("element_count", "8 codes"):
         simulate_transmissions(pair(), TRUE_AIR, np.eye(8))

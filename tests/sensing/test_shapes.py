@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 import airtact as at
+from airtact.acoustics.solvers.bem.quadrature import place_nodes
+from airtact.geometry.panels import panels_of
 from airtact.sensing import LocatedShape, UnknownShape, locate_shape
 from airtact.sensing.shapes.derivative import solve_echoes
 from airtact.sensing.shapes.smooth import SmoothSurface
 from airtact.sensing.shapes.unknown import carried_by_capsules
-from airtact.solvers.bem.quadrature import place_nodes
-from airtact.surfaces.panels import panels_of
 from faults import raises_code
 from sensing.sensed_scenes import AIR, BOX, TRUE, capsules, relative
 
@@ -27,29 +27,42 @@ def moved(by: tuple[float, float, float]) -> at.Pose:
 
 def by_series(radius: float, pose: at.Pose, noise: float | None = None) -> at.Echoes:
     scene = ball(np.array([radius]))
-    return at.simulate_echoes(at.SphereSeries(), scene, BOX.seen_from(pose), CODES, noise=noise, seed=4)
+    return at.simulate_echoes(
+        at.SphereSeries(), scene, BOX.seen_from(pose), CODES, noise=noise, seed=4
+    )
 
 
 def test_derivatives_are_those_of_the_series_of_a_sphere() -> None:
     step, receivers = 2e-5, np.arange(0, 996, 31)
     made = solve_echoes(
-        at.BoundaryElement(accuracy=0.003), ball(np.array([RADIUS])), BOX.seen_from(TRUE), CODES, receivers
+        at.BoundaryElement(accuracy=0.003),
+        ball(np.array([RADIUS])),
+        BOX.seen_from(TRUE),
+        CODES,
+        receivers,
     )
     exact = np.asarray(by_series(RADIUS, TRUE).pressures)[receivers]
     assert relative(made.echoes, exact) < 0.005
     normals = made.surface.normals
     found = made.derivatives(np.concatenate([np.ones((len(normals), 1)), normals], axis=1))
     ends = [(by_series(RADIUS + step, TRUE), by_series(RADIUS - step, TRUE))]
-    ends += [(by_series(RADIUS, moved(tuple(by))), by_series(RADIUS, moved(tuple(-by)))) for by in step * np.eye(3)]
+    ends += [
+        (by_series(RADIUS, moved(tuple(by))), by_series(RADIUS, moved(tuple(-by))))
+        for by in step * np.eye(3)
+    ]
     for derivative, (more, less) in zip(found, ends, strict=True):
-        differences = (np.asarray(more.pressures) - np.asarray(less.pressures))[receivers] / (2 * step)
+        differences = (np.asarray(more.pressures) - np.asarray(less.pressures))[receivers] / (
+            2 * step
+        )
         assert relative(derivative, differences) < 0.02
 
 
 def test_pressures_and_slopes_between_nodes_are_those_of_a_plane_wave() -> None:
     shape = at.capsule((0, 0, -6e-3), (0, 0, 6e-3), radius=6e-3, edge=2e-3).shape
     panels = panels_of([shape], 3e-3, np.empty((0, 3)), 1e-3, 0.7, 1e-4, None)
-    smooth = SmoothSurface.of(place_nodes(panels.quadratic_triangles, panels.body, panels.deviation))
+    smooth = SmoothSurface.of(
+        place_nodes(panels.quadratic_triangles, panels.body, panels.deviation)
+    )
     nodes = place_nodes(panels.quadratic_triangles, panels.body, panels.deviation).points
     along = 700.0 * np.array([0.6, 0.0, 0.8])
     value, *slopes = smooth.smoothed(np.exp(1j * nodes @ along).astype(np.complex64)[:, None])
@@ -58,13 +71,17 @@ def test_pressures_and_slopes_between_nodes_are_those_of_a_plane_wave() -> None:
     tangential = along - (smooth.normals @ along)[:, None] * smooth.normals
     steepness = np.sqrt(np.sum(np.abs(np.concatenate(slopes, axis=1)) ** 2, axis=1))
     assert relative(steepness, np.linalg.norm(tangential, axis=1)) < 0.05
-    assert smooth.areas.sum() == pytest.approx(4 * np.pi * 6e-3**2 + 2 * np.pi * 6e-3 * 12e-3, rel=1e-3)
+    assert smooth.areas.sum() == pytest.approx(
+        4 * np.pi * 6e-3**2 + 2 * np.pi * 6e-3 * 12e-3, rel=1e-3
+    )
 
 
 def found_ball(radius: float, noise: float) -> LocatedShape:
     unknown = UnknownShape(ball, np.array([RADIUS]), np.array([1e-3]))
     start = moved((1e-3, -0.8e-3, 0.6e-3))
-    return locate_shape(by_series(radius, TRUE, noise), unknown, BOX, start, solver=at.BoundaryElement(0.01))
+    return locate_shape(
+        by_series(radius, TRUE, noise), unknown, BOX, start, solver=at.BoundaryElement(0.01)
+    )
 
 
 @pytest.mark.parametrize("radius", [4.2e-3, 5.9e-3])
@@ -76,7 +93,9 @@ def test_radius_and_place_of_a_ball_are_found_and_its_turn_stays_in_doubt(radius
     assert np.linalg.norm(found.pose.translation - TRUE.translation) < 2e-5
     deviations = np.sqrt(np.diag(found.covariance))
     assert (deviations[:3] < 2e-5).all()
-    assert deviations[3:6] == pytest.approx(np.radians(9.0), rel=0.01)  # echoes say nothing of the turn of a ball
+    assert deviations[3:6] == pytest.approx(
+        np.radians(9.0), rel=0.01
+    )  # echoes say nothing of the turn of a ball
     assert abs(found.numbers[0] - radius) < 4 * max(deviations[6], 1e-6)
     assert 1e-7 < found.surface_deviation < 2e-5
     assert found.scene.obstacles[0].surface.extent == pytest.approx(2 * found.numbers[0], rel=0.01)
@@ -93,8 +112,12 @@ def test_two_bodies_of_another_shape_are_found() -> None:
     true = at.Scene(
         AIR,
         [
-            at.sound_hard(at.capsule((-13e-3, 0.5e-3, -5e-3), (-13.4e-3, 0, 8.5e-3), radius=5.4e-3, edge=2e-3)),
-            at.sound_hard(at.capsule((12e-3, 2e-3, -3.8e-3), (11e-3, -2.2e-3, 9e-3), radius=5.5e-3, edge=2e-3)),
+            at.sound_hard(
+                at.capsule((-13e-3, 0.5e-3, -5e-3), (-13.4e-3, 0, 8.5e-3), radius=5.4e-3, edge=2e-3)
+            ),
+            at.sound_hard(
+                at.capsule((12e-3, 2e-3, -3.8e-3), (11e-3, -2.2e-3, 9e-3), radius=5.5e-3, edge=2e-3)
+            ),
         ],
         frequency=40e3,
     )
@@ -102,7 +125,9 @@ def test_two_bodies_of_another_shape_are_found() -> None:
     echoes = at.simulate_echoes(truth, true, BOX.seen_from(TRUE), CODES, noise=30.0, seed=5)
     said: list[str] = []
     unknown = UnknownShape.of_capsules(capsules(), ends=1e-3, radius=0.5e-3)
-    found = locate_shape(echoes, unknown, BOX, moved((0.5e-3, -0.5e-3, 0.5e-3)), progress=said.append)
+    found = locate_shape(
+        echoes, unknown, BOX, moved((0.5e-3, -0.5e-3, 0.5e-3)), progress=said.append
+    )
     assert found.converged
     assert said[0] == "fitting pose and shape to the echoes"
     vertices = np.concatenate([one.surface.vertices for one in true.obstacles])
@@ -112,11 +137,17 @@ def test_two_bodies_of_another_shape_are_found() -> None:
 
 
 def test_a_body_that_is_not_known_of_is_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("airtact.sensing.shapes.fit.FOLLOWED", 1)  # a second start is enough to fail by
-    both = at.Scene(AIR, [*ball(np.array([RADIUS])).obstacles, *capsules().obstacles[1:]], frequency=40e3)
+    monkeypatch.setattr(
+        "airtact.sensing.shapes.fit.FOLLOWED", 1
+    )  # a second start is enough to fail by
+    both = at.Scene(
+        AIR, [*ball(np.array([RADIUS])).obstacles, *capsules().obstacles[1:]], frequency=40e3
+    )
     truth = at.BoundaryElement(accuracy=0.03, estimate=False)
     echoes = at.simulate_echoes(truth, both, BOX.seen_from(TRUE), CODES, noise=30.0)
-    found = locate_shape(echoes, UnknownShape(ball, np.array([RADIUS]), np.array([5e-4])), BOX, TRUE)
+    found = locate_shape(
+        echoes, UnknownShape(ball, np.array([RADIUS]), np.array([5e-4])), BOX, TRUE
+    )
     assert not found.converged
     assert found.misfit > 0.2
     assert "NOT converged" in repr(found)
@@ -129,7 +160,9 @@ def test_points_before_capsules_are_carried_with_them() -> None:
     after = at.Scene(AIR, [at.sound_hard(longer), at.sound_hard(turned)], frequency=40e3)
     points = np.array([[-6.5e-3, 0, 1.5e-3], [-13e-3, 0, 14.5e-3], [3e-3, 0, 3e-3]])
     carried = carried_by_capsules(points, before, after)
-    assert carried[0] == pytest.approx([-8.5e-3, 0, 8e-3], abs=1e-9)  # half a millimetre before the middle of the side
+    assert carried[0] == pytest.approx(
+        [-8.5e-3, 0, 8e-3], abs=1e-9
+    )  # half a millimetre before the middle of the side
     assert carried[1] == pytest.approx([-13e-3, 0, 25.5e-3], abs=1e-9)  # and of the tip
     assert after.depth(carried) == pytest.approx(before.depth(points), abs=1e-9)
 
@@ -143,7 +176,11 @@ def test_bad_shapes_are_refused() -> None:
         UnknownShape(ball, np.array([np.nan]), np.array([1e-3]))
     yielding = at.impedance(at.sphere(5e-3, 2e-3), 2.0)
     with raises_code("solver_unsuitable", "sound-hard"):
-        UnknownShape(lambda _: at.Scene(AIR, [yielding], frequency=40e3), np.array([RADIUS]), np.array([1e-3]))
+        UnknownShape(
+            lambda _: at.Scene(AIR, [yielding], frequency=40e3),
+            np.array([RADIUS]),
+            np.array([1e-3]),
+        )
     cube = at.Scene(AIR, [at.sound_hard(at.Surface(*_tetrahedron()))], frequency=40e3)
     with raises_code("wrong_kind", "no capsule"):
         UnknownShape.of_capsules(cube)

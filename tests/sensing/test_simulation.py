@@ -28,12 +28,14 @@ def test_direct_sound_is_left_as_much_as_was_asked_for() -> None:
     distance = np.linalg.norm(BOX.positions[:, None] - BOX.positions, axis=2)
     np.fill_diagonal(distance, np.inf)
     expected = 0.01 * BOX.element.sensitivity * np.sqrt(np.sum(distance**-2.0, axis=1))
-    assert np.sqrt(np.mean(np.abs(rest) ** 2)) == pytest.approx(np.sqrt(np.mean(expected**2)), rel=0.03)
+    assert np.sqrt(np.mean(np.abs(rest) ** 2)) == pytest.approx(
+        np.sqrt(np.mean(expected**2)), rel=0.03
+    )
 
 
 def test_no_direct_sound_arrives_from_behind() -> None:
     back = at.autd3_board().moved(at.Pose.turn((1, 0, 0), np.pi, (0, 0, -0.1)))
-    pair = at.boards.join([at.autd3_board(), back])
+    pair = at.transducers.join([at.autd3_board(), back])
     alone = direct_sound(at.autd3_board(), AIR.wavenumber(40e3), np.ones((249, 1), dtype=complex))
     both = direct_sound(pair, AIR.wavenumber(40e3), np.ones((498, 1), dtype=complex))
     assert np.allclose(both[:249], alone, rtol=1e-12)
@@ -51,7 +53,9 @@ def test_reciprocity_holds_and_a_gain_counts_in_both_directions() -> None:
     gains[4] = 0.5j
     single = np.zeros((996, 2))
     single[4, 0] = single[9, 1] = 1
-    found = at.simulate_echoes(solved(), capsules(), BOX.calibrated(gains).seen_from(TRUE), single).pressures
+    found = at.simulate_echoes(
+        solved(), capsules(), BOX.calibrated(gains).seen_from(TRUE), single
+    ).pressures
     plain = at.simulate_echoes(solved(), capsules(), BOX.seen_from(TRUE), single).pressures
     assert found[9, 0] == pytest.approx(found[4, 1]) == pytest.approx(0.5j * plain[9, 0])
     assert found[4, 0] == pytest.approx(-0.25 * plain[4, 0])
@@ -59,7 +63,9 @@ def test_reciprocity_holds_and_a_gain_counts_in_both_directions() -> None:
 
 def test_what_cannot_be_simulated_is_rejected() -> None:
     with raises_code("element_count", "996", "249"):
-        at.simulate_echoes(solved(), capsules(), at.autd3_board(at.Pose(np.eye(3), np.array([0, 0, -0.1]))), CODES)
+        at.simulate_echoes(
+            solved(), capsules(), at.autd3_board(at.Pose(np.eye(3), np.array([0, 0, -0.1]))), CODES
+        )
     with raises_code("other_scene", "2"):
         at.simulate_echoes(solved(), capsules(0.014), BOX, CODES)
     with raises_code("array_inside_ball", "mm"):

@@ -5,7 +5,13 @@ from functools import cache
 import numpy as np
 
 import airtact as at
-from airtact.sensing import ScatteringMatrix, dort, hadamard_codes, iterate_time_reversal, random_codes
+from airtact.sensing import (
+    ScatteringMatrix,
+    dort,
+    hadamard_codes,
+    iterate_time_reversal,
+    random_codes,
+)
 from faults import raises_code
 from sensing.sensed_scenes import AIR, BOX
 
@@ -17,7 +23,10 @@ CODES = random_codes(996, 24, seed=3)
 @cache
 def balls() -> ScatteringMatrix:
     """Two balls much smaller than the wavelength, and over two wavelengths apart."""
-    bodies = [at.sphere(radius, radius / 2, tuple(place)) for radius, place in zip(RADII, PLACES, strict=True)]
+    bodies = [
+        at.sphere(radius, radius / 2, tuple(place))
+        for radius, place in zip(RADII, PLACES, strict=True)
+    ]
     scene = at.Scene(AIR, [at.sound_hard(body) for body in bodies], frequency=40e3)
     return at.scattering_matrix(at.BoundaryElement(accuracy=0.02, estimate=False), scene)
 
@@ -42,7 +51,8 @@ def test_the_strongest_vector_focuses_on_the_strongest_ball_and_the_others_on_bo
     assert np.all(np.diff(found.values) <= 0)
     assert likeness(found.codes[:, 0], 0) > 0.95
     assert likeness(found.codes[:, 0], 1) < 0.3
-    # the second ball is as strong as the first one's dipoles: vectors mix these, but span what focuses on it
+    # the second ball is as strong as the first one's dipoles: vectors mix these, but span what
+    # focuses on it
     assert np.linalg.norm([likeness(one, 1) for one in found.codes.T]) > 0.95
 
 

@@ -5,12 +5,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from airtact.pose import Pose
+from airtact.geometry.pose import Pose
 from airtact.transducers.boards import BOARDS, board_named, boards_needed, poses_of_boards
 from airtact.transducers.layout import board_array, surrounding_box
 from faults import raises_code
 
-# Places [mm] of some channels in SonicSurface's own control software, whose plane is x, z and which looks to +y.
+# Places [mm] of some channels in SonicSurface's own control software, whose plane is x, z and which
+# looks to +y.
 SONICSURFACE = {
     0: (-78.75, 80.75),
     1: (-57.75, 80.75),
@@ -65,8 +66,11 @@ def test_a_board_is_a_plane_of_positions_with_a_channel_each(board) -> None:
 def test_sonicsurface_has_the_order_of_its_own_software() -> None:
     board = board_named("sonicsurface")
     for channel, (x, z) in SONICSURFACE.items():
-        # Seen from the front with x to the right, its z points down: y = −z, and its middle is 2 mm off.
-        np.testing.assert_allclose(1e3 * board.positions[channel], [x, 2.0 - z, 0.0], rtol=0, atol=1e-9)
+        # Seen from the front with x to the right, its z points down: y = −z, and its middle is 2 mm
+        # off.
+        np.testing.assert_allclose(
+            1e3 * board.positions[channel], [x, 2.0 - z, 0.0], rtol=0, atol=1e-9
+        )
 
 
 def test_openmpd_has_the_positions_and_pins_of_its_board_file() -> None:
@@ -77,7 +81,8 @@ def test_openmpd_has_the_positions_and_pins_of_its_board_file() -> None:
 
 
 def test_a_nano_drives_the_pins_that_its_firmware_drives() -> None:
-    # DDRC = 0b00111111 and DDRD = 0b11111100, bits 0 to 7 of a slot being port C and 8 to 15 port D.
+    # DDRC = 0b00111111 and DDRD = 0b11111100, bits 0 to 7 of a slot being port C and 8 to 15 port
+    # D.
     driven = [bit for bit in range(16) if (0b11111100 << 8 | 0b00111111) >> bit & 1]
     assert board_named("nano16").channels.tolist() == driven
 
@@ -108,12 +113,16 @@ def test_real_boards_close_their_box_without_overlap() -> None:
     for pose in poses_of_boards(board_named("autd3"), box.positions, box.normals):
         grid = board_named("autd3").positions
         middle = (grid.min(axis=0) + grid.max(axis=0)) / 2
-        half = np.array([[sx * width, sy * height, 0.0] for sx in (-0.5, 0.5) for sy in (-0.5, 0.5)])
+        half = np.array(
+            [[sx * width, sy * height, 0.0] for sx in (-0.5, 0.5) for sy in (-0.5, 0.5)]
+        )
         corners.append(pose.apply(middle + half))
     # Each board's long edges lie on those of its neighbours: 8 corners, each of two boards.
     every = np.round(np.concatenate(corners) * 1e6).astype(int)
     assert len(np.unique(every, axis=0)) == 8
-    np.testing.assert_allclose(np.ptp(every, axis=0) / 1e3, [151.4, 151.4, 192.0], rtol=0, atol=1e-3)
+    np.testing.assert_allclose(
+        np.ptp(every, axis=0) / 1e3, [151.4, 151.4, 192.0], rtol=0, atol=1e-3
+    )
 
 
 def test_boards_without_positions_of_their_own_are_anywhere() -> None:
@@ -131,7 +140,9 @@ def shifted(index: int):
 
 def mirrored():
     board = board_named("autd3")
-    return poses_of_boards(board, board.positions * [-1.0, 1.0, 1.0], np.tile([0.0, 0.0, 1.0], (249, 1)))
+    return poses_of_boards(
+        board, board.positions * [-1.0, 1.0, 1.0], np.tile([0.0, 0.0, 1.0], (249, 1))
+    )
 
 
 @pytest.mark.parametrize(
@@ -167,8 +178,16 @@ def mirrored():
             "not_a_board",
             "elements 249 to 497 are not laid out like board 1 of autd3: element 300 stands 0.99",
         ),
-        (mirrored, "not_a_board", "elements 0 to 248 are not laid out like board 0 of autd3: ... mm off"),
-        (lambda: board_array("autd3", Pose.identity()), "wrong_kind", "the list of poses is a Pose"),
+        (
+            mirrored,
+            "not_a_board",
+            "elements 0 to 248 are not laid out like board 0 of autd3: ... mm off",
+        ),
+        (
+            lambda: board_array("autd3", Pose.identity()),
+            "wrong_kind",
+            "the list of poses is a Pose",
+        ),
         (lambda: board_array("autd3", []), "empty", "at least 1 array, not 0"),
         (
             lambda: surrounding_box(board="openmpd"),
@@ -177,7 +196,9 @@ def mirrored():
         ),
     ],
 )
-def test_what_is_no_board_is_rejected(make, code: str, sentence: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_no_board_is_rejected(
+    make, code: str, sentence: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
     with raises_code(code, *sentence.split(" ... ")):
         make()

@@ -4,16 +4,16 @@ import jaxtyping
 import numpy as np
 import pytest
 
+from airtact.acoustics.medium import Medium
+from airtact.acoustics.scene import Scene
+from airtact.acoustics.solvers.free_field import FreeField
+from airtact.acoustics.target import Target
+from airtact.drives.conjugation import phase_conjugate, time_reversal
+from airtact.drives.transfer import transfer_matrix
 from airtact.evaluation.field import field_map
-from airtact.pose import Pose
-from airtact.scene.medium import Medium
-from airtact.scene.scene import Scene
-from airtact.scene.target import Target
-from airtact.solvers.free_field import FreeField
-from airtact.synthesis.time_reversal import phase_conjugate, time_reversal
+from airtact.geometry.pose import Pose
 from airtact.transducers.calibration import load_calibration
 from airtact.transducers.layout import PhasedArray, board_array, join
-from airtact.transfer import transfer_matrix
 from faults import raises_code
 
 SCENE = Scene(Medium(343.1, 1.293), [])
@@ -60,7 +60,9 @@ def test_gains_ride_with_the_array() -> None:
     array = calibrated()
     np.testing.assert_array_equal(array.moved(Pose.turn((1, 2, 3), 0.4)).gains, array.gains)
     plain = board_array("autd3", [Pose(np.eye(3), np.array([0.3, 0.0, 0.0]))])
-    np.testing.assert_array_equal(join([array, plain]).gains, np.concatenate([array.gains, np.ones(249)]))
+    np.testing.assert_array_equal(
+        join([array, plain]).gains, np.concatenate([array.gains, np.ones(249)])
+    )
 
 
 @pytest.mark.parametrize(
@@ -71,8 +73,16 @@ def test_gains_ride_with_the_array() -> None:
             "column_missing",
             "gains.csv has no column element, phase: it needs element, gain, phase",
         ),
-        ("element,gain,phase\n0,1\n", "wrong_cell_count", "line 2 of gains.csv has 2 cells, but there are 3 columns"),
-        ("element,gain,phase\n1.5,1,0\n", "not_integers", "line 2 of gains.csv: element 1.5 is not a whole number"),
+        (
+            "element,gain,phase\n0,1\n",
+            "wrong_cell_count",
+            "line 2 of gains.csv has 2 cells, but there are 3 columns",
+        ),
+        (
+            "element,gain,phase\n1.5,1,0\n",
+            "not_integers",
+            "line 2 of gains.csv: element 1.5 is not a whole number",
+        ),
         (
             "element,gain,phase\n0,1,0\n12,1,0\n",
             "unknown_element",
@@ -83,7 +93,11 @@ def test_gains_ride_with_the_array() -> None:
             "element_twice",
             "line 3 of gains.csv: element 0 was given in line 2 already",
         ),
-        ("element,gain,phase\n0,-1,0\n", "out_of_range", "line 2 of gains.csv: gain -1 of element 0 must be 0 to 10"),
+        (
+            "element,gain,phase\n0,-1,0\n",
+            "out_of_range",
+            "line 2 of gains.csv: gain -1 of element 0 must be 0 to 10",
+        ),
         ("element,gain,phase\n0,95,0\n", "out_of_range", "gain 95 ... must be 0 to 10"),
         (
             "element,gain,phase\n0,nan,0\n",
@@ -119,7 +133,9 @@ def test_a_table_that_cannot_be_read_is_rejected(tmp_path) -> None:
         (np.full(249, np.nan), "not_finite", "element gains hold 249 NaN"),
     ],
 )
-def test_bad_gains_are_rejected(gains, code: str, sentence: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bad_gains_are_rejected(
+    gains, code: str, sentence: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
     with raises_code(code, sentence):
         board_array("autd3").calibrated(gains)

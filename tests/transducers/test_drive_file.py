@@ -15,7 +15,9 @@ from airtact.transducers.levels import Levels
 from faults import raises_code
 
 OLD = Path(__file__).parents[1] / "files" / "old_drive.h5"
-ARRAY = at.autd3_board().moved(at.Pose.turn(np.array([0.0, 1.0, 0.0]), 0.3, translation=(0.1, 0.0, -0.2)))
+ARRAY = at.autd3_board().moved(
+    at.Pose.turn(np.array([0.0, 1.0, 0.0]), 0.3, translation=(0.1, 0.0, -0.2))
+)
 SCENE = at.Scene(at.Medium(343.1, 1.293, 0.14), [], frequency=39e3)
 MATRIX = at.TransferMatrix(np.arange(2 * 249).reshape(2, 249) * (1 + 2j), 0.01)
 TARGET = at.Target(np.array([[0.0, 0, 0.1], [0, 0, 0.2]]), pressures=np.array([10.0, 20.0]))
@@ -29,7 +31,14 @@ def drive() -> at.Drive:
 
 @pytest.fixture
 def path(tmp_path: Path, drive: at.Drive) -> Path:
-    drive.save(tmp_path / "drive.h5", ARRAY, SCENE, MATRIX, TARGET, texts={"scene": "colour = 3 # λ", "report": "{}"})
+    drive.save(
+        tmp_path / "drive.h5",
+        ARRAY,
+        SCENE,
+        MATRIX,
+        TARGET,
+        texts={"scene": "colour = 3 # λ", "report": "{}"},
+    )
     return tmp_path / "drive.h5"
 
 
@@ -94,7 +103,9 @@ def test_a_file_holds_all_that_emitting_it_needs(tmp_path, drive, ending: str) -
     np.testing.assert_array_equal(back.positions, ARRAY.positions)
     np.testing.assert_array_equal(back.normals, ARRAY.normals)
     assert back.board == "autd3"
-    np.testing.assert_allclose(back.poses[0].apply(board_named("autd3").positions), ARRAY.positions, atol=1e-12)
+    np.testing.assert_allclose(
+        back.poses[0].apply(board_named("autd3").positions), ARRAY.positions, atol=1e-12
+    )
     assert back.foci is not None
     assert back.matrix is not None
     np.testing.assert_array_equal(back.foci, TARGET.points)
@@ -150,7 +161,11 @@ def changed(path: Path, **columns) -> Path:
         ({"normals": None}, "sizes_differ", "249 positions have 0 normals"),
         ({"amplitude": np.ones(3)}, "wrong_shape", "(3,)"),
         ({"amplitude": np.ones((0, 249)), "phase": np.ones((0, 249))}, "empty", "0 frames"),
-        ({"amplitude": np.full(249, 1.5)}, "out_of_range", "249 are not, the first 1.5 of element 0"),
+        (
+            {"amplitude": np.full(249, 1.5)},
+            "out_of_range",
+            "249 are not, the first 1.5 of element 0",
+        ),
         ({"phase": np.full(249, np.nan)}, "not_finite", "249"),
         ({"rate": -1.0}, "not_positive", "-1"),
         ({"phase_level": np.zeros(3, dtype=np.uint8)}, "wrong_shape", "249"),
@@ -193,4 +208,6 @@ def test_an_array_or_a_matrix_of_another_size_is_rejected(tmp_path, drive) -> No
     with raises_code("element_count", "256", "249"):
         drive.save(tmp_path / "drive.h5", board_array("sonicsurface"))
     with raises_code("element_count", "3", "249"):
-        drive.save(tmp_path / "drive.h5", transfer=at.TransferMatrix(np.ones((1, 3), dtype=complex), 0.0))
+        drive.save(
+            tmp_path / "drive.h5", transfer=at.TransferMatrix(np.ones((1, 3), dtype=complex), 0.0)
+        )

@@ -14,14 +14,20 @@ def _directions() -> tuple[np.ndarray, np.ndarray]:
     theta = np.radians(np.linspace(0.0, 90.0, 91))
     phi = np.radians(np.linspace(0.0, 360.0, 73))
     theta, phi = (angles.ravel() for angles in np.meshgrid(theta, phi))
-    directions = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=1)
+    directions = np.stack(
+        [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=1
+    )
     return directions, np.sin(theta)
 
 
 def _pattern_error(ka: float, radius: float = 5e-3, points: int = 19) -> float:
     directions, sines = _directions()
     x = np.maximum(ka * sines, 1e-9)
-    return float(np.abs(piston(radius, points=points).far_pattern(directions, ka / radius) - 2.0 * j1(x) / x).max())
+    return float(
+        np.abs(
+            piston(radius, points=points).far_pattern(directions, ka / radius) - 2.0 * j1(x) / x
+        ).max()
+    )
 
 
 @pytest.mark.parametrize("ka", [0.5, 1.0, 2.0, 3.3, 3.7, 3.83, 4.0])
@@ -40,14 +46,20 @@ def test_error_of_the_pattern_is_of_order_ten() -> None:
     assert 9.5 < order < 10.5
 
 
-@pytest.mark.parametrize(("points", "degree"), [*((19, n) for n in range(10)), *((12, n) for n in range(8))])
+@pytest.mark.parametrize(
+    ("points", "degree"), [*((19, n) for n in range(10)), *((12, n) for n in range(8))]
+)
 def test_points_of_a_piston_integrate_the_disc_to_their_degree(points: int, degree: int) -> None:
     element = piston(0.1, points=points)
     x, y, _ = 10.0 * element.points.T
     for a in range(degree + 1):
         b = degree - a
         odd = a % 2 or b % 2
-        exact = 0.0 if odd else gamma((a + 1) / 2) * gamma((b + 1) / 2) / (np.pi * gamma((a + b) / 2 + 2))
+        exact = (
+            0.0
+            if odd
+            else gamma((a + 1) / 2) * gamma((b + 1) / 2) / (np.pi * gamma((a + b) / 2 + 2))
+        )
         assert element.weights @ (x**a * y**b) == pytest.approx(exact, abs=1e-15)
 
 
@@ -93,7 +105,9 @@ def test_sameness_looks_at_every_number() -> None:
         (lambda: Element(np.zeros((1, 3)), np.ones(1), radius=-1.0), "out_of_range", "-1 m"),
     ],
 )
-def test_bad_elements_are_rejected(make, code: str, number: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bad_elements_are_rejected(
+    make, code: str, number: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
     with raises_code(code, number):
         make()

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from airtact.pose import Pose
+from airtact.geometry.pose import Pose
 from airtact.transducers.element import Element, monopole, piston
 from airtact.transducers.layout import PhasedArray, autd3_board, flat_boards, join, surrounding_box
 from faults import raises_code
@@ -22,13 +22,24 @@ poses = st.builds(
 
 def test_board_has_the_cells_and_the_order_of_the_real_one() -> None:
     board = autd3_board()
-    cells = {0: (0, 0), 17: (17, 0), 18: (0, 1), 19: (3, 1), 31: (15, 1), 32: (17, 1), 33: (0, 2), 248: (17, 13)}
+    cells = {
+        0: (0, 0),
+        17: (17, 0),
+        18: (0, 1),
+        19: (3, 1),
+        31: (15, 1),
+        32: (17, 1),
+        33: (0, 2),
+        248: (17, 13),
+    }
     assert len(board) == 249
     for index, (column, row) in cells.items():
         expected = [column * 10.16e-3, row * 10.16e-3, 0.0]
         np.testing.assert_allclose(board.positions[index], expected, rtol=0, atol=1e-12)
     empty = [(1, 1), (2, 1), (16, 1)]
-    occupied = {tuple(cell) for cell in np.rint(board.positions[:, :2] / 10.16e-3).astype(int).tolist()}
+    occupied = {
+        tuple(cell) for cell in np.rint(board.positions[:, :2] / 10.16e-3).astype(int).tolist()
+    }
     assert occupied == {(x, y) for x in range(18) for y in range(14)} - set(empty)
     np.testing.assert_array_equal(board.normals, np.tile([0.0, 0.0, 1.0], (249, 1)))
     np.testing.assert_array_equal(board.tangents, np.tile([1.0, 0.0, 0.0], (249, 1)))
@@ -50,7 +61,9 @@ def test_the_box_stands_around_its_centre_face_by_face() -> None:
         np.testing.assert_array_equal(box.normals[part], np.tile(inwards, (249, 1)))
         for across, cells in ((1 - axis, 14), (2, 18)):
             values = np.unique(np.round(box.positions[part, across] * 1e3, 6))
-            np.testing.assert_allclose(values, (np.arange(cells) - (cells - 1) / 2) * 10.16, rtol=0, atol=1e-6)
+            np.testing.assert_allclose(
+                values, (np.arange(cells) - (cells - 1) / 2) * 10.16, rtol=0, atol=1e-6
+            )
         first, second = box.positions[249 * face], box.positions[249 * face + 1]
         np.testing.assert_allclose(second - first, [0.0, 0.0, 10.16e-3], rtol=0, atol=1e-15)
 
@@ -70,7 +83,9 @@ def test_each_face_of_the_box_is_the_first_turned_about_its_long_axis() -> None:
     box = surrounding_box()
     for face, quarter_turns in enumerate([0, 2, 1, 3]):
         turned = Pose.turn((0, 0, 1), quarter_turns * np.pi / 2).apply(box.positions[:249])
-        np.testing.assert_allclose(box.positions[249 * face : 249 * (face + 1)], turned, rtol=0, atol=1e-15)
+        np.testing.assert_allclose(
+            box.positions[249 * face : 249 * (face + 1)], turned, rtol=0, atol=1e-15
+        )
 
 
 def test_flat_boards_lie_edge_to_edge_around_the_origin() -> None:
@@ -97,7 +112,9 @@ def test_faces_without_given_tangents_move_exactly_too(first: Pose, second: Pose
     normals = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [1.0, 1.0, 1.0], [-0.95, 0.1, 0.2]])
     array = PhasedArray(np.arange(12.0).reshape(4, 3) / 10, normals, piston(4.5e-3))
     moved = array.moved(first).moved(second)
-    np.testing.assert_allclose(moved.face_points, (second @ first).apply(array.face_points), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        moved.face_points, (second @ first).apply(array.face_points), rtol=0, atol=1e-12
+    )
 
 
 @given(poses)
@@ -135,8 +152,16 @@ POINT, UP = np.zeros((2, 3)), np.tile([0.0, 0.0, 1.0], (2, 1))
     ("make", "code", "number"),
     [
         (lambda: PhasedArray(np.zeros((0, 3)), np.zeros((0, 3))), "empty", "0 points"),
-        (lambda: PhasedArray(POINT, UP[:1]), "sizes_differ", "2 positions need as many normals, not 1"),
-        (lambda: PhasedArray(POINT, UP, None, UP[:1]), "sizes_differ", "2 positions need as many tangents, not 1"),
+        (
+            lambda: PhasedArray(POINT, UP[:1]),
+            "sizes_differ",
+            "2 positions need as many normals, not 1",
+        ),
+        (
+            lambda: PhasedArray(POINT, UP, None, UP[:1]),
+            "sizes_differ",
+            "2 positions need as many tangents, not 1",
+        ),
         (lambda: PhasedArray(POINT + [[0], [np.inf]], UP), "not_finite", "3 NaN or infinite"),
         (
             lambda: PhasedArray(POINT, UP * [[1.0], [0.0]]),
@@ -152,7 +177,9 @@ POINT, UP = np.zeros((2, 3)), np.tile([0.0, 0.0, 1.0], (2, 1))
         (lambda: flat_boards(0, 2), "too_few", "not 0 and 2"),
     ],
 )
-def test_bad_arrays_are_rejected(make, code: str, number: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bad_arrays_are_rejected(
+    make, code: str, number: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
     with raises_code(code, *number.split(" ... ")):
         make()

@@ -4,13 +4,15 @@ import jaxtyping
 import numpy as np
 import pytest
 
-from airtact.synthesis.quantise import quantise
+from airtact.drives.rounding import quantise
+from airtact.drives.transfer import Drive
 from airtact.transducers.levels import EIGHT_BITS, Levels
-from airtact.transfer import Drive
 from faults import raises_code
 
 
-@pytest.mark.parametrize(("amplitudes", "phases"), [(2, 2), (2, 256), (3, 16), (64, 32), (255, 7), (256, 256)])
+@pytest.mark.parametrize(
+    ("amplitudes", "phases"), [(2, 2), (2, 256), (3, 16), (64, 32), (255, 7), (256, 256)]
+)
 def test_any_number_of_levels_rounds_to_the_nearest(amplitudes: int, phases: int) -> None:
     random = np.random.default_rng(1)
     drive = Drive(random.uniform(0.01, 1.0, 3000) * np.exp(2j * np.pi * random.uniform(size=3000)))
@@ -20,7 +22,10 @@ def test_any_number_of_levels_rounds_to_the_nearest(amplitudes: int, phases: int
     assert frame.amplitude.max() == amplitudes - 1
     assert frame.phase.max() == phases - 1
     if amplitudes > 2:
-        assert np.abs(np.abs(emitted) - np.abs(drive.amplitudes)).max() <= 0.5 / (amplitudes - 1) + 1e-12
+        assert (
+            np.abs(np.abs(emitted) - np.abs(drive.amplitudes)).max()
+            <= 0.5 / (amplitudes - 1) + 1e-12
+        )
     on = np.abs(emitted) > 0
     turns = np.angle(emitted[on] / drive.amplitudes[on]) / (2 * np.pi)
     assert np.abs(turns).max() <= 0.5 / phases + 1e-12
@@ -44,7 +49,9 @@ def test_eight_bits_are_256_even_levels() -> None:
         (lambda: Levels(np.array([0.0, 0.5, 0.5, 1.0]), 16), "levels_not_rising", "0 to 1"),
     ],
 )
-def test_levels_that_cannot_be_are_rejected(make, code, shown, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_levels_that_cannot_be_are_rejected(
+    make, code, shown, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
     with raises_code(code, shown):
         make()

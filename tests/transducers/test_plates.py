@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.scene.scene import Obstacle
+from airtact.acoustics.scene import Obstacle
 from airtact.transducers.placement import check_placement
 from airtact.transducers.plates import THICKNESS
 from faults import raises_code
@@ -17,7 +17,7 @@ BALL = at.sound_hard(at.sphere(6e-3, 3e-3, centre=(0.0, 0.0, 0.03)))
 
 
 def board_array(name="autd3"):
-    return at.boards.board_array(name)
+    return at.transducers.board_array(name)
 
 
 def box(width, height, thickness):
@@ -75,15 +75,20 @@ def test_boards_that_touch_or_overlap_are_one_body_of_the_makers_outline(array, 
 
 def test_boards_apart_are_bodies_of_their_own():
     poses = [at.Pose.identity(), at.Pose.turn((0, 1, 0), np.pi, translation=(0.17272, 0, 0.3))]
-    boards = at.reflecting_boards(at.boards.board_array("autd3", poses))
+    boards = at.reflecting_boards(at.transducers.board_array("autd3", poses))
     assert len(boards) == 2
-    assert [one.surface.volume for one in boards] == pytest.approx([0.192 * 0.1514 * THICKNESS] * 2, rel=1e-9)
+    assert [one.surface.volume for one in boards] == pytest.approx(
+        [0.192 * 0.1514 * THICKNESS] * 2, rel=1e-9
+    )
 
 
 def test_before_a_board_without_edges_an_element_is_a_piston_in_a_baffle():
     """The closed form is that of its points in open air: the board's mirror image is in the stated sensitivity."""
     array, board = small_board()
-    scene, target = at.Scene(DULL, [board]), at.Target(np.array([[0.0, 0.0, 0.012], [0.01, 0.005, 0.02]]))
+    scene, target = (
+        at.Scene(DULL, [board]),
+        at.Target(np.array([[0.0, 0.0, 0.012], [0.01, 0.005, 0.02]])),
+    )
     found = at.transfer_matrix(at.BoundaryElement(0.03).radiate(scene, target.beacons()), array)
     assert relative(found.matrix, at.open_air_matrix(scene, array, target).matrix) < 2e-3
 
@@ -91,10 +96,15 @@ def test_before_a_board_without_edges_an_element_is_a_piston_in_a_baffle():
 def test_a_body_before_a_board_without_edges_is_as_before_a_plane():
     """A plane doubles what its elements radiate by themselves, a board does not."""
     array, board = small_board()
-    target, solver = at.Target(np.array([[0.0, 0.0, 0.023], [0.008, 0.0, 0.028]])), at.BoundaryElement(0.03)
+    target, solver = (
+        at.Target(np.array([[0.0, 0.0, 0.023], [0.008, 0.0, 0.028]])),
+        at.BoundaryElement(0.03),
+    )
     table = at.plane((0, 0, 0), (0, 0, 1))
     scenes = at.Scene(DULL, [BALL, board]), at.Scene(DULL, [BALL], planes=[table])
-    found, before_plane = (at.transfer_matrix(solver.radiate(one, target.beacons()), array).matrix for one in scenes)
+    found, before_plane = (
+        at.transfer_matrix(solver.radiate(one, target.beacons()), array).matrix for one in scenes
+    )
     assert relative(found, 0.5 * before_plane) < 0.015
 
 
@@ -105,7 +115,11 @@ def test_a_small_board_with_its_edges_is_that_of_finite_elements():
     array = at.PhasedArray(faces, np.tile([0.0, 0.0, 1.0], (3, 1)), at.piston(3e-3, points=12))
     beacon = at.Target(source).beacons()
     sound_hard = at.Scene(AIR, [at.sound_hard(plate)])
-    on_face = at.FiniteElement(order=4, symmetry=()).radiate(sound_hard, beacon).at(array.face_points.reshape(-1, 3))
+    on_face = (
+        at.FiniteElement(order=4, symmetry=())
+        .radiate(sound_hard, beacon)
+        .at(array.face_points.reshape(-1, 3))
+    )
     exact = 0.5 * array.element.sensitivity * on_face.reshape(3, -1) @ array.element.weights
     scene = at.Scene(AIR, [Obstacle(plate, "sound_hard", board=True)])
     found = at.transfer_matrix(at.BoundaryElement(0.01).radiate(scene, beacon), array)
@@ -120,7 +134,9 @@ def test_what_a_drive_makes_is_what_its_transfer_matrix_says():
     solver = at.BoundaryElement(0.03)
     transfer = at.transfer_matrix(solver.radiate(scene, target.beacons()), array)
     drive = at.best(transfer, target)
-    made = at.field_map(scene, array, drive, np.concatenate([points, [[0.0, 0.0, 1e-3]]]), solver=solver)
+    made = at.field_map(
+        scene, array, drive, np.concatenate([points, [[0.0, 0.0, 1e-3]]]), solver=solver
+    )
     assert np.abs(made[:3] - transfer.pressure(drive)).max() < 0.02 * np.abs(made[:3]).max()
     assert np.isnan(made[3])  # beside the face
 

@@ -20,7 +20,9 @@ def test_pistons_bring_nothing_behind_them_and_dead_ones_nothing() -> None:
     board, behind = autd3_board(), np.array([[0.08, 0.06, -0.1]])
     assert open_air_bound(board, behind, WAVENUMBER)[0] == 0.0
     half = board.calibrated(np.r_[np.ones(125), np.zeros(124)])
-    first = PhasedArray(board.positions[:125], board.normals[:125], board.element, board.tangents[:125])
+    first = PhasedArray(
+        board.positions[:125], board.normals[:125], board.element, board.tangents[:125]
+    )
     bounds = [open_air_bound(one, -behind * [-1, -1, 1], WAVENUMBER)[0] for one in (half, first)]
     assert bounds[0] == pytest.approx(bounds[1], rel=1e-12)
 
@@ -35,6 +37,6 @@ def test_a_box_reaches_its_middle_and_hardly_half_a_metre_beyond_its_end() -> No
 
 def test_flat_boards_reach_a_metre() -> None:
     boards = flat_boards(2, 2)
-    assert open_air_bound(boards, np.array([[0.0, 0.0, 1.0]]), WAVENUMBER)[0] > 0.1 * strongest_open_air(
-        boards, WAVENUMBER
-    )
+    assert open_air_bound(boards, np.array([[0.0, 0.0, 1.0]]), WAVENUMBER)[
+        0
+    ] > 0.1 * strongest_open_air(boards, WAVENUMBER)

@@ -16,7 +16,9 @@ def scene(radius: float) -> at.Scene:
 
 def test_small_bodies_are_counted():
     small = scene(0.01)
-    assert unknowns_of(SOLVER, small, AWAY) == SOLVER.unknowns(small, at.Monopoles(AWAY, np.ones(1)))
+    assert unknowns_of(SOLVER, small, AWAY) == SOLVER.unknowns(
+        small, at.Monopoles(AWAY, np.ones(1))
+    )
 
 
 def test_large_bodies_are_estimated():

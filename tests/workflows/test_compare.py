@@ -6,13 +6,13 @@ import h5py
 import numpy as np
 import pytest
 
+from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
 from airtact.cli import main
-from airtact.conventions import InvalidInput
+from airtact.drives.methods import METHODS
+from airtact.drives.transfer import Drive
+from airtact.errors import InvalidInput
 from airtact.evaluation.field import drive_sources
-from airtact.scene_file.building import read_scene
-from airtact.solvers.spherical.sphere_series import SphereSeries
-from airtact.synthesis.methods import METHODS
-from airtact.transfer import Drive
+from airtact.setup.building import read_scene
 from airtact.workflows.compare import FILES, WAYS, compare
 from paths import SCENES
 

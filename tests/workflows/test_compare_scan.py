@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
 from airtact.cli import main
+from airtact.drives.rounding import quantise
 from airtact.evaluation.field import drive_sources
 from airtact.evaluation.microphone import Microphone
 from airtact.evaluation.scan import load_scan
-from airtact.scene_file.building import read_scene
-from airtact.solvers.spherical.sphere_series import SphereSeries
-from airtact.steps import solve_foci
-from airtact.synthesis.quantise import quantise
+from airtact.setup.building import read_scene
+from airtact.setup.steps import solve_foci
 from airtact.timing import Clock
 from airtact.workflows.compare_scan import FILES, compare_scan
 from paths import SCENES
@@ -44,7 +44,9 @@ def scan_file(tmp_path_factory):
     rng = np.random.default_rng(1)
     level = NOISE * np.sqrt(np.nanmean(np.abs(heard) ** 2) / 2.0)
     heard[~np.isfinite(heard)] = 0.0  # the stage did not go where the ball is
-    heard = 0.013j * (heard + level * (rng.normal(size=len(heard)) + 1j * rng.normal(size=len(heard))))
+    heard = 0.013j * (
+        heard + level * (rng.normal(size=len(heard)) + 1j * rng.normal(size=len(heard)))
+    )
     return write_scan(tmp_path_factory.mktemp("scan") / "scan.csv", points, heard)
 
 
@@ -76,7 +78,22 @@ def test_a_ball_somewhere_else_does_not_fit(scan_file, tmp_path):
 
 
 def test_the_command_reports_error_scale_and_what_was_left_out(scan_file, tmp_path, capsys):
-    assert main(["compare-scan", str(scan_file), str(BALL), "--out", str(tmp_path), "--axis", "0", "0", "-1"]) == 0
+    assert (
+        main(
+            [
+                "compare-scan",
+                str(scan_file),
+                str(BALL),
+                "--out",
+                str(tmp_path),
+                "--axis",
+                "0",
+                "0",
+                "-1",
+            ]
+        )
+        == 0
+    )
     said = capsys.readouterr().out
     assert "relative error" in said
     scale = re.search(r"scale +([\d.]+) of the scan's unit for 1 Pa predicted at ([\d.]+)°", said)
@@ -95,7 +112,21 @@ def test_bad_scans_and_microphones_end_with_2(scan_file, tmp_path, capsys):
     other = write_scan(tmp_path / "other.csv", scan.points, scan.pressures.conj())
     assert main(["compare-scan", str(other), str(BALL), "--out", str(tmp_path)]) == 2
     assert re.search(
-        r"other.csv: the scan's phases are [\d.]+% off .* negate the column phase", capsys.readouterr().err
+        r"other.csv: the scan's phases are [\d.]+% off .* negate the column phase",
+        capsys.readouterr().err,
     )
-    assert main(["compare-scan", str(scan_file), str(BALL), "--out", str(tmp_path), "--diameter", "6.35"]) == 2
+    assert (
+        main(
+            [
+                "compare-scan",
+                str(scan_file),
+                str(BALL),
+                "--out",
+                str(tmp_path),
+                "--diameter",
+                "6.35",
+            ]
+        )
+        == 2
+    )
     assert "6.35 m, more than 20 mm" in capsys.readouterr().err

@@ -13,20 +13,20 @@ import jaxtyping
 import numpy as np
 import pytest
 
+from airtact.acoustics.medium import Medium
+from airtact.acoustics.scene import Scene
+from airtact.acoustics.solvers.free_field import FreeField
+from airtact.acoustics.target import Target
 from airtact.cli import main
-from airtact.files.drives import load_drive
-from airtact.hardware.codecs import codec_of
-from airtact.scene.medium import Medium
-from airtact.scene.scene import Scene
-from airtact.scene.target import Target
-from airtact.solvers.free_field import FreeField
-from airtact.synthesis.quantise import quantise
-from airtact.synthesis.sequence import Sequence
-from airtact.synthesis.time_reversal import time_reversal
+from airtact.drives.conjugation import time_reversal
+from airtact.drives.rounding import quantise
+from airtact.drives.sequence import Sequence
+from airtact.drives.transfer import Drive, transfer_matrix
+from airtact.emission.codecs import codec_of
+from airtact.setup.saved_drives import load_drive
 from airtact.transducers.layout import PhasedArray, board_array, flat_boards, surrounding_box
 from airtact.transducers.modulation import AmplitudeModulation
-from airtact.transfer import Drive, transfer_matrix
-from hardware.receivers import Nano16, SonicSurface, TwoSonicSurfaces, first_harmonic, wired
+from emission.receivers import Nano16, SonicSurface, TwoSonicSurfaces, first_harmonic, wired
 
 BRIEFLY = ("--seconds", "0.05")
 FULL = ("--yes", "--full-scale")
@@ -58,7 +58,9 @@ def write(
     transfer = transfer_matrix(beacons, array)
     drive = time_reversal(transfer, target)
     if rate is None:
-        drive.save(path, array, open_air, transfer, target, texts={"scene": SCENE}, modulation=modulation)
+        drive.save(
+            path, array, open_air, transfer, target, texts={"scene": SCENE}, modulation=modulation
+        )
     else:
         turns = np.exp(0.3j * np.arange(frames))[:, None]
         Sequence(turns * drive.amplitudes, rate).save(path, array, open_air, transfer, target)
@@ -97,7 +99,10 @@ def test_a_drive_goes_through_the_firmware_model(capsys, drive) -> None:
     level = re.search(r"up to (\d+) dB SPL, 0\.5 m off", printed)
     assert level
     assert 100 < int(level[1]) <= 110
-    assert re.search(r"cap of 0\.0\d+ keeps a head to 110 dB; --full-scale emits all, up to 139 dB there", printed)
+    assert re.search(
+        r"cap of 0\.0\d+ keeps a head to 110 dB; --full-scale emits all, up to 139 dB there",
+        printed,
+    )
     assert "Skin hardly feels a constant force" in printed
     assert "--modulate am:200" in printed
     assert "This is no safety assessment" in printed
@@ -105,7 +110,9 @@ def test_a_drive_goes_through_the_firmware_model(capsys, drive) -> None:
 
 
 def test_at_full_scale_rounding_to_bytes_costs_little(capsys, drive) -> None:
-    code, printed, errors = output(capsys, "emit", drive, "--board", "autd3", "--link", "audit", *FULL, *BRIEFLY)
+    code, printed, errors = output(
+        capsys, "emit", drive, "--board", "autd3", "--link", "audit", *FULL, *BRIEFLY
+    )
     assert code == 0, errors
     rounding = re.search(r"rounding ([+-]\d+\.\d+)%", printed)
     assert rounding
@@ -117,7 +124,9 @@ def test_at_full_scale_rounding_to_bytes_costs_little(capsys, drive) -> None:
 
 
 def test_a_drive_is_modulated_as_its_file_or_the_command_says(capsys, tmp_path) -> None:
-    path = write(tmp_path / "drive.h5", board_array("autd3"), modulation=AmplitudeModulation(125.0, 0.5))
+    path = write(
+        tmp_path / "drive.h5", board_array("autd3"), modulation=AmplitudeModulation(125.0, 0.5)
+    )
     code, printed, errors = output(capsys, "emit", path, *AUDIT, *BRIEFLY)
     assert code == 0, errors
     assert "amplitude, 125 Hz, 0.5 deep" in printed
@@ -146,7 +155,9 @@ def test_boards_that_cannot_be_turned_down_ask_for_full_scale(capsys, tmp_path) 
 
 
 def test_an_export_of_a_modulated_drive_is_one_period(capsys, tmp_path) -> None:
-    path = write(tmp_path / "drive.h5", board_array("openmpd"), modulation=AmplitudeModulation(200.0))
+    path = write(
+        tmp_path / "drive.h5", board_array("openmpd"), modulation=AmplitudeModulation(200.0)
+    )
     out = tmp_path / "frames.npz"
     code, printed, errors = output(capsys, "export", path, "--board", "openmpd", "--out", out)
     assert code == 0, errors
@@ -155,7 +166,9 @@ def test_an_export_of_a_modulated_drive_is_one_period(capsys, tmp_path) -> None:
     assert isinstance(back, Sequence)
     assert (len(back), back.rate) == (20, 4000.0)
     largest = np.abs(back.drives).max(axis=1)
-    np.testing.assert_allclose(largest**2, (1.0 + np.cos(2 * np.pi * np.arange(20) / 20)) / 2, rtol=0, atol=0.03)
+    np.testing.assert_allclose(
+        largest**2, (1.0 + np.cos(2 * np.pi * np.arange(20) / 20)) / 2, rtol=0, atol=0.03
+    )
 
 
 def test_a_sequence_tells_its_rate_and_what_was_dropped(capsys, tmp_path) -> None:
@@ -179,7 +192,11 @@ def test_boards_are_listed_with_their_links(capsys) -> None:
 
 @pytest.mark.parametrize(
     ("name", "boards", "model"),
-    [("sonicsurface", 1, SonicSurface), ("sonicsurface", 2, TwoSonicSurfaces), ("nano16", 1, Nano16)],
+    [
+        ("sonicsurface", 1, SonicSurface),
+        ("sonicsurface", 2, TwoSonicSurfaces),
+        ("nano16", 1, Nano16),
+    ],
 )
 def test_serial_boards_play_the_drive_and_end_silent(capsys, tmp_path, name, boards, model) -> None:
     array = flat_of(name, boards)
@@ -195,7 +212,18 @@ def test_serial_boards_play_the_drive_and_end_silent(capsys, tmp_path, name, boa
 
     with wired(Watched()) as wire:
         code, printed, errors = output(
-            capsys, "emit", path, "--board", name, "--link", "serial", "--port", wire.port, *FULL, "--seconds", "0.2"
+            capsys,
+            "emit",
+            path,
+            "--board",
+            name,
+            "--link",
+            "serial",
+            "--port",
+            wire.port,
+            *FULL,
+            "--seconds",
+            "0.2",
         )
         assert code == 0, errors
         assert wire.silent()
@@ -209,7 +237,7 @@ def test_serial_boards_play_the_drive_and_end_silent(capsys, tmp_path, name, boa
 
 
 def flat_of(name: str, boards: int) -> PhasedArray:
-    from airtact.pose import Pose
+    from airtact.geometry.pose import Pose
 
     places = [Pose(np.eye(3), np.array([0.2 * index, 0.0, 0.0])) for index in range(boards)]
     return board_array(name, places)
@@ -225,15 +253,31 @@ def test_an_export_is_the_drive_in_the_boards_levels(capsys, tmp_path, kind) -> 
     assert "1 frame for 1 board" in printed
     back = load_drive(tmp_path / f"frames.{kind}", board="openmpd")
     assert isinstance(back, Drive)
-    assert quantise(back, codec_of("openmpd").levels).same_as(quantise(load_drive(path), codec_of("openmpd").levels))
+    assert quantise(back, codec_of("openmpd").levels).same_as(
+        quantise(load_drive(path), codec_of("openmpd").levels)
+    )
     with h5py.File(path) as file:
         asked = file["amplitude"][()] * np.exp(1j * file["phase"][()])
-    np.testing.assert_allclose(back.amplitudes, asked, rtol=0, atol=0.5 / 64 * np.pi / 2 + np.pi / 128)
+    np.testing.assert_allclose(
+        back.amplitudes, asked, rtol=0, atol=0.5 / 64 * np.pi / 2 + np.pi / 128
+    )
 
 
 def test_a_file_link_holds_the_drive_alone(capsys, drive, tmp_path) -> None:
     out = tmp_path / "frames.npz"
-    to_file = ("--board", "autd3", "--link", "file", "--out", out, "--cap", "0.5", "--yes", "--seconds", "3600")
+    to_file = (
+        "--board",
+        "autd3",
+        "--link",
+        "file",
+        "--out",
+        out,
+        "--cap",
+        "0.5",
+        "--yes",
+        "--seconds",
+        "3600",
+    )
     begun = time.monotonic()
     code, _, errors = output(capsys, "emit", drive, *to_file)
     assert code == 0, errors
@@ -248,7 +292,17 @@ def test_no_frame_of_a_sequence_is_lost_on_the_way_to_a_file(capsys, tmp_path, k
     """0.5 s at 4 kHz are 2,000 frames."""
     path = write(tmp_path / "sequence.h5", board_array("sonicsurface"), frames=40, rate=4000.0)
     out = tmp_path / f"frames.{kind}"
-    to_file = ("--board", "sonicsurface", "--link", "file", "--out", out, "--yes", "--seconds", "0.5")
+    to_file = (
+        "--board",
+        "sonicsurface",
+        "--link",
+        "file",
+        "--out",
+        out,
+        "--yes",
+        "--seconds",
+        "0.5",
+    )
     code, printed, errors = output(capsys, "emit", path, *to_file)
     assert code == 0, errors
     assert "2000 frames, 0 dropped" in printed
@@ -259,12 +313,16 @@ def test_no_frame_of_a_sequence_is_lost_on_the_way_to_a_file(capsys, tmp_path, k
     assert isinstance(back, Sequence)
     assert (len(back), back.rate) == (2000, 4000.0)
     for index in range(2000):
-        assert quantise(back.drive(index), levels).same_as(quantise(asked.drive(index % 40), levels))
+        assert quantise(back.drive(index), levels).same_as(
+            quantise(asked.drive(index % 40), levels)
+        )
 
 
 def test_a_drive_file_needs_no_scene(capsys, drive) -> None:
     """Frequency and medium stand in the file itself, so keys of scenes may be renamed."""
-    code, _, errors = output(capsys, "emit", change(drive, scene="colour = 3"), *AUDIT, "--seconds", "0.05")
+    code, _, errors = output(
+        capsys, "emit", change(drive, scene="colour = 3"), *AUDIT, "--seconds", "0.05"
+    )
     assert code == 0, errors
     code, _, errors = output(capsys, "emit", change(drive, scene=None), *AUDIT, "--seconds", "0.05")
     assert code == 0, errors
@@ -273,7 +331,9 @@ def test_a_drive_file_needs_no_scene(capsys, drive) -> None:
 @pytest.mark.parametrize("renamed", [False, True])
 def test_a_drive_of_an_older_version_is_emitted(capsys, tmp_path, renamed: bool) -> None:
     """One of the four boards of a drive.h5 of the example pinch, written before files had versions."""
-    path = Path(shutil.copy(Path(__file__).parent.parent / "files" / "old_drive.h5", tmp_path / "old.h5"))
+    path = Path(
+        shutil.copy(Path(__file__).parent.parent / "files" / "old_drive.h5", tmp_path / "old.h5")
+    )
     if renamed:
         with h5py.File(path) as file:
             text = file["scene"].asstr()[()]
@@ -317,8 +377,18 @@ FAULTS = {
     "no answer": (lambda path: path, AUDIT[:-1], "not_confirmed", "0 frames"),
     "no file": (lambda path: path.with_name("none.h5"), AUDIT, "file_missing", "none.h5"),
     "no HDF5": (lambda path: path.parent / "text.h5", AUDIT, "file_unreadable", "text.h5"),
-    "no drive": (lambda path: change(path, phase=None), AUDIT, "dataset_missing", "drive.h5: 1 of the 2 datasets"),
-    "words": (lambda path: change(path, amplitude="loud"), AUDIT, "not_a_number", "drive.h5: amplitude"),
+    "no drive": (
+        lambda path: change(path, phase=None),
+        AUDIT,
+        "dataset_missing",
+        "drive.h5: 1 of the 2 datasets",
+    ),
+    "words": (
+        lambda path: change(path, amplitude="loud"),
+        AUDIT,
+        "not_a_number",
+        "drive.h5: amplitude",
+    ),
     "one number": (
         lambda path: change(path, amplitude=1.0),
         AUDIT,
@@ -364,11 +434,26 @@ FAULTS = {
         "unknown_link",
         "it has 6",
     ),
-    "no out": (lambda path: path, ("--board", "autd3", "--link", "file", "--yes"), "setting_missing", "--out"),
+    "no out": (
+        lambda path: path,
+        ("--board", "autd3", "--link", "file", "--yes"),
+        "setting_missing",
+        "--out",
+    ),
     "another port": (lambda path: path, (*AUDIT, "--port", "x"), "setting_not_taken", "--port x"),
     "cap": (lambda path: path, (*AUDIT, "--cap", "0"), "out_of_range", "is 0,"),
-    "cap in per cent": (lambda path: path, (*AUDIT, "--cap", "50"), "out_of_range", "for 50 per cent give 0.5"),
-    "two caps": (lambda path: path, (*AUDIT, "--cap", "0.5", "--full-scale"), "choose_one", "--cap 0.5"),
+    "cap in per cent": (
+        lambda path: path,
+        (*AUDIT, "--cap", "50"),
+        "out_of_range",
+        "for 50 per cent give 0.5",
+    ),
+    "two caps": (
+        lambda path: path,
+        (*AUDIT, "--cap", "0.5", "--full-scale"),
+        "choose_one",
+        "--cap 0.5",
+    ),
     "modulation": (lambda path: path, (*AUDIT, "--modulate", "fm:3"), "unknown_name", "fm:3"),
     "depth": (lambda path: path, (*AUDIT, "--modulate", "am:200:3"), "out_of_range", "is 3,"),
     "seconds": (lambda path: path, (*AUDIT, "--seconds", "-1"), "not_positive", "-1 s"),
@@ -378,14 +463,24 @@ FAULTS = {
         "link_not_opened",
         "4 AUTD3",
     ),
-    "another frequency": (lambda path: change(path, frequency=25e3), AUDIT, "wrong_frequency", "25000 Hz"),
+    "another frequency": (
+        lambda path: change(path, frequency=25e3),
+        AUDIT,
+        "wrong_frequency",
+        "25000 Hz",
+    ),
     "sequence without rate": (
         lambda path: change(path, amplitude_level=None, phase_level=None, **two_dimensional()),
         AUDIT,
         "rate_missing",
         "3 frames",
     ),
-    "inaudible": (lambda path: path, (*AUDIT, "--cap", "0.001"), "drive_silent", "0.001 all 996 elements"),
+    "inaudible": (
+        lambda path: path,
+        (*AUDIT, "--cap", "0.001"),
+        "drive_silent",
+        "0.001 all 996 elements",
+    ),
     "shapes": (
         lambda path: change(path, amplitude=np.zeros(3)),
         AUDIT,
@@ -396,7 +491,9 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_what_cannot_be_emitted_is_rejected(capsys, drive, name, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_cannot_be_emitted_is_rejected(
+    capsys, drive, name, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
     (drive.parent / "text.h5").write_text("not HDF5")
     spoil, arguments, fault, shown = FAULTS[name]
@@ -415,7 +512,9 @@ def test_what_cannot_be_emitted_is_rejected(capsys, drive, name, monkeypatch: py
         (1100, 100.0, r"keeps 2 to 1024 frames, not 1100"),
     ],
 )
-def test_sequences_that_boards_check_are_told_the_nearest(capsys, tmp_path, frames, rate, sentence) -> None:
+def test_sequences_that_boards_check_are_told_the_nearest(
+    capsys, tmp_path, frames, rate, sentence
+) -> None:
     path = write(tmp_path / "sequence.h5", board_array("autd3"), frames=frames, rate=rate)
     code, _, errors = output(capsys, "emit", path, *AUDIT)
     assert code == 2
@@ -426,7 +525,16 @@ def test_a_rate_over_the_serial_line_is_told_the_nearest(capsys, tmp_path) -> No
     path = write(tmp_path / "sequence.h5", board_array("sonicsurface"), frames=3, rate=200.0)
     with wired(SonicSurface()) as wire:
         code, _, errors = output(
-            capsys, "emit", path, "--board", "sonicsurface", "--link", "serial", "--port", wire.port, *FULL
+            capsys,
+            "emit",
+            path,
+            "--board",
+            "sonicsurface",
+            "--link",
+            "serial",
+            "--port",
+            wire.port,
+            *FULL,
         )
     assert code == 2
     assert "200 frames/s are more than the serial link carries" in errors
@@ -496,7 +604,16 @@ def test_a_cable_cut_while_emitting_ends_with_1(capsys, tmp_path) -> None:
     path = write(tmp_path / "sequence.h5", board_array("sonicsurface"), frames=3, rate=50.0)
     with wired(SonicSurface(), cut_after=6000) as wire:
         code, _, errors = output(
-            capsys, "emit", path, "--board", "sonicsurface", "--link", "serial", "--port", wire.port, *FULL
+            capsys,
+            "emit",
+            path,
+            "--board",
+            "sonicsurface",
+            "--link",
+            "serial",
+            "--port",
+            wire.port,
+            *FULL,
         )
     assert code == 1
     last = errors.splitlines()[-1]

@@ -44,10 +44,15 @@ def test_the_hand_lies_over_the_middle_of_the_board_with_its_palm_down(tmp_path,
     assert (setup.scene.depth(facing + [0.0, 0.0, 0.004]) > 0.0).all()
 
 
-@pytest.mark.parametrize(("board", "frequency"), [("autd3", 200.0), ("nano16", 87.0), ("sonicsurface", 44.0)])
+@pytest.mark.parametrize(
+    ("board", "frequency"), [("autd3", 200.0), ("nano16", 87.0), ("sonicsurface", 44.0)]
+)
 def test_the_modulation_is_one_that_the_board_can_play(tmp_path, board, frequency):
     (scene, *_) = init(tmp_path / "new", board)
-    assert tomllib.loads(scene.read_text(encoding="utf-8"))["drive"]["modulation"]["frequency"] == frequency
+    assert (
+        tomllib.loads(scene.read_text(encoding="utf-8"))["drive"]["modulation"]["frequency"]
+        == frequency
+    )
 
 
 def test_another_hand_is_named_by_the_scene_and_turned_to_the_board(tmp_path):
@@ -84,7 +89,9 @@ def test_the_first_scene_is_checked_rendered_and_emitted(capsys, here):
     scene = here / "scene.toml"
     text = scene.read_text(encoding="utf-8")
     assert "accuracy = 0.03" in text
-    scene.write_text(text.replace("accuracy = 0.03", "accuracy = 0.15"), encoding="utf-8")  # for a test's time
+    scene.write_text(
+        text.replace("accuracy = 0.03", "accuracy = 0.15"), encoding="utf-8"
+    )  # for a test's time
     assert main(["check", "scene.toml"]) == 0
     capsys.readouterr()
     assert main(["render", "--no-pictures", "--json"]) == 0
@@ -92,7 +99,10 @@ def test_the_first_scene_is_checked_rendered_and_emitted(capsys, here):
     assert [focus["name"] for focus in found["foci"]] == list(ALL)
     assert min(focus["pressure"] for focus in found["foci"]) > 1000.0
     drive = str(here / "out/scene/drive.h5")
-    assert main(["emit", drive, "--board", "autd3", "--link", "audit", "--yes", "--seconds", "0.3"]) == 0
+    assert (
+        main(["emit", drive, "--board", "autd3", "--link", "audit", "--yes", "--seconds", "0.3"])
+        == 0
+    )
     assert "the last was silence" in capsys.readouterr().out
 
 

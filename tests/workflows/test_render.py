@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from scipy.special import j1
 
+from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
+from airtact.drives.bounds import upper_bound
+from airtact.drives.default_method import best
+from airtact.drives.sequence import Sequence
+from airtact.drives.transfer import Drive, TransferMatrix
 from airtact.evaluation.field import drive_sources
-from airtact.files.drives import load_drive
-from airtact.solvers.spherical.sphere_series import SphereSeries
-from airtact.synthesis.best import best
-from airtact.synthesis.sequence import Sequence
-from airtact.synthesis.upper_bound import upper_bound
+from airtact.setup.saved_drives import load_drive
 from airtact.transducers.drive_file import read_drive_file
 from airtact.transducers.levels import Levels
 from airtact.transducers.modulation import AmplitudeModulation
-from airtact.transfer import Drive, TransferMatrix
 from airtact.workflows.render import FILES, render
 from faults import raises_code
 from paths import SCENES
@@ -61,7 +61,9 @@ def test_a_run_writes_its_files_and_nothing_else(rendered):
 def test_the_worst_focus_gets_what_it_asked_by_the_series(rendered, exact):
     run = rendered[1]
     got = np.abs(exact(run.target.points))
-    better = 0.05 / 3  # than the scene's 5 %: the error of the verification solve, by which the drive is scaled
+    better = (
+        0.05 / 3
+    )  # than the scene's 5 %: the error of the verification solve, by which the drive is scaled
     np.testing.assert_allclose(np.min(got / run.target.pressures), 1.0, atol=better)
     np.testing.assert_allclose(np.min(run.reached / run.target.pressures), 1.0, rtol=1e-9)
     np.testing.assert_allclose(run.reached, got, rtol=better)
@@ -69,7 +71,9 @@ def test_the_worst_focus_gets_what_it_asked_by_the_series(rendered, exact):
 
 def test_the_picture_of_the_plane_says_how_far_off_its_pressures_are(rendered):
     folder, run, _ = rendered
-    assert f"estimated to be {100 * run.plane.error:.1g} % off" in (folder / "report.html").read_text()
+    assert (
+        f"estimated to be {100 * run.plane.error:.1g} % off" in (folder / "report.html").read_text()
+    )
 
 
 @pytest.mark.slow
@@ -107,7 +111,9 @@ def test_the_comparison_is_that_of_the_series(rendered):
 
 def test_the_verification_is_more_accurate_than_the_drive(rendered):
     run = rendered[1]
-    assert run.comparison.report.settings["accuracy"] < 0.05 / 2.95  # steps of 1.2: six of them are 2.986
+    assert (
+        run.comparison.report.settings["accuracy"] < 0.05 / 2.95
+    )  # steps of 1.2: six of them are 2.986
     assert run.comparison.report.nodes > run.beacons.nodes
 
 
@@ -153,7 +159,9 @@ def test_the_drive_files_hold_the_drive(rendered):
     amplitudes = [float(row["amplitude"]) * np.exp(1j * float(row["phase"])) for row in rows]
     np.testing.assert_allclose(amplitudes, run.drive.amplitudes, atol=1e-8)
     with h5py.File(folder / "drive.h5") as file:
-        pressure = file["transfer_matrix"][:] @ (file["amplitude"][:] * np.exp(1j * file["phase"][:]))
+        pressure = file["transfer_matrix"][:] @ (
+            file["amplitude"][:] * np.exp(1j * file["phase"][:])
+        )
         assert file["scene"].asstr()[()] == BALL.read_text()
         assert '"solver":"BoundaryElement"' in file["report"].asstr()[()]
     np.testing.assert_allclose(pressure, run.transfer.pressure(run.drive), rtol=1e-9)
@@ -194,7 +202,9 @@ def test_below_full_scale_the_run_says_what_is_left(rendered):
     run = rendered[1]
     bound = upper_bound(run.transfer, run.target)
     times = 1.0 / bound.reached(run.transfer, run.target, run.drive)
-    assert run.remarks[-1].startswith(f"At full scale no drive exceeds {times:.1f} times that; rounded to 256 levels")
+    assert run.remarks[-1].startswith(
+        f"At full scale no drive exceeds {times:.1f} times that; rounded to 256 levels"
+    )
 
 
 def test_the_first_sentence_has_both_drives_and_what_is_missing(tmp_path):
@@ -203,7 +213,9 @@ def test_the_first_sentence_has_both_drives_and_what_is_missing(tmp_path):
     run = render(greedy, tmp_path / "out", pictures=False)
     weakest = (run.comparison.pressures["equal peak"] / run.target.pressures).min(axis=1)
     gain = f"{weakest[0] / weakest[1] - 1.0:+.0%}".replace("%", " %").replace("-", "−")
-    words = f"Object-aware: {weakest[0]:.0%} of what was asked at the weakest focus. ".replace("%", " %")
+    words = f"Object-aware: {weakest[0]:.0%} of what was asked at the weakest focus. ".replace(
+        "%", " %"
+    )
     assert run.headline.startswith(f"{words}Without the object: ")
     assert run.headline.endswith(f"Same hardware: {gain}.") or "does not matter" in run.headline
     missing = run.remarks[0]
@@ -216,7 +228,9 @@ def test_the_first_sentence_has_both_drives_and_what_is_missing(tmp_path):
 
 def test_in_open_air_there_is_nothing_to_compare_with(tmp_path):
     scene = tmp_path / "air.toml"
-    text = BALL.read_text(encoding="utf-8").replace("[[obstacles]]\nsphere = { radius = 5e-3 }\n", "")
+    text = BALL.read_text(encoding="utf-8").replace(
+        "[[obstacles]]\nsphere = { radius = 5e-3 }\n", ""
+    )
     scene.write_text(text.replace("[solver]\naccuracy = 0.05\n", ""))
     run = render(scene, tmp_path / "out")
     assert run.comparison.names == ("drive",)
@@ -254,14 +268,18 @@ def test_a_drive_is_rounded_to_the_levels_of_its_scene(tmp_path):
     assert set(run.frame.amplitude) <= set(range(5))
     assert 4 < len(set(run.frame.phase)) <= 16
     assert run.frame.phase.max() < 16
-    assert "Rounded to 5 levels of amplitude and 16 of phase" in (tmp_path / "out" / "report.html").read_text()
+    assert (
+        "Rounded to 5 levels of amplitude and 16 of phase"
+        in (tmp_path / "out" / "report.html").read_text()
+    )
 
 
 def test_moving_foci_are_written_as_a_sequence_and_an_older_one_goes(tmp_path):
     """Each frame is the field of its drive: by the series of the sphere the foci are where the circle leads."""
     scene = tmp_path / "ball.toml"
     scene.write_text(
-        BALL.read_text() + '\n[drive.modulation]\nkind = "lm"\nframes = 4\nradius = 1e-3\nfrequency = 100\n'
+        BALL.read_text()
+        + '\n[drive.modulation]\nkind = "lm"\nframes = 4\nradius = 1e-3\nfrequency = 100\n'
     )
     run = render(scene, tmp_path / "out")
     sequence = load_drive(tmp_path / "out" / "sequence.h5")
@@ -270,10 +288,14 @@ def test_moving_foci_are_written_as_a_sequence_and_an_older_one_goes(tmp_path):
     assert (len(sequence), sequence.rate) == (4, 400.0)
     assert "The foci move: 4 frames" in run.sensation[0]
     assert "spatiotemporal" in run.sensation[1]
-    field = SphereSeries().radiate(run.scene, drive_sources(run.array, [sequence.drive(i) for i in range(4)]))
+    field = SphereSeries().radiate(
+        run.scene, drive_sources(run.array, [sequence.drive(i) for i in range(4)])
+    )
     foci = stored.foci.reshape(4, len(run.foci), 3)
     np.testing.assert_array_equal(run.view.paths, foci.swapaxes(0, 1))
-    assert "Foci run along the dashed lines" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "Foci run along the dashed lines" in (tmp_path / "out" / "report.html").read_text(
+        encoding="utf-8"
+    )
     np.testing.assert_allclose(np.linalg.norm(foci - run.target.points, axis=2), 1e-3, rtol=0.1)
     for frame in range(4):
         got = np.abs(field.at(foci[frame])[:, frame])
@@ -283,7 +305,9 @@ def test_moving_foci_are_written_as_a_sequence_and_an_older_one_goes(tmp_path):
     assert not (tmp_path / "out" / "sequence.h5").exists()
     assert read_drive_file(tmp_path / "out" / "drive.h5").modulation == AmplitudeModulation()
     assert "with amplitude modulation, 557 Pa" in run.sensation[0]
-    assert "with amplitude modulation, 557 Pa" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "with amplitude modulation, 557 Pa" in (tmp_path / "out" / "report.html").read_text(
+        encoding="utf-8"
+    )
 
 
 def test_a_constant_drive_is_said_to_be_hardly_felt(rendered):

@@ -62,7 +62,9 @@ def test_a_pose_is_found_from_simulated_echoes_and_from_their_file(tmp_path, cap
     gained = float(re.search(r"([\d.]+) times", page)[1])  # pyright: ignore[reportOptionalSubscript]
     assert gained == pytest.approx(found["corrected"] / found["uncorrected"], abs=0.006)
     # Noise 20 dB below the echoes is what the pose found leaves; the start leaves far more.
-    before, after = re.search(r"the residual at each element: ([\d.]+) for the start and ([\d.]+)", page).groups()  # pyright: ignore[reportOptionalMemberAccess]
+    before, after = re.search(
+        r"the residual at each element: ([\d.]+) for the start and ([\d.]+)", page
+    ).groups()  # pyright: ignore[reportOptionalMemberAccess]
     assert float(after) == pytest.approx(0.1, abs=0.01)
     assert float(before) > 0.3
 
@@ -74,7 +76,18 @@ def test_a_pose_is_found_from_simulated_echoes_and_from_their_file(tmp_path, cap
 
 
 def test_the_shape_of_bodies_is_found_with_their_pose(tmp_path, capsys) -> None:
-    words = ["--simulate", "--shape", "--offset", "2e-4", "--turn", "0.5", "--noise", "30", "--seed", "1"]
+    words = [
+        "--simulate",
+        "--shape",
+        "--offset",
+        "2e-4",
+        "--turn",
+        "0.5",
+        "--noise",
+        "30",
+        "--seed",
+        "1",
+    ]
     status, found = run(tmp_path, capsys, *words)
     assert status == 0
     assert found["surface_off"] < 5e-5
@@ -91,10 +104,16 @@ def test_the_shape_of_bodies_is_found_with_their_pose(tmp_path, capsys) -> None:
 
 def test_the_shape_of_what_is_no_capsule_is_refused(tmp_path, capsys) -> None:
     scene = tmp_path / "hand.toml"
-    scene.write_text(SCENE.replace("sphere = { radius = 3e-3, centre = [5e-3, 2e-3, 3e-3] }", 'surface = "ball.stl"'))
+    scene.write_text(
+        SCENE.replace(
+            "sphere = { radius = 3e-3, centre = [5e-3, 2e-3, 3e-3] }", 'surface = "ball.stl"'
+        )
+    )
     ball = at.sphere(3e-3, 1e-3, (5e-3, 2e-3, 3e-3))
     trimesh.Trimesh(ball.vertices, ball.triangles).export(tmp_path / "ball.stl")
-    status = main(["sense", str(scene), "--json", "--out", str(tmp_path / "out"), "--simulate", "--shape"])
+    status = main(
+        ["sense", str(scene), "--json", "--out", str(tmp_path / "out"), "--simulate", "--shape"]
+    )
     fault = json.loads(capsys.readouterr().out)
     assert (status, fault["code"]) == (2, "wrong_kind")
 
@@ -106,7 +125,9 @@ def test_echoes_that_do_not_fit_are_rejected(tmp_path, capsys) -> None:
     path = tmp_path / "echoes.h5"
     random = np.random.default_rng(0)
     few = np.arange(0, 249, 12)
-    at.Echoes(at.sensing.random_codes(249, 2), random.normal(size=(len(few), 2)) * (1 + 1j), few).save(path)
+    at.Echoes(
+        at.sensing.random_codes(249, 2), random.normal(size=(len(few), 2)) * (1 + 1j), few
+    ).save(path)
     status, fault = run(tmp_path, capsys, "--echoes", str(path))
     assert (status, fault["code"]) == (2, "pose_not_found")
     at.Echoes(np.eye(3), np.eye(3)).save(path)
@@ -143,7 +164,9 @@ def test_an_array_is_calibrated_by_simulated_transmissions_and_by_a_file(tmp_pat
     assert found["error"][0] < 2e-5
     assert found["error"][1] < 0.05
     assert found["misfit"] < 0.1
-    scene.write_text(scene.read_text().replace('"monopole"', '"monopole"\ncalibration = "calibration.csv"'))
+    scene.write_text(
+        scene.read_text().replace('"monopole"', '"monopole"\ncalibration = "calibration.csv"')
+    )
     shifted = at.read_scene(scene).array
     assert not np.allclose(shifted.gains, 1.0)
     path = tmp_path / "echoes.h5"

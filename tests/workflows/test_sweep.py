@@ -14,7 +14,7 @@ import pytest
 
 import airtact as at
 from airtact.cli import main
-from airtact.sweeping.scene_point import frames_of, scene_point
+from airtact.setup.sweeping.scene_point import frames_of, scene_point
 from airtact.workflows.sweep.grid import grid_of
 from airtact.workflows.sweep.sweep import sweep
 
@@ -49,12 +49,15 @@ def test_a_grid_varies_its_last_path_fastest() -> None:
     assert grid_of(["a=1:2:2", "b=-1:0:2"]) == [{"a": a, "b": b} for a in (1, 2) for b in (-1, 0)]
     (values,) = {tuple(point["a"] for point in grid_of(["a=1:2:3"]))}
     assert values == (1.0, 1.5, 2.0)
-    assert [point["a"] for point in grid_of(["a=5e-4:3e-3:6"])] == pytest.approx(np.linspace(5e-4, 3e-3, 6))
+    assert [point["a"] for point in grid_of(["a=5e-4:3e-3:6"])] == pytest.approx(
+        np.linspace(5e-4, 3e-3, 6)
+    )
     assert grid_of([]) == [{}]
 
 
 @pytest.mark.parametrize(
-    "words", ["a", "a=1:2", "a=1:2:0", "a=1:2:1", "a=x:2:3", "a=1:inf:3", "a=1:2:2.5", "a=1:2:2000000"]
+    "words",
+    ["a", "a=1:2", "a=1:2:0", "a=1:2:1", "a=x:2:3", "a=1:inf:3", "a=1:2:2.5", "a=1:2:2000000"],
 )
 def test_words_that_are_no_values_are_rejected(words) -> None:
     with pytest.raises(at.InvalidInput) as fault:
@@ -64,7 +67,14 @@ def test_words_that_are_no_values_are_rejected(words) -> None:
 
 def test_the_table_of_the_command_line(open_air, tmp_path, capsys) -> None:
     out = tmp_path / "out"
-    command = ["sweep", str(open_air), "--vary", "foci[0].point[2]=0.1:0.2:3", "--vary", "medium.celsius=20:5000:2"]
+    command = [
+        "sweep",
+        str(open_air),
+        "--vary",
+        "foci[0].point[2]=0.1:0.2:3",
+        "--vary",
+        "medium.celsius=20:5000:2",
+    ]
     command += ["--out", str(out), "--processes", "1", "--parquet", "--json"]
     assert main(command) == 0
     record = json.loads(capsys.readouterr().out)
@@ -76,8 +86,12 @@ def test_the_table_of_the_command_line(open_air, tmp_path, capsys) -> None:
     assert not rows[1]["weakest_Pa"]
     for row in rows[::2]:
         setup = at.read_scene(open_air, {"foci[0].point[2]": float(row["foci[0].point[2]"])})
-        true = np.abs(setup.synthesise(matrix(setup), setup.target).amplitudes @ matrix(setup).matrix.T)
-        assert [float(row[f"focus_{index}_Pa"]) for index in (1, 2)] == pytest.approx(true, rel=1e-5)
+        true = np.abs(
+            setup.synthesise(matrix(setup), setup.target).amplitudes @ matrix(setup).matrix.T
+        )
+        assert [float(row[f"focus_{index}_Pa"]) for index in (1, 2)] == pytest.approx(
+            true, rel=1e-5
+        )
         assert (row["gain"], row["unknowns"]) == ("", "0")
     page = (out / "sweep.html").read_text(encoding="utf-8")
     assert re.search(r"<b>3</b><span>of them failed", page)
@@ -116,7 +130,9 @@ def test_frames_of_a_recording_take_the_place_of_the_hand() -> None:
     function = scene_point(scene, recording)
     frame = points[5]
     setup = function.setup(frame | {"foci[0].offset": 3e-3})
-    (seen,) = [one for one in at.tracking.load_recording(recording).frames if one.sequence == frame["frame"]]
+    (seen,) = [
+        one for one in at.hands.load_recording(recording).frames if one.sequence == frame["frame"]
+    ]
     assert setup.hands[0].joints == pytest.approx(seen.hand().joints, abs=1e-9)
     assert setup.hands[0].radii == pytest.approx(at.read_scene(scene).hands[0].radii)
 
@@ -159,7 +175,14 @@ def test_a_sweep_that_cannot_be_begins_nothing(varied, code, open_air, tmp_path)
 
 def test_a_cluster_gives_the_same_table(open_air, tmp_path) -> None:
     for name in (None, "local"):
-        sweep(open_air, ["foci[0].point[2]=0.1:0.2:3"], tmp_path / str(name), number=1, dask=name, pictures=False)
+        sweep(
+            open_air,
+            ["foci[0].point[2]=0.1:0.2:3"],
+            tmp_path / str(name),
+            number=1,
+            dask=name,
+            pictures=False,
+        )
     assert rows_of(tmp_path / "local") == rows_of(tmp_path / "None")
     with pytest.raises(at.InvalidInput) as fault:
         sweep(open_air, ["foci[0].point[2]=0.1:0.2:3"], tmp_path / "far", dask="nowhere")
@@ -169,7 +192,14 @@ def test_a_cluster_gives_the_same_table(open_air, tmp_path) -> None:
 @pytest.mark.slow
 def test_a_sweep_that_is_killed_twenty_times_gives_the_same_bytes(tmp_path, rng) -> None:
     (tmp_path / "fingers.toml").write_text(FINGERS, encoding="utf-8")
-    command = [sys.executable, "-m", "airtact", "sweep", str(tmp_path / "fingers.toml"), "--no-pictures"]
+    command = [
+        sys.executable,
+        "-m",
+        "airtact",
+        "sweep",
+        str(tmp_path / "fingers.toml"),
+        "--no-pictures",
+    ]
     command += ["--vary", "pinch.gap=0.006:0.02:200", "--out"]
     kept = [0]
     for _ in range(20):

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from airtact import _kernels
+from airtact.acoustics.solvers.memory import processor_count
 from airtact.benching.contest import ACCURACIES, EDGES, Solved, ours, theirs
 from airtact.benching.fundamental_solutions import reference_pressure
 from airtact.benching.growth import BOARDS, by_elements, by_unknowns
@@ -21,15 +22,21 @@ from airtact.benching.performance_page import Bench, draw_contest, draw_growth, 
 from airtact.benching.phalanges import Phalanges
 from airtact.benching.real_time import OpenHand, RealTime, Row
 from airtact.benching.scenes import Bodies, two_fingers
-from airtact.conventions import InvalidInput
-from airtact.file_access.atomic import whole_file, writable_folder
-from airtact.hand.files import load_hand
-from airtact.solvers.memory import processor_count
+from airtact.errors import InvalidInput
+from airtact.files.atomic import whole_file, writable_folder
+from airtact.hands.files import load_hand
 from airtact.timing import Progress, no_progress
 from airtact.transducers.element import monopole
 from airtact.transducers.layout import surrounding_box
 
-FILES = ("bench.csv", "bench.json", "performance.md", "error_against_time.png", "error_against_time.svg", "growth.png")
+FILES = (
+    "bench.csv",
+    "bench.json",
+    "performance.md",
+    "error_against_time.png",
+    "error_against_time.svg",
+    "growth.png",
+)
 """Files of a bench, with ``growth.svg``; references are cached in ``references`` beside them."""
 
 OFF = 2e-3
@@ -48,9 +55,10 @@ def bench(
 ) -> Bench:
     """Measure everything and write ``FILES`` into a folder, from which references computed before are read.
 
-    The interpreters of environments with AcousTools and bempp-cl, and the pose of an open hand (.json), are left out
-    with a note if not given; so is a package that fails. ``InvalidInput`` is raised where the folder takes no files, an
-    interpreter cannot be run, or the hand's file is at fault.
+    The interpreters of environments with AcousTools and bempp-cl, and the pose of an open hand
+    (.json), are left out with a note if not given; so is a package that fails. ``InvalidInput`` is
+    raised where the folder takes no files, an interpreter cannot be run, or the hand's file is at
+    fault.
     """
     others = {"AcousTools": acoustools, "bempp-cl": bempp}
     for package, python in others.items():
@@ -89,12 +97,22 @@ def contested() -> Bodies:
 
 def write(folder: Path, found: Bench) -> None:
     """Write tables and figures."""
-    with whole_file(folder / FILES[0]) as partial, partial.open("w", newline="", encoding="utf-8") as stream:
+    with (
+        whole_file(folder / FILES[0]) as partial,
+        partial.open("w", newline="", encoding="utf-8") as stream,
+    ):
         writer = csv.writer(stream)
-        writer.writerow(["what", "setting", "unknowns", "median_s", "least_s", "most_s", "error", "peak_byte"])
+        writer.writerow(
+            ["what", "setting", "unknowns", "median_s", "least_s", "most_s", "error", "peak_byte"]
+        )
         for one in found.contest:
-            times = [f"{value:.6g}" for value in (one.timed.median, min(one.timed.seconds), max(one.timed.seconds))]
-            writer.writerow([one.package, one.setting, one.unknowns, *times, f"{one.error:.6g}", one.peak])
+            times = [
+                f"{value:.6g}"
+                for value in (one.timed.median, min(one.timed.seconds), max(one.timed.seconds))
+            ]
+            writer.writerow(
+                [one.package, one.setting, one.unknowns, *times, f"{one.error:.6g}", one.peak]
+            )
         for row in found.rows:
             seconds = row.numbers.get("seconds", ())
             times = [f"{f(seconds):.6g}" if seconds else "" for f in (np.median, np.min, np.max)]  # pyright: ignore
@@ -126,7 +144,9 @@ def _contest(
             continue
         try:
             edges = QUICK_EDGES if quick else EDGES[package]
-            contest += theirs(package, python, bodies, elements, matrix, 1 if quick else 3, edges, report_step)
+            contest += theirs(
+                package, python, bodies, elements, matrix, 1 if quick else 3, edges, report_step
+            )
         except InvalidInput as fault:
             notes.append(f"{package} is left out: {fault}")
     return contest
@@ -141,11 +161,18 @@ def row_jobs(references: Path, hand: Path | None, runs: int) -> dict[str, Callab
         open_hand = OpenHand(load_hand(hand), references, runs)
         single |= {"hand-drive": open_hand.drive_only, "hand": open_hand.pressures}
     single["memory"] = memory_over_matrix
-    jobs: dict[str, Callable[[], list[Row]]] = {name: lambda job=job: [job()] for name, job in single.items()}
-    return jobs | {"accuracies": fingers.at_accuracies, "kernels": partial(kernels_against_product, runs)}
+    jobs: dict[str, Callable[[], list[Row]]] = {
+        name: lambda job=job: [job()] for name, job in single.items()
+    }
+    return jobs | {
+        "accuracies": fingers.at_accuracies,
+        "kernels": partial(kernels_against_product, runs),
+    }
 
 
-def _rows(references: Path, hand: Path | None, quick: bool, notes: list[str], report_step: Progress) -> list[Row]:
+def _rows(
+    references: Path, hand: Path | None, quick: bool, notes: list[str], report_step: Progress
+) -> list[Row]:
     if hand is None:
         notes.append("The open hand is left out: no --hand POSE.json was given.")
     rows: list[Row] = []
@@ -154,7 +181,9 @@ def _rows(references: Path, hand: Path | None, quick: bool, notes: list[str], re
             report_step(f"rows of real time: {name}")
             try:
                 rows += job()
-            except InvalidInput as fault:  # an extra that is not installed; what was measured is kept
+            except (
+                InvalidInput
+            ) as fault:  # an extra that is not installed; what was measured is kept
                 notes.append(f"The rows of {name!r} are left out: {fault}")
     return rows
 
@@ -162,5 +191,7 @@ def _rows(references: Path, hand: Path | None, quick: bool, notes: list[str], re
 def _machine() -> str:
     cores = processor_count()
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0  # Windows counts none
-    busy = f"; others kept it busy (load {load:.1f}): times are too long" if load > 0.5 * cores else ""
+    busy = (
+        f"; others kept it busy (load {load:.1f}): times are too long" if load > 0.5 * cores else ""
+    )
     return f"{platform.machine()}, {cores} cores, {_kernels.active_variant()}{busy}"

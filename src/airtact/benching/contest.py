@@ -13,12 +13,12 @@ from jaxtyping import Complex128, Float64, Int64, Real
 
 from airtact.benching.scenes import Bodies
 from airtact.benching.timing import Timed, relative_error
-from airtact.conventions import InvalidInput
-from airtact.hand.skin_mesh import even_skin
-from airtact.hand.sphere_mesh import Hulls
-from airtact.mesh.topology import cone_volumes
+from airtact.errors import InvalidInput
+from airtact.geometry.mesh.topology import cone_volumes
+from airtact.geometry.primitives import Capsule
+from airtact.hands.skin_mesh import even_skin
+from airtact.hands.sphere_mesh import Hulls
 from airtact.printing import in_short
-from airtact.surfaces.primitives import Capsule
 from airtact.timing import Progress, no_progress
 
 Case = dict[str, Real[np.ndarray, "..."] | float | int]
@@ -62,8 +62,8 @@ class Answer:
 class Solved:
     """The result of a package (with its version) for one case; the setting is its accuracy or number of triangles.
 
-    It is timed from bodies in memory to the transfer matrix; the error is that of the worse focus against the
-    reference, the peak as in ``Answer``.
+    It is timed from bodies in memory to the transfer matrix; the error is that of the worse focus
+    against the reference, the peak as in ``Answer``.
     """
 
     package: str
@@ -86,7 +86,9 @@ def run_case(script: str, python: str, case: Case, limit: float = 3600.0) -> Ans
         try:
             done = subprocess.run(call, capture_output=True, text=True, timeout=limit)
         except OSError as error:
-            raise InvalidInput(f"{python} cannot be run: {error.strerror}.", code="cannot_run") from None
+            raise InvalidInput(
+                f"{python} cannot be run: {error.strerror}.", code="cannot_run"
+            ) from None
         except subprocess.TimeoutExpired:
             words = f"{python} did not finish {script}_script.py within {limit:.0f} s."
             raise InvalidInput(words, code="took_too_long") from None
@@ -113,7 +115,9 @@ def ours(
     for estimate, accuracy in product((True, False), accuracies):
         report_step(f"airtact at {accuracy:.1%}" + ("" if estimate else NO_ESTIMATE))
         case = case_of(bodies, elements, runs, accuracy, estimate)
-        solved = _solved(run_case("airtact", sys.executable, case), f"{accuracy:.1%} asked", reference)
+        solved = _solved(
+            run_case("airtact", sys.executable, case), f"{accuracy:.1%} asked", reference
+        )
         found.append(solved if estimate else replace(solved, package=solved.package + NO_ESTIMATE))
     return found
 
@@ -129,7 +133,9 @@ def theirs(
     report_step: Progress = no_progress,
 ) -> list[Solved]:
     """Solve with another package on meshes of several sizes, each in a process of its own."""
-    script, kind = {"AcousTools": ("acoustools", np.int64), "bempp-cl": ("bempp", np.uint32)}[package]
+    script, kind = {"AcousTools": ("acoustools", np.int64), "bempp-cl": ("bempp", np.uint32)}[
+        package
+    ]
     small, found = flat_triangles(bodies, 6e-3), []
     for edge in edges:
         vertices, triangles = flat_triangles(bodies, edge)
@@ -143,7 +149,9 @@ def theirs(
             "warm_triangles": small[1].astype(kind),
             "inside": points_inside(bodies, CHIEF_POINTS),
         }
-        found.append(_solved(run_case(script, python, case), f"{len(triangles)} triangles", reference))
+        found.append(
+            _solved(run_case(script, python, case), f"{len(triangles)} triangles", reference)
+        )
     return found
 
 
@@ -157,10 +165,16 @@ def faster(mine: Sequence[Solved], other: Solved) -> tuple[float, Solved] | None
 
 
 def case_of(
-    bodies: Bodies, elements: Real[np.ndarray, "elements 3"], runs: int, accuracy: float, estimate: bool
+    bodies: Bodies,
+    elements: Real[np.ndarray, "elements 3"],
+    runs: int,
+    accuracy: float,
+    estimate: bool,
 ) -> Case:
     """Return a case for the script that runs airtact; with 0 runs it measures the memory only."""
-    axes, radii = (np.array([getattr(one, of) for one in bodies.capsules]) for of in ("axis", "radius"))
+    axes, radii = (
+        np.array([getattr(one, of) for one in bodies.capsules]) for of in ("axis", "radius")
+    )
     air = {"sound_speed": bodies.scene.medium.sound_speed, "frequency": bodies.scene.frequency}
     ask = {"accuracy": accuracy, "estimate": estimate}
     return {**_shared(bodies, elements, runs), **air, **ask, "axes": axes, "radii": radii}
@@ -170,12 +184,18 @@ def _shared(bodies: Bodies, elements: Real[np.ndarray, "elements 3"], runs: int)
     return {"foci": bodies.foci, "elements": np.asarray(elements), "runs": runs}
 
 
-def _solved(answer: Answer, setting: str, reference: Complex128[np.ndarray, "foci elements"]) -> Solved:
+def _solved(
+    answer: Answer, setting: str, reference: Complex128[np.ndarray, "foci elements"]
+) -> Solved:
     error = relative_error(answer.matrix, reference)
-    return Solved(answer.version, setting, answer.unknowns, Timed(answer.seconds), error, answer.peak)
+    return Solved(
+        answer.version, setting, answer.unknowns, Timed(answer.seconds), error, answer.peak
+    )
 
 
-def flat_triangles(bodies: Bodies, edge: float) -> tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "t 3"]]:
+def flat_triangles(
+    bodies: Bodies, edge: float
+) -> tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "t 3"]]:
     """Cover capsules with even flat triangles of a given edge [m], closed, outward, that hold the exact volume."""
     capsules = bodies.capsules
     balls = np.array([[*end, capsule.radius] for capsule in capsules for end in capsule.axis])
@@ -190,12 +210,16 @@ def flat_triangles(bodies: Bodies, edge: float) -> tuple[Float64[np.ndarray, "ve
         out, stretch = vertices - axis, 1.0
         for _ in range(20):
             held = float(cone_volumes((axis + stretch * out)[own]).sum())
-            stretch *= (capsule.volume / held) ** 0.4  # the volume grows between the first and the third power
+            stretch *= (
+                capsule.volume / held
+            ) ** 0.4  # the volume grows between the first and the third power
         vertices[owner == index] = (axis + stretch * out)[owner == index]
     return vertices, triangles
 
 
-def nearest_on_axis(capsule: Capsule, points: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
+def nearest_on_axis(
+    capsule: Capsule, points: Float64[np.ndarray, "points 3"]
+) -> Float64[np.ndarray, "points 3"]:
     """Find the point of a capsule's axis that is nearest to each point (P, 3) [m]."""
     start, along = capsule.axis[0], capsule.axis[1] - capsule.axis[0]
     share = np.clip((points - start) @ along / max(float(along @ along), 1e-30), 0.0, 1.0)

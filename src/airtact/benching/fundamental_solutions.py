@@ -1,11 +1,12 @@
 """Sound-hard capsules and spheres by fundamental solutions: a reference that shares no code with the solvers.
 
-The scattered field is a sum of monopoles inside the bodies, fitted by least squares to ∂p/∂n = 0 at more points of the
-surface (G. Fairweather, A. Karageorghis, P. A. Martin, Eng. Anal. Bound. Elem. 27, 759, 2003). The error falls fast in
-depth over spacing as long as the monopoles lie outside the images of the other body, which for a gap d stand
-a (1 - e^{-μ}) deep, cosh μ = 1 + d/(2a). So depth and spacing follow the gap along the surface: fine where bodies come
-close, coarse elsewhere. The estimate of its own error comes from a second, coarser fit and from the residual at surface
-points that were not fitted.
+The scattered field is a sum of monopoles inside the bodies, fitted by least squares to ∂p/∂n = 0 at
+more points of the surface (G. Fairweather, A. Karageorghis, P. A. Martin, Eng. Anal. Bound. Elem.
+27, 759, 2003). The error falls fast in depth over spacing as long as the monopoles lie outside the
+images of the other body, which for a gap d stand a (1 - e^{-μ}) deep, cosh μ = 1 + d/(2a). So depth
+and spacing follow the gap along the surface: fine where bodies come close, coarse elsewhere. The
+estimate of its own error comes from a second, coarser fit and from the residual at surface points
+that were not fitted.
 """
 
 import hashlib
@@ -17,8 +18,8 @@ import numpy as np
 from jaxtyping import Complex128, Float64, Int64, Num, Real
 
 from airtact.benching.scenes import Bodies
+from airtact.geometry.primitives import Capsule
 from airtact.printing import in_short
-from airtact.surfaces.primitives import Capsule
 
 DEPTH_OF_IMAGES = 0.75  # share of the images' depth at which the monopoles stand
 KEPT_DIGITS = 2.5  # decimal digits that the highest azimuthal order that matters may lose on its way to the surface
@@ -36,11 +37,12 @@ def pressure_at(
 ) -> tuple[Complex128[np.ndarray, "receivers sources"], float]:
     """Total pressure [Pa] of unit monopoles e^{ikr}/r beside sound-hard capsules (of length 0: spheres) apart.
 
-    By reciprocity the set of points [m] farther from the surfaces becomes the sources, so one of the two may touch a
-    surface; the other keeps some centimetres away. From ``fineness`` monopoles per depth on, the fit is refined until
-    the estimated error at the worst of the closer points, over all the others, is the ``wanted`` one: the relative
-    change from a coarser fit times the fraction to which the residual ∂p/∂n at surface points that were not fitted has
-    fallen, but at least a tenth of that residual. It is returned too.
+    By reciprocity the set of points [m] farther from the surfaces becomes the sources, so one of
+    the two may touch a surface; the other keeps some centimetres away. From ``fineness`` monopoles
+    per depth on, the fit is refined until the estimated error at the worst of the closer points,
+    over all the others, is the ``wanted`` one: the relative change from a coarser fit times the
+    fraction to which the residual ∂p/∂n at surface points that were not fitted has fallen, but at
+    least a tenth of that residual. It is returned too.
     """
     sources_off, receivers_off = (
         min(-capsule.depth(points).max() for capsule in capsules) for points in (sources, receivers)
@@ -61,14 +63,17 @@ def pressure_at(
 
 
 def superposed(
-    unit: Complex128[np.ndarray, "points sources"], strengths: Complex128[np.ndarray, "sources excitations"] | None
+    unit: Complex128[np.ndarray, "points sources"],
+    strengths: Complex128[np.ndarray, "sources excitations"] | None,
 ) -> Complex128[np.ndarray, "points excitations"]:
     """Sum the fields of unit sources by their strengths, or return them alone."""
     return unit if strengths is None else unit @ strengths
 
 
 def waves(
-    points: Real[np.ndarray, "points 3"], sources: Real[np.ndarray, "sources 3"], wavenumber: complex
+    points: Real[np.ndarray, "points 3"],
+    sources: Real[np.ndarray, "sources 3"],
+    wavenumber: complex,
 ) -> Complex128[np.ndarray, "points sources"]:
     """e^{ikr}/r at (P, 3) points of (N, 3) sources: (P, N)."""
     distance = np.linalg.norm(points[:, None, :] - sources[None, :, :], axis=2)
@@ -89,7 +94,9 @@ def normal_derivatives(
         square += offset**2
         along += offset * normals[:, axis, None]
     distance = np.sqrt(square)
-    return (1j * wavenumber - 1.0 / distance) * np.exp(1j * wavenumber * distance) * (along / square)
+    return (
+        (1j * wavenumber - 1.0 / distance) * np.exp(1j * wavenumber * distance) * (along / square)
+    )
 
 
 def surface_points(
@@ -98,7 +105,9 @@ def surface_points(
     """Spread points over a capsule by the golden angle (equal steps of z are equal areas), with their normals."""
     height = (capsule.length + 2.0 * capsule.radius) * ((np.arange(number) + start) / number - 0.5)
     azimuth = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(number)
-    above = np.sign(height) * np.maximum(np.abs(height) - capsule.length / 2.0, 0.0) / capsule.radius
+    above = (
+        np.sign(height) * np.maximum(np.abs(height) - capsule.length / 2.0, 0.0) / capsule.radius
+    )
     flat = np.sqrt(1.0 - above**2)
     normals = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), above], axis=1)
     axis = np.stack([0.0 * height, 0.0 * height, height - above * capsule.radius], axis=1)
@@ -106,10 +115,15 @@ def surface_points(
 
 
 def monopole_depths(
-    capsule: Capsule, others: Sequence[Capsule], points: Real[np.ndarray, "points 3"], wavenumber: complex
+    capsule: Capsule,
+    others: Sequence[Capsule],
+    points: Real[np.ndarray, "points 3"],
+    wavenumber: complex,
 ) -> Float64[np.ndarray, "points"]:
     """Depth of the monopole under each surface point [m]."""
-    share = np.full(len(points), 1.0 - 10.0 ** (-KEPT_DIGITS / (abs(wavenumber) * capsule.radius + 5.0)))
+    share = np.full(
+        len(points), 1.0 - 10.0 ** (-KEPT_DIGITS / (abs(wavenumber) * capsule.radius + 5.0))
+    )
     for other in others:
         gap = np.maximum(-other.depth(points), 1e-6)
         images = 1.0 - np.exp(-np.arccosh(1.0 + gap / (2.0 * capsule.radius)))
@@ -149,7 +163,9 @@ class Fit:
 
     __repr__ = in_short
 
-    def pressure(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points excitations"]:
+    def pressure(
+        self, points: Real[np.ndarray, "points 3"]
+    ) -> Complex128[np.ndarray, "points excitations"]:
         """Total pressure [Pa] at points (P, 3) outside the bodies."""
         blocks = [
             superposed(waves(part, self.sources, self.wavenumber), self.source_strengths)
@@ -164,9 +180,14 @@ class Fit:
         for capsule in self.capsules:
             points, normals = surface_points(capsule, 1009, start=0.31)
             arriving = superposed(
-                normal_derivatives(points, normals, self.sources, self.wavenumber), self.source_strengths
+                normal_derivatives(points, normals, self.sources, self.wavenumber),
+                self.source_strengths,
             )
-            total = arriving + normal_derivatives(points, normals, self.monopoles, self.wavenumber) @ self.strengths
+            total = (
+                arriving
+                + normal_derivatives(points, normals, self.monopoles, self.wavenumber)
+                @ self.strengths
+            )
             incident += capsule.area * np.linalg.norm(arriving) ** 2
             defect += capsule.area * np.linalg.norm(total) ** 2
         return float(np.sqrt(defect / incident))
@@ -194,11 +215,17 @@ def fitted(
         points.append(surface[chosen])
         normals.append(outward[chosen])
         sides.append(spacing[chosen])
-    monopoles, surface, outward = np.concatenate(positions), np.concatenate(points), np.concatenate(normals)
+    monopoles, surface, outward = (
+        np.concatenate(positions),
+        np.concatenate(points),
+        np.concatenate(normals),
+    )
     weights = np.concatenate(sides)[:, None]
     matrix = weights * normal_derivatives(surface, outward, monopoles, wavenumber)
     sizes = np.linalg.norm(matrix, axis=0)
-    right = -weights * superposed(normal_derivatives(surface, outward, sources, wavenumber), source_strengths)
+    right = -weights * superposed(
+        normal_derivatives(surface, outward, sources, wavenumber), source_strengths
+    )
     strengths = least_squares(matrix / sizes, right) / sizes[:, None]
     return Fit(capsules, wavenumber, sources, source_strengths, monopoles, strengths)
 
@@ -237,17 +264,21 @@ def reference_pressure(
 ) -> Reference:
     """Return the pressure of monopoles beside capsules, read from ``folder`` where it was computed before.
 
-    The sources are far from the surfaces, the points anywhere outside [m]. Without strengths of excitations [Pa·m] they
-    are unit monopoles, each an excitation of its own.
+    The sources are far from the surfaces, the points anywhere outside [m]. Without strengths of
+    excitations [Pa·m] they are unit monopoles, each an excitation of its own.
     """
     wavenumber, capsules = bodies.scene.wavenumber, bodies.capsules
 
     def compute() -> Reference:
         if strengths is None:
             return Reference(*pressure_at(capsules, wavenumber, sources, points))
-        fits = [fitted(capsules, wavenumber, sources, f, strengths) for f in (FINENESS / 1.25, FINENESS)]
+        fits = [
+            fitted(capsules, wavenumber, sources, f, strengths) for f in (FINENESS / 1.25, FINENESS)
+        ]
         coarse, pressure = (fit.pressure(points) for fit in fits)
-        return Reference(pressure, float(np.linalg.norm(pressure - coarse) / np.linalg.norm(pressure)))
+        return Reference(
+            pressure, float(np.linalg.norm(pressure - coarse) / np.linalg.norm(pressure))
+        )
 
     settings = str([(c.radius, c.length, wavenumber, FINENESS) for c in capsules])
     poses = [part for one in capsules for part in (one.pose.rotation, one.pose.translation)]
@@ -256,7 +287,10 @@ def reference_pressure(
 
 
 def cached_reference(
-    folder: Path, settings: str, arrays: Sequence[Num[np.ndarray, "..."]], compute: Callable[[], Reference]
+    folder: Path,
+    settings: str,
+    arrays: Sequence[Num[np.ndarray, "..."]],
+    compute: Callable[[], Reference],
 ) -> Reference:
     """Read a reference from a folder, or compute and write it; its file is named by its settings and arrays."""
     digest = hashlib.sha256(settings.encode())

@@ -5,21 +5,21 @@ from functools import partial
 
 import numpy as np
 
+from airtact.acoustics.scene import Scene
+from airtact.acoustics.solvers.bem.solver import BoundaryElement
+from airtact.acoustics.target import Target
 from airtact.benching.scenes import Bodies, two_fingers
 from airtact.benching.timing import Timed, timed
-from airtact.hand.shape import HandShape
-from airtact.hand.skin_mesh import midpoints
-from airtact.hand.sphere_mesh import Hulls
-from airtact.pose import Pose
-from airtact.scene.scene import Scene
-from airtact.scene.target import Target
-from airtact.solvers.bem.solver import BoundaryElement
-from airtact.surfaces.surface import Surface
-from airtact.synthesis.time_reversal import time_reversal
+from airtact.drives.conjugation import time_reversal
+from airtact.drives.transfer import transfer_matrix
+from airtact.geometry.pose import Pose
+from airtact.geometry.surface import Surface
+from airtact.hands.shape import HandShape
+from airtact.hands.skin_mesh import midpoints
+from airtact.hands.sphere_mesh import Hulls
 from airtact.timing import Progress, no_progress
 from airtact.transducers.element import monopole
 from airtact.transducers.layout import flat_boards
-from airtact.transfer import transfer_matrix
 
 UNKNOWNS = (1000, 2000, 4000, 8000, 16000)
 BOARDS = (1, 2, 4, 8)
@@ -55,8 +55,12 @@ def by_elements(runs: int, boards: tuple[int, ...] = BOARDS) -> list[Grown]:
     beacons = BoundaryElement(accuracy=0.03).radiate(bodies.scene, bodies.target.beacons())
     found = []
     for side in boards:
-        array = flat_boards(side, side, monopole()).seen_from(Pose(np.eye(3), np.array([0.0, 0.0, 0.2])))
-        jobs = [lambda array=array: time_reversal(transfer_matrix(beacons, array), bodies.target)] * (runs + 1)
+        array = flat_boards(side, side, monopole()).seen_from(
+            Pose(np.eye(3), np.array([0.0, 0.0, 0.2]))
+        )
+        jobs = [
+            lambda array=array: time_reversal(transfer_matrix(beacons, array), bodies.target)
+        ] * (runs + 1)
         found.append(Grown(len(array), timed(jobs)[0]))
     return found
 
@@ -73,9 +77,14 @@ def evenly_covered(bodies: Bodies) -> Bodies:
     surfaces = []
     for one in bodies.capsules:
         balls = np.array([[*end, one.radius] for end in one.axis])
-        shape = HandShape(Hulls(balls, np.array([[0, 1, -1]]), np.zeros((1, 1)), np.zeros((1, 1))), Pose.identity())
+        shape = HandShape(
+            Hulls(balls, np.array([[0, 1, -1]]), np.zeros((1, 1)), np.zeros((1, 1))),
+            Pose.identity(),
+        )
         skin = shape.skin(3e-3)
-        surfaces.append(Surface(skin.vertices, skin.triangles, midpoints(shape.hulls, skin), primitive=shape))
+        surfaces.append(
+            Surface(skin.vertices, skin.triangles, midpoints(shape.hulls, skin), primitive=shape)
+        )
     return Bodies(tuple(surfaces), bodies.foci)
 
 

@@ -6,15 +6,15 @@ from functools import partial
 import numpy as np
 
 from airtact import _kernels
+from airtact.acoustics.solvers.bem.blocks import blocks_of
+from airtact.acoustics.solvers.bem.layer_potentials import NearRule
+from airtact.acoustics.solvers.bem.operator import DualMatrix, DualSurface, dual_surface
+from airtact.acoustics.solvers.bem.quadrature import place_nodes
+from airtact.acoustics.solvers.bem.solver import BoundaryElement
 from airtact.benching.contest import case_of, run_case
 from airtact.benching.real_time import Row
 from airtact.benching.scenes import two_fingers
 from airtact.benching.timing import Timed, timed
-from airtact.solvers.bem.blocks import blocks_of
-from airtact.solvers.bem.layer_potentials import NearRule
-from airtact.solvers.bem.operator import DualMatrix, DualSurface, dual_surface
-from airtact.solvers.bem.quadrature import place_nodes
-from airtact.solvers.bem.solver import BoundaryElement
 
 FLOPS = 56
 """Operations of one kernel evaluation, the gradient of a Green's function along a normal."""
@@ -46,8 +46,19 @@ def _kernel_row(variant: str, surface: DualSurface, runs: int) -> Row:
     blocks = blocks_of(count)
     matrix = DualMatrix.empty(count, "bfloat16", np.ones((blocks, blocks), dtype=bool))
     none = np.zeros(0, dtype=np.int64), np.zeros((0, 6), dtype=np.complex128)
-    first, first_shifted = np.zeros(count + 1, dtype=np.int64), np.zeros(len(shifted) + 1, dtype=np.int64)
-    positions = nodes.points, shifted, nodes.points, nodes.weighted_normals, none[1][:, 0], surface.wavenumber, 0.5
+    first, first_shifted = (
+        np.zeros(count + 1, dtype=np.int64),
+        np.zeros(len(shifted) + 1, dtype=np.int64),
+    )
+    positions = (
+        nodes.points,
+        shifted,
+        nodes.points,
+        nodes.weighted_normals,
+        none[1][:, 0],
+        surface.wavenumber,
+        0.5,
+    )
     near = first, *none, first_shifted, *none
     whole = matrix.whole.first, matrix.whole.column
     fill = partial(_kernels.dual_blocks_bfloat16, *positions, *near, *whole, matrix.blocks)

@@ -56,16 +56,26 @@ class Bench:
 
 def page_of(found: Bench) -> str:
     """Return the page in Markdown."""
-    parts = [HEAD, f"Machine: {found.machine}.\n", CONTEST.format(own=found.own_error), _contest(found), _rows(found)]
+    parts = [
+        HEAD,
+        f"Machine: {found.machine}.\n",
+        CONTEST.format(own=found.own_error),
+        _contest(found),
+        _rows(found),
+    ]
     parts.append(_growth(found))
     if found.notes:
-        parts.append("## Left out\n\n" + "\n".join(f"- {sentence}" for sentence in found.notes) + "\n")
+        parts.append(
+            "## Left out\n\n" + "\n".join(f"- {sentence}" for sentence in found.notes) + "\n"
+        )
     return "\n".join(parts)
 
 
 def _contest(found: Bench) -> str:
     mine = [one for one in found.contest if one.package.startswith("airtact")]
-    lines = ["| package | setting | unknowns | time | error | memory | airtact at equal or smaller error |"]
+    lines = [
+        "| package | setting | unknowns | time | error | memory | airtact at equal or smaller error |"
+    ]
     lines.append("|---|---|---|---|---|---|---|")
     for one in found.contest:
         numbers = f"{one.unknowns} | {one.timed} | {one.error:.2%} | {one.peak / 1e6:.0f} MB"
@@ -85,7 +95,10 @@ def _ratio(mine: list[Solved], one: Solved) -> str:
 def _rows(found: Bench) -> str:
     lines = ["## A hand that moves\n", "| what | asked | measured | error | where the time went |"]
     lines.append("|---|---|---|---|---|")
-    lines += [f"| {one.what} | {one.asked} | {one.measured} | {one.error} | {one.profile} |" for one in found.rows]
+    lines += [
+        f"| {one.what} | {one.asked} | {one.measured} | {one.error} | {one.profile} |"
+        for one in found.rows
+    ]
     return "\n".join([*lines, ""])
 
 
@@ -98,7 +111,9 @@ def _growth(found: Bench) -> str:
         lines += [f"| {name} | {what} |", "|---|---|"]
         lines += [f"| {one.size} | {one.timed} |" for one in grown]
         if len(grown) > 1:
-            lines.append(f"\nOver the larger half it grows as the power {power(list(grown)):.1f} of the {name}.")
+            lines.append(
+                f"\nOver the larger half it grows as the power {power(list(grown)):.1f} of the {name}."
+            )
         lines.append("")
     return "\n".join([*lines, "![How the cost grows](growth.svg)\n"])
 
@@ -114,7 +129,9 @@ def draw_contest(folder: Path, contest: Sequence[Solved], own_error: float) -> N
         low = [one.timed.median - min(one.timed.seconds) for one in runs]
         high = [max(one.timed.seconds) - one.timed.median for one in runs]
         errors = [100 * one.error for one in runs]
-        axes.errorbar(middle, errors, xerr=(low, high), color=colour, marker=mark, capsize=3, label=package)
+        axes.errorbar(
+            middle, errors, xerr=(low, high), color=colour, marker=mark, capsize=3, label=package
+        )
     axes.axhline(100 * own_error, color="0.6", linestyle=":", label="the reference's own error")
     axes.set(xlabel="time from bodies to transfer matrix, 996 elements, 2 foci [s]")
     axes.set(ylabel="error of the transfer matrix [%]")
@@ -128,8 +145,15 @@ def draw_growth(folder: Path, unknowns: Sequence[Grown], elements: Sequence[Grow
     figure = Figure(figsize=(8.0, 3.6), layout="constrained")
     pair = figure.subplots(1, 2, subplot_kw={"xscale": "log", "yscale": "log"})
     says = "time of a solve [s]", "time to the drive of a solved shape [s]"
-    for axes, size, label, grown in zip(pair, ("unknowns", "elements"), says, (unknowns, elements), strict=True):
-        axes.plot([one.size for one in grown], [one.timed.median for one in grown], color=COLOURS[0], marker="o")
+    for axes, size, label, grown in zip(
+        pair, ("unknowns", "elements"), says, (unknowns, elements), strict=True
+    ):
+        axes.plot(
+            [one.size for one in grown],
+            [one.timed.median for one in grown],
+            color=COLOURS[0],
+            marker="o",
+        )
         axes.set(xlabel=size, ylabel=label)
         axes.grid(which="both", color="0.92")
         if len(grown) > 1:

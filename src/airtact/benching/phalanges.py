@@ -7,21 +7,29 @@ from functools import cached_property, partial
 import numpy as np
 from jaxtyping import Complex128, Float64
 
+from airtact.acoustics.medium import air
+from airtact.acoustics.scene import Scene, sound_hard
+from airtact.acoustics.solvers.bem.solver import BoundaryElement
+from airtact.acoustics.target import Target
 from airtact.benching.real_time import Row
 from airtact.benching.timing import correlation, timed
-from airtact.examples import example
-from airtact.hand.files import load_hand
-from airtact.hand.hand import Hand
-from airtact.live.drives.factors import HandFactors, OpenAir, PartSolver, beacon_points, factors_of, part_of, solved
+from airtact.drives.conjugation import time_reversal
+from airtact.drives.transfer import TransferMatrix
+from airtact.hands.files import load_hand
+from airtact.hands.hand import Hand
+from airtact.live.drives.factors import (
+    HandFactors,
+    OpenAir,
+    PartSolver,
+    beacon_points,
+    factors_of,
+    part_of,
+    solved,
+)
 from airtact.live.drives.riding import ride
 from airtact.live.parts import LiveScene
-from airtact.scene.medium import air
-from airtact.scene.scene import Scene, sound_hard
-from airtact.scene.target import Target
-from airtact.solvers.bem.solver import BoundaryElement
-from airtact.synthesis.time_reversal import time_reversal
+from airtact.setup.examples import example
 from airtact.transducers.layout import flat_boards
-from airtact.transfer import TransferMatrix
 
 GAPS = 6e-3, 20e-3
 """Gaps between thumb and index finger that the poses run through [m]."""
@@ -55,7 +63,9 @@ class Phalanges:
         pads = self.hand.pads[:2].mean(axis=0)
         array = flat_boards(2, 2).facing(tuple(pads), (1.0, 0.0, 0.0), DISTANCE)
         places, offsets = ("thumb.pad", "index.pad"), np.full(2, 1e-3)
-        return LiveScene(air(celsius=22), 40e3, array, self.hand.side, self.hand.radii, places, offsets)
+        return LiveScene(
+            air(celsius=22), 40e3, array, self.hand.side, self.hand.radii, places, offsets
+        )
 
     @cached_property
     def open_air(self) -> OpenAir:
@@ -66,7 +76,9 @@ class Phalanges:
         """Time them as rigid bodies, each factorised once."""
         solver = PartSolver(self.scene)
         asked = "8 ms, correlation 0.995"
-        return self._row("factorised once", asked, lambda joints: solver.solved(joints, "phalanges", 0.0))
+        return self._row(
+            "factorised once", asked, lambda joints: solver.solved(joints, "phalanges", 0.0)
+        )
 
     def meshed_anew(self) -> Row:
         """Time them as one body meshed in each pose, which is what the live loop does for fingers that touch."""
@@ -96,11 +108,15 @@ class Phalanges:
             numbers={"seconds": took.seconds, "correlation": alike},
         )
 
-    def _likeness(self, joints: Float64[np.ndarray, "25 3"], matrix: Complex128[np.ndarray, "foci elements"]) -> float:
+    def _likeness(
+        self, joints: Float64[np.ndarray, "25 3"], matrix: Complex128[np.ndarray, "foci elements"]
+    ) -> float:
         """Least correlation of a row with that of the same phalanges, solved more accurately as one body."""
         scene, riding = self.scene, ride(self.scene, joints)
         body = Scene(
-            scene.medium, [sound_hard(part_of(riding.hand, "phalanges", scene.places))], frequency=scene.frequency
+            scene.medium,
+            [sound_hard(part_of(riding.hand, "phalanges", scene.places))],
+            frequency=scene.frequency,
         )
         beacons = Target(beacon_points(scene, riding)).beacons()
         field = BoundaryElement(accuracy=REFERENCE_ACCURACY, estimate=False).radiate(body, beacons)

@@ -1,7 +1,7 @@
 """Times of a moving hand, from pose to drive, each in a row with its error: two fingers, and an open hand.
 
-Everything goes through the public names; the reference is fundamental solutions, for the open hand a more accurate
-solution.
+Everything goes through the public names; the reference is fundamental solutions, for the open hand
+a more accurate solution.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -12,20 +12,27 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Complex128, Real
 
+from airtact.acoustics.solvers.bem.solver import BoundaryElement
+from airtact.acoustics.solvers.problem import RadiatedField, Solver, SolveReport
+from airtact.acoustics.solvers.spherical.multipole_field import multipole_expansion
+from airtact.acoustics.sources import Monopoles
 from airtact.benching.fundamental_solutions import Reference, cached_reference, reference_pressure
-from airtact.benching.scenes import Bodies, deformed, moved_each, moved_foci, two_fingers, whole_motion
+from airtact.benching.scenes import (
+    Bodies,
+    deformed,
+    moved_each,
+    moved_foci,
+    two_fingers,
+    whole_motion,
+)
 from airtact.benching.timing import Timed, correlation, relative_error, timed
+from airtact.drives.conjugation import time_reversal
+from airtact.drives.transfer import Drive, TransferMatrix, transfer_matrix
 from airtact.evaluation.field import drive_sources
-from airtact.hand.hand import Hand, hand_from_joints
+from airtact.hands.hand import Hand, hand_from_joints
 from airtact.printing import in_short
-from airtact.scene.sources import Monopoles
-from airtact.solvers.bem.solver import BoundaryElement
-from airtact.solvers.problem import RadiatedField, Solver, SolveReport
-from airtact.solvers.spherical.multipole_field import multipole_expansion
-from airtact.synthesis.time_reversal import time_reversal
 from airtact.transducers.element import monopole
 from airtact.transducers.layout import PhasedArray, surrounding_box
-from airtact.transfer import Drive, TransferMatrix, transfer_matrix
 
 CODES = 16
 """Coded transmissions, whose echoes are solved for at once."""
@@ -109,13 +116,24 @@ class RealTime:
 
     def jobs(self) -> dict[str, Callable[[], Row]]:
         """Return the job of every row by its name."""
-        deforming = partial(self._deformed, "new pose to drive, 2 foci", "18 ms, 3 %", self.accuracy)
+        deforming = partial(
+            self._deformed, "new pose to drive, 2 foci", "18 ms, 3 %", self.accuracy
+        )
         return {
             "deformed": deforming,
-            "each": partial(self._factorised, "two fingers, each moved rigidly, to drive", "5 ms, 3 %", moved_each),
-            "drive": partial(self._deformed, "drive only", "10 ms, correlation 0.995", DRIVE_ACCURACY),
+            "each": partial(
+                self._factorised,
+                "two fingers, each moved rigidly, to drive",
+                "5 ms, 3 %",
+                moved_each,
+            ),
+            "drive": partial(
+                self._deformed, "drive only", "10 ms, correlation 0.995", DRIVE_ACCURACY
+            ),
             "whole": self.whole_moved,
-            "focus": partial(self._factorised, "new foci on a solved shape, to drive", "2.5 ms", moved_foci),
+            "focus": partial(
+                self._factorised, "new foci on a solved shape, to drive", "2.5 ms", moved_foci
+            ),
             "codes": self.coded,
             "slice": self.slice_beside,
         }
@@ -136,7 +154,8 @@ class RealTime:
     def whole_moved(self) -> Row:
         """Time a solved shape that moves as a whole: transfer matrix and drive again, no solve.
 
-        The scattered field comes from a multipole expansion, computed once; the surface integral is timed beside it.
+        The scattered field comes from a multipole expansion, computed once; the surface integral is
+        timed beside it.
         """
         bodies = self.rest
         beacons = self.quick.radiate(bodies.scene, bodies.target.beacons())
@@ -150,15 +169,22 @@ class RealTime:
         took, made = timed([partial(again, waves, frame) for frame in range(self.runs + 1)])
         seen = [self.array.seen_from(whole_motion(frame)) for frame in range(1, CHECKED)]
         errors = [self._errors(bodies, array, one) for array, one in zip(seen, made, strict=False)]
-        row = self._row("whole pinch moved rigidly, to drive", "2 ms for 2000 unknowns", took, made, errors)
-        found, off = waves.report.seconds["expansion"], float(waves.report.settings["expansion_error"])
+        row = self._row(
+            "whole pinch moved rigidly, to drive", "2 ms for 2000 unknowns", took, made, errors
+        )
+        found, off = (
+            waves.report.seconds["expansion"],
+            float(waves.report.settings["expansion_error"]),
+        )
         profile = f"{row.profile}; by the surface integral {by_sum}; expansion computed once in {1e3 * found:.3g} ms"
         return replace(row, error=f"{row.error}; expansion {off:.1e} off", profile=profile)
 
     def coded(self) -> Row:
         """Time the solve of two fingers for coded transmissions of the whole array, over that for two foci."""
         bodies, random = self.rest, np.random.default_rng(1)
-        codes = Monopoles(self.array.positions, np.exp(2j * np.pi * random.random((len(self.array), CODES))))
+        codes = Monopoles(
+            self.array.positions, np.exp(2j * np.pi * random.random((len(self.array), CODES)))
+        )
         foci, coded = (
             timed([partial(self.quick.radiate, bodies.scene, sources)] * (self.runs + 1))[0]
             for sources in (bodies.target.beacons(), codes)
@@ -181,7 +207,9 @@ class RealTime:
         took, pressure = timed([partial(field.at, points)] * (self.runs + 1))
         outside = np.flatnonzero((scene.depth(points) < 0) & (np.arange(len(points)) % 37 == 0))
         strengths = sources.strengths.astype(np.complex128)
-        reference = reference_pressure(self.rest, sources.positions, points[outside], self.folder, strengths)
+        reference = reference_pressure(
+            self.rest, sources.positions, points[outside], self.folder, strengths
+        )
         error = relative_error(pressure[0][outside].T, reference.pressure.T)
         return Row(
             "field on 200 x 200 points beside two fingers",
@@ -195,27 +223,56 @@ class RealTime:
     def _frames(self, what: str, asked: str, solver: Solver, frames: Sequence[Bodies]) -> Row:
         took, made = timed([partial(to_drive, solver, bodies, self.array) for bodies in frames])
         checked = zip(frames[1 : CHECKED + 1], made, strict=False)
-        return self._row(what, asked, took, made, [self._errors(bodies, self.array, one) for bodies, one in checked])
+        return self._row(
+            what,
+            asked,
+            took,
+            made,
+            [self._errors(bodies, self.array, one) for bodies, one in checked],
+        )
 
     def _errors(self, bodies: Bodies, array: PhasedArray, made: Made) -> tuple[float, float, float]:
         """Error of the transfer matrix, correlation of the drive, and the reference's own error."""
         reference = reference_pressure(bodies, array.positions, bodies.foci, self.folder)
-        return (*errors_of(made, array.element.sensitivity * reference.pressure, bodies), reference.own_error)
+        return (
+            *errors_of(made, array.element.sensitivity * reference.pressure, bodies),
+            reference.own_error,
+        )
 
     def _row(
-        self, what: str, asked: str, took: Timed, made: Sequence[Made], errors: Sequence[tuple[float, float, float]]
+        self,
+        what: str,
+        asked: str,
+        took: Timed,
+        made: Sequence[Made],
+        errors: Sequence[tuple[float, float, float]],
     ) -> Row:
-        worst, alike, own = max(e[0] for e in errors), min(e[1] for e in errors), max(e[2] for e in errors)
+        worst, alike, own = (
+            max(e[0] for e in errors),
+            min(e[1] for e in errors),
+            max(e[2] for e in errors),
+        )
         return row_of(what, asked, took, made, (worst, alike), f"reference itself {own:.2%}")
 
 
-def errors_of(made: Made, matrix: Complex128[np.ndarray, "foci elements"], bodies: Bodies) -> tuple[float, float]:
+def errors_of(
+    made: Made, matrix: Complex128[np.ndarray, "foci elements"], bodies: Bodies
+) -> tuple[float, float]:
     """Relative error of a transfer matrix, and correlation of its drive with that of the reference matrix."""
     exact = time_reversal(TransferMatrix(matrix, 0.0), bodies.target)
-    return relative_error(made.transfer.matrix, matrix), correlation(made.drive.amplitudes, exact.amplitudes)
+    return relative_error(made.transfer.matrix, matrix), correlation(
+        made.drive.amplitudes, exact.amplitudes
+    )
 
 
-def row_of(what: str, asked: str, took: Timed, made: Sequence[Made], errors: tuple[float, float], against: str) -> Row:
+def row_of(
+    what: str,
+    asked: str,
+    took: Timed,
+    made: Sequence[Made],
+    errors: tuple[float, float],
+    against: str,
+) -> Row:
     """Write a row from the error of the transfer matrix and the correlation of the drive."""
     nodes = int(np.median([one.report.nodes for one in made]))
     return Row(
@@ -270,7 +327,9 @@ class OpenHand:
         """The hand with foci in front of the pads of index and middle finger."""
         hand = scaled(self.hand)
         pads = [hand.place(name) for name in ("index.pad", "middle.pad")]
-        return Bodies((hand.surface,), np.array([position + 0.5e-3 * normal for position, normal in pads]))
+        return Bodies(
+            (hand.surface,), np.array([position + 0.5e-3 * normal for position, normal in pads])
+        )
 
     @cached_property
     def reference(self) -> Reference:
@@ -278,7 +337,9 @@ class OpenHand:
 
         def compute() -> Reference:
             solvers = [BoundaryElement(accuracy=accuracy) for accuracy in (FINE, COARSER)]
-            fine, coarser = (to_drive(solver, self.bodies, self.array).transfer.matrix for solver in solvers)
+            fine, coarser = (
+                to_drive(solver, self.bodies, self.array).transfer.matrix for solver in solvers
+            )
             return Reference(fine, relative_error(coarser, fine))
 
         shape = self.hand.joints, self.hand.radii
@@ -286,15 +347,21 @@ class OpenHand:
 
     def drive_only(self) -> Row:
         """Time the hand where only the drive is wanted."""
-        return self._row("open hand of 325 cm², drive only", "0.12 s, correlation 0.995", HAND_DRIVE_ACCURACY)
+        return self._row(
+            "open hand of 325 cm², drive only", "0.12 s, correlation 0.995", HAND_DRIVE_ACCURACY
+        )
 
     def pressures(self) -> Row:
         """Time the hand where the pressures are wanted too."""
         return self._row("open hand of 325 cm²", "0.35 s, 3 %", HAND_ACCURACY)
 
     def _row(self, what: str, asked: str, accuracy: float) -> Row:
-        job = partial(to_drive, BoundaryElement(accuracy=accuracy, estimate=False), self.bodies, self.array)
+        job = partial(
+            to_drive, BoundaryElement(accuracy=accuracy, estimate=False), self.bodies, self.array
+        )
         took, made = timed([job] * (self.runs + 1))
         errors = errors_of(made[-1], self.reference.pressure, self.bodies)
-        against = f"against {FINE:.2%} asked, itself {self.reference.own_error:.2%} from {COARSER:.2%}"
+        against = (
+            f"against {FINE:.2%} asked, itself {self.reference.own_error:.2%} from {COARSER:.2%}"
+        )
         return row_of(what, asked, took, made, errors, against)

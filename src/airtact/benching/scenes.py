@@ -5,13 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Real
 
-from airtact.pose import Pose
+from airtact.acoustics.medium import Medium
+from airtact.acoustics.scene import Scene, sound_hard
+from airtact.acoustics.target import Target
+from airtact.geometry.pose import Pose
+from airtact.geometry.primitives import Capsule, capsule
+from airtact.geometry.surface import Surface
 from airtact.printing import in_short
-from airtact.scene.medium import Medium
-from airtact.scene.scene import Scene, sound_hard
-from airtact.scene.target import Target
-from airtact.surfaces.primitives import Capsule, capsule
-from airtact.surfaces.surface import Surface
 
 AIR = Medium(sound_speed=343.1, density=1.293)
 """The paper's air."""
@@ -43,16 +43,22 @@ class Bodies:
     @property
     def capsules(self) -> list[Capsule]:
         """The bodies' exact shapes, where all of them are capsules."""
-        return [surface.primitive for surface in self.surfaces if isinstance(surface.primitive, Capsule)]
+        return [
+            surface.primitive for surface in self.surfaces if isinstance(surface.primitive, Capsule)
+        ]
 
 
 def two_fingers(
-    gap: float = 12e-3, tilt: float = 20.0, radius: float = 8e-3, length: float = 44e-3, lift: float = 0.0
+    gap: float = 12e-3,
+    tilt: float = 20.0,
+    radius: float = 8e-3,
+    length: float = 44e-3,
+    lift: float = 0.0,
 ) -> Bodies:
     """Two capsules whose tips face each other, hanging down and leaning outward, a focus in front of each pad.
 
-    By default they are 16 mm thick, 60 mm long and 12 mm apart. Gap, radius, length of the axis and ``lift`` of the
-    second above the first are in metres, ``tilt`` in degrees.
+    By default they are 16 mm thick, 60 mm long and 12 mm apart. Gap, radius, length of the axis and
+    ``lift`` of the second above the first are in metres, ``tilt`` in degrees.
     """
     surfaces, tips = [], []
     lean = np.radians(tilt)
@@ -83,7 +89,9 @@ def moved_each(rest: Bodies, frame: int) -> Bodies:
     beat = np.sin(0.9 * frame + np.arange(6.0)) - np.sin(np.arange(6.0))
     moved, foci = [], []
     for side, surface, focus in zip((-1.0, 1.0), rest.surfaces, rest.foci, strict=True):
-        pose = rotated_about(focus, np.radians(4.0) * beat[:3] * side, 0.6e-3 * (side + 0.5) * beat[3:])
+        pose = rotated_about(
+            focus, np.radians(4.0) * beat[:3] * side, 0.6e-3 * (side + 0.5) * beat[3:]
+        )
         moved.append(surface.moved(pose))
         foci.append(pose.apply(focus[None])[0])
     return Bodies(tuple(moved), np.array(foci))
@@ -92,10 +100,14 @@ def moved_each(rest: Bodies, frame: int) -> Bodies:
 def whole_motion(frame: int) -> Pose:
     """Move a hand as a whole: 20 degrees and 10 mm about."""
     beat = np.sin(0.7 * frame + np.arange(6.0)) - np.sin(np.arange(6.0))
-    return rotated_about(np.zeros(3), np.radians(20.0) * beat[:3] / np.sqrt(3.0), 10e-3 * beat[3:] / np.sqrt(3.0))
+    return rotated_about(
+        np.zeros(3), np.radians(20.0) * beat[:3] / np.sqrt(3.0), 10e-3 * beat[3:] / np.sqrt(3.0)
+    )
 
 
-def rotated_about(centre: Real[np.ndarray, "3"], turn: Real[np.ndarray, "3"], shift: Real[np.ndarray, "3"]) -> Pose:
+def rotated_about(
+    centre: Real[np.ndarray, "3"], turn: Real[np.ndarray, "3"], shift: Real[np.ndarray, "3"]
+) -> Pose:
     """Rotate about a centre [m] by a rotation vector [rad], then shift [m]."""
     angle = float(np.linalg.norm(turn))
     if angle == 0.0:
@@ -107,5 +119,9 @@ def rotated_about(centre: Real[np.ndarray, "3"], turn: Real[np.ndarray, "3"], sh
 def moved_foci(bodies: Bodies, frame: int) -> Bodies:
     """Give the same bodies other foci: each before its finger, some millimetres to the side and off its surface."""
     beat = np.sin(1.3 * frame + np.arange(6.0)).reshape(2, 3)
-    foci = bodies.foci + 1.5e-3 * beat * np.array([0.0, 1.0, 1.0]) + np.array([[1.0], [-1.0]]) * [1e-3, 0.0, 0.0]
+    foci = (
+        bodies.foci
+        + 1.5e-3 * beat * np.array([0.0, 1.0, 1.0])
+        + np.array([[1.0], [-1.0]]) * [1e-3, 0.0, 0.0]
+    )
     return Bodies(bodies.surfaces, foci)

@@ -8,16 +8,16 @@ from jaxtyping import Complex128, Float64
 from threadpoolctl import threadpool_info
 
 from airtact import _kernels
+from airtact.acoustics.scene import Scene, sound_hard
+from airtact.acoustics.solvers.bem.solver import BoundaryElement
+from airtact.acoustics.solvers.problem import RadiatedField
+from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
+from airtact.acoustics.sources import Monopoles
 from airtact.benching.fundamental_solutions import pressure_at
 from airtact.benching.scenes import AIR, FREQUENCY
-from airtact.pose import Pose
+from airtact.geometry.pose import Pose
+from airtact.geometry.primitives import Capsule, sphere
 from airtact.printing import in_short
-from airtact.scene.scene import Scene, sound_hard
-from airtact.scene.sources import Monopoles
-from airtact.solvers.bem.solver import BoundaryElement
-from airtact.solvers.problem import RadiatedField
-from airtact.solvers.spherical.sphere_series import SphereSeries
-from airtact.surfaces.primitives import Capsule, sphere
 from airtact.timing import Progress, no_progress
 
 ASKED = 0.01
@@ -99,15 +99,24 @@ def _one_sphere(report_step: Progress) -> Iterator[KnownField]:
         ("100 mm away", 0.1 * _directions(40, 2)),
         ("2 mm off the surface", _directions(40, 3) * (RADII[0] + 2e-3)),
     ):
-        yield _compared(f"one sphere, {where}", "sphere series", field, points, series.at(points), SERIES_ERROR)
+        yield _compared(
+            f"one sphere, {where}", "sphere series", field, points, series.at(points), SERIES_ERROR
+        )
 
 
 def _two_spheres(report_step: Progress) -> Iterator[KnownField]:
     middle = np.array([sum(RADII) + GAP, 0.0, 0.0])
-    shapes = [Capsule(RADII[0], 0.0, Pose.identity()), Capsule(RADII[1], 0.0, Pose(np.eye(3), middle))]
+    shapes = [
+        Capsule(RADII[0], 0.0, Pose.identity()),
+        Capsule(RADII[1], 0.0, Pose(np.eye(3), middle)),
+    ]
     scene = _scene(shapes)
     away = 0.1 * _directions(24, 4)
-    between = np.array([RADII[0] + GAP / 2, 0.0, 0.0]) + np.linspace(-5e-3, 5e-3, 9)[:, None] * [0.0, 0.6, 0.8]
+    between = np.array([RADII[0] + GAP / 2, 0.0, 0.0]) + np.linspace(-5e-3, 5e-3, 9)[:, None] * [
+        0.0,
+        0.6,
+        0.8,
+    ]
     report_step("solving two spheres by fundamental solutions")
     known, own = pressure_at(shapes, scene.wavenumber, away, between, REFERENCE_ERROR)
     report_step("solving two spheres")
@@ -126,7 +135,9 @@ def _compared(
     known: Complex128[np.ndarray, "points sources"],
     own: float,
 ) -> KnownField:
-    return KnownField(name, truth, float(np.linalg.norm(field.at(points) - known) / np.linalg.norm(known)), own)
+    return KnownField(
+        name, truth, float(np.linalg.norm(field.at(points) - known) / np.linalg.norm(known)), own
+    )
 
 
 def _scene(shapes: list[Capsule]) -> Scene:

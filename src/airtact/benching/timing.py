@@ -27,7 +27,11 @@ class Timed:
         unit, scale = ("s", 1.0) if self.median >= 1.0 else ("ms", 1e3)
         values = (min(self.seconds), self.median, max(self.seconds))
         low, middle, high = (_three_digits(scale * value) for value in values)
-        taken = f"; processor {_three_digits(scale * float(np.median(self.processor)))}" if self.processor else ""
+        taken = (
+            f"; processor {_three_digits(scale * float(np.median(self.processor)))}"
+            if self.processor
+            else ""
+        )
         return f"{middle} {unit} ({low} to {high}{taken})"
 
 
@@ -62,7 +66,9 @@ def relative_error(
     return float(np.max(np.linalg.norm(found - true, axis=1) / np.linalg.norm(true, axis=1)))
 
 
-def correlation(found: Complex128[np.ndarray, "elements"], true: Complex128[np.ndarray, "elements"]) -> float:
+def correlation(
+    found: Complex128[np.ndarray, "elements"], true: Complex128[np.ndarray, "elements"]
+) -> float:
     """How alike two drives are but for one factor: 1 is the same."""
     return float(np.abs(np.vdot(found, true)) / (np.linalg.norm(found) * np.linalg.norm(true)))
 

@@ -1,8 +1,8 @@
 """The command line: each command parses, calls the workflow of its name, and prints.
 
-Exit codes: 0 done, 1 a link to boards failed or known fields are not met, 2 bad input or not converged, 130 interrupted
-by Ctrl-C. A message ends with the code of its kind of fault in brackets; with ``--json`` it is written to the standard
-output as JSON too.
+Exit codes: 0 done, 1 a link to boards failed or known fields are not met, 2 bad input or not
+converged, 130 interrupted by Ctrl-C. A message ends with the code of its kind of fault in brackets;
+with ``--json`` it is written to the standard output as JSON too.
 """
 
 import json
@@ -50,7 +50,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         missing = isinstance(error, FileNotFoundError)
         sentence = f"{error.filename or 'a file'}: {error.strerror or error}"
         fault = sentence, "file_missing" if missing else "file_failed", 2
-    except (at.InvalidInput, at.NotConverged) as error:  # imported only now, so that --help comes at once
+    except (
+        at.InvalidInput,
+        at.NotConverged,
+    ) as error:  # imported only now, so that --help comes at once
         fault = str(error), error.code, 2
     except at.emission.LinkFailed as error:
         fault = str(error), error.code, 1
@@ -67,7 +70,7 @@ def _usage(error: click.ClickException) -> str:
 
 
 def _fail(sentence: str, code: str, status: int, as_json: bool) -> int:
-    from airtact.conventions import one_sentence
+    from airtact.errors import one_sentence
 
     sentence = one_sentence(sentence)
     click.echo(f"airtact: {sentence} [{code}]", err=True)
@@ -86,8 +89,25 @@ def commands() -> None:
 
 
 for _command in (
-    *(bench.bench, boards.boards, check.check, compare.compare, compare_scan.compare_scan, emit.emit, export.export),
-    *(hand.hand, init.init, listen.listen, live.live, mesh.mesh, render.render, reproduce.reproduce, sense.sense),
+    *(
+        bench.bench,
+        boards.boards,
+        check.check,
+        compare.compare,
+        compare_scan.compare_scan,
+        emit.emit,
+        export.export,
+    ),
+    *(
+        hand.hand,
+        init.init,
+        listen.listen,
+        live.live,
+        mesh.mesh,
+        render.render,
+        reproduce.reproduce,
+        sense.sense,
+    ),
     *(sweep.sweep, calibrate),
 ):
     commands.add_command(_command)

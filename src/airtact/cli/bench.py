@@ -13,16 +13,20 @@ from airtact.cli.options import INPUT, quiet, results
     epilog="Example: airtact bench --out out/bench --hand relaxed.json",
 )
 @results
-@click.option("--acoustools", metavar="PYTHON", help="Interpreter of an environment with AcousTools.")
+@click.option(
+    "--acoustools", metavar="PYTHON", help="Interpreter of an environment with AcousTools."
+)
 @click.option("--bempp", metavar="PYTHON", help="Interpreter of an environment with bempp-cl.")
 @click.option("--hand", type=INPUT, help="Pose of an open hand, .json, for its rows.")
 @click.option("--quick", is_flag=True, help="Do less of everything.")
 @quiet
-def bench(folder: Path, acoustools: str | None, bempp: str | None, hand: Path | None, quick: bool) -> None:
+def bench(
+    folder: Path, acoustools: str | None, bempp: str | None, hand: Path | None, quick: bool
+) -> None:
     """Measure the speed and the accuracy of airtact, beside other packages if their interpreters are given.
 
-    Writes bench.csv, bench.json, performance.md, error_against_time and growth (.png, .svg). Reference solutions take
-    minutes the first time and are stored in the folder.
+    Writes bench.csv, bench.json, performance.md, error_against_time and growth (.png, .svg).
+    Reference solutions take minutes the first time and are stored in the folder.
     """
     with progress() as report_step:
         report_step("starting")

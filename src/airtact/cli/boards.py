@@ -11,7 +11,7 @@ from airtact.cli.options import as_json, quiet
 @quiet
 def boards() -> None:
     """List the boards that can be driven: their transducers, levels and links, and the serial ports found."""
-    from airtact.hardware.links import links_of
+    from airtact.emission.links import links_of
     from airtact.transducers.boards import BOARDS
 
     table = plain_table("board", "elements", "levels", "a link")
@@ -23,7 +23,10 @@ def boards() -> None:
             "1 board" if board.most == 1 else f"1 to {board.most} boards",
         )
         table.add_row(board.name, *row)
-    links = [f"{board.name}: {board.title}, by {', '.join(links_of(board.name))}" for board in BOARDS.values()]
+    links = [
+        f"{board.name}: {board.title}, by {', '.join(links_of(board.name))}"
+        for board in BOARDS.values()
+    ]
     ports = _ports()
     missing = "not searched, pyserial is not installed: pip install 'airtact[serial]'"
     words = missing if ports is None else ", ".join(ports) or "none"
@@ -48,7 +51,7 @@ def boards() -> None:
 def _ports() -> list[str] | None:
     """List the serial ports; None where they cannot be searched."""
     try:
-        from airtact.hardware.serial_link import serial_ports
+        from airtact.emission.serial_link import serial_ports
 
         return list(serial_ports())
     except ImportError:

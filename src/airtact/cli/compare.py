@@ -11,7 +11,7 @@ from airtact.cli.options import as_json, open_result, pictures, quiet, results, 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from airtact.pages.methods_page import Ranked
+    from airtact.reports.methods_page import Ranked
 
 
 @click.command(
@@ -35,9 +35,20 @@ def compare(scene: Path, folder: Path, store: Path | None, pictures: bool, opene
         from airtact.workflows import compare as workflow
 
         contest = workflow.compare(scene, folder, report_step, store, pictures=pictures)
-    written = {name: str(folder / name) for name in (workflow.FILES if pictures else workflow.FILES[:1])}
-    line = f"Report: {folder / workflow.FILES[1]}" if pictures else f"Methods: {folder / workflow.FILES[0]}"
-    show(_table(contest), warnings=contest.notes, lines=[line], record={**_record(contest), "files": written})
+    written = {
+        name: str(folder / name) for name in (workflow.FILES if pictures else workflow.FILES[:1])
+    }
+    line = (
+        f"Report: {folder / workflow.FILES[1]}"
+        if pictures
+        else f"Methods: {folder / workflow.FILES[0]}"
+    )
+    show(
+        _table(contest),
+        warnings=contest.notes,
+        lines=[line],
+        record={**_record(contest), "files": written},
+    )
     if opened:
         open_page(folder / workflow.FILES[1])
 
@@ -64,7 +75,9 @@ def _table(contest: "Ranked") -> "Table":
     """Tabulate what the worst focus gets by each method, best first."""
     suppressed = ["suppression points"] if len(contest.target.suppression_points) else []
     doubted = ["9 of 10 times"] if contest.contenders[0].kept is not None else []
-    table = plain_table("method", "worst focus", *doubted, "of the bound", "mean", "time", *suppressed)
+    table = plain_table(
+        "method", "worst focus", *doubted, "of the bound", "mean", "time", *suppressed
+    )
     table.title = "What the foci get; of the bound: at full scale, over what no drive exceeds"
     for one in sorted(contest.contenders, key=contest.of_the_bound, reverse=True):
         worst, mean = one.pressures.min(), one.pressures.mean()
@@ -72,5 +85,13 @@ def _table(contest: "Ranked") -> "Table":
         level = [f"{one.suppression_level:+.1f} dB"] if suppressed else []
         time = f"{1e3 * one.seconds:,.3g} ms" if one.seconds < 1.0 else f"{one.seconds:.1f} s"
         kept = [] if one.kept is None else [f"{one.kept:,.0f} Pa"]
-        table.add_row(contest.label(one), f"{worst:,.0f} Pa", *kept, f"{share:.0%}", f"{mean:,.0f} Pa", time, *level)
+        table.add_row(
+            contest.label(one),
+            f"{worst:,.0f} Pa",
+            *kept,
+            f"{share:.0%}",
+            f"{mean:,.0f} Pa",
+            time,
+            *level,
+        )
     return table

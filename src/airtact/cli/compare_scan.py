@@ -22,28 +22,51 @@ if TYPE_CHECKING:
 @click.argument("scan", type=INPUT)
 @click.argument("scene", type=INPUT)
 @results
-@click.option("--diameter", type=float, help="Of the microphone's face in metres; 6.35e-3, a quarter inch, by default.")
-@click.option("--axis", type=float, nargs=3, metavar="X Y Z", help="Direction of its face; 0 0 -1 by default, down.")
-@click.option("--housing", type=float, help="Length of its housing behind the face in metres; 0.05 by default.")
+@click.option(
+    "--diameter",
+    type=float,
+    help="Of the microphone's face in metres; 6.35e-3, a quarter inch, by default.",
+)
+@click.option(
+    "--axis",
+    type=float,
+    nargs=3,
+    metavar="X Y Z",
+    help="Direction of its face; 0 0 -1 by default, down.",
+)
+@click.option(
+    "--housing",
+    type=float,
+    help="Length of its housing behind the face in metres; 0.05 by default.",
+)
 @pictures
 @as_json
 @quiet
 def compare_scan(scan: Path, scene: Path, folder: Path, pictures: bool, **microphone: Any) -> None:
     """Predict what a microphone reads in SCENE and compare SCAN, a measured one, with it.
 
-    SCAN is a .csv file with the columns x, y, z (metres, in the obstacles' frame), pressure (any unit) and, if it was
-    measured, phase (radians). Writes overlay.csv and overlay.png.
+    SCAN is a .csv file with the columns x, y, z (metres, in the obstacles' frame), pressure (any
+    unit) and, if it was measured, phase (radians). Writes overlay.csv and overlay.png.
     """
     with progress() as report_step:
         report_step("starting")
         from airtact.evaluation.microphone import Microphone
         from airtact.workflows import compare_scan as workflow
 
-        compared = workflow.compare_scan(scan, scene, folder, Microphone(**given(**microphone)), report_step, pictures)
+        compared = workflow.compare_scan(
+            scan, scene, folder, Microphone(**given(**microphone)), report_step, pictures
+        )
     warnings = [*compared.notes, *compared.overlay.warnings, *compared.report.warnings]
-    written = {name: str(folder / name) for name in (workflow.FILES if pictures else workflow.FILES[:1])}
+    written = {
+        name: str(folder / name) for name in (workflow.FILES if pictures else workflow.FILES[:1])
+    }
     lines = [f"Overlay: {folder / list(written)[-1]}"]
-    show(_table(compared), warnings=warnings, lines=lines, record={**_record(compared), "files": written})
+    show(
+        _table(compared),
+        warnings=warnings,
+        lines=lines,
+        record={**_record(compared), "files": written},
+    )
 
 
 def _record(compared: "Compared") -> dict[str, Any]:
@@ -65,7 +88,11 @@ def _table(compared: "Compared") -> "Table":
 
     found, report = compared.overlay, compared.report
     facts = plain_table()
-    quantity = "pressures with their phases" if found.scan.phased else "magnitudes, as no phase was measured"
+    quantity = (
+        "pressures with their phases"
+        if found.scan.phased
+        else "magnitudes, as no phase was measured"
+    )
     facts.add_row("relative error", f"{found.error:.1%}, after one scale, of {quantity}")
     facts.add_row("positions", f"{int(found.used.sum())} of {len(found.used)} compared")
     turn = f" at {np.degrees(np.angle(found.scale)):.1f}°" if found.scan.phased else ""

@@ -38,7 +38,11 @@ def progress() -> Iterator[Step]:
         begun = time.perf_counter()
         yield lambda step: click.echo(f"{time.perf_counter() - begun:7.1f} s  {step}", err=True)
         return
-    columns = SpinnerColumn(finished_text="[green]✓"), TimeElapsedColumn(), TextColumn("{task.description}")
+    columns = (
+        SpinnerColumn(finished_text="[green]✓"),
+        TimeElapsedColumn(),
+        TextColumn("{task.description}"),
+    )
     with Progress(*columns, console=console) as steps:
 
         def finish() -> None:
@@ -85,18 +89,23 @@ def show(
 ) -> None:
     """Print what comes first, tables, warnings, and lines that say which files were written.
 
-    With ``--quiet`` only the warnings are printed. With ``--json`` the record, with the warnings and the version, is
-    all that stands on the standard output, and the rest goes to the standard error.
+    With ``--quiet`` only the warnings are printed. With ``--json`` the record, with the warnings
+    and the version, is all that stands on the standard output, and the rest goes to the standard
+    error.
     """
-    from airtact.conventions import one_sentence  # only now, so that --help comes at once
+    from airtact.errors import one_sentence  # only now, so that --help comes at once
 
     console = Console(stderr=wanted(JSON) or wanted(QUIET))
     for index, line in enumerate(() if wanted(QUIET) else first):
-        console.print(escape(line), soft_wrap=True, highlight=False, style=None if index else "bold")
+        console.print(
+            escape(line), soft_wrap=True, highlight=False, style=None if index else "bold"
+        )
     for table in () if wanted(QUIET) else tables:
         console.print(table)
     for sentence in map(one_sentence, warnings):
-        console.print(f"[yellow]Warning:[/yellow] {escape(sentence)}", soft_wrap=True, highlight=False)
+        console.print(
+            f"[yellow]Warning:[/yellow] {escape(sentence)}", soft_wrap=True, highlight=False
+        )
     for line in () if wanted(QUIET) else lines:
         console.print(escape(line), soft_wrap=True, highlight=False)
     if record is not None and wanted(JSON):
@@ -134,13 +143,16 @@ def repairs_table(surface: "at.Surface", name: str = "") -> Table:
     """Tabulate what was repaired in a surface."""
     table = plain_table()
     for index, note in enumerate(surface.repairs or ("nothing",)):
-        table.add_row(escape(f"repaired in {name}" if name else "repaired") if index == 0 else "", escape(note))
+        table.add_row(
+            escape(f"repaired in {name}" if name else "repaired") if index == 0 else "",
+            escape(note),
+        )
     return table
 
 
 def sharp_edges_in_words(surface: "at.Surface") -> str:
     """Count the edges that stay sharp when a surface is curved, and add up their lengths."""
-    from airtact.figures.body_figure import sharp_edges
+    from airtact.reports.body_figure import sharp_edges
 
     sharp = sharp_edges(surface)
     length = 1e3 * surface.edge_lengths[sharp].sum() / 2

@@ -6,7 +6,16 @@ from typing import Any
 import click
 
 from airtact.cli.console import facts_table, progress, show
-from airtact.cli.options import FILE, Names, agreed, board_address, drive_settings, level_of, modulation_of, quiet
+from airtact.cli.options import (
+    FILE,
+    Names,
+    agreed,
+    board_address,
+    drive_settings,
+    level_of,
+    modulation_of,
+    quiet,
+)
 
 
 @click.command(
@@ -14,12 +23,16 @@ from airtact.cli.options import FILE, Names, agreed, board_address, drive_settin
     epilog="Example: airtact emit out/pinch/drive.h5 --board autd3 --link audit --yes --seconds 2",
 )
 @drive_settings
-@click.option("--link", required=True, type=Names("airtact.hardware.links:LINKS"), help="Way to the boards.")
+@click.option(
+    "--link", required=True, type=Names("airtact.emission.links:LINKS"), help="Way to the boards."
+)
 @click.option("--seconds", type=float, default=2.0, help="How long; 2 by default.")
 @click.option("--yes", is_flag=True, help="Emit without asking.")
 @board_address
 @click.option("--out", type=FILE, help="File, for --link file: .npz, .csv, .h5 or .bin.")
-@click.option("--log", type=FILE, help="File for a line on each event: what the boards got, and when.")
+@click.option(
+    "--log", type=FILE, help="File for a line on each event: what the boards got, and when."
+)
 @quiet
 def emit(
     drive: Path,
@@ -35,12 +48,12 @@ def emit(
 ) -> None:
     """Emit DRIVE.h5 on boards for some seconds, then silence them.
 
-    Without --cap and --full-scale the level half a metre off the array is kept to 110 dB, a usual limit.
-    The amplitude rises over 0.2 s. At the end, when anything fails, and whatever ends this process, a process of the
-    link's own sends a frame of zeros, confirmed as far as the boards can.
+    Without --cap and --full-scale the level half a metre off the array is kept to 110 dB, a usual
+    limit. The amplitude rises over 0.2 s. At the end, when anything fails, and whatever ends this
+    process, a process of the link's own sends a frame of zeros, confirmed as far as the boards can.
     """
+    from airtact.checks import counted, positive
     from airtact.evaluation.thresholds import NO_SAFETY_ASSESSMENT
-    from airtact.validation import counted, positive
     from airtact.workflows import emit as workflow
 
     positive(seconds, "how long to emit", "s")
@@ -56,8 +69,14 @@ def emit(
         played = workflow.emit(plan, way, seconds, report_step, log)
     if way.real_time:
         unanswered = link == "serial" and board == "sonicsurface"
-        confirmed = "written to the port (a SonicSurface never answers)" if unanswered else "and confirmed"
-        show(lines=[f"{counted(way.sent, 'frame was', 'frames were')} sent; the last was silence, {confirmed}."])
+        confirmed = (
+            "written to the port (a SonicSurface never answers)" if unanswered else "and confirmed"
+        )
+        show(
+            lines=[
+                f"{counted(way.sent, 'frame was', 'frames were')} sent; the last was silence, {confirmed}."
+            ]
+        )
     else:
         show(lines=[f"{counted(way.sent, 'frame was', 'frames were')} written."])
     if played is not None:

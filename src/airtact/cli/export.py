@@ -14,12 +14,21 @@ from airtact.cli.options import FILE, drive_settings, level_of, modulation_of, q
 )
 @drive_settings
 @click.option(
-    "--format", "kind", type=click.Choice(("npz", "csv", "h5", "bin")), help="Kind of file, if not its suffix."
+    "--format",
+    "kind",
+    type=click.Choice(("npz", "csv", "h5", "bin")),
+    help="Kind of file, if not its suffix.",
 )
 @click.option("--out", "file", required=True, type=FILE, help="File to write.")
 @quiet
 def export(
-    drive: Path, board: str, cap: float | None, full_scale: bool, modulate: str | None, kind: str | None, file: Path
+    drive: Path,
+    board: str,
+    cap: float | None,
+    full_scale: bool,
+    modulate: str | None,
+    kind: str | None,
+    file: Path,
 ) -> None:
     """Write DRIVE.h5 as the frames of a board: .npz, .csv, .h5, or .bin, the very bytes that it is sent.
 
@@ -31,6 +40,11 @@ def export(
         file = file.with_name(f"{file.name}.{kind}")
     share = level_of(cap, full_scale)
     plan, written = workflow.export(
-        drive, board, file, 1.0 if share is None else share, modulation_of(modulate), modulate == "none"
+        drive,
+        board,
+        file,
+        1.0 if share is None else share,
+        modulation_of(modulate),
+        modulate == "none",
     )
     show(facts_table(plan.facts("file")), lines=[*plan.notes(), f"{written}: {file}"])

@@ -25,18 +25,27 @@ if TYPE_CHECKING:
 @click.option("--gap", type=float, help="Open thumb and index finger to this gap in metres.")
 @click.option("--edge", type=float, help="Edge of the triangles in metres; 4e-3 by default.")
 @click.option("--out", "file", required=True, type=FILE, help="File for the skin.")
-@click.option("--frame", "frames", type=int, multiple=True, help="Frame of a recording; again for more. The first.")
+@click.option(
+    "--frame",
+    "frames",
+    type=int,
+    multiple=True,
+    help="Frame of a recording; again for more. The first.",
+)
 @click.option("--leave-out", is_flag=True, help="Leave out and count faulty frames of a recording.")
 @click.option("--landmarks", type=INPUT, help="Rough joints, a pose as JSON, for a cloud.")
-@click.option("--camera", type=(float, float, float), help="Position from which a cloud was seen, in metres.")
+@click.option(
+    "--camera", type=(float, float, float), help="Position from which a cloud was seen, in metres."
+)
 @quiet
 def hand(path: Path, file: Path, **settings: Any) -> None:
     """Make the closed skin of a hand from its joints in metres: 25 of WebXR, or 21 of MediaPipe or Leap.
 
-    A pose is a .json file. The skin is written as flat triangles in metres to .ply, .stl or .glb, or curved to .vtkhdf
-    for ParaView; a picture of it, .png, stands beside it. Of a recording, .jsonl or .npz, the skins of chosen frames
-    are written, and a picture of the pads over time. To a cloud of points, .ply, .xyz or .npy, with rough --landmarks a
-    hand is fitted, and the picture shows how far the points are from its skin.
+    A pose is a .json file. The skin is written as flat triangles in metres to .ply, .stl or .glb,
+    or curved to .vtkhdf for ParaView; a picture of it, .png, stands beside it. Of a recording,
+    .jsonl or .npz, the skins of chosen frames are written, and a picture of the pads over time. To
+    a cloud of points, .ply, .xyz or .npy, with rough --landmarks a hand is fitted, and the picture
+    shows how far the points are from its skin.
     """
     with progress() as report_step:
         from airtact.workflows import hand as workflow
@@ -58,7 +67,9 @@ def _table(posed: "Posed", errors: "Mapping[str, float] | None" = None) -> "Tabl
     table = plain_table()
     table.add_row("hand", f"{posed.hand.side}, {1e3 * shape.extent:.0f} mm across")
     table.add_row("area, volume", f"{1e4 * area:.0f} cm², {1e6 * volume:.0f} cm³")
-    table.add_row("panels", f"{len(posed.quadratic_triangles):,}, smallest angle {posed.smallest_angle:.0f}°")
+    table.add_row(
+        "panels", f"{len(posed.quadratic_triangles):,}, smallest angle {posed.smallest_angle:.0f}°"
+    )
     for name, point in posed.places.items():
         depth = float(shape.depth(point[None])[0])
         position = ", ".join(f"{1e3 * number:.1f}" for number in point)

@@ -20,15 +20,17 @@ if TYPE_CHECKING:
     epilog="Example: airtact mesh generic-hand-right.glb --out out.vtkhdf",
 )
 @click.argument("surface", type=INPUT)
-@click.option("--edge", type=float, help="Edge of the panels in metres; by default what 1 % takes at 40 kHz.")
+@click.option(
+    "--edge", type=float, help="Edge of the panels in metres; by default what 1 % takes at 40 kHz."
+)
 @click.option("--out", "file", required=True, type=FILE, help="File for the panels.")
 @surface_settings
 @quiet
 def mesh(surface: Path, edge: float | None, file: Path, **settings: float | None) -> None:
     """Cover SURFACE (STL, PLY, OBJ, GLB) with curved panels, as the solvers do, and report how good they are.
 
-    The panels are written to a .vtkhdf file for ParaView, or as flat triangles in metres to .stl, .ply or .glb; a
-    picture of them, .png, stands beside it.
+    The panels are written to a .vtkhdf file for ParaView, or as flat triangles in metres to .stl,
+    .ply or .glb; a picture of them, .png, stands beside it.
     """
     with progress() as report_step:
         from airtact.workflows import mesh as workflow
@@ -50,13 +52,19 @@ def _tables(meshed: "Meshed") -> "Iterator[Table]":
     worst, first = meshed.angles
     facts, panels = plain_table(), meshed.panels
     facts.add_row("smallest angle", f"{worst:.1f}°, 1 of 100 panels below {first:.1f}°")
-    facts.add_row("edge", f"{1e3 * meshed.edge:.3g} mm asked, the longest has {1e3 * meshed.longest_edge:.3g} mm")
+    facts.add_row(
+        "edge",
+        f"{1e3 * meshed.edge:.3g} mm asked, the longest has {1e3 * meshed.longest_edge:.3g} mm",
+    )
     farthest, mean = _gap(panels.farthest.max()), _gap(panels.mean_distance.max())
     facts.add_row("off the triangles given", f"{farthest} at most, {mean} in the mean")
     facts.add_row("off the curved surface", f"{_gap(panels.deviation.max())} at most")
     facts.add_row("sharp edges", sharp_edges_in_words(meshed.surface))
     if meshed.open_edges:
-        facts.add_row("open edges", f"{meshed.open_edges} in {meshed.file.name}: its triangles are not quite closed")
+        facts.add_row(
+            "open edges",
+            f"{meshed.open_edges} in {meshed.file.name}: its triangles are not quite closed",
+        )
     yield facts
     yield repairs_table(meshed.surface)
 

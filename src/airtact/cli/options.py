@@ -21,11 +21,16 @@ class NamedPath(click.Path):
     """A file or folder with a name: none is that of a variable of the shell that is not set."""
 
     def convert(
-        self, value: str | os.PathLike[str], param: click.Parameter | None, ctx: click.Context | None
+        self,
+        value: str | os.PathLike[str],
+        param: click.Parameter | None,
+        ctx: click.Context | None,
     ) -> str | bytes | os.PathLike[str]:
         """Return the path, or fail where it has no name."""
         if not str(value).strip():
-            self.fail("it is empty: give a file or a folder, a point for the one you are in.", param, ctx)
+            self.fail(
+                "it is empty: give a file or a folder, a point for the one you are in.", param, ctx
+            )
         return super().convert(value, param, ctx)
 
 
@@ -48,7 +53,9 @@ class InputFile(click.ParamType):
         except at.InvalidInput as fault:
             if path.suffix:
                 return path
-            raise at.InvalidInput(f"there is no file {value} here, and {fault}", code=fault.code) from None
+            raise at.InvalidInput(
+                f"there is no file {value} here, and {fault}", code=fault.code
+            ) from None
         click.echo(f"There is no file {value} here: taking the example {found}", err=True)
         return found
 
@@ -62,7 +69,8 @@ class Names(click.ParamType):
 
     Parameters
     ----------
-    registry : where the registry stands, such as ``"airtact.transducers.boards:BOARDS"``: names, or objects with one.
+    registry : where the registry stands, such as ``"airtact.transducers.boards:BOARDS"``: names, or
+        objects with one.
     """
 
     name = "name"
@@ -72,7 +80,9 @@ class Names(click.ParamType):
 
     @property
     def _choice(self) -> click.Choice[str]:
-        return click.Choice([getattr(one, "name", one) for one in pkgutil.resolve_name(self._registry)])
+        return click.Choice(
+            [getattr(one, "name", one) for one in pkgutil.resolve_name(self._registry)]
+        )
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str | None:
         """Show all names in the help."""
@@ -91,12 +101,20 @@ def _keep(context: click.Context, option: click.Parameter, value: bool) -> None:
 
 
 quiet = click.option(
-    "--quiet", is_flag=True, expose_value=False, callback=_keep, help="Print faults and warnings only."
+    "--quiet",
+    is_flag=True,
+    expose_value=False,
+    callback=_keep,
+    help="Print faults and warnings only.",
 )
 """Nothing is printed but faults and warnings."""
 
 as_json = click.option(
-    "--json", is_flag=True, expose_value=False, callback=_keep, help="Print the result as JSON, the rest as errors."
+    "--json",
+    is_flag=True,
+    expose_value=False,
+    callback=_keep,
+    help="Print the result as JSON, the rest as errors.",
 )
 """The result is printed as one JSON object, a fault too."""
 
@@ -107,14 +125,23 @@ def _folder_for(context: click.Context, option: click.Parameter, folder: Path | 
 
 
 results = click.option(
-    "--out", "folder", type=FILE, callback=_folder_for, help="Folder for the results; out/NAME by default."
+    "--out",
+    "folder",
+    type=FILE,
+    callback=_folder_for,
+    help="Folder for the results; out/NAME by default.",
 )
 """Where a command writes: by default a folder named after its scene, its paper, or itself."""
 
 
 def _scene_here(context: click.Context, argument: click.Parameter, scene: Path) -> Path:
-    if context.get_parameter_source("scene") is click.core.ParameterSource.DEFAULT and not scene.exists():
-        sentence = f"no scene was named, and {scene} is not here; name one, or write one by airtact init."
+    if (
+        context.get_parameter_source("scene") is click.core.ParameterSource.DEFAULT
+        and not scene.exists()
+    ):
+        sentence = (
+            f"no scene was named, and {scene} is not here; name one, or write one by airtact init."
+        )
         raise at.InvalidInput(sentence, code="file_missing")
     return scene
 
@@ -126,19 +153,34 @@ open_result = click.option("--open", "opened", is_flag=True, help="Show the page
 """The page is shown in the browser."""
 
 pictures = click.option(
-    "--no-pictures", "pictures", is_flag=True, flag_value=False, default=True, help="Compute and write numbers only."
+    "--no-pictures",
+    "pictures",
+    is_flag=True,
+    flag_value=False,
+    default=True,
+    help="Compute and write numbers only.",
 )
 """Neither pictures nor pages are made."""
 
-store = click.option("--store", type=FILE, help="Folder in which solved fields are stored, and found next time.")
+store = click.option(
+    "--store", type=FILE, help="Folder in which solved fields are stored, and found next time."
+)
 """Where solved fields are stored."""
 
 
 def surface_settings(command: Command) -> Command:
     """Give a command the options of ``load_surface``; those that are not given stay None."""
     for name, keyword, words in (
-        ("--sharp", "sharp_degrees", "Edges that turn by more degrees than this stay sharp; 75 by default."),
-        ("--largest-hole", "largest_hole", "Widest hole that is filled, in metres; 2e-3 by default."),
+        (
+            "--sharp",
+            "sharp_degrees",
+            "Edges that turn by more degrees than this stay sharp; 75 by default.",
+        ),
+        (
+            "--largest-hole",
+            "largest_hole",
+            "Widest hole that is filled, in metres; 2e-3 by default.",
+        ),
         ("--scale", "scale", "Metres per unit of a surface file: 1e-3 for millimetres."),
     ):
         command = click.option(name, keyword, type=float, help=words)(command)
@@ -160,11 +202,21 @@ def drive_settings(command: Command) -> Command:
     """Give a command the drive file, the kind of board, the cap on the amplitude, and the modulation."""
     for option in (
         click.option(
-            "--modulate", help="am:FREQUENCY or am:FREQUENCY:DEPTH, such as am:200; none for a constant force."
+            "--modulate",
+            help="am:FREQUENCY or am:FREQUENCY:DEPTH, such as am:200; none for a constant force.",
         ),
         click.option("--full-scale", is_flag=True, help="Emit at full scale: --cap 1."),
-        click.option("--cap", type=float, help="Largest amplitude of an element, a share of full scale: 0.5 is half."),
-        click.option("--board", required=True, type=Names("airtact.transducers.boards:BOARDS"), help="Kind of board."),
+        click.option(
+            "--cap",
+            type=float,
+            help="Largest amplitude of an element, a share of full scale: 0.5 is half.",
+        ),
+        click.option(
+            "--board",
+            required=True,
+            type=Names("airtact.transducers.boards:BOARDS"),
+            help="Kind of board.",
+        ),
         click.argument("drive", metavar="DRIVE.h5", type=FILE),
     ):
         command = option(command)
@@ -175,12 +227,13 @@ def level_of(cap: float | None, full_scale: bool) -> float | None:
     """Return the cap that was asked for, or None for the command's default."""
     if full_scale and cap is not None:
         raise at.InvalidInput(
-            f"--full-scale is a cap of 1, and --cap {cap:g} is given too: leave one out.", code="choose_one"
+            f"--full-scale is a cap of 1, and --cap {cap:g} is given too: leave one out.",
+            code="choose_one",
         )
     return 1.0 if full_scale else cap
 
 
-def modulation_of(words: str | None) -> "at.synthesis.AmplitudeModulation | None":
+def modulation_of(words: str | None) -> "at.transducers.AmplitudeModulation | None":
     """Read --modulate; None where nothing is given, or "none"."""
     if words in (None, "none"):
         return None
@@ -194,13 +247,15 @@ def modulation_of(words: str | None) -> "at.synthesis.AmplitudeModulation | None
             f"--modulate {words} is not am with up to 2 numbers, such as am:200 or am:200:0.5, nor none.",
             code="unknown_name",
         )
-    return at.synthesis.AmplitudeModulation(*given)
+    return at.transducers.AmplitudeModulation(*given)
 
 
 def agreed(question: str) -> None:
     """Ask before anything is emitted; without a terminal there is no answer, and nothing is emitted."""
     if not sys.stdin.isatty():
         sentence = "this is not a terminal, so no confirmation is possible, and 0 frames were sent"
-        raise at.InvalidInput(f"{sentence}: give --yes to emit without asking.", code="not_confirmed")
+        raise at.InvalidInput(
+            f"{sentence}: give --yes to emit without asking.", code="not_confirmed"
+        )
     if not click.confirm(question, default=False):
         raise at.InvalidInput("0 frames were sent, as you answered no.", code="not_confirmed")

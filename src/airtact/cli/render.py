@@ -12,7 +12,7 @@ from airtact.cli.options import Names, as_json, open_result, pictures, quiet, re
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from airtact.pages.run_page import Rendered
+    from airtact.reports.run_page import Rendered
 
 
 @click.command(
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 @results
 @click.option(
     "--method",
-    type=Names("airtact.synthesis.methods:METHODS"),
+    type=Names("airtact.drives.methods:METHODS"),
     metavar="NAME",
     help="Method, whatever the scene says; airtact compare lists all.",
 )
@@ -32,23 +32,32 @@ if TYPE_CHECKING:
 @open_result
 @as_json
 @quiet
-def render(scene: Path, folder: Path, method: str | None, store: Path | None, pictures: bool, opened: bool) -> None:
+def render(
+    scene: Path, folder: Path, method: str | None, store: Path | None, pictures: bool, opened: bool
+) -> None:
     """Compute the drive and the field for SCENE and write drive.csv, drive.h5, field.vtkhdf and report.html.
 
-    SCENE is scene.toml by default, which airtact init writes; or one of the examples that come with airtact:
-    air_letters, live_pinch, open_hand, palm_circle, pinch, pinch_pose, suppressed_pinch. With --no-pictures only the
-    drive is written. Foci that move, by [drive.modulation] in the scene, are in sequence.h5.
+    SCENE is scene.toml by default, which airtact init writes; or one of the examples that come with
+    airtact: air_letters, live_pinch, open_hand, palm_circle, pinch, pinch_pose, suppressed_pinch.
+    With --no-pictures only the drive is written. Foci that move, by [drive.modulation] in the
+    scene, are in sequence.h5.
     """
     with progress() as report_step:
         report_step("starting")
         from airtact.workflows import render as workflow
 
         try:
-            run = workflow.render(scene, folder, report_step, store, method=method, pictures=pictures)
+            run = workflow.render(
+                scene, folder, report_step, store, method=method, pictures=pictures
+            )
         except KeyboardInterrupt:
-            kept = ", ".join(name for name in workflow.FILES if (folder / name).exists()) or "0 files"
+            kept = (
+                ", ".join(name for name in workflow.FILES if (folder / name).exists()) or "0 files"
+            )
             raise KeyboardInterrupt(f"{kept} in {folder} kept, each complete") from None
-    written = {name: str(folder / name) for name in (workflow.FILES if pictures else workflow.FILES[:2])}
+    written = {
+        name: str(folder / name) for name in (workflow.FILES if pictures else workflow.FILES[:2])
+    }
     last = folder / list(written)[-1]
     line = f"Report: {last}" if pictures else f"Drive: {last}"
     show(
@@ -68,7 +77,9 @@ def _record(run: "Rendered") -> dict[str, Any]:
     wanted = [None] * len(run.foci) if asked is None else asked.tolist()
     foci = [
         {"name": name, "position": point.tolist(), "pressure": float(got), "asked": pressure}
-        for name, point, got, pressure in zip(run.foci, run.target.points, run.reached, wanted, strict=True)
+        for name, point, got, pressure in zip(
+            run.foci, run.target.points, run.reached, wanted, strict=True
+        )
     ]
     return {
         "method": run.method,
@@ -88,6 +99,9 @@ def _table(run: "Rendered") -> "Table":
     scale = run.reached / run.comparison.pressures["equal energy"][0]
     for index, name in enumerate(run.foci):
         wanted = [] if asked is None else [f"{asked[index]:,.0f} Pa"]
-        others = [f"{scale[index] * got[index]:,.0f} Pa" for got in run.comparison.pressures["equal energy"][1:]]
+        others = [
+            f"{scale[index] * got[index]:,.0f} Pa"
+            for got in run.comparison.pressures["equal energy"][1:]
+        ]
         table.add_row(escape(name), f"{run.reached[index]:,.0f} Pa", *wanted, *others)
     return table

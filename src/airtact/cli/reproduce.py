@@ -15,15 +15,17 @@ from airtact.cli.options import Names, open_result, quiet, results
 )
 @click.argument("paper", type=Names("airtact.experiments:PAPERS"))
 @results
-@click.option("--quick", is_flag=True, help="Do less of everything, in about three minutes instead of twenty.")
+@click.option(
+    "--quick", is_flag=True, help="Do less of everything, in about three minutes instead of twenty."
+)
 @open_result
 @quiet
 def reproduce(paper: str, folder: Path, quick: bool, opened: bool) -> None:
     """Compute the experiment of PAPER again and write index.html, with the numbers behind each figure in data/.
 
-    inoue2014: S. Inoue, Y. Makino, H. Shinoda, "Producing Airborne Ultrasonic 3D Tactile Image by Time Reversal Field
-    Rendering", SICE 2014. Up to twenty minutes on two cores. The page is written after each part, so that Ctrl-C or a
-    part that fails leaves all that was done before.
+    inoue2014: S. Inoue, Y. Makino, H. Shinoda, "Producing Airborne Ultrasonic 3D Tactile Image by
+    Time Reversal Field Rendering", SICE 2014. Up to twenty minutes on two cores. The page is
+    written after each part, so that Ctrl-C or a part that fails leaves all that was done before.
     """
     with progress() as report_step:
         report_step(f"starting {paper}")
@@ -37,5 +39,6 @@ def reproduce(paper: str, folder: Path, quick: bool, opened: bool) -> None:
     if done.failed:
         title, why = next(iter(done.failed.items()))
         raise at.NotConverged(
-            f"{len(done.failed)} of the parts failed, the others are on the page; {title!r}: {why}", code="part_failed"
+            f"{len(done.failed)} of the parts failed, the others are on the page; {title!r}: {why}",
+            code="part_failed",
         )

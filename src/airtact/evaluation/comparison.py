@@ -6,16 +6,16 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex128, Float64, Real
 
-from airtact.conventions import InvalidInput
+from airtact.acoustics.scene import Scene
+from airtact.acoustics.solvers.problem import RadiatedField, Solver, SolveReport
+from airtact.acoustics.target import Target
+from airtact.checks import counted, of_kind
+from airtact.drives.transfer import Drive, check_drive
+from airtact.errors import InvalidInput
 from airtact.evaluation.metrics import not_modelled, radiate_drives
 from airtact.printing import html_table, one_line
-from airtact.scene.scene import Scene
-from airtact.scene.target import Target
-from airtact.solvers.problem import RadiatedField, Solver, SolveReport
 from airtact.timing import Progress
 from airtact.transducers.layout import PhasedArray
-from airtact.transfer import Drive, check_drive
-from airtact.validation import counted, of_kind
 
 HELD_EQUAL = {
     "equal peak": "the strongest element of every drive is at full scale",
@@ -33,9 +33,10 @@ class Comparison:
     ----------
     names : of the D drives.
     target : the foci.
-    pressures : for each normalisation of ``HELD_EQUAL``, (D, F) peak pressure of each drive at each focus [Pa].
-    field : the 2 D solved right-hand sides: each drive with its strongest element at full scale, then its phases
-        alone; ``column`` finds them by name.
+    pressures : for each normalisation of ``HELD_EQUAL``, (D, F) peak pressure of each drive at each
+        focus [Pa].
+    field : the 2 D solved right-hand sides: each drive with its strongest element at full scale,
+        then its phases alone; ``column`` finds them by name.
     """
 
     names: tuple[str, ...]
@@ -69,11 +70,14 @@ class Comparison:
         """
         if name not in self.names:
             raise InvalidInput(
-                f"{name!r} is not one of the {len(self.names)} drives: {', '.join(self.names)}.", code="unknown_drive"
+                f"{name!r} is not one of the {len(self.names)} drives: {', '.join(self.names)}.",
+                code="unknown_drive",
             )
         return self.names.index(name) + len(self.names) * phase_only
 
-    def at(self, points: Real[np.ndarray, "points 3"]) -> dict[str, Complex128[np.ndarray, "points"]]:
+    def at(
+        self, points: Real[np.ndarray, "points 3"]
+    ) -> dict[str, Complex128[np.ndarray, "points"]]:
         """Evaluate the pressure of each drive at points [m], its strongest element at full scale.
 
         Returns
@@ -145,10 +149,20 @@ class Comparison:
         for held_equal, pressures in self.pressures.items():
             first = np.where(pressures[0] > 0.0, pressures[0], np.nan)
             for name, got in zip(self.names, pressures, strict=True):
-                for focus, (point, pressure) in enumerate(zip(self.target.points.tolist(), got.tolist(), strict=True)):
+                for focus, (point, pressure) in enumerate(
+                    zip(self.target.points.tolist(), got.tolist(), strict=True)
+                ):
                     position = dict(zip("xyz", point, strict=True))
                     numbers = {"pressure": pressure, "ratio": float(pressure / first[focus])}
-                    rows.append({"held_equal": held_equal, "drive": name, "focus": focus, **position, **numbers})
+                    rows.append(
+                        {
+                            "held_equal": held_equal,
+                            "drive": name,
+                            "focus": focus,
+                            **position,
+                            **numbers,
+                        }
+                    )
         return rows
 
     def __str__(self) -> str:
@@ -158,7 +172,10 @@ class Comparison:
         widths = [max(len(row[column]) for row in rows) for column in range(len(head))]
         lines = [
             "  ".join(
-                [row[0].ljust(widths[0]), *(text.rjust(width) for text, width in zip(row[1:], widths[1:], strict=True))]
+                [
+                    row[0].ljust(widths[0]),
+                    *(text.rjust(width) for text, width in zip(row[1:], widths[1:], strict=True)),
+                ]
             )
             for row in rows
         ]
@@ -183,8 +200,12 @@ class Comparison:
         for held_equal in self.pressures:
             weakest = self.weakest(held_equal)
             ratios = weakest / weakest[0] if weakest[0] > 0.0 else np.full(len(weakest), np.nan)
-            columns.append([f"{got:.0f} ({ratio:.2f})" for got, ratio in zip(weakest, ratios, strict=True)])
-        return [[name, *(column[drive] for column in columns)] for drive, name in enumerate(self.names)]
+            columns.append(
+                [f"{got:.0f} ({ratio:.2f})" for got, ratio in zip(weakest, ratios, strict=True)]
+            )
+        return [
+            [name, *(column[drive] for column in columns)] for drive, name in enumerate(self.names)
+        ]
 
 
 def compare(
@@ -202,7 +223,8 @@ def compare(
     ----------
     scene : what is in the air.
     array : the transducers in the obstacles' frame, see ``PhasedArray.seen_from``.
-    drives : by name; the first is the reference for the ratios. The scale of a drive does not matter.
+    drives : by name; the first is the reference for the ratios. The scale of a drive does not
+        matter.
     target : the F foci; the pressures asked there do not matter.
     solver : another one than made the drives, or a more accurate one.
     progress : callback that gets the words of each step as it begins, such as ``print``.
@@ -225,7 +247,8 @@ def compare(
     for name, peak in peaks.items():
         if peak == 0.0:
             raise InvalidInput(
-                f"drive {name!r} is silent: all {len(drives[name])} amplitudes are 0.", code="drive_silent"
+                f"drive {name!r} is silent: all {len(drives[name])} amplitudes are 0.",
+                code="drive_silent",
             )
     strongest = [Drive(drive.amplitudes / peaks[name]) for name, drive in drives.items()]
     emitted = [*strongest, *(drive.phase_only() for drive in strongest)]

@@ -5,16 +5,16 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Complex128, Real
 
-from airtact.conventions import InvalidInput
-from airtact.scene.scene import Scene
-from airtact.scene.sources import Monopoles, check_off_sources
-from airtact.solvers.problem import Solver
+from airtact.acoustics.scene import Scene
+from airtact.acoustics.solvers.problem import Solver
+from airtact.acoustics.sources import Monopoles, check_off_sources
+from airtact.checks import counted, of_kind, points_of
+from airtact.drives.transfer import Drive, check_drive
+from airtact.errors import InvalidInput
 from airtact.timing import Progress, no_progress
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_placement
 from airtact.transducers.plates import strength_in
-from airtact.transfer import Drive, check_drive
-from airtact.validation import counted, of_kind, points_of
 
 
 def check_solver(solver: Solver) -> None:
@@ -23,14 +23,17 @@ def check_solver(solver: Solver) -> None:
     of_kind(solver, Solver, "the solver", f"one such as {name}()")
 
 
-def drive_sources(array: PhasedArray, drives: Sequence[Drive], scene: Scene | None = None) -> Monopoles:
+def drive_sources(
+    array: PhasedArray, drives: Sequence[Drive], scene: Scene | None = None
+) -> Monopoles:
     """Return all face points of an array as monopoles, with one excitation per drive.
 
     Parameters
     ----------
     array : the transducers, E elements of Q face points.
     drives : S drives of E elements each.
-    scene : where they emit; needed if it has reflecting boards, in whose faces elements have half the strength.
+    scene : where they emit; needed if it has reflecting boards, in whose faces elements have half
+        the strength.
 
     Returns
     -------
@@ -54,7 +57,8 @@ def drive_sources(array: PhasedArray, drives: Sequence[Drive], scene: Scene | No
             )
         if not (array.gains * drive.amplitudes).any():
             raise InvalidInput(
-                f"drive {index} is silent: all {len(drive)} amplitudes are 0 or of dead elements.", code="drive_silent"
+                f"drive {index} is silent: all {len(drive)} amplitudes are 0 or of dead elements.",
+                code="drive_silent",
             )
     amplitudes = array.gains[:, None] * np.stack([drive.amplitudes for drive in drives], axis=1)
     full = array.element.sensitivity * (1.0 if scene is None else strength_in(scene, array))
@@ -73,16 +77,16 @@ def field_map(
 ) -> Complex128[np.ndarray, "points"]:
     """Return the complex pressure that a drive makes at any points, scattering by all bodies included.
 
-    It takes one solve with all face points of all elements as sources of one excitation. No transfer matrix is
-    involved, so the result can verify a drive that was made from one.
+    It takes one solve with all face points of all elements as sources of one excitation. No
+    transfer matrix is involved, so the result can verify a drive that was made from one.
 
     Parameters
     ----------
     scene : what is in the air.
     array : the transducers in the scene's frame, see ``PhasedArray.seen_from``.
     drive : what they emit.
-    points : (P, 3) points [m]. Behind the faces of directional elements the result is meaningless: real ones are
-        shielded there.
+    points : (P, 3) points [m]. Behind the faces of directional elements the result is meaningless:
+        real ones are shielded there.
     solver : another one than made the drive, or a more accurate one.
     progress : callback that gets the words of each step as it begins, such as ``print``.
 

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float64
 
+from airtact.acoustics.target import Target
 from airtact.evaluation.comparison import Comparison
-from airtact.scene.target import Target
 
 FULL = 0.99
 """Largest amplitude from which on a drive counts as one at full scale."""
@@ -34,9 +34,10 @@ def headline(comparison: Comparison, peak: float, word: str = "hand") -> str:
 
     Parameters
     ----------
-    comparison : of the drive that considers the bodies, and the one by the same method that ignores them.
-    peak : largest amplitude that the first drive is emitted with. At full scale the second is too; below, where the
-        target asks for no more, it has the same energy.
+    comparison : of the drive that considers the bodies, and the one by the same method that ignores
+        them.
+    peak : largest amplitude that the first drive is emitted with. At full scale the second is too;
+        below, where the target asks for no more, it has the same energy.
     word : what the bodies are called.
     """
     held_equal = "equal peak" if peak >= FULL else "equal energy"
@@ -69,7 +70,11 @@ def shortfalls(
     if target.pressures is None:
         return ()
     pairs = zip(foci, reached, target.pressures, strict=True)
-    short = [f"{name} {pascals(got)} of {pascals(asked)}" for name, got, asked in pairs if got < MET * asked]
+    short = [
+        f"{name} {pascals(got)} of {pascals(asked)}"
+        for name, got, asked in pairs
+        if got < MET * asked
+    ]
     if not short:
         return ()
     full = ": the transducers are at full scale" if peak >= FULL else ""

@@ -6,16 +6,16 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.conventions import InvalidInput
+from airtact.acoustics.solvers.problem import RadiatedField, Solver
+from airtact.acoustics.target import Target
+from airtact.drives.sampling.ensemble import TransferEnsemble, matrices_at
+from airtact.drives.transfer import Drive
+from airtact.errors import InvalidInput
 from airtact.evaluation.headline import pascals
 from airtact.evaluation.windows import Window
-from airtact.pose import Pose
+from airtact.geometry.pose import Pose
 from airtact.printing import in_short
-from airtact.sampling.ensemble import TransferEnsemble, matrices_at
-from airtact.scene.target import Target
-from airtact.solvers.problem import RadiatedField, Solver
 from airtact.transducers.layout import PhasedArray
-from airtact.transfer import Drive
 
 SAMPLES = 256
 """Number of samples that drives are tried on."""
@@ -30,9 +30,10 @@ class ShiftMap:
 
     Attributes
     ----------
-    shifts : a window around no shift at all; its points are shifts of the hand in the obstacles' frame [m].
-    pressures : (D, P) peak pressure of the weakest focus at each shift, at the energy of the first drive [Pa]; NaN
-        where the hand cannot be.
+    shifts : a window around no shift at all; its points are shifts of the hand in the obstacles'
+        frame [m].
+    pressures : (D, P) peak pressure of the weakest focus at each shift, at the energy of the first
+        drive [Pa]; NaN where the hand cannot be.
     """
 
     shifts: Window
@@ -48,7 +49,8 @@ class HeldOut:
     Attributes
     ----------
     names : of the D drives.
-    pressures : (D, S) peak pressure of the weakest focus in each sample, at the energy of the first drive [Pa].
+    pressures : (D, S) peak pressure of the weakest focus in each sample, at the energy of the first
+        drive [Pa].
     expected : (D,) the same with nothing in doubt [Pa].
     left_out : number of samples that cannot be.
     maps : the same where the hand as a whole is shifted in a plane; may be none.
@@ -70,11 +72,15 @@ class HeldOut:
     def sentence(self) -> str:
         """Say what the weakest focus gets 9 of 10 times."""
         first, *others = self.lowest_tenth
-        beside = ", ".join(f"{name}: {pascals(low)}" for name, low in zip(self.names[1:], others, strict=True))
+        beside = ", ".join(
+            f"{name}: {pascals(low)}" for name, low in zip(self.names[1:], others, strict=True)
+        )
         left = f"; {self.left_out} samples cannot be" * bool(self.left_out)
         return (
             f"With what is in doubt, 9 of 10 times the weakest focus gets at least {pascals(first)}, of "
-            f"{pascals(self.expected[0])} expected" + f" ({beside} at equal energy)" * bool(others) + f"{left}."
+            f"{pascals(self.expected[0])} expected"
+            + f" ({beside} at equal energy)" * bool(others)
+            + f"{left}."
         )
 
 
@@ -98,7 +104,12 @@ def held_out(samples: TransferEnsemble, target: Target, drives: Mapping[str, Dri
     scales = _scales(list(drives.values()))
     found = [np.abs(samples.pressures(drive))[:, asked].min(axis=1) for drive in drives.values()]
     nominal = [np.abs(samples.pressure(drive))[asked].min() for drive in drives.values()]
-    return HeldOut(tuple(drives), scales[:, None] * np.stack(found), scales * np.array(nominal), samples.left_out)
+    return HeldOut(
+        tuple(drives),
+        scales[:, None] * np.stack(found),
+        scales * np.array(nominal),
+        samples.left_out,
+    )
 
 
 def shift_map(
@@ -124,7 +135,9 @@ def shift_map(
     poses = (Pose(np.eye(3), shift) for shift in shifts.points)
     found = np.stack(
         [
-            np.full(len(drives), np.nan) if matrix is None else np.abs(matrix[asked] @ amplitudes).min(axis=0)
+            np.full(len(drives), np.nan)
+            if matrix is None
+            else np.abs(matrix[asked] @ amplitudes).min(axis=0)
             for matrix in matrices_at(beacons, array, poses, solver=solver)
         ],
         axis=1,

@@ -6,22 +6,20 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex128, Float64
 
+from airtact.acoustics.scene import Scene, check_outside
+from airtact.acoustics.solvers.problem import BOARDS, PLANES, RadiatedField, Solver, SolveReport
+from airtact.acoustics.sources import check_off_sources
+from airtact.acoustics.target import Target
+from airtact.checks import counted, of_kind
+from airtact.drives.reach import fraction
+from airtact.drives.transfer import Drive
 from airtact.evaluation.field import check_solver, drive_sources
 from airtact.printing import html_table, one_line
-from airtact.scene.scene import Scene, check_outside
-from airtact.scene.sources import check_off_sources
-from airtact.scene.target import Target
-from airtact.solvers.problem import BOARDS, PLANES, RadiatedField, Solver, SolveReport
-from airtact.synthesis.reach import fraction
 from airtact.timing import Progress
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_placement
-from airtact.transfer import Drive
-from airtact.validation import counted, of_kind
 
-NOT_MODELLED = (
-    "The array's own boards, the table and the walls do not reflect, and the elements' sensitivity is not calibrated."
-)
+NOT_MODELLED = "The array's own boards, the table and the walls do not reflect, and the elements' sensitivity is not calibrated."
 """What a figure of pressure leaves out without a plane (section 3.1 of the paper for the boards)."""
 
 BEYOND_THE_PLANE = (
@@ -30,14 +28,18 @@ BEYOND_THE_PLANE = (
 )
 """What it leaves out with one."""
 
-BEYOND_THE_BOARDS = "{} do not reflect, the boards have no gaps, and the elements' sensitivity is not calibrated."
+BEYOND_THE_BOARDS = (
+    "{} do not reflect, the boards have no gaps, and the elements' sensitivity is not calibrated."
+)
 """What it leaves out with boards that reflect."""
 
 
 def not_modelled(report: SolveReport) -> str:
     """Say what figures of pressure leave out that a report belongs to."""
     if BOARDS in report.settings:
-        others = "Tables and walls" + " other than the scene's rigid plane" * (PLANES in report.settings)
+        others = "Tables and walls" + " other than the scene's rigid plane" * (
+            PLANES in report.settings
+        )
         return BEYOND_THE_BOARDS.format(others)
     return BEYOND_THE_PLANE if PLANES in report.settings else NOT_MODELLED
 
@@ -61,7 +63,9 @@ class Evaluation:
 
     def __repr__(self) -> str:
         foci = counted(len(self.pressures), "focus", "foci")
-        return one_line(self, foci, f"weakest {self._in_words(self.worst)}", f"mean {self._in_words(self.mean)}")
+        return one_line(
+            self, foci, f"weakest {self._in_words(self.worst)}", f"mean {self._in_words(self.mean)}"
+        )
 
     def _repr_html_(self) -> str:
         head = ["focus", "x [mm]", "y [mm]", "z [mm]", "pressure [Pa]", "asked [Pa]", "share"]
@@ -69,12 +73,20 @@ class Evaluation:
         return html_table(title, head, self._rows(), [self._source(), *self.report.warnings])
 
     def _in_words(self, value: float) -> str:
-        return f"{value:.0f} Pa" if self.target.pressures is None else f"{100 * value:.1f} % of what was asked"
+        return (
+            f"{value:.0f} Pa"
+            if self.target.pressures is None
+            else f"{100 * value:.1f} % of what was asked"
+        )
 
     def _rows(self) -> list[list[str]]:
         """Return number, position, pressure, what was asked and its share for each focus, as texts."""
         asked = self.target.pressures
-        wanted = ["-"] * len(self.pressures) if asked is None else [f"{pressure:.1f}" for pressure in asked]
+        wanted = (
+            ["-"] * len(self.pressures)
+            if asked is None
+            else [f"{pressure:.1f}" for pressure in asked]
+        )
         reached = ["-" if np.isnan(share) else f"{share:.1%}" for share in self.shares]
         points, got = self.target.points * 1e3, self.magnitudes
         return [
@@ -102,7 +114,8 @@ class Evaluation:
     def counted(self) -> Float64[np.ndarray, "counted"]:
         """Values of the foci that ask for sound, from which worst, mean and uniformity follow.
 
-        They are shares of the pressure asked where one is; else magnitudes [Pa], each over the share asked, if any.
+        They are shares of the pressure asked where one is; else magnitudes [Pa], each over the
+        share asked, if any.
         """
         if self.target.pressures is not None:
             return self.shares[np.isfinite(self.shares)]
@@ -123,8 +136,8 @@ class Evaluation:
     def uniformity(self) -> float:
         """1 − (max − min)/(max + min) over the foci, 1 when all are equal.
 
-        Di Leonardo, Ianni and Ruocco (Optics Express 15, 1913, 2007) define it for intensity; here it is that of
-        pressure, or of the share of the pressure asked.
+        Di Leonardo, Ianni and Ruocco (Optics Express 15, 1913, 2007) define it for intensity; here
+        it is that of pressure, or of the share of the pressure asked.
         """
         most, least = self.counted.max(), self.counted.min()
         return float(1.0 - (most - least) / (most + least)) if most > 0.0 else 0.0
@@ -148,7 +161,13 @@ class Evaluation:
 
 
 def evaluate(
-    scene: Scene, array: PhasedArray, drive: Drive, target: Target, *, solver: Solver, progress: Progress | None = None
+    scene: Scene,
+    array: PhasedArray,
+    drive: Drive,
+    target: Target,
+    *,
+    solver: Solver,
+    progress: Progress | None = None,
 ) -> Evaluation:
     """Evaluate the pressure at the foci by one forward solve: all elements emit at once, and the scene scatters.
 
@@ -187,7 +206,8 @@ def radiate_drives(
 ) -> RadiatedField:
     """Solve for several drives at once, one right-hand side a drive; the errors are those of ``evaluate``.
 
-    It first checks that the foci, and any ``others`` (points by what one is called), are off the bodies and sources.
+    It first checks that the foci, and any ``others`` (points by what one is called), are off the
+    bodies and sources.
     """
     check_solver(solver)
     of_kind(target, Target, "the target", "Target(points, pressures)")

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Complex128, Float64, Real
 
-from airtact.conventions import InvalidInput, Vector
-from airtact.scene.scene import Scene
-from airtact.solvers.problem import RadiatedField
-from airtact.surfaces.primitives import turn_from_z
+from airtact.acoustics.scene import Scene
+from airtact.acoustics.solvers.problem import RadiatedField
+from airtact.checks import number, points_of, positive, real_numbers
+from airtact.errors import InvalidInput, Vector
+from airtact.geometry.primitives import turn_from_z
 from airtact.transducers.element import piston
-from airtact.validation import number, points_of, positive, real_numbers
 
 QUARTER_INCH = 6.35e-3
 """Diameter of the paper's microphone [m]."""
@@ -47,12 +47,14 @@ class Microphone:
             )
         if not 0.0 <= number(self.housing, "the housing of a microphone", "m") <= 1.0:
             raise InvalidInput(
-                f"the housing of a microphone is {self.housing:g} m long; give 0 to 1 m.", code="out_of_range"
+                f"the housing of a microphone is {self.housing:g} m long; give 0 to 1 m.",
+                code="out_of_range",
             )
         axis = real_numbers(np.asarray(self.axis), "the axis of a microphone")
         if axis.shape != (3,) or not np.linalg.norm(axis) > 0.0:
             raise InvalidInput(
-                f"the axis of a microphone is {axis.tolist()}; give a direction of three numbers.", code="wrong_shape"
+                f"the axis of a microphone is {axis.tolist()}; give a direction of three numbers.",
+                code="wrong_shape",
             )
 
     @property
@@ -65,15 +67,21 @@ class Microphone:
         disc = piston(self.diameter / 2.0).points @ self._turn.T
         return centres[:, None, :] + disc
 
-    def blocked(self, scene: Scene, centres: Real[np.ndarray, "centres 3"]) -> Bool[np.ndarray, "centres"]:
+    def blocked(
+        self, scene: Scene, centres: Real[np.ndarray, "centres 3"]
+    ) -> Bool[np.ndarray, "centres"]:
         """Return whether a body of a scene is in the way of the face or the housing (N,), for centres (N, 3) [m]."""
         given = points_of(centres, "positions of a microphone", least=0)
         angles = np.arange(24) * (2.0 * np.pi / 24)
         rim = self.diameter / 2.0 * np.stack([np.cos(angles), np.sin(angles), np.zeros(24)], axis=1)
-        back = np.linspace(0.0, self.housing, 1 + int(np.ceil(self.housing / (RINGS * self.diameter))))
+        back = np.linspace(
+            0.0, self.housing, 1 + int(np.ceil(self.housing / (RINGS * self.diameter)))
+        )
         disc = np.concatenate([np.zeros((1, 3)), 0.5 * rim, rim])
         probes = (disc[None] - back[:, None, None] * [0.0, 0.0, 1.0]).reshape(-1, 3) @ self._turn.T
-        depth = scene.depth((given[:, None] + probes).reshape(-1, 3)).reshape(len(given), len(probes))
+        depth = scene.depth((given[:, None] + probes).reshape(-1, 3)).reshape(
+            len(given), len(probes)
+        )
         return np.asarray(depth.max(axis=1) > 0.0)
 
     def read(

@@ -5,19 +5,19 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Complex128, Float64, Int64, Real
 
-from airtact.conventions import InvalidInput
+from airtact.acoustics.medium import Medium
+from airtact.acoustics.scene import Scene
+from airtact.acoustics.solvers.bem.quadrature import place_nodes
+from airtact.acoustics.solvers.problem import RadiatedField, Solver, SolveReport
+from airtact.checks import in_mm, positive
+from airtact.drives.transfer import Drive
+from airtact.errors import InvalidInput
 from airtact.evaluation.field import check_solver, drive_sources
-from airtact.mesh.quadratic_triangles import QuadraticTriangles
+from airtact.geometry.mesh.quadratic_triangles import QuadraticTriangles
+from airtact.geometry.panels import panels_of
 from airtact.printing import one_line
-from airtact.scene.medium import Medium
-from airtact.scene.scene import Scene
-from airtact.solvers.bem.quadrature import place_nodes
-from airtact.solvers.problem import RadiatedField, Solver, SolveReport
-from airtact.surfaces.panels import panels_of
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_placement
-from airtact.transfer import Drive
-from airtact.validation import in_mm, positive
 
 EDGE = 1.0 / 3.0
 """Edge of the panels that carry radiation pressure, in wavelengths: it varies over half a wavelength."""
@@ -30,13 +30,16 @@ PAD_REACH = 2e-3
 
 
 def radiation_pressure(
-    pressure: Complex128[np.ndarray, "points"], velocity: Complex128[np.ndarray, "points 3"], medium: Medium
+    pressure: Complex128[np.ndarray, "points"],
+    velocity: Complex128[np.ndarray, "points 3"],
+    medium: Medium,
 ) -> Float64[np.ndarray, "points"]:
     """Return the mean pressure of sound on a sound-hard surface [Pa], inwards where positive.
 
-    To second order the mean pressure is ⟨p²⟩/(2ρc²) − ρ⟨v²⟩/2, and no air crosses a hard surface at rest, so
-    that with peak values it is |P|²/(4ρc²) − ρ|U|²/4 (L. V. King, Proc. R. Soc. Lond. A 147, 212, 1934; T. Hasegawa,
-    K. Yosioka, J. Acoust. Soc. Am. 46, 1139, 1969). Before a wall that a plane wave p meets squarely it is 2⟨p²⟩/(ρc²).
+    To second order the mean pressure is ⟨p²⟩/(2ρc²) − ρ⟨v²⟩/2, and no air crosses a hard surface at
+    rest, so that with peak values it is |P|²/(4ρc²) − ρ|U|²/4 (L. V. King, Proc. R. Soc. Lond. A
+    147, 212, 1934; T. Hasegawa, K. Yosioka, J. Acoust. Soc. Am. 46, 1139, 1969). Before a wall that
+    a plane wave p meets squarely it is 2⟨p²⟩/(ρc²).
 
     Parameters
     ----------
@@ -81,7 +84,8 @@ class RadiationMap:
 
     Attributes
     ----------
-    quadratic_triangles : (T, 6, 3) panels of the surfaces [m]; panel t has the points 6 t to 6 t + 5.
+    quadratic_triangles : (T, 6, 3) panels of the surfaces [m]; panel t has the points 6 t to 6 t +
+        5.
     body : (T,) the body of each panel.
     points, normals, areas : (Q, 3) [m], (Q, 3) outward and (Q,) [m²] that each point stands for.
     pressure : (Q,) total peak pressure [Pa].
@@ -102,13 +106,18 @@ class RadiationMap:
 
     def __repr__(self) -> str:
         strongest = np.nanmax(np.abs(self.pressure), initial=0.0)
-        return one_line(self, f"{len(self.points)} points on surfaces", f"at most {strongest:.0f} Pa")
+        return one_line(
+            self, f"{len(self.points)} points on surfaces", f"at most {strongest:.0f} Pa"
+        )
 
     def force(self, body: int) -> Float64[np.ndarray, "3"]:
         """(3,) force of the sound on a whole body, by its number [N]; raises ``InvalidInput`` for one not there."""
         count = int(self.body.max()) + 1
         if not 0 <= body < count:
-            raise InvalidInput(f"there is no body {body}; the scene has bodies 0 to {count - 1}.", code="unknown_body")
+            raise InvalidInput(
+                f"there is no body {body}; the scene has bodies 0 to {count - 1}.",
+                code="unknown_body",
+            )
         chosen = np.repeat(self.body, 6) == body
         return -(self.areas * self.radiation_pressure)[chosen] @ self.normals[chosen]
 
@@ -145,17 +154,22 @@ class RadiationMap:
         """Return which points belong to the pad round a focus (Q,), and its centre (3,), None where the skin is far."""
         away = np.linalg.norm(self.points - focus, axis=1)
         nearest = int(away.argmin())
-        # the nearest point of the skin lies below the focus, in the tangent plane of the nearest node
+        # the nearest point of the skin lies below the focus, in the tangent plane of the nearest
+        # node
         height = float((np.asarray(focus) - self.points[nearest]) @ self.normals[nearest])
         if height > PAD_REACH:
             return np.zeros(len(away), dtype=bool), None
         centre = focus - height * self.normals[nearest]
         body = np.repeat(self.body, 6)
         facing = self.normals @ self.normals[nearest] > 0.0
-        return (np.linalg.norm(self.points - centre, axis=1) < radius) & facing & (body == body[nearest]), centre
+        return (np.linalg.norm(self.points - centre, axis=1) < radius) & facing & (
+            body == body[nearest]
+        ), centre
 
 
-def radiation_map(scene: Scene, array: PhasedArray, drive: Drive, *, solver: Solver) -> RadiationMap:
+def radiation_map(
+    scene: Scene, array: PhasedArray, drive: Drive, *, solver: Solver
+) -> RadiationMap:
     """Compute the sound and the radiation pressure on the surfaces of all bodies under a drive.
 
     Parameters
@@ -180,7 +194,8 @@ def radiation_map(scene: Scene, array: PhasedArray, drive: Drive, *, solver: Sol
 def radiation_of(field: RadiatedField, excitation: int) -> RadiationMap:
     """Compute the map for one excitation of a solved field of sound-hard bodies.
 
-    It raises ``InvalidInput`` if there is no body, one is not sound-hard, or the velocity on a surface is not known.
+    It raises ``InvalidInput`` if there is no body, one is not sound-hard, or the velocity on a
+    surface is not known.
     """
     scene = field.scene
     _check_hard(scene)
@@ -207,7 +222,9 @@ def radiation_of(field: RadiatedField, excitation: int) -> RadiationMap:
 
 def _check_hard(scene: Scene) -> None:
     if not scene.obstacles:
-        raise InvalidInput("the scene has 0 obstacles, so there is no surface to press on.", code="no_bodies")
+        raise InvalidInput(
+            "the scene has 0 obstacles, so there is no surface to press on.", code="no_bodies"
+        )
     for index, obstacle in enumerate(scene.obstacles):
         if obstacle.boundary != "sound_hard":
             raise InvalidInput(

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Complex128, Float64
 
-from airtact.conventions import InvalidInput, about
-from airtact.file_access.text_table import read_text_table
+from airtact.checks import check_finite, complex_numbers, counted, in_mm, points_of
+from airtact.errors import InvalidInput, about
+from airtact.files.text_table import read_text_table
 from airtact.printing import in_short
-from airtact.validation import check_finite, complex_numbers, counted, in_mm, points_of
 
 POSITION, PRESSURE, PHASE = ("x", "y", "z"), "pressure", "phase"
 """Columns of a scan: metres, the pressure in any unit, and, where it was measured, its phase [rad]."""
@@ -45,12 +45,14 @@ class Scan:
         points = points_of(self.points, "positions of a scan", least=0)
         if len(points) < FEWEST:
             raise InvalidInput(
-                f"the scan has {counted(len(points), 'position', 'positions')}; give {FEWEST} or more.", code="too_few"
+                f"the scan has {counted(len(points), 'position', 'positions')}; give {FEWEST} or more.",
+                code="too_few",
             )
         pressures = complex_numbers(self.pressures, "pressures of a scan")
         if pressures.shape != (len(points),):
             raise InvalidInput(
-                f"a scan of {len(points)} positions has pressures of shape {pressures.shape}.", code="wrong_shape"
+                f"a scan of {len(points)} positions has pressures of shape {pressures.shape}.",
+                code="wrong_shape",
             )
         check_finite(pressures, "pressures of a scan")
         away = np.linalg.norm(points, axis=1)
@@ -64,9 +66,12 @@ class Scan:
             )
         if not pressures.any():
             raise InvalidInput(
-                f"all {len(pressures)} pressures of the scan are 0; nothing was measured.", code="scan_silent"
+                f"all {len(pressures)} pressures of the scan are 0; nothing was measured.",
+                code="scan_silent",
             )
-        repeated = np.setdiff1d(np.arange(len(points)), np.unique(points, axis=0, return_index=True)[1])
+        repeated = np.setdiff1d(
+            np.arange(len(points)), np.unique(points, axis=0, return_index=True)[1]
+        )
         if len(repeated):
             where = points[repeated[0]]
             raise InvalidInput(
@@ -97,7 +102,10 @@ def load_scan(path: str | Path) -> Scan:
     """
     table = read_text_table(Path(path))
     table.require(*POSITION, PRESSURE)
-    points, phased = np.stack([table.numbers(name) for name in POSITION], axis=1), PHASE in table.names
+    points, phased = (
+        np.stack([table.numbers(name) for name in POSITION], axis=1),
+        PHASE in table.names,
+    )
     phases = table.numbers(PHASE) if phased else np.zeros(len(points))
     with about(Path(path).name):
         return Scan(points, table.numbers(PRESSURE) * np.exp(1j * phases), phased)
@@ -112,7 +120,8 @@ class Overlay:
     scan : what was measured.
     predicted : (N,) pressures [Pa], NaN where the prediction is not defined.
     used : (N,) whether the prediction is defined at a position.
-    scale : measured over predicted, the best single number; real and positive where no phase was measured.
+    scale : measured over predicted, the best single number; real and positive where no phase was
+        measured.
     error : root mean square of measured minus scale times predicted, over that of measured.
     """
 
@@ -161,7 +170,8 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
     """
     if predicted.shape != scan.pressures.shape:
         raise InvalidInput(
-            f"{len(predicted)} predictions do not fit a scan of {len(scan.points)} positions.", code="sizes_differ"
+            f"{len(predicted)} predictions do not fit a scan of {len(scan.points)} positions.",
+            code="sizes_differ",
         )
     used = np.isfinite(predicted)
     if used.sum() < FEWEST:
@@ -171,10 +181,13 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
             code="scan_blocked",
         )
     model = predicted[used] if scan.phased else np.abs(predicted[used]).astype(np.complex128)
-    measured = scan.pressures[used] if scan.phased else np.abs(scan.pressures[used]).astype(np.complex128)
+    measured = (
+        scan.pressures[used] if scan.phased else np.abs(scan.pressures[used]).astype(np.complex128)
+    )
     if not model.any():
         raise InvalidInput(
-            f"the prediction is 0 Pa at all {int(used.sum())} positions of the scan.", code="prediction_zero"
+            f"the prediction is 0 Pa at all {int(used.sum())} positions of the scan.",
+            code="prediction_zero",
         )
     scale, error = _fitted(measured, model)
     mirrored = _fitted(measured, model.conj())[1] if scan.phased else error

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex128, Float64, Inexact, Int64, Real
 
+from airtact.acoustics.solvers.problem import RadiatedField
 from airtact.evaluation.windows import Window
 from airtact.printing import in_short
-from airtact.solvers.problem import RadiatedField
 
 MOST_POINTS = 36_000
 """Points at which the field is evaluated for all planes together."""
@@ -45,9 +45,11 @@ class Slices:
     Attributes
     ----------
     corner : (3,) the first point [m].
-    axes : (3, 3) unit vectors in rows: right, up, and the normal of the planes, each an axis of the frame.
+    axes : (3, 3) unit vectors in rows: right, up, and the normal of the planes, each an axis of the
+        frame.
     steps : (3,) distance of neighbouring points along each of the axes [m].
-    pressures : (planes, rows, columns, S) peak pressure [Pa], carried into hard bodies by at most a few points.
+    pressures : (planes, rows, columns, S) peak pressure [Pa], carried into hard bodies by at most a
+        few points.
     depth : (planes, rows, columns) depth in a body [m], negative outside.
     any_axis : whether the planes stand so close that sections along all three axes show the field.
     """
@@ -67,9 +69,10 @@ def slices_around(
 ) -> Slices:
     """Evaluate a field in planes across the axis of the frame that a window faces most.
 
-    The complex pressure is evaluated at four to five points a wavelength and interpolated by cubic splines. Near a
-    sound-hard surface, where its slope along the normal vanishes, it is a parabola between the solved pressure on the
-    surface and that at a height of ``WALL`` wavelengths, off by some 2 % in the mean and 7 % of the largest at worst.
+    The complex pressure is evaluated at four to five points a wavelength and interpolated by cubic
+    splines. Near a sound-hard surface, where its slope along the normal vanishes, it is a parabola
+    between the solved pressure on the surface and that at a height of ``WALL`` wavelengths, off by
+    some 2 % in the mean and 7 % of the largest at worst.
 
     Parameters
     ----------
@@ -89,16 +92,23 @@ def slices_around(
     lowest, highest = (foci @ axes.T).min(axis=0), (foci @ axes.T).max(axis=0)
     lowest, highest = lowest - MARGIN * wavelength, highest + MARGIN * wavelength
     counts, any_axis = _counts((highest - lowest) / wavelength)
-    sides = [np.linspace(low, high, count) for low, high, count in zip(lowest, highest, counts, strict=True)]
+    sides = [
+        np.linspace(low, high, count)
+        for low, high, count in zip(lowest, highest, counts, strict=True)
+    ]
     grid = np.stack(np.meshgrid(*sides[::-1], indexing="ij")[::-1], axis=-1)
     points = grid.reshape(-1, 3) @ axes
     depth = field.scene.depth(points).reshape(grid.shape[:3])
-    pressure = _pressure(field, points, depth.ravel())[:, list(columns)].reshape(*grid.shape[:3], -1)
+    pressure = _pressure(field, points, depth.ravel())[:, list(columns)].reshape(
+        *grid.shape[:3], -1
+    )
     pressure = _carried_inside(pressure)
     for plane in field.scene.planes:
         depth = np.maximum(depth, -plane.height(points).reshape(depth.shape))
     fine = (1, 1, 1) if len(columns) > MOST_FINE else (2, 2, 2) if any_axis else (1, 2, 2)
-    pressures = np.stack([np.abs(_finer(one, fine)) for one in np.moveaxis(pressure, -1, 0)], axis=-1)
+    pressures = np.stack(
+        [np.abs(_finer(one, fine)) for one in np.moveaxis(pressure, -1, 0)], axis=-1
+    )
     steps = (highest - lowest) / (np.array(pressures.shape[2::-1]) - 1)
     depth = np.real(_finer(np.clip(depth, -wavelength, wavelength), fine))
     return Slices(lowest @ axes, axes, steps, pressures, depth, any_axis)
@@ -106,7 +116,9 @@ def slices_around(
 
 def _counts(sides: Float64[np.ndarray, "3"]) -> tuple[tuple[int, ...], bool]:
     """Points along the sides [wavelengths], and whether they stand equally close along all."""
-    counts = 2 * np.ceil(sides / STEPS[0] / 2.0).astype(int) + 1  # odd, so that one plane lies in the middle
+    counts = (
+        2 * np.ceil(sides / STEPS[0] / 2.0).astype(int) + 1
+    )  # odd, so that one plane lies in the middle
     if counts.prod() <= MOST_POINTS:
         return tuple(counts.tolist()), True
     step = max(STEPS[1], float(np.sqrt(sides[0] * sides[1] * LEAST_PLANES / MOST_POINTS)))
@@ -130,7 +142,9 @@ def _finer(
 
 
 def _pressure(
-    field: RadiatedField, points: Float64[np.ndarray, "points 3"], depth: Float64[np.ndarray, "points"]
+    field: RadiatedField,
+    points: Float64[np.ndarray, "points 3"],
+    depth: Float64[np.ndarray, "points"],
 ) -> Complex128[np.ndarray, "points sounds"]:
     """Complex pressure at points, by the parabola near hard walls; NaN deep inside bodies."""
     if any(one.boundary != "sound_hard" for one in field.scene.obstacles):
@@ -146,7 +160,9 @@ def _pressure(
     nearest = KDTree(surface.points).query(points[near])[1]
     normals = surface.normals[nearest]
     projections = (
-        points[near] + np.sum((surface.points[nearest] - points[near]) * normals, axis=1, keepdims=True) * normals
+        points[near]
+        + np.sum((surface.points[nearest] - points[near]) * normals, axis=1, keepdims=True)
+        * normals
     )
     evaluated = field.at(np.concatenate([points[away], projections + rim * normals]))
     out[away], rims = evaluated[: np.count_nonzero(away)], evaluated[np.count_nonzero(away) :]
@@ -203,7 +219,10 @@ def surface_pressure(field: RadiatedField, columns: Sequence[int]) -> SurfacePre
     for obstacle in field.scene.obstacles:
         surface = obstacle.surface
         points, corners, *_ = subdivide_to_size(
-            surface.vertices, surface.triangles, max_edge=SURFACE_EDGE * field.scene.wavelength, max_iter=20
+            surface.vertices,
+            surface.triangles,
+            max_edge=SURFACE_EDGE * field.scene.wavelength,
+            max_iter=20,
         )
         # The cut triangles have corners of their own, and would be lit as facets.
         points, numbers = np.unique(points.round(9), axis=0, return_inverse=True)
@@ -233,12 +252,18 @@ def pressure_on_surfaces(
     from scipy.spatial import KDTree
 
     surface, wavenumber = field.on_surface, field.scene.wavenumber
-    distances, nearest = KDTree(surface.points).query(points, k=min(NEIGHBOURS, len(surface.points)))
+    distances, nearest = KDTree(surface.points).query(
+        points, k=min(NEIGHBOURS, len(surface.points))
+    )
     normals, around = surface.normals[nearest], surface.points[nearest]
-    same_side = np.einsum("pkd,pd->pk", normals, normals[:, 0]) > 0.5  # not round an edge, nor behind a thin wall
+    same_side = (
+        np.einsum("pkd,pd->pk", normals, normals[:, 0]) > 0.5
+    )  # not round an edge, nor behind a thin wall
     between = np.linalg.norm(around[:, :, None] - around[:, None], axis=-1)
     covariance = np.sinc(wavenumber * between / np.pi) * same_side[:, :, None] * same_side[:, None]
     diagonal = np.arange(covariance.shape[1])
     covariance[:, diagonal, diagonal] = 1.0 + RIDGE
-    weights = np.linalg.solve(covariance, (np.sinc(wavenumber * distances / np.pi) * same_side)[..., None])
+    weights = np.linalg.solve(
+        covariance, (np.sinc(wavenumber * distances / np.pi) * same_side)[..., None]
+    )
     return np.einsum("pkn,pks->ps", weights, surface.pressure[nearest])

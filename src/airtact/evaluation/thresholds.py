@@ -6,14 +6,15 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float64, Num
 
-from airtact.conventions import InvalidInput
+from airtact.errors import InvalidInput
 
 REFERENCE_RMS = 20e-6
 """Pressure of 0 dB SPL, rms [Pa]."""
 
 OCCUPATIONAL_LIMIT = 110.0
 """The usual limit at 40 kHz for people at work, in a third of an octave [dB SPL]: C. Q. Howard, C. H. Hansen,
-A. C. Zander, J. Occup. Health Saf. Aust. N. Z. 21, 253 (2005), on which most organisations agree."""
+A. C. Zander, J. Occup. Health Saf. Aust. N. Z. 21, 253 (2005), on which most organisations
+agree."""
 
 NO_SAFETY_ASSESSMENT = (
     "This is no safety assessment: the head itself is not in the scene, the sensitivity of the elements is not "
@@ -28,8 +29,8 @@ NO_SAFETY_ASSESSMENT = (
 class Threshold:
     """The smallest force on the skin [N], or pressure in the focus [Pa], that people felt in an experiment.
 
-    The sound was modulated in amplitude (at 200 Hz) or spatiotemporally (a focus that moves). The source is a
-    publication, with its reservations.
+    The sound was modulated in amplitude (at 200 Hz) or spatiotemporally (a focus that moves). The
+    source is a publication, with its reservations.
     """
 
     modulation: Literal["amplitude", "spatiotemporal"]
@@ -40,7 +41,8 @@ class Threshold:
     def level(self, value: float) -> float:
         """Return the level of a force [N] or peak pressure [Pa] above the threshold [dB]; -inf for none.
 
-        Force goes with the square of the pressure, so that both kinds of threshold are on one scale.
+        Force goes with the square of the pressure, so that both kinds of threshold are on one
+        scale.
 
         Examples
         --------
@@ -49,7 +51,9 @@ class Threshold:
         """
         if not value > 0.0:
             return -np.inf
-        return round((10.0 if self.quantity == "force" else 20.0) * float(np.log10(value / self.value)), 9)
+        return round(
+            (10.0 if self.quantity == "force" else 20.0) * float(np.log10(value / self.value)), 9
+        )
 
 
 HOWARD = "T. Howard et al. 2019 on an Ultraleap STRATOS, quoted at second hand: peak or rms is not stated"
@@ -86,7 +90,9 @@ CONSTANT = (
 """The note beside a drive that is not modulated."""
 
 
-def sensation(pressure: float, modulation: Literal["amplitude", "spatiotemporal"] | None, depth: float = 1.0) -> str:
+def sensation(
+    pressure: float, modulation: Literal["amplitude", "spatiotemporal"] | None, depth: float = 1.0
+) -> str:
     """Write how far a focus is above the threshold of detection, and where that threshold comes from.
 
     Parameters

@@ -6,22 +6,22 @@ import numpy as np
 from jaxtyping import Bool, Complex128, Float64, Real
 from scipy.spatial import KDTree
 
-from airtact.conventions import InvalidInput, Vector
+from airtact.acoustics.planes import before_planes
+from airtact.acoustics.scene import Scene
+from airtact.acoustics.solvers.problem import RadiatedField, Solver
+from airtact.acoustics.target import Target
+from airtact.checks import counted, in_mm, of_kind, points_of
+from airtact.drives.reach import check_foci
+from airtact.drives.rounding import quantise
+from airtact.drives.transfer import Drive, TransferMatrix, transfer_matrix
+from airtact.errors import InvalidInput, Vector
 from airtact.evaluation.metrics import Evaluation, radiate_drives
 from airtact.evaluation.radiation import PAD_RADIUS, Pad, RadiationMap, radiation_of
 from airtact.evaluation.thresholds import NO_SAFETY_ASSESSMENT, sound_pressure_level, thresholds_of
 from airtact.printing import one_line
-from airtact.scene.planes import before_planes
-from airtact.scene.scene import Scene
-from airtact.scene.target import Target
-from airtact.solvers.problem import RadiatedField, Solver
-from airtact.synthesis.quantise import quantise
-from airtact.synthesis.reach import check_foci
 from airtact.timing import Progress, no_progress
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.levels import EIGHT_BITS, Levels
-from airtact.transfer import Drive, TransferMatrix, transfer_matrix
-from airtact.validation import counted, in_mm, of_kind, points_of
 
 FOCUS_RADIUS = 1.0
 """Sound within this many wavelengths of a focus belongs to the focus, farther away to side lobes."""
@@ -39,11 +39,13 @@ CANDIDATES = 40
 """Round this many of the strongest points the field is evaluated again at a third of the spacing."""
 
 
-def attainable(transfer: TransferMatrix, energy: float | None = None) -> Float64[np.ndarray, "foci"]:
+def attainable(
+    transfer: TransferMatrix, energy: float | None = None
+) -> Float64[np.ndarray, "foci"]:
     """Return the largest pressure that each focus could get if the array served it alone [Pa], peak.
 
-    With every element at most at full scale that is Σ_e |H_fe|: all arrive in phase. With a given energy Σ|d|² it is
-    √energy · (Σ_e |H_fe|²)^½, by Cauchy-Schwarz, and never more than the first.
+    With every element at most at full scale that is Σ_e |H_fe|: all arrive in phase. With a given
+    energy Σ|d|² it is √energy · (Σ_e |H_fe|²)^½, by Cauchy-Schwarz, and never more than the first.
 
     Parameters
     ----------
@@ -71,7 +73,9 @@ def attainable(transfer: TransferMatrix, energy: float | None = None) -> Float64
     if energy is None:
         return full
     if not (np.isfinite(energy) and energy >= 0.0):
-        raise InvalidInput(f"the energy is {energy:g}, but Σ|d|² is finite and not negative.", code="out_of_range")
+        raise InvalidInput(
+            f"the energy is {energy:g}, but Σ|d|² is finite and not negative.", code="out_of_range"
+        )
     return np.minimum(full, np.sqrt(energy) * np.linalg.norm(magnitudes, axis=1))
 
 
@@ -103,9 +107,10 @@ class Verification:
     energy : Σ|d|².
     elements : number of elements.
     skin : sound on the surfaces of the bodies, None in open air.
-    side_lobe_on_surface : strongest sound on a surface more than a wavelength from every focus, None in open air.
-    side_lobe_in_box : strongest sound in the air more than a wavelength from every focus, in a box two wavelengths
-        wider than the foci.
+    side_lobe_on_surface : strongest sound on a surface more than a wavelength from every focus,
+        None in open air.
+    side_lobe_in_box : strongest sound in the air more than a wavelength from every focus, in a box
+        two wavelengths wider than the foci.
     suppression_points : (Q,) complex pressure at the target's suppression points [Pa].
     head : (N,) level at the points of a head [dB SPL].
     """
@@ -127,7 +132,9 @@ class Verification:
         alone = f"{_range(100 * self.attained, '.0f')} % of what a focus gets alone"
         head = f"at most {self.head.max():.0f} dB SPL at the head" if len(self.head) else ""
         foci = counted(len(self.attained), "focus", "foci")
-        return one_line(self, f"weakest of {foci} {self.evaluation.magnitudes.min():.0f} Pa", alone, head)
+        return one_line(
+            self, f"weakest of {foci} {self.evaluation.magnitudes.min():.0f} Pa", alone, head
+        )
 
     @property
     def attained(self) -> Float64[np.ndarray, "foci"]:
@@ -162,7 +169,10 @@ class Verification:
 
         Parameters and errors are those of ``RadiationMap.pad``.
         """
-        return tuple(None if self.skin is None else self.skin.pad(at, radius) for at in self.evaluation.target.points)
+        return tuple(
+            None if self.skin is None else self.skin.pad(at, radius)
+            for at in self.evaluation.target.points
+        )
 
     def over_thresholds(self, modulation: str = "amplitude") -> str:
         """Return a sentence for each tactile threshold of a modulation: how far the foci are above it.
@@ -184,7 +194,11 @@ class Verification:
             if len(values):
                 levels = np.array([threshold.level(float(value)) for value in values])
                 amount = f"{1e3 * threshold.value:g} mN" if by_force else f"{threshold.value:g} Pa"
-                above = f"{_range(levels, '+.1f')} dB above" if np.isfinite(levels).all() else "far below"
+                above = (
+                    f"{_range(levels, '+.1f')} dB above"
+                    if np.isfinite(levels).all()
+                    else "far below"
+                )
                 lines.append(
                     f"{above} the threshold of {threshold.quantity}, {amount}, with "
                     f"{threshold.modulation} modulation ({threshold.source})"
@@ -192,7 +206,9 @@ class Verification:
         return "\n".join(lines)
 
     def __str__(self) -> str:
-        at_energy = self.evaluation.magnitudes / np.where(self.attainable_at_energy > 0, self.attainable_at_energy, 1)
+        at_energy = self.evaluation.magnitudes / np.where(
+            self.attainable_at_energy > 0, self.attainable_at_energy, 1
+        )
         lines = [
             str(self.evaluation),
             f"of what a focus could get alone: {_range(self.attained, '.1%')} at full scale, "
@@ -204,18 +220,26 @@ class Verification:
         ]
         pads = [pad for pad in self.pads() if pad is not None]
         if pads:
-            forces, areas = np.array([pad.force for pad in pads]), np.array([pad.area for pad in pads])
+            forces, areas = (
+                np.array([pad.force for pad in pads]),
+                np.array([pad.area for pad in pads]),
+            )
             lines.append(
                 f"sound presses with {_range(1e3 * forces, '.3g')} mN on the {_range(1e4 * areas, '.2f')} cm² of skin "
                 f"round {len(pads)} of {counted(len(self.evaluation.target.points), 'focus', 'foci')}"
             )
         lines.append(self.over_thresholds())
         if len(self.head):
-            lines.append(f"at the head at most {self.head.max():.1f} dB SPL. {NO_SAFETY_ASSESSMENT}")
+            lines.append(
+                f"at the head at most {self.head.max():.1f} dB SPL. {NO_SAFETY_ASSESSMENT}"
+            )
         return "\n".join(lines)
 
     def _side_lobe_lines(self) -> list[str]:
-        lobes = {"on the skin": self.side_lobe_on_surface, "in the box round the foci": self.side_lobe_in_box}
+        lobes = {
+            "on the skin": self.side_lobe_on_surface,
+            "in the box round the foci": self.side_lobe_in_box,
+        }
         lines = [
             f"strongest side lobe {where} {lobe.pressure:.1f} Pa at {in_mm(lobe.point)}: the weakest focus is "
             f"{self.contrast(lobe):+.1f} dB above it"
@@ -267,7 +291,9 @@ def verify(
         As ``evaluate``; a suppression or head point in a body or on an element, or a body that is not sound-hard.
     """
     of_kind(target, Target, "the target", "Target(points, pressures)")
-    ears = points_of(np.empty((0, 3)) if head is None else np.atleast_2d(head), "points of the head", least=0)
+    ears = points_of(
+        np.empty((0, 3)) if head is None else np.atleast_2d(head), "points of the head", least=0
+    )
     if transfer is not None:
         check_foci(transfer, target)
     others = {"suppression point": target.suppression_points, "point of the head": ears}
@@ -279,7 +305,10 @@ def verify(
     (progress or no_progress)("evaluating the field at the foci and on the surfaces")
     points = np.concatenate([target.points, target.suppression_points, ears])
     exact, quantised = np.ascontiguousarray(field.at(points).T)
-    skin, report = radiation_of(field, 0) if field.scene.obstacles else None, field.report_at(points)
+    skin, report = (
+        radiation_of(field, 0) if field.scene.obstacles else None,
+        field.report_at(points),
+    )
     (progress or no_progress)("looking for side lobes")
     return Verification(
         evaluation=Evaluation(target, exact[:foci], report),
@@ -304,13 +333,17 @@ def _rounded(drive: Drive, levels: Levels) -> Drive:
 
 
 def _farther(
-    points: Float64[np.ndarray, "points 3"], others: Float64[np.ndarray, "others 3"], distance: float
+    points: Float64[np.ndarray, "points 3"],
+    others: Float64[np.ndarray, "others 3"],
+    distance: float,
 ) -> Bool[np.ndarray, "points"]:
     """Whether points are farther than a distance [m] from all others."""
     return np.asarray(KDTree(others).query(points)[0]) > distance
 
 
-def _strongest(points: Float64[np.ndarray, "points 3"], pressure: Complex128[np.ndarray, "points"]) -> SideLobe | None:
+def _strongest(
+    points: Float64[np.ndarray, "points 3"], pressure: Complex128[np.ndarray, "points"]
+) -> SideLobe | None:
     """Return the strongest sound at some points, None where no pressure is finite."""
     if not np.isfinite(pressure).any():
         return None
@@ -328,12 +361,20 @@ def _side_lobe_in_box(field: RadiatedField, array: PhasedArray, target: Target) 
     """Return the strongest sound in the box round the foci, off them, off the bodies and off the elements."""
     margin = BOX_MARGIN * field.scene.wavelength
     lowest, highest = target.points.min(axis=0) - margin, target.points.max(axis=0) + margin
-    spacing = max(BOX_SPACING * field.scene.wavelength, float(np.cbrt(np.prod(highest - lowest) / MOST_POINTS)))
-    axes = [np.linspace(low, high, int((high - low) / spacing) + 1) for low, high in zip(lowest, highest, strict=True)]
+    spacing = max(
+        BOX_SPACING * field.scene.wavelength,
+        float(np.cbrt(np.prod(highest - lowest) / MOST_POINTS)),
+    )
+    axes = [
+        np.linspace(low, high, int((high - low) / spacing) + 1)
+        for low, high in zip(lowest, highest, strict=True)
+    ]
     points, pressure = _pressure_away(field, array, target, _grid(axes))
     strongest = points[np.argsort(-np.abs(pressure))[:CANDIDATES]]
     around = strongest[:, None] + _grid([np.array([-1.0, 0.0, 1.0]) * spacing / 3.0] * 3)
-    return _strongest(*_pressure_away(field, array, target, np.clip(around.reshape(-1, 3), lowest, highest)))
+    return _strongest(
+        *_pressure_away(field, array, target, np.clip(around.reshape(-1, 3), lowest, highest))
+    )
 
 
 def _grid(axes: list[Float64[np.ndarray, "_"]]) -> Float64[np.ndarray, "points 3"]:
@@ -341,7 +382,10 @@ def _grid(axes: list[Float64[np.ndarray, "_"]]) -> Float64[np.ndarray, "points 3
 
 
 def _pressure_away(
-    field: RadiatedField, array: PhasedArray, target: Target, points: Float64[np.ndarray, "points 3"]
+    field: RadiatedField,
+    array: PhasedArray,
+    target: Target,
+    points: Float64[np.ndarray, "points 3"],
 ) -> tuple[Float64[np.ndarray, "chosen 3"], Complex128[np.ndarray, "chosen"]]:
     """Return those of some points that are off the foci, the elements and the bodies, and the pressure there."""
     wavelength = field.scene.wavelength

@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float64, Real
 
-from airtact.scene.scene import Scene
+from airtact.acoustics.scene import Scene
 
 AXES = dict(zip("xyz", np.eye(3), strict=True))
 
@@ -77,12 +77,15 @@ def plane_through(
 ) -> Window:
     """Return a window through the foci, and along the bodies (their vertices [m]) where the foci leave a choice.
 
-    Three or more foci that are not in one plane give the best-fitting plane. The window extends three wavelengths past
-    the outermost foci, its sides along the frame's axes where the plane allows, and has about 20,000 points at most.
+    Three or more foci that are not in one plane give the best-fitting plane. The window extends
+    three wavelengths past the outermost foci, its sides along the frame's axes where the plane
+    allows, and has about 20,000 points at most.
     """
     middle = foci.mean(axis=0)
     _, spreads, principal = np.linalg.svd(foci - middle, full_matrices=False)
-    candidates = [axis for axis, spread in zip(principal, spreads, strict=True) if spread > wavelength / 10]
+    candidates = [
+        axis for axis, spread in zip(principal, spreads, strict=True) if spread > wavelength / 10
+    ]
     if len(bodies):
         candidates.append(_snapped(_direction(bodies.mean(axis=0) - middle)))
     first, second = _independent([*candidates, AXES["z"], AXES["x"], AXES["y"]])
@@ -91,11 +94,15 @@ def plane_through(
 
 def plane_of_scene(scene: Scene, foci: Real[np.ndarray, "foci 3"]) -> Window:
     """Return the window of ``plane_through`` for foci (F, 3) [m] and all bodies of a scene."""
-    vertices = np.concatenate([np.empty((0, 3)), *(one.surface.vertices for one in scene.obstacles)])
+    vertices = np.concatenate(
+        [np.empty((0, 3)), *(one.surface.vertices for one in scene.obstacles)]
+    )
     return plane_through(foci, vertices, scene.wavelength)
 
 
-def plane_across(foci: Real[np.ndarray, "foci 3"], name: Literal["xy", "xz", "yz"], wavelength: float) -> Window:
+def plane_across(
+    foci: Real[np.ndarray, "foci 3"], name: Literal["xy", "xz", "yz"], wavelength: float
+) -> Window:
     """Return a window round the foci as ``plane_through``, along two axes of the frame, through the foci's middle."""
     return _round_foci(foci, AXES[name[0]], AXES[name[1]], wavelength)
 
@@ -110,12 +117,21 @@ def _round_foci(foci: np.ndarray, right: np.ndarray, up: np.ndarray, wavelength:
     return Window(centre, right, up, float(width), float(height), float(step))
 
 
-def close_up(focus: Real[np.ndarray, "3"], outward: Real[np.ndarray, "3"], wavelength: float) -> Window:
+def close_up(
+    focus: Real[np.ndarray, "3"], outward: Real[np.ndarray, "3"], wavelength: float
+) -> Window:
     """Return a window of three wavelengths [m] round a focus, its upward side along ``outward``, away from the skin."""
     up = _direction(np.asarray(outward, dtype=np.float64))
     _, right = _independent([up, AXES["y"], AXES["z"], AXES["x"]])
     right = right * np.sign(right[np.argmax(np.abs(right))])
-    return Window(np.array(focus, dtype=np.float64), right, up, 3 * wavelength, 3 * wavelength, wavelength / 18)
+    return Window(
+        np.array(focus, dtype=np.float64),
+        right,
+        up,
+        3 * wavelength,
+        3 * wavelength,
+        wavelength / 18,
+    )
 
 
 def _direction(vector: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3"]:
@@ -157,7 +173,10 @@ class Box:
     @property
     def points(self) -> Float64[np.ndarray, "points 3"]:
         """The points, along x fastest and z slowest [m]."""
-        sides = [start + self.step * np.arange(count) for start, count in zip(self.origin, self.counts, strict=True)]
+        sides = [
+            start + self.step * np.arange(count)
+            for start, count in zip(self.origin, self.counts, strict=True)
+        ]
         z, y, x = np.meshgrid(*sides[::-1], indexing="ij")
         return np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)
 

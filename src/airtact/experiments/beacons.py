@@ -7,17 +7,17 @@ from jaxtyping import Bool, Complex128, Float64
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
+from airtact.acoustics.solvers.fem.system import System
+from airtact.acoustics.solvers.problem import SolveReport
 from airtact.evaluation.windows import AXES, Window
 from airtact.experiments.part import Part, coordinates, corners, draw_planes, write_columns
 from airtact.experiments.settings import Settings
 from airtact.experiments.solved import CONSIDERED, Solved
-from airtact.figures.array_figures import draw_phases
-from airtact.figures.field_figure import cut_bodies, past_the_surface
-from airtact.figures.surface_figure import draw_panels
-from airtact.mesh.quadratic_triangles import QuadraticTriangles
-from airtact.pages.page import paragraph, picture
-from airtact.solvers.fem.system import System
-from airtact.solvers.problem import SolveReport
+from airtact.geometry.mesh.quadratic_triangles import QuadraticTriangles
+from airtact.reports.array_figures import draw_phases
+from airtact.reports.field_figure import cut_bodies, past_the_surface
+from airtact.reports.page import paragraph, picture
+from airtact.reports.surface_figure import draw_panels
 from airtact.timing import Clock
 
 ON_PLANE = 1e-6
@@ -72,7 +72,9 @@ def beacons(made: Solved, settings: Settings, folder: Path, clock: Clock) -> Par
     return Part("The model and the phases (Fig. 4 and 5)", pieces)
 
 
-def _pressure(made: Solved, points: Float64[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points"]:
+def _pressure(
+    made: Solved, points: Float64[np.ndarray, "points 3"]
+) -> Complex128[np.ndarray, "points"]:
     """Pressure of the beacons, NaN in the bodies and at the beacons themselves, where it is infinite."""
     away = np.linalg.norm(points[:, None] - made.dummies.foci, axis=2).min(axis=1) > ON_BEACON
     pressure = np.full(len(points), np.nan, dtype=np.complex128)
@@ -92,7 +94,9 @@ def _how_meshed(report: SolveReport) -> str:
     )
 
 
-def _write_transducers(made: Solved, drive: Complex128[np.ndarray, "elements"], folder: Path) -> None:
+def _write_transducers(
+    made: Solved, drive: Complex128[np.ndarray, "elements"], folder: Path
+) -> None:
     columns = {
         "amplitude": ("", np.abs(drive)),
         "phase": ("rad", np.angle(drive)),
@@ -125,15 +129,22 @@ def whole_surface(system: System) -> QuadraticTriangles:
     quadratic_triangles = system.panels.quadratic_triangles
     for mirror in system.box.mirrors:
         image = np.array(quadratic_triangles[:, [0, 2, 1, 5, 4, 3]])
-        image[:, :, mirror.axis] = 2 * mirror.position / system.scene.wavelength - image[:, :, mirror.axis]
+        image[:, :, mirror.axis] = (
+            2 * mirror.position / system.scene.wavelength - image[:, :, mirror.axis]
+        )
         quadratic_triangles = np.concatenate([quadratic_triangles, image])
     return quadratic_triangles
 
 
-def on_plane(system: System, axis: int) -> tuple[Float64[np.ndarray, "faces 3 3"], Bool[np.ndarray, "faces"]]:
+def on_plane(
+    system: System, axis: int
+) -> tuple[Float64[np.ndarray, "faces 3 3"], Bool[np.ndarray, "faces"]]:
     """Faces of tetrahedra on a plane of symmetry (T, 3, 3) [λ], and whether each is in the perfectly matched layer."""
     corners = system.tetrahedra.corners
-    plane = next(one.position for one in system.box.mirrors if one.axis == axis) / system.scene.wavelength
+    plane = (
+        next(one.position for one in system.box.mirrors if one.axis == axis)
+        / system.scene.wavelength
+    )
     on = np.abs(corners[:, :, axis] - plane) < ON_PLANE
     flat = on.sum(axis=1) == 3
     faces = corners[flat][on[flat]].reshape(-1, 3, 3)
@@ -149,8 +160,17 @@ def draw_mesh(system: System, wavelength: float) -> Figure:
     figure = Figure(figsize=(6.0, 8.0), layout="constrained")
     axes = figure.subplots()
     for chosen, colour in ((~layer, "#e8eef7"), (layer, "#a9b8cf")):
-        axes.add_collection(PolyCollection(list(flat[chosen]), facecolor=colour, edgecolor="0.3", linewidth=0.5))
-    axes.plot(*_beacon(system, shown), "o", markersize=9, markerfacecolor="none", markeredgecolor="#b3202a", mew=2)
+        axes.add_collection(
+            PolyCollection(list(flat[chosen]), facecolor=colour, edgecolor="0.3", linewidth=0.5)
+        )
+    axes.plot(
+        *_beacon(system, shown),
+        "o",
+        markersize=9,
+        markerfacecolor="none",
+        markeredgecolor="#b3202a",
+        mew=2,
+    )
     low, high = flat.reshape(-1, 2).min(axis=0), flat.reshape(-1, 2).max(axis=0)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
     axes.set(xlabel=f"{'xyz'[shown[0]]} [mm]", ylabel=f"{'xyz'[shown[1]]} [mm]")

@@ -5,17 +5,17 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Complex128
 
+from airtact.acoustics.scene import Scene
+from airtact.acoustics.solvers.bem.solver import BoundaryElement
+from airtact.acoustics.solvers.fem.solver import FiniteElement
+from airtact.acoustics.solvers.problem import Solver
 from airtact.benching.timing import correlation
 from airtact.evaluation.windows import plane_through
 from airtact.experiments.mesh_sizes import relative_error
 from airtact.experiments.part import Part, write_columns
 from airtact.experiments.settings import Settings
 from airtact.experiments.solved import Solved
-from airtact.pages.page import paragraph, table
-from airtact.scene.scene import Scene
-from airtact.solvers.bem.solver import BoundaryElement
-from airtact.solvers.fem.solver import FiniteElement
-from airtact.solvers.problem import Solver
+from airtact.reports.page import paragraph, table
 from airtact.timing import Clock
 
 OFF_SKIN = 0.5
@@ -32,14 +32,19 @@ def differences(made: Solved, settings: Settings, folder: Path, clock: Clock) ->
     finite = f"finite elements of order {settings.order}"
     ways: dict[str, tuple[Scene, Solver]] = {
         "boundary elements, rigid": (made.scene, BoundaryElement(accuracy=settings.reference)),
-        f"{finite}, water": (fingers.watery, FiniteElement(settings.order, settings.elements_per_wavelength)),
+        f"{finite}, water": (
+            fingers.watery,
+            FiniteElement(settings.order, settings.elements_per_wavelength),
+        ),
     }
     received = {f"{finite}, rigid": made.field.at(points)[:, 0]}
     for name, (scene, solver) in ways.items():
         with clock.step(name, f"solving for the beacons by {name}"):
             received[name] = solver.radiate(scene, fingers.beacon).at(points)[:, 0]
     count = len(elements)
-    pairs = [(one, other) for index, one in enumerate(received) for other in list(received)[index + 1 :]]
+    pairs = [
+        (one, other) for index, one in enumerate(received) for other in list(received)[index + 1 :]
+    ]
     rows = [(one, other, *_apart(received[one], received[other], count)) for one, other in pairs]
     names = "one", "other", "at_the_transducers", "in_the_plane", "correlation_of_the_drives"
     columns = {name: ("", [row[index] for row in rows]) for index, name in enumerate(names)}

@@ -1,6 +1,7 @@
 """The paper's model of thumb and forefinger, with settings for all that the paper leaves open.
 
-Source: Inoue, Makino, Shinoda, SICE 2014, section 4 with Table 1 and Fig. 3, which has no dimensions.
+Source: Inoue, Makino, Shinoda, SICE 2014, section 4 with Table 1 and Fig. 3, which has no
+dimensions.
 """
 
 import math
@@ -10,13 +11,13 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float64
 
+from airtact.acoustics.medium import Medium
+from airtact.acoustics.scene import Scene, filled
+from airtact.acoustics.sources import Monopoles
 from airtact.benching.scenes import AIR, FREQUENCY, Bodies
-from airtact.conventions import InvalidInput
+from airtact.errors import InvalidInput
+from airtact.geometry.primitives import capsule
 from airtact.printing import in_short
-from airtact.scene.medium import Medium
-from airtact.scene.scene import Scene, filled
-from airtact.scene.sources import Monopoles
-from airtact.surfaces.primitives import capsule
 
 WATER = Medium(sound_speed=1481.0, density=999.7)
 """Filling of the paper's fingers (Table 1)."""
@@ -52,7 +53,9 @@ class Dummies(Bodies):
     @property
     def watery(self) -> Scene:
         """The fingers filled with water, as the paper has them."""
-        return Scene(AIR, [filled(surface, WATER) for surface in self.surfaces], frequency=FREQUENCY)
+        return Scene(
+            AIR, [filled(surface, WATER) for surface in self.surfaces], frequency=FREQUENCY
+        )
 
     @property
     def beacon(self) -> Monopoles:
@@ -61,23 +64,30 @@ class Dummies(Bodies):
 
 
 def dummies(
-    gap: float = 12e-3, radius: float = 8e-3, tilt: float = 20.0, entering: Entering = "from below", edge: float = EDGE
+    gap: float = 12e-3,
+    radius: float = 8e-3,
+    tilt: float = 20.0,
+    entering: Entering = "from below",
+    edge: float = EDGE,
 ) -> Dummies:
     """Build both fingers as capsules, the tips towards each other along x.
 
-    Gap, radius and the longest edge of the triangles in pictures (solvers make their own) are in metres, the tilt in
-    degrees: 0 to 90, which lays both along x. ``InvalidInput`` is raised for another tilt, or a length not above zero.
+    Gap, radius and the longest edge of the triangles in pictures (solvers make their own) are in
+    metres, the tilt in degrees: 0 to 90, which lays both along x. ``InvalidInput`` is raised for
+    another tilt, or a length not above zero.
 
     >>> dummies(gap=0.012).foci.tolist()
     [[-0.006, 0.0, 0.0], [0.006, 0.0, 0.0]]
     """
     if not 0.0 <= tilt <= 90.0:
         raise InvalidInput(
-            f"a tilt of {tilt:g} degrees turns the fingers into each other; give 0 to 90.", code="out_of_range"
+            f"a tilt of {tilt:g} degrees turns the fingers into each other; give 0 to 90.",
+            code="out_of_range",
         )
     if not gap > 0.0:
         raise InvalidInput(
-            f"a gap of {1e3 * gap:g} mm leaves no room between the fingers; give more than 0.", code="not_positive"
+            f"a gap of {1e3 * gap:g} mm leaves no room between the fingers; give more than 0.",
+            code="not_positive",
         )
     angle = math.radians(tilt)
     surfaces = []

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from airtact.conventions import InvalidInput, NotConverged
+from airtact.errors import InvalidInput, NotConverged
 from airtact.experiments.beacons import beacons
 from airtact.experiments.differences import differences
 from airtact.experiments.measurement import measurement
@@ -16,8 +16,8 @@ from airtact.experiments.ratios import ratios
 from airtact.experiments.rigid_motion import rigid_motion
 from airtact.experiments.settings import FULL, QUICK, Settings
 from airtact.experiments.solved import solved
-from airtact.file_access.atomic import whole_file, writable_folder
-from airtact.pages.page import document, folded, heading, key_numbers, paragraph, section, table
+from airtact.files.atomic import whole_file, writable_folder
+from airtact.reports.page import document, folded, heading, key_numbers, paragraph, section, table
 from airtact.timing import Clock, Progress, no_progress
 
 PAGE = "index.html"
@@ -45,9 +45,9 @@ def reproduce(
 ) -> Reproduced:
     """Do the paper's experiment and write a page about it, with the numbers behind each figure beside it.
 
-    The page is rewritten after each part, so that an interrupted run leaves a page with all that was done. A part
-    that fails is shown with its reason, and the others are done all the same. The quick run takes three minutes and
-    does less of everything; ``settings`` replace those of both.
+    The page is rewritten after each part, so that an interrupted run leaves a page with all that
+    was done. A part that fails is shown with its reason, and the others are done all the same. The
+    quick run takes three minutes and does less of everything; ``settings`` replace those of both.
 
     Raises
     ------
@@ -83,9 +83,15 @@ def _made(title: str, make: Callable[[], Part], failed: dict[str, str]) -> Part:
     """Make a part, or one with the reason why there is none."""
     try:
         return make()
-    except Exception as fault:  # whatever it is, what was computed before and what can be after is worth more
+    except (
+        Exception
+    ) as fault:  # whatever it is, what was computed before and what can be after is worth more
         failed[title] = str(fault) or type(fault).__name__
-        pieces = [paragraph(f"This part failed, and the others were done without it: {failed[title]}", "warning")]
+        pieces = [
+            paragraph(
+                f"This part failed, and the others were done without it: {failed[title]}", "warning"
+            )
+        ]
         if not isinstance(fault, InvalidInput | NotConverged):
             pieces.append(folded("Where it failed", traceback.format_exc()))
         return Part(title, tuple(pieces))
@@ -109,7 +115,12 @@ def _page(settings: Settings, parts: list[Part], waiting: list[str], clock: Cloc
     ]
     if waiting:
         words = f"Unfinished: {len(waiting)} parts are still to come ({', '.join(waiting)})."
-        head.append(paragraph(f"{words} Their tables in data/, if there are any, are of an earlier run.", "warning"))
+        head.append(
+            paragraph(
+                f"{words} Their tables in data/, if there are any, are of an earlier run.",
+                "warning",
+            )
+        )
     if settings is not FULL:
         head.append(paragraph(_left_out(settings), "warning"))
     body = [piece for part in parts for piece in (section(part.title), *part.pieces)]
@@ -131,7 +142,11 @@ def _foot(settings: Settings, clock: Clock) -> list[str]:
     """Write what was not modelled, and how long each part took."""
     swept = sum(seconds for name, seconds in clock.seconds.items() if name.startswith("fingers "))
     studied = sum(seconds for name, seconds in clock.seconds.items() if name.startswith("order "))
-    others = {name: seconds for name, seconds in clock.seconds.items() if not name.startswith(("fingers ", "order "))}
+    others = {
+        name: seconds
+        for name, seconds in clock.seconds.items()
+        if not name.startswith(("fingers ", "order "))
+    }
     rows = [*others.items(), ("sweep of fingers", swept), ("study of meshes", studied)]
     return [
         section("How it was done"),

@@ -12,8 +12,8 @@ from airtact.experiments.part import Part, coordinates, draw_planes, write_colum
 from airtact.experiments.pressures import HELD, equal_energy_factors
 from airtact.experiments.settings import Settings
 from airtact.experiments.solved import CONSIDERED, IGNORED, Solved
-from airtact.figures.field_figure import COLOURS, cut_bodies
-from airtact.pages.page import paragraph, picture, table
+from airtact.reports.field_figure import COLOURS, cut_bodies
+from airtact.reports.page import paragraph, picture, table
 from airtact.timing import Clock
 
 NOISE = 0.01
@@ -31,7 +31,9 @@ def measurement(made: Solved, settings: Settings, folder: Path, clock: Clock) ->
         pressure = microphone.read(made.compared.field, window.points)
     read = readings(pressure * equal_energy_factors(made))
     largest = float(np.nanmax(read[:, :2]))
-    shown: dict[str, np.ndarray] = dict(zip((CONSIDERED, IGNORED), (read[:, :2] / largest).T, strict=True))
+    shown: dict[str, np.ndarray] = dict(
+        zip((CONSIDERED, IGNORED), (read[:, :2] / largest).T, strict=True)
+    )
     columns = ("considered", "ignored", "considered_phase_only", "ignored_phase_only")
     write_columns(
         folder,
@@ -55,7 +57,9 @@ def measurement(made: Solved, settings: Settings, folder: Path, clock: Clock) ->
             f"ignored at {_position(window.points, read[:, 1])}: where the disc has room, not at the focus."
         ),
         picture(
-            draw_planes(window, shown, cut_bodies(window, made.dummies.surfaces), focus[None], scale),
+            draw_planes(
+                window, shown, cut_bodies(window, made.dummies.surfaces), focus[None], scale
+            ),
             "Fig. 9 (left) and Fig. 10 (right) of the paper: what the microphone reads, over the largest of both as "
             f"the paper has it, both drives at {HELD}. Blank: the finger is in the way. data/microphone",
             "two maps of a microphone's readings beside a finger",
@@ -66,26 +70,36 @@ def measurement(made: Solved, settings: Settings, folder: Path, clock: Clock) ->
             "The largest reading with the fingers ignored over that with them considered.",
         ),
     )
-    return Part("A virtual measurement (Fig. 8 to 10)", pieces, ((f"{peaks[HELD]:.2f}", f"ratio of readings, {HELD}"),))
+    return Part(
+        "A virtual measurement (Fig. 8 to 10)",
+        pieces,
+        ((f"{peaks[HELD]:.2f}", f"ratio of readings, {HELD}"),),
+    )
 
 
-def _position(points: Float64[np.ndarray, "positions 3"], read: Float64[np.ndarray, "positions"]) -> str:
+def _position(
+    points: Float64[np.ndarray, "positions 3"], read: Float64[np.ndarray, "positions"]
+) -> str:
     x, _, z = 1e3 * points[int(np.nanargmax(read))]
     return f"x = {x:.1f} mm, z = {z:.1f} mm"
 
 
-def readings(pressure: Complex128[np.ndarray, "positions excitations"]) -> Float64[np.ndarray, "positions excitations"]:
+def readings(
+    pressure: Complex128[np.ndarray, "positions excitations"],
+) -> Float64[np.ndarray, "positions excitations"]:
     """Return the magnitude of the pressure at a microphone [Pa] with noise, NaN where there is none."""
     chance = np.random.default_rng(SEED)
     noise = chance.standard_normal((2, *pressure.shape)) / np.sqrt(2)
     return np.abs(pressure + NOISE * np.nanmax(np.abs(pressure)) * (noise[0] + 1j * noise[1]))
 
 
-def peak_ratios(read: Float64[np.ndarray, "positions 4"], factors: Float64[np.ndarray, "4"]) -> dict[str, float]:
+def peak_ratios(
+    read: Float64[np.ndarray, "positions 4"], factors: Float64[np.ndarray, "4"]
+) -> dict[str, float]:
     """Largest reading ignored over considered, for each normalisation.
 
-    The columns of ``read`` are both drives at equal energy, then both by their phases alone; ``factors`` brought them
-    there from equal peak.
+    The columns of ``read`` are both drives at equal energy, then both by their phases alone;
+    ``factors`` brought them there from equal peak.
     """
     peak = np.nanmax(read, axis=0)
     first, second = factors[:2]

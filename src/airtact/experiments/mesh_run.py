@@ -12,12 +12,12 @@ import numpy as np
 from jaxtyping import Complex128, Float64
 from scipy.optimize import nnls
 
+from airtact.acoustics.solvers.fem.meshing.netgen import netgen_libraries, ngsolve_library
+from airtact.acoustics.solvers.fem.solver import MARGIN, FiniteElement
+from airtact.acoustics.solvers.fem.weak_form import THICKNESS
 from airtact.benching.peers.peak_memory import peak
 from airtact.experiments.dummies import AIR, dummies
 from airtact.printing import in_short
-from airtact.solvers.fem.meshing.netgen import netgen_libraries, ngsolve_library
-from airtact.solvers.fem.solver import MARGIN, FiniteElement
-from airtact.solvers.fem.weak_form import THICKNESS
 from airtact.transducers.element import monopole
 from airtact.transducers.layout import surrounding_box
 
@@ -58,15 +58,17 @@ class Combination:
     def solver(self) -> FiniteElement:
         """Finite elements of this combination, one order everywhere."""
         domain = "box" if self.domain == "box" else "tight"
-        return FiniteElement(self.order, self.elements_per_wavelength, domain=domain, box=BOX, graded=False)
+        return FiniteElement(
+            self.order, self.elements_per_wavelength, domain=domain, box=BOX, graded=False
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Ran:
     """The result of a combination: pressure received at the transducers [Pa], and its cost.
 
-    The seconds are those of meshing, factorising, solving and evaluating; the bytes are the largest memory of the
-    process, libraries included.
+    The seconds are those of meshing, factorising, solving and evaluating; the bytes are the largest
+    memory of the process, libraries included.
     """
 
     tetrahedra: int
@@ -82,8 +84,8 @@ class Ran:
 class Row:
     """A combination with its cost, measured where it was run, else predicted.
 
-    ``error`` is the relative error of the beacons' pressure at the transducers, NaN where not run; ``notes`` say why it
-    was not run, and are "" where it was.
+    ``error`` is the relative error of the beacons' pressure at the transducers, NaN where not run;
+    ``notes`` say why it was not run, and are "" where it was.
     """
 
     combination: Combination
@@ -101,10 +103,17 @@ def tetrahedra(one: Combination, ran: Sequence[Row]) -> float:
     known = [row for row in ran if row.combination.domain == one.domain]
     if not known:
         return cells
-    finer = [abs(np.log(row.combination.elements_per_wavelength / one.elements_per_wavelength)) for row in known]
+    finer = [
+        abs(np.log(row.combination.elements_per_wavelength / one.elements_per_wavelength))
+        for row in known
+    ]
     nearest = known[int(np.argmin(finer))]
     mesh = nearest.combination
-    return cells * nearest.tetrahedra / (TETRAHEDRA * _volume(mesh.domain) * mesh.elements_per_wavelength**3)
+    return (
+        cells
+        * nearest.tetrahedra
+        / (TETRAHEDRA * _volume(mesh.domain) * mesh.elements_per_wavelength**3)
+    )
 
 
 @cache
@@ -131,9 +140,9 @@ def shared_unknowns(order: int) -> float:
 def predicted(one: Combination, ran: Sequence[Row]) -> tuple[float, float, float]:
     """Predict unknowns, seconds and bytes of a combination.
 
-    Time and memory are taken for sums of four costs: what is always spent, that of each tetrahedron, of each entry of
-    its matrix, and a power of the unknowns that the factor holds; each is found from the runs by least squares of the
-    relative errors, none below zero.
+    Time and memory are taken for sums of four costs: what is always spent, that of each
+    tetrahedron, of each entry of its matrix, and a power of the unknowns that the factor holds;
+    each is found from the runs by least squares of the relative errors, none below zero.
     """
     cells, order = tetrahedra(one, ran), one.order
     inner = (order - 1) * (order - 2) * (order - 3) / 6
@@ -149,9 +158,14 @@ def _powers(cells: float, order: int, power: float) -> Float64[np.ndarray, "4"]:
     return np.array([1.0, cells, cells * local**2, (cells * shared_unknowns(order)) ** power])
 
 
-def _fitted(ran: Sequence[Row], spent: str, power: float, start: Float64[np.ndarray, "4"]) -> Float64[np.ndarray, "4"]:
+def _fitted(
+    ran: Sequence[Row], spent: str, power: float, start: Float64[np.ndarray, "4"]
+) -> Float64[np.ndarray, "4"]:
     """Fit the four costs to the runs, regularised towards those of the start."""
-    rows = [_powers(row.tetrahedra, row.combination.order, power) * start / getattr(row, spent) for row in ran]
+    rows = [
+        _powers(row.tetrahedra, row.combination.order, power) * start / getattr(row, spent)
+        for row in ran
+    ]
     rows += list(BELIEVED * np.eye(4))
     wanted = np.concatenate([np.ones(len(ran)), np.full(4, BELIEVED)])
     return nnls(np.array(rows), wanted)[0] * start
@@ -174,14 +188,23 @@ def run_apart(combination: Combination, limit: float) -> Ran | str:
 
 def main() -> None:
     """Solve for the paper's beacons, as the command line asks in JSON, and print the fields of ``Ran`` in JSON."""
-    combination, fingers, array = Combination(*json.loads(sys.argv[1])), dummies(), surrounding_box(monopole())
+    combination, fingers, array = (
+        Combination(*json.loads(sys.argv[1])),
+        dummies(),
+        surrounding_box(monopole()),
+    )
     scene = fingers.scene
     netgen_libraries()
     ngsolve_library()  # loaded before the clock starts
     begun = time.perf_counter()
     field = combination.solver().radiate(scene, fingers.beacon)
     received = field.at(array.positions)[:, 0]
-    costs = field.report.settings["tetrahedra"], field.report.nodes, time.perf_counter() - begun, peak()
+    costs = (
+        field.report.settings["tetrahedra"],
+        field.report.nodes,
+        time.perf_counter() - begun,
+        peak(),
+    )
     print(json.dumps([*costs, np.real(received).tolist(), np.imag(received).tolist()]))
 
 

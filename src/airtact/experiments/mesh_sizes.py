@@ -14,12 +14,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter
 
+from airtact.acoustics.solvers.bem.solver import BoundaryElement
 from airtact.experiments.dummies import dummies
 from airtact.experiments.mesh_run import Combination, Ran, Row, predicted, run_apart, tetrahedra
 from airtact.experiments.part import Part, write_columns
 from airtact.experiments.settings import Settings
-from airtact.pages.page import paragraph, picture, table
-from airtact.solvers.bem.solver import BoundaryElement
+from airtact.reports.page import paragraph, picture, table
 from airtact.timing import Clock
 from airtact.transducers.element import monopole
 from airtact.transducers.layout import surrounding_box
@@ -80,7 +80,9 @@ def mesh_sizes(settings: Settings, folder: Path, clock: Clock) -> Part:
 
 def how_many(rows: Sequence[Row], settings: Settings) -> str:
     """Write how many were run, and why the others were not."""
-    ran, over, cut = (sum(row.notes == words for row in rows) for words in ("", OVER_LIMIT, NO_TIME))
+    ran, over, cut = (
+        sum(row.notes == words for row in rows) for words in ("", OVER_LIMIT, NO_TIME)
+    )
     sentences = [
         f"{ran} of {len(rows)} combinations of order, mesh and domain were run, each in its own process, the cheapest "
         "first; from what they took the next are predicted.",
@@ -93,7 +95,9 @@ def how_many(rows: Sequence[Row], settings: Settings) -> str:
             f"{settings.study_budget:g} s: an idle machine runs more of them."
         )
     if ran + over + cut < len(rows):
-        sentences.append(f"{len(rows) - ran - over - cut} begun did not end well; the table says why.")
+        sentences.append(
+            f"{len(rows) - ran - over - cut} begun did not end well; the table says why."
+        )
     return " ".join([*sentences, "What was not run is drawn hollow, at its predicted cost."])
 
 
@@ -122,7 +126,9 @@ def _reference(accuracy: float) -> tuple[Complex128[np.ndarray, "elements"], flo
     return received[0], relative_error(received[1], received[0])
 
 
-def relative_error(found: Complex128[np.ndarray, "elements"], true: Complex128[np.ndarray, "elements"]) -> float:
+def relative_error(
+    found: Complex128[np.ndarray, "elements"], true: Complex128[np.ndarray, "elements"]
+) -> float:
     """‖found − true‖ / ‖true‖."""
     return float(np.linalg.norm(found - true) / np.linalg.norm(true))
 
@@ -140,7 +146,9 @@ def study(
     """
     left = [
         Combination(order, size, domain)
-        for domain, order, size in product(("tight", "box"), settings.study_orders, settings.study_sizes)
+        for domain, order, size in product(
+            ("tight", "box"), settings.study_orders, settings.study_sizes
+        )
     ]
     begun, rows = time.perf_counter(), []
     while left:
@@ -159,7 +167,9 @@ def study(
 
 
 def _in_order(rows: Sequence[Row]) -> list[Row]:
-    return sorted(rows, key=lambda row: (row.combination.domain, row.combination.order, row.unknowns))
+    return sorted(
+        rows, key=lambda row: (row.combination.domain, row.combination.order, row.unknowns)
+    )
 
 
 def _unrun(one: Combination, ran: Sequence[Row], spent: float, settings: Settings) -> Row:
@@ -235,15 +245,29 @@ def draw_costs(rows: Sequence[Row], settings: Settings) -> Figure:
                 marker = MARKERS[one.domain] if cost < limit else ">"
                 axes.plot(min(cost, limit), one.order + _lift(one.domain), marker=marker, **style)
     for domain, order in ((domain, order) for domain in MARKERS for order in orders):
-        line = [row for row in rows if (row.combination.domain, row.combination.order) == (domain, order)]
+        line = [
+            row
+            for row in rows
+            if (row.combination.domain, row.combination.order) == (domain, order)
+        ]
         _draw_line(below, [row for row in line if not row.notes], colour[order], domain)
     _furnish(above, below, settings)
     keys = [Line2D([], [], color=colour[order], label=f"order {order}") for order in orders]
     keys += [
         Line2D([], [], color="0.3", marker="o", label="domain tight"),
         Line2D([], [], color="0.3", marker="s", linestyle="--", label="domain box (the paper's)"),
-        Line2D([], [], color="0.3", marker="o", mfc="none", linestyle="", label="predicted, not run"),
-        Line2D([], [], color="0.3", marker=">", mfc="none", linestyle="", label=f"over {BEYOND:g} times the limit"),
+        Line2D(
+            [], [], color="0.3", marker="o", mfc="none", linestyle="", label="predicted, not run"
+        ),
+        Line2D(
+            [],
+            [],
+            color="0.3",
+            marker=">",
+            mfc="none",
+            linestyle="",
+            label=f"over {BEYOND:g} times the limit",
+        ),
         Line2D([], [], color="0.4", linestyle=":", label="limit"),
     ]
     figure.legend(handles=keys, loc="outside lower center", ncols=6, frameon=False, fontsize=9)

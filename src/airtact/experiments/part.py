@@ -12,8 +12,8 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from airtact.evaluation.windows import Window
-from airtact.figures.field_figure import draw_values
-from airtact.file_access.atomic import whole_file
+from airtact.files.atomic import whole_file
+from airtact.reports.field_figure import draw_values
 
 Column = Float64[np.ndarray, "rows"] | Int64[np.ndarray, "rows"] | Sequence[str | float]
 """Numbers or words, one for each row."""
@@ -33,7 +33,10 @@ def write_columns(folder: Path, name: str, columns: Mapping[str, tuple[str, Colu
     import h5py
 
     heads = [f"{column}_{unit}" if unit else column for column, (unit, _) in columns.items()]
-    with whole_file(folder / f"{name}.csv") as partial, partial.open("w", newline="", encoding="utf-8") as stream:
+    with (
+        whole_file(folder / f"{name}.csv") as partial,
+        partial.open("w", newline="", encoding="utf-8") as stream,
+    ):
         writer = csv.writer(stream)
         writer.writerow(heads)
         for row in zip(*(values for _, values in columns.values()), strict=True):
@@ -51,7 +54,9 @@ def coordinates(points: Float64[np.ndarray, "rows 3"]) -> dict[str, tuple[str, C
 def corners(points: Float64[np.ndarray, "rows corners 3"]) -> dict[str, tuple[str, Column]]:
     """Columns x0, y0, z0, x1 and so on of the corners of cells (T, N, 3) [m]."""
     every = range(points.shape[1])
-    return {f"{axis}{n}": ("m", points[:, n, index]) for n in every for index, axis in enumerate("xyz")}
+    return {
+        f"{axis}{n}": ("m", points[:, n, index]) for n in every for index, axis in enumerate("xyz")
+    }
 
 
 def draw_planes(
@@ -63,8 +68,8 @@ def draw_planes(
 ) -> Figure:
     """Draw values (P,) at the points of a window, one picture for each title, NaN left blank.
 
-    Outlines (N, 3) [m] of bodies are filled and marks (M, 3) [m] ringed; the scale has the name of the colours, the
-    lowest and the highest value, and a label.
+    Outlines (N, 3) [m] of bodies are filled and marks (M, 3) [m] ringed; the scale has the name of
+    the colours, the lowest and the highest value, and a label.
     """
     colours, lowest, highest, label = scale
     left, right, bottom, top = window.extent
@@ -76,7 +81,14 @@ def draw_planes(
     for one, (title, shown) in zip(axes, values.items(), strict=True):
         draw_values(one, window, shown, shades, outlines)
         for colour, width in (("black", 2.6), ("white", 1.3)):
-            one.plot(*window.seen(marks).T, "o", markersize=8, mfc="none", markeredgecolor=colour, mew=width)
+            one.plot(
+                *window.seen(marks).T,
+                "o",
+                markersize=8,
+                mfc="none",
+                markeredgecolor=colour,
+                mew=width,
+            )
         one.set_title(title, fontsize=11)
         one.set_xlabel(window.labels[0])
     axes[0].set_ylabel(window.labels[1])

@@ -9,8 +9,8 @@ from airtact.evaluation.comparison import HELD_EQUAL
 from airtact.evaluation.windows import plane_through
 from airtact.experiments.part import Part, coordinates, draw_planes, write_columns
 from airtact.experiments.solved import CONSIDERED, IGNORED, Solved
-from airtact.figures.field_figure import COLOURS, cut_bodies, past_the_surface
-from airtact.pages.page import paragraph, picture, table
+from airtact.reports.field_figure import COLOURS, cut_bodies, past_the_surface
+from airtact.reports.page import paragraph, picture, table
 from airtact.timing import Clock
 
 HELD = "equal energy"
@@ -22,7 +22,9 @@ PAPER = {"simulated": "about half", "measured": "0.60"}
 
 def equal_energy_factors(made: Solved) -> Float64[np.ndarray, "excitations"]:
     """Factors (4,) that bring the verified drives to equal energy; the last two are of phases alone."""
-    factors = made.compared.pressures["equal energy"][:, 0] / made.compared.pressures["equal peak"][:, 0]
+    factors = (
+        made.compared.pressures["equal energy"][:, 0] / made.compared.pressures["equal peak"][:, 0]
+    )
     return np.concatenate([factors, np.ones(2)])
 
 
@@ -33,15 +35,22 @@ def pressures(made: Solved, folder: Path, clock: Clock) -> Part:
     window = plane_through(fingers.foci, vertices, made.scene.wavelength)
     with clock.step("fields", "computing the pressure with the fingers considered and ignored"):
         at_peak = made.compared.at(window.points)
-        magnitudes = np.abs(np.stack([at_peak[CONSIDERED], at_peak[IGNORED]], axis=1) * equal_energy_factors(made)[:2])
+        magnitudes = np.abs(
+            np.stack([at_peak[CONSIDERED], at_peak[IGNORED]], axis=1)
+            * equal_energy_factors(made)[:2]
+        )
     strongest = float(np.nanmax(magnitudes))
-    normalised: dict[str, np.ndarray] = dict(zip((CONSIDERED, IGNORED), (magnitudes / strongest).T, strict=True))
+    normalised: dict[str, np.ndarray] = dict(
+        zip((CONSIDERED, IGNORED), (magnitudes / strongest).T, strict=True)
+    )
     drawn = {name: past_the_surface(window, values, 2) for name, values in normalised.items()}
     columns = {"considered": ("Pa", magnitudes[:, 0]), "ignored": ("Pa", magnitudes[:, 1])}
     write_columns(folder, "pressures", coordinates(window.points) | columns)
     scale = (COLOURS, 0.0, 1.0, f"pressure over the largest of both, {HELD}")
     drive = made.drives[CONSIDERED].amplitudes
-    predicted = made.array.element.sensitivity * (made.received @ drive) / len(fingers.foci)  # by reciprocity
+    predicted = (
+        made.array.element.sensitivity * (made.received @ drive) / len(fingers.foci)
+    )  # by reciprocity
     off = float(abs(made.compared.at(fingers.foci)[CONSIDERED].mean() - predicted) / abs(predicted))
     pieces = (
         paragraph(
@@ -65,7 +74,10 @@ def pressures(made: Solved, folder: Path, clock: Clock) -> Part:
         *(paragraph(words, "warning") for words in made.compared.report.warnings),
     )
     ratios = made.compared.ratios(HELD)[1].mean()
-    facts = ((f"{ratios:.2f}", f"ignored / considered, pressure at {HELD}"), (f"{100 * off:.2f} %", "between solvers"))
+    facts = (
+        (f"{ratios:.2f}", f"ignored / considered, pressure at {HELD}"),
+        (f"{100 * off:.2f} %", "between solvers"),
+    )
     _write_ratios(made, folder)
     return Part("Considered and ignored (Fig. 6 and 7)", pieces, facts)
 
@@ -87,5 +99,10 @@ def _write_ratios(made: Solved, folder: Path) -> None:
         for focus, pressure in enumerate(foci)
     ]
     held, name, focus, pressure = (list(column) for column in zip(*rows, strict=True))
-    columns = {"held_equal": ("", held), "drive": ("", name), "focus": ("", focus), "pressure": ("Pa", pressure)}
+    columns = {
+        "held_equal": ("", held),
+        "drive": ("", name),
+        "focus": ("", focus),
+        "pressure": ("Pa", pressure),
+    }
     write_columns(folder, "foci", columns)

@@ -12,19 +12,19 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from airtact.acoustics.solvers.bem.solver import BoundaryElement
+from airtact.drives.conjugation import time_reversal
+from airtact.drives.rounding import quantise
+from airtact.drives.transfer import focus_by_distance, transfer_matrix
 from airtact.evaluation.comparison import HELD_EQUAL, compare
 from airtact.experiments.dummies import Dummies, Entering, dummies
 from airtact.experiments.part import Part, write_columns
 from airtact.experiments.pressures import HELD
 from airtact.experiments.settings import Settings
-from airtact.pages.page import paragraph, picture, table
-from airtact.solvers.bem.solver import BoundaryElement
-from airtact.synthesis.quantise import quantise
-from airtact.synthesis.time_reversal import time_reversal
+from airtact.reports.page import paragraph, picture, table
 from airtact.timing import Clock
 from airtact.transducers.element import monopole
 from airtact.transducers.layout import PhasedArray, surrounding_box
-from airtact.transfer import focus_by_distance, transfer_matrix
 
 WANTED = {0.5: "about half (simulated)", 0.6: "0.60 (measured)"}
 """The paper's two numbers."""
@@ -40,7 +40,8 @@ LOOKS: dict[Entering, tuple[Literal["-", "--", ":"], str]] = {
 """Line and marker of each way of entering."""
 
 PAPER_LINES = [
-    Line2D([], [], color="0.2", linestyle=style, label=f"the paper's {wanted:.2f}") for wanted, style in STYLES.items()
+    Line2D([], [], color="0.2", linestyle=style, label=f"the paper's {wanted:.2f}")
+    for wanted, style in STYLES.items()
 ]
 """What explains them."""
 
@@ -67,15 +68,24 @@ def ratio_of(fingers: Dummies, array: PhasedArray, settings: Settings) -> Float6
         "ignored": focus_by_distance(array, target, scene.medium, scene.frequency),
     }
     emitted = {name: quantise(drive).drive() for name, drive in drives.items()}
-    compared = compare(scene, array, emitted, target, solver=BoundaryElement(accuracy=settings.sweep_verify))
+    compared = compare(
+        scene, array, emitted, target, solver=BoundaryElement(accuracy=settings.sweep_verify)
+    )
     return np.array([compared.ratios(held)[1].mean() for held in HELD_EQUAL])
 
 
 def all_fingers(settings: Settings) -> list[Fingers]:
     """All that is swept: gap by radius, and tilt by way of entering at some gaps."""
-    found = [Fingers(gap, radius, 20.0, "from below") for gap, radius in product(settings.gaps, settings.radii)]
+    found = [
+        Fingers(gap, radius, 20.0, "from below")
+        for gap, radius in product(settings.gaps, settings.radii)
+    ]
     tilted = product(settings.tilt_gaps, settings.tilts, settings.ways)
-    return list(dict.fromkeys([*found, *(Fingers(gap, 8e-3, tilt, entering) for gap, tilt, entering in tilted)]))
+    return list(
+        dict.fromkeys(
+            [*found, *(Fingers(gap, 8e-3, tilt, entering) for gap, tilt, entering in tilted)]
+        )
+    )
 
 
 def ratios(settings: Settings, folder: Path, clock: Clock) -> Part:
@@ -119,7 +129,9 @@ def ratios(settings: Settings, folder: Path, clock: Clock) -> Part:
         ),
     )
     one, ratio = _nearest_to(found, 0.5, list(HELD_EQUAL).index(HELD), 1)
-    return Part("What the paper leaves open", pieces, ((f"{ratio:.2f}", f"nearest to half, {HELD}: {one}"),))
+    return Part(
+        "What the paper leaves open", pieces, ((f"{ratio:.2f}", f"nearest to half, {HELD}: {one}"),)
+    )
 
 
 def _nearest(found: Mapping[Fingers, Float64[np.ndarray, "3"]]) -> Iterator[list[str]]:
@@ -142,13 +154,18 @@ def _write(found: Mapping[Fingers, Float64[np.ndarray, "3"]], folder: Path) -> N
     units = {"gap": "m", "radius": "m", "tilt": "degrees", "entering": ""}
     columns = {name: (unit, [getattr(one, name) for one in found]) for name, unit in units.items()}
     values = np.array(list(found.values()))
-    ratio = {held.replace(" ", "_"): ("", values[:, index]) for index, held in enumerate(HELD_EQUAL)}
+    ratio = {
+        held.replace(" ", "_"): ("", values[:, index]) for index, held in enumerate(HELD_EQUAL)
+    }
     write_columns(folder, "sweep", columns | ratio)
 
 
 def draw_maps(settings: Settings, found: Mapping[Fingers, Float64[np.ndarray, "3"]]) -> Figure:
     """Draw the ratio over gap and radius, as pressure above and squared below."""
-    wanted = [[Fingers(gap, radius, 20.0, "from below") for gap in settings.gaps] for radius in settings.radii]
+    wanted = [
+        [Fingers(gap, radius, 20.0, "from below") for gap in settings.gaps]
+        for radius in settings.radii
+    ]
     grid = np.array([[found[one] for one in row] for row in wanted])
     figure = Figure(figsize=(11.0, 6.2), layout="constrained")
     rows = figure.subplots(2, len(HELD_EQUAL), sharex=True, sharey=True)
@@ -162,7 +179,9 @@ def draw_maps(settings: Settings, found: Mapping[Fingers, Float64[np.ndarray, "3
             axes.set_title(f"{held}, {'pressure' if power == 1 else 'squared'}", fontsize=10)
             axes.set(xlabel="gap [mm]", ylabel="radius [mm]")
             axes.label_outer()
-    figure.legend(handles=PAPER_LINES, loc="outside lower center", ncols=2, frameon=False, fontsize=9)
+    figure.legend(
+        handles=PAPER_LINES, loc="outside lower center", ncols=2, frameon=False, fontsize=9
+    )
     return figure
 
 
@@ -177,7 +196,15 @@ def _mark(
     for wanted, style in STYLES.items():
         if values.min() < wanted < values.max():
             for colour, width in (("black", 3.0), ("white", 1.5)):
-                axes.contour(across, along, values, levels=[wanted], colors=colour, linestyles=style, linewidths=width)
+                axes.contour(
+                    across,
+                    along,
+                    values,
+                    levels=[wanted],
+                    colors=colour,
+                    linestyles=style,
+                    linewidths=width,
+                )
         else:
             missing.append(f"{wanted:.2f}")
     if missing:
@@ -195,7 +222,9 @@ def draw_tilts(settings: Settings, found: Mapping[Fingers, Float64[np.ndarray, "
         for shade, gap in zip(shades, settings.tilt_gaps, strict=True):
             for entering in settings.ways:
                 style, marker = LOOKS[entering]
-                line = [found[Fingers(gap, 8e-3, tilt, entering)][column] for tilt in settings.tilts]
+                line = [
+                    found[Fingers(gap, 8e-3, tilt, entering)][column] for tilt in settings.tilts
+                ]
                 axes.plot(settings.tilts, line, style, color=shade, marker=marker, markersize=4)
         for wanted, style in STYLES.items():
             axes.axhline(wanted, color="#b3202a", linewidth=1.1, linestyle=style)

@@ -12,17 +12,17 @@ from matplotlib.ticker import FuncFormatter
 from scipy.ndimage import binary_dilation
 from scipy.spatial import KDTree
 
+from airtact.acoustics.scene import Scene
+from airtact.acoustics.solvers.bem.solver import BoundaryElement
+from airtact.acoustics.solvers.problem import RadiatedField
+from airtact.acoustics.solvers.sampled_field import SampledField
+from airtact.acoustics.sources import Monopoles
 from airtact.experiments.dummies import dummies
 from airtact.experiments.part import Part, write_columns
 from airtact.experiments.settings import Settings
-from airtact.pages.page import paragraph, picture, table
-from airtact.pose import Pose
+from airtact.geometry.pose import Pose
 from airtact.printing import in_short
-from airtact.scene.scene import Scene
-from airtact.scene.sources import Monopoles
-from airtact.solvers.bem.solver import BoundaryElement
-from airtact.solvers.problem import RadiatedField
-from airtact.solvers.sampled_field import SampledField
+from airtact.reports.page import paragraph, picture, table
 from airtact.timing import Clock
 from airtact.transducers.element import monopole
 from airtact.transducers.layout import surrounding_box
@@ -62,7 +62,9 @@ class Nodes:
     ) -> tuple[Complex128[np.ndarray, "points"], Bool[np.ndarray, "points"]]:
         """Do the same with the beacon's own e^{ikr}/r divided out first and multiplied in again."""
         nearest, shares = self._shares(points)
-        smooth = self.pressure[nearest] / self.carrier(self.points[nearest].reshape(-1, 3)).reshape(nearest.shape)
+        smooth = self.pressure[nearest] / self.carrier(self.points[nearest].reshape(-1, 3)).reshape(
+            nearest.shape
+        )
         return self.carrier(points) * (shares * smooth).sum(axis=1), shares.min(axis=1) < -1e-9
 
     def _shares(self, points: Float64[np.ndarray, "points 3"]) -> tuple[np.ndarray, np.ndarray]:
@@ -77,14 +79,20 @@ class Nodes:
         return nearest, np.concatenate([1 - others.sum(axis=1, keepdims=True), others], axis=1)
 
 
-def nodes_beside(points: Float64[np.ndarray, "points 3"], step: float, scene: Scene) -> Float64[np.ndarray, "nodes 3"]:
+def nodes_beside(
+    points: Float64[np.ndarray, "points 3"], step: float, scene: Scene
+) -> Float64[np.ndarray, "nodes 3"]:
     """Nodes of an uneven grid within two steps of some points, outside the bodies."""
     low = points.min(axis=0) - 3 * step
     cells = np.floor((points - low) / step).astype(np.int64)
     wanted = np.zeros(cells.max(axis=0) + 4, dtype=np.bool_)
     wanted[tuple(cells.T)] = True
     wanted = binary_dilation(wanted, np.ones((3, 3, 3)), iterations=1)
-    grid = np.argwhere(wanted) + 0.5 + np.random.default_rng(SEED).uniform(-SHIFT, SHIFT, (int(wanted.sum()), 3))
+    grid = (
+        np.argwhere(wanted)
+        + 0.5
+        + np.random.default_rng(SEED).uniform(-SHIFT, SHIFT, (int(wanted.sum()), 3))
+    )
     nodes = low + step * grid
     return nodes[scene.depth(nodes) < 0.0]
 
@@ -104,9 +112,10 @@ def random_poses(count: int) -> list[Pose]:
 class Reading:
     """Errors and time of one way to evaluate the field at the transducers.
 
-    ``errors`` are those of the drive in each pose, ``alone`` against the surface integral over the same solution;
-    ``typical`` is the median error of one transducer over all poses, ``outside`` the share of points outside their
-    tetrahedron (NaN where there is none), ``seconds`` the time for one pose.
+    ``errors`` are those of the drive in each pose, ``alone`` against the surface integral over the
+    same solution; ``typical`` is the median error of one transducer over all poses, ``outside`` the
+    share of points outside their tetrahedron (NaN where there is none), ``seconds`` the time for
+    one pose.
     """
 
     name: str
@@ -128,15 +137,22 @@ def rigid_motion(settings: Settings, folder: Path, clock: Clock) -> Part:
         positions = np.stack([array.seen_from(pose).positions for pose in poses])
         true = reference.at(positions.reshape(-1, 3))[:, 0].reshape(len(poses), -1)
     with clock.step("surface integral", f"evaluating {len(poses)} poses by the surface integral"):
-        first, received = _timed("surface integral", positions, true, None, lambda at: (field.at(at)[:, 0], None))
+        first, received = _timed(
+            "surface integral", positions, true, None, lambda at: (field.at(at)[:, 0], None)
+        )
     readings, counts, held = [first], [], []
     some = slice(None, SAMPLED)
     for spacing in settings.node_spacings:
-        with clock.step(f"nodes {spacing:g}", f"reading the moved transducers off nodes at λ/{spacing:g}"):
+        with clock.step(
+            f"nodes {spacing:g}", f"reading the moved transducers off nodes at λ/{spacing:g}"
+        ):
             nodes = _sampled(field, positions.reshape(-1, 3), scene.wavelength / spacing)
             counts.append(f"{len(nodes.points):,} at λ/{spacing:g}")
             if not held:
-                name, read = f"tetrahedron round the point, λ/{spacing:g}", _held_by(field, positions[some], spacing)
+                name, read = (
+                    f"tetrahedron round the point, λ/{spacing:g}",
+                    _held_by(field, positions[some], spacing),
+                )
                 held = [_timed(name, positions[some], true[some], received[some], read)[0]]
             for name, way in (
                 (f"4 nearest nodes, λ/{spacing:g}", nodes.literal),
@@ -148,7 +164,9 @@ def rigid_motion(settings: Settings, folder: Path, clock: Clock) -> Part:
     return Part("Rigid motion (section 3.3)", _shown(readings, len(poses), counts, settings))
 
 
-def _shown(readings: list[Reading], poses: int, counts: list[str], settings: Settings) -> tuple[str, ...]:
+def _shown(
+    readings: list[Reading], poses: int, counts: list[str], settings: Settings
+) -> tuple[str, ...]:
     return (
         paragraph(
             f"One solution serves every rigid motion. The hand was moved {poses} times at random, by up to "
@@ -160,7 +178,15 @@ def _shown(readings: list[Reading], poses: int, counts: list[str], settings: Set
             f"{100 * 0.5 * settings.reference:g} %."
         ),
         table(
-            ["read by", "median error", "largest", "reading alone", "one transducer", "points outside", "time a pose"],
+            [
+                "read by",
+                "median error",
+                "largest",
+                "reading alone",
+                "one transducer",
+                "points outside",
+                "time a pose",
+            ],
             [_row(one) for one in readings],
             "Error of the drive (the conjugate of the pressure at the transducers) over the poses; the reading alone "
             "against the surface integral over the same solution (median); of one transducer (median), which is "
@@ -205,7 +231,9 @@ def _sampled(field: RadiatedField, points: Float64[np.ndarray, "points 3"], step
         return np.exp(1j * k * distance) / distance
 
     nodes = nodes_beside(points, step, field.scene)
-    pressure = np.concatenate([field.at(some)[:, 0] for some in np.array_split(nodes, 1 + len(nodes) // 50_000)])
+    pressure = np.concatenate(
+        [field.at(some)[:, 0] for some in np.array_split(nodes, 1 + len(nodes) // 50_000)]
+    )
     return Nodes(nodes, pressure, carrier, KDTree(nodes))
 
 
@@ -237,7 +265,9 @@ def _timed(
     found = np.stack([pressure for pressure, _ in answers])
     known = np.isfinite(found)
     each = float(np.median(np.abs((found - true) / true)[known]))
-    outside = float(np.mean([float("nan") if beyond is None else beyond.mean() for _, beyond in answers]))
+    outside = float(
+        np.mean([float("nan") if beyond is None else beyond.mean() for _, beyond in answers])
+    )
     alone = tuple(float("nan") for _ in positions) if same is None else _apart(found, same)
     return Reading(name, _apart(found, true), alone, each, outside, seconds), found
 
@@ -252,7 +282,13 @@ def _apart(
 
 
 def _plain(name: str) -> str:
-    return name.replace(", ", "_").replace(" ", "_").replace("/", "_").replace("λ", "lambda").replace("^", "")
+    return (
+        name.replace(", ", "_")
+        .replace(" ", "_")
+        .replace("/", "_")
+        .replace("λ", "lambda")
+        .replace("^", "")
+    )
 
 
 def _row(one: Reading) -> list[str]:
@@ -269,7 +305,13 @@ def _draw(readings: list[Reading]) -> Figure:
     widths = [4.0, *(1.6 for _ in readings[1:])]
     for one, width in zip(readings, widths, strict=True):
         share = np.linspace(0, 100, len(one.errors))
-        line = axes.plot(share, sorted(one.errors), label=one.name, linewidth=width, alpha=0.45 if width > 2 else 1.0)
+        line = axes.plot(
+            share,
+            sorted(one.errors),
+            label=one.name,
+            linewidth=width,
+            alpha=0.45 if width > 2 else 1.0,
+        )
         axes.plot(share, sorted(one.alone), color=line[0].get_color(), linewidth=0.6)
     axes.set(yscale="log", xlabel="share of the poses [%]", ylabel="error of the drive")
     axes.yaxis.set_major_formatter(FuncFormatter(lambda error, _: f"{100 * error:g} %"))

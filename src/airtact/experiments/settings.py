@@ -9,12 +9,13 @@ from airtact.experiments.dummies import Entering
 class Settings:
     """Accuracies, sweeps and limits, in metres, degrees, seconds and bytes.
 
-    ``order`` and ``elements_per_wavelength`` are those of the finite elements that make the drive; ``verifying`` and
-    ``reference`` accuracies of the boundary elements that verify it, and against which errors are computed;
-    ``sweep_drive`` and ``sweep_verify`` those that make and verify the drives of the sweep of fingers. The tilts and
-    ways of entering are swept at ``tilt_gaps``. A combination of the study of meshes that is predicted to take more
-    than ``study_seconds`` or ``study_bytes`` is not run, and none is begun after ``study_budget``. ``node_spacings``
-    are wavelengths over the distance of nodes, in the study of interpolation.
+    ``order`` and ``elements_per_wavelength`` are those of the finite elements that make the drive;
+    ``verifying`` and ``reference`` accuracies of the boundary elements that verify it, and against
+    which errors are computed; ``sweep_drive`` and ``sweep_verify`` those that make and verify the
+    drives of the sweep of fingers. The tilts and ways of entering are swept at ``tilt_gaps``. A
+    combination of the study of meshes that is predicted to take more than ``study_seconds`` or
+    ``study_bytes`` is not run, and none is begun after ``study_budget``. ``node_spacings`` are
+    wavelengths over the distance of nodes, in the study of interpolation.
     """
 
     name: str
@@ -50,7 +51,10 @@ FULL = Settings(  # gaps in steps well below half a wavelength, for the standing
     reference=0.003,
     sweep_drive=0.02,
     sweep_verify=0.01,
-    gaps=tuple(1e-3 * gap for gap in (6, 6.75, 7.5, 8.25, 9, 9.75, 10.5, 12, 13.5, 15, 16.5, 18, 19.5, 21, 24, 27, 30)),
+    gaps=tuple(
+        1e-3 * gap
+        for gap in (6, 6.75, 7.5, 8.25, 9, 9.75, 10.5, 12, 13.5, 15, 16.5, 18, 19.5, 21, 24, 27, 30)
+    ),
     radii=(6e-3, 8e-3, 10e-3),
     tilts=(0.0, 20.0, 40.0, 60.0),
     ways=("from below", "from above", "from the side"),

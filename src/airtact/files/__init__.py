@@ -1,1 +1,1 @@
-"""Files of panels and fields for other programs, and drives read back."""
+"""Reading and writing files: whole ones or none, and tables of text."""

@@ -3,8 +3,8 @@
 import time
 from collections.abc import Callable
 
-from airtact.tracking.stream import DRIFT
-from airtact.validation import between
+from airtact.checks import between
+from airtact.hands.tracking.stream import DRIFT
 
 OWN_CLOCKS = (time.monotonic, time.time)
 """Clocks of this computer that trackers on it use."""
@@ -15,19 +15,22 @@ LATEST = 0.5
 
 def checked_latency(latency: float) -> float:
     """Return the latency of a tracker [s]; raise "out_of_range" unless it is from 0 to 0.5 s."""
-    return between(latency, 0.0, LATEST, "the latency of the tracker", "s", "is it in milliseconds?")
+    return between(
+        latency, 0.0, LATEST, "the latency of the tracker", "s", "is it in milliseconds?"
+    )
 
 
 class FrameClock:
     """Maps the computer's monotonic clock to that of the frames.
 
-    A tracker that uses a clock of this computer is recognised by the first frame. Any other clock is taken to be off by
-    the least that any frame was late, as if that frame had come ``latency`` after its time; the tracker's clock may
-    drift by 0.1 %.
+    A tracker that uses a clock of this computer is recognised by the first frame. Any other clock
+    is taken to be off by the least that any frame was late, as if that frame had come ``latency``
+    after its time; the tracker's clock may drift by 0.1 %.
 
     Parameters
     ----------
-    latency : least time from the picture to the frame's arrival, of trackers with a clock of their own [s].
+    latency : least time from the picture to the frame's arrival, of trackers with a clock of their
+        own [s].
     now : the computer's clock [s].
 
     Raises
@@ -54,7 +57,9 @@ class FrameClock:
         if self._least is not None:
             least, then = self._least
             drifted = least + DRIFT * (arrived - then)
-            offset = offset if offset > drifted + LATEST else min(offset, drifted)  # a clock that began anew
+            offset = (
+                offset if offset > drifted + LATEST else min(offset, drifted)
+            )  # a clock that began anew
         self._least = offset, arrived
 
     def time(self, now: float | None = None) -> float:

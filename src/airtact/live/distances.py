@@ -3,14 +3,14 @@
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.conventions import InvalidInput
-from airtact.hand.hand import Hand
-from airtact.hand.joints import check_finger_order, joints_of, radii_of
+from airtact.acoustics.target import Target
+from airtact.drives.transfer import focus_by_distance
+from airtact.errors import InvalidInput
+from airtact.hands.hand import Hand
+from airtact.hands.joints import check_finger_order, joints_of, radii_of
+from airtact.hands.tracking.frame import HandFrame
+from airtact.hands.tracking.prediction import Predictor
 from airtact.live.parts import Controls, DriveMaker, LiveScene, Moment
-from airtact.scene.target import Target
-from airtact.tracking.frame import HandFrame
-from airtact.tracking.prediction import Predictor
-from airtact.transfer import focus_by_distance
 
 
 def hand_in(scene: LiveScene, landmarks: Float64[np.ndarray, "landmarks 3"]) -> Hand:
@@ -26,11 +26,15 @@ def hand_in(scene: LiveScene, landmarks: Float64[np.ndarray, "landmarks 3"]) -> 
     return Hand(joints, radii_of(scene.radii, None, joints), scene.side)
 
 
-def foci_on(hand: Hand, scene: LiveScene, offset: float | None = None) -> Float64[np.ndarray, "foci 3"]:
+def foci_on(
+    hand: Hand, scene: LiveScene, offset: float | None = None
+) -> Float64[np.ndarray, "foci 3"]:
     """Return where the foci of a scene are on a hand (F, 3) [m]; ``offset`` is in place of the scene's [m]."""
     places = [hand.position(name) for name in scene.places]
     offsets = scene.offsets if offset is None else np.full(len(places), offset)
-    return np.array([point + off * normal for (point, normal), off in zip(places, offsets, strict=True)])
+    return np.array(
+        [point + off * normal for (point, normal), off in zip(places, offsets, strict=True)]
+    )
 
 
 class Distances(DriveMaker):
@@ -56,7 +60,9 @@ class Distances(DriveMaker):
         scene, newest = self._scene, self._newest
         silent = np.zeros(len(scene.array), dtype=np.complex128)
         if newest is None or newest.lost:
-            return Moment(time, time if newest is None else newest.time, None, None, silent, state="silent")
+            return Moment(
+                time, time if newest is None else newest.time, None, None, silent, state="silent"
+            )
         predicted = self._predictor.at(max(time, newest.time))
         if predicted.lost:
             return Moment(time, newest.time, None, None, silent, state="silent")

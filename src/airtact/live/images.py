@@ -1,7 +1,8 @@
 """Elements and their images in a rigid plane, which sound with them: what the live loop knows of a table or a wall.
 
-The hand scatters what comes from both. What then goes to and fro between the hand and the plane is left out: its phase
-turns with every millimetre of height, so that no solution of another pose would serve.
+The hand scatters what comes from both. What then goes to and fro between the hand and the plane is
+left out: its phase turns with every millimetre of height, so that no solution of another pose would
+serve.
 """
 
 from collections.abc import Sequence
@@ -10,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex, Complex128, Float64, Int64
 
+from airtact.acoustics.planes import Plane
 from airtact.printing import in_short
-from airtact.scene.planes import Plane
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import off_plane
 
@@ -24,7 +25,8 @@ class WithImages:
     ----------
     array : R elements: those of the array, then images.
     imaged : (R - E,) the element that each image is of.
-    strengths : (E,) of the elements themselves: 2 where one is part of the plane, its own image, else 1.
+    strengths : (E,) of the elements themselves: 2 where one is part of the plane, its own image,
+        else 1.
     """
 
     array: PhasedArray
@@ -53,7 +55,9 @@ class WithImages:
             )
         return cls(array, imaged, strengths)
 
-    def folded(self, rows: Complex[np.ndarray, "*any sounding"]) -> Complex[np.ndarray, "*any elements"]:
+    def folded(
+        self, rows: Complex[np.ndarray, "*any sounding"]
+    ) -> Complex[np.ndarray, "*any elements"]:
         """Add what images do to what their elements do: per unit drive of each element."""
         count = len(self.strengths)
         if rows.shape[-1] == count and (self.strengths == 1.0).all():
@@ -62,6 +66,8 @@ class WithImages:
         out[..., self.imaged] += rows[..., count:]
         return out.astype(rows.dtype, copy=False)
 
-    def unfolded(self, amplitudes: Complex128[np.ndarray, "elements"]) -> Complex128[np.ndarray, "sounding"]:
+    def unfolded(
+        self, amplitudes: Complex128[np.ndarray, "elements"]
+    ) -> Complex128[np.ndarray, "sounding"]:
         """Return the amplitudes of elements and images for those of the elements."""
         return np.concatenate([amplitudes * self.strengths, amplitudes[self.imaged]])

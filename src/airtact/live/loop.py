@@ -11,10 +11,12 @@ import numpy as np
 from jaxtyping import Complex128
 from threadpoolctl import threadpool_limits
 
-from airtact.conventions import InvalidInput
-from airtact.frames.amplitudes import check_cap
-from airtact.hand.hand import Hand
-from airtact.hardware.link import LinkFailed
+from airtact.drives.amplitudes import check_cap
+from airtact.emission.link import LinkFailed
+from airtact.errors import InvalidInput
+from airtact.hands.hand import Hand
+from airtact.hands.tracking.frame import HandFrame
+from airtact.hands.tracking.stream import StreamHealth
 from airtact.live.clock import FrameClock
 from airtact.live.distances import foci_on
 from airtact.live.output import Nowhere, Output
@@ -23,8 +25,6 @@ from airtact.live.parts import Controls, DriveMaker, LiveScene, Moment, State
 from airtact.live.safety import STALE, Gain, Workspace, hand_of
 from airtact.live.session import SessionWriter
 from airtact.live.sources import HandSource, checked_seconds
-from airtact.tracking.frame import HandFrame
-from airtact.tracking.stream import StreamHealth
 
 OFTEN, SELDOM = 1.0 / 120.0, 1.0 / 66.0
 """Shortest and longest time between the beginnings of two drives while the hand is there [s]."""
@@ -77,7 +77,8 @@ class Status:
     rate : drives a second.
     age : from the time of the newest frame to the sound in the air, median [s]; NaN without drives.
     kept : expected share of the attainable pressure, median; NaN where it is not known.
-    late : what takes longer than it should, and how long [s], by its name: "frames", "solver", "link".
+    late : what takes longer than it should, and how long [s], by its name: "frames", "solver",
+        "link".
     """
 
     state: str
@@ -108,8 +109,10 @@ class Followed:
     frames : good frames of the hand that it took.
     drives : drives that reached the link, silence included.
     rate : drives a second while there was sound; 0 without sound.
-    age, oldest : from the time of the newest frame to the sound in the air, median and 95 of 100 [s]; NaN without.
-    delay : from a frame's arrival to the first drive made with it at the link, 95 of 100 [s]; NaN without.
+    age, oldest : from the time of the newest frame to the sound in the air, median and 95 of 100
+        [s]; NaN without.
+    delay : from a frame's arrival to the first drive made with it at the link, 95 of 100 [s]; NaN
+        without.
     kept : expected share of the attainable pressure, median; NaN where it is not known.
     faded : times that the sound faded to silence, by the reason.
     dropped : rows that the session lacks because the disk was too slow.
@@ -134,15 +137,25 @@ class Followed:
 
     def facts(self) -> list[tuple[str, str]]:
         """Put what was done into words, each fact by its name."""
-        facts = [("time", f"{self.seconds:.1f} s, {self.frames} frames of the hand"), ("messages", str(self.health))]
+        facts = [
+            ("time", f"{self.seconds:.1f} s, {self.frames} frames of the hand"),
+            ("messages", str(self.health)),
+        ]
         facts.append(("drives", f"{self.drives:,}, {self.rate:.0f}/s while there was sound"))
         if np.isfinite(self.age):
             facts.append(("frame to drive", f"95 of 100 within {1e3 * self.delay:.1f} ms"))
-            facts.append(("age in the air", f"{1e3 * self.age:.1f} ms, 95 of 100 under {1e3 * self.oldest:.1f} ms"))
+            facts.append(
+                (
+                    "age in the air",
+                    f"{1e3 * self.age:.1f} ms, 95 of 100 under {1e3 * self.oldest:.1f} ms",
+                )
+            )
         if np.isfinite(self.kept):
             facts.append(("pressure expected", f"{self.kept:.0%} of the attainable"))
         if self.faded:
-            facts.append(("faded", ", ".join(f"{count} x {why}" for why, count in self.faded.items())))
+            facts.append(
+                ("faded", ", ".join(f"{count} x {why}" for why, count in self.faded.items()))
+            )
         if self.state != "playing":
             facts.append(("at the end", self.state))
         if self.dropped:
@@ -153,7 +166,10 @@ class Followed:
         """Return all numbers by their names, for JSON; None where one is not known."""
         numbers = {one.name: getattr(self, one.name) for one in fields(self)}
         numbers["health"] = asdict(self.health)
-        return {name: None if isinstance(it, float) and not np.isfinite(it) else it for name, it in numbers.items()}
+        return {
+            name: None if isinstance(it, float) and not np.isfinite(it) else it
+            for name, it in numbers.items()
+        }
 
 
 def follow(
@@ -175,12 +191,14 @@ def follow(
     Parameters
     ----------
     scene : what stays the same.
-    hands : where the frames come from; it is begun and closed here, as ``maker`` and ``session`` are closed.
+    hands : where the frames come from; it is begun and closed here, as ``maker`` and ``session``
+        are closed.
     maker : makes the drives.
     output : where they go; nowhere unless given.
     seconds : how long; until the frames end unless given.
     session : records what is done.
-    latency : least time from the picture to the frame's arrival, of trackers with a clock of their own [s].
+    latency : least time from the picture to the frame's arrival, of trackers with a clock of their
+        own [s].
     cap : largest amplitude of an element, a share of full scale.
     controls : what is set from the start; what is set on the page takes its place.
     page : shows every moment, and sets the controls.
@@ -208,7 +226,9 @@ def follow(
         return loop.run(hands, end, report)
 
 
-def capped(amplitudes: Complex128[np.ndarray, "*shape"], cap: float) -> Complex128[np.ndarray, "*shape"]:
+def capped(
+    amplitudes: Complex128[np.ndarray, "*shape"], cap: float
+) -> Complex128[np.ndarray, "*shape"]:
     """Bring amplitudes under a cap as a whole."""
     return min(1.0, cap / float(np.abs(amplitudes).max(initial=1e-12))) * amplitudes
 
@@ -253,7 +273,10 @@ class _Loop:
         """Go on for some time [s], until the frames end, or Ctrl-C; return what was done."""
         begun = reported = time.monotonic()
         stream = hands.begin(self.arrived)
-        with threadpool_limits(1), suppress(KeyboardInterrupt):  # a second thread would wait for the solvers' cores
+        with (
+            threadpool_limits(1),
+            suppress(KeyboardInterrupt),
+        ):  # a second thread would wait for the solvers' cores
             while (now := time.monotonic()) < begun + lasts and not (hands.ended and self.silent):
                 self.go_on(stream.wait(self.patience(min(now + IDLE, begun + lasts))))
                 if time.monotonic() - reported >= REPORTED:
@@ -379,7 +402,9 @@ class _Loop:
             self._played.append(_Played(sent, age, kept, frames, solver, sent - made))
             self._lasts += SMOOTHING * (sent - now - self._lasts)
 
-    def _send(self, amplitudes: Complex128[np.ndarray, "elements"], share: float, cap: float) -> None:
+    def _send(
+        self, amplitudes: Complex128[np.ndarray, "elements"], share: float, cap: float
+    ) -> None:
         """Emit the drive of the moment, or its frames where foci move, at a share of their amplitude."""
         moving, frames = self._scene.moving, None if self._moment is None else self._moment.frames
         if moving is not None and frames is not None and self._controls.modulated and share > 0.0:
@@ -417,7 +442,14 @@ class _Loop:
             self._faded[reason] = self._faded.get(reason, 0) + 1
         if moment.state == "playing" and moment.frame_time > self._answered:
             self._answered = moment.frame_time
-            came = next((now for taken, now in reversed(self._arrivals.copy()) if taken == moment.frame_time), None)
+            came = next(
+                (
+                    now
+                    for taken, now in reversed(self._arrivals.copy())
+                    if taken == moment.frame_time
+                ),
+                None,
+            )
             self._delays.extend([] if came is None else [sent - came])
 
     def status(self) -> Status:
@@ -426,7 +458,9 @@ class _Loop:
         span = 2.0 * REPORTED
         recent = [one for one in self._played if now - one.sent <= span]
         state = "playing" if self._fault is None else self._fault
-        usual = {name: _median([getattr(one, name) for one in recent]) for name in ("age", "kept", *LATE)}
+        usual = {
+            name: _median([getattr(one, name) for one in recent]) for name in ("age", "kept", *LATE)
+        }
         late = {name: usual[name] for name, most in LATE.items() if usual[name] > most}
         if self._played:  # the first drive was less than a second ago
             span = min(span, max(now - self._played[0].sent, REPORTED))

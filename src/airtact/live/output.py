@@ -7,11 +7,11 @@ from types import TracebackType
 import numpy as np
 from jaxtyping import Complex128
 
-from airtact.hardware.emission import Emission
-from airtact.hardware.link import Link, LinkFailed
-from airtact.synthesis.sequence import Sequence
+from airtact.drives.sequence import Sequence
+from airtact.drives.transfer import Drive
+from airtact.emission.emission import Emission
+from airtact.emission.link import Link, LinkFailed
 from airtact.transducers.modulation import AmplitudeModulation
-from airtact.transfer import Drive
 
 
 class Output(ABC):
@@ -21,7 +21,8 @@ class Output(ABC):
     ----------
     words : where drives go, in words.
     stopped : whether the emergency stop was pressed, after which nothing is emitted.
-    share : of the newest drive's amplitude that was emitted when it was sent; less than 1 while the sound rises.
+    share : of the newest drive's amplitude that was emitted when it was sent; less than 1 while the
+        sound rises.
     """
 
     words: str = "no boards"
@@ -32,7 +33,10 @@ class Output(ABC):
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         """End in silence; without boards there is nothing to end."""
         return
@@ -88,7 +92,10 @@ class Boards(Output):
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         """End in silence, whatever happened."""
         self._emission.__exit__(kind, error, trace)

@@ -8,12 +8,12 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Complex128, Float64, Int64
 
-from airtact.hand.hand import Side
+from airtact.acoustics.medium import Medium
+from airtact.acoustics.planes import Plane
+from airtact.hands.hand import Side
+from airtact.hands.tracking.frame import HandFrame
 from airtact.live.images import WithImages
 from airtact.printing import in_short
-from airtact.scene.medium import Medium
-from airtact.scene.planes import Plane
-from airtact.tracking.frame import HandFrame
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.modulation import AmplitudeModulation
 
@@ -32,7 +32,8 @@ class MovingFoci:
     Attributes
     ----------
     places : (N, K) indices of the places of the K foci in each of N frames.
-    shifts : (N, K, 3) where they are from those places, in the axes of the bone, see ``Riding.frames`` [m].
+    shifts : (N, K, 3) where they are from those places, in the axes of the bone, see
+        ``Riding.frames`` [m].
     rate : frames a second.
     words : what it is, in a few words.
     """
@@ -98,11 +99,12 @@ class Moment:
     pressures : (F,) predicted at the foci [Pa], or None.
     rule : what the drive was made from.
     shape_age : from the time of the frame that was solved to ``time`` [s]; None for distances.
-    behind : from the time of the hand that was solved last, used or not, to ``time`` [s]; None before the first, and
-        where noise lets the solvers rest.
+    behind : from the time of the hand that was solved last, used or not, to ``time`` [s]; None
+        before the first, and where noise lets the solvers rest.
     kept : expected share of the attainable pressure at the weakest focus, or None.
     state : what the loop does.
-    frames : (N, E) drives that are played in turn in place of ``amplitudes``, where foci move; or None.
+    frames : (N, E) drives that are played in turn in place of ``amplitudes``, where foci move; or
+        None.
     """
 
     time: float

@@ -4,12 +4,12 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.spatial import KDTree
 
-from airtact.conventions import InvalidInput
-from airtact.hand.hand import Hand
-from airtact.hand.joints import BONES, radii_of
+from airtact.errors import InvalidInput
+from airtact.hands.hand import Hand
+from airtact.hands.joints import BONES, radii_of
+from airtact.hands.tracking.frame import HandFrame
 from airtact.live.distances import hand_in
 from airtact.live.parts import LiveScene
-from airtact.tracking.frame import HandFrame
 from airtact.transducers.placement import check_reach
 
 STALE = 0.15
@@ -36,7 +36,9 @@ class Workspace:
         self._elements = KDTree(scene.array.positions)
         self._radius = float(scene.array.element.reach)
 
-    def fault(self, joints: Float64[np.ndarray, "25 3"], foci: Float64[np.ndarray, "foci 3"]) -> str | None:
+    def fault(
+        self, joints: Float64[np.ndarray, "25 3"], foci: Float64[np.ndarray, "foci 3"]
+    ) -> str | None:
         """Return why a hand with foci before it must not get sound, in a few words, or None."""
         distances, _ = self._elements.query(foci)
         if float(distances.max()) > FARTHEST:
@@ -50,7 +52,9 @@ class Workspace:
         centres = (1.0 - share) * joints[ends[:, 0]] + share * joints[ends[:, 1]]
         skin = radii_of(self._scene.radii, None, joints)
         radii = (1.0 - share[..., 0]) * skin[ends[:, 0]] + share[..., 0] * skin[ends[:, 1]]
-        reach = float(radii.max()) + self._radius  # no element within it: no room to find, and 30 times faster
+        reach = (
+            float(radii.max()) + self._radius
+        )  # no element within it: no room to find, and 30 times faster
         room = self._elements.query(centres, distance_upper_bound=reach)[0] - radii - self._radius
         if float(room.min()) < 0.0:
             return f"through the array's face: {-1e3 * room.min():.2g} mm too near"
@@ -82,5 +86,7 @@ class Gain:
         """Go on to a time [s], up or down, and return the share."""
         step = 0.0 if self._then is None else max(now - self._then, 0.0)
         self._then = now
-        self.share = float(np.clip(self.share + (min(step, LONGEST_STEP) if on else -step) / FADE, 0.0, 1.0))
+        self.share = float(
+            np.clip(self.share + (min(step, LONGEST_STEP) if on else -step) / FADE, 0.0, 1.0)
+        )
         return self.share

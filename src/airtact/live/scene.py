@@ -4,16 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from airtact.conventions import InvalidInput
-from airtact.hand.hand import PLACES
+from airtact.acoustics.scene import check_no_boards
+from airtact.checks import counted, fixed
+from airtact.drives.motion import FRAMES, Motion
+from airtact.drives.sequence import FEWEST
+from airtact.errors import InvalidInput
+from airtact.hands.hand import PLACES
 from airtact.live.drives.riding import ride
 from airtact.live.parts import LiveScene, MovingFoci
-from airtact.scene.scene import check_no_boards
-from airtact.scene_file.building import Setup
-from airtact.synthesis.motion import FRAMES, Motion
-from airtact.synthesis.sequence import FEWEST
+from airtact.setup.building import Setup
 from airtact.transducers.modulation import AmplitudeModulation
-from airtact.validation import counted, fixed
 
 MOST_FRAMES = 64
 """Frames of a path at most: each is a drive, and all of them are made anew for each pose."""
@@ -24,7 +24,8 @@ def live_scene(setup: Setup) -> LiveScene:
 
     Parameters
     ----------
-    setup : a scene of one sound-hard hand, whose foci are before its places, as ``read_scene`` gives it.
+    setup : a scene of one sound-hard hand, whose foci are before its places, as ``read_scene``
+        gives it.
 
     Raises
     ------
@@ -70,7 +71,11 @@ def live_scene(setup: Setup) -> LiveScene:
         modulation=setup.modulation if isinstance(setup.modulation, AmplitudeModulation) else None,
         planes=tuple(setup.scene.planes),
     )
-    return replace(scene, moving=moving_foci_of(setup, scene)) if isinstance(setup.modulation, Motion) else scene
+    return (
+        replace(scene, moving=moving_foci_of(setup, scene))
+        if isinstance(setup.modulation, Motion)
+        else scene
+    )
 
 
 def moving_foci_of(setup: Setup, scene: LiveScene) -> MovingFoci:
@@ -90,7 +95,11 @@ def moving_foci_of(setup: Setup, scene: LiveScene) -> MovingFoci:
     motion, foci, target = setup.modulation, len(scene.places), setup.target
     assert isinstance(motion, Motion)
     if motion.through_points(foci):
-        paths, places, shifts = target.points[None], np.arange(foci)[:, None], np.zeros((foci, 1, 3))
+        paths, places, shifts = (
+            target.points[None],
+            np.arange(foci)[:, None],
+            np.zeros((foci, 1, 3)),
+        )
         words = f"a focus runs through the {foci} places"
     else:
         paths = motion.paths(setup.scene, target, setup.array.positions.mean(axis=0))

@@ -15,19 +15,19 @@ from typing import Any, cast, get_args
 import numpy as np
 from jaxtyping import Bool, Complex64, Float64
 
-from airtact.conventions import InvalidInput, about
-from airtact.hand.joints import Side, joints_of
+from airtact.acoustics.medium import Medium
+from airtact.acoustics.planes import plane
+from airtact.checks import file_fault, fixed
+from airtact.errors import InvalidInput, about
+from airtact.hands.joints import Side, joints_of
+from airtact.hands.tracking.frame import HandFrame
+from airtact.hands.tracking.recordings import Recording
+from airtact.hands.tracking.stream import StreamHealth
 from airtact.live.parts import LiveScene, Moment, Rule, State
 from airtact.printing import in_short
-from airtact.scene.medium import Medium
-from airtact.scene.planes import plane
-from airtact.tracking.frame import HandFrame
-from airtact.tracking.recordings import Recording
-from airtact.tracking.stream import StreamHealth
 from airtact.transducers.element import Element
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.modulation import AmplitudeModulation
-from airtact.validation import file_fault, fixed
 
 FILE = "session.h5"
 """Name of the file in the folder of a session."""
@@ -111,18 +111,22 @@ class SessionWriter:
         self._rows: deque[tuple[str, dict[str, Any]]] = deque()
         self._done = Event()
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "airtact.file_access.appending", str(path.resolve())],
+            [sys.executable, "-m", "airtact.files.appending", str(path.resolve())],
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             start_new_session=True,
         )
-        self._thread = Thread(target=self._send, args=(_first(scene, text),), name="airtact session", daemon=True)
+        self._thread = Thread(
+            target=self._send, args=(_first(scene, text),), name="airtact session", daemon=True
+        )
         self._thread.start()
 
     def frame(self, frame: HandFrame) -> None:
         """Take a frame of the hand, in the scene's frame."""
-        landmarks = np.full((25, 3), np.nan) if frame.landmarks is None else joints_of(frame.landmarks)
+        landmarks = (
+            np.full((25, 3), np.nan) if frame.landmarks is None else joints_of(frame.landmarks)
+        )
         self._take("frames", {"time": frame.time, "landmarks": landmarks})
 
     def drive(self, moment: Moment, time_in_air: float) -> None:
@@ -216,7 +220,9 @@ def _first(scene: LiveScene, text: str) -> dict[str, Any]:
         "method": scene.method,
         "rules": list(RULES),
         "states": list(STATES),
-        "modulation": np.array([] if modulation is None else [modulation.frequency, modulation.depth]),
+        "modulation": np.array(
+            [] if modulation is None else [modulation.frequency, modulation.depth]
+        ),
         "sensitivity": element.sensitivity,
         "directional": element.directional,
         "radius": element.radius,
@@ -224,17 +230,26 @@ def _first(scene: LiveScene, text: str) -> dict[str, Any]:
     message: dict[str, Any] = {"attributes": attributes, "scene": text}
     for name, value in (
         *(("positions", array.positions), ("normals", array.normals), ("tangents", array.tangents)),
-        *(("gains", array.gains), ("face_points", element.points), ("face_weights", element.weights)),
+        *(
+            ("gains", array.gains),
+            ("face_points", element.points),
+            ("face_weights", element.weights),
+        ),
     ):
         message[f"array/{name}"] = np.asarray(value)
     if scene.planes:
         attributes["planes"] = np.array([[one.point, one.normal] for one in scene.planes])
     if scene.radii is not None:
         message["hand/radii"] = np.asarray(scene.radii)
-    for name, columns in (("frames", 25), ("drives", len(array))):  # so that an empty session has them, too
+    for name, columns in (
+        ("frames", 25),
+        ("drives", len(array)),
+    ):  # so that an empty session has them, too
         message[f"+{name}/time" if name == "frames" else "+drives/time_in_air"] = np.zeros(0)
         key, kind = ("landmarks", np.float64) if name == "frames" else ("amplitudes", np.complex64)
-        message[f"+{name}/{key}"] = np.zeros((0, columns, 3) if name == "frames" else (0, columns), dtype=kind)
+        message[f"+{name}/{key}"] = np.zeros(
+            (0, columns, 3) if name == "frames" else (0, columns), dtype=kind
+        )
     message["+drives/frame_time"] = np.zeros(0)
     return message
 
@@ -271,7 +286,9 @@ def recording_of(path: str | Path) -> Recording:
         side = _side_in(file)
         times, landmarks = file["frames/time"][:], file["frames/landmarks"][:]
         if not len(times):
-            raise InvalidInput("0 frames are in this session: record one with a hand.", code="no_frames")
+            raise InvalidInput(
+                "0 frames are in this session: record one with a hand.", code="no_frames"
+            )
         seen = np.isfinite(landmarks).all(axis=(1, 2))
         frames = [
             HandFrame(float(then), side, index, joints if there else None)
@@ -293,7 +310,8 @@ def _opened(path: str | Path) -> Iterator[Any]:
                 version = int(cast(int, file.attrs["format_version"]))
                 if version > VERSION:
                     raise InvalidInput(
-                        f"its version is {version}, and this airtact reads up to {VERSION}.", code="newer_version"
+                        f"its version is {version}, and this airtact reads up to {VERSION}.",
+                        code="newer_version",
                     )
                 yield file
         except OSError as error:
@@ -301,7 +319,9 @@ def _opened(path: str | Path) -> Iterator[Any]:
                 raise file_fault(path, error) from None
             raise InvalidInput(f"this is no HDF5 file: {error}.", code="not_a_session") from None
         except KeyError as error:
-            raise InvalidInput(f"this is no session: 1 entry is missing: {error}.", code="not_a_session") from None
+            raise InvalidInput(
+                f"this is no session: 1 entry is missing: {error}.", code="not_a_session"
+            ) from None
 
 
 def _session_in(file: Any) -> Session:
@@ -350,7 +370,9 @@ def _scene_in(file: Any) -> LiveScene:
         places=tuple(str(place) for place in has["places"]),
         offsets=fixed(has["offsets"]),
         method=str(has["method"]),
-        modulation=AmplitudeModulation(*map(float, has["modulation"])) if len(has["modulation"]) else None,
+        modulation=AmplitudeModulation(*map(float, has["modulation"]))
+        if len(has["modulation"])
+        else None,
         planes=tuple(plane(*one) for one in has["planes"]) if "planes" in has else (),
     )
 

@@ -9,14 +9,14 @@ from threading import Event, Lock, Thread
 
 import numpy as np
 
-from airtact.conventions import InvalidInput
-from airtact.hand.hand import Hand
-from airtact.pose import Pose, nearest_motion
-from airtact.tracking.frame import HandFrame
-from airtact.tracking.receivers import OscReceiver, WebSocketReceiver
-from airtact.tracking.recordings import Recording
-from airtact.tracking.stream import HandStream
-from airtact.validation import positive
+from airtact.checks import positive
+from airtact.errors import InvalidInput
+from airtact.geometry.pose import Pose, nearest_motion
+from airtact.hands.hand import Hand
+from airtact.hands.tracking.frame import HandFrame
+from airtact.hands.tracking.receivers import OscReceiver, WebSocketReceiver
+from airtact.hands.tracking.recordings import Recording
+from airtact.hands.tracking.stream import HandStream
 
 PALM = (0, 5, 6, 10, 11, 15, 16, 20, 21)
 """Joints that hardly move against each other: the wrist and both ends of the metacarpals."""
@@ -68,7 +68,9 @@ class RecordedHands(HandSource):
         self.frames: tuple[HandFrame, ...] = recording.frames
         self._loop = loop
         if loop and len(self.frames) < 2:
-            raise InvalidInput("1 frame cannot be played in a loop: give 2 or more.", code="too_few")
+            raise InvalidInput(
+                "1 frame cannot be played in a loop: give 2 or more.", code="too_few"
+            )
         self.words: str = f"{len(self.frames)} recorded frames{', again and again' if loop else ''}"
         self._closed = Event()
         self._thread: Thread | None = None
@@ -76,7 +78,9 @@ class RecordedHands(HandSource):
     def begin(self, on_frame: Callable[[HandFrame, float], None]) -> HandStream:
         """Begin with the first frame at once."""
         stream = _stream(on_frame)
-        self._thread = Thread(target=self._play, args=(stream,), name="airtact recording", daemon=True)
+        self._thread = Thread(
+            target=self._play, args=(stream,), name="airtact recording", daemon=True
+        )
         self._thread.start()
         return stream
 
@@ -103,7 +107,9 @@ class RecordedHands(HandSource):
         turn = 0
         while True:
             for frame in frames:
-                yield replace(frame, time=frame.time + turn * lasts, sequence=frame.sequence + turn * counts)
+                yield replace(
+                    frame, time=frame.time + turn * lasts, sequence=frame.sequence + turn * counts
+                )
             turn += 1
 
 
@@ -125,7 +131,10 @@ class ReceivedHands(HandSource):
     def __init__(self, kind: str, port: int, tracker: Pose | None = None) -> None:
         receivers = {"websocket": WebSocketReceiver, "osc": OscReceiver}
         if kind not in receivers:
-            raise InvalidInput(f"{kind!r} is not 1 of {len(receivers)} sockets: websocket, osc.", code="unknown_name")
+            raise InvalidInput(
+                f"{kind!r} is not 1 of {len(receivers)} sockets: websocket, osc.",
+                code="unknown_name",
+            )
         self._early: deque[tuple[HandFrame, float]] = deque(maxlen=EARLY)
         self._on_frame: Callable[[HandFrame, float], None] | None = None
         self._lock = Lock()
@@ -194,7 +203,10 @@ def moved_to(recording: Recording, hand: Hand) -> Recording:
     """Move a recorded hand of 25 landmarks so that its palm is where another hand's is, mirrored if needed."""
     seen = [frame for frame in recording.frames if frame.landmarks is not None]
     mirror = np.array([1.0, 1.0, 1.0 if seen[0].side == hand.side else -1.0])
-    palm = np.mean([mirror * frame.landmarks[list(PALM)] for frame in seen if frame.landmarks is not None], axis=0)
+    palm = np.mean(
+        [mirror * frame.landmarks[list(PALM)] for frame in seen if frame.landmarks is not None],
+        axis=0,
+    )
     pose = Pose(*nearest_motion(palm, hand.joints[list(PALM)]))
 
     def moved(frame: HandFrame) -> HandFrame:

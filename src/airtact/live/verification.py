@@ -6,19 +6,19 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.conventions import InvalidInput
-from airtact.hand.hand import hand_from_joints
+from airtact.acoustics.scene import Scene, sound_hard
+from airtact.acoustics.solvers.bem.solver import BoundaryElement
+from airtact.acoustics.target import Target
+from airtact.checks import fixed
+from airtact.drives.default_method import best
+from airtact.drives.transfer import transfer_matrix
+from airtact.errors import InvalidInput
+from airtact.hands.hand import hand_from_joints
 from airtact.live.distances import foci_on
 from airtact.live.parts import Rule
 from airtact.live.session import Session
 from airtact.printing import in_short
-from airtact.scene.scene import Scene, sound_hard
-from airtact.scene.target import Target
-from airtact.solvers.bem.solver import BoundaryElement
-from airtact.synthesis.best import best
 from airtact.timing import Progress, no_progress
-from airtact.transfer import transfer_matrix
-from airtact.validation import fixed
 
 EVERY = 20
 """One in so many drives is verified unless another number is given."""
@@ -36,7 +36,8 @@ class VerifiedSession:
     indices : (V,) of the drives.
     times : (V,) at which they were in the air, on the clock of the frames [s].
     pressures : (V, F) that the foci got [Pa].
-    kept : (V,) pressure at the weakest focus over that of the drive made for the hand of that time, at equal energy.
+    kept : (V,) pressure at the weakest focus over that of the drive made for the hand of that time,
+        at equal energy.
     expected : (V,) the share that was expected when the drive was made; NaN where it was not known.
     rules : (V,) what the drives were made from.
     """
@@ -96,8 +97,8 @@ def verify_session(
     session : as ``read_session`` gives it.
     every : one in so many of the drives that play is chosen.
     accuracy : relative error of the solves.
-    truth : gives the joints (25, 3) [m] at a time of the frames' clock [s], where they are known better than from the
-        frames, which are interpolated otherwise; a tracker's noise is in them.
+    truth : gives the joints (25, 3) [m] at a time of the frames' clock [s], where they are known
+        better than from the frames, which are interpolated otherwise; a tracker's noise is in them.
     report_step : called with each drive.
 
     Raises
@@ -124,12 +125,15 @@ def verify_session(
             continue
         got = np.abs(transfer.matrix @ session.amplitudes[index])
         ideal = best(transfer, target)
-        attainable = float(np.abs(transfer.pressure(ideal)).min()) / float(np.linalg.norm(ideal.amplitudes))
+        attainable = float(np.abs(transfer.pressure(ideal)).min()) / float(
+            np.linalg.norm(ideal.amplitudes)
+        )
         energy = float(np.linalg.norm(session.amplitudes[index]))
         rows.append((index, time, got, float(got.min()) / energy / attainable))
     if not rows:
         raise InvalidInput(
-            f"0 of {len(playing)} drives that play have a hand at their time: record a longer session.", code="empty"
+            f"0 of {len(playing)} drives that play have a hand at their time: record a longer session.",
+            code="empty",
         )
     indices, times, pressures, kept = zip(*rows, strict=True)
     return VerifiedSession(

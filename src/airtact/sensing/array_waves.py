@@ -1,8 +1,9 @@
 """The elements of an array as spherical waves about the bodies, and the echoes that follow from a scattering matrix.
 
-By reciprocity an element receives with the waves that it emits with: with w_e the regular waves of element e of unit
-strength, E[r, e] = w_rᵀ T w_e/(4πik). When the bodies move, all w_e are multiplied by one matrix D, so that the array
-is expanded once, about where the bodies are believed to be, and every pose nearby follows in closed form.
+By reciprocity an element receives with the waves that it emits with: with w_e the regular waves of
+element e of unit strength, E[r, e] = w_rᵀ T w_e/(4πik). When the bodies move, all w_e are
+multiplied by one matrix D, so that the array is expanded once, about where the bodies are believed
+to be, and every pose nearby follows in closed form.
 """
 
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex128, Float64, Int64
 
-from airtact.conventions import InvalidInput
+from airtact.errors import InvalidInput
 from airtact.sensing.scattering import ScatteringMatrix
 from airtact.sensing.waves import Waves, monopole_waves
 from airtact.transducers.layout import PhasedArray
@@ -40,7 +41,9 @@ class ArrayWaves:
         return self.scale * (some.T @ (scattering.matrix @ (some @ codes)))
 
 
-def array_waves(scattering: ScatteringMatrix, array: PhasedArray, order: int, *, single: bool = False) -> ArrayWaves:
+def array_waves(
+    scattering: ScatteringMatrix, array: PhasedArray, order: int, *, single: bool = False
+) -> ArrayWaves:
     """Expand the elements of an array, which is in the frame of the bodies; in ``single`` precision it is quicker.
 
     Raises
@@ -48,7 +51,10 @@ def array_waves(scattering: ScatteringMatrix, array: PhasedArray, order: int, *,
     InvalidInput
         "array_inside_ball": an element stands within the ball about the bodies.
     """
-    faces, weights = array.face_points - scattering.centre, array.gains[:, None] * array.element.weights
+    faces, weights = (
+        array.face_points - scattering.centre,
+        array.gains[:, None] * array.element.weights,
+    )
     nearest = np.linalg.norm(faces, axis=2).min(axis=1)
     element = int(nearest.argmin())
     if nearest[element] <= scattering.radius:
@@ -62,7 +68,10 @@ def array_waves(scattering: ScatteringMatrix, array: PhasedArray, order: int, *,
     parts, at_once = [], max(AT_ONCE // count, 1)
     for first in range(0, len(array), at_once):
         some = slice(first, first + at_once)
-        points, strengths = faces[some].reshape(-1, 3), weights[some].reshape(-1).astype(np.complex128)
+        points, strengths = (
+            faces[some].reshape(-1, 3),
+            weights[some].reshape(-1).astype(np.complex128),
+        )
         alone = monopole_waves(order, points, wavenumber, strengths, single)
         parts.append(alone if count == 1 else alone.reshape(len(alone), -1, count).sum(axis=2))
     waves = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
@@ -75,8 +84,9 @@ def direct_sound(
 ) -> Float64[np.ndarray, "elements transmissions"]:
     """Root of the summed squares of the pressures (E, M) [Pa] that arrive at each element from each of the others.
 
-    In open air, each by its distance and the far patterns of both elements; one with a front neither emits nor receives
-    behind its face, and to neighbours in the plane of its face as at 90 degrees.
+    In open air, each by its distance and the far patterns of both elements; one with a front
+    neither emits nor receives behind its face, and to neighbours in the plane of its face as at 90
+    degrees.
     """
     offsets = array.positions[:, None, :] - array.positions[None, :, :]
     distance = np.linalg.norm(offsets, axis=-1)
@@ -91,7 +101,9 @@ def direct_sound(
             np.einsum("red,ed->re", offsets, array.normals) / distance,
             np.einsum("red,rd->re", -offsets, array.normals) / distance,
         ):
-            power *= np.where(cosine < -1e-9, 0.0, np.interp(cosine, np.cos(angles[::-1]), pattern[::-1]))
+            power *= np.where(
+                cosine < -1e-9, 0.0, np.interp(cosine, np.cos(angles[::-1]), pattern[::-1])
+            )
     gains = np.abs(array.gains) ** 2
     power *= array.element.sensitivity**2 * gains[:, None] * gains
     return np.sqrt(power @ np.abs(codes) ** 2)
@@ -101,7 +113,9 @@ def emitted_by_faces(
     array: PhasedArray, codes: Complex128[np.ndarray, "elements transmissions"]
 ) -> Complex128[np.ndarray, "points transmissions"]:
     """Strengths of the points on the faces of all elements in each transmission [Pa·m]."""
-    driven = (array.element.sensitivity * array.gains)[:, None, None] * array.element.weights[:, None]
+    driven = (array.element.sensitivity * array.gains)[:, None, None] * array.element.weights[
+        :, None
+    ]
     return (driven * codes[:, None, :]).reshape(-1, codes.shape[1])
 
 

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Complex128, Float64, Int32, Int64
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
-from airtact.pose import Pose
+from airtact.geometry.pose import Pose
 from airtact.sensing.transmission import Pairs, Transmission, transmission
 from airtact.transducers.layout import PhasedArray
 
@@ -44,7 +44,8 @@ class ArrayState:
     wavenumber : of the air [1/m].
     reception, emission : (E,) gains.
     between : direct sound of each pair of boards (one, other), one < other.
-    model : (E, E) of unit gains, at the receivers from the emitters, 0 where pairs do not count [Pa].
+    model : (E, E) of unit gains, at the receivers from the emitters, 0 where pairs do not count
+        [Pa].
     cost : sum of the squares of what is left [Pa²].
     """
 
@@ -65,7 +66,8 @@ class Information:
 
     Attributes
     ----------
-    squares : (6 B − 5, 6 B − 5), in metres: turns times ``arm``, the wavenumber as metres of a path.
+    squares : (6 B − 5, 6 B − 5), in metres: turns times ``arm``, the wavenumber as metres of a
+        path.
     slope : (6 B − 5,) half the slope of the cost.
     units : (6 B − 5,) by which a step in metres becomes one in metres, radians and 1/m.
     gain_variance : mean of the diagonal of the inverse of the gains' own equations, relative.
@@ -88,16 +90,20 @@ class ArrayFit:
     def groups(self) -> Int32[np.ndarray, "2 elements"]:
         """Group of each receiver and each emitter that are linked by pairs; between groups no gains compare.
 
-        Two boards alone make two groups, what the first emits and the second receives, and the reverse.
+        Two boards alone make two groups, what the first emits and the second receives, and the
+        reverse.
         """
         none = np.zeros_like(self.counted)
         linked = np.block([[none, self.counted], [self.counted.T, none]])
         return connected_components(csr_matrix(linked), directed=False)[1].reshape(2, -1)
 
-    def best(self, boards: tuple[PhasedArray, ...], wavenumber: complex, enough: float) -> ArrayState:
+    def best(
+        self, boards: tuple[PhasedArray, ...], wavenumber: complex, enough: float
+    ) -> ArrayState:
         """Follow the start by a few elements of each board, others around it while the cost is over a share, then all.
 
-        Phases are known up to whole turns, so that a start which is off by half a wavelength may lead elsewhere.
+        Phases are known up to whole turns, so that a start which is off by half a wavelength may
+        lead elsewhere.
         """
         random, size = np.random.default_rng(0), len(boards[0])
         some = [np.sort(random.permutation(size)[:FEW]) for _ in boards]
@@ -116,7 +122,11 @@ class ArrayFit:
                 break
         assert least is not None
         there = zip(parts, least.boards, boards, strict=True)
-        return self.follow(self.start(tuple(board.moved(motion_of(*pair)) for *pair, board in there), least.wavenumber))
+        return self.follow(
+            self.start(
+                tuple(board.moved(motion_of(*pair)) for *pair, board in there), least.wavenumber
+            )
+        )
 
     def start(self, boards: tuple[PhasedArray, ...], wavenumber: complex) -> ArrayState:
         """Fit the gains where the boards are believed to be."""
@@ -146,11 +156,18 @@ class ArrayFit:
 
     def _moved(self, here: ArrayState, step: Float64[np.ndarray, "unknowns"]) -> ArrayState:
         motions = step[:-1].reshape(-1, 6)
-        boards = (here.boards[0], *(moved(*each) for each in zip(here.boards[1:], motions, strict=True)))
+        boards = (
+            here.boards[0],
+            *(moved(*each) for each in zip(here.boards[1:], motions, strict=True)),
+        )
         return self._state(boards, here.wavenumber + step[-1], here.reception, here.emission)
 
     def _state(
-        self, boards: tuple[PhasedArray, ...], wavenumber: complex, reception: Gains, emission: Gains
+        self,
+        boards: tuple[PhasedArray, ...],
+        wavenumber: complex,
+        reception: Gains,
+        emission: Gains,
     ) -> ArrayState:
         size, model, between = len(boards[0]), np.zeros_like(self.measured), {}
         for one, other in combinations(range(len(boards)), 2):
@@ -161,7 +178,15 @@ class ArrayFit:
         model *= self.counted
         reception, emission = self._gains(model, reception, emission)
         left = reception[:, None] * emission * model - self.measured
-        return ArrayState(boards, wavenumber, reception, emission, between, model, float(np.sum(np.abs(left) ** 2)))
+        return ArrayState(
+            boards,
+            wavenumber,
+            reception,
+            emission,
+            between,
+            model,
+            float(np.sum(np.abs(left) ** 2)),
+        )
 
     def _gains(self, model: Pairs, reception: Gains, emission: Gains) -> tuple[Gains, Gains]:
         """Solve for the gains of receivers and emitters in turn; those that do not count stay."""
@@ -218,7 +243,9 @@ def _reduced(
     counts = emitting > 0.0
     weight = 1.0 / np.where(receiving > 0.0, receiving, typical)
     own = np.diag(np.where(counts, emitting, typical)) - (power.T * weight) @ power
-    for component in np.unique(groups):  # a factor that multiplies all it emits and divides all it receives
+    for component in np.unique(
+        groups
+    ):  # a factor that multiplies all it emits and divides all it receives
         common = counts & (groups == component)
         own += np.outer(common, common) * typical / max(common.sum(), 1)
     inverse = np.linalg.inv(own)
@@ -228,14 +255,20 @@ def _reduced(
         of_emission = inverse @ (whole[elements:] - power.T @ (weight[:, None] * whole[:elements]))
         of_reception = weight[:, None] * (whole[:elements] - power @ of_emission)
         solved = part.T @ np.concatenate([of_reception, of_emission])
-        squares, slope, spread = squares - solved[:, :-1], slope - solved[:, -1], of_emission[:, :-1]
+        squares, slope, spread = (
+            squares - solved[:, :-1],
+            slope - solved[:, -1],
+            of_emission[:, :-1],
+        )
     inner = np.sum((spread @ np.linalg.pinv(squares, hermitian=True)) * spread, axis=1)
     return Information(squares, slope, units, float(np.mean((np.diag(inverse) + inner)[counts])))
 
 
 def part_of(board: PhasedArray, some: Int64[np.ndarray, "some"]) -> PhasedArray:
     """Return some elements of a board."""
-    return PhasedArray(board.positions[some], board.normals[some], board.element, board.tangents[some])
+    return PhasedArray(
+        board.positions[some], board.normals[some], board.element, board.tangents[some]
+    )
 
 
 def motion_of(before: PhasedArray, after: PhasedArray) -> Pose:
@@ -265,7 +298,9 @@ def _units(boards: tuple[PhasedArray, ...], wavenumber: complex) -> Float64[np.n
     middles = np.stack([one.positions.mean(axis=0) for one in boards])
     arm = float(np.sqrt(np.mean([np.var(one.positions, axis=0).sum() for one in boards])))
     way = float(np.linalg.norm(middles[:, None] - middles, axis=2).max())
-    return np.concatenate([np.tile([1.0] * 3 + [1.0 / arm] * 3, len(boards) - 1), [wavenumber.real / way]])
+    return np.concatenate(
+        [np.tile([1.0] * 3 + [1.0 / arm] * 3, len(boards) - 1), [wavenumber.real / way]]
+    )
 
 
 def _shares(upper: Gains, lower: Float64[np.ndarray, "elements"], otherwise: Gains) -> Gains:

@@ -4,8 +4,8 @@ import numpy as np
 from jaxtyping import Complex128, Integer
 from scipy.linalg import hadamard
 
-from airtact.conventions import InvalidInput
-from airtact.validation import check_seed
+from airtact.checks import check_seed
+from airtact.errors import InvalidInput
 
 MOST_CODES = 4096
 """Largest number of elements or transmissions of a code."""
@@ -22,14 +22,17 @@ def single_codes(elements: int) -> Complex128[np.ndarray, "elements transmission
     return np.eye(_checked(elements, "elements"), dtype=np.complex128)
 
 
-def hadamard_codes(elements: int, transmissions: int | None = None) -> Complex128[np.ndarray, "elements transmissions"]:
+def hadamard_codes(
+    elements: int, transmissions: int | None = None
+) -> Complex128[np.ndarray, "elements transmissions"]:
     """Signs from the rows of a Hadamard matrix by Sylvester's construction: all elements emit in every transmission.
 
     Parameters
     ----------
     elements : E.
-    transmissions : M, from 1 to the next power of 2 at or above E, which is taken unless given; with that many, each
-        element's part can be separated, at the noise of E transmissions of it alone.
+    transmissions : M, from 1 to the next power of 2 at or above E, which is taken unless given;
+        with that many, each element's part can be separated, at the noise of E transmissions of it
+        alone.
 
     Returns
     -------
@@ -46,7 +49,10 @@ def hadamard_codes(elements: int, transmissions: int | None = None) -> Complex12
 
 
 def random_codes(
-    elements: int, transmissions: int, seed: int = 0, parts: Integer[np.ndarray, "elements"] | None = None
+    elements: int,
+    transmissions: int,
+    seed: int = 0,
+    parts: Integer[np.ndarray, "elements"] | None = None,
 ) -> Complex128[np.ndarray, "elements transmissions"]:
     """All elements at full scale with random phases, the same for the same seed: a field of speckles everywhere.
 
@@ -54,8 +60,9 @@ def random_codes(
     ----------
     elements, transmissions : E and M.
     seed : of the random numbers, 0 or more.
-    parts : (E,) number of the part that each element belongs to, such as its board: the parts emit in turn, one in each
-        transmission, and the others can receive while it rings. All emit together unless given.
+    parts : (E,) number of the part that each element belongs to, such as its board: the parts emit
+        in turn, one in each transmission, and the others can receive while it rings. All emit
+        together unless given.
 
     Returns
     -------
@@ -77,12 +84,20 @@ def random_codes(
     if parts is None:
         return codes
     if len(parts) != elements:
-        raise InvalidInput(f"{len(parts)} parts are given for {elements} elements; give one each.", code="sizes_differ")
+        raise InvalidInput(
+            f"{len(parts)} parts are given for {elements} elements; give one each.",
+            code="sizes_differ",
+        )
     names = np.unique(parts)
-    return np.where(np.asarray(parts)[:, None] == names[np.arange(transmissions) % len(names)], codes, 0.0)
+    return np.where(
+        np.asarray(parts)[:, None] == names[np.arange(transmissions) % len(names)], codes, 0.0
+    )
 
 
 def _checked(count: int, what: str, most: int = MOST_CODES) -> int:
     if not isinstance(count, int | np.integer) or not 1 <= count <= most:
-        raise InvalidInput(f"codes need a whole number of {what} from 1 to {most}, not {count!r}.", code="out_of_range")
+        raise InvalidInput(
+            f"codes need a whole number of {what} from 1 to {most}, not {count!r}.",
+            code="out_of_range",
+        )
     return int(count)

@@ -31,9 +31,10 @@ def disagreement(
 ) -> float:
     """How much more receivers in different places disagree about the pose than noise would make them; about 1 for that.
 
-    What a wrong shape leaves unexplained is alike at neighbouring receivers, so that many of them make the pose no
-    surer. Groups of neighbours are taken as the independent data, as in K.-Y. Liang and S. L. Zeger, Biometrika 73, 13
-    (1986): the mean over all unknowns of the variance by groups over that of independent receivers.
+    What a wrong shape leaves unexplained is alike at neighbouring receivers, so that many of them
+    make the pose no surer. Groups of neighbours are taken as the independent data, as in K.-Y.
+    Liang and S. L. Zeger, Biometrika 73, 13 (1986): the mean over all unknowns of the variance by
+    groups over that of independent receivers.
     """
     count = min(GROUPS, len(places) // 4)
     if count < 2:

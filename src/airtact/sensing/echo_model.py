@@ -1,9 +1,10 @@
 """The echoes of bodies at any pose near a start, and their derivatives by the pose, in closed form.
 
-A pose is a twist of the bodies' frame from the start: translation and turn about the centre of the scattering matrix.
-With V_i the six motions of regular waves and D = exp(Σ twist_i V_i), echoes are w_rᵀ Dᵀ T D w_e/(4πik), and their
-derivatives by a further motion i are w_rᵀ Dᵀ (T V_i − V_i T) D w_e/(4πik), as V_i is antisymmetric. All of it is in
-single precision: rounding changes echoes by a millionth, and noise by far more.
+A pose is a twist of the bodies' frame from the start: translation and turn about the centre of the
+scattering matrix. With V_i the six motions of regular waves and D = exp(Σ twist_i V_i), echoes are
+w_rᵀ Dᵀ T D w_e/(4πik), and their derivatives by a further motion i are w_rᵀ Dᵀ (T V_i − V_i T) D
+w_e/(4πik), as V_i is antisymmetric. All of it is in single precision: rounding changes echoes by a
+millionth, and noise by far more.
 """
 
 from dataclasses import dataclass, replace
@@ -28,10 +29,11 @@ class EchoModel:
     Attributes
     ----------
     scattering : of the bodies.
-    emitted : (W, M) regular waves of each transmission about the centre at the start, to higher orders, times the scale
-        of ``ArrayWaves``.
+    emitted : (W, M) regular waves of each transmission about the centre at the start, to higher
+        orders, times the scale of ``ArrayWaves``.
     receiving : (W, R) regular waves of each receiver there.
-    valid : (R, M) whether the receiver could receive; where not, echoes and derivatives are 0. None if all could.
+    valid : (R, M) whether the receiver could receive; where not, echoes and derivatives are 0. None
+        if all could.
     """
 
     scattering: ScatteringMatrix
@@ -50,14 +52,21 @@ class EchoModel:
     ) -> "EchoModel":
         """Gather what does not depend on the pose."""
         waves = array.waves.astype(np.complex64, copy=False)
-        receiving = waves if np.array_equal(receivers, np.arange(len(codes))) else waves[:, receivers]
+        receiving = (
+            waves if np.array_equal(receivers, np.arange(len(codes))) else waves[:, receivers]
+        )
         return cls(scattering, waves @ (array.scale * codes).astype(np.complex64), receiving, valid)
 
     def part(self, receivers: Int64[np.ndarray, "some"], transmissions: int) -> "EchoModel":
         """Return the model of some receivers and the first transmissions, which costs less."""
         emitted = np.ascontiguousarray(self.emitted[:, :transmissions])
         valid = None if self.valid is None else self.valid[receivers, :transmissions]
-        return replace(self, emitted=emitted, receiving=np.ascontiguousarray(self.receiving[:, receivers]), valid=valid)
+        return replace(
+            self,
+            emitted=emitted,
+            receiving=np.ascontiguousarray(self.receiving[:, receivers]),
+            valid=valid,
+        )
 
     def echoes(self, motion: Motion) -> Received:
         """Scattered pressure (R, M) [Pa] with the bodies moved."""
@@ -85,7 +94,9 @@ class EchoModel:
     def _incident(self, twist: Float64[np.ndarray, "6"]) -> Waves:
         """Regular waves about the moved centre, to as many orders as a translation so far takes waves from."""
         spare = 1 + int(np.ceil(self._wavenumber * np.linalg.norm(twist[:3])))
-        return moved(twist, self.emitted[: wave_count(self.scattering.order + spare)], self._wavenumber)
+        return moved(
+            twist, self.emitted[: wave_count(self.scattering.order + spare)], self._wavenumber
+        )
 
     def _scattered(self, incident: Waves) -> Waves:
         """Outgoing waves, with zeros for the orders above those of the scattering matrix."""
@@ -97,7 +108,9 @@ class EchoModel:
         self, twist: Float64[np.ndarray, "6"], scattered: Waves
     ) -> Complex[np.ndarray, "parts receivers transmissions"]:
         back = moved(-twist, scattered, self._wavenumber)
-        received = back.T @ self.receiving[: len(back)]  # faster than the transposed product with few columns
+        received = (
+            back.T @ self.receiving[: len(back)]
+        )  # faster than the transposed product with few columns
         parts = np.swapaxes(received.reshape(-1, self.emitted.shape[1], received.shape[1]), 1, 2)
         return parts if self.valid is None else parts * self.valid
 

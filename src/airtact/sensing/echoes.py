@@ -4,13 +4,16 @@ Version 2 of the file is HDF5 with these datasets, those in brackets only where 
 
 - ``format_version``: 2, or 1 where there is no ``valid``.
 - ``frequency`` [Hz].
-- ``codes_real``, ``codes_imaginary``: (E, M), what each of E elements emits in each of M transmissions, as a share of
-  full scale; the element emits Re[c e^{−iωt}].
-- ``pressures_real``, ``pressures_imaginary``: (R, M), what each of R receivers gets of each transmission [Pa, peak],
-  in the same phasor.
-- (``receivers``: (R,) the numbers of the elements that receive, from 0; all E in their order where it is missing.)
-- (``noise``: rms magnitude of the complex noise of one pressure [Pa], measured without a transmission.)
-- (``valid``: (R, M) 1 where a pressure was received, 0 where the receiver could not; all were where it is missing.)
+- ``codes_real``, ``codes_imaginary``: (E, M), what each of E elements emits in each of M
+  transmissions, as a share of full scale; the element emits Re[c e^{−iωt}].
+- ``pressures_real``, ``pressures_imaginary``: (R, M), what each of R receivers gets of each
+  transmission [Pa, peak], in the same phasor.
+- (``receivers``: (R,) the numbers of the elements that receive, from 0; all E in their order where
+    it is missing.)
+- (``noise``: rms magnitude of the complex noise of one pressure [Pa], measured without a
+    transmission.)
+- (``valid``: (R, M) 1 where a pressure was received, 0 where the receiver could not; all were where
+    it is missing.)
 """
 
 from dataclasses import dataclass
@@ -19,13 +22,21 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Complex128, Int64, Integer, Num
 
-from airtact.conventions import InvalidInput, about
-from airtact.file_access.atomic import whole_file
-from airtact.file_access.bounded import datasets_of
+from airtact.checks import (
+    check_finite,
+    check_frequency,
+    complex_numbers,
+    counted,
+    of_kind,
+    positive,
+    real_numbers,
+)
+from airtact.errors import InvalidInput, about
+from airtact.files.atomic import whole_file
+from airtact.files.bounded import datasets_of
 from airtact.printing import one_line
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.levels import FULL_SCALE
-from airtact.validation import check_finite, check_frequency, complex_numbers, counted, of_kind, positive, real_numbers
 
 VERSIONS = 1, 2
 """Versions of the file that are read; the second is written where some pressures are not valid."""
@@ -37,18 +48,21 @@ _NUMBERS = "codes_real", "codes_imaginary", "pressures_real", "pressures_imagina
 class Echoes:
     """Coded transmissions of an array and what its elements receive of them, at one frequency.
 
-    For ``locate`` the pressures are the echoes alone: what is received less what the empty array receives.
+    For ``locate`` the pressures are the echoes alone: what is received less what the empty array
+    receives.
 
     Attributes
     ----------
     codes : (E, M) what each of E elements emits in each of M transmissions, |c| = 1 at full scale.
-    pressures : (R, M) mean pressure over the face of each of R receivers in each transmission, times the receiver's
-        gain [Pa]; the phasor is Re[p e^{−iωt}].
-    receivers : (R,) numbers of the elements that receive; None for all E in their order. Stored as numbers.
+    pressures : (R, M) mean pressure over the face of each of R receivers in each transmission,
+        times the receiver's gain [Pa]; the phasor is Re[p e^{−iωt}].
+    receivers : (R,) numbers of the elements that receive; None for all E in their order. Stored as
+        numbers.
     frequency : of the sound [Hz].
-    noise : rms magnitude of the complex noise in one pressure [Pa], measured without a transmission; None if unknown.
-    valid : (R, M) whether the receiver could receive in the transmission, which it cannot while it rings itself; None
-        if all could. Pressures that are not valid are stored as 0.
+    noise : rms magnitude of the complex noise in one pressure [Pa], measured without a
+        transmission; None if unknown.
+    valid : (R, M) whether the receiver could receive in the transmission, which it cannot while it
+        rings itself; None if all could. Pressures that are not valid are stored as 0.
 
     Raises
     ------
@@ -93,7 +107,13 @@ class Echoes:
             pressures = np.where(valid, pressures, 0.0)
         receivers = _receivers(self.receivers, len(codes), len(pressures))
         noise = None if self.noise is None else positive(self.noise, "the noise of echoes", "Pa")
-        stored = {"codes": codes, "pressures": pressures, "receivers": receivers, "noise": noise, "valid": valid}
+        stored = {
+            "codes": codes,
+            "pressures": pressures,
+            "receivers": receivers,
+            "noise": noise,
+            "valid": valid,
+        }
         for name, value in stored.items():
             if isinstance(value, np.ndarray):
                 value.flags.writeable = False
@@ -170,7 +190,8 @@ def load_echoes(path: str | Path) -> Echoes:
             )
         if missing := [name for name in ("frequency", *_NUMBERS) if name not in raw]:
             raise InvalidInput(
-                f"{len(missing)} of the 5 datasets of echoes are missing: {', '.join(missing)}.", code="dataset_missing"
+                f"{len(missing)} of the 5 datasets of echoes are missing: {', '.join(missing)}.",
+                code="dataset_missing",
             )
         parts = [real_numbers(np.asarray(raw[name]), name) for name in _NUMBERS]
         for one, other, name in ((*parts[:2], "codes"), (*parts[2:], "pressures")):
@@ -185,7 +206,9 @@ def load_echoes(path: str | Path) -> Echoes:
             parts[2] + 1j * parts[3],
             receivers,
             float(real_numbers(np.asarray(raw["frequency"]), "the frequency").reshape(-1)[0]),
-            float(real_numbers(np.asarray(raw["noise"]), "the noise").reshape(-1)[0]) if "noise" in raw else None,
+            float(real_numbers(np.asarray(raw["noise"]), "the noise").reshape(-1)[0])
+            if "noise" in raw
+            else None,
             real_numbers(np.asarray(raw["valid"]), "valid") != 0 if "valid" in raw else None,
         )
 
@@ -203,11 +226,15 @@ def check_elements(echoes: Echoes, array: PhasedArray, what: str) -> None:
 def _checked_path(path: str | Path) -> Path:
     path = Path(of_kind(path, str | Path, "the file of echoes", 'its path, such as "echoes.h5"'))
     if path.suffix.lower() != ".h5":
-        raise InvalidInput(f"{path.name} is no file of echoes: its ending must be .h5.", code="unknown_ending")
+        raise InvalidInput(
+            f"{path.name} is no file of echoes: its ending must be .h5.", code="unknown_ending"
+        )
     return path
 
 
-def _table(given: Num[np.ndarray, "rows columns"], what: str) -> Complex128[np.ndarray, "rows columns"]:
+def _table(
+    given: Num[np.ndarray, "rows columns"], what: str
+) -> Complex128[np.ndarray, "rows columns"]:
     """Return finite numbers (rows, transmissions)."""
     table = complex_numbers(given, what)
     if table.ndim != 2:
@@ -216,7 +243,9 @@ def _table(given: Num[np.ndarray, "rows columns"], what: str) -> Complex128[np.n
             code="wrong_shape",
         )
     if table.size == 0:
-        raise InvalidInput(f"{what} of shape {table.shape} hold 0 numbers; give at least one.", code="empty")
+        raise InvalidInput(
+            f"{what} of shape {table.shape} hold 0 numbers; give at least one.", code="empty"
+        )
     check_finite(table, what)
     return table
 
@@ -224,7 +253,9 @@ def _table(given: Num[np.ndarray, "rows columns"], what: str) -> Complex128[np.n
 def _check_codes(codes: Complex128[np.ndarray, "elements transmissions"]) -> None:
     magnitude = np.abs(codes)
     if magnitude.max() > FULL_SCALE:
-        element, column = (int(index) for index in np.unravel_index(magnitude.argmax(), codes.shape))
+        element, column = (
+            int(index) for index in np.unravel_index(magnitude.argmax(), codes.shape)
+        )
         raise InvalidInput(
             f"codes are shares of full scale, but element {element} has {magnitude[element, column]:.4g} in "
             f"transmission {column}; divide them by that.",
@@ -275,11 +306,13 @@ def _receivers(
     wrong = numbers[(numbers < 0) | (numbers >= elements)]
     if len(wrong):
         raise InvalidInput(
-            f"receiver {wrong[0]} is none of {elements} elements, which are 0 to {elements - 1}.", code="out_of_range"
+            f"receiver {wrong[0]} is none of {elements} elements, which are 0 to {elements - 1}.",
+            code="out_of_range",
         )
     values, counts = np.unique(numbers, return_counts=True)
     if counts.max() > 1:
         raise InvalidInput(
-            f"element {values[counts.argmax()]} stands {counts.max()} times among the receivers.", code="given_twice"
+            f"element {values[counts.argmax()]} stands {counts.max()} times among the receivers.",
+            code="given_twice",
         )
     return numbers.astype(np.int64)

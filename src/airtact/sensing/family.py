@@ -1,9 +1,10 @@
 """Scattering matrices of bodies that change with one number, such as the gap of two fingers.
 
-The bodies are solved for a few values of the number, all about one centre and to one order, and each entry of the
-matrix is the polynomial through its values there (at the zeros of a Chebyshev polynomial, where interpolation of smooth
-functions is near the best: L. N. Trefethen, Approximation Theory and Approximation Practice, 2013, chapters 3 and 4).
-The derivative by the number is that of the polynomial, so that a fit is exact for its own model.
+The bodies are solved for a few values of the number, all about one centre and to one order, and
+each entry of the matrix is the polynomial through its values there (at the zeros of a Chebyshev
+polynomial, where interpolation of smooth functions is near the best: L. N. Trefethen, Approximation
+Theory and Approximation Practice, 2013, chapters 3 and 4). The derivative by the number is that of
+the polynomial, so that a fit is exact for its own model.
 """
 
 from collections.abc import Callable
@@ -14,14 +15,14 @@ import numpy as np
 from jaxtyping import Complex128, Float64
 from numpy.polynomial import chebyshev
 
-from airtact.conventions import InvalidInput
+from airtact.acoustics.scene import Scene
+from airtact.acoustics.solvers.problem import Solver
+from airtact.acoustics.solvers.spherical.multipole_field import ball_of
+from airtact.checks import number, of_kind
+from airtact.errors import InvalidInput
 from airtact.printing import one_line
-from airtact.scene.scene import Scene
 from airtact.sensing.scattering import ScatteringMatrix, scattering_matrix
 from airtact.sensing.waves import along_motions
-from airtact.solvers.problem import Solver
-from airtact.solvers.spherical.multipole_field import ball_of
-from airtact.validation import number, of_kind
 
 FEWEST, MOST = 3, 12
 """Numbers of values that a family may be solved for."""
@@ -70,7 +71,9 @@ class ScatteringFamily:
     def derivative(self, value: float) -> ScatteringMatrix:
         """Return the derivative of the scattering matrix by the number."""
         terms = np.eye(len(self.matrices))
-        by_scaled = np.asarray(chebyshev.chebval(self._scaled(value), chebyshev.chebder(terms, axis=0)))
+        by_scaled = np.asarray(
+            chebyshev.chebval(self._scaled(value), chebyshev.chebder(terms, axis=0))
+        )
         return self._sum(2.0 / (self.high - self.low) * by_scaled)
 
     @cached_property
@@ -86,7 +89,9 @@ class ScatteringFamily:
         here, change = self.at(middle).matrix, self.derivative(middle).matrix
         wavenumber = self.scene.wavenumber.real
         moved = [one + one.T for one in along_motions(np.ascontiguousarray(here), wavenumber)[:3]]
-        return float(np.linalg.norm(change) / np.sqrt(np.mean([np.linalg.norm(one) ** 2 for one in moved])))
+        return float(
+            np.linalg.norm(change) / np.sqrt(np.mean([np.linalg.norm(one) ** 2 for one in moved]))
+        )
 
     def _scaled(self, value: float) -> float:
         return (2.0 * value - self.low - self.high) / (self.high - self.low)
@@ -116,13 +121,15 @@ def scattering_family(
 ) -> ScatteringFamily:
     """Solve bodies that change with one number, such as the gap of two fingers, for a few values of it.
 
-    ``locate`` finds the number together with the pose. Each value takes a scattering matrix, which ``Stored(solver,
-    folder)`` keeps. Between the values the matrix is interpolated: five values reach to 2 mm on both sides at 40 kHz.
+    ``locate`` finds the number together with the pose. Each value takes a scattering matrix, which
+    ``Stored(solver, folder)`` keeps. Between the values the matrix is interpolated: five values
+    reach to 2 mm on both sides at 40 kHz.
 
     Parameters
     ----------
     solver : solves the bodies, as for ``scattering_matrix``.
-    scene_of : makes the bodies for a value of the number, always as many, in the same frame, medium and frequency.
+    scene_of : makes the bodies for a value of the number, always as many, in the same frame, medium
+        and frequency.
     low, high : least and largest value of the number.
     start : value from which ``locate`` starts; the middle unless given.
     values : number of values that are solved, 3 to 12.
@@ -149,17 +156,22 @@ def scattering_family(
     low, high, start = _checked_range(low, high, start, values)
     chosen = 0.5 * (low + high) + 0.5 * (high - low) * chebyshev.chebpts1(int(values))
     scenes = [
-        of_kind(scene_of(float(value)), Scene, "what scene_of makes", "Scene(medium, bodies)") for value in chosen
+        of_kind(scene_of(float(value)), Scene, "what scene_of makes", "Scene(medium, bodies)")
+        for value in chosen
     ]
     _check_together(scenes)
     balls = [ball_of(scene) for scene in scenes]
     centre = np.mean([middle for middle, _ in balls], axis=0)
     radius = max(float(np.linalg.norm(middle - centre)) + size for middle, size in balls)
-    matrices = tuple(scattering_matrix(solver, scene, accuracy, (centre, radius)) for scene in scenes)
+    matrices = tuple(
+        scattering_matrix(solver, scene, accuracy, (centre, radius)) for scene in scenes
+    )
     return _checked(ScatteringFamily(scene_of, low, high, start, matrices))
 
 
-def _checked_range(low: float, high: float, start: float | None, values: int) -> tuple[float, float, float]:
+def _checked_range(
+    low: float, high: float, start: float | None, values: int
+) -> tuple[float, float, float]:
     """Return both ends and the start, or raise "out_of_range"."""
     low, high = (number(value, "an end of the range", "the number's unit") for value in (low, high))
     start = 0.5 * (low + high) if start is None else number(start, "the start", "the number's unit")
@@ -181,7 +193,9 @@ def _check_together(scenes: list[Scene]) -> None:
     first = scenes[0]
     for scene in scenes:
         if not scene.obstacles:
-            raise InvalidInput("a scene of the family has 0 obstacles; give bodies.", code="no_bodies")
+            raise InvalidInput(
+                "a scene of the family has 0 obstacles; give bodies.", code="no_bodies"
+            )
         if scene.wavenumber != first.wavenumber or len(scene.obstacles) != len(first.obstacles):
             raise InvalidInput(
                 f"scenes of one family have {len(first.obstacles)} and {len(scene.obstacles)} bodies at "

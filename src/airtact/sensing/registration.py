@@ -1,9 +1,10 @@
 """Where the bodies of a scene are, and how far they are open, from the echoes of the array's own transmissions.
 
-The pose is the one whose echoes are nearest to those measured, by Levenberg and Marquardt's damped Gauss-Newton steps
-with exact derivatives: first from few receivers and transmissions, which is quick, then from all. Echoes of a pose off
-by half a wavelength of the way there and back have nothing in common with those measured, so where the start does not
-lead to a pose that explains the echoes, others around it are tried.
+The pose is the one whose echoes are nearest to those measured, by Levenberg and Marquardt's damped
+Gauss-Newton steps with exact derivatives: first from few receivers and transmissions, which is
+quick, then from all. Echoes of a pose off by half a wavelength of the way there and back have
+nothing in common with those measured, so where the start does not lead to a pose that explains the
+echoes, others around it are tried.
 """
 
 from collections.abc import Iterator
@@ -13,21 +14,21 @@ import numpy as np
 from jaxtyping import Complex, Float64, Int64
 from scipy.stats import qmc
 
-from airtact.conventions import InvalidInput
-from airtact.pose import Pose
+from airtact.acoustics.scene import Scene
+from airtact.acoustics.solvers.bem.solver import BoundaryElement
+from airtact.acoustics.solvers.problem import Solver
+from airtact.checks import counted, of_kind
+from airtact.errors import InvalidInput
+from airtact.geometry.pose import Pose
 from airtact.printing import one_line
-from airtact.scene.scene import Scene
 from airtact.sensing.array_waves import array_waves
 from airtact.sensing.doubt import disagreement, information_of, power
 from airtact.sensing.echo_model import EchoModel, Motion, Received, motion_of
 from airtact.sensing.echoes import Echoes, check_elements
 from airtact.sensing.family import ScatteringFamily
 from airtact.sensing.scattering import ScatteringMatrix, check_own, scattering_matrix
-from airtact.solvers.bem.solver import BoundaryElement
-from airtact.solvers.problem import Solver
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_placement
-from airtact.validation import counted, of_kind
 
 EXPLAINED = 0.1
 """Echoes that a pose leaves unexplained beyond noise, as a share of all, up to which it is believed."""
@@ -82,18 +83,21 @@ class Located:
     Attributes
     ----------
     pose : of the obstacles in the array's frame, as of ``PhasedArray.seen_from``.
-    covariance : (6, 6) of the translation of ``centre`` [m] and of a small turn about it [rad], along the array's axes,
-        with a seventh row and column for ``opening`` where that is found, too: from all that is left unexplained, and
-        larger where receivers in different places disagree by more than noise would make them, or where so much is left
-        beyond noise that the shape must be wrong.
-    bound : the Cramér-Rao bound, as large: the least covariance that the given noise allows; NaN where it is not known.
+    covariance : (6, 6) of the translation of ``centre`` [m] and of a small turn about it [rad],
+        along the array's axes, with a seventh row and column for ``opening`` where that is found,
+        too: from all that is left unexplained, and larger where receivers in different places
+        disagree by more than noise would make them, or where so much is left beyond noise that the
+        shape must be wrong.
+    bound : the Cramér-Rao bound, as large: the least covariance that the given noise allows; NaN
+        where it is not known.
     residual : rms of what the pose leaves unexplained over that of the echoes, noise included.
     misfit : the same beyond noise; a wrong model, such as another hand, leaves 0.2 and more.
     converged : whether the steps settled and the misfit is at most 0.1. Believe no other pose.
     steps : number of steps taken from the start that led there.
     centre : (3,) middle of the bodies in the array's frame [m].
     left_out : numbers of receivers whose pressures fit nothing, such as dead ones.
-    opening : number of the ``ScatteringFamily`` that fits best, such as the gap of two fingers [m]; None for a scene.
+    opening : number of the ``ScatteringFamily`` that fits best, such as the gap of two fingers [m];
+        None for a scene.
     """
 
     pose: Pose
@@ -109,7 +113,11 @@ class Located:
 
     def __repr__(self) -> str:
         position, turn = self.deviation
-        opened = () if self.opening is None else (f"opening {self.opening:.5g} ± {self.opening_deviation:.2g}",)
+        opened = (
+            ()
+            if self.opening is None
+            else (f"opening {self.opening:.5g} ± {self.opening_deviation:.2g}",)
+        )
         return one_line(
             self,
             "converged" if self.converged else "NOT converged",
@@ -144,12 +152,14 @@ def locate(
     Parameters
     ----------
     echoes : measured, less what the empty array receives.
-    scene : the bodies in their own frame; or a ``ScatteringFamily`` of bodies that change with one number, such as the
-        gap of two fingers, which is found, too.
+    scene : the bodies in their own frame; or a ``ScatteringFamily`` of bodies that change with one
+        number, such as the gap of two fingers, which is found, too.
     array : the transducers in their own frame, in the order of the codes.
-    start : where the bodies may be, within about 5 mm and 8 degrees; maps the obstacles' frame to the array's.
+    start : where the bodies may be, within about 5 mm and 8 degrees; maps the obstacles' frame to
+        the array's.
     scattering : of the scene; computed by the solver unless given. A family has its own.
-    solver : of the scattering matrix; ``BoundaryElement(accuracy=0.005, estimate=False)`` unless given.
+    solver : of the scattering matrix; ``BoundaryElement(accuracy=0.005, estimate=False)`` unless
+        given.
 
     Returns
     -------
@@ -181,23 +191,36 @@ def locate(
     seen = check_start(echoes, scene, array, start)
     scattering = _scattering(family, scene, scattering, solver)
     waves = array_waves(scattering, seen, scattering.order + SPARE_ORDERS, single=True)
-    model = EchoModel.of(scattering, waves, np.asarray(echoes.codes), echoes.receiving, echoes.valid)
-    fit = _Fit(model, np.asarray(echoes.pressures).astype(np.complex64), echoes.noise or 0.0, family)
+    model = EchoModel.of(
+        scattering, waves, np.asarray(echoes.codes), echoes.receiving, echoes.valid
+    )
+    fit = _Fit(
+        model, np.asarray(echoes.pressures).astype(np.complex64), echoes.noise or 0.0, family
+    )
     found = fit.best()
     missing = fit.missing(found)
     if len(missing):
-        fit = fit.part(np.setdiff1d(np.arange(len(echoes.receiving)), missing), model.emitted.shape[1])
+        fit = fit.part(
+            np.setdiff1d(np.arange(len(echoes.receiving)), missing), model.emitted.shape[1]
+        )
         found = fit.follow(*found.place)
-    places = array.positions[np.setdiff1d(echoes.receiving, echoes.receiving[missing], assume_unique=True)]
+    places = array.positions[
+        np.setdiff1d(echoes.receiving, echoes.receiving[missing], assume_unique=True)
+    ]
     return _located(fit, found, start, echoes.receiving[missing], places)
 
 
 def _scattering(
-    family: ScatteringFamily | None, scene: Scene, given: ScatteringMatrix | None, solver: Solver | None
+    family: ScatteringFamily | None,
+    scene: Scene,
+    given: ScatteringMatrix | None,
+    solver: Solver | None,
 ) -> ScatteringMatrix:
     """Return the scattering matrix that was given, or of the start of a family, or solve for it."""
     if family is None:
-        scattering = given or scattering_matrix(solver or BoundaryElement(accuracy=0.005, estimate=False), scene)
+        scattering = given or scattering_matrix(
+            solver or BoundaryElement(accuracy=0.005, estimate=False), scene
+        )
         check_own(scattering, scene)
         _ = scattering.patterns  # every pose that is tried uses them
         return scattering
@@ -250,7 +273,9 @@ class _Fit:
         tried = sorted([near, *few.others()], key=lambda one: one.cost)
         return min((self.follow(*one.place) for one in tried[:BEST]), key=lambda one: one.cost)
 
-    def start(self, motion: Motion, opening: float | None, steps: int = 0, *, derive: bool = False) -> _Found:
+    def start(
+        self, motion: Motion, opening: float | None, steps: int = 0, *, derive: bool = False
+    ) -> _Found:
         """Return what a pose and an opening leave unexplained, with the derivatives if wanted."""
         model = self._opened(opening)
         if not derive:
@@ -302,7 +327,9 @@ class _Fit:
             return self.model
         return replace(self.model, scattering=self.family.at(opening))
 
-    def _moved(self, here: _Found, step: Float64[np.ndarray, "unknowns"], count: int, *, derive: bool) -> _Found:
+    def _moved(
+        self, here: _Found, step: Float64[np.ndarray, "unknowns"], count: int, *, derive: bool
+    ) -> _Found:
         opening = here.opening
         if self.family is not None and opening is not None:
             opening = float(np.clip(opening + step[6], self.family.low, self.family.high))
@@ -318,10 +345,16 @@ class _Fit:
         """Follow other starts, those whose echoes are nearest to the measured ones first, until one explains them."""
         family = self.family
         cubes = 2.0 * qmc.Sobol(6 if family is None else 7, rng=0).random(4 * STARTS) - 1.0
-        inside = [one for one in cubes if max(np.linalg.norm(one[:3]), np.linalg.norm(one[3:6])) <= 1.0][:STARTS]
+        inside = [
+            one for one in cubes if max(np.linalg.norm(one[:3]), np.linalg.norm(one[3:6])) <= 1.0
+        ][:STARTS]
         tried = []
         for one in inside:
-            opening = None if family is None else 0.5 * (family.low + family.high + one[6] * (family.high - family.low))
+            opening = (
+                None
+                if family is None
+                else 0.5 * (family.low + family.high + one[6] * (family.high - family.low))
+            )
             tried.append(self.start(motion_of(np.repeat(REACH, 3) * one[:6]), opening))
         for one in sorted(tried, key=lambda one: one.cost)[:FOLLOWED]:
             found = self.follow(*one.place)
@@ -343,8 +376,9 @@ class _Fit:
     def of_shape(self, found: _Found) -> float:
         """Twice the power that a wrong shape leaves unexplained, for each way in which it can be wrong [Pa²].
 
-        Such a residual is one of few degrees of freedom, however many pressures there are. What a pose has taken up of
-        it is about as much for each of its own, so that it is divided by these and not by the number of pressures.
+        Such a residual is one of few degrees of freedom, however many pressures there are. What a
+        pose has taken up of it is about as much for each of its own, so that it is divided by these
+        and not by the number of pressures.
         """
         whole = power(self.measured)
         return 2.0 * max(self.misfit(found) ** 2 - SOLVED**2, 0.0) * whole / SHAPE_FREEDOM
@@ -363,7 +397,9 @@ class _Fit:
         own = np.sqrt(np.mean(np.abs(found.residual) ** 2, axis=1))
         size = np.sqrt(np.mean(np.abs(self.measured) ** 2, axis=1))
         expected = np.sqrt(np.mean(np.abs(found.residual + self.measured) ** 2, axis=1))
-        bad = np.flatnonzero((own > MISSING * np.median(own)) & (own > 0.5 * np.maximum(size, expected)))
+        bad = np.flatnonzero(
+            (own > MISSING * np.median(own)) & (own > 0.5 * np.maximum(size, expected))
+        )
         return bad if len(bad) <= 0.2 * len(own) else np.zeros(0, dtype=np.int64)
 
 
@@ -381,7 +417,11 @@ def _located(
     by = found.derivatives
     assert by is not None  # the last pose of steps has them
     information = information_of(by)
-    least = UNDETERMINED if fit.family is None else max(UNDETERMINED_OPENING, OF_ERROR * fit.family.error)
+    least = (
+        UNDETERMINED
+        if fit.family is None
+        else max(UNDETERMINED_OPENING, OF_ERROR * fit.family.error)
+    )
     _check_determined(information, fit.units, least, pose, *fit.measured.shape)
     to_array = np.eye(len(information))
     to_array[:6, :6] = np.kron(np.eye(2), pose.rotation)
@@ -418,9 +458,13 @@ def _check_determined(
     if values[0] > least**2 * values[-1]:
         return
     effect, motion = np.sqrt(max(values[0], 0.0) / values[-1]), vectors[:, 0]
-    shift, turn, opening = (float(np.linalg.norm(motion[some])) for some in (slice(3), slice(3, 6), slice(6, 7)))
+    shift, turn, opening = (
+        float(np.linalg.norm(motion[some])) for some in (slice(3), slice(3, 6), slice(6, 7))
+    )
     x, y, z = pose.rotate(motion[3:6] if turn > shift else motion[:3]) / max(shift, turn, 1e-12)
-    parts = [f"{'a turn about' if turn > shift else 'a translation along'} ({x:.2f}, {y:.2f}, {z:.2f})"]
+    parts = [
+        f"{'a turn about' if turn > shift else 'a translation along'} ({x:.2f}, {y:.2f}, {z:.2f})"
+    ]
     if opening > 0.1:
         parts = ["a change of the opening", *(parts if max(shift, turn) > 0.1 else [])]
     raise InvalidInput(
@@ -435,7 +479,8 @@ def _check_determined(
 def check_start(echoes: Echoes, scene: Scene, array: PhasedArray, start: Pose) -> PhasedArray:
     """Return the array in the frame of the bodies.
 
-    Raise for echoes that are not of this scene and array, or hold nothing, and for a start that cannot be.
+    Raise for echoes that are not of this scene and array, or hold nothing, and for a start that
+    cannot be.
     """
     of_kind(start, Pose, "the start", "Pose(rotation, translation)")
     of_kind(echoes, Echoes, "the echoes", "Echoes(codes, pressures)")
@@ -456,7 +501,9 @@ def check_start(echoes: Echoes, scene: Scene, array: PhasedArray, start: Pose) -
 
 def _check_pressures(echoes: Echoes) -> None:
     """Raise "all_noise" or "clipped"."""
-    pressures = np.asarray(echoes.pressures)[() if echoes.valid is None else np.asarray(echoes.valid)]
+    pressures = np.asarray(echoes.pressures)[
+        () if echoes.valid is None else np.asarray(echoes.valid)
+    ]
     size = np.abs(pressures)
     rms = float(np.sqrt(np.mean(size**2)))
     if rms == 0.0 or (echoes.noise is not None and rms < 1.05 * echoes.noise):

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.pose import Pose
+from airtact.geometry.pose import Pose
 from airtact.sensing.array_waves import array_waves
 from airtact.sensing.echoes import Echoes, check_elements
 from airtact.sensing.scattering import ScatteringMatrix
@@ -45,7 +45,9 @@ def unexplained(
     check_elements(echoes, array, "echoes")
     waves = array_waves(scattering, array.seen_from(pose), scattering.order)
     expected = waves.echo(scattering, np.asarray(echoes.codes))[echoes.receiving]
-    received = np.ones(expected.shape, dtype=bool) if echoes.valid is None else np.asarray(echoes.valid)
+    received = (
+        np.ones(expected.shape, dtype=bool) if echoes.valid is None else np.asarray(echoes.valid)
+    )
     pressures = np.asarray(echoes.pressures)
     off = np.sum(np.abs(np.where(received, pressures - expected, 0.0)) ** 2, axis=1)
     count = received.sum(axis=1)

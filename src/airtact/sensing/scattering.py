@@ -1,10 +1,11 @@
 """The scattering matrix (T-matrix) of the bodies of a scene: what they make of regular spherical waves.
 
-The bodies are solved for all regular waves at once. A layer of monopoles of density Z_nm on a sphere around them makes
-the regular wave j_n(kr) Z_nm inside it, exactly but for orders that its quadrature mistakes for one another, and these
-vanish inside as fast as the waves do. The monopoles that radiate the scattered pressure are projected onto outgoing
-waves, or, where the solver has none, the scattered pressure on the same sphere. (The matrix: P. C. Waterman, J. Acoust.
-Soc. Am. 45, 1417, 1969; P. A. Martin, Multiple Scattering, 2006, chapter 7.)
+The bodies are solved for all regular waves at once. A layer of monopoles of density Z_nm on a
+sphere around them makes the regular wave j_n(kr) Z_nm inside it, exactly but for orders that its
+quadrature mistakes for one another, and these vanish inside as fast as the waves do. The monopoles
+that radiate the scattered pressure are projected onto outgoing waves, or, where the solver has
+none, the scattered pressure on the same sphere. (The matrix: P. C. Waterman, J. Acoust. Soc. Am.
+45, 1417, 1969; P. A. Martin, Multiple Scattering, 2006, chapter 7.)
 """
 
 from dataclasses import dataclass
@@ -14,11 +15,14 @@ import numpy as np
 import scipy.linalg
 from jaxtyping import Complex64, Complex128, Float32, Float64
 
-from airtact.conventions import InvalidInput
-from airtact.mesh.quadratic_triangles import panel_areas, points_at, unit
+from airtact.acoustics.scene import Scene, check_no_planes
+from airtact.acoustics.solvers.problem import Solver, SolveReport
+from airtact.acoustics.solvers.spherical.multipole_field import ball_of
+from airtact.acoustics.sources import Monopoles
+from airtact.checks import counted, of_kind, within
+from airtact.errors import InvalidInput
+from airtact.geometry.mesh.quadratic_triangles import panel_areas, points_at, unit
 from airtact.printing import one_line
-from airtact.scene.scene import Scene, check_no_planes
-from airtact.scene.sources import Monopoles
 from airtact.sensing.waves import (
     Waves,
     harmonics,
@@ -30,9 +34,6 @@ from airtact.sensing.waves import (
     regular_waves,
     wave_count,
 )
-from airtact.solvers.problem import Solver, SolveReport
-from airtact.solvers.spherical.multipole_field import ball_of
-from airtact.validation import counted, of_kind, within
 
 GAP = 1.0
 """Gap between the ball around the bodies and the sphere of sources, in wavelengths."""
@@ -73,15 +74,16 @@ WORTHWHILE = 0.8
 class ScatteringMatrix:
     """What the bodies of a scene scatter, in spherical waves about one centre; ``scattering_matrix`` makes it.
 
-    A field Σ a_nm j_n(kr) Z_nm around the bodies makes them scatter Σ b_nm h_n(kr) Z_nm with b = T a. Z_nm are the
-    real, orthonormal spherical harmonics (m > 0: cos mφ, m < 0: sin |m|φ, without the sign of Condon and Shortley), and
-    wave (n, m) has the index n² + n + m.
+    A field Σ a_nm j_n(kr) Z_nm around the bodies makes them scatter Σ b_nm h_n(kr) Z_nm with b = T
+    a. Z_nm are the real, orthonormal spherical harmonics (m > 0: cos mφ, m < 0: sin |m|φ, without
+    the sign of Condon and Shortley), and wave (n, m) has the index n² + n + m.
 
     Attributes
     ----------
     matrix : (W, W) T of W = (order + 1)² waves; symmetric, by reciprocity.
     centre : (3,) of the waves, in the frame of the bodies [m].
-    radius : of a ball about the centre that holds the bodies [m]; transducers must stand outside it.
+    radius : of a ball about the centre that holds the bodies [m]; transducers must stand outside
+        it.
     scene : the bodies, their medium and the frequency.
     asymmetry : relative difference of the matrix from its transpose before both were averaged.
     report : of the solve.
@@ -105,7 +107,8 @@ class ScatteringMatrix:
     def scatter(self, regular: Waves) -> Waves:
         """Return the waves (W, S) that the bodies radiate for regular ones (W, S), in single precision.
 
-        Few patterns of the waves reach the bodies where these fill little of their ball, which halves the work.
+        Few patterns of the waves reach the bodies where these fill little of their ball, which
+        halves the work.
         """
         patterns = self.__dict__.get("patterns")  # not worth finding for a matrix that serves once
         if patterns is None:
@@ -117,13 +120,17 @@ class ScatteringMatrix:
     @cached_property
     def patterns(
         self,
-    ) -> tuple[Float32[np.ndarray, "waves patterns"], Complex64[np.ndarray, "patterns others"]] | None:
+    ) -> (
+        tuple[Float32[np.ndarray, "waves patterns"], Complex64[np.ndarray, "patterns others"]]
+        | None
+    ):
         """Orthonormal real patterns of waves, and the matrix among them; None where they save no work.
 
-        Bodies and air that absorb nothing make each of their patterns into itself, times a number: the matrix has real
-        orthogonal eigenvectors (R. J. Garbacz, R. H. Turpin, IEEE Trans. Antennas Propag. 19 (1971) 348), most of them
-        with an eigenvalue of about 0. The others (patterns, 1) are given then. ``locate`` asks for them, which takes
-        some tenths of a second. ``scatter`` uses them once they are found.
+        Bodies and air that absorb nothing make each of their patterns into itself, times a number:
+        the matrix has real orthogonal eigenvectors (R. J. Garbacz, R. H. Turpin, IEEE Trans.
+        Antennas Propag. 19 (1971) 348), most of them with an eigenvalue of about 0. The others
+        (patterns, 1) are given then. ``locate`` asks for them, which takes some tenths of a second.
+        ``scatter`` uses them once they are found.
         """
         parts = np.concatenate([np.real(self.single), np.imag(self.single)])
         squares, patterns = scipy.linalg.eigh(parts.T @ parts, overwrite_a=True, check_finite=False)
@@ -161,11 +168,14 @@ class ScatteringMatrix:
         return float(np.linalg.norm(off) / np.linalg.norm(self.matrix))
 
 
-def _eigenvectors(among: Complex128[np.ndarray, "patterns patterns"]) -> Float64[np.ndarray, "patterns patterns"]:
+def _eigenvectors(
+    among: Complex128[np.ndarray, "patterns patterns"],
+) -> Float64[np.ndarray, "patterns patterns"]:
     """Real eigenvectors of the matrix nearest to one that absorbs nothing.
 
-    1 + 2T is unitary then. One step of Newton and Schulz makes it that much more, which squares what a solver's error
-    is off (N. J. Higham, Functions of Matrices, 2008, section 8.3); real and imaginary part have the same eigenvectors.
+    1 + 2T is unitary then. One step of Newton and Schulz makes it that much more, which squares
+    what a solver's error is off (N. J. Higham, Functions of Matrices, 2008, section 8.3); real and
+    imaginary part have the same eigenvectors.
     """
     one = np.eye(len(among))
     unitary = one + 2.0 * among
@@ -182,16 +192,17 @@ def scattering_matrix(
 ) -> ScatteringMatrix:
     """Solve the bodies of a scene for all regular spherical waves about the middle of them.
 
-    It takes one block solve of some hundreds of excitations; ``Stored(solver, folder)`` keeps it. Echoes for any rigid
-    pose then take milliseconds, see ``simulate_echoes`` and ``locate``.
+    It takes one block solve of some hundreds of excitations; ``Stored(solver, folder)`` keeps it.
+    Echoes for any rigid pose then take milliseconds, see ``simulate_echoes`` and ``locate``.
 
     Parameters
     ----------
-    solver : solves the bodies, such as ``BoundaryElement(accuracy=0.01, estimate=False)``; its accuracy is its own.
+    solver : solves the bodies, such as ``BoundaryElement(accuracy=0.01, estimate=False)``; its
+        accuracy is its own.
     scene : the bodies, in their own frame.
     accuracy : relative error by waves that are left out, 0.0001 to 0.1; it sets the order.
-    ball : centre (3,) of the waves and radius of a ball that holds the bodies [m]; hardly larger than the smallest
-        unless given.
+    ball : centre (3,) of the waves and radius of a ball that holds the bodies [m]; hardly larger
+        than the smallest unless given.
 
     Raises
     ------
@@ -210,7 +221,9 @@ def scattering_matrix(
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles)")
     accuracy = within(accuracy, 1e-4, 0.1, "accuracy", "parts of 1", "1 per cent is 0.01.")
     if not scene.obstacles:
-        raise InvalidInput("the scene has 0 obstacles, so nothing is scattered; give bodies.", code="no_bodies")
+        raise InvalidInput(
+            "the scene has 0 obstacles, so nothing is scattered; give bodies.", code="no_bodies"
+        )
     check_no_planes(scene, "a scattering matrix")
     return _about(solver, scene, *(ball_of(scene) if ball is None else ball), accuracy)
 
@@ -230,7 +243,9 @@ def _about(
     layer = mixed((weights * waves).T, amplitudes)
     field = solver.radiate(scene, Monopoles(centre + outer * directions, layer))
     if (sources := field.scattering_sources) is not None:
-        scattered = projected(order, sources.positions - centre, sources.strengths, scene.wavenumber)
+        scattered = projected(
+            order, sources.positions - centre, sources.strengths, scene.wavenumber
+        )
     else:
         known = _known(field.scattered_at(centre + outer * directions), outer)
         scattered = (weights * waves) @ known / radial
@@ -242,12 +257,13 @@ def _about(
 
 
 def _symmetric(
-    scattered: Complex128[np.ndarray, "waves patterns"], patterns: Float64[np.ndarray, "waves patterns"] | None
+    scattered: Complex128[np.ndarray, "waves patterns"],
+    patterns: Float64[np.ndarray, "waves patterns"] | None,
 ) -> Complex128[np.ndarray, "waves waves"]:
     """Return the symmetric matrix from what it makes of patterns.
 
-    By reciprocity it also follows what all other waves make of these. Only what the others make of each other is left
-    out, which is as little as they reach the bodies, squared.
+    By reciprocity it also follows what all other waves make of these. Only what the others make of
+    each other is left out, which is as little as they reach the bodies, squared.
     """
     if patterns is None:
         return 0.5 * (scattered + scattered.T)
@@ -262,11 +278,14 @@ def check_own(scattering: ScatteringMatrix, scene: Scene) -> None:
     if scattering.scene is not scene:
         count = counted(len(scattering.scene.obstacles), "body", "bodies")
         raise InvalidInput(
-            f"the scattering matrix is of another scene of {count}: give its own, scattering.scene.", code="other_scene"
+            f"the scattering matrix is of another scene of {count}: give its own, scattering.scene.",
+            code="other_scene",
         )
 
 
-def _known(scattered: Complex128[np.ndarray, "points waves"], outer: float) -> Complex128[np.ndarray, "points waves"]:
+def _known(
+    scattered: Complex128[np.ndarray, "points waves"], outer: float
+) -> Complex128[np.ndarray, "points waves"]:
     """Raise "field_unknown" where a pressure on the sphere is unknown."""
     if not np.isfinite(scattered).all():
         unknown = int((~np.isfinite(scattered)).any(axis=1).sum())
@@ -281,8 +300,9 @@ def _known(scattered: Complex128[np.ndarray, "points waves"], outer: float) -> C
 def _order(reach: float, accuracy: float) -> int:
     """Order from which on waves count less than an accuracy, by k times the radius of the bodies.
 
-    The excess over kR grows as d^(2/3) (kR)^(1/3) for d digits (W. C. Chew and others, Fast and Efficient Algorithms in
-    Computational Electromagnetics, 2001, section 3.4); the factor is measured on pairs of capsules.
+    The excess over kR grows as d^(2/3) (kR)^(1/3) for d digits (W. C. Chew and others, Fast and
+    Efficient Algorithms in Computational Electromagnetics, 2001, section 3.4); the factor is
+    measured on pairs of capsules.
     """
     order = int(np.ceil(reach + 0.8 * (-np.log10(accuracy)) ** (2 / 3) * np.cbrt(reach)))
     if order > LARGEST_ORDER:
@@ -294,13 +314,21 @@ def _order(reach: float, accuracy: float) -> int:
     return order
 
 
-def _quadrature(order: int) -> tuple[Float64[np.ndarray, "points 3"], Float64[np.ndarray, "points"]]:
+def _quadrature(
+    order: int,
+) -> tuple[Float64[np.ndarray, "points 3"], Float64[np.ndarray, "points"]]:
     """Directions and weights on the unit sphere that integrate products of two waves up to an order exactly."""
     cosines, weights = np.polynomial.legendre.leggauss(order + 1)
     azimuth = 2 * np.pi * np.arange(2 * order + 1) / (2 * order + 1)
     sines = np.sqrt(1.0 - cosines**2)
-    parts = np.outer(sines, np.cos(azimuth)), np.outer(sines, np.sin(azimuth)), np.outer(cosines, np.ones_like(azimuth))
-    return np.stack(parts, axis=-1).reshape(-1, 3), np.repeat(weights, len(azimuth)) * 2 * np.pi / len(azimuth)
+    parts = (
+        np.outer(sines, np.cos(azimuth)),
+        np.outer(sines, np.sin(azimuth)),
+        np.outer(cosines, np.ones_like(azimuth)),
+    )
+    return np.stack(parts, axis=-1).reshape(-1, 3), np.repeat(
+        weights, len(azimuth)
+    ) * 2 * np.pi / len(azimuth)
 
 
 def reaching_patterns(
@@ -308,18 +336,24 @@ def reaching_patterns(
 ) -> Float64[np.ndarray, "waves patterns"] | None:
     """Orthonormal patterns of regular waves about a centre that reach the bodies; None where nearly all of them do.
 
-    Waves of high order fill a ball, and bodies are a part of it: most patterns of waves hardly reach them. The patterns
-    that do are the eigenvectors of the mean square pressure of waves on the surfaces and under them. Points under them
-    see what vanishes on the surface alone, as at an interior resonance.
+    Waves of high order fill a ball, and bodies are a part of it: most patterns of waves hardly
+    reach them. The patterns that do are the eigenvectors of the mean square pressure of waves on
+    the surfaces and under them. Points under them see what vanishes on the surface alone, as at an
+    interior resonance.
 
-    All others make less than ``least`` of the rms pressure of the strongest on and under the surfaces.
+    All others make less than ``least`` of the rms pressure of the strongest on and under the
+    surfaces.
     """
     points = _points_of(scene) - centre
     squares = np.zeros((wave_count(order), wave_count(order)), dtype=np.float32)
     for first in range(0, len(points), AT_ONCE):
-        waves = regular_waves(order, points[first : first + AT_ONCE], scene.wavenumber.real).astype(np.float32)
+        waves = regular_waves(order, points[first : first + AT_ONCE], scene.wavenumber.real).astype(
+            np.float32
+        )
         squares += waves @ waves.T
-    values, patterns = scipy.linalg.eigh(squares, overwrite_a=True, check_finite=False, driver="evd")
+    values, patterns = scipy.linalg.eigh(
+        squares, overwrite_a=True, check_finite=False, driver="evd"
+    )
     kept = int(np.count_nonzero(values > least**2 * values[-1]))
     return patterns[:, -kept:].astype(np.float64) if kept < WORTHWHILE * len(values) else None
 
@@ -329,11 +363,16 @@ def _points_of(scene: Scene) -> Float64[np.ndarray, "points 3"]:
     random = np.random.default_rng(0)
     surfaces = [one.surface for one in scene.obstacles]
     curved = np.concatenate(
-        [np.concatenate([one.corners, one.shape.edge_middles(one.corners)], axis=1) for one in surfaces]
+        [
+            np.concatenate([one.corners, one.shape.edge_middles(one.corners)], axis=1)
+            for one in surfaces
+        ]
     )
     areas = np.cumsum(panel_areas(curved))
     count = int(np.ceil(DENSITY * areas[-1] / scene.wavelength**2))
-    chosen = np.searchsorted(areas, (np.arange(count) + random.random(count)) / count * areas[-1], side="right")
+    chosen = np.searchsorted(
+        areas, (np.arange(count) + random.random(count)) / count * areas[-1], side="right"
+    )
     places = random.random((count, 2))
     places = np.where(places.sum(axis=1, keepdims=True) > 1.0, 1.0 - places, places)
     points, normals = points_at(curved[np.minimum(chosen, len(areas) - 1)], places)

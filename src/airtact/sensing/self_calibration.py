@@ -1,15 +1,17 @@
 """Where the boards of an array are, what its elements are worth, and how fast sound is, by direct sound.
 
-Elements of boards that face each other receive each other's transmissions. From each element alone, which codes such as
-Hadamard's separate, element r receives p_re = ρ_r τ_e T_re: T is the direct sound between elements of unit gain, τ are
-the gains by which elements emit and ρ those by which they receive, which electronics make different ones. For given
-positions the gains follow by solving for ρ and τ in turn. Motions of the boards and the sound speed follow by damped
-Gauss-Newton steps on what is left once all gains have adapted (variable projection: G. Golub and V. Pereyra, SIAM J.
+Elements of boards that face each other receive each other's transmissions. From each element alone,
+which codes such as Hadamard's separate, element r receives p_re = ρ_r τ_e T_re: T is the direct
+sound between elements of unit gain, τ are the gains by which elements emit and ρ those by which
+they receive, which electronics make different ones. For given positions the gains follow by solving
+for ρ and τ in turn. Motions of the boards and the sound speed follow by damped Gauss-Newton steps
+on what is left once all gains have adapted (variable projection: G. Golub and V. Pereyra, SIAM J.
 Numer. Anal. 10, 413, 1973), with exact derivatives.
 
-Board 0 is held, as nothing tells a motion of the whole array. A factor that multiplies all ρ and divides all τ changes
-nothing either: both get the same geometric mean and mean phase (of two boards alone, in each direction for itself). The
-scale of the array follows from the positions of elements on their boards, which are taken as they were drawn.
+Board 0 is held, as nothing tells a motion of the whole array. A factor that multiplies all ρ and
+divides all τ changes nothing either: both get the same geometric mean and mean phase (of two boards
+alone, in each direction for itself). The scale of the array follows from the positions of elements
+on their boards, which are taken as they were drawn.
 """
 
 from dataclasses import dataclass, replace
@@ -18,17 +20,17 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Complex128, Float64, Int64
 
-from airtact.conventions import InvalidInput
-from airtact.pose import Pose
+from airtact.acoustics.medium import Medium
+from airtact.checks import counted, of_kind
+from airtact.errors import InvalidInput
+from airtact.geometry.pose import Pose
 from airtact.printing import one_line
-from airtact.scene.medium import Medium
 from airtact.sensing.calibration_fit import ArrayFit, ArrayState, Information, motion_of
 from airtact.sensing.echoes import Echoes, check_elements
 from airtact.sensing.transmission import Pairs, boards_of, facing
 from airtact.transducers.calibration import save_calibration
 from airtact.transducers.element import check_pattern
 from airtact.transducers.layout import PhasedArray, join
-from airtact.validation import counted, of_kind
 
 EXPLAINED = 0.1
 """Direct sound that is left unexplained beyond noise, as a share of all, up to which a calibration is believed."""
@@ -57,11 +59,13 @@ class Calibrated:
     ----------
     array : with its boards where they are, and the gains by which the elements emit.
     sound_speed : [m/s].
-    motions : of each board, from where it was believed to be to where it is, in the array's frame; board 0 stays.
-    emission, reception : (E,) gains by which elements emit and receive; 0 for dead ones, and 1 in ``reception`` for
-        elements that are no receivers. Their common factor is a convention.
-    covariance : (6 B − 5, 6 B − 5) of the translation of the middle of boards 1 to B − 1 [m] and a small turn about
-        it [rad], board by board along the array's axes, and last of the sound speed [m/s].
+    motions : of each board, from where it was believed to be to where it is, in the array's frame;
+        board 0 stays.
+    emission, reception : (E,) gains by which elements emit and receive; 0 for dead ones, and 1 in
+        ``reception`` for elements that are no receivers. Their common factor is a convention.
+    covariance : (6 B − 5, 6 B − 5) of the translation of the middle of boards 1 to B − 1 [m] and a
+        small turn about it [rad], board by board along the array's axes, and last of the sound
+        speed [m/s].
     gain_deviation : rms standard deviation of the gains, relative, and so of their phases [rad].
     residual : rms of what is left unexplained over that of the direct sound, noise included.
     misfit : the same beyond noise.
@@ -105,7 +109,10 @@ class Calibrated:
     @property
     def shifts(self) -> Float64[np.ndarray, "boards 3"]:
         """(B, 3) how far the middle of each board is off where it was believed to be [m]."""
-        middles = (one.positions.reshape(len(self.motions), -1, 3).mean(axis=1) for one in (self.array, self.believed))
+        middles = (
+            one.positions.reshape(len(self.motions), -1, 3).mean(axis=1)
+            for one in (self.array, self.believed)
+        )
         return next(middles) - next(middles)
 
     def as_emitted(self, echoes: Echoes) -> Echoes:
@@ -139,21 +146,27 @@ class Calibrated:
             "unknown_ending" for another one than .csv, "file_not_writable".
         """
         motions = np.repeat(np.arange(len(self.motions)), len(self.array) // len(self.motions))
-        save_calibration(path, self.emission, [self.motions[index] for index in motions], self.believed)
+        save_calibration(
+            path, self.emission, [self.motions[index] for index in motions], self.believed
+        )
 
 
-def calibrate(echoes: Echoes, array: PhasedArray, medium: Medium, boards: int | None = None) -> Calibrated:
+def calibrate(
+    echoes: Echoes, array: PhasedArray, medium: Medium, boards: int | None = None
+) -> Calibrated:
     """Find the boards' positions and angles, the elements' gains and the sound speed from direct transmissions.
 
-    Nothing may be between the boards, and nothing may be subtracted. Elements count that face each other within 60
-    degrees on different boards. Boards may be 2 mm and 1 degree off, and the sound speed 4 m/s (7 °C).
+    Nothing may be between the boards, and nothing may be subtracted. Elements count that face each
+    other within 60 degrees on different boards. Boards may be 2 mm and 1 degree off, and the sound
+    speed 4 m/s (7 °C).
 
     Parameters
     ----------
     echoes : transmissions of the empty array, in codes that separate all elements.
     array : with its boards where they are believed to be; its gains are not used.
     medium : the air as it is believed to be; its absorption is taken as given.
-    boards : how many of as many elements, one after the other; those of a kind that airtact knows unless given.
+    boards : how many of as many elements, one after the other; those of a kind that airtact knows
+        unless given.
 
     Raises
     ------
@@ -169,9 +182,9 @@ def calibrate(echoes: Echoes, array: PhasedArray, medium: Medium, boards: int | 
     >>> import airtact as at
     >>> from airtact.sensing import hadamard_codes, simulate_transmissions
     >>> facing = at.Pose.turn((1, 0, 0), np.pi, (0, 0.03, 0.06))
-    >>> believed = at.boards.board_array("nano16", [at.Pose.identity(), facing])
+    >>> believed = at.transducers.board_array("nano16", [at.Pose.identity(), facing])
     >>> off = at.Pose(np.eye(3), np.array([3e-4, 0, 0]))
-    >>> true = at.boards.board_array("nano16", [at.Pose.identity(), off @ facing])
+    >>> true = at.transducers.board_array("nano16", [at.Pose.identity(), off @ facing])
     >>> received = simulate_transmissions(true, at.air(celsius=20.0), hadamard_codes(24), boards=2, noise=80.0)
     >>> found = calibrate(received, believed, at.air(celsius=21.0), boards=2)
     >>> found.converged, f"{1e3 * found.shifts[1, 0]:.2f} mm"
@@ -189,7 +202,9 @@ def calibrate(echoes: Echoes, array: PhasedArray, medium: Medium, boards: int | 
     return _calibrated(fit, found, noise, array, echoes, dead)
 
 
-def _checked(echoes: Echoes, array: PhasedArray, medium: Medium, boards: int | None) -> list[PhasedArray]:
+def _checked(
+    echoes: Echoes, array: PhasedArray, medium: Medium, boards: int | None
+) -> list[PhasedArray]:
     """Return the boards; raise for echoes of another array."""
     of_kind(echoes, Echoes, "the transmissions", "Echoes(codes, pressures)")
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
@@ -219,7 +234,9 @@ def _separated(echoes: Echoes) -> tuple[Pairs, float]:
     return alone, (echoes.noise or 0.0) * float(np.sqrt(np.mean(np.real(np.diag(inverse)))))
 
 
-def _facing_pairs(echoes: Echoes, boards: list[PhasedArray]) -> Bool[np.ndarray, "elements elements"]:
+def _facing_pairs(
+    echoes: Echoes, boards: list[PhasedArray]
+) -> Bool[np.ndarray, "elements elements"]:
     """Return which receivers (E) face which emitters (E) on another board; raise "clipped"."""
     size, total = len(boards[0]), len(echoes.codes)
     heard = np.zeros((total, total), dtype=bool)
@@ -245,7 +262,9 @@ def _check_clipped(size: Float64[np.ndarray, "pressures"]) -> None:
         )
 
 
-def _dead(alone: Pairs, heard: Bool[np.ndarray, "elements elements"], noise: float) -> Int64[np.ndarray, "dead"]:
+def _dead(
+    alone: Pairs, heard: Bool[np.ndarray, "elements elements"], noise: float
+) -> Int64[np.ndarray, "dead"]:
     """Elements that emit, or receive, much less than most."""
     power, dead = np.where(heard, np.abs(alone) ** 2, 0.0), []
     for axis in (0, 1):
@@ -257,11 +276,18 @@ def _dead(alone: Pairs, heard: Bool[np.ndarray, "elements elements"], noise: flo
 
 
 def _check_heard(
-    alone: Pairs, heard: Bool[np.ndarray, "e e"], boards: int, noise: float, dead: Int64[np.ndarray, "dead"]
+    alone: Pairs,
+    heard: Bool[np.ndarray, "e e"],
+    boards: int,
+    noise: float,
+    dead: Int64[np.ndarray, "dead"],
 ) -> None:
     """Raise "facing_none" or "all_noise"."""
     by_boards = heard.reshape(boards, -1, boards, len(heard) // boards).any(axis=(1, 3))
-    linked, known = np.linalg.matrix_power(np.eye(boards) + by_boards + by_boards.T, boards)[0] > 0, heard.any(axis=0)
+    linked, known = (
+        np.linalg.matrix_power(np.eye(boards) + by_boards + by_boards.T, boards)[0] > 0,
+        heard.any(axis=0),
+    )
     known |= np.isin(np.arange(len(heard)), dead)
     if not linked.all():
         board = int(np.flatnonzero(~linked)[0])
@@ -287,7 +313,12 @@ def _check_heard(
 
 
 def _calibrated(
-    fit: ArrayFit, found: ArrayState, noise: float, array: PhasedArray, echoes: Echoes, dead: Int64[np.ndarray, "dead"]
+    fit: ArrayFit,
+    found: ArrayState,
+    noise: float,
+    array: PhasedArray,
+    echoes: Echoes,
+    dead: Int64[np.ndarray, "dead"],
 ) -> Calibrated:
     """Say what was found, and how sure it is."""
     whole, of_noise = float(np.sum(np.abs(fit.measured) ** 2)), noise**2 * int(fit.counted.sum())
@@ -305,7 +336,10 @@ def _calibrated(
     return Calibrated(
         array=moved,
         sound_speed=speed,
-        motions=tuple(motion_of(*pair) for pair in zip(boards_of(array, len(found.boards)), found.boards, strict=True)),
+        motions=tuple(
+            motion_of(*pair)
+            for pair in zip(boards_of(array, len(found.boards)), found.boards, strict=True)
+        ),
         emission=moved.gains,
         reception=reception,
         covariance=covariance * np.outer(scale, scale),
@@ -327,7 +361,11 @@ def _check_determined(equations: Information, variance: float, echoes: Echoes) -
     boards = range(1, 1 + len(values) // 6)
     names = [f"the {what} of board {board}" for board in boards for what in ("position", "angles")]
     shares = np.append(np.linalg.norm(vectors[:-1, 0].reshape(-1, 3), axis=1), abs(vectors[-1, 0]))
-    named = [name for name, share in zip([*names, "the sound speed"], shares, strict=True) if share > NAMED]
+    named = [
+        name
+        for name, share in zip([*names, "the sound speed"], shares, strict=True)
+        if share > NAMED
+    ]
     sure = 1e3 * np.sqrt(variance / max(values[0], 1e-12 * values[-1]))
     raise InvalidInput(
         f"{counted(len(echoes.pressures), 'receiver', 'receivers')} of {len(echoes.codes)} elements do not determine "
@@ -345,8 +383,14 @@ def _same_mean(
     receives, emits = fit.counted.any(axis=1), fit.counted.any(axis=0)
     for group in np.unique(fit.groups[1][emits]):
         some = emits & (fit.groups[1] == group), receives & (fit.groups[0] == group)
-        logarithms = [np.mean(np.log(np.abs(one[rows]))) for one, rows in zip((emission, reception), some, strict=True)]
-        phases = [np.angle(np.sum(one[rows])) for one, rows in zip((emission, reception), some, strict=True)]
+        logarithms = [
+            np.mean(np.log(np.abs(one[rows])))
+            for one, rows in zip((emission, reception), some, strict=True)
+        ]
+        phases = [
+            np.angle(np.sum(one[rows]))
+            for one, rows in zip((emission, reception), some, strict=True)
+        ]
         factor = np.exp(0.5 * (logarithms[1] - logarithms[0]) + 0.5j * (phases[1] - phases[0]))
         emission[some[0]] *= factor
         reception[some[1]] /= factor

@@ -4,16 +4,16 @@ import numpy as np
 from jaxtyping import Bool, Complex128, Int64, Integer, Num
 from scipy.spatial.distance import cdist
 
-from airtact.conventions import InvalidInput
-from airtact.scene.scene import Scene, check_no_planes
-from airtact.scene.sources import Monopoles
+from airtact.acoustics.scene import Scene, check_no_planes
+from airtact.acoustics.solvers.problem import Solver
+from airtact.acoustics.sources import Monopoles
+from airtact.checks import between, check_seed, of_kind
+from airtact.errors import InvalidInput
 from airtact.sensing.array_waves import array_waves, direct_sound, emitted_by_faces, heard_by_faces
 from airtact.sensing.echoes import Echoes
 from airtact.sensing.scattering import ScatteringMatrix, check_own
-from airtact.solvers.problem import Solver
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_placement
-from airtact.validation import between, check_seed, of_kind
 
 LARGEST_RATIO = 300.0
 """Largest ratio in decibels."""
@@ -34,21 +34,24 @@ def simulate_echoes(
 ) -> Echoes:
     """Compute the echoes of coded transmissions, and spoil them as a measurement is spoilt.
 
-    An element receives the mean of the scattered pressure over its face, times its gain. The array reflects nothing.
+    An element receives the mean of the scattered pressure over its face, times its gain. The array
+    reflects nothing.
 
     Parameters
     ----------
-    made_by : a solver, which solves for each code, or the scattering matrix of the scene, which takes milliseconds.
+    made_by : a solver, which solves for each code, or the scattering matrix of the scene, which
+        takes milliseconds.
     scene : the bodies.
     array : the E transducers in the obstacles' frame, see ``PhasedArray.seen_from``.
     codes : (E, M), as of ``Echoes``.
     receivers : numbers of the elements that receive; all of them unless given.
     noise : rms of the echoes over that of added complex noise [dB]; none unless given.
-    subtraction : how far the sound that arrives directly from each other element is suppressed [dB], the rest having a
-        random phase; perfectly unless given.
+    subtraction : how far the sound that arrives directly from each other element is suppressed
+        [dB], the rest having a random phase; perfectly unless given.
     dead : numbers of elements that receive noise only.
-    ring_down : time from the beginning of a transmission until an element that emits in it can receive [s]: where its
-        first echo comes sooner, the pressure is not ``Echoes.valid``. At once unless given.
+    ring_down : time from the beginning of a transmission until an element that emits in it can
+        receive [s]: where its first echo comes sooner, the pressure is not ``Echoes.valid``. At
+        once unless given.
     seed : of the random numbers, 0 or more.
 
     Raises
@@ -66,14 +69,21 @@ def simulate_echoes(
     >>> simulate_echoes(at.BoundaryElement(accuracy=0.05, estimate=False), scene, array, codes, noise=20.0)
     Echoes(249 elements, 4 transmissions, 249 receivers, 40000 Hz)
     """
-    of_kind(made_by, Solver | ScatteringMatrix, "what echoes are made by", "a solver or a scattering matrix")
+    of_kind(
+        made_by,
+        Solver | ScatteringMatrix,
+        "what echoes are made by",
+        "a solver or a scattering matrix",
+    )
     check_placement(scene, array)
     given, receiving = _checked(array, codes, receivers, seed)
     pressures = _scattered(made_by, scene, array, given)[receiving]
     valid = None if ring_down is None else received_after(ring_down, scene, array, given)[receiving]
     random, size = np.random.default_rng(seed), _rms(pressures, valid)
     if subtraction is not None:
-        rest = ratio_of(subtraction, "the subtraction of direct sound") * direct_sound(array, scene.wavenumber, given)
+        rest = ratio_of(subtraction, "the subtraction of direct sound") * direct_sound(
+            array, scene.wavenumber, given
+        )
         pressures = pressures + rest[receiving] * normal_noise(random, pressures.shape)
     pressures[np.isin(receiving, _dead(dead, len(array)))] = 0.0
     deviation = None if noise is None else size * ratio_of(noise, "the noise")
@@ -82,11 +92,18 @@ def simulate_echoes(
 
 
 def received_after(
-    ring_down: float, scene: Scene, array: PhasedArray, codes: Complex128[np.ndarray, "elements transmissions"]
+    ring_down: float,
+    scene: Scene,
+    array: PhasedArray,
+    codes: Complex128[np.ndarray, "elements transmissions"],
 ) -> Bool[np.ndarray, "elements transmissions"]:
     """Whether an element is silent in a transmission, or its first echo comes after it has rung down, (E, M)."""
-    ring_down = between(ring_down, 0.0, 1.0, "the ring-down", "s", "is it in milliseconds? Give seconds.")
-    corners = np.unique(np.concatenate([one.surface.corners.reshape(-1, 3) for one in scene.obstacles]), axis=0)
+    ring_down = between(
+        ring_down, 0.0, 1.0, "the ring-down", "s", "is it in milliseconds? Give seconds."
+    )
+    corners = np.unique(
+        np.concatenate([one.surface.corners.reshape(-1, 3) for one in scene.obstacles]), axis=0
+    )
     away = cdist(array.positions, corners)
     emits = codes != 0
     first = np.stack([(away + away[some].min(axis=0)).min(axis=1) for some in emits.T], axis=1)
@@ -110,7 +127,8 @@ def _checked(
     """Return the codes and the numbers of the receivers, checked."""
     if len(codes) != len(array):
         raise InvalidInput(
-            f"the codes are for {len(codes)} elements, and the array has {len(array)}.", code="element_count"
+            f"the codes are for {len(codes)} elements, and the array has {len(array)}.",
+            code="element_count",
         )
     check_seed(seed)
     count = len(array) if receivers is None else len(receivers)
@@ -152,6 +170,7 @@ def _dead(given: Integer[np.ndarray, "dead"] | None, elements: int) -> Integer[n
     wrong = numbers[(numbers < 0) | (numbers >= elements)]
     if len(wrong):
         raise InvalidInput(
-            f"the dead element {wrong[0]} is none of {elements}: 0 to {elements - 1}.", code="out_of_range"
+            f"the dead element {wrong[0]} is none of {elements}: 0 to {elements - 1}.",
+            code="out_of_range",
         )
     return numbers

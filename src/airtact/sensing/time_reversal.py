@@ -1,10 +1,11 @@
 """What echoes focus on by themselves: eigenvectors of the time-reversal operator (DORT), iterations towards one.
 
-With K the echo matrix of an array whose elements emit and receive, the echo of a code c is K c, and playing back its
-time reverse, conj(K c), returns sound to what scattered it. Done again and again it leads to the code whose echoes are
-strongest, the first singular vector of K. A body much smaller than the wavelength has one such vector, which focuses on
-it; for several of them, well apart, each vector focuses on one (C. Prada, M. Fink, Wave Motion 20 (1994) 151). A larger
-body has as many as its surface has places that the wavelength resolves.
+With K the echo matrix of an array whose elements emit and receive, the echo of a code c is K c, and
+playing back its time reverse, conj(K c), returns sound to what scattered it. Done again and again
+it leads to the code whose echoes are strongest, the first singular vector of K. A body much smaller
+than the wavelength has one such vector, which focuses on it; for several of them, well apart, each
+vector focuses on one (C. Prada, M. Fink, Wave Motion 20 (1994) 151). A larger body has as many as
+its surface has places that the wavelength resolves.
 """
 
 from collections.abc import Callable
@@ -13,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex, Complex128, Float64
 
-from airtact.conventions import InvalidInput
+from airtact.checks import complex_numbers, counted
+from airtact.errors import InvalidInput
 from airtact.printing import one_line
 from airtact.sensing.echoes import Echoes
-from airtact.validation import complex_numbers, counted
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +26,8 @@ class TimeReversal:
 
     Attributes
     ----------
-    codes : (E, N) singular vectors, the strongest first; the strongest element of each is at full scale.
+    codes : (E, N) singular vectors, the strongest first; the strongest element of each is at full
+        scale.
     values : (min(R, M),) singular values of the echoes, over the largest.
     """
 
@@ -34,15 +36,18 @@ class TimeReversal:
 
     def __repr__(self) -> str:
         elements, vectors = self.codes.shape
-        return one_line(self, counted(elements, "element", "elements"), counted(vectors, "vector", "vectors"))
+        return one_line(
+            self, counted(elements, "element", "elements"), counted(vectors, "vector", "vectors")
+        )
 
 
 def dort(echoes: Echoes, vectors: int = 1) -> TimeReversal:
     """Find the codes of the strongest echoes, without any knowledge of the bodies.
 
-    They are the conjugates of the left singular vectors of the echoes, since elements receive as they emit. With
-    Hadamard codes of all elements they are those of the echo matrix itself; M random codes find the few strongest where
-    these stand out. Elements that do not receive are silent.
+    They are the conjugates of the left singular vectors of the echoes, since elements receive as
+    they emit. With Hadamard codes of all elements they are those of the echo matrix itself; M
+    random codes find the few strongest where these stand out. Elements that do not receive are
+    silent.
 
     Parameters
     ----------
@@ -64,9 +69,14 @@ def dort(echoes: Echoes, vectors: int = 1) -> TimeReversal:
     (249, 1)
     """
     most = min(echoes.pressures.shape)
-    if isinstance(vectors, bool) or not isinstance(vectors, int | np.integer) or not 1 <= vectors <= most:
+    if (
+        isinstance(vectors, bool)
+        or not isinstance(vectors, int | np.integer)
+        or not 1 <= vectors <= most
+    ):
         raise InvalidInput(
-            f"{vectors!r} singular vectors are asked for, but these echoes have 1 to {most}.", code="out_of_range"
+            f"{vectors!r} singular vectors are asked for, but these echoes have 1 to {most}.",
+            code="out_of_range",
         )
     if echoes.valid is not None and not echoes.valid.all():
         raise InvalidInput(
@@ -88,7 +98,8 @@ def iterate_time_reversal(
 
     Parameters
     ----------
-    transmit : emits a code (E, 1) and returns the echo at all elements, (E, 1), less what the empty array receives.
+    transmit : emits a code (E, 1) and returns the echo at all elements, (E, 1), less what the empty
+        array receives.
     start : (E,) code to begin with.
     iterations : number of transmissions, 1 to 1000.
 
@@ -101,15 +112,22 @@ def iterate_time_reversal(
     InvalidInput
         "out_of_range": of iterations; "all_noise": no echo returns.
     """
-    if isinstance(iterations, bool) or not isinstance(iterations, int | np.integer) or not 1 <= iterations <= 1000:
-        raise InvalidInput(f"{iterations!r} iterations are asked for; give 1 to 1000.", code="out_of_range")
+    if (
+        isinstance(iterations, bool)
+        or not isinstance(iterations, int | np.integer)
+        or not 1 <= iterations <= 1000
+    ):
+        raise InvalidInput(
+            f"{iterations!r} iterations are asked for; give 1 to 1000.", code="out_of_range"
+        )
     code = complex_numbers(start, "the code")
     for _ in range(iterations):
         echo = np.asarray(transmit(code[:, None]), dtype=np.complex128).reshape(-1)
         strongest = float(np.abs(echo).max())
         if not 0.0 < strongest < np.inf:
             raise InvalidInput(
-                f"the strongest echo has {strongest:g} Pa, so there is nothing to play back.", code="all_noise"
+                f"the strongest echo has {strongest:g} Pa, so there is nothing to play back.",
+                code="all_noise",
             )
         code = echo.conj() / strongest
     return code

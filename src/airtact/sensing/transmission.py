@@ -1,9 +1,10 @@
 """Sound that goes directly from element to element of an array, and its derivatives by motions of the boards.
 
-An element of unit gain emits s Σ_q w_q e^{ikR}/R over the points of its face and receives the mean over its own face by
-the same weights, as everywhere in the project; s is the sensitivity. Where a board moves rigidly by a small translation
-t and a turn ω about its middle m, its face points x move by t + ω × (x − m), so that every derivative is a sum of the
-gradients of e^{ikR}/R over pairs of face points.
+An element of unit gain emits s Σ_q w_q e^{ikR}/R over the points of its face and receives the mean
+over its own face by the same weights, as everywhere in the project; s is the sensitivity. Where a
+board moves rigidly by a small translation t and a turn ω about its middle m, its face points x move
+by t + ω × (x − m), so that every derivative is a sum of the gradients of e^{ikR}/R over pairs of
+face points.
 """
 
 from dataclasses import dataclass
@@ -11,14 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Complex128, Num
 
-from airtact.conventions import InvalidInput
-from airtact.scene.medium import Medium
+from airtact.acoustics.medium import Medium
+from airtact.checks import check_seed, complex_numbers, of_kind
+from airtact.errors import InvalidInput
 from airtact.sensing.echoes import Echoes
 from airtact.sensing.simulation import normal_noise, ratio_of
 from airtact.transducers.boards import kind_of_array
 from airtact.transducers.element import check_pattern
 from airtact.transducers.layout import PhasedArray
-from airtact.validation import check_seed, complex_numbers, of_kind
 
 AT_ONCE = 1 << 18
 """Pairs of face points whose sums are taken at once."""
@@ -38,16 +39,19 @@ class Transmission:
 
     Attributes
     ----------
-    pressures : (R, E) at receiver r from emitter e, both of unit gain [Pa]; the same in the other direction.
-    slopes : (13, R, E) derivatives by a translation of the receiving board [Pa/m] and a turn about its middle [Pa/rad],
-        by those of the emitting board, and by the wavenumber [Pa·m].
+    pressures : (R, E) at receiver r from emitter e, both of unit gain [Pa]; the same in the other
+        direction.
+    slopes : (13, R, E) derivatives by a translation of the receiving board [Pa/m] and a turn about
+        its middle [Pa/rad], by those of the emitting board, and by the wavenumber [Pa·m].
     """
 
     pressures: Pairs
     slopes: Complex128[np.ndarray, "13 receivers emitters"]
 
 
-def transmission(receiving: PhasedArray, emitting: PhasedArray, wavenumber: complex) -> Transmission:
+def transmission(
+    receiving: PhasedArray, emitting: PhasedArray, wavenumber: complex
+) -> Transmission:
     """Sum the direct sound over the faces of all elements of two boards, with its derivatives."""
     weights, faces = receiving.element.weights, receiving.face_points
     sources = emitting.face_points.reshape(-1, 3)
@@ -61,7 +65,10 @@ def transmission(receiving: PhasedArray, emitting: PhasedArray, wavenumber: comp
         points = faces[block].reshape(-1, 3)
         away = points[:, None, :] - sources
         distance = np.sqrt(np.einsum("psd,psd->ps", away, away))
-        wave = np.exp(1j * wavenumber * distance).reshape(-1, count, emitters, count) * strengths[:, None, :]
+        wave = (
+            np.exp(1j * wavenumber * distance).reshape(-1, count, emitters, count)
+            * strengths[:, None, :]
+        )
         wave = wave.reshape(distance.shape)
         slopes[12, block] = 1j * _summed(wave, count, emitters)
         wave /= distance
@@ -85,7 +92,10 @@ def _summed(pairs: Complex128[np.ndarray, "points sources"], count: int, emitter
 
 
 def facing(
-    receiving: PhasedArray, emitting: PhasedArray, cosine: float = STEEPEST, nearest: float = NEAREST
+    receiving: PhasedArray,
+    emitting: PhasedArray,
+    cosine: float = STEEPEST,
+    nearest: float = NEAREST,
 ) -> Bool[np.ndarray, "receivers emitters"]:
     """Whether elements of two boards face each other, within 60 degrees, and are not side by side at an edge."""
     away = receiving.positions[:, None, :] - emitting.positions
@@ -110,10 +120,17 @@ def boards_of(array: PhasedArray, count: int | None = None) -> list[PhasedArray]
         found = f"{len(array)} elements do not make {count} boards of as many elements"
     if count < 2 or len(array) % count:
         raise InvalidInput(
-            f"an array is calibrated by 2 or more boards that face each other, but {found}.", code="unknown_boards"
+            f"an array is calibrated by 2 or more boards that face each other, but {found}.",
+            code="unknown_boards",
         )
-    parts = zip(*(np.split(part, count) for part in (array.positions, array.normals, array.tangents)), strict=True)
-    return [PhasedArray(positions, normals, array.element, tangents) for positions, normals, tangents in parts]
+    parts = zip(
+        *(np.split(part, count) for part in (array.positions, array.normals, array.tangents)),
+        strict=True,
+    )
+    return [
+        PhasedArray(positions, normals, array.element, tangents)
+        for positions, normals, tangents in parts
+    ]
 
 
 def simulate_transmissions(
@@ -129,14 +146,16 @@ def simulate_transmissions(
 ) -> Echoes:
     """Compute what the elements of an empty array's boards receive of each other's coded transmissions, directly.
 
-    Elements of the same board are taken not to receive each other, and none to emit or receive behind its face.
+    Elements of the same board are taken not to receive each other, and none to emit or receive
+    behind its face.
 
     Parameters
     ----------
     array : elements emit by its gains.
     medium : the air.
     codes : (E, M), as of ``Echoes``.
-    boards : how many of as many elements, one after the other; those of a kind that airtact knows unless given.
+    boards : how many of as many elements, one after the other; those of a kind that airtact knows
+        unless given.
     frequency : of the sound [Hz].
     reception : (E,) gains by which the elements receive; the array's unless given.
     noise : rms of the pressures over that of added complex noise [dB]; none unless given.
@@ -151,7 +170,9 @@ def simulate_transmissions(
     parts, wavenumber = boards_of(array, boards), medium.wavenumber(frequency)
     check_pattern(array.element, wavenumber)
     check_seed(seed)
-    received = array.gains if reception is None else complex_numbers(reception, "the gains of reception")
+    received = (
+        array.gains if reception is None else complex_numbers(reception, "the gains of reception")
+    )
     if len(codes) != len(array) or received.shape != (len(array),):
         raise InvalidInput(
             f"{len(codes)} codes and {len(received)} gains of reception are given for {len(array)} elements.",
@@ -170,5 +191,7 @@ def simulate_transmissions(
     deviation = None
     if noise is not None:
         deviation = float(np.sqrt(np.mean(np.abs(pressures) ** 2))) * ratio_of(noise, "the noise")
-        pressures = pressures + deviation * normal_noise(np.random.default_rng(seed), pressures.shape)
+        pressures = pressures + deviation * normal_noise(
+            np.random.default_rng(seed), pressures.shape
+        )
     return Echoes(codes, pressures, None, frequency, deviation)

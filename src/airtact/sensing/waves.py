@@ -1,13 +1,16 @@
 """Spherical waves with real harmonics about one centre, and what a rigid motion does to them.
 
-With Z_nm the real, orthonormal spherical harmonics, a field without sources in a ball is Σ a_nm j_n(kr) Z_nm and one
-that leaves it is Σ b_nm h_n(kr) Z_nm; wave (n, m) has the index n² + n + m. A monopole e^{ikR}/R at x has
-a_nm = 4πik h_n(k|x|) Z_nm(x) (DLMF 10.60.1 and 14.30.9). Moving a field by τ and turning it by ω about the centre is
-exp(τ·∇ + ω·(r × ∇)), and both operators are sparse between waves: r × ∇ keeps n, and
+With Z_nm the real, orthonormal spherical harmonics, a field without sources in a ball is Σ a_nm
+j_n(kr) Z_nm and one that leaves it is Σ b_nm h_n(kr) Z_nm; wave (n, m) has the index n² + n + m. A
+monopole e^{ikR}/R at x has a_nm = 4πik h_n(k|x|) Z_nm(x) (DLMF 10.60.1 and 14.30.9). Moving a field
+by τ and turning it by ω about the centre is exp(τ·∇ + ω·(r × ∇)), and both operators are sparse
+between waves: r × ∇ keeps n, and
 
-    ∂z (j_n Z_nm)/k = A_nm j_(n−1) Z_(n−1)m − A_(n+1)m j_(n+1) Z_(n+1)m,  A_nm² = (n² − m²)/(4n² − 1)
+    ∂z (j_n Z_nm)/k = A_nm j_(n−1) Z_(n−1)m − A_(n+1)m j_(n+1) Z_(n+1)m,  A_nm² = (n² − m²)/(4n² −
+    1)
 
-(P. A. Martin, Multiple Scattering, 2006, section 3.9). The other derivatives are commutators of these.
+(P. A. Martin, Multiple Scattering, 2006, section 3.9). The other derivatives are commutators of
+these.
 """
 
 from collections.abc import Iterator
@@ -18,7 +21,7 @@ from jaxtyping import Complex, Complex128, Float, Float64, Int, Real, Shaped
 from scipy.sparse import csr_matrix, diags
 from scipy.special import jv, spherical_jn
 
-from airtact.solvers.loops import loop
+from airtact.acoustics.solvers.loops import loop
 
 Waves = Complex[np.ndarray, "waves columns"]
 """Coefficients of waves, in single or double precision."""
@@ -42,7 +45,9 @@ def orders_of_waves(order: int) -> Float64[np.ndarray, "waves"]:
     return np.repeat(np.arange(order + 1.0), 2 * np.arange(order + 1) + 1)
 
 
-def harmonics(order: int, offsets: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "waves points"]:
+def harmonics(
+    order: int, offsets: Real[np.ndarray, "points 3"]
+) -> Float64[np.ndarray, "waves points"]:
     """Real harmonics (waves, P) in the directions of offsets (P, 3) from the centre."""
     out = np.empty((wave_count(order), len(offsets)))
     for n, (legendre, cosines, sines) in enumerate(_by_order(order, offsets)):
@@ -56,7 +61,8 @@ def _by_order(
 ) -> Iterator[tuple[Float[np.ndarray, "degrees points"], ...]]:
     """For each order its Legendre functions (n + 1, P), √2 cos mφ from 0 to n, and √2 sin mφ from n to 1.
 
-    The normalised Legendre functions follow from those of the two orders below, for all degrees m at once (DLMF
+    The normalised Legendre functions follow from those of the two orders below, for all degrees m
+    at once (DLMF
     14.10.3): stable, as they grow with n.
     """
     x, y, z = (np.asarray(offsets, dtype=np.float64) / np.linalg.norm(offsets, axis=1)[:, None]).T
@@ -65,7 +71,10 @@ def _by_order(
     cosines, sines = np.sqrt(2.0) * np.cos(turn), np.sqrt(2.0) * np.sin(turn)
     cosines[0] = 1.0
     cosines, sines = cosines.astype(precision, copy=False), sines.astype(precision, copy=False)
-    below, legendre = np.zeros((1, len(offsets))), np.full((1, len(offsets)), 1 / np.sqrt(4 * np.pi))
+    below, legendre = (
+        np.zeros((1, len(offsets))),
+        np.full((1, len(offsets)), 1 / np.sqrt(4 * np.pi)),
+    )
     for n in range(order + 1):
         if n:
             m = np.arange(n)[:, None]
@@ -91,7 +100,9 @@ def outgoing_radial(
     return hankel[: order + 1]
 
 
-def of_waves(order: int, radial: Shaped[np.ndarray, "orders points"]) -> Shaped[np.ndarray, "waves points"]:
+def of_waves(
+    order: int, radial: Shaped[np.ndarray, "orders points"]
+) -> Shaped[np.ndarray, "waves points"]:
     """Repeat what each order has for each of its waves."""
     return np.repeat(radial, 2 * np.arange(order + 1) + 1, axis=0)
 
@@ -119,7 +130,9 @@ def regular_waves(
     order: int, offsets: Real[np.ndarray, "points 3"], wavenumber: complex
 ) -> Shaped[np.ndarray, "waves points"]:
     """Regular waves j_n(kr) Z_nm themselves at offsets (P, 3) from the centre, (waves, P); real for a real k."""
-    argument = np.linalg.norm(offsets, axis=1) * (wavenumber if wavenumber.imag else wavenumber.real)
+    argument = np.linalg.norm(offsets, axis=1) * (
+        wavenumber if wavenumber.imag else wavenumber.real
+    )
     radial = spherical_jn(np.arange(order + 1)[:, None], argument[None, :])
     return of_waves(order, radial) * harmonics(order, offsets)
 
@@ -136,7 +149,9 @@ def monopole_waves(
     radial *= 4j * np.pi * wavenumber if strengths is None else 4j * np.pi * wavenumber * strengths
     radial = radial.astype(np.complex64 if single else np.complex128, copy=False)
     out = np.empty((wave_count(order), len(offsets)), dtype=radial.dtype)
-    for n, (legendre, cosines, sines) in enumerate(_by_order(order, offsets, np.float32 if single else np.float64)):
+    for n, (legendre, cosines, sines) in enumerate(
+        _by_order(order, offsets, np.float32 if single else np.float64)
+    ):
         grown = legendre * radial[n]
         np.multiply(grown, cosines, out=out[n * n + n : (n + 1) ** 2])
         np.multiply(grown[:0:-1], sines, out=out[n * n : n * n + n])
@@ -185,8 +200,9 @@ def along_motions(waves: Waves, wavenumber: float) -> Complex[np.ndarray, "6 wav
 def moved(twist: Real[np.ndarray, "6"], waves: Waves, wavenumber: float) -> Waves:
     """Regular waves about a centre that moves by a twist: translation [m] and turn [rad] in its own frame, (6,).
 
-    The exponential of an antisymmetric matrix V of norm at most s is summed as Σ (2 − δ_j0) J_j(s) φ_j(V/s), with
-    φ_0 = 1, φ_1 = x, φ_(j+1) = 2x φ_j + φ_(j−1): Chebyshev's expansion (DLMF 10.12.3).
+    The exponential of an antisymmetric matrix V of norm at most s is summed as Σ (2 − δ_j0) J_j(s)
+    φ_j(V/s), with φ_0 = 1, φ_1 = x, φ_(j+1) = 2x φ_j + φ_(j−1): Chebyshev's expansion (DLMF
+    10.12.3).
     """
     order = order_of(waves)
     size = wavenumber * float(np.linalg.norm(twist[:3])) + order * float(np.linalg.norm(twist[3:]))
@@ -195,7 +211,9 @@ def moved(twist: Real[np.ndarray, "6"], waves: Waves, wavenumber: float) -> Wave
     total = as_real(waves.copy())
     single = total.dtype == np.float32
     bessel = jv(np.arange(int(size + 8 * np.cbrt(size)) + 12), size)
-    bessel = bessel[: max(int(np.flatnonzero(np.abs(bessel) > (10 * CUT if single else CUT))[-1]) + 1, 2)]
+    bessel = bessel[
+        : max(int(np.flatnonzero(np.abs(bessel) > (10 * CUT if single else CUT))[-1]) + 1, 2)
+    ]
     bessel[1:] *= 2.0
     parts = np.concatenate([wavenumber * np.asarray(twist[:3]), twist[3:]]) / size
     values, columns, rows = _together(order)
@@ -206,10 +224,14 @@ def moved(twist: Real[np.ndarray, "6"], waves: Waves, wavenumber: float) -> Wave
 
 def as_real(waves: Waves) -> Float[np.ndarray, "waves both"]:
     """Real and imaginary parts as columns, which real matrices take."""
-    return np.ascontiguousarray(waves).view(np.float32 if waves.dtype == np.complex64 else np.float64)
+    return np.ascontiguousarray(waves).view(
+        np.float32 if waves.dtype == np.complex64 else np.float64
+    )
 
 
-def mixed(weights: Real[np.ndarray, "mixtures waves"], waves: Waves) -> Complex[np.ndarray, "mixtures columns"]:
+def mixed(
+    weights: Real[np.ndarray, "mixtures waves"], waves: Waves
+) -> Complex[np.ndarray, "mixtures columns"]:
     """Multiply waves by a real matrix in their precision, with half the work of a complex one."""
     real = as_real(waves)
     return (weights.astype(real.dtype, copy=False) @ real).view(waves.dtype)

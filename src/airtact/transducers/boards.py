@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Int64, Real
 
-from airtact.conventions import InvalidInput
-from airtact.pose import Pose, nearest_motion
+from airtact.checks import counted, fixed
+from airtact.errors import InvalidInput
+from airtact.geometry.pose import Pose, nearest_motion
 from airtact.printing import in_short
-from airtact.validation import counted, fixed
 
 MAX_MISPLACEMENT = 1e-4
 """Largest distance of an element from its position on the board [m]."""
@@ -17,14 +17,15 @@ MAX_MISPLACEMENT = 1e-4
 NICERA_RADIUS = 4.0e-3
 """Radius of the piston with the pattern of Nippon Ceramic's T4010A1 at 40 kHz, in a case of 5 mm radius [m].
 
-It is 6 dB down at 50 degrees off the axis, as the maker's curve is, which the AUTD3 SDK holds as a table (its
-``T4010A1``: 0.708, 0.501 and 0.355 of the axis at 40, 50 and 60 degrees; the piston has 0.62, 0.49 and 0.38)."""
+It is 6 dB down at 50 degrees off the axis, as the maker's curve is, which the AUTD3 SDK holds as a
+table (its ``T4010A1``: 0.708, 0.501 and 0.355 of the axis at 40, 50 and 60 degrees; the piston has
+0.62, 0.49 and 0.38)."""
 
 MURATA_RADIUS = 4.5e-3
 """Radius of the piston for Murata's MA40S4S at 40 kHz, in a case of 4.95 mm radius [m].
 
-It is 6 dB down at 42 degrees off the axis; the data sheet gives 80 degrees from side to side. Others of this size, such
-as those of boards built from kits, are near it."""
+It is 6 dB down at 42 degrees off the axis; the data sheet gives 80 degrees from side to side.
+Others of this size, such as those of boards built from kits, are near it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,8 +39,10 @@ class Board:
     positions : (E, 3) centres of its transducers in the order of elements [m].
     channels : (E,) index of each element in the board's message, counted from 0.
     message_length : number of channels of the message; more than E where some have no transducer.
-    outline : width (along x) and height (along y) of the board [m]; None where it is unknown or differs.
-    placed : whether the board fixes the positions of its transducers; else ``positions`` are an example.
+    outline : width (along x) and height (along y) of the board [m]; None where it is unknown or
+        differs.
+    placed : whether the board fixes the positions of its transducers; else ``positions`` are an
+        example.
     most : largest number of boards on one link.
     amplitudes, phases : number of levels of each.
     transducer : its kind of transducer.
@@ -82,7 +85,8 @@ def board_named(name: str) -> Board:
     """
     if name not in BOARDS:
         raise InvalidInput(
-            f"{name!r} is none of the {len(BOARDS)} boards: there is {', '.join(BOARDS)}.", code="unknown_name"
+            f"{name!r} is none of the {len(BOARDS)} boards: there is {', '.join(BOARDS)}.",
+            code="unknown_name",
         )
     return BOARDS[name]
 
@@ -129,7 +133,9 @@ def kind_of_array(
 
 
 def poses_of_boards(
-    board: Board | str, positions: Real[np.ndarray, "elements 3"], normals: Real[np.ndarray, "elements 3"]
+    board: Board | str,
+    positions: Real[np.ndarray, "elements 3"],
+    normals: Real[np.ndarray, "elements 3"],
 ) -> list[Pose]:
     """Find the pose of each board of an array, board by board in the order of the elements.
 
@@ -154,17 +160,26 @@ def poses_of_boards(
     count = _whole_boards(board, len(positions))
     if not board.placed:
         return [Pose.identity()] * count
-    parts = zip(np.split(np.asarray(positions), count), np.split(np.asarray(normals), count), strict=True)
+    parts = zip(
+        np.split(np.asarray(positions), count), np.split(np.asarray(normals), count), strict=True
+    )
     return [_pose(board, index, *part) for index, part in enumerate(parts)]
 
 
 def _pose(
-    board: Board, index: int, positions: Real[np.ndarray, "elements 3"], normals: Real[np.ndarray, "elements 3"]
+    board: Board,
+    index: int,
+    positions: Real[np.ndarray, "elements 3"],
+    normals: Real[np.ndarray, "elements 3"],
 ) -> Pose:
-    # The normals keep the fit from turning a board over, which a mirrored order of its elements would look like.
+    # The normals keep the fit from turning a board over, which a mirrored order of its elements
+    # would look like.
     local, there = (
         np.concatenate([points + 0.1 * normal, points - 0.1 * normal])
-        for points, normal in ((board.positions, np.array([0.0, 0.0, 1.0])), (positions, np.asarray(normals)))
+        for points, normal in (
+            (board.positions, np.array([0.0, 0.0, 1.0])),
+            (positions, np.asarray(normals)),
+        )
     )
     pose = Pose(*nearest_motion(local, there))
     off = np.linalg.norm(pose.apply(board.positions) - positions, axis=1)
@@ -184,7 +199,12 @@ def _pose(
 def _autd3() -> Board:
     """Lay out 18 (x) by 14 (y) cells, x fastest, three of them empty; the origin is transducer 0."""
     missing = {(1, 1), (2, 1), (16, 1)}
-    cells = [(column, row, 0) for row in range(14) for column in range(18) if (column, row) not in missing]
+    cells = [
+        (column, row, 0)
+        for row in range(14)
+        for column in range(18)
+        if (column, row) not in missing
+    ]
     return Board(
         name="autd3",
         title="AUTD3",
@@ -205,7 +225,12 @@ def _autd3() -> Board:
 def _sonicsurface() -> Board:
     """Lay out 16 by 16 cells around the origin in the order of its channels: blocks of 4 (x) by 2 (y), y first."""
     block = [(0, 0), (2, 0), (3, 0), (1, 1), (0, 1), (3, 1), (2, 1), (1, 0)]
-    cells = [(4 * group + x, 2 * pair + y, 7.5) for group in range(4) for pair in range(8) for x, y in block]
+    cells = [
+        (4 * group + x, 2 * pair + y, 7.5)
+        for group in range(4)
+        for pair in range(8)
+        for x, y in block
+    ]
     return Board(
         name="sonicsurface",
         title="SonicSurface",
@@ -245,7 +270,9 @@ def _nano16() -> Board:
 
 def _openmpd() -> Board:
     """Lay out 16 by 16 cells, columns one after the other from the top; its pins come in blocks of 4 (x) by 2 (y)."""
-    columns, rows = (index.ravel() for index in np.meshgrid(np.arange(16), np.arange(16), indexing="ij"))
+    columns, rows = (
+        index.ravel() for index in np.meshgrid(np.arange(16), np.arange(16), indexing="ij")
+    )
     pins = np.array([[1, 5], [0, 4], [3, 6], [2, 7]])
     return Board(
         name="openmpd",

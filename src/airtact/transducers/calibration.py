@@ -7,12 +7,12 @@ import numpy as np
 from jaxtyping import Complex128
 from scipy.spatial.transform import Rotation
 
-from airtact.conventions import InvalidInput, about
-from airtact.file_access.atomic import whole_file
-from airtact.file_access.text_table import TextTable, read_text_table
-from airtact.pose import Pose
+from airtact.checks import counted, of_kind
+from airtact.errors import InvalidInput, about
+from airtact.files.atomic import whole_file
+from airtact.files.text_table import TextTable, read_text_table
+from airtact.geometry.pose import Pose
 from airtact.transducers.layout import PhasedArray
-from airtact.validation import counted, of_kind
 
 COLUMNS = ("element", "gain", "phase")
 """Columns of the table: index from 0, amplitude over the wanted one, phase by which it lags [rad]."""
@@ -30,9 +30,9 @@ FARTHEST = 0.1
 def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, "elements"]:
     """Read the gains of an array's elements from a .csv file.
 
-    Its columns are ``element``, ``gain`` and ``phase``: the index of an element from 0, its pressure over that of a
-    nominal one, and the phase by which it lags behind a nominal one [rad]. Gain 0 is a dead element. Elements that are
-    not listed are nominal.
+    Its columns are ``element``, ``gain`` and ``phase``: the index of an element from 0, its
+    pressure over that of a nominal one, and the phase by which it lags behind a nominal one [rad].
+    Gain 0 is a dead element. Elements that are not listed are nominal.
 
     Parameters
     ----------
@@ -60,11 +60,13 @@ def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, 
             element = _element(index, elements)
             if element in seen:
                 raise InvalidInput(
-                    f"element {element} was given in line {seen[element]} already.", code="element_twice"
+                    f"element {element} was given in line {seen[element]} already.",
+                    code="element_twice",
                 )
             if not 0.0 <= gain <= LARGEST_GAIN:
                 raise InvalidInput(
-                    f"gain {gain:g} of element {element} must be 0 to {LARGEST_GAIN:g}.", code="out_of_range"
+                    f"gain {gain:g} of element {element} must be 0 to {LARGEST_GAIN:g}.",
+                    code="out_of_range",
                 )
             seen[element], gains[element] = line, gain * np.exp(1j * phase)
     return gains
@@ -75,9 +77,9 @@ def calibrated_by(path: str | Path, array: PhasedArray) -> PhasedArray:
 
     Parameters
     ----------
-    path : file as of ``load_calibration``. Its further columns x, y, z [m] say how far an element stands off its
-        position, and turn_x, turn_y, turn_z [rad], the vector of a turn, how its face is turned there, in the array's
-        frame; 0 for elements that are not listed.
+    path : file as of ``load_calibration``. Its further columns x, y, z [m] say how far an element
+        stands off its position, and turn_x, turn_y, turn_z [rad], the vector of a turn, how its
+        face is turned there, in the array's frame; 0 for elements that are not listed.
     array : as it was drawn.
 
     Raises
@@ -90,7 +92,9 @@ def calibrated_by(path: str | Path, array: PhasedArray) -> PhasedArray:
     if not any(name in table.names for name in MOTION):
         return array.calibrated(gains)
     motions = np.zeros((len(array), 6))
-    motions[table.numbers(COLUMNS[0]).astype(np.int64)] = np.stack([table.numbers(name) for name in MOTION], axis=1)
+    motions[table.numbers(COLUMNS[0]).astype(np.int64)] = np.stack(
+        [table.numbers(name) for name in MOTION], axis=1
+    )
     _check_motions(table, Path(path).name)
     turns = Rotation.from_rotvec(motions[:, 3:])
     return PhasedArray(
@@ -117,7 +121,10 @@ def _check_motions(table: TextTable, name: str) -> None:
 
 
 def save_calibration(
-    path: str | Path, gains: Complex128[np.ndarray, "elements"], off: Sequence[Pose], array: PhasedArray
+    path: str | Path,
+    gains: Complex128[np.ndarray, "elements"],
+    off: Sequence[Pose],
+    array: PhasedArray,
 ) -> None:
     """Write gains (E,) and a rigid motion of each element of an array as a table that ``calibrated_by`` reads.
 
@@ -128,17 +135,26 @@ def save_calibration(
     """
     path = Path(of_kind(path, str | Path, "the calibration", "the path of a .csv file"))
     if path.suffix.lower() != ".csv":
-        raise InvalidInput(f"{path.name} is no calibration: its ending must be .csv.", code="unknown_ending")
-    places = np.stack([pose.apply(point) - point for pose, point in zip(off, array.positions, strict=True)])
+        raise InvalidInput(
+            f"{path.name} is no calibration: its ending must be .csv.", code="unknown_ending"
+        )
+    places = np.stack(
+        [pose.apply(point) - point for pose, point in zip(off, array.positions, strict=True)]
+    )
     turns = Rotation.from_matrix(np.stack([pose.rotation for pose in off])).as_rotvec()
     numbers = np.column_stack([np.abs(gains), np.angle(gains), places, turns])
-    rows = [f"{index}," + ",".join(f"{value:.9g}" for value in row) for index, row in enumerate(numbers)]
+    rows = [
+        f"{index}," + ",".join(f"{value:.9g}" for value in row) for index, row in enumerate(numbers)
+    ]
     try:
         with whole_file(path) as partial:
-            partial.write_text("\n".join([",".join((*COLUMNS, *MOTION)), *rows]) + "\n", encoding="utf-8")
+            partial.write_text(
+                "\n".join([",".join((*COLUMNS, *MOTION)), *rows]) + "\n", encoding="utf-8"
+            )
     except OSError as error:
         raise InvalidInput(
-            f"cannot write {path}: {error.strerror} (error {error.errno}).", code="file_not_writable"
+            f"cannot write {path}: {error.strerror} (error {error.errno}).",
+            code="file_not_writable",
         ) from None
 
 
@@ -147,6 +163,7 @@ def _element(index: float, elements: int) -> int:
         raise InvalidInput(f"element {index:g} is not a whole number.", code="not_integers")
     if not 0 <= index < elements:
         raise InvalidInput(
-            f"there is no element {index:g} among {counted(elements, 'element', 'elements')}.", code="unknown_element"
+            f"there is no element {index:g} among {counted(elements, 'element', 'elements')}.",
+            code="unknown_element",
         )
     return int(index)

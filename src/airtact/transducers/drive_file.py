@@ -2,19 +2,24 @@
 
 Version 1 holds these datasets, those in brackets only where they are known:
 
-- ``format_version``; ``modulation``: "none" where the frames are emitted as they are, "am" for a drive whose amplitude
-  varies with ``modulation_frequency`` [Hz] and ``modulation_depth``, as ``AmplitudeModulation`` has it.
-- ``amplitude`` [share of full scale] and ``phase`` [rad, of Re[d e^{−iωt}]]: (E,) for a drive, (N, E) for a sequence,
-  and the same in levels as ``amplitude_level`` and ``phase_level``; ``shares_of_levels`` (A,) and ``levels_of_a_turn``
-  are what these numbers stand for. A sequence has its ``rate`` [frames/s].
+- ``format_version``; ``modulation``: "none" where the frames are emitted as they are, "am" for a
+  drive whose amplitude varies with ``modulation_frequency`` [Hz] and ``modulation_depth``, as
+  ``AmplitudeModulation`` has it.
+- ``amplitude`` [share of full scale] and ``phase`` [rad, of Re[d e^{−iωt}]]: (E,) for a drive, (N,
+  E) for a sequence, and the same in levels as ``amplitude_level`` and ``phase_level``;
+  ``shares_of_levels`` (A,) and ``levels_of_a_turn`` are what these numbers stand for. A sequence
+  has its ``rate`` [frames/s].
 - (``frequency`` [Hz], ``sound_speed`` [m/s], ``density`` [kg/m³], ``absorption`` [Np/m])
-- (``positions`` and ``normals`` (E, 3) in the obstacles' frame [m], ``sensitivity`` [Pa m], ``element_radius`` [m])
-- (``board``, the name of the kind of board; ``board_positions`` (B, 3) [m] and ``board_rotations`` (B, 3, 3) from the
-  frame of each board to the obstacles')
-- (``foci`` (F, 3) [m], ``wanted_pressures`` (F,) [Pa], ``transfer_matrix`` (F, E) [Pa per unit drive])
+- (``positions`` and ``normals`` (E, 3) in the obstacles' frame [m], ``sensitivity`` [Pa m],
+    ``element_radius`` [m])
+- (``board``, the name of the kind of board; ``board_positions`` (B, 3) [m] and ``board_rotations``
+  (B, 3, 3) from the frame of each board to the obstacles')
+- (``foci`` (F, 3) [m], ``wanted_pressures`` (F,) [Pa], ``transfer_matrix`` (F, E) [Pa per unit
+    drive])
 - further texts, such as ``scene`` and ``report``, which nothing is read from.
 
-Files of version 0 have no ``format_version``; their frequency and medium stand in the text of the scene file alone.
+Files of version 0 have no ``format_version``; their frequency and medium stand in the text of the
+scene file alone.
 """
 
 import csv
@@ -28,18 +33,18 @@ from typing import Any
 import numpy as np
 from jaxtyping import Complex128, Float64, Real, UInt8
 
-from airtact.conventions import LARGEST_DATA, InvalidInput, about
-from airtact.file_access.atomic import whole_file
-from airtact.file_access.bounded import arrays_of, datasets_of, text_of
-from airtact.pose import Pose
-from airtact.scene.medium import Medium, air
-from airtact.scene.scene import Scene
-from airtact.scene.target import Target
+from airtact.acoustics.medium import Medium, air
+from airtact.acoustics.scene import Scene
+from airtact.acoustics.target import Target
+from airtact.checks import check_finite, of_kind, points_of, positive, real_numbers
+from airtact.errors import LARGEST_DATA, InvalidInput, about
+from airtact.files.atomic import whole_file
+from airtact.files.bounded import arrays_of, datasets_of, text_of
+from airtact.geometry.pose import Pose
 from airtact.transducers.boards import kind_of_array
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.levels import FULL_SCALE, Levels
 from airtact.transducers.modulation import AmplitudeModulation
-from airtact.validation import check_finite, of_kind, points_of, positive, real_numbers
 
 VERSION = 1
 """Version of the format that is written; those up to it are read."""
@@ -49,10 +54,30 @@ ENDINGS = (".h5", ".npz", ".csv")
 SEQUENCE_FILE = "sequence.h5"
 """What a run writes beside its drive where the foci move."""
 
-COLUMNS = ("index", "x", "y", "z", "nx", "ny", "nz", "amplitude", "phase", "amplitude_level", "phase_level")
+COLUMNS = (
+    "index",
+    "x",
+    "y",
+    "z",
+    "nx",
+    "ny",
+    "nz",
+    "amplitude",
+    "phase",
+    "amplitude_level",
+    "phase_level",
+)
 """Columns of a drive's table: metres, a share of full scale, radians of Re[d e^{−iωt}], and levels."""
 
-FRAME_COLUMNS = ("frame", "seconds", "element", "amplitude_level", "phase_level", "amplitude", "phase")
+FRAME_COLUMNS = (
+    "frame",
+    "seconds",
+    "element",
+    "amplitude_level",
+    "phase_level",
+    "amplitude",
+    "phase",
+)
 """Columns of a sequence's table, one line for each element in each frame; ``seconds`` is empty without a rate."""
 
 UNITS = {
@@ -113,7 +138,9 @@ class DriveFile:
         """Return the given rate, or the file's; None for a drive. Raise "rate_missing" for several frames without."""
         rate = self.rate if given is None else given
         if rate is None and len(self.drives) > 1:
-            raise InvalidInput(f"{len(self.drives)} frames need a rate, in frames/s.", code="rate_missing")
+            raise InvalidInput(
+                f"{len(self.drives)} frames need a rate, in frames/s.", code="rate_missing"
+            )
         return rate
 
 
@@ -134,7 +161,12 @@ def save_drives(
     of_kind(levels, Levels, "the levels of a drive", "Levels.even(256, 256)")
     known: dict[str, Any] = {}
     if modulation is not None:
-        of_kind(modulation, AmplitudeModulation, "the modulation", "AmplitudeModulation(frequency, depth)")
+        of_kind(
+            modulation,
+            AmplitudeModulation,
+            "the modulation",
+            "AmplitudeModulation(frequency, depth)",
+        )
         known["modulation"] = modulation
     elements = drives.shape[1]
     if array is not None:
@@ -154,7 +186,9 @@ def save_drives(
         of_kind(target, Target, "the target", "Target(points, pressures)")
         known |= {"foci": target.points, "wanted_pressures": target.pressures}
     amplitude, phase = levels.rounded(drives)
-    write_drive_file(Path(path), DriveFile(drives, rate, amplitude, phase, levels, texts=texts or {}, **known))
+    write_drive_file(
+        Path(path), DriveFile(drives, rate, amplitude, phase, levels, texts=texts or {}, **known)
+    )
 
 
 def _check_count(there: int, elements: int, what: str) -> None:
@@ -184,14 +218,17 @@ def written(path: Path) -> Iterator[Path]:
     """Write a file as ``whole_file`` does; raise "file_not_writable" where that is impossible."""
     if not path.parent.is_dir():
         raise InvalidInput(
-            f"{path.name} cannot be written: there is no folder {path.parent}; make it first.", code="file_not_writable"
+            f"{path.name} cannot be written: there is no folder {path.parent}; make it first.",
+            code="file_not_writable",
         )
     try:
         with whole_file(path) as partial:
             yield partial
     except OSError as error:
         reason = error.strerror or str(error)
-        raise InvalidInput(f"cannot write {path}: {reason} (error {error.errno}).", code="file_not_writable") from None
+        raise InvalidInput(
+            f"cannot write {path}: {reason} (error {error.errno}).", code="file_not_writable"
+        ) from None
 
 
 def checked_ending(path: Path, endings: Sequence[str], kind: str) -> str:
@@ -227,7 +264,9 @@ def _columns(what: DriveFile) -> Iterator[tuple[str, Any]]:
         "modulation_depth": None if modulation is None else modulation.depth,
         "amplitude": np.abs(drives),
         "phase": np.angle(drives),
-        "amplitude_level": None if what.amplitude_level is None else what.amplitude_level.reshape(drives.shape),
+        "amplitude_level": None
+        if what.amplitude_level is None
+        else what.amplitude_level.reshape(drives.shape),
         "phase_level": None if what.phase_level is None else what.phase_level.reshape(drives.shape),
         "shares_of_levels": None if levels is None else levels.amplitudes,
         "levels_of_a_turn": None if levels is None else levels.phases,
@@ -241,8 +280,12 @@ def _columns(what: DriveFile) -> Iterator[tuple[str, Any]]:
         "sensitivity": what.sensitivity,
         "element_radius": what.element_radius,
         "board": what.board,
-        "board_positions": None if what.poses is None else np.stack([pose.translation for pose in what.poses]),
-        "board_rotations": None if what.poses is None else np.stack([pose.rotation for pose in what.poses]),
+        "board_positions": None
+        if what.poses is None
+        else np.stack([pose.translation for pose in what.poses]),
+        "board_rotations": None
+        if what.poses is None
+        else np.stack([pose.rotation for pose in what.poses]),
         "foci": what.foci,
         "wanted_pressures": what.wanted_pressures,
         "transfer_matrix": what.matrix,
@@ -253,9 +296,16 @@ def _columns(what: DriveFile) -> Iterator[tuple[str, Any]]:
 
 def _table(what: DriveFile) -> Iterator[tuple[Any, ...]]:
     if what.amplitude_level is None or what.phase_level is None:
-        raise InvalidInput("a table of 0 levels cannot be written: give levels.", code="dataset_missing")
+        raise InvalidInput(
+            "a table of 0 levels cannot be written: give levels.", code="dataset_missing"
+        )
     levels = zip(what.amplitude_level, what.phase_level, strict=True)
-    if what.rate is None and len(what.drives) == 1 and what.positions is not None and what.normals is not None:
+    if (
+        what.rate is None
+        and len(what.drives) == 1
+        and what.positions is not None
+        and what.normals is not None
+    ):
         yield COLUMNS
         ((amplitude_level, phase_level),) = levels
         for index, drive in enumerate(what.drives[0]):
@@ -264,11 +314,20 @@ def _table(what: DriveFile) -> Iterator[tuple[Any, ...]]:
             yield index, *place, *exact, int(amplitude_level[index]), int(phase_level[index])
         return
     yield FRAME_COLUMNS
-    for frame, (drives, (amplitude_level, phase_level)) in enumerate(zip(what.drives, levels, strict=True)):
+    for frame, (drives, (amplitude_level, phase_level)) in enumerate(
+        zip(what.drives, levels, strict=True)
+    ):
         seconds = "" if what.rate is None else repr(frame / what.rate)
         for element, drive in enumerate(drives):
             exact = f"{np.abs(drive):.9g}", f"{np.angle(drive):.9g}"
-            yield frame, seconds, element, int(amplitude_level[element]), int(phase_level[element]), *exact
+            yield (
+                frame,
+                seconds,
+                element,
+                int(amplitude_level[element]),
+                int(phase_level[element]),
+                *exact,
+            )
 
 
 def read_drive_file(path: Path) -> DriveFile:
@@ -302,13 +361,18 @@ def read_drive_file(path: Path) -> DriveFile:
         except InvalidInput:
             raise
         except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-            raise InvalidInput(f"its datasets do not fit each other ({error}).", code="wrong_shape") from None
+            raise InvalidInput(
+                f"its datasets do not fit each other ({error}).", code="wrong_shape"
+            ) from None
 
 
 def _checked(raw: Mapping[str, Any], version: int) -> DriveFile:
-    amplitude, phase = (real_numbers(np.asarray(raw[name]), name) for name in ("amplitude", "phase"))
+    amplitude, phase = (
+        real_numbers(np.asarray(raw[name]), name) for name in ("amplitude", "phase")
+    )
     positions, normals, foci = (
-        points_of(raw[name], name) if name in raw else None for name in ("positions", "normals", "foci")
+        points_of(raw[name], name) if name in raw else None
+        for name in ("positions", "normals", "foci")
     )
     drives = _drives(amplitude, phase, None if positions is None else len(positions))
     count = [0 if points is None else len(points) for points in (positions, normals)]
@@ -317,8 +381,14 @@ def _checked(raw: Mapping[str, Any], version: int) -> DriveFile:
     frequency, medium = _medium_0(raw.get("scene")) if version == 0 else _medium(raw)
     poses = None
     if "board_positions" in raw:
-        poses = tuple(Pose(*pair) for pair in zip(raw["board_rotations"], raw["board_positions"], strict=True))
-    levels = Levels(raw["shares_of_levels"], int(raw["levels_of_a_turn"])) if "shares_of_levels" in raw else None
+        poses = tuple(
+            Pose(*pair) for pair in zip(raw["board_rotations"], raw["board_positions"], strict=True)
+        )
+    levels = (
+        Levels(raw["shares_of_levels"], int(raw["levels_of_a_turn"]))
+        if "shares_of_levels" in raw
+        else None
+    )
     rounded = [_levels_in(raw, name, drives.shape) for name in ("amplitude_level", "phase_level")]
     return DriveFile(
         drives,
@@ -335,7 +405,9 @@ def _checked(raw: Mapping[str, Any], version: int) -> DriveFile:
         poses=poses,
         foci=foci,
         wanted_pressures=raw.get("wanted_pressures"),
-        matrix=np.asarray(raw["transfer_matrix"], dtype=np.complex128) if "transfer_matrix" in raw else None,
+        matrix=np.asarray(raw["transfer_matrix"], dtype=np.complex128)
+        if "transfer_matrix" in raw
+        else None,
         texts={name: raw[name] for name in ("scene", "report") if name in raw},
         modulation=_modulation(raw),
     )
@@ -369,7 +441,9 @@ def _positive_in(raw: Mapping[str, Any], name: str, what: str, unit: str) -> flo
 
 
 def _drives(
-    amplitude: Real[np.ndarray, "*amplitudes"], phase: Real[np.ndarray, "*phases"], elements: int | None
+    amplitude: Real[np.ndarray, "*amplitudes"],
+    phase: Real[np.ndarray, "*phases"],
+    elements: int | None,
 ) -> Complex128[np.ndarray, "frames elements"]:
     """Return complex drives, one row a frame, of numbers that a drive can have."""
     if (
@@ -400,7 +474,9 @@ def _drives(
 
 def _medium(raw: Mapping[str, Any]) -> tuple[float | None, Medium | None]:
     numbers = [float(raw[name]) for name in ("sound_speed", "density", "absorption") if name in raw]
-    return _positive_in(raw, "frequency", "the frequency", "Hz"), Medium(*numbers) if len(numbers) > 1 else None
+    return _positive_in(raw, "frequency", "the frequency", "Hz"), Medium(*numbers) if len(
+        numbers
+    ) > 1 else None
 
 
 def _medium_0(scene: str | None) -> tuple[float | None, Medium | None]:
@@ -412,7 +488,9 @@ def _medium_0(scene: str | None) -> tuple[float | None, Medium | None]:
         frequency = positive(tables.get("frequency", 40e3), "the frequency", "Hz")
         medium = tables.get("medium", {})
         if "sound_speed" in medium:
-            return frequency, Medium(medium["sound_speed"], medium["density"], medium.get("absorption", 0.0))
+            return frequency, Medium(
+                medium["sound_speed"], medium["density"], medium.get("absorption", 0.0)
+            )
         weather = {name: medium[name] for name in ("celsius", "humidity") if name in medium}
     except InvalidInput:
         raise
@@ -450,7 +528,9 @@ def _rows(lines: Sequence[str], columns: int) -> Float64[np.ndarray, "rows colum
                 try:
                     yield float(cell or "nan")
                 except ValueError:
-                    sentence = f"line {number} has the cell {cell!r}, which cannot be read as a number."
+                    sentence = (
+                        f"line {number} has the cell {cell!r}, which cannot be read as a number."
+                    )
                     raise InvalidInput(sentence, code="cell_unreadable") from None
 
     rows = np.fromiter(cells(), dtype=np.float64).reshape(-1, columns)
@@ -459,14 +539,20 @@ def _rows(lines: Sequence[str], columns: int) -> Float64[np.ndarray, "rows colum
     return rows
 
 
-def _columns_of(columns: tuple[str, ...], rows: Float64[np.ndarray, "rows columns"]) -> dict[str, Any]:
+def _columns_of(
+    columns: tuple[str, ...], rows: Float64[np.ndarray, "rows columns"]
+) -> dict[str, Any]:
     named = dict(zip(columns, rows.T, strict=True))
     last = 0.0 if columns == COLUMNS else float(named["frame"].max())
     if not 0.0 <= last < len(rows):
-        raise InvalidInput(f"frame {last:g} is there, but {len(rows)} lines hold fewer.", code="wrong_shape")
+        raise InvalidInput(
+            f"frame {last:g} is there, but {len(rows)} lines hold fewer.", code="wrong_shape"
+        )
     count = int(last) + 1
     if len(rows) % count:
-        raise InvalidInput(f"{len(rows)} lines are not {count} frames of one length.", code="wrong_shape")
+        raise InvalidInput(
+            f"{len(rows)} lines are not {count} frames of one length.", code="wrong_shape"
+        )
     shape = (len(rows),) if columns == COLUMNS else (count, -1)
     numbers = ("amplitude", "phase", "amplitude_level", "phase_level")
     raw: dict[str, Any] = {name: named[name].reshape(shape) for name in numbers}

@@ -5,15 +5,16 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex, Float64, Real
 
-from airtact.conventions import InvalidInput
+from airtact.checks import counted, number, points_of, positive, real_numbers
+from airtact.errors import InvalidInput
 from airtact.printing import one_line
-from airtact.validation import counted, number, points_of, positive, real_numbers
 
 DEFAULT_SENSITIVITY = 4.38
 """Peak pressure of one transducer at full scale, 1 m away on its axis [Pa·m].
 
-AUTD3's constant, 3.10 Pa rms at 1 m (the transducer amplitude of its SDK), times √2. Uncalibrated: other sources
-differ by a factor of 2, so give the measured value of your own device where pascals matter."""
+AUTD3's constant, 3.10 Pa rms at 1 m (the transducer amplitude of its SDK), times √2. Uncalibrated:
+other sources differ by a factor of 2, so give the measured value of your own device where pascals
+matter."""
 
 LARGEST_PISTON = {12: 3.5, 19: 4.8}
 """Largest product of wavenumber and radius at which so many points keep the far pattern of a piston to 1.5e-3."""
@@ -34,8 +35,8 @@ class Element:
     points : (Q, 3) points of the face relative to the element's position [m].
     weights : (Q,) contribution of each point to the pressure; they add up to 1.
     sensitivity : peak pressure at full scale, 1 m away on the axis [Pa·m]; uncalibrated by default.
-    directional : whether the element radiates to the half space in front of its face only; then foci and bodies must
-        be in front of it.
+    directional : whether the element radiates to the half space in front of its face only; then
+        foci and bodies must be in front of it.
     radius : radius of the face [m]; 0 for a point.
 
     Raises
@@ -65,11 +66,13 @@ class Element:
         if self.weights.shape != (len(self.points),):
             count = counted(len(self.points), "face point", "face points")
             raise InvalidInput(
-                f"an element of {count} needs as many weights, not {self.weights.shape}.", code="wrong_shape"
+                f"an element of {count} needs as many weights, not {self.weights.shape}.",
+                code="wrong_shape",
             )
         if not abs(self.weights.sum() - 1.0) < 1e-9:
             raise InvalidInput(
-                f"the weights of an element must add up to 1, not {self.weights.sum():g}.", code="weights_sum"
+                f"the weights of an element must add up to 1, not {self.weights.sum():g}.",
+                code="weights_sum",
             )
         sensitivity = positive(self.sensitivity, "the sensitivity of an element", "Pa·m")
         object.__setattr__(self, "sensitivity", sensitivity)
@@ -84,7 +87,11 @@ class Element:
     def kind(self) -> str:
         """What it is, in words: "monopoles", "pistons of 4.5 mm"."""
         shape = f"pistons of {1e3 * self.radius:g} mm" if self.radius else "monopoles"
-        return shape if self.radius or len(self.points) == 1 else f"elements of {len(self.points)} points"
+        return (
+            shape
+            if self.radius or len(self.points) == 1
+            else f"elements of {len(self.points)} points"
+        )
 
     @property
     def reach(self) -> float:
@@ -101,7 +108,9 @@ class Element:
             return "directional" if self.directional else "monopoles, alike in all directions"
         size = wavenumber * self.radius
         wide = (
-            f"-6 dB at {np.degrees(np.arcsin(HALF / size)):.0f} degrees" if size > HALF else "over -6 dB to all sides"
+            f"-6 dB at {np.degrees(np.arcsin(HALF / size)):.0f} degrees"
+            if size > HALF
+            else "over -6 dB to all sides"
         )
         return f"pistons of {self.radius * 1e3:.3g} mm radius ({wide}), nothing behind them"
 
@@ -136,7 +145,8 @@ def monopole(sensitivity: float = DEFAULT_SENSITIVITY) -> Element:
 
     Parameters
     ----------
-    sensitivity : peak pressure at full scale, 1 m away [Pa·m]; that of AUTD3 unless given, uncalibrated.
+    sensitivity : peak pressure at full scale, 1 m away [Pa·m]; that of AUTD3 unless given,
+        uncalibrated.
 
     Raises
     ------
@@ -154,13 +164,14 @@ def monopole(sensitivity: float = DEFAULT_SENSITIVITY) -> Element:
 def piston(radius: float, sensitivity: float = DEFAULT_SENSITIVITY, points: int = 19) -> Element:
     """Build a disc that moves as one, with the far pattern 2 J₁(x)/x, x = ka sin θ.
 
-    The pattern is that of Kinsler, Frey, Coppens and Sanders, Fundamentals of Acoustics (4th edition), section 7.4.
+    The pattern is that of Kinsler, Frey, Coppens and Sanders, Fundamentals of Acoustics (4th
+    edition), section 7.4.
 
-    The disc is 19 points, the rule of degree 9 of Albrecht (ZAMM 40, 514, 1960; S2 9-1 in Stroud, Approximate
-    Calculation of Multiple Integrals, 1971): in the far field the error is of order x¹⁰, 1.8e-4 of the axis at ka = 4
-    and 1e-3 at ka = 4.8. At 40 kHz that is a radius of 5.5 and 6.5 mm. With 12 points it is the rule of degree 7 (S2
-    7-1 in Stroud), which costs less: 3.3e-4 at ka = 2.9, 1.3e-3 at ka = 3.5. A larger piston raises an error where it
-    meets a frequency.
+    The disc is 19 points, the rule of degree 9 of Albrecht (ZAMM 40, 514, 1960; S2 9-1 in Stroud,
+    Approximate Calculation of Multiple Integrals, 1971): in the far field the error is of order
+    x¹⁰, 1.8e-4 of the axis at ka = 4 and 1e-3 at ka = 4.8. At 40 kHz that is a radius of 5.5 and
+    6.5 mm. With 12 points it is the rule of degree 7 (S2 7-1 in Stroud), which costs less: 3.3e-4
+    at ka = 2.9, 1.3e-3 at ka = 3.5. A larger piston raises an error where it meets a frequency.
 
     Parameters
     ----------
@@ -189,7 +200,9 @@ def piston(radius: float, sensitivity: float = DEFAULT_SENSITIVITY, points: int 
             code="out_of_range",
         )
     if points not in LARGEST_PISTON:
-        raise InvalidInput(f"there is no piston of {points} points: take 12 or 19.", code="out_of_range")
+        raise InvalidInput(
+            f"there is no piston of {points} points: take 12 or 19.", code="out_of_range"
+        )
     places, weights = _degree_7() if points == 12 else _degree_9()
     return Element(radius * places, weights, sensitivity, directional=True, radius=radius)
 
@@ -203,9 +216,9 @@ def _degree_7() -> tuple[Float64[np.ndarray, "12 3"], Float64[np.ndarray, "12"]]
         (np.sqrt((27 - 3 * root) / 52), (551 + 41 * root) / 6264, np.pi / 4),
         (np.sqrt((27 + 3 * root) / 52), (551 - 41 * root) / 6264, np.pi / 4),
     )
-    return np.concatenate([_ring(distance, turn + turns) for distance, _, turn in rings]), np.repeat(
-        [weight for _, weight, _ in rings], 4
-    )
+    return np.concatenate(
+        [_ring(distance, turn + turns) for distance, _, turn in rings]
+    ), np.repeat([weight for _, weight, _ in rings], 4)
 
 
 def _degree_9() -> tuple[Float64[np.ndarray, "19 3"], Float64[np.ndarray, "19"]]:
@@ -218,10 +231,14 @@ def _degree_9() -> tuple[Float64[np.ndarray, "19 3"], Float64[np.ndarray, "19"]]
         (np.sqrt((96 + 4 * root) / 155), (110297 - 5713 * root) / 2045952, 0.0),
     )
     places = [np.zeros((1, 3)), *(_ring(distance, turn + turns) for distance, _, turn in rings)]
-    return np.concatenate(places), np.array([251 / 2304, *np.repeat([weight for _, weight, _ in rings], 6)])
+    return np.concatenate(places), np.array(
+        [251 / 2304, *np.repeat([weight for _, weight, _ in rings], 6)]
+    )
 
 
-def _ring(distance: float, angles: Float64[np.ndarray, "points"]) -> Float64[np.ndarray, "points 3"]:
+def _ring(
+    distance: float, angles: Float64[np.ndarray, "points"]
+) -> Float64[np.ndarray, "points 3"]:
     return distance * np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=1)
 
 

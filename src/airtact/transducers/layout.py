@@ -7,12 +7,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Complex128, Float64, Num, Real
 
-from airtact.conventions import InvalidInput, Vector
-from airtact.pose import Pose
-from airtact.printing import html_table, one_line, sides_in_mm
-from airtact.transducers.boards import Board, board_named
-from airtact.transducers.element import Element, monopole, piston
-from airtact.validation import (
+from airtact.checks import (
     check_finite,
     complex_numbers,
     counted,
@@ -23,6 +18,11 @@ from airtact.validation import (
     positive,
     real_numbers,
 )
+from airtact.errors import InvalidInput, Vector
+from airtact.geometry.pose import Pose
+from airtact.printing import html_table, one_line, sides_in_mm
+from airtact.transducers.boards import Board, board_named
+from airtact.transducers.element import Element, monopole, piston
 
 LEAST_FRONT = 0.3
 """Least length of the mean normal of an array that has a front."""
@@ -40,10 +40,10 @@ class PhasedArray:
     positions : (E, 3) centres of the elements' faces [m].
     normals : (E, 3) directions in which they radiate; stored as unit vectors.
     element : kind of transducer at every position; a monopole unless given.
-    tangents : (E, 3) direction of each element's own x axis, which the points of its face turn with; stored as unit
-        vectors. Chosen across the normal where not given.
-    gains : (E,) factor of amplitude and phase of each element relative to a nominal one, in the phasor
-        Re[p e^{−iωt}]: 1 where not given, 0 for a dead element. See ``calibrated``.
+    tangents : (E, 3) direction of each element's own x axis, which the points of its face turn
+        with; stored as unit vectors. Chosen across the normal where not given.
+    gains : (E,) factor of amplitude and phase of each element relative to a nominal one, in the
+        phasor Re[p e^{−iωt}]: 1 where not given, 0 for a dead element. See ``calibrated``.
 
     Raises
     ------
@@ -71,7 +71,9 @@ class PhasedArray:
             "elements": counted(len(self), "element", "elements") + f", {dead} dead" * bool(dead),
             "kind": self.element.kind,
             "size": sides_in_mm(self.positions),
-            "calibration": "calibrated" if np.any((self.gains != 1.0) & (self.gains != 0.0)) else "",
+            "calibration": "calibrated"
+            if np.any((self.gains != 1.0) & (self.gains != 0.0))
+            else "",
         }
 
     def __init__(
@@ -107,7 +109,11 @@ class PhasedArray:
         object.__setattr__(self, "normals", unit_normals)
         object.__setattr__(self, "element", monopole() if element is None else element)
         object.__setattr__(self, "tangents", _unit(_across(unit_tangents, unit_normals), "tangent"))
-        object.__setattr__(self, "gains", _gains(np.ones(len(positions)) if gains is None else gains, len(positions)))
+        object.__setattr__(
+            self,
+            "gains",
+            _gains(np.ones(len(positions)) if gains is None else gains, len(positions)),
+        )
 
     def __len__(self) -> int:
         return len(self.positions)
@@ -115,8 +121,12 @@ class PhasedArray:
     @cached_property
     def face_points(self) -> Float64[np.ndarray, "elements face 3"]:
         """(E, Q, 3) points on the faces of the elements [m]."""
-        frames = np.stack([self.tangents, np.cross(self.normals, self.tangents), self.normals], axis=1)
-        return fixed(self.positions[:, None, :] + np.einsum("qi,eij->eqj", self.element.points, frames))
+        frames = np.stack(
+            [self.tangents, np.cross(self.normals, self.tangents), self.normals], axis=1
+        )
+        return fixed(
+            self.positions[:, None, :] + np.einsum("qi,eij->eqj", self.element.points, frames)
+        )
 
     def moved(self, pose: Pose) -> "PhasedArray":
         """Move the array rigidly: positions x become pose.apply(x), and the faces turn with it."""
@@ -126,7 +136,9 @@ class PhasedArray:
         object.__setattr__(copy, "positions", fixed(pose.apply(self.positions)))
         object.__setattr__(copy, "normals", normals)
         object.__setattr__(copy, "element", self.element)
-        object.__setattr__(copy, "tangents", _unit(_across(pose.rotate(self.tangents), normals), "tangent"))
+        object.__setattr__(
+            copy, "tangents", _unit(_across(pose.rotate(self.tangents), normals), "tangent")
+        )
         object.__setattr__(copy, "gains", self.gains)
         return copy
 
@@ -174,7 +186,8 @@ class PhasedArray:
 
         Parameters
         ----------
-        gains : (E,) factor of amplitude and phase of each element; 0 for a dead one. They replace earlier gains.
+        gains : (E,) factor of amplitude and phase of each element; 0 for a dead one. They replace
+            earlier gains.
 
         Raises
         ------
@@ -188,7 +201,8 @@ class PhasedArray:
 
         Parameters
         ----------
-        pose : pose of the hand in the array's frame. It maps the obstacles' frame to the array's frame.
+        pose : pose of the hand in the array's frame. It maps the obstacles' frame to the array's
+            frame.
 
         Returns
         -------
@@ -205,7 +219,8 @@ def _as_many(
     vectors = real_numbers(given, f"element {name}s")
     if vectors.ndim != 2 or vectors.shape[1] != 3:
         raise InvalidInput(
-            f"element {name}s have shape {vectors.shape}, but they need ({len(positions)}, 3).", code="wrong_shape"
+            f"element {name}s have shape {vectors.shape}, but they need ({len(positions)}, 3).",
+            code="wrong_shape",
         )
     if len(vectors) != len(positions):
         need = counted(len(positions), "position needs", "positions need")
@@ -236,7 +251,9 @@ def _across(
 
 def _crosswise(normals: Float64[np.ndarray, "elements 3"]) -> Float64[np.ndarray, "elements 3"]:
     """Choose a vector across each normal: from x, or from y where the normal is near x."""
-    axes = np.where(np.abs(normals[:, :1]) < 0.9, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
+    axes = np.where(
+        np.abs(normals[:, :1]) < 0.9, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
+    )
     return _across(axes, normals)
 
 
@@ -248,7 +265,10 @@ def _gains(given: Num[np.ndarray, "gains"], count: int) -> Complex128[np.ndarray
         raise InvalidInput(f"{need}, not an array of shape {gains.shape}.", code="wrong_shape")
     check_finite(gains, "element gains")
     if not gains.any():
-        raise InvalidInput(f"all {count} elements are dead: their gains are 0, so nothing is emitted.", code="all_dead")
+        raise InvalidInput(
+            f"all {count} elements are dead: their gains are 0, so nothing is emitted.",
+            code="all_dead",
+        )
     gains.flags.writeable = False
     return gains
 
@@ -261,8 +281,8 @@ def board_array(
     Parameters
     ----------
     board : name of the kind, such as "autd3".
-    poses : pose of each board: maps the board's frame, in which it radiates to +z, to the array's. One board at
-        the origin unless given.
+    poses : pose of each board: maps the board's frame, in which it radiates to +z, to the array's.
+        One board at the origin unless given.
     element : kind of transducer; the board's own piston unless given, see ``Board.radius``.
 
     Raises
@@ -289,8 +309,8 @@ def _flat(board: Board, element: Element | None) -> PhasedArray:
 def autd3_board(pose: Pose | None = None, element: Element | None = None) -> PhasedArray:
     """Place the 249 transducers of one AUTD3 board, in its own order (read in the AUTD3 SDK).
 
-    A grid of 18 (x) by 14 (y) cells, 10.16 mm apart; the cells (1, 1), (2, 1) and (16, 1) are empty. The index runs
-    along x fastest. The origin is transducer 0; the board radiates along +z.
+    A grid of 18 (x) by 14 (y) cells, 10.16 mm apart; the cells (1, 1), (2, 1) and (16, 1) are
+    empty. The index runs along x fastest. The origin is transducer 0; the board radiates along +z.
 
     Parameters
     ----------
@@ -315,17 +335,20 @@ def _centred(board: Board, element: Element | None) -> PhasedArray:
 def surrounding_box(element: Element | None = None, board: str | None = None) -> PhasedArray:
     """Build the array of Inoue and others 2014 (3.3): four AUTD3 boards, 996 transducers, around 14 x 14 x 18 cm.
 
-    The origin is the centre of the box and z its long axis. The faces stand at x = +70 mm, x = -70 mm, y = +70 mm
-    and y = -70 mm, in that order, each a board centred on its face and radiating inwards, in the board's own order.
-    The board's x axis (18 elements) runs along +z on every face, so its y axis (14 elements) runs along +y, -y, -x
-    and +x: each face is the first one turned about z. A real board is 151.4 mm wide where this box is 140 mm, so it
-    would pass its neighbours' faces by 5.7 mm at each corner; ``board="autd3"`` closes a box that real boards fit.
+    The origin is the centre of the box and z its long axis. The faces stand at x = +70 mm, x = -70
+    mm, y = +70 mm and y = -70 mm, in that order, each a board centred on its face and radiating
+    inwards, in the board's own order. The board's x axis (18 elements) runs along +z on every face,
+    so its y axis (14 elements) runs along +y, -y, -x and +x: each face is the first one turned
+    about z. A real board is 151.4 mm wide where this box is 140 mm, so it would pass its
+    neighbours' faces by 5.7 mm at each corner; ``board="autd3"`` closes a box that real boards fit.
 
     Parameters
     ----------
-    element : kind of transducer; the board's own piston unless given. The paper takes ``monopole()`` (its section 4.1).
-    board : name of a real board to close the box with: the faces then stand half its height from the centre, so that
-        thin boards touch along their long edges (75.7 mm and 151.4 mm across for "autd3"). The paper's if not given.
+    element : kind of transducer; the board's own piston unless given. The paper takes
+        ``monopole()`` (its section 4.1).
+    board : name of a real board to close the box with: the faces then stand half its height from
+        the centre, so that thin boards touch along their long edges (75.7 mm and 151.4 mm across
+        for "autd3"). The paper's if not given.
 
     Raises
     ------
@@ -346,7 +369,10 @@ def surrounding_box(element: Element | None = None, board: str | None = None) ->
         )
     distance = 70e-3 if board is None else kind.outline[1] / 2
     flat = _centred(kind, element)
-    stand_up = Pose(np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]), np.array([distance, 0.0, 0.0]))
+    stand_up = Pose(
+        np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]),
+        np.array([distance, 0.0, 0.0]),
+    )
     turns = [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)]
     faces = []
     for cosine, sine in turns:
@@ -358,8 +384,8 @@ def surrounding_box(element: Element | None = None, board: str | None = None) ->
 def flat_boards(rows: int = 2, columns: int = 2, element: Element | None = None) -> PhasedArray:
     """AUTD3 boards edge to edge in the plane z = 0, centred on the origin, radiating to +z.
 
-    Columns of boards run along x, 192.0 mm apart, and rows along y, 151.4 mm apart (the outline of a board). Boards
-    follow one another along x first, each in its own order.
+    Columns of boards run along x, 192.0 mm apart, and rows along y, 151.4 mm apart (the outline of
+    a board). Boards follow one another along x first, each in its own order.
 
     Parameters
     ----------
@@ -378,9 +404,14 @@ def flat_boards(rows: int = 2, columns: int = 2, element: Element | None = None)
     """
     for name, count in (("rows", rows), ("columns", columns)):
         if not isinstance(count, int | np.integer):
-            raise InvalidInput(f"flat boards need a whole number of {name}, not {count!r}.", code="not_integers")
+            raise InvalidInput(
+                f"flat boards need a whole number of {name}, not {count!r}.", code="not_integers"
+            )
     if rows < 1 or columns < 1:
-        raise InvalidInput(f"flat boards need at least 1 row and 1 column, not {rows} and {columns}.", code="too_few")
+        raise InvalidInput(
+            f"flat boards need at least 1 row and 1 column, not {rows} and {columns}.",
+            code="too_few",
+        )
     autd3 = board_named("autd3")
     width, height = autd3.outline or (0.0, 0.0)
     extent = max(rows * height, columns * width)
@@ -408,7 +439,8 @@ def join(arrays: Sequence[PhasedArray]) -> PhasedArray:
     """
     if not isinstance(arrays, Sequence):
         raise InvalidInput(
-            f"joining needs a list of 1 or more arrays, not a {type(arrays).__name__}.", code="wrong_kind"
+            f"joining needs a list of 1 or more arrays, not a {type(arrays).__name__}.",
+            code="wrong_kind",
         )
     if len(arrays) == 0:
         raise InvalidInput("joining needs at least 1 array, not 0.", code="empty")

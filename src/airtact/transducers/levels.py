@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex, Float64, Int64, Real, UInt8
 
-from airtact.conventions import InvalidInput
+from airtact.checks import real_numbers
+from airtact.errors import InvalidInput
 from airtact.printing import in_short
-from airtact.validation import real_numbers
 
 FULL_SCALE = 1.0 + 1e-9
 """Largest magnitude of a drive: full scale, and what rounding adds to it."""
@@ -25,8 +25,8 @@ class Levels:
 
     Attributes
     ----------
-    amplitudes : (A,) share of full scale that each level of amplitude gives, rising from 0 to 1; A is 2 to 256. Two
-        levels are a board that can only switch an element on and off.
+    amplitudes : (A,) share of full scale that each level of amplitude gives, rising from 0 to 1; A
+        is 2 to 256. Two levels are a board that can only switch an element on and off.
     phases : number of levels of phase, 2 to 256; level k is k/phases of a turn.
 
     Raises
@@ -94,7 +94,9 @@ class Levels:
         """Find the nearest level to each share of full scale; with two levels, all above ``ON`` are on."""
         if self.phase_only:
             return (shares > ON).astype(np.int64)
-        return np.searchsorted((self.amplitudes[1:] + self.amplitudes[:-1]) / 2, shares, side="right").astype(np.int64)
+        return np.searchsorted(
+            (self.amplitudes[1:] + self.amplitudes[:-1]) / 2, shares, side="right"
+        ).astype(np.int64)
 
     def rounded(
         self, drives: Complex[np.ndarray, "*elements"]
@@ -107,8 +109,14 @@ class Levels:
 
 
 def _count(levels: int, what: str) -> int:
-    if isinstance(levels, bool) or not isinstance(levels, int | np.integer) or not 2 <= levels <= MOST_LEVELS:
-        raise InvalidInput(f"there are 2 to {MOST_LEVELS} levels of {what}, not {levels}.", code="level_count")
+    if (
+        isinstance(levels, bool)
+        or not isinstance(levels, int | np.integer)
+        or not 2 <= levels <= MOST_LEVELS
+    ):
+        raise InvalidInput(
+            f"there are 2 to {MOST_LEVELS} levels of {what}, not {levels}.", code="level_count"
+        )
     return int(levels)
 
 

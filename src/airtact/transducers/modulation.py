@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.conventions import InvalidInput
-from airtact.validation import number, positive
+from airtact.checks import number, positive
+from airtact.errors import InvalidInput
 
 FREQUENCY = 200.0
 """Frequency of amplitude modulation unless another is given [Hz]."""
@@ -19,8 +19,8 @@ FASTEST = 1000.0
 class AmplitudeModulation:
     """The amplitude of all elements varies together, so that the force at every focus follows a cosine.
 
-    Skin hardly feels a constant force. It is most sensitive to vibration at 200 to 300 Hz (S. J. Bolanowski et al.,
-    J. Acoust. Soc. Am. 84, 1680, 1988).
+    Skin hardly feels a constant force. It is most sensitive to vibration at 200 to 300 Hz (S. J.
+    Bolanowski et al., J. Acoust. Soc. Am. 84, 1680, 1988).
 
     Attributes
     ----------
@@ -37,7 +37,9 @@ class AmplitudeModulation:
     depth: float = 1.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "frequency", positive(self.frequency, "the frequency of the modulation", "Hz"))
+        object.__setattr__(
+            self, "frequency", positive(self.frequency, "the frequency of the modulation", "Hz")
+        )
         if self.frequency > FASTEST:
             raise InvalidInput(
                 f"the frequency of the modulation is {self.frequency:g} Hz, but skin feels vibration up to some "
@@ -47,14 +49,16 @@ class AmplitudeModulation:
         depth = number(self.depth, "the depth of the modulation", "shares of 1")
         if not 0.0 < depth <= 1.0:
             raise InvalidInput(
-                f"the depth of the modulation is {depth:g}, but it must be above 0 and at most 1.", code="out_of_range"
+                f"the depth of the modulation is {depth:g}, but it must be above 0 and at most 1.",
+                code="out_of_range",
             )
         object.__setattr__(self, "depth", depth)
 
     def envelope(self, frames: int) -> Float64[np.ndarray, "frames"]:
         """Return the factor on the amplitudes in each of so many frames of a period, from the largest, which is 1.
 
-        Radiation force goes with the square of the pressure, so frame n has √(1 − depth (1 − cos 2πn/N)/2).
+        Radiation force goes with the square of the pressure, so frame n has √(1 − depth (1 − cos
+        2πn/N)/2).
 
         Examples
         --------

@@ -4,14 +4,14 @@ import numpy as np
 from jaxtyping import Bool, Float64, Real
 from scipy.spatial import ConvexHull
 
-from airtact.conventions import InvalidInput
-from airtact.scene.planes import Plane, check_before_planes
-from airtact.scene.scene import CONTACT, Scene, check_not_inside
+from airtact.acoustics.planes import Plane, check_before_planes
+from airtact.acoustics.scene import CONTACT, Scene, check_not_inside
+from airtact.checks import counted, in_mm, of_kind
+from airtact.errors import InvalidInput
 from airtact.transducers.boards import kind_of_array
 from airtact.transducers.element import check_pattern
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.plates import strength_in
-from airtact.validation import counted, in_mm, of_kind
 
 LET_IN = 1e-9
 """Elements on a plane whose normals are the plane's but for this, 1 less the cosine, are part of it."""
@@ -20,7 +20,9 @@ MAX_ELEMENT_DISTANCE = 10.0
 """Largest distance of an element from a focus or the nearest body [m]."""
 
 
-def check_placement(scene: Scene, array: PhasedArray, foci: Real[np.ndarray, "foci 3"] | None = None) -> None:
+def check_placement(
+    scene: Scene, array: PhasedArray, foci: Real[np.ndarray, "foci 3"] | None = None
+) -> None:
     """Raise where an array cannot be where it is in a scene; ``foci`` (F, 3) must be in front of directional elements.
 
     Raises
@@ -68,7 +70,11 @@ def _check_images(
     """Raise where the image of a body or a focus is behind a face: that of the element would sound backwards."""
     reflecting = off_plane(plane, array)
     for index, height in enumerate(_height(array, plane.image(foci)) if foci is not None else ()):
-        _check_behind(array, np.where(reflecting, -height, 0.0), f"the image of focus {index} in the plane stands")
+        _check_behind(
+            array,
+            np.where(reflecting, -height, 0.0),
+            f"the image of focus {index} in the plane stands",
+        )
     for index, obstacle in enumerate(scene.obstacles):
         mirrored = plane.image(obstacle.surface.corners.reshape(-1, 3))
         _check_body(array, mirrored, f"the image of body {index} in the plane reaches", reflecting)
@@ -76,7 +82,9 @@ def _check_images(
 
 def off_plane(plane: Plane, array: PhasedArray) -> Bool[np.ndarray, "elements"]:
     """Which elements radiate towards a plane: all but those let into it, whose faces are part of it."""
-    let_in = (array.normals @ plane.normal > 1.0 - LET_IN) & (np.abs(plane.height(array.positions)) < CONTACT)
+    let_in = (array.normals @ plane.normal > 1.0 - LET_IN) & (
+        np.abs(plane.height(array.positions)) < CONTACT
+    )
     return ~let_in
 
 
@@ -90,7 +98,9 @@ def _check_outside_bodies(scene: Scene, array: PhasedArray) -> None:
         return
     near = np.flatnonzero(depth > -array.element.reach)
     if len(near):
-        faces = scene.depth(array.face_points[near].reshape(-1, 3)).reshape(len(near), -1).max(axis=1)
+        faces = (
+            scene.depth(array.face_points[near].reshape(-1, 3)).reshape(len(near), -1).max(axis=1)
+        )
         depth[near] = np.maximum(depth[near], faces)
     inside = np.flatnonzero(depth > CONTACT)
     if len(inside):
@@ -158,6 +168,8 @@ def _check_boards(array: PhasedArray, behind: Float64[np.ndarray, "elements"], w
         )
 
 
-def _height(array: PhasedArray, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points elements"]:
+def _height(
+    array: PhasedArray, points: Real[np.ndarray, "points 3"]
+) -> Float64[np.ndarray, "points elements"]:
     """Distance of each point in front of each face [m], negative behind."""
     return points @ array.normals.T - np.sum(array.positions * array.normals, axis=1)

@@ -6,18 +6,19 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.conventions import InvalidInput
-from airtact.pose import Pose
-from airtact.scene.scene import Obstacle, Scene
-from airtact.surfaces.surface import Surface
+from airtact.acoustics.scene import Obstacle, Scene
+from airtact.checks import counted, in_mm, of_kind, within
+from airtact.errors import InvalidInput
+from airtact.geometry.pose import Pose
+from airtact.geometry.surface import Surface
 from airtact.transducers.boards import Board, kind_of_array
 from airtact.transducers.layout import PhasedArray
-from airtact.validation import counted, in_mm, of_kind, within
 
 THICKNESS = 8.7e-3
 """Distance from the faces of the transducers to the back of a board [m].
 
-No maker states it for a whole board: it is the 7.1 mm of a transducer's case (Murata, data sheet of the MA40S4S) on
+No maker states it for a whole board: it is the 7.1 mm of a transducer's case (Murata, data sheet of
+the MA40S4S) on
 1.6 mm of laminate, the usual thickness of a circuit board. What is on the back is left out."""
 
 THINNEST, THICKEST = 0.5e-3, 50e-3
@@ -35,16 +36,17 @@ IN_FACE = 1e-6
 BAFFLED = 0.5
 """Strength of a source in a rigid face over that in open air, for the same pressure in front of it.
 
-The face mirrors the source, so the stated sensitivity, which is that of a transducer on its board, would count twice.
+The face mirrors the source, so the stated sensitivity, which is that of a transducer on its board,
+would count twice.
 """
 
 
 def reflecting_boards(array: PhasedArray, thickness: float = THICKNESS) -> tuple[Obstacle, ...]:
     """Build the boards of an array as rigid bodies, for a scene in which they reflect.
 
-    Each board is a closed box of its maker's outline under the faces of its transducers, which are pistons in its
-    front. Boards that touch or overlap are one body. Give the bodies to the scene together with all others; the
-    array must then stand where it stood when they were made.
+    Each board is a closed box of its maker's outline under the faces of its transducers, which are
+    pistons in its front. Boards that touch or overlap are one body. Give the bodies to the scene
+    together with all others; the array must then stand where it stood when they were made.
 
     Parameters
     ----------
@@ -65,7 +67,14 @@ def reflecting_boards(array: PhasedArray, thickness: float = THICKNESS) -> tuple
     [192.0, 151.4, 8.7]
     """
     of_kind(array, PhasedArray, "the array", "one such as autd3_board()")
-    within(thickness, THINNEST, THICKEST, "the thickness of a board", "m", "is it in millimetres? Give metres.")
+    within(
+        thickness,
+        THINNEST,
+        THICKEST,
+        "the thickness of a board",
+        "m",
+        "is it in millimetres? Give metres.",
+    )
     found = kind_of_array(array.positions, array.normals)
     if found is None:
         raise InvalidInput(
@@ -80,7 +89,9 @@ def reflecting_boards(array: PhasedArray, thickness: float = THICKNESS) -> tuple
             "stated by its maker: give the plates as obstacles.",
             code="outline_unknown",
         )
-    return tuple(Obstacle(surface, "sound_hard", board=True) for surface in _bodies(board, poses, thickness))
+    return tuple(
+        Obstacle(surface, "sound_hard", board=True) for surface in _bodies(board, poses, thickness)
+    )
 
 
 def strength_in(scene: Scene, array: PhasedArray) -> float:
@@ -114,7 +125,10 @@ def _bodies(board: Board, poses: Sequence[Pose], thickness: float) -> list[Surfa
     from manifold3d import Error, Manifold, OpType
 
     plates = [_plate(board, pose, thickness) for pose in poses]
-    near, wide = ([_plate(board, pose, thickness, grown) for pose in poses] for grown in (0.5 * TOUCHING, thickness))
+    near, wide = (
+        [_plate(board, pose, thickness, grown) for pose in poses]
+        for grown in (0.5 * TOUCHING, thickness)
+    )
     seams = []
     for one, two in combinations(range(len(poses)), 2):
         if (near[one] ^ near[two]).is_empty():

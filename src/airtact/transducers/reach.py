@@ -21,8 +21,8 @@ def open_air_bound(
 ) -> Float64[np.ndarray, "points"]:
     """Return the peak pressure of all elements at full scale and in phase at one point, in open air.
 
-    Σ_e |g_e| sensitivity |Σ_j w_j e^{ikr}/r| over the elements e in front of which the point is: no drive brings more
-    to it without bodies.
+    Σ_e |g_e| sensitivity |Σ_j w_j e^{ikr}/r| over the elements e in front of which the point is: no
+    drive brings more to it without bodies.
 
     Parameters
     ----------
@@ -37,7 +37,10 @@ def open_air_bound(
     element, found = array.element, np.empty(len(points))
     faces, strengths = array.face_points, element.sensitivity * np.abs(array.gains)
     targets = np.ascontiguousarray(faces.reshape(-1, 3))
-    unit, received = np.ones((1, 1), dtype=np.complex128), np.empty((len(targets), 1), dtype=np.complex128)
+    unit, received = (
+        np.ones((1, 1), dtype=np.complex128),
+        np.empty((len(targets), 1), dtype=np.complex128),
+    )
     for index, point in enumerate(np.asarray(points, dtype=np.float64)):
         _kernels.apply_monopoles_float64(targets, point[None], unit, complex(wavenumber), received)
         waves = np.abs(received.reshape(len(array), -1) @ element.weights)
@@ -53,5 +56,7 @@ def strongest_open_air(array: PhasedArray, wavenumber: float) -> float:
     tried = [middle + distance * array.normals.mean(axis=0) for distance in FORWARDS]
     tried += [array.positions[some] + distance * array.normals[some] for distance in FORWARDS[1:]]
     points = np.vstack(tried)
-    far = np.array([np.linalg.norm(array.positions - point, axis=1).min() > NEAREST for point in points])
+    far = np.array(
+        [np.linalg.norm(array.positions - point, axis=1).min() > NEAREST for point in points]
+    )
     return float(open_air_bound(array, points[far], wavenumber).max())

@@ -7,22 +7,22 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 
+from airtact.acoustics.medium import air
+from airtact.acoustics.scene import Scene, sound_hard
+from airtact.acoustics.solvers.bem.solver import ROUNDED, BoundaryElement
+from airtact.acoustics.sources import Monopoles
 from airtact.benching.self_check import self_check as self_check
-from airtact.conventions import InvalidInput, about
-from airtact.figures.body_figure import draw_bodies, draw_fault
-from airtact.figures.picture_file import write_picture
-from airtact.file_access.atomic import writable_folder
-from airtact.file_access.mesh_reading import SUFFIXES
+from airtact.errors import InvalidInput, about
+from airtact.files.atomic import writable_folder
+from airtact.files.mesh_reading import SUFFIXES
+from airtact.geometry.files import load_surface
 from airtact.live.session import Session, read_session
 from airtact.live.verification import VerifiedSession, verify_session
-from airtact.scene.medium import air
-from airtact.scene.scene import Scene, sound_hard
-from airtact.scene.sources import Monopoles
-from airtact.scene_file.bodies import Triangles, bare_triangles, drawable_bodies
-from airtact.scene_file.building import Setup, read_scene
-from airtact.solvers.bem.solver import ROUNDED, BoundaryElement
-from airtact.steps import reach_cautions as reach_cautions
-from airtact.surfaces.files import load_surface
+from airtact.reports.body_figure import draw_bodies, draw_fault
+from airtact.reports.picture_file import write_picture
+from airtact.setup.bodies import Triangles, bare_triangles, drawable_bodies
+from airtact.setup.building import Setup, read_scene
+from airtact.setup.steps import reach_cautions as reach_cautions
 from airtact.timing import Progress, no_progress
 
 BODIES, FAULT = "bodies.png", "fault.png"
@@ -46,8 +46,9 @@ def check(
 ) -> Setup | Scene:
     """Read a scene file, or a surface file into a scene of its own, and build what it describes.
 
-    A picture of the bodies goes into the folder, if one is given; where the input is at fault one of the bodies and
-    the position of the fault. ``settings`` are those of ``load_surface``, for a surface file only.
+    A picture of the bodies goes into the folder, if one is given; where the input is at fault one
+    of the bodies and the position of the fault. ``settings`` are those of ``load_surface``, for a
+    surface file only.
 
     Raises
     ------
@@ -69,7 +70,9 @@ def check(
     return setup
 
 
-def _check_surface_file(path: Path, folder: Path | None, report_step: Progress, **settings: float) -> Scene:
+def _check_surface_file(
+    path: Path, folder: Path | None, report_step: Progress, **settings: float
+) -> Scene:
     """Put a surface into air as a sound-hard body, as a scene at 40 kHz would."""
 
     def triangles() -> list[Triangles]:
@@ -108,7 +111,9 @@ def check_session(
         "too_few" when no drive is asked for; as ``read_session`` and ``verify_session``.
     """
     if drives < 1:
-        raise InvalidInput(f"--drives is {drives}, but 1 or more are held against the hand.", code="too_few")
+        raise InvalidInput(
+            f"--drives is {drives}, but 1 or more are held against the hand.", code="too_few"
+        )
     report_step(f"reading {path}")
     session = read_session(path)
     every = max(1, -(-int(session.playing.sum()) // drives))
@@ -118,17 +123,20 @@ def check_session(
 def memory_of_a_solve(unknowns: float, accuracy: float) -> float:
     """Estimate the memory that the process takes at its peak to solve for a few foci by boundary elements [bytes].
 
-    The matrix is mostly low-rank, so that it grows far slower than the square of the unknowns. The law is fitted to 10
-    solves of the examples, 2,244 to 23,058 unknowns, which it meets within 20 %.
+    The matrix is mostly low-rank, so that it grows far slower than the square of the unknowns. The
+    law is fitted to 10 solves of the examples, 2,244 to 23,058 unknowns, which it meets within 20
+    %.
     """
     return PROCESS + (LOW_RANK if accuracy >= ROUNDED else 1.9 * LOW_RANK) * unknowns**GROWTH
 
 
-def unknowns_of(solver: BoundaryElement, scene: Scene, points: Float64[np.ndarray, "points 3"]) -> int:
+def unknowns_of(
+    solver: BoundaryElement, scene: Scene, points: Float64[np.ndarray, "points 3"]
+) -> int:
     """Count the unknowns of a solve for sources at points (P, 3) [m], or estimate them where there are many.
 
-    Above ``MOST_COUNTED`` the estimate from the area of the bodies is returned: making the panels would take longer
-    and more memory than a check should.
+    Above ``MOST_COUNTED`` the estimate from the area of the bodies is returned: making the panels
+    would take longer and more memory than a check should.
     """
     area = sum(one.surface.area for one in scene.obstacles)
     estimate = round(solver.nodes_per_square_wavelength * area / scene.wavelength**2)
@@ -148,11 +156,16 @@ def unknowns_by_accuracy(scene: Scene) -> dict[float, int]:
     """Count the unknowns that solving a scene takes with no focus near its bodies, at 1 % and at 3 %."""
     lowest = np.min([obstacle.surface.vertices.min(axis=0) for obstacle in scene.obstacles], axis=0)
     far = np.asarray(lowest - 1.0)[None]
-    return {accuracy: unknowns_of(BoundaryElement(accuracy=accuracy), scene, far) for accuracy in (0.01, 0.03)}
+    return {
+        accuracy: unknowns_of(BoundaryElement(accuracy=accuracy), scene, far)
+        for accuracy in (0.01, 0.03)
+    }
 
 
 @contextmanager
-def _pictured(folder: Path | None, bodies: Callable[[], list[Triangles]], report_step: Progress) -> Iterator[None]:
+def _pictured(
+    folder: Path | None, bodies: Callable[[], list[Triangles]], report_step: Progress
+) -> Iterator[None]:
     """Draw the fault of input that is rejected inside."""
     if folder is None:
         yield
@@ -169,8 +182,12 @@ def _pictured(folder: Path | None, bodies: Callable[[], list[Triangles]], report
             report_step(f"drawing the fault into {folder / FAULT}")
             starts = np.cumsum([0] + [len(vertices) for vertices, _ in drawable])
             vertices = np.concatenate([vertices for vertices, _ in drawable])
-            triangles = np.concatenate([named + start for (_, named), start in zip(drawable, starts, strict=False)])
-            write_picture(folder / FAULT, draw_fault(vertices, triangles, str(fault), fault.position))
+            triangles = np.concatenate(
+                [named + start for (_, named), start in zip(drawable, starts, strict=False)]
+            )
+            write_picture(
+                folder / FAULT, draw_fault(vertices, triangles, str(fault), fault.position)
+            )
         raise
     _clear(folder)
 

@@ -6,15 +6,20 @@ from pathlib import Path
 
 import numpy as np
 
-from airtact.conventions import InvalidInput
+from airtact.acoustics.solvers.problem import RadiatedField
+from airtact.drives.bounds import upper_bound
+from airtact.drives.default_method import best, method_for
+from airtact.drives.methods import FOR_SAMPLES, METHODS
+from airtact.drives.rounding import quantise
+from airtact.drives.transfer import Drive, TransferMatrix
+from airtact.errors import InvalidInput
 from airtact.evaluation.metrics import radiate_drives
-from airtact.figures.field_figure import Cut, cut_bodies
-from airtact.figures.plane_figure import behind_planes
-from airtact.file_access.atomic import whole_file, writable_folder
-from airtact.pages.methods_page import Contender, Contest, Ranked, write_methods_page
-from airtact.scene_file.building import Setup, read_scene
-from airtact.solvers.problem import RadiatedField
-from airtact.steps import (
+from airtact.files.atomic import whole_file, writable_folder
+from airtact.reports.field_figure import Cut, cut_bodies
+from airtact.reports.methods_page import Contender, Contest, Ranked, write_methods_page
+from airtact.reports.plane_figure import behind_planes
+from airtact.setup.building import Setup, read_scene
+from airtact.setup.steps import (
     drive_names,
     named,
     other_samples,
@@ -28,12 +33,7 @@ from airtact.steps import (
     verification_solver,
     with_control,
 )
-from airtact.synthesis.best import best, method_for
-from airtact.synthesis.methods import FOR_SAMPLES, METHODS
-from airtact.synthesis.quantise import quantise
-from airtact.synthesis.upper_bound import upper_bound
 from airtact.timing import Clock, Progress, no_progress
-from airtact.transfer import Drive, TransferMatrix
 from airtact.workflows.scene_view import scene_view
 
 FILES = ("methods.csv", "methods.html")
@@ -53,9 +53,9 @@ def compare(
 ) -> Ranked:
     """Make the drive of a scene file by every method, verify all in one more accurate solve, and write a page.
 
-    `FILES` go into the folder and, below ``drives``, one HDF5 file for each method. Solved fields are stored in the
-    folder ``store`` and found again, if one is given. The method that the scene file names is not used. Without
-    ``pictures`` no page is written.
+    `FILES` go into the folder and, below ``drives``, one HDF5 file for each method. Solved fields
+    are stored in the folder ``store`` and found again, if one is given. The method that the scene
+    file names is not used. Without ``pictures`` no page is written.
 
     Raises
     ------
@@ -73,17 +73,27 @@ def compare(
     with clock.step("drives", f"making the drive by {len(ways)} methods"):
         drives, seconds, notes = _all_drives(setup, transfer, ways)
         bound = upper_bound(transfer, setup.target).worst
-    files = {folder / "drives" / f"{name.replace(' ', '_')}.h5": drive for name, drive in drives.items()}
+    files = {
+        folder / "drives" / f"{name.replace(' ', '_')}.h5": drive for name, drive in drives.items()
+    }
     save_drives(files, setup, transfer, beacons)
     emitted = {name: quantise(drive, setup.levels).drive() for name, drive in drives.items()}
-    words = f"verifying {len(drives)} drives by a more accurate solve with all transducers as sources"
+    words = (
+        f"verifying {len(drives)} drives by a more accurate solve with all transducers as sources"
+    )
     with clock.step("verify", words):
         solver = stored(verification_solver(setup), store)
-        field = radiate_drives(setup.scene, setup.array, list(emitted.values()), setup.target, solver)
-        at_foci, suppressed = (np.abs(field.at(at).T) for at in (setup.target.points, setup.target.suppression_points))
+        field = radiate_drives(
+            setup.scene, setup.array, list(emitted.values()), setup.target, solver
+        )
+        at_foci, suppressed = (
+            np.abs(field.at(at).T) for at in (setup.target.points, setup.target.suppression_points)
+        )
     kept = _kept(setup, known, emitted, clock)
     contenders = [
-        Contender(name, drives[name], emitted[name], pressures, level, seconds[name], kept.get(name))
+        Contender(
+            name, drives[name], emitted[name], pressures, level, seconds[name], kept.get(name)
+        )
         for name, pressures, level in zip(emitted, at_foci, suppressed, strict=True)
     ]
     ranked = Ranked(
@@ -105,14 +115,21 @@ def compare(
 
 
 def _draw(
-    ranked: Ranked, setup: Setup, field: RadiatedField, folder: Path, clock: Clock, report_step: Progress
+    ranked: Ranked,
+    setup: Setup,
+    field: RadiatedField,
+    folder: Path,
+    clock: Clock,
+    report_step: Progress,
 ) -> Contest:
     """Write the page."""
     emitted = {one.name: one.emitted for one in ranked.contenders}
     with clock.step("cuts", "computing the fields in the pictures"):
         cut = _cut(setup, field, list(emitted))
     with clock.step("scene in space", "computing the fields in the scene to turn"):
-        view = scene_view(setup, field, emitted, np.ones(len(emitted)), cut.window, "the levels that they emit")
+        view = scene_view(
+            setup, field, emitted, np.ones(len(emitted)), cut.window, "the levels that they emit"
+        )
     report_step("drawing the page")
     contest = Contest(**vars(ranked), cut=cut, view=view)
     write_methods_page(folder / FILES[1], contest)
@@ -141,20 +158,27 @@ def _all_drives(
             notes = (f"{words} made no drive: {fault}",)
         all_notes += notes
     if not drives:
-        raise InvalidInput(f"0 of {len(ways)} methods make a drive; {all_notes[0]}", code="no_drive")
+        raise InvalidInput(
+            f"0 of {len(ways)} methods make a drive; {all_notes[0]}", code="no_drive"
+        )
     with clock.step(drive_names(setup.bodies)[-1]):
         drives |= with_control(setup, best)
     return drives, clock.seconds, all_notes
 
 
-def _kept(setup: Setup, beacons: RadiatedField, drives: Mapping[str, Drive], clock: Clock) -> dict[str, float]:
+def _kept(
+    setup: Setup, beacons: RadiatedField, drives: Mapping[str, Drive], clock: Clock
+) -> dict[str, float]:
     """Return what the weakest focus gets 9 of 10 times under each drive [Pa]; nothing where nothing is in doubt."""
     if setup.uncertainty is None:
         return {}
     asked = np.flatnonzero(setup.target.weights > 0.0)
     with clock.step("doubt", "trying them on other samples of what is in doubt"):
         samples = other_samples(setup, beacons)
-        weakest = {name: np.abs(samples.pressures(one)[:, asked]).min(axis=1) for name, one in drives.items()}
+        weakest = {
+            name: np.abs(samples.pressures(one)[:, asked]).min(axis=1)
+            for name, one in drives.items()
+        }
     return {name: float(np.quantile(values, 0.1)) for name, values in weakest.items()}
 
 
@@ -171,6 +195,13 @@ def _write_table(file: Path, contest: Ranked) -> None:
         writer = csv.writer(stream)
         writer.writerow(["method", "focus", "pressure_Pa", "weight", "energy", "seconds"])
         for one in contest.contenders:
-            for focus, pressure, weight in zip(contest.foci, one.pressures, contest.target.weights, strict=True):
-                numbers = [f"{pressure:.6g}", f"{weight:.6g}", f"{one.energy:.6g}", f"{one.seconds:.3g}"]
+            for focus, pressure, weight in zip(
+                contest.foci, one.pressures, contest.target.weights, strict=True
+            ):
+                numbers = [
+                    f"{pressure:.6g}",
+                    f"{weight:.6g}",
+                    f"{one.energy:.6g}",
+                    f"{one.seconds:.3g}",
+                ]
                 writer.writerow([one.name, focus, *numbers])

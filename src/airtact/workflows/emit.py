@@ -6,26 +6,31 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Complex128, Float64
 
-from airtact.conventions import InvalidInput, about
-from airtact.evaluation.thresholds import CONSTANT, OCCUPATIONAL_LIMIT, sensation, sound_pressure_level
-from airtact.frames.amplitudes import share_under_cap
-from airtact.frames.frame import Frame
-from airtact.hardware.amplitudes import faded, frames_of_period, modulated, pressures_around
-from airtact.hardware.codecs import Codec, codec_of
-from airtact.hardware.emission import Emission, Played
-from airtact.hardware.link import Link
-from airtact.hardware.links import link_to
-from airtact.pose import Pose
-from airtact.scene.medium import air
-from airtact.synthesis.quantise import rounding_error
-from airtact.synthesis.sequence import Sequence
+from airtact.acoustics.medium import air
+from airtact.checks import positive
+from airtact.drives.amplitudes import share_under_cap
+from airtact.drives.frame import Frame
+from airtact.drives.rounding import rounding_error
+from airtact.drives.sequence import Sequence
+from airtact.drives.transfer import Drive, TransferMatrix
+from airtact.emission.amplitudes import faded, frames_of_period, modulated, pressures_around
+from airtact.emission.codecs import Codec, codec_of
+from airtact.emission.emission import Emission, Played
+from airtact.emission.link import Link
+from airtact.emission.links import link_to
+from airtact.errors import InvalidInput, about
+from airtact.evaluation.thresholds import (
+    CONSTANT,
+    OCCUPATIONAL_LIMIT,
+    sensation,
+    sound_pressure_level,
+)
+from airtact.geometry.pose import Pose
 from airtact.timing import Progress, no_progress
 from airtact.transducers.boards import Board, board_named, boards_needed, poses_of_boards
 from airtact.transducers.drive_file import SEQUENCE_FILE, DriveFile, read_drive_file
 from airtact.transducers.element import DEFAULT_SENSITIVITY
 from airtact.transducers.modulation import AmplitudeModulation
-from airtact.transfer import Drive, TransferMatrix
-from airtact.validation import positive
 
 FREQUENCY = 40e3
 """What all boards here play [Hz]."""
@@ -48,11 +53,13 @@ class Plan:
     ----------
     modulation : how the amplitude of a drive varies; None for a sequence or a constant drive.
     moving : the file beside a constant drive that holds its moving foci, if there is one.
-    rounding : (F,) relative change of the pressure at each focus that the board's levels make, the worst over the
-        most powerful frames; None without a transfer matrix in the file.
-    peak, average : levels half a metre off the array [dB], of the strongest frame and over the time.
+    rounding : (F,) relative change of the pressure at each focus that the board's levels make, the
+        worst over the most powerful frames; None without a transfer matrix in the file.
+    peak, average : levels half a metre off the array [dB], of the strongest frame and over the
+        time.
     full : the peak level at full scale [dB].
-    focus : peak pressure at the weakest focus in its strongest frame [Pa]; None without a transfer matrix.
+    focus : peak pressure at the weakest focus in its strongest frame [Pa]; None without a transfer
+        matrix.
     cap : largest amplitude of an element, a share of full scale.
     limited : whether the cap was chosen so that the peak level is under the limit.
     """
@@ -83,7 +90,12 @@ class Plan:
     def facts(self, link: str) -> list[tuple[str, str]]:
         """Put what would be emitted through a link into words, each fact by its name."""
         drives, board = self.stored.drives, self.board
-        facts = [("boards", f"{len(self.poses)} {board.title}, {drives.shape[1]} transducers, through {link}")]
+        facts = [
+            (
+                "boards",
+                f"{len(self.poses)} {board.title}, {drives.shape[1]} transducers, through {link}",
+            )
+        ]
         if self.stored.rate is not None and len(drives) > 1:
             facts.append(("sequence", f"{len(drives)} frames at {self.stored.rate:g} frames/s"))
         levels = "on and off" if board.amplitudes == 2 else f"{board.amplitudes} amplitudes"
@@ -100,7 +112,9 @@ class Plan:
         if self.focus is not None:
             facts.append(("weakest focus", f"{self.focus:,.0f} Pa, peak"))
         average = "" if self.constant else f", {self.average:.0f} dB on average"
-        facts.append(("at a head", f"up to {self.peak:.0f} dB SPL{average}, 0.5 m off the array in open air"))
+        facts.append(
+            ("at a head", f"up to {self.peak:.0f} dB SPL{average}, 0.5 m off the array in open air")
+        )
         return facts
 
     def notes(self) -> list[str]:
@@ -112,7 +126,9 @@ class Plan:
                 f"{self.full:.0f} dB there, and --cap another share."
             )
         if self.moving is not None:
-            notes.append(f"These foci stand still: the moving ones are in {self.moving}; emit that.")
+            notes.append(
+                f"These foci stand still: the moving ones are in {self.moving}; emit that."
+            )
         elif self.constant:
             notes.append(CONSTANT)
         if self.focus is not None and self.modulation is not None:
@@ -133,8 +149,8 @@ def plan(
     ----------
     path : the file of a drive or a sequence.
     board : name of the kind of board.
-    cap : largest amplitude of an element, a share of full scale. None chooses the one whose level at a head is at the
-        limit, or full scale where the level is below it.
+    cap : largest amplitude of an element, a share of full scale. None chooses the one whose level
+        at a head is at the limit, or full scale where the level is below it.
     modulation : in place of the file's.
     constant : whether the drive is played without the file's modulation.
 
@@ -152,7 +168,8 @@ def plan(
         boards_needed(kind, stored.drives.shape[1])
         if stored.positions is None or stored.normals is None:
             raise InvalidInput(
-                "the file holds 0 positions of transducers: save the drive with its array.", code="positions_missing"
+                "the file holds 0 positions of transducers: save the drive with its array.",
+                code="positions_missing",
             )
         if not stored.drives.any():
             raise InvalidInput(
@@ -178,7 +195,9 @@ def plan(
     beside = path.with_name(SEQUENCE_FILE)
     moving = beside if still and not constant and beside.is_file() else None
     rounding, focus = head.at_foci(share)
-    return Plan(stored, kind, poses, chosen, moving, rounding, peak, average, full, focus, share, limited)
+    return Plan(
+        stored, kind, poses, chosen, moving, rounding, peak, average, full, focus, share, limited
+    )
 
 
 def _check_emits(peak: float, share: float, stored: DriveFile) -> None:
@@ -196,7 +215,9 @@ def safe_cap(stored: DriveFile, board: str) -> tuple[float, float]:
     Raise "level_too_high" for boards that cannot be turned down so far.
     """
     kind = board_named(board)
-    head = _Head(stored, codec_of(kind), stored.modulation, 2 * np.pi * FREQUENCY / _sound_speed(stored))
+    head = _Head(
+        stored, codec_of(kind), stored.modulation, 2 * np.pi * FREQUENCY / _sound_speed(stored)
+    )
     full, *_ = head.levels(FULL)
     return head.cap_under_limit(full, kind) if full > OCCUPATIONAL_LIMIT else FULL, full
 
@@ -220,13 +241,17 @@ class _Head:
         levels = self.codec.levels
         share = share_under_cap(self.stored.drives, levels, cap)
         if self.modulation is not None:
-            return modulated(Drive(self.stored.drives[0]), self.modulation, levels, np.inf, share)[0]
+            return modulated(Drive(self.stored.drives[0]), self.modulation, levels, np.inf, share)[
+                0
+            ]
         return [faded(Drive(row), levels, share) for row in self.strongest]
 
     def levels(self, cap: float) -> tuple[float, float]:
         """Return the peak and the average level [dB]."""
         played = np.stack([frame.drive().amplitudes for frame in self.frames(cap)])
-        sensitivity = DEFAULT_SENSITIVITY if self.stored.sensitivity is None else self.stored.sensitivity
+        sensitivity = (
+            DEFAULT_SENSITIVITY if self.stored.sensitivity is None else self.stored.sensitivity
+        )
         assert self.stored.positions is not None
         found = pressures_around(self.stored.positions, played, sensitivity, self.wavenumber)
         peak, average = sound_pressure_level(np.array(found))
@@ -234,7 +259,9 @@ class _Head:
 
     def cap_under_limit(self, full: float, board: Board) -> float:
         """Return the largest cap whose peak level is under the limit, or ask for a level."""
-        cap = min(1.0, float(np.abs(self.stored.drives).max())) * 10.0 ** ((OCCUPATIONAL_LIMIT - full) / 20.0)
+        cap = min(1.0, float(np.abs(self.stored.drives).max())) * 10.0 ** (
+            (OCCUPATIONAL_LIMIT - full) / 20.0
+        )
         if not self.codec.levels.phase_only:
             for _ in range(TRIES):  # rounding to levels may add to the level
                 cap = float(f"{0.9 * cap:.2g}")
@@ -255,7 +282,10 @@ class _Head:
             return None, None
         transfer = TransferMatrix(stored.matrix, np.nan, stored.foci)
         share = share_under_cap(stored.drives, levels, cap)
-        pairs = [(Drive(row if levels.phase_only else share * row), faded(Drive(row), levels, share)) for row in drives]
+        pairs = [
+            (Drive(row if levels.phase_only else share * row), faded(Drive(row), levels, share))
+            for row in drives
+        ]
         pairs = [(drive, frame) for drive, frame in pairs if not frame.silent]
         if not pairs:
             return None, None
@@ -283,7 +313,11 @@ def link_for(made: Plan, link: str, **settings: str | Path | None) -> Link:
 
 
 def emit(
-    made: Plan, link: Link, seconds: float, report_step: Progress = no_progress, log: Path | None = None
+    made: Plan,
+    link: Link,
+    seconds: float,
+    report_step: Progress = no_progress,
+    log: Path | None = None,
 ) -> Played | None:
     """Play a plan for some time, then silence the boards; return what was played, None for one constant drive.
 

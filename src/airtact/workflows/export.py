@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
-from airtact.frames.amplitudes import share_under_cap
-from airtact.hardware.amplitudes import faded, modulated
-from airtact.hardware.file_link import FileLink, write_frames
+from airtact.checks import counted
+from airtact.drives.amplitudes import share_under_cap
+from airtact.drives.transfer import Drive
+from airtact.emission.amplitudes import faded, modulated
+from airtact.emission.file_link import FileLink, write_frames
 from airtact.transducers.modulation import AmplitudeModulation
-from airtact.transfer import Drive
-from airtact.validation import counted
 from airtact.workflows.emit import FULL, Plan, plan
 
 
@@ -21,7 +21,8 @@ def export(
 ) -> tuple[Plan, str]:
     """Write a drive or a sequence as the frames of a kind of board, without ramp and silence.
 
-    A modulated drive is one period of frames at a rate of the boards. Parameters are those of ``plan``.
+    A modulated drive is one period of frames at a rate of the boards. Parameters are those of
+    ``plan``.
 
     Returns
     -------
@@ -39,7 +40,9 @@ def export(
     if made.modulation is None:
         frames = [faded(Drive(row), link.levels, share) for row in drives]
     else:
-        frames, rate = modulated(Drive(drives[0]), made.modulation, link.levels, link.fastest_frames, share)
+        frames, rate = modulated(
+            Drive(drives[0]), made.modulation, link.levels, link.fastest_frames, share
+        )
     write_frames(file, board, frames, rate)
     words = f"{counted(len(frames), 'frame', 'frames')} for {counted(len(made.poses), 'board', 'boards')}"
     return made, words if rate is None else f"{words} at {rate:g} frames/s"

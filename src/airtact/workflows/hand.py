@@ -9,21 +9,26 @@ import numpy as np
 from jaxtyping import Float64
 from matplotlib.figure import Figure
 
-from airtact.conventions import InvalidInput
-from airtact.figures.picture_file import write_picture
-from airtact.figures.surface_figure import draw_cloud, draw_panels
-from airtact.file_access.atomic import writable_folder
-from airtact.files.panels import EDGE, check_ending, checked_edge, write_triangles
-from airtact.hand.files import CLOUD_ENDINGS as CLOUDS
-from airtact.hand.files import load_cloud, load_hand, load_landmarks
-from airtact.hand.fitting.fit import FittedHand, fit_hand
-from airtact.hand.hand import Hand, Side
-from airtact.hand.joints import CHAINS, FINGERS
-from airtact.hand.shape import HandShape
-from airtact.mesh.quadratic_triangles import QuadraticTriangles, enclosed_volume, panel_areas, smallest_angles
-from airtact.surfaces.mesh_shape import MeshShape
+from airtact.errors import InvalidInput
+from airtact.files.atomic import writable_folder
+from airtact.geometry.mesh.quadratic_triangles import (
+    QuadraticTriangles,
+    enclosed_volume,
+    panel_areas,
+    smallest_angles,
+)
+from airtact.geometry.mesh_shape import MeshShape
+from airtact.hands.files import CLOUD_ENDINGS as CLOUDS
+from airtact.hands.files import load_cloud, load_hand, load_landmarks
+from airtact.hands.fitting.fit import FittedHand, fit_hand
+from airtact.hands.hand import Hand, Side
+from airtact.hands.joints import CHAINS, FINGERS
+from airtact.hands.shape import HandShape
+from airtact.hands.tracking.recordings import ENDINGS as RECORDINGS
+from airtact.reports.picture_file import write_picture
+from airtact.reports.surface_figure import draw_cloud, draw_panels
+from airtact.setup.panel_files import EDGE, check_ending, checked_edge, write_triangles
 from airtact.timing import Progress, no_progress
-from airtact.tracking.recordings import ENDINGS as RECORDINGS
 from airtact.workflows.recording import Replayed, replay_recording
 
 
@@ -50,7 +55,9 @@ class Posed:
     @property
     def size(self) -> tuple[float, float]:
         """Area of the triangles [m²], and the volume that they enclose [m³]."""
-        return float(panel_areas(self.quadratic_triangles).sum()), enclosed_volume(self.quadratic_triangles)
+        return float(panel_areas(self.quadratic_triangles).sum()), enclosed_volume(
+            self.quadratic_triangles
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,9 +76,14 @@ class Fitted(Posed):
     @property
     def errors(self) -> Mapping[str, float]:
         """Standard deviation of the position of each place, by that of the joints beside it [m]."""
-        beside = {f"{finger}.pad": list(chain[-2:]) for finger, chain in zip(FINGERS, CHAINS, strict=True)}
+        beside = {
+            f"{finger}.pad": list(chain[-2:]) for finger, chain in zip(FINGERS, CHAINS, strict=True)
+        }
         beside["palm"] = [joint for chain in CHAINS[1:] for joint in chain[:2]]
-        return {name: float(np.sqrt(np.mean(self.fitted.joint_errors[own] ** 2))) for name, own in beside.items()}
+        return {
+            name: float(np.sqrt(np.mean(self.fitted.joint_errors[own] ** 2)))
+            for name, own in beside.items()
+        }
 
     @property
     def usual(self) -> float:
@@ -80,11 +92,16 @@ class Fitted(Posed):
 
 
 def pose(
-    path: Path, file: Path, gap: float | None = None, edge: float | None = None, report_step: Progress = no_progress
+    path: Path,
+    file: Path,
+    gap: float | None = None,
+    edge: float | None = None,
+    report_step: Progress = no_progress,
 ) -> Posed:
     """Read a pose, make the skin of the hand and write it, with a picture of the same name beside it.
 
-    ``gap`` opens thumb and index finger to that distance of their last phalanges [m]; ``edge`` is of the triangles [m].
+    ``gap`` opens thumb and index finger to that distance of their last phalanges [m]; ``edge`` is
+    of the triangles [m].
 
     Raises
     ------
@@ -95,7 +112,8 @@ def pose(
     check_ending(file)
     if path.resolve() == file.resolve():
         raise InvalidInput(
-            f"the skin would overwrite {path.name}, the 1 file that it is made from.", code="would_overwrite"
+            f"the skin would overwrite {path.name}, the 1 file that it is made from.",
+            code="would_overwrite",
         )
     edge = EDGE if edge is None else checked_edge(edge)
     hand = load_hand(path, gap)
@@ -116,8 +134,9 @@ def fit(
 ) -> Fitted:
     """Read a cloud and rough landmarks, fit a hand to them and write its skin, with a picture beside it.
 
-    The skin is the one that was brought to the points, ``FittedHand.surface``, with its edges unless ``edge`` [m] is
-    given. ``camera`` is where all points were seen from [m]; None for from many sides.
+    The skin is the one that was brought to the points, ``FittedHand.surface``, with its edges
+    unless ``edge`` [m] is given. ``camera`` is where all points were seen from [m]; None for from
+    many sides.
 
     Raises
     ------
@@ -128,7 +147,8 @@ def fit(
     check_ending(file)
     if file.resolve() in (cloud.resolve(), landmarks.resolve()):
         raise InvalidInput(
-            f"the skin would overwrite {file.name}, 1 of the files that it is made from.", code="would_overwrite"
+            f"the skin would overwrite {file.name}, 1 of the files that it is made from.",
+            code="would_overwrite",
         )
     edge = None if edge is None else checked_edge(edge)
     points, (joints, side) = load_cloud(cloud), load_landmarks(landmarks)
@@ -136,15 +156,24 @@ def fit(
     eye = None if camera is None else np.array(camera, dtype=np.float64)
     fitted = fit_hand(points, joints, cast("Side | None", side), eye, progress=report_step)
     report_step("bringing its skin to the points")
-    shape = cast("HandShape | MeshShape", (fitted.surface if edge is None else fitted.skin(edge)).shape)
-    triangles = shape.quadratic_triangles if isinstance(shape, MeshShape) else shape.panels(edge or EDGE)
+    shape = cast(
+        "HandShape | MeshShape", (fitted.surface if edge is None else fitted.skin(edge)).shape
+    )
+    triangles = (
+        shape.quadratic_triangles if isinstance(shape, MeshShape) else shape.panels(edge or EDGE)
+    )
     distances = -shape.depth(fitted.points)
-    picture = _written(triangles, file, lambda drawn: draw_cloud(drawn, fitted, distances), report_step)
+    picture = _written(
+        triangles, file, lambda drawn: draw_cloud(drawn, fitted, distances), report_step
+    )
     return Fitted(fitted.hand, shape, triangles, file, picture, fitted, distances)
 
 
 def _written(
-    triangles: QuadraticTriangles, file: Path, draw: Callable[[QuadraticTriangles], Figure], report_step: Progress
+    triangles: QuadraticTriangles,
+    file: Path,
+    draw: Callable[[QuadraticTriangles], Figure],
+    report_step: Progress,
 ) -> Path:
     """Write a skin, and its picture of the same name beside it."""
     report_step(f"writing {file.name}")
@@ -187,9 +216,13 @@ def hand(
         if gap is not None:
             sentence = f"a gap of {gap:g} m is for 1 pose, not for a recording; leave --gap out."
             raise InvalidInput(sentence, code="options_clash")
-        return replay_recording(path, file, frames, leave_out, EDGE if edge is None else edge, report_step)
+        return replay_recording(
+            path, file, frames, leave_out, EDGE if edge is None else edge, report_step
+        )
     if path.suffix.lower() in CLOUDS:
-        sentence = f"{path.name} is a cloud of points, and came with 0 landmarks; give rough --landmarks."
+        sentence = (
+            f"{path.name} is a cloud of points, and came with 0 landmarks; give rough --landmarks."
+        )
         raise InvalidInput(sentence, code="landmarks_missing")
     if of_recordings:
         sentence = f"{path.name} is 1 pose, no recording; leave --frame and --leave-out out."

@@ -10,17 +10,17 @@ from string import Template
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.conventions import InvalidInput
-from airtact.examples import example
-from airtact.file_access.atomic import whole_file, writable_folder
-from airtact.hand.files import load_hand
-from airtact.hand.hand import Hand
-from airtact.hardware.codecs import codec_of
-from airtact.pose import Pose
-from airtact.scene_file.targets import DEFAULT_OFFSET
+from airtact.checks import counted
+from airtact.emission.codecs import codec_of
+from airtact.errors import InvalidInput
+from airtact.files.atomic import whole_file, writable_folder
+from airtact.geometry.pose import Pose
+from airtact.hands.files import load_hand
+from airtact.hands.hand import Hand
+from airtact.setup.examples import example
+from airtact.setup.targets import DEFAULT_OFFSET
 from airtact.transducers.boards import Board, board_named
 from airtact.transducers.modulation import FREQUENCY
-from airtact.validation import counted
 
 SCENE, HAND, LICENCE = "scene.toml", "hand.json", "hand-LICENSE.txt"
 """What is written into a folder; the last two only where no hand is given."""
@@ -39,7 +39,8 @@ def init(place: Path, board: str = "autd3", hand: Path | None = None) -> tuple[P
     ----------
     place : a folder, or a scene file ending in .toml.
     board : name of the kind of board.
-    hand : a pose as JSON; None for the relaxed hand that comes with airtact, which is written beside the scene.
+    hand : a pose as JSON; None for the relaxed hand that comes with airtact, which is written
+        beside the scene.
 
     Returns
     -------
@@ -62,7 +63,12 @@ def init(place: Path, board: str = "autd3", hand: Path | None = None) -> tuple[P
             "that it writes; name another folder or file.",
             code="would_overwrite",
         )
-    text = _text(scene.name, board_named(board), load_hand(hand or pose), _beside(hand, folder) if hand else HAND)
+    text = _text(
+        scene.name,
+        board_named(board),
+        load_hand(hand or pose),
+        _beside(hand, folder) if hand else HAND,
+    )
     writable_folder(folder)
     for file, source in texts.items():
         shutil.copyfile(source, file)
@@ -83,7 +89,7 @@ def _text(name: str, board: Board, hand: Hand, file: str) -> str:
     middle = -(board.positions.min(axis=0) + board.positions.max(axis=0)) / 2.0
     height = 0.15 if len(board) >= SMALL else 0.06
     axis, degrees, translation = _over_board(hand, height)
-    template = resources.files("airtact.scene_file").joinpath("first_scene.toml").read_text("utf-8")
+    template = resources.files("airtact.setup").joinpath("first_scene.toml").read_text("utf-8")
     return Template(template).substitute(
         title=board.title,
         file=name,
@@ -109,12 +115,21 @@ def _felt(hand: Hand, board: Board) -> Sequence[str]:
     return [place for place, is_inside in zip(places, inside, strict=True) if not is_inside]
 
 
-def _over_board(hand: Hand, height: float) -> tuple[Float64[np.ndarray, "3"], float, Float64[np.ndarray, "3"]]:
+def _over_board(
+    hand: Hand, height: float
+) -> tuple[Float64[np.ndarray, "3"], float, Float64[np.ndarray, "3"]]:
     """Find the axis, the degrees and the translation [m] that turn ``PLACES`` down, the lowest at a height [m]."""
     points, normals = (np.array([hand.places[place][part] for place in PLACES]) for part in (0, 1))
-    facing, down = normals.mean(axis=0) / np.linalg.norm(normals.mean(axis=0)), np.array([0.0, 0.0, -1.0])
+    facing, down = (
+        normals.mean(axis=0) / np.linalg.norm(normals.mean(axis=0)),
+        np.array([0.0, 0.0, -1.0]),
+    )
     across = np.cross(facing, down)
-    axis = across / np.linalg.norm(across) if np.linalg.norm(across) > 1e-6 else np.array([1.0, 0.0, 0.0])
+    axis = (
+        across / np.linalg.norm(across)
+        if np.linalg.norm(across) > 1e-6
+        else np.array([1.0, 0.0, 0.0])
+    )
     degrees = float(np.degrees(np.arccos(np.clip(facing @ down, -1.0, 1.0))))
     axis, degrees = axis.round(3), float(round(degrees))
     turned = Pose.turn(axis, np.radians(degrees)).apply(points)

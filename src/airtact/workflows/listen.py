@@ -4,24 +4,29 @@ import time
 from contextlib import ExitStack
 from pathlib import Path
 
-from airtact.conventions import InvalidInput
+from airtact.checks import within
+from airtact.errors import InvalidInput
+from airtact.hands.tracking.frame import HandFrame
+from airtact.hands.tracking.receivers import OscReceiver, WebSocketReceiver
+from airtact.hands.tracking.recordings import ENDINGS, save_recording
+from airtact.hands.tracking.stream import HandStream, StreamHealth
 from airtact.timing import Progress, no_progress
-from airtact.tracking.frame import HandFrame
-from airtact.tracking.receivers import OscReceiver, WebSocketReceiver
-from airtact.tracking.recordings import ENDINGS, save_recording
-from airtact.tracking.stream import HandStream, StreamHealth
-from airtact.validation import within
 
 LONGEST = 86_400.0
 """Longest time to listen [s], a day."""
 
 
 def listen(
-    file: Path, seconds: float, websocket: int = 8765, osc: int | None = None, report_step: Progress = no_progress
+    file: Path,
+    seconds: float,
+    websocket: int = 8765,
+    osc: int | None = None,
+    report_step: Progress = no_progress,
 ) -> StreamHealth:
     """Record the frames that trackers send, until the time is over or Ctrl-C ends it early.
 
-    Port 0 takes a free one, and None for ``osc`` listens to none; the first step that is reported names the ports.
+    Port 0 takes a free one, and None for ``osc`` listens to none; the first step that is reported
+    names the ports.
 
     Raises
     ------
@@ -31,12 +36,15 @@ def listen(
     within(seconds, 1e-3, LONGEST, "the time to listen", "s", "Ctrl-C ends it early.")
     if file.suffix not in ENDINGS:
         raise InvalidInput(
-            f"the ending {file.suffix!r} is not 1 of those of recordings: {', '.join(ENDINGS)}.", code="unknown_ending"
+            f"the ending {file.suffix!r} is not 1 of those of recordings: {', '.join(ENDINGS)}.",
+            code="unknown_ending",
         )
     frames: list[HandFrame] = []
     stream = HandStream(on_frame=frames.append, every=True)
     with ExitStack() as sockets:
-        ports = [f"ws://127.0.0.1:{sockets.enter_context(WebSocketReceiver(stream, websocket)).port}"]
+        ports = [
+            f"ws://127.0.0.1:{sockets.enter_context(WebSocketReceiver(stream, websocket)).port}"
+        ]
         if osc is not None:
             ports.append(f"OSC at 127.0.0.1:{sockets.enter_context(OscReceiver(stream, osc)).port}")
         begun = time.monotonic()

@@ -6,21 +6,27 @@ from pathlib import Path
 
 import numpy as np
 
-from airtact.conventions import InvalidInput, about
-from airtact.figures.picture_file import write_picture
-from airtact.figures.surface_figure import draw_panels
-from airtact.file_access.atomic import writable_folder
-from airtact.files.panels import check_ending, write_panels
-from airtact.mesh.quadratic_triangles import enclosed_volume, longest_edges, panel_areas, smallest_angles, with_middles
-from airtact.mesh.topology import cone_volumes
-from airtact.scene.medium import air
-from airtact.solvers.bem.solver import BoundaryElement
-from airtact.surfaces.checks import check_surface
-from airtact.surfaces.files import load_surface
-from airtact.surfaces.panels import Panels
-from airtact.surfaces.surface import Surface
+from airtact.acoustics.medium import air
+from airtact.acoustics.solvers.bem.solver import BoundaryElement
+from airtact.checks import positive
+from airtact.errors import InvalidInput, about
+from airtact.files.atomic import writable_folder
+from airtact.geometry.checks import check_surface
+from airtact.geometry.files import load_surface
+from airtact.geometry.mesh.quadratic_triangles import (
+    enclosed_volume,
+    longest_edges,
+    panel_areas,
+    smallest_angles,
+    with_middles,
+)
+from airtact.geometry.mesh.topology import cone_volumes
+from airtact.geometry.panels import Panels
+from airtact.geometry.surface import Surface
+from airtact.reports.picture_file import write_picture
+from airtact.reports.surface_figure import draw_panels
+from airtact.setup.panel_files import check_ending, write_panels
 from airtact.timing import Progress, no_progress
-from airtact.validation import positive
 
 WAVELENGTH = air(celsius=20.0).wavelength(40e3)
 """Of the sound that panels are made for unless their edge is given [m]."""
@@ -91,16 +97,22 @@ def usual_edge() -> float:
     >>> f"{1e3 * usual_edge():.2f} mm"
     '5.49 mm'
     """
-    return WAVELENGTH * math.sqrt(6.0 / BoundaryElement(accuracy=0.01).nodes_per_square_wavelength * 4.0 / math.sqrt(3))
+    return WAVELENGTH * math.sqrt(
+        6.0 / BoundaryElement(accuracy=0.01).nodes_per_square_wavelength * 4.0 / math.sqrt(3)
+    )
 
 
 def mesh(
-    path: Path, file: Path, edge: float | None = None, report_step: Progress = no_progress, **settings: float
+    path: Path,
+    file: Path,
+    edge: float | None = None,
+    report_step: Progress = no_progress,
+    **settings: float,
 ) -> Meshed:
     """Read a surface, cover it with curved panels and write them with a picture of the same name beside them.
 
-    The panels are as large as the equilateral triangle of ``edge`` [m], ``usual_edge`` unless given; ``settings`` are
-    those of ``load_surface``.
+    The panels are as large as the equilateral triangle of ``edge`` [m], ``usual_edge`` unless
+    given; ``settings`` are those of ``load_surface``.
 
     Raises
     ------
@@ -110,7 +122,8 @@ def mesh(
     check_ending(file)
     if path.resolve() == file.resolve():
         raise InvalidInput(
-            f"the panels would overwrite {path.name}, the 1 file that they are made from.", code="would_overwrite"
+            f"the panels would overwrite {path.name}, the 1 file that they are made from.",
+            code="would_overwrite",
         )
     surface = load_surface(path, **settings, progress=report_step)
     with about(path.name):

@@ -7,16 +7,16 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 
+from airtact.acoustics.target import Target
+from airtact.drives.methods import FOR_SAMPLES
+from airtact.drives.motion import Motion, moving_foci, moving_target
+from airtact.drives.sequence import Sequence
+from airtact.drives.transfer import Drive, TransferMatrix
 from airtact.evaluation.thresholds import sensation
-from airtact.scene.target import Target
-from airtact.scene_file.building import Setup
-from airtact.steps import FELT, solve_foci, synthesise, with_skin
-from airtact.synthesis.methods import FOR_SAMPLES
-from airtact.synthesis.motion import Motion, moving_foci, moving_target
-from airtact.synthesis.sequence import Sequence
+from airtact.setup.building import Setup
+from airtact.setup.steps import FELT, solve_foci, synthesise, with_skin
 from airtact.timing import Clock
 from airtact.transducers.modulation import AmplitudeModulation
-from airtact.transfer import Drive, TransferMatrix
 
 
 def write_sequence(
@@ -46,7 +46,9 @@ def write_sequence(
 
     with clock.step("sequence", f"making the drives of foci at {len(target.points)} positions"):
         sequence = moving_foci(transfer, target, together, turns, method, clock=setup.frequency)
-        sequence.save(path, setup.array, setup.scene, transfer, target, setup.levels, {"scene": setup.text})
+        sequence.save(
+            path, setup.array, setup.scene, transfer, target, setup.levels, {"scene": setup.text}
+        )
     return _weakest(sequence, transfer, len(target.points), together), tuple(dict.fromkeys(notes))
 
 
@@ -60,12 +62,17 @@ def paths_of(setup: Setup) -> Float64[np.ndarray, "paths frames 3"]:
     return motion.paths(setup.scene, setup.target, setup.array.positions.mean(axis=0))
 
 
-def _weakest(sequence: Sequence, transfer: TransferMatrix, points: int, together: int) -> Float64[np.ndarray, "frames"]:
+def _weakest(
+    sequence: Sequence, transfer: TransferMatrix, points: int, together: int
+) -> Float64[np.ndarray, "frames"]:
     """Return the pressure at the weakest of the foci that are asked for in each frame [Pa]."""
     pressures = np.abs(sequence.pressure(transfer))[:, :points]
     frames = np.arange(len(sequence)) * (points // together) // len(sequence)
     return np.stack(
-        [row[frame * together : (frame + 1) * together].min() for row, frame in zip(pressures, frames, strict=True)]
+        [
+            row[frame * together : (frame + 1) * together].min()
+            for row, frame in zip(pressures, frames, strict=True)
+        ]
     )
 
 
@@ -78,7 +85,9 @@ def sensations(
     """
     skin = with_skin(setup)
     if not skin.any():
-        return (f"No body is within {1e3 * FELT:g} mm of a focus: nobody is modelled there who could feel it.",)
+        return (
+            f"No body is within {1e3 * FELT:g} mm of a focus: nobody is modelled there who could feel it.",
+        )
     reached = reached[skin]
     if moving is not None:
         return (

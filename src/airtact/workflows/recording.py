@@ -4,15 +4,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from airtact.conventions import InvalidInput, about
-from airtact.figures.picture_file import write_picture
-from airtact.figures.plots import draw_tracks
-from airtact.file_access.atomic import writable_folder
-from airtact.files.panels import EDGE, check_ending, checked_edge, write_triangles
-from airtact.hand.hand import Side
+from airtact.errors import InvalidInput, about
+from airtact.files.atomic import writable_folder
+from airtact.hands.hand import Side
+from airtact.hands.tracking.frame import HandFrame
+from airtact.hands.tracking.recordings import PadTrack, Recording, load_recording, pads_over_time
+from airtact.reports.picture_file import write_picture
+from airtact.reports.plots import draw_tracks
+from airtact.setup.panel_files import EDGE, check_ending, checked_edge, write_triangles
 from airtact.timing import Progress, no_progress
-from airtact.tracking.frame import HandFrame
-from airtact.tracking.recordings import PadTrack, Recording, load_recording, pads_over_time
 
 SIDES: tuple[Side, ...] = ("left", "right")
 
@@ -37,9 +37,10 @@ def replay_recording(
 ) -> Replayed:
     """Read a recording, draw the pads over time into a picture beside ``file``, and write the skins of chosen frames.
 
-    Frames are chosen by their sequence numbers, the first that has landmarks unless given. With several frames, or two
-    hands, side and number of each stand in the name of its file. ``leave_out`` leaves faulty frames out and counts
-    them instead of raising; ``edge`` is of the triangles [m].
+    Frames are chosen by their sequence numbers, the first that has landmarks unless given. With
+    several frames, or two hands, side and number of each stand in the name of its file.
+    ``leave_out`` leaves faulty frames out and counts them instead of raising; ``edge`` is of the
+    triangles [m].
 
     Raises
     ------
@@ -58,7 +59,11 @@ def replay_recording(
     writable_folder(file.parent)
     skins = []
     for frame in frames:
-        named = file if len(frames) == 1 else file.with_stem(f"{file.stem}_{frame.side}_{frame.sequence}")
+        named = (
+            file
+            if len(frames) == 1
+            else file.with_stem(f"{file.stem}_{frame.side}_{frame.sequence}")
+        )
         report_step(f"writing {named.name}")
         write_triangles(named, frame.hand().shape.panels(edge))
         skins.append(named)

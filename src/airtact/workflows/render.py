@@ -8,22 +8,28 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
+from airtact.acoustics.planes import Plane
+from airtact.acoustics.scene import Scene
+from airtact.acoustics.solvers.problem import RadiatedField
+from airtact.acoustics.target import Target
+from airtact.acoustics.target_points import outward
+from airtact.drives.bounds import upper_bound
+from airtact.drives.conjugation import time_reversal
+from airtact.drives.methods import FOR_SAMPLES, METHODS
+from airtact.drives.reach import fraction
+from airtact.drives.rounding import quantise
+from airtact.drives.samples.robust import robust
+from airtact.drives.transfer import Drive, TransferMatrix
 from airtact.evaluation.comparison import Comparison, compare
 from airtact.evaluation.headline import FULL, beyond_linear, body_word, headline, shortfalls
 from airtact.evaluation.held_out import HeldOut, held_out, shift_map
 from airtact.evaluation.windows import Window, box_around, close_up
-from airtact.figures.field_figure import Cut, cut_bodies
-from airtact.figures.plane_figure import behind_planes
-from airtact.file_access.atomic import writable_folder
-from airtact.files.vtkhdf import write_field
-from airtact.pages.run_page import Rendered, Run, write_page
-from airtact.scene.planes import Plane
-from airtact.scene.scene import Scene
-from airtact.scene.target import Target
-from airtact.scene.target_points import outward
-from airtact.scene_file.building import Setup, check_method, read_scene
-from airtact.solvers.problem import RadiatedField
-from airtact.steps import (
+from airtact.files.atomic import writable_folder
+from airtact.reports.field_figure import Cut, cut_bodies
+from airtact.reports.plane_figure import behind_planes
+from airtact.reports.run_page import Rendered, Run, write_page
+from airtact.setup.building import Setup, check_method, read_scene
+from airtact.setup.steps import (
     method_words,
     named,
     other_samples,
@@ -38,15 +44,9 @@ from airtact.steps import (
     verification_solver,
     with_control,
 )
-from airtact.synthesis.methods import FOR_SAMPLES, METHODS
-from airtact.synthesis.quantise import quantise
-from airtact.synthesis.reach import fraction
-from airtact.synthesis.samples.robust import robust
-from airtact.synthesis.time_reversal import time_reversal
-from airtact.synthesis.upper_bound import upper_bound
+from airtact.setup.vtkhdf import write_field
 from airtact.timing import Clock, Progress, no_progress
 from airtact.transducers.drive_file import SEQUENCE_FILE
-from airtact.transfer import Drive, TransferMatrix
 from airtact.workflows.modulated import sensations, write_sequence
 from airtact.workflows.scene_view import scene_view
 
@@ -71,8 +71,9 @@ def render(
 ) -> Rendered:
     """Compute what a scene file asks for and write it into a folder, each file as soon as it is complete.
 
-    These are `FILES`, and `SEQUENCE_FILE` where foci move. Solved fields are stored in the folder ``store`` if given.
-    ``method``, one of ``METHODS``, takes the place of the scene file's. Without ``pictures`` only the drive is written.
+    These are `FILES`, and `SEQUENCE_FILE` where foci move. Solved fields are stored in the folder
+    ``store`` if given. ``method``, one of ``METHODS``, takes the place of the scene file's. Without
+    ``pictures`` only the drive is written.
 
     Raises
     ------
@@ -115,7 +116,9 @@ def render(
         reached=reached,
         comparison=comparison,
         doubt=(doubt := _doubt(setup, field, transfer, drive, clock)),
-        **_sentences(setup, transfer, drive, comparison, (*reach_cautions(setup), *notes, *noted), doubt),
+        **_sentences(
+            setup, transfer, drive, comparison, (*reach_cautions(setup), *notes, *noted), doubt
+        ),
         sensation=sensations(setup, reached, moving),
         seconds=clock.seconds,
     )
@@ -131,11 +134,19 @@ def _draw(
     report_step: Progress,
 ) -> Run:
     """Write the field around the foci, and the page."""
-    comparison, bodies = rendered.comparison, [obstacle.surface for obstacle in setup.scene.obstacles]
+    comparison, bodies = (
+        rendered.comparison,
+        [obstacle.surface for obstacle in setup.scene.obstacles],
+    )
     peak = float(np.abs(rendered.drive.amplitudes).max())
     with clock.step("field", "computing the field around the foci"):
         box = box_around(setup.target.points, setup.scene.wavelength)
-        write_field(folder / "field.vtkhdf", box, peak * comparison.at(box.points)[comparison.names[0]], bodies)
+        write_field(
+            folder / "field.vtkhdf",
+            box,
+            peak * comparison.at(box.points)[comparison.names[0]],
+            bodies,
+        )
     scales = _scales(comparison, peak)
     with clock.step("cuts", "computing the field in the pictures"):
         plane, close_ups = _cuts(setup, comparison, scales)
@@ -147,20 +158,28 @@ def _draw(
     return run
 
 
-def _verify(setup: Setup, drive: Drive, clock: Clock, store: Path | None) -> tuple[dict[str, Drive], Comparison]:
+def _verify(
+    setup: Setup, drive: Drive, clock: Clock, store: Path | None
+) -> tuple[dict[str, Drive], Comparison]:
     """Compare the drive with the one by the same method without the bodies, the strongest element at full scale."""
     drives = with_control(setup, setup.synthesise, drive)
-    with clock.step("verify", "verifying it by a more accurate solve with all transducers as sources"):
+    with clock.step(
+        "verify", "verifying it by a more accurate solve with all transducers as sources"
+    ):
         solver = stored(verification_solver(setup), store)
         comparison = compare(setup.scene, setup.array, drives, setup.target, solver=solver)
-    return {name: Drive(one.amplitudes / np.abs(one.amplitudes).max()) for name, one in drives.items()}, comparison
+    return {
+        name: Drive(one.amplitudes / np.abs(one.amplitudes).max()) for name, one in drives.items()
+    }, comparison
 
 
 def _scaled(target: Target, drive: Drive, comparison: Comparison) -> Drive:
     """Scale the drive so that the weakest focus gets what it asks by the verification, where full scale allows that."""
     peak = float(np.abs(drive.amplitudes).max())
     share = (
-        np.nanmin(fraction(peak * comparison.pressures["equal peak"][0], target)) if target.pressures is not None else 1
+        np.nanmin(fraction(peak * comparison.pressures["equal peak"][0], target))
+        if target.pressures is not None
+        else 1
     )
     return Drive(drive.amplitudes / max(share, peak)) if peak < 1.0 else drive
 
@@ -214,7 +233,9 @@ def _doubt(
         given = beacons, setup.array, setup.target, drives
         windows = _shifts(setup, setup.uncertainty.shift)
         solver = solver_of_samples(setup)
-        return replace(found, maps=tuple(shift_map(*given, window, solver=solver) for window in windows))
+        return replace(
+            found, maps=tuple(shift_map(*given, window, solver=solver) for window in windows)
+        )
 
 
 def _shifts(setup: Setup, deviation: float) -> list[Window]:
@@ -243,15 +264,21 @@ def _share_of_bound(setup: Setup, transfer: TransferMatrix, drive: Drive) -> str
     frame = quantise(drive, setup.levels)
     bound = upper_bound(transfer, setup.target, tolerance=1e-2)
     exact, rounded = (bound.reached(transfer, setup.target, one) for one in (drive, frame.drive()))
-    levels = f"{len(frame.levels.amplitudes)} levels of amplitude and {frame.levels.phases} of phase"
+    levels = (
+        f"{len(frame.levels.amplitudes)} levels of amplitude and {frame.levels.phases} of phase"
+    )
     if np.abs(drive.amplitudes).max() < FULL:
         left = f"At full scale no drive exceeds {1.0 / exact:.1f} times that"
         return f"{left}; rounded to {levels} it is {rounded / exact:.1%} of it.".replace("%", " %")
-    words = f"That is {exact:.0%} of the upper bound for any drive, {rounded:.0%} rounded to {levels}."
+    words = (
+        f"That is {exact:.0%} of the upper bound for any drive, {rounded:.0%} rounded to {levels}."
+    )
     return words.replace("%", " %")
 
 
-def _doubts(setup: Setup, transfer: TransferMatrix, drive: Drive, reached: Float64[np.ndarray, "foci"]) -> list[str]:
+def _doubts(
+    setup: Setup, transfer: TransferMatrix, drive: Drive, reached: Float64[np.ndarray, "foci"]
+) -> list[str]:
     """Say where the two solutions disagree by more than was asked."""
     predicted = np.abs(transfer.pressure(drive))[: len(reached)]
     apart = np.abs(predicted / reached - 1.0)
@@ -278,7 +305,9 @@ def _error_over(window: Window, scene: Scene, comparison: Comparison) -> float:
     return float(np.max(comparison.field.error_at(some))) if len(some) else float("nan")
 
 
-def _cuts(setup: Setup, comparison: Comparison, scales: Float64[np.ndarray, "drives"]) -> tuple[Cut, list[Cut]]:
+def _cuts(
+    setup: Setup, comparison: Comparison, scales: Float64[np.ndarray, "drives"]
+) -> tuple[Cut, list[Cut]]:
     """Cut the field through the foci, and across each of them where one plane cannot show them all."""
     scene, foci = setup.scene, setup.target.points
     window, solid = plane_of_foci(setup)
@@ -293,4 +322,6 @@ def _cuts(setup: Setup, comparison: Comparison, scales: Float64[np.ndarray, "dri
     if len(foci) < 3 or not scene.obstacles:
         return plane, []
     outwards = outward(scene.depth, foci)
-    return plane, [cut(close_up(*pair, scene.wavelength)) for pair in zip(foci, outwards, strict=True)]
+    return plane, [
+        cut(close_up(*pair, scene.wavelength)) for pair in zip(foci, outwards, strict=True)
+    ]

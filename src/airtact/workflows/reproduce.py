@@ -7,7 +7,9 @@ from airtact.experiments.inoue2014 import Reproduced
 from airtact.timing import Progress, no_progress
 
 
-def reproduce(paper: str, folder: Path, quick: bool = False, report_step: Progress = no_progress) -> Reproduced:
+def reproduce(
+    paper: str, folder: Path, quick: bool = False, report_step: Progress = no_progress
+) -> Reproduced:
     """Compute the experiment of one of ``airtact.experiments.PAPERS`` again and write a page about it into a folder.
 
     Raises

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float64
 
+from airtact.acoustics.solvers.problem import RadiatedField
+from airtact.drives.transfer import Drive
 from airtact.evaluation.slices import slices_around, surface_pressure
 from airtact.evaluation.windows import Window
-from airtact.pages.viewer import SceneView
-from airtact.scene_file.building import Setup
-from airtact.solvers.problem import RadiatedField
-from airtact.transfer import Drive
+from airtact.reports.viewer import SceneView
+from airtact.setup.building import Setup
 from airtact.workflows.modulated import paths_of
 
 
@@ -39,12 +39,17 @@ def scene_view(
     surfaces = surface_pressure(field, columns)
     asked = target.pressures
     return SceneView(
-        drives={name: scale * one.amplitudes for (name, one), scale in zip(drives.items(), scales, strict=True)},
+        drives={
+            name: scale * one.amplitudes
+            for (name, one), scale in zip(drives.items(), scales, strict=True)
+        },
         positions=setup.array.positions,
         normals=setup.array.normals,
         foci=setup.foci,
         points=target.points,
-        asked=["as strong as possible"] * len(setup.foci) if asked is None else [f"{one:,.0f} Pa" for one in asked],
+        asked=["as strong as possible"] * len(setup.foci)
+        if asked is None
+        else [f"{one:,.0f} Pa" for one in asked],
         reached=np.abs(field.at(target.points)[:, columns]) * scales,
         surfaces=surfaces and replace(surfaces, pressures=surfaces.pressures * scales),
         slices=replace(slices, pressures=slices.pressures * scales),

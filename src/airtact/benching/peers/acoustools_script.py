@@ -1,7 +1,8 @@
 """Run one case with AcousTools, in its own environment: ``python acoustools_script.py case.npz answer.npz``.
 
-Monopoles stand for the transducers (a piston of radius 0 at half its reference pressure), CHIEF points inside the
-bodies keep the equation solvable at interior resonances. No part of airtact is imported.
+Monopoles stand for the transducers (a piston of radius 0 at half its reference pressure), CHIEF
+points inside the bodies keep the equation solvable at interior resonances. No part of airtact is
+imported.
 """
 
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
@@ -27,7 +28,12 @@ def main(case_file: str, answer_file: str) -> None:
         return torch.tensor(points.T[None], dtype=torch.complex64)
 
     board = torch.tensor(case["elements"], dtype=torch.complex64)
-    same = {"p_ref": 1.0, "k": wavenumber, "transducer_radius": 0.0, "norms": torch.ones_like(board)}
+    same = {
+        "p_ref": 1.0,
+        "k": wavenumber,
+        "transducer_radius": 0.0,
+        "norms": torch.ones_like(board),
+    }
 
     def solve(vertices, triangles):
         scatterer = Mesh([vertices, triangles])
@@ -36,8 +42,14 @@ def main(case_file: str, answer_file: str) -> None:
         inside = tensor(case["inside"]) if len(case["inside"]) else None
         began = time.perf_counter()
         density = compute_H(scatterer, board, internal_points=inside, **same)
-        pressure = compute_E(scatterer, tensor(case["foci"]), board, H=density, internal_points=inside, **same)
-        return pressure[0].numpy().astype(np.complex128), time.perf_counter() - began, len(triangles)
+        pressure = compute_E(
+            scatterer, tensor(case["foci"]), board, H=density, internal_points=inside, **same
+        )
+        return (
+            pressure[0].numpy().astype(np.complex128),
+            time.perf_counter() - began,
+            len(triangles),
+        )
 
     solve(case["warm_vertices"], case["warm_triangles"])
     write_answer(answer_file, case, solve, "AcousTools " + version("acoustools"))

@@ -22,9 +22,11 @@ def main(case_file: str, answer_file: str) -> None:
     medium = at.Medium(sound_speed=float(case["sound_speed"]), density=1.293)
     frequency, beacons = float(case["frequency"]), at.Target(case["foci"]).beacons()
 
-    def solve(solver: at.BoundaryElement) -> tuple[at.solvers.RadiatedField, np.ndarray, float]:
+    def solve(solver: at.BoundaryElement) -> tuple[at.acoustics.RadiatedField, np.ndarray, float]:
         began = time.perf_counter()
-        scene = at.Scene(medium, [at.sound_hard(surface) for surface in surfaces], frequency=frequency)
+        scene = at.Scene(
+            medium, [at.sound_hard(surface) for surface in surfaces], frequency=frequency
+        )
         field = solver.radiate(scene, beacons)
         pressure = field.at(case["elements"]).T
         return field, pressure, time.perf_counter() - began
@@ -39,7 +41,9 @@ def main(case_file: str, answer_file: str) -> None:
         field, matrix, took = solve(solver)
         seconds.append(took)
     nodes, version = field.report.nodes, f"airtact {at.__version__}"
-    np.savez(answer_file, matrix=matrix, seconds=seconds, peak=above, unknowns=nodes, version=version)
+    np.savez(
+        answer_file, matrix=matrix, seconds=seconds, peak=above, unknowns=nodes, version=version
+    )
 
 
 if __name__ == "__main__":

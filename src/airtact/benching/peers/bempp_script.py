@@ -1,7 +1,7 @@
 """Run one case with bempp-cl, in its own environment: ``python bempp_script.py case.npz answer.npz``.
 
-Galerkin with continuous linear elements, Burton-Miller, OpenCL (or Numba, where the case says so), GMRES to 1e-3 in the
-strong form, one beacon in each focus. No part of airtact is imported.
+Galerkin with continuous linear elements, Burton-Miller, OpenCL (or Numba, where the case says so),
+GMRES to 1e-3 in the strong form, one beacon in each focus. No part of airtact is imported.
 """
 
 # pyright: reportMissingImports=false
@@ -48,7 +48,9 @@ def main(case_file: str, answer_file: str) -> None:
         for focus in case["foci"]:
             given = np.array([*focus, wavenumber], dtype=np.complex128)
             right = bempp.GridFunction(space, fun=arriving, function_parameters=given)
-            pressure, failed = bempp.linalg.gmres(system, right, tol=TOLERANCE, use_strong_form=True)
+            pressure, failed = bempp.linalg.gmres(
+                system, right, tol=TOLERANCE, use_strong_form=True
+            )
             if failed:
                 raise RuntimeError(f"GMRES of bempp-cl stopped with {failed}")
             offset = np.linalg.norm(case["elements"] - focus, axis=1)

@@ -19,7 +19,8 @@ def forget_peak() -> int:
 def peak() -> int:
     """Return the peak since ``forget_peak`` or the start [byte], libraries included; 0 on Windows, which reports none.
 
-    Linux counts in ``ru_maxrss`` what the parent had when it started this process, but not in ``VmHWM``.
+    Linux counts in ``ru_maxrss`` what the parent had when it started this process, but not in
+    ``VmHWM``.
     """
     try:
         return _status("VmHWM")
@@ -38,7 +39,14 @@ def write_answer(file: str, case: Mapping, solve: Callable, version: str) -> Non
     for _ in range(int(case["runs"])):
         matrix, took, unknowns = solve(case["vertices"], case["triangles"])
         seconds.append(took)
-    np.savez(file, matrix=matrix, seconds=seconds, peak=peak() - before, unknowns=unknowns, version=version)
+    np.savez(
+        file,
+        matrix=matrix,
+        seconds=seconds,
+        peak=peak() - before,
+        unknowns=unknowns,
+        version=version,
+    )
 
 
 def _status(name: str) -> int:

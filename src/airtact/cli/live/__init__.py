@@ -6,7 +6,16 @@ from typing import Any
 import click
 
 from airtact.cli.console import facts_table, progress, show, status_line
-from airtact.cli.options import INPUT, Names, agreed, as_json, board_address, level_of, quiet, results
+from airtact.cli.options import (
+    INPUT,
+    Names,
+    agreed,
+    as_json,
+    board_address,
+    level_of,
+    quiet,
+    results,
+)
 
 EXAMPLE = "live_pinch"
 """The scene that is followed unless one is named."""
@@ -25,18 +34,41 @@ EXAMPLE = "live_pinch"
     help="Where the hand comes from: a recording, another run's session, trackers (websocket:PORT for another port "
     "than 8765, osc:PORT than 9000), or the page; a motion that comes along by default.",
 )
-@click.option("--seconds", type=float, help="How long; until Ctrl-C, or the end of the recording, by default.")
-@click.option("--latency", type=float, default=0.0, help="Least time from picture to frame in seconds; 0 by default.")
+@click.option(
+    "--seconds", type=float, help="How long; until Ctrl-C, or the end of the recording, by default."
+)
+@click.option(
+    "--latency",
+    type=float,
+    default=0.0,
+    help="Least time from picture to frame in seconds; 0 by default.",
+)
 @click.option("--ignore-hand", is_flag=True, help="Make drives from distances alone.")
 @click.option("--full-scale", is_flag=True, help="Emit at full scale: --cap 1.")
-@click.option("--cap", type=float, help="Largest amplitude of an element, a share of full scale: 0.5 is half.")
-@click.option("--board", type=Names("airtact.transducers.boards:BOARDS"), help="Kind of board; none by default.")
-@click.option("--link", type=Names("airtact.hardware.links:LINKS"), help="Way to the boards.")
+@click.option(
+    "--cap", type=float, help="Largest amplitude of an element, a share of full scale: 0.5 is half."
+)
+@click.option(
+    "--board",
+    type=Names("airtact.transducers.boards:BOARDS"),
+    help="Kind of board; none by default.",
+)
+@click.option("--link", type=Names("airtact.emission.links:LINKS"), help="Way to the boards.")
 @click.option("--yes", is_flag=True, help="Emit without asking.")
 @board_address
-@click.option("--no-page", "page", is_flag=True, flag_value=False, default=True, help="Do not serve the page.")
-@click.option("--page-port", type=int, default=8940, show_default=True, help="Port of the page; 0 takes a free one.")
-@click.option("--host", default="127.0.0.1", show_default=True, help="Address that the page is served at.")
+@click.option(
+    "--no-page", "page", is_flag=True, flag_value=False, default=True, help="Do not serve the page."
+)
+@click.option(
+    "--page-port",
+    type=int,
+    default=8940,
+    show_default=True,
+    help="Port of the page; 0 takes a free one.",
+)
+@click.option(
+    "--host", default="127.0.0.1", show_default=True, help="Address that the page is served at."
+)
 @as_json
 @quiet
 def live(
@@ -55,11 +87,12 @@ def live(
 ) -> None:
     """Let the sound follow the hand of SCENE, frame by frame, and record what is done in session.h5.
 
-    SCENE is the example live_pinch by default. Its foci must ride on a hand (at = "thumb.pad"). A hand that is lost,
-    leaves the workspace or is not seen for 150 ms fades to silence. Without --cap and --full-scale the level half a
-    metre off the array is kept to 110 dB. Ctrl-C ends it in silence.
+    SCENE is the example live_pinch by default. Its foci must ride on a hand (at = "thumb.pad"). A
+    hand that is lost, leaves the workspace or is not seen for 150 ms fades to silence. Without
+    --cap and --full-scale the level half a metre off the array is kept to 110 dB. Ctrl-C ends it in
+    silence.
     """
-    from airtact.validation import positive
+    from airtact.checks import positive
 
     share = level_of(cap, full_scale)
     if seconds is not None:

@@ -9,7 +9,7 @@ from airtact.cli.console import facts_table, open_page, progress, show
 from airtact.cli.options import FILE, as_json, open_result, pictures, quiet, results, scene, store
 
 if TYPE_CHECKING:
-    from airtact.pages.sense_page import Sensed
+    from airtact.reports.sense_page import Sensed
 
 
 @click.command(
@@ -17,16 +17,41 @@ if TYPE_CHECKING:
     epilog="Example: airtact sense pinch --simulate --noise 20 --out out/sensed",
 )
 @scene
-@click.option("--echoes", type=FILE, help="File of measured echoes (.h5), less what the empty array receives.")
-@click.option("--simulate", is_flag=True, help="Simulate echoes of a hand that is off the scene's pose.")
-@click.option("--noise", type=float, default=20.0, show_default=True, help="Echoes over noise in dB, if simulated.")
-@click.option("--offset", type=float, default=2e-3, show_default=True, help="Of the simulated hand in metres.")
-@click.option("--turn", type=float, default=3.0, show_default=True, help="Of the simulated hand in degrees.")
 @click.option(
-    "--opened", "wider", type=float, default=5e-4, show_default=True, help="Of the simulated pinch in metres."
+    "--echoes", type=FILE, help="File of measured echoes (.h5), less what the empty array receives."
 )
-@click.option("--seed", type=int, default=0, show_default=True, help="Of the simulated noise and directions.")
-@click.option("--shape", is_flag=True, help="Find ends and radii of the scene's capsules, too; takes a minute.")
+@click.option(
+    "--simulate", is_flag=True, help="Simulate echoes of a hand that is off the scene's pose."
+)
+@click.option(
+    "--noise",
+    type=float,
+    default=20.0,
+    show_default=True,
+    help="Echoes over noise in dB, if simulated.",
+)
+@click.option(
+    "--offset", type=float, default=2e-3, show_default=True, help="Of the simulated hand in metres."
+)
+@click.option(
+    "--turn", type=float, default=3.0, show_default=True, help="Of the simulated hand in degrees."
+)
+@click.option(
+    "--opened",
+    "wider",
+    type=float,
+    default=5e-4,
+    show_default=True,
+    help="Of the simulated pinch in metres.",
+)
+@click.option(
+    "--seed", type=int, default=0, show_default=True, help="Of the simulated noise and directions."
+)
+@click.option(
+    "--shape",
+    is_flag=True,
+    help="Find ends and radii of the scene's capsules, too; takes a minute.",
+)
 @results
 @store
 @pictures
@@ -50,17 +75,20 @@ def sense(
 ) -> None:
     """Find the pose of the hand of SCENE from echoes, starting at the scene's own, and the gap of a pinch.
 
-    With --shape the ends and radii of fingers are found, too, where all bodies are capsules, as those of a pinch are.
+    With --shape the ends and radii of fingers are found, too, where all bodies are capsules, as
+    those of a pinch are.
 
-    No board that airtact drives today can receive: --echoes reads what a laboratory's own receivers measured. Writes
-    pose.json, report.html, and echoes.h5 where they were simulated.
+    No board that airtact drives today can receive: --echoes reads what a laboratory's own receivers
+    measured. Writes pose.json, report.html, and echoes.h5 where they were simulated.
     """
     with progress() as report_step:
         report_step("starting")
         from airtact.workflows import sense as workflow
 
         simulation = workflow.Simulation(noise, offset, turn, seed, wider) if simulate else None
-        sensed = workflow.sense(scene, echoes, simulation, folder, report_step, store, pictures, shape)
+        sensed = workflow.sense(
+            scene, echoes, simulation, folder, report_step, store, pictures, shape
+        )
     pose, page, measured = (folder / name for name in workflow.FILES)
     files = [pose, *([page] if pictures else []), *([measured] if simulate else [])]
     lines = [f"Report: {page}" if pictures else f"Pose: {pose}"]
@@ -86,8 +114,14 @@ def _facts(sensed: "Sensed") -> list[tuple[str, str]]:
         ("the hand is off the scene's pose by", f"{1e3 * off:.3f} mm and {np.degrees(turn):.3f}°"),
         ("standard deviation", doubt),
         *_gap_facts(sensed),
-        ("not explained", f"{located.residual:.1%} of the echoes, {located.misfit:.1%} beyond noise"),
-        ("weakest focus, drive for the scene's pose", f"{sensed.uncorrected:,.0f} Pa, {share:.0%} of the next"),
+        (
+            "not explained",
+            f"{located.residual:.1%} of the echoes, {located.misfit:.1%} beyond noise",
+        ),
+        (
+            "weakest focus, drive for the scene's pose",
+            f"{sensed.uncorrected:,.0f} Pa, {share:.0%} of the next",
+        ),
         ("weakest focus, drive for the pose found", f"{sensed.corrected:,.0f} Pa"),
     ]
     if len(located.left_out):
@@ -96,7 +130,12 @@ def _facts(sensed: "Sensed") -> list[tuple[str, str]]:
         facts.append(("surfaces off the simulated truth by", f"{1e3 * sensed.surface_off:.3f} mm"))
     if sensed.error is not None:
         error, wrong_turn = sensed.error
-        facts.append(("off the simulated truth by", f"{1e3 * error:.3f} mm and {np.degrees(wrong_turn):.3f}°"))
+        facts.append(
+            (
+                "off the simulated truth by",
+                f"{1e3 * error:.3f} mm and {np.degrees(wrong_turn):.3f}°",
+            )
+        )
     return facts
 
 
@@ -106,11 +145,16 @@ def _gap_facts(sensed: "Sensed") -> list[tuple[str, str]]:
     if gap is None or located.opening is None:
         return []
     facts = [
-        ("gap", f"{1e3 * located.opening:.3f} mm, standard deviation {1e3 * located.opening_deviation:.3f} mm"),
+        (
+            "gap",
+            f"{1e3 * located.opening:.3f} mm, standard deviation {1e3 * located.opening_deviation:.3f} mm",
+        ),
         ("gap in the scene", f"{1e3 * gap:.3f} mm"),
     ]
     if true is not None:
-        facts.append(("gap off the simulated truth by", f"{1e3 * abs(located.opening - true):.3f} mm"))
+        facts.append(
+            ("gap off the simulated truth by", f"{1e3 * abs(located.opening - true):.3f} mm")
+        )
     return facts
 
 

@@ -17,25 +17,47 @@ if TYPE_CHECKING:
     epilog="Example: airtact calibrate --simulate --scene pinch --out out/calibration.csv",
 )
 @click.argument("echoes", type=FILE, required=False)
-@click.option("--scene", type=INPUT, default="scene.toml", show_default=True, help="Scene file with the array.")
-@click.option("--simulate", is_flag=True, help="Simulate the transmissions of an array that is a little off.")
-@click.option("--noise", type=float, default=30.0, show_default=True, help="Sound over noise in dB, if simulated.")
-@click.option("--seed", type=int, default=0, show_default=True, help="Of the simulated noise and array.")
-@click.option("--out", type=FILE, default="calibration.csv", show_default=True, help="Table of the elements.")
+@click.option(
+    "--scene",
+    type=INPUT,
+    default="scene.toml",
+    show_default=True,
+    help="Scene file with the array.",
+)
+@click.option(
+    "--simulate", is_flag=True, help="Simulate the transmissions of an array that is a little off."
+)
+@click.option(
+    "--noise",
+    type=float,
+    default=30.0,
+    show_default=True,
+    help="Sound over noise in dB, if simulated.",
+)
+@click.option(
+    "--seed", type=int, default=0, show_default=True, help="Of the simulated noise and array."
+)
+@click.option(
+    "--out", type=FILE, default="calibration.csv", show_default=True, help="Table of the elements."
+)
 @as_json
 @quiet
-def calibrate(echoes: Path | None, scene: Path, simulate: bool, noise: float, seed: int, out: Path) -> None:
+def calibrate(
+    echoes: Path | None, scene: Path, simulate: bool, noise: float, seed: int, out: Path
+) -> None:
     """Find where the boards of a scene's array are, what its elements are worth, and the sound speed.
 
-    ECHOES is a file (.h5) of what the elements of the empty array receive of each other's transmissions, with nothing
-    subtracted, in codes that tell the elements apart. Boards must face each other. Writes a table that a scene reads
-    by calibration = "calibration.csv" in its [array].
+    ECHOES is a file (.h5) of what the elements of the empty array receive of each other's
+    transmissions, with nothing subtracted, in codes that tell the elements apart. Boards must face
+    each other. Writes a table that a scene reads by calibration = "calibration.csv" in its [array].
     """
     with progress() as report_step:
         report_step("starting")
         from airtact.workflows.sense import calibrate as workflow
 
-        found, error = workflow.calibrate_array(echoes, scene, noise if simulate else None, seed, out, report_step)
+        found, error = workflow.calibrate_array(
+            echoes, scene, noise if simulate else None, seed, out, report_step
+        )
     lines = [
         f"Calibration: {out}",
         f'In the scene file: sound_speed = {found.sound_speed:.2f} in [medium], calibration = "{out.name}" in [array].',
@@ -56,17 +78,27 @@ def _facts(found: "Calibrated", error: tuple[float, float] | None) -> list[tuple
     for board, motion in enumerate(found.motions[1:], 1):
         x, y, z = 1e3 * found.shifts[board]
         angle = np.degrees(np.linalg.norm(motion.rotation - np.eye(3)) / np.sqrt(2.0))
-        facts.append((f"board {board} is off by", f"({x:.3f}, {y:.3f}, {z:.3f}) mm, turned by {angle:.3f}°"))
+        facts.append(
+            (f"board {board} is off by", f"({x:.3f}, {y:.3f}, {z:.3f}) mm, turned by {angle:.3f}°")
+        )
     gains = np.abs(found.emission[found.emission != 0.0])
     facts += [
         ("standard deviation of a board", f"{1e3 * position:.2g} mm and {np.degrees(turn):.2g}°"),
-        ("gains", f"{gains.min():.2f} to {gains.max():.2f}, standard deviation {found.gain_deviation:.1%}"),
-        ("not explained", f"{found.residual:.1%} of the direct sound, {found.misfit:.1%} beyond noise"),
+        (
+            "gains",
+            f"{gains.min():.2f} to {gains.max():.2f}, standard deviation {found.gain_deviation:.1%}",
+        ),
+        (
+            "not explained",
+            f"{found.residual:.1%} of the direct sound, {found.misfit:.1%} beyond noise",
+        ),
     ]
     if len(found.dead):
         facts.append(("dead elements", ", ".join(str(one) for one in found.dead[:20])))
     if error is not None:
-        facts.append(("off the simulated truth by", f"{1e3 * error[0]:.4f} mm and {error[1]:.4f} m/s"))
+        facts.append(
+            ("off the simulated truth by", f"{1e3 * error[0]:.4f} mm and {error[1]:.4f} m/s")
+        )
     return facts
 
 
@@ -75,7 +107,8 @@ def _record(found: "Calibrated", error: tuple[float, float] | None) -> dict[str,
     return {
         "sound_speed": found.sound_speed,
         "boards": [
-            {"rotation": one.rotation.tolist(), "translation": one.translation.tolist()} for one in found.motions
+            {"rotation": one.rotation.tolist(), "translation": one.translation.tolist()}
+            for one in found.motions
         ],
         "covariance": found.covariance.tolist(),
         "gain_deviation": found.gain_deviation,

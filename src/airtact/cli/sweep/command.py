@@ -22,9 +22,17 @@ from airtact.cli.sweep.counting import counting
     metavar="PATH=LOW:HIGH:COUNT",
     help="A key and its values, such as foci[0].offset=0.0005:0.003:6; several make a grid.",
 )
-@click.option("--recording", type=INPUT, help="Recording whose frames take the place of the scene's hand.")
-@click.option("--processes", type=click.IntRange(min=1), help="How many; by default as processors and memory allow.")
-@click.option("--dask", metavar="ADDRESS", help="Dask scheduler, such as tcp://10.0.0.1:8786, or local.")
+@click.option(
+    "--recording", type=INPUT, help="Recording whose frames take the place of the scene's hand."
+)
+@click.option(
+    "--processes",
+    type=click.IntRange(min=1),
+    help="How many; by default as processors and memory allow.",
+)
+@click.option(
+    "--dask", metavar="ADDRESS", help="Dask scheduler, such as tcp://10.0.0.1:8786, or local."
+)
 @click.option("--parquet", is_flag=True, help="Write sweep.parquet too.")
 @pictures
 @open_result
@@ -43,9 +51,10 @@ def sweep(
 ) -> None:
     """Make the drive of SCENE at every point and write sweep.csv and sweep.html.
 
-    PATH is a key of the scene file: foci[0].offset, medium.celsius, obstacles[0].pose.translation[2], or short for the
-    only body of a kind: hand.gap, pinch.gap, sphere.radius. The result of each point is kept in the folder: the same
-    command goes on where it was stopped. A point that fails is a row with its sentence.
+    PATH is a key of the scene file: foci[0].offset, medium.celsius,
+    obstacles[0].pose.translation[2], or short for the only body of a kind: hand.gap, pinch.gap,
+    sphere.radius. The result of each point is kept in the folder: the same command goes on where it
+    was stopped. A point that fails is a row with its sentence.
     """
     with counting() as count:
         from airtact.workflows.sweep import sweep as workflow
@@ -71,7 +80,8 @@ def sweep(
     show(
         *([table] if known else []),
         warnings=[
-            f"{len(found.failed)} of {len(found.rows)} points failed; the first: {one['sentence']}" for one in first
+            f"{len(found.failed)} of {len(found.rows)} points failed; the first: {one['sentence']}"
+            for one in first
         ],
         lines=[f"Report: {page}" if pictures else f"Table: {folder / workflow.FILES[0]}"],
         record={

@@ -6,7 +6,14 @@ from contextlib import contextmanager
 
 import click
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 from airtact.cli.console import QUIET, wanted
 
@@ -36,7 +43,9 @@ def counting() -> Iterator[Callable[[int, int, int], None]]:
 
         def count(done: int, total: int, failed: int) -> None:
             if not tasks:
-                tasks.append(shown.add_task("", total=total, completed=done))  # what was kept says nothing of the time
+                tasks.append(
+                    shown.add_task("", total=total, completed=done)
+                )  # what was kept says nothing of the time
             words = "left" + (f", [red]{failed} failed[/red]" if failed else "")
             shown.update(tasks[0], completed=done, description=words)
 
@@ -52,7 +61,11 @@ def _lines() -> Callable[[int, int, int], None]:
         kept = done if kept < 0 else kept
         if done in (total, kept) or passed - last > EVERY:
             last = passed
-            left = f", {passed / (done - kept) * (total - done):.0f} s left" if kept < done < total else ""
+            left = (
+                f", {passed / (done - kept) * (total - done):.0f} s left"
+                if kept < done < total
+                else ""
+            )
             words = f", {failed} failed" if failed else ""
             click.echo(f"{passed:7.1f} s  {done:,} of {total:,} points{words}{left}", err=True)
 

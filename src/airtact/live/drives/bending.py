@@ -1,12 +1,13 @@
 """The whole hand, solved on panels that bend with it, and its sound carried to the pose of now.
 
-A whole hand takes some 0.2 s to solve, and its factors (see ``factors``) are out of date after 20 ms, as sound that
-goes by way of a neighbouring finger changes its phase with every millimetre. What hardly changes is the strength of the
-sources that the solution puts on the skin, over the sound that the beacon sends straight there: a smooth function of
-position on each bone. So the sources are moved with their bones, their phases follow the paths from the focus, and they
-radiate to the array from where they are now: in 20 ms, after which a solution of 0.1 s ago is nearly right. For the
-milliseconds until the next time the sources of each bone are taken together, and the phase of what they radiate follows
-the path by way of their middle.
+A whole hand takes some 0.2 s to solve, and its factors (see ``factors``) are out of date after 20
+ms, as sound that goes by way of a neighbouring finger changes its phase with every millimetre. What
+hardly changes is the strength of the sources that the solution puts on the skin, over the sound
+that the beacon sends straight there: a smooth function of position on each bone. So the sources are
+moved with their bones, their phases follow the paths from the focus, and they radiate to the array
+from where they are now: in 20 ms, after which a solution of 0.1 s ago is nearly right. For the
+milliseconds until the next time the sources of each bone are taken together, and the phase of what
+they radiate follows the path by way of their middle.
 """
 
 from collections.abc import Sequence
@@ -16,22 +17,22 @@ import numpy as np
 from jaxtyping import Complex64, Complex128, Float, Float32, Float64
 
 from airtact import _kernels
-from airtact.hand.anatomy_parts import FREE, OWNER, PARTS
-from airtact.hand.hand import Hand
-from airtact.hand.joints import CHAINS, cross
-from airtact.hand.kinematics import bending_axis
+from airtact.acoustics.scene import Scene, sound_hard
+from airtact.acoustics.solvers.bem.solutions import DirectSolution
+from airtact.acoustics.solvers.bem.solver import BoundaryElement
+from airtact.acoustics.solvers.monopoles import monopole_pressure
+from airtact.acoustics.sources import Monopoles
+from airtact.acoustics.target import Target
+from airtact.geometry.mesh.quadratic_triangles import QuadraticTriangles
+from airtact.hands.anatomy_parts import FREE, OWNER, PARTS
+from airtact.hands.hand import Hand
+from airtact.hands.joints import CHAINS, cross
+from airtact.hands.kinematics import bending_axis
 from airtact.live.drives.factors import ACCURACY, HandFactors, part_of
 from airtact.live.drives.riding import Riding, gap_change, ride
 from airtact.live.drives.some_elements import SomeElements
 from airtact.live.parts import LiveScene
-from airtact.mesh.quadratic_triangles import QuadraticTriangles
 from airtact.printing import in_short
-from airtact.scene.scene import Scene, sound_hard
-from airtact.scene.sources import Monopoles
-from airtact.scene.target import Target
-from airtact.solvers.bem.solutions import DirectSolution
-from airtact.solvers.bem.solver import BoundaryElement
-from airtact.solvers.monopoles import monopole_pressure
 
 SEEN, SETTLED = 0.5, 0.2
 """Panels that face fewer of the elements are left out: half the unknowns, for 0.01 of the pressure; relative residual
@@ -48,7 +49,8 @@ OTHER_POSE = 5e-3
 
 LOST, LOST_GAP = 0.17, 5e-3
 """Share of the pressure that is lost where sound is carried far, and the ``gap_change`` over which most of it is [m]:
-fitted to 32 pairs of poses of an open hand whose fingers wave, with foci at its palm and all fingertips."""
+fitted to 32 pairs of poses of an open hand whose fingers wave, with foci at its palm and all
+fingertips."""
 
 FEWER = 4
 """Sound by way of a bone is evaluated at so many elements less than there are, and in between: 3 or 4 % off."""
@@ -66,7 +68,9 @@ class Bones:
 
     __repr__ = in_short
 
-    def motions_to(self, now: "Bones") -> tuple[Float64[np.ndarray, "hulls 3 3"], Float64[np.ndarray, "hulls 3"]]:
+    def motions_to(
+        self, now: "Bones"
+    ) -> tuple[Float64[np.ndarray, "hulls 3 3"], Float64[np.ndarray, "hulls 3"]]:
         """Return the rotation (from the right) and the shift that carry each bone to where it is now."""
         turns = np.einsum("hij,hik->hjk", self.axes, now.axes)
         return turns, now.starts - np.einsum("hj,hjk->hk", self.starts, turns)
@@ -77,7 +81,9 @@ def bones_of(hand: Hand) -> Bones:
     (palm, normal), joints = hand.position("palm"), hand.joints
     hinges = np.array([bending_axis(joints, hand.side, finger) for finger in range(5)])
     root, knuckle = joints[list(CHAINS[2][:2])]
-    starts, ends = joints[PARTS[: FREE + 1, :2].T]  # the one after the phalanges is the thumb's metacarpal
+    starts, ends = joints[
+        PARTS[: FREE + 1, :2].T
+    ]  # the one after the phalanges is the thumb's metacarpal
     along = np.vstack([ends - starts, knuckle - root])
     across = np.vstack([hinges[[*OWNER, 0]], cross(knuckle - root, normal)])
     along /= np.linalg.norm(along, axis=1, keepdims=True)
@@ -86,11 +92,14 @@ def bones_of(hand: Hand) -> Bones:
     axes = np.stack([along, across, np.cross(along, across)], axis=1)
     of_palm = len(PARTS) - len(starts)
     return Bones(
-        np.vstack([axes[:-1], np.tile(axes[-1], (of_palm, 1, 1))]), np.vstack([starts, np.tile(palm, (of_palm, 1))])
+        np.vstack([axes[:-1], np.tile(axes[-1], (of_palm, 1, 1))]),
+        np.vstack([starts, np.tile(palm, (of_palm, 1))]),
     )
 
 
-def _weights(hand: Hand, points: Float64[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points hulls"]:
+def _weights(
+    hand: Hand, points: Float64[np.ndarray, "points 3"]
+) -> Float64[np.ndarray, "points hulls"]:
     """Find how much each bone moves points on the skin: the nearest one, and where two are as near, both."""
     away = hand.shape.hulls.each(points)
     weights = np.exp((away.min(axis=1, keepdims=True) - away) / SOFT)
@@ -99,7 +108,10 @@ def _weights(hand: Hand, points: Float64[np.ndarray, "points 3"]) -> Float64[np.
 
 
 def _moved(
-    points: Float64[np.ndarray, "points 3"], weights: Float64[np.ndarray, "points hulls"], before: Bones, now: Bones
+    points: Float64[np.ndarray, "points 3"],
+    weights: Float64[np.ndarray, "points hulls"],
+    before: Bones,
+    now: Bones,
 ) -> Float64[np.ndarray, "points 3"]:
     turns, shifts = before.motions_to(now)
     return np.einsum("pj,pjk->pk", points, np.tensordot(weights, turns, 1)) + weights @ shifts
@@ -129,7 +141,9 @@ class SkinSources:
 
     __repr__ = in_short
 
-    def carried(self, scene: LiveScene, riding: Riding, time: float, some: SomeElements) -> "CarriedFactors":
+    def carried(
+        self, scene: LiveScene, riding: Riding, time: float, some: SomeElements
+    ) -> "CarriedFactors":
         """Carry the sources to another pose, at a time [s]; ``some`` elements tell what comes by way of each bone."""
         wavenumber, bones = scene.medium.wavenumber(scene.frequency), bones_of(riding.hand)
         points = _moved(self.points, self.weights, self.bones, bones)
@@ -177,8 +191,8 @@ class CarriedFactors(HandFactors):
     straight : (F,) the part of ``factors`` that comes straight from the focus.
     bones : of the pose.
     centres : (H, F, 3) the middle of the sources of each bone for each focus [m].
-    waves : (H, F, E) the part of ``factors`` that comes by way of each bone, without the phase of the detour by the
-        middle of its sources.
+    waves : (H, F, E) the part of ``factors`` that comes by way of each bone, without the phase of
+        the detour by the middle of its sources.
     """
 
     straight: Float64[np.ndarray, "foci"]
@@ -203,7 +217,10 @@ def _detoured(
     waves: Complex64[np.ndarray, "hulls foci elements"],
 ) -> Complex64[np.ndarray, "foci elements"]:
     """Add up what comes straight and by way of each bone, whose sources have their middle at ``centres`` [m]."""
-    wavenumber, elements = scene.medium.wavenumber(scene.frequency).real, scene.sounding.array.positions
+    wavenumber, elements = (
+        scene.medium.wavenumber(scene.frequency).real,
+        scene.sounding.array.positions,
+    )
     out = np.empty((len(foci), len(elements)), dtype=np.complex64)
     _kernels.detoured_waves(centres, foci, elements, straight, waves, wavenumber, out)
     return out
@@ -217,7 +234,9 @@ def detours(
     """Return how much longer the path from each focus by way of a centre is than the straight one [m]."""
     begun = np.linalg.norm(centres - foci, axis=2).astype(np.float32)
     near, far, foci = (one.reshape(-1, 3).astype(np.float32) for one in (centres, elements, foci))
-    return begun[..., None] + _distances(near, far).reshape(*begun.shape, -1) - _distances(foci, far)
+    return (
+        begun[..., None] + _distances(near, far).reshape(*begun.shape, -1) - _distances(foci, far)
+    )
 
 
 def _phasors(phases: Float[np.ndarray, "*any"]) -> Complex64[np.ndarray, "*any"]:
@@ -252,13 +271,23 @@ class BendingPanels:
         A focus lies inside the body.
     """
 
-    def __init__(self, scene: LiveScene, riding: Riding, accuracy: float = ACCURACY, seen: float = SEEN) -> None:
+    def __init__(
+        self, scene: LiveScene, riding: Riding, accuracy: float = ACCURACY, seen: float = SEEN
+    ) -> None:
         self._scene, self.riding, hand = scene, riding, riding.hand
-        air = Scene(scene.medium, [sound_hard(part_of(hand, "hand", scene.places))], frequency=scene.frequency)
+        air = Scene(
+            scene.medium,
+            [sound_hard(part_of(hand, "hand", scene.places))],
+            frequency=scene.frequency,
+        )
         solver = BoundaryElement(accuracy=accuracy, estimate=False)
-        self._panels = solver.moving_panels(air, riding.foci).facing(scene.sounding.array.positions, seen)
+        self._panels = solver.moving_panels(air, riding.foci).facing(
+            scene.sounding.array.positions, seen
+        )
         self._bones, corners = bones_of(hand), self._panels.corners.reshape(-1, 3)
-        self._of_corners, self._of_inside = (_weights(hand, points) for points in (corners, self._panels.inside))
+        self._of_corners, self._of_inside = (
+            _weights(hand, points) for points in (corners, self._panels.inside)
+        )
         of_panels = self._of_corners.reshape(-1, 6, len(PARTS)).mean(axis=1)
         self._of_sources = np.concatenate([np.repeat(of_panels, 6, axis=0), self._of_inside])
         self._depths = hand.shape.hulls.look(corners).distance
@@ -269,21 +298,29 @@ class BendingPanels:
         found = self._panels.radiated(corners, inside, Target(riding.foci).beacons(), SETTLED)
         sources = found.scattering
         weights, strengths = self._of_sources, sources.strengths
-        return SkinSources(time, riding, bones, sources.positions, weights, strengths, found.factors)
+        return SkinSources(
+            time, riding, bones, sources.positions, weights, strengths, found.factors
+        )
 
     def received(self, riding: Riding, sources: Monopoles, residual: float) -> DirectSolution:
         """Solve another pose for sources away from the hand; it needs all panels, and raises as ``solved``."""
         _, corners, inside = self._bent(riding)
         return self._panels.received(corners, inside, sources, residual)
 
-    def _bent(self, riding: Riding) -> tuple[Bones, QuadraticTriangles, Float64[np.ndarray, "groups 3"]]:
+    def _bent(
+        self, riding: Riding
+    ) -> tuple[Bones, QuadraticTriangles, Float64[np.ndarray, "groups 3"]]:
         """Bend the panels and their inside to another pose."""
         bones = bones_of(riding.hand)
         corners = _moved(self._panels.corners.reshape(-1, 3), self._of_corners, self._bones, bones)
         skin = riding.hand.shape.hulls.look(corners)
         off = skin.distance - self._depths
         corners -= np.where(np.abs(off) < LIFTED, off, 0.0)[:, None] * skin.gradient
-        return bones, corners.reshape(-1, 6, 3), _moved(self._panels.inside, self._of_inside, self._bones, bones)
+        return (
+            bones,
+            corners.reshape(-1, 6, 3),
+            _moved(self._panels.inside, self._of_inside, self._bones, bones),
+        )
 
 
 class BendingHand:
@@ -299,7 +336,9 @@ class BendingHand:
 
     def __init__(self, scene: LiveScene, accuracy: float = ACCURACY, seen: float = SEEN) -> None:
         self._scene, self._accuracy, self._seen = scene, accuracy, seen
-        self._some = SomeElements.of(scene.sounding.array.positions, -(-len(scene.sounding.array) // FEWER))
+        self._some = SomeElements.of(
+            scene.sounding.array.positions, -(-len(scene.sounding.array) // FEWER)
+        )
         self._panels: list[BendingPanels] = []
         self._found: Sequence[SkinSources] = ()
 
@@ -308,7 +347,9 @@ class BendingHand:
         riding = ride(self._scene, joints)
         return self._panels_for(riding).solved(riding, time)
 
-    def received(self, joints: Float64[np.ndarray, "25 3"], sources: Monopoles, residual: float) -> DirectSolution:
+    def received(
+        self, joints: Float64[np.ndarray, "25 3"], sources: Monopoles, residual: float
+    ) -> DirectSolution:
         """Solve what a pose receives of sources away from it, to a relative residual; errors as for ``solved``."""
         riding = ride(self._scene, joints)
         return self._panels_for(riding).received(riding, sources, residual)

@@ -1,8 +1,8 @@
 """What a hand does to the sound of each element at each focus: a factor on its pressure in open air.
 
-The factors are solved for one pose of a hand. They change slowly as the hand moves on, unlike the pressure itself,
-whose phase turns with every millimetre of path: the transfer matrix of a pose nearby is the factors times the open air
-matrix of that pose, which is in closed form.
+The factors are solved for one pose of a hand. They change slowly as the hand moves on, unlike the
+pressure itself, whose phase turns with every millimetre of path: the transfer matrix of a pose
+nearby is the factors times the open air matrix of that pose, which is in closed form.
 """
 
 from collections.abc import Sequence
@@ -12,22 +12,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Complex64, Complex128, Float64
 
-from airtact.conventions import InvalidInput
-from airtact.hand.anatomy_parts import FREE, OWNER, PARTS
-from airtact.hand.hand import PLACES, Hand
-from airtact.hand.shape import HandShape
-from airtact.hand.skin_mesh import midpoints
-from airtact.hand.sphere_mesh import Hulls
+from airtact.acoustics.scene import Scene, sound_hard
+from airtact.acoustics.solvers.bem.solver import BoundaryElement
+from airtact.acoustics.solvers.monopoles import monopole_pressure
+from airtact.acoustics.target import Target
+from airtact.errors import InvalidInput
+from airtact.geometry.pose import Pose
+from airtact.geometry.surface import Surface
+from airtact.hands.anatomy_parts import FREE, OWNER, PARTS
+from airtact.hands.hand import PLACES, Hand
+from airtact.hands.shape import HandShape
+from airtact.hands.skin_mesh import midpoints
+from airtact.hands.sphere_mesh import Hulls
 from airtact.live.drives.moving import moving_points
 from airtact.live.drives.riding import Riding, bone_of, ride
 from airtact.live.parts import LiveScene, Rule
-from airtact.pose import Pose
 from airtact.printing import in_short
-from airtact.scene.scene import Scene, sound_hard
-from airtact.scene.target import Target
-from airtact.solvers.bem.solver import BoundaryElement
-from airtact.solvers.monopoles import monopole_pressure
-from airtact.surfaces.surface import Surface
 
 ACCURACY = 0.06
 """Accuracy of the solutions; a finer one brings less than 0.01 of the pressure."""
@@ -55,9 +55,10 @@ class HandFactors:
     part : of the hand that was solved.
     time : that the pose was predicted for, of the tracker's clock [s].
     foci, distances, directions : of the pose, see ``Riding``.
-    factors : (P, E) on the open air pressure of each element at each focus, then at each focus of each frame where foci
-        move, as ``beacon_points`` has them.
-    share : of the pressure that a fresh solution keeps, what is left where it was carried from another pose.
+    factors : (P, E) on the open air pressure of each element at each focus, then at each focus of
+        each frame where foci move, as ``beacon_points`` has them.
+    share : of the pressure that a fresh solution keeps, what is left where it was carried from
+        another pose.
     """
 
     part: Rule
@@ -96,7 +97,9 @@ def hulls_of(part: Rule, places: Sequence[str]) -> list[int]:
 def part_of(hand: Hand, part: Rule, places: Sequence[str], edge: float = EDGE) -> Surface:
     """Make the surface of the part of a hand that foci at some places need, of triangles with an edge [m]."""
     whole, some = hand.shape.hulls, np.array(hulls_of(part, places))
-    blend, apart = (np.ascontiguousarray(table[np.ix_(some, some)]) for table in (whole.blend, whole.apart))
+    blend, apart = (
+        np.ascontiguousarray(table[np.ix_(some, some)]) for table in (whole.blend, whole.apart)
+    )
     return _surface(Hulls(whole.balls, whole.parts[some], blend, apart), edge)
 
 
@@ -106,7 +109,9 @@ def _surface(hulls: Hulls, edge: float = EDGE) -> Surface:
     return Surface(skin.vertices, skin.triangles, midpoints(hulls, skin), shape)
 
 
-def solved(scene: LiveScene, joints: Float64[np.ndarray, "25 3"], part: Rule, time: float) -> HandFactors:
+def solved(
+    scene: LiveScene, joints: Float64[np.ndarray, "25 3"], part: Rule, time: float
+) -> HandFactors:
     """Solve a part of a hand in a pose, for foci at the places of a scene.
 
     Parameters
@@ -124,19 +129,24 @@ def solved(scene: LiveScene, joints: Float64[np.ndarray, "25 3"], part: Rule, ti
         The iteration did not settle.
     """
     riding, solver = ride(scene, joints), BoundaryElement(accuracy=ACCURACY, estimate=False)
-    edge = solver.panel_edge(scene.medium.wavelength(scene.frequency))  # so that both have the same mesh
+    edge = solver.panel_edge(
+        scene.medium.wavelength(scene.frequency)
+    )  # so that both have the same mesh
     surface = part_of(riding.hand, part, scene.places, edge)
     air = Scene(scene.medium, [sound_hard(surface)], frequency=scene.frequency)
     beside = bool((surface.depth(scene.sounding.array.positions) > -BESIDE).any())
-    field = replace(solver, estimate=beside).radiate(air, Target(beacon_points(scene, riding)).beacons())
+    field = replace(solver, estimate=beside).radiate(
+        air, Target(beacon_points(scene, riding)).beacons()
+    )
     return factors_of(scene, riding, part, time, field.at(scene.sounding.array.positions))
 
 
 class RigidParts:
     """The last phalanges of the foci of a scene, each a rigid body that was factorised once.
 
-    Solving them anew for another pose takes about a fifth of the time that ``solved`` takes. A tracker's bones change
-    their lengths from frame to frame, these bodies do not. The palm, too large for this, is a hard plane.
+    Solving them anew for another pose takes about a fifth of the time that ``solved`` takes. A
+    tracker's bones change their lengths from frame to frame, these bodies do not. The palm, too
+    large for this, is a hard plane.
 
     Parameters
     ----------
@@ -165,10 +175,14 @@ class RigidParts:
         self._lengths += SLOWLY * (_lengths(self._scene, joints) - self._lengths)
         turns = np.swapaxes(riding.frames, 1, 2) @ self._made.frames
         shifts = riding.foci - np.einsum("fij,fj->fi", turns, self._made.foci)
-        air = self._air([Pose(*motion) for motion in zip(turns[self._pads], shifts[self._pads], strict=True)])
+        air = self._air(
+            [Pose(*motion) for motion in zip(turns[self._pads], shifts[self._pads], strict=True)]
+        )
         points = beacon_points(self._scene, riding)
         field = self._solver.radiate(air, Target(points).beacons())
-        found = factors_of(self._scene, riding, "phalanges", time, field.at(self._scene.sounding.array.positions))
+        found = factors_of(
+            self._scene, riding, "phalanges", time, field.at(self._scene.sounding.array.positions)
+        )
         moving = self._scene.moving
         places = np.arange(len(riding.foci))
         places = places if moving is None else np.concatenate([places, moving.places.ravel()])
@@ -179,10 +193,14 @@ class RigidParts:
     @property
     def outgrown(self) -> bool:
         """Whether the bones have been longer or shorter than the bodies for a while, as those of another hand."""
-        return bool(np.abs(self._lengths - _lengths(self._scene, self._made.hand.joints)).max() > OUTGROWN)
+        return bool(
+            np.abs(self._lengths - _lengths(self._scene, self._made.hand.joints)).max() > OUTGROWN
+        )
 
     def _air(self, poses: Sequence[Pose]) -> Scene:
-        moved = [sound_hard(one.moved(pose)) for one, pose in zip(self._surfaces, poses, strict=True)]
+        moved = [
+            sound_hard(one.moved(pose)) for one, pose in zip(self._surfaces, poses, strict=True)
+        ]
         return Scene(self._scene.medium, moved, frequency=self._scene.frequency)
 
 
@@ -214,12 +232,18 @@ def rigid_part(hand: Hand, place: str) -> Surface:
     whole = hand.shape.hulls
     balls, parts = np.unique(whole.parts[some], return_inverse=True)
     missing = int(balls[0] == -1)  # of hulls of two balls
-    tables = (np.ascontiguousarray(table[np.ix_(some, some)]) for table in (whole.blend, whole.apart))
-    hulls = Hulls(whole.balls[balls[missing:]], parts.reshape(-1, 3).astype(np.int64) - missing, *tables)
+    tables = (
+        np.ascontiguousarray(table[np.ix_(some, some)]) for table in (whole.blend, whole.apart)
+    )
+    hulls = Hulls(
+        whole.balls[balls[missing:]], parts.reshape(-1, 3).astype(np.int64) - missing, *tables
+    )
     return _surface(hulls, FINE)
 
 
-def _mirrored(scene: LiveScene, riding: Riding, focus: Float64[np.ndarray, "3"]) -> Complex64[np.ndarray, "elements"]:
+def _mirrored(
+    scene: LiveScene, riding: Riding, focus: Float64[np.ndarray, "3"]
+) -> Complex64[np.ndarray, "elements"]:
     """Pressure by way of a hard plane, the palm, over the direct one at a focus: e^{2ikd cos θ}, d from the plane."""
     point, normal = riding.hand.position("palm")
     away = scene.sounding.array.positions - focus
@@ -236,7 +260,11 @@ def _lengths(scene: LiveScene, joints: Float64[np.ndarray, "25 3"]) -> Float64[n
 
 
 def factors_of(
-    scene: LiveScene, riding: Riding, part: Rule, time: float, received: Complex128[np.ndarray, "elements points"]
+    scene: LiveScene,
+    riding: Riding,
+    part: Rule,
+    time: float,
+    received: Complex128[np.ndarray, "elements points"],
 ) -> HandFactors:
     """Divide the pressure of the beacons at the middles of the elements by that in open air."""
     points = beacon_points(scene, riding)
@@ -247,7 +275,9 @@ def factors_of(
         scene.medium.wavenumber(scene.frequency),
         "float64",
     )
-    received = np.where(np.isfinite(received), received, 0.0)  # an image may be in skin that reaches behind the plane
+    received = np.where(
+        np.isfinite(received), received, 0.0
+    )  # an image may be in skin that reaches behind the plane
     factors = np.ascontiguousarray((received / open_air).T.astype(np.complex64))
     return HandFactors(part, time, riding.foci, riding.distances, riding.directions, factors)
 
@@ -265,7 +295,10 @@ class OpenAir:
         self._faces = np.ascontiguousarray(array.face_points.T, dtype=np.float32)  # (3, Q, E)
         self._weights = array.element.weights.astype(np.float32)
         self._strength = array.element.sensitivity * array.gains
-        self._normals, self._heights = array.normals, np.sum(array.positions * array.normals, axis=1)
+        self._normals, self._heights = (
+            array.normals,
+            np.sum(array.positions * array.normals, axis=1),
+        )
         self._directional = array.element.directional
         self._wavenumber = scene.medium.wavenumber(scene.frequency)
 
@@ -281,7 +314,10 @@ class OpenAir:
             distance = np.sqrt(away[0] + away[1] + away[2])
             phase = np.float32(self._wavenumber.real) * distance
             size = np.exp(np.float32(-self._wavenumber.imag) * distance) / distance
-            row.real, row.imag = self._weights @ (size * np.cos(phase)), self._weights @ (size * np.sin(phase))
+            row.real, row.imag = (
+                self._weights @ (size * np.cos(phase)),
+                self._weights @ (size * np.sin(phase)),
+            )
         rows *= self._strength
         if self._directional:
             rows[foci @ self._normals.T < self._heights] = 0.0

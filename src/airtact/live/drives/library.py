@@ -1,7 +1,7 @@
 """Solutions that are kept, and the choice of the one that is expected to keep most pressure now.
 
-A solution is as good as the pose that it was made for is like the pose of now, however old it is: a hand that pinches
-again comes back to poses that were solved before.
+A solution is as good as the pose that it was made for is like the pose of now, however old it is: a
+hand that pinches again comes back to poses that were solved before.
 """
 
 from collections.abc import Iterable
@@ -16,10 +16,22 @@ from airtact.live.parts import LiveScene, Rule
 
 PARTS: tuple[Rule, ...] = ("phalanges", "fingers", "hand", "carried")
 
-KEPT: dict[Rule, float] = {"distances": 0.55, "phalanges": 0.93, "fingers": 0.935, "hand": 0.98, "carried": 0.94}
+KEPT: dict[Rule, float] = {
+    "distances": 0.55,
+    "phalanges": 0.93,
+    "fingers": 0.935,
+    "hand": 0.98,
+    "carried": 0.94,
+}
 """Share of the attainable pressure that a drive keeps where the pose is the one that was solved."""
 
-LEAST: dict[Rule, float] = {"distances": 0.55, "phalanges": 0.7, "fingers": 0.7, "hand": 0.66, "carried": 0.7}
+LEAST: dict[Rule, float] = {
+    "distances": 0.55,
+    "phalanges": 0.7,
+    "fingers": 0.7,
+    "hand": 0.66,
+    "carried": 0.7,
+}
 """The same where the pose is quite another one."""
 
 SPOILED: dict[Rule, float] = {**LEAST, "carried": 0.48}
@@ -58,15 +70,16 @@ def expected_kept(
 ) -> Float64[np.ndarray, "poses"]:
     """Share of the attainable pressure that is expected at the weakest focus of a drive.
 
-    The numbers are medians over 1,700 pairs of poses, one solved and one played, of a thumb and an index finger that
-    open and close 200 mm before 2 x 2 flat boards while the hand moves by 150 mm (``tests/tracking/motions.py``), by
-    solutions of the whole hand. The share falls within a millimetre, an eighth of the wavelength, because the sound
-    between both fingers goes to and fro; the whole hand is lost as fast as the phalanges. What noise takes is fitted to
-    drives for the same motion seen with 0 and 1 mm of it (``benchmarks/live.py``); for a whole hand that is carried, to
-    30 drives each for an open hand that waves its fingers, seen with 0, 0.5 and 1 mm: it kept 0.89, 0.51 and 0.46 in
-    the median, distances 0.56, 0.55 and 0.54. The solution suffers most: one without noise keeps 0.61 for poses with
-    1 mm. How it falls with the number of foci is from 160 pairs of poses of an open hand with foci at its palm and all
-    fingertips.
+    The numbers are medians over 1,700 pairs of poses, one solved and one played, of a thumb and an
+    index finger that open and close 200 mm before 2 x 2 flat boards while the hand moves by 150 mm
+    (``tests/tracking/motions.py``), by solutions of the whole hand. The share falls within a
+    millimetre, an eighth of the wavelength, because the sound between both fingers goes to and fro;
+    the whole hand is lost as fast as the phalanges. What noise takes is fitted to drives for the
+    same motion seen with 0 and 1 mm of it (``benchmarks/live.py``); for a whole hand that is
+    carried, to 30 drives each for an open hand that waves its fingers, seen with 0, 0.5 and 1 mm:
+    it kept 0.89, 0.51 and 0.46 in the median, distances 0.56, 0.55 and 0.54. The solution suffers
+    most: one without noise keeps 0.61 for poses with 1 mm. How it falls with the number of foci is
+    from 160 pairs of poses of an open hand with foci at its palm and all fingertips.
 
     Parameters
     ----------
@@ -108,7 +121,8 @@ def worth_solving(parts: Iterable[Rule], noise: float, foci: int) -> bool:
 class Library:
     """The solutions of a part, newest poses replacing the oldest.
 
-    It keeps ``CAPACITY`` of them, or as many as ``MOST_NUMBERS`` allow; of those that were carried along ``FEWER``.
+    It keeps ``CAPACITY`` of them, or as many as ``MOST_NUMBERS`` allow; of those that were carried
+    along ``FEWER``.
 
     Parameters
     ----------
@@ -124,8 +138,11 @@ class Library:
         self._found: list[HandFactors] = []
         self._distances = np.empty((0, 0))
         self._directions = np.empty((0, 0, 0, 0))
-        # Memory that is touched at once: a part that is first solved after an hour must not find too little.
-        self._factors = np.full((self._capacity, points, len(scene.sounding.array)), 0, dtype=np.complex64)
+        # Memory that is touched at once: a part that is first solved after an hour must not find
+        # too little.
+        self._factors = np.full(
+            (self._capacity, points, len(scene.sounding.array)), 0, dtype=np.complex64
+        )
         self._oldest = 0
 
     def __len__(self) -> int:
@@ -161,11 +178,17 @@ class Library:
         gap, turned = self._changes(riding.distances, riding.directions)
         foci = len(riding.foci)
         index = int(unlike(gap, turned, foci).argmin())
-        kept = expected_kept(self.part, gap[index : index + 1], turned[index : index + 1], noise, foci)
+        kept = expected_kept(
+            self.part, gap[index : index + 1], turned[index : index + 1], noise, foci
+        )
         return float(kept[0]) * self._found[index].share, self._found[index]
 
     def _changes(
-        self, distances: Float64[np.ndarray, "pairs"], directions: Float64[np.ndarray, "foci samples 3"]
+        self,
+        distances: Float64[np.ndarray, "pairs"],
+        directions: Float64[np.ndarray, "foci samples 3"],
     ) -> tuple[Float64[np.ndarray, "found"], Float64[np.ndarray, "found"]]:
         count = len(self._found)
-        return gap_change(self._distances[:count], distances), turn(self._directions[:count], directions)
+        return gap_change(self._distances[:count], distances), turn(
+            self._directions[:count], directions
+        )

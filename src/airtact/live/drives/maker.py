@@ -7,8 +7,14 @@ from itertools import chain
 import numpy as np
 from jaxtyping import Complex128, Float64
 
-from airtact.conventions import InvalidInput
-from airtact.hand.joints import joints_of
+from airtact.acoustics.target import Target
+from airtact.drives.gerchberg_saxton import weighted_gerchberg_saxton
+from airtact.drives.methods import FOR_SAMPLES, METHODS
+from airtact.drives.transfer import TransferMatrix
+from airtact.errors import InvalidInput
+from airtact.hands.joints import joints_of
+from airtact.hands.tracking.frame import HandFrame
+from airtact.hands.tracking.prediction import AGILITY, Predictor
 from airtact.live.drives.doubt import robust_drive
 from airtact.live.drives.factors import HandFactors, OpenAir
 from airtact.live.drives.library import PARTS, Library, expected_kept, worth_solving
@@ -16,12 +22,6 @@ from airtact.live.drives.moving import Rounds, turned_towards
 from airtact.live.drives.riding import Riding, ride
 from airtact.live.drives.solver_process import Asked, ShapeSolver, SolverProcess
 from airtact.live.parts import Controls, DriveMaker, LiveScene, Moment, Rule
-from airtact.scene.target import Target
-from airtact.synthesis.gerchberg_saxton import weighted_gerchberg_saxton
-from airtact.synthesis.methods import FOR_SAMPLES, METHODS
-from airtact.tracking.frame import HandFrame
-from airtact.tracking.prediction import AGILITY, Predictor
-from airtact.transfer import TransferMatrix
 
 STEP = 0.02
 """Time over which the velocity of the joints is taken from that of the landmarks [s]."""
@@ -40,17 +40,19 @@ def solved_for(scene: LiveScene) -> list[tuple[Rule, ...]]:
 class HandAware(DriveMaker):
     """Makes drives that know the hand.
 
-    The transfer matrix of now is the open air matrix of now times the factors of the solution that is expected to keep
-    most of the attainable pressure, out of all that were kept; or the open air matrix alone where that keeps more.
-    Where noise lets no solution keep more, the solvers rest. A frame is smoothed and predicted by a Kalman filter. The
-    method ``"best"`` is ``weighted_gerchberg_saxton`` here, which takes less than a millisecond and ends within a
-    hundredth of it. "robust" and "robust_phase_only" are best for 16 samples of where the foci may be, as the filter
-    doubts its prediction (8 where there are over 3 foci).
+    The transfer matrix of now is the open air matrix of now times the factors of the solution that
+    is expected to keep most of the attainable pressure, out of all that were kept; or the open air
+    matrix alone where that keeps more. Where noise lets no solution keep more, the solvers rest. A
+    frame is smoothed and predicted by a Kalman filter. The method ``"best"`` is
+    ``weighted_gerchberg_saxton`` here, which takes less than a millisecond and ends within a
+    hundredth of it. "robust" and "robust_phase_only" are best for 16 samples of where the foci may
+    be, as the filter doubts its prediction (8 where there are over 3 foci).
 
     Parameters
     ----------
     scene : what stays the same.
-    noise : standard deviation of each coordinate of the tracker's landmarks [m]; found from the frames unless given.
+    noise : standard deviation of each coordinate of the tracker's landmarks [m]; found from the
+        frames unless given.
     agility : how suddenly joints change their velocity, see ``Predictor`` [m²/s³].
     solvers : what solves hands; processes unless given, those of ``solved_for``.
 
@@ -70,11 +72,15 @@ class HandAware(DriveMaker):
         self._scene = scene
         self._predictor = Predictor(0.0, noise, agility)
         self._open_air = OpenAir(scene)
-        self._rounds = None if scene.moving is None else Rounds(scene, scene.moving, self._open_air.rows)
+        self._rounds = (
+            None if scene.moving is None else Rounds(scene, scene.moving, self._open_air.rows)
+        )
         self._libraries = [Library(part, scene) for part in PARTS]
         self._parts: list[Rule] = [part for parts in solved_for(scene) for part in parts]
         self._solvers = (
-            [SolverProcess(scene, parts) for parts in solved_for(scene)] if solvers is None else list(solvers)
+            [SolverProcess(scene, parts) for parts in solved_for(scene)]
+            if solvers is None
+            else list(solvers)
         )
         self._newest: HandFrame | None = None
         self._solved: float | None = None
@@ -129,7 +135,9 @@ class HandAware(DriveMaker):
                 self._solved = one.time if self._solved is None else max(self._solved, one.time)
                 self._libraries[PARTS.index(one.part)].add(one)
 
-    def _predicted(self, time: float) -> tuple[Float64[np.ndarray, "25 3"] | None, Float64[np.ndarray, "25 3"]]:
+    def _predicted(
+        self, time: float
+    ) -> tuple[Float64[np.ndarray, "25 3"] | None, Float64[np.ndarray, "25 3"]]:
         """Predict joints and their velocities."""
         frame = self._predictor.at(time)
         if frame.landmarks is None:
@@ -138,7 +146,9 @@ class HandAware(DriveMaker):
         later = joints_of(frame.landmarks + STEP * self._predictor.velocities(), rough=1.0)
         return joints, (later - joints) / STEP
 
-    def _drive(self, time: float, joints: Float64[np.ndarray, "25 3"], controls: Controls) -> Moment:
+    def _drive(
+        self, time: float, joints: Float64[np.ndarray, "25 3"], controls: Controls
+    ) -> Moment:
         riding = ride(self._scene, joints, controls.offset)
         noise = self._predictor.noise
         kept, solution = float(expected_kept("distances", np.zeros(1), np.zeros(1), noise)[0]), None
@@ -147,24 +157,34 @@ class HandAware(DriveMaker):
             kept, solution = max([(kept, solution), *chances], key=lambda chance: chance[0])
         rows = self._rows(riding, solution)
         method = controls.method or self._scene.method
-        self._before = amplitudes = turned_towards(self._made(method, rows, riding.foci, time), self._before)
+        self._before = amplitudes = turned_towards(
+            self._made(method, rows, riding.foci, time), self._before
+        )
         frames = None
         if self._rounds is not None:
             frames = self._rounds.frames(riding, solution and solution.factors[len(rows) :], method)
-        rule, age = ("distances", None) if solution is None else (solution.part, time - solution.time)
+        rule, age = (
+            ("distances", None) if solution is None else (solution.part, time - solution.time)
+        )
         frame_time = time if self._newest is None else self._newest.time
         pressures = np.abs(self._scene.sounding.folded(rows) @ amplitudes)
         moment = (time, frame_time, joints, riding.foci, amplitudes, pressures)
         behind = None if self._solved is None or not self._solves else time - self._solved
         return Moment(*moment, rule=rule, shape_age=age, behind=behind, kept=kept, frames=frames)
 
-    def _rows(self, riding: Riding, solution: HandFactors | None) -> Complex128[np.ndarray, "foci sounding"]:
+    def _rows(
+        self, riding: Riding, solution: HandFactors | None
+    ) -> Complex128[np.ndarray, "foci sounding"]:
         """Pressure at the foci per unit drive of each element and each image in a plane [Pa]."""
         rows = self._open_air.rows(riding.foci)
         return rows if solution is None else rows * solution.at(self._scene, riding)
 
     def _made(
-        self, name: str, rows: Complex128[np.ndarray, "foci sounding"], foci: Float64[np.ndarray, "foci 3"], time: float
+        self,
+        name: str,
+        rows: Complex128[np.ndarray, "foci sounding"],
+        foci: Float64[np.ndarray, "foci 3"],
+        time: float,
     ) -> Complex128[np.ndarray, "elements"]:
         """Make the amplitudes of the elements by a method; those for samples get the predictor's doubt."""
         if name in FOR_SAMPLES:
@@ -175,4 +195,11 @@ class HandAware(DriveMaker):
         return method(TransferMatrix(folded, float("nan")), Target(foci)).amplitudes
 
     def _silent(self, time: float, frame_time: float) -> Moment:
-        return Moment(time, frame_time, None, None, np.zeros(len(self._scene.array), np.complex128), state="waiting")
+        return Moment(
+            time,
+            frame_time,
+            None,
+            None,
+            np.zeros(len(self._scene.array), np.complex128),
+            state="waiting",
+        )

@@ -5,12 +5,12 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Complex64, Complex128, Float32, Float64
 
+from airtact.acoustics.target import Target
+from airtact.drives.gerchberg_saxton import SINGLE, alternating_projections, phase
+from airtact.drives.methods import FOR_SAMPLES, METHODS
+from airtact.drives.transfer import TransferMatrix
 from airtact.live.drives.riding import Riding
 from airtact.live.parts import LiveScene, MovingFoci
-from airtact.scene.target import Target
-from airtact.synthesis.gerchberg_saxton import SINGLE, alternating_projections, phase
-from airtact.synthesis.methods import FOR_SAMPLES, METHODS
-from airtact.transfer import TransferMatrix
 
 ITERATIONS = 10
 """Of weighted Gerchberg-Saxton for each frame, from the phases at the foci of the round before."""
@@ -34,7 +34,8 @@ class Rounds:
     ----------
     scene : of the live loop.
     moving : how its foci do.
-    open_air : gives the pressure at foci (F, 3) per unit drive of each element in open air (F, E) [Pa].
+    open_air : gives the pressure at foci (F, 3) per unit drive of each element in open air (F, E)
+        [Pa].
     """
 
     def __init__(self, scene: LiveScene, moving: MovingFoci, open_air: OpenAirRows) -> None:
@@ -55,8 +56,10 @@ class Rounds:
         Parameters
         ----------
         riding : the hand now.
-        factors : (N K, R) of the hand on the pressure at each focus of each frame; None for open air.
-        method : name of the method that makes each drive; "best", as those for samples, is weighted Gerchberg-Saxton.
+        factors : (N K, R) of the hand on the pressure at each focus of each frame; None for open
+            air.
+        method : name of the method that makes each drive; "best", as those for samples, is weighted
+            Gerchberg-Saxton.
 
         Returns
         -------
@@ -71,7 +74,10 @@ class Rounds:
             frames, self._sources = _projected(matrices, along_the_round(self._sources))
         else:
             pairs = zip(matrices, points, strict=True)
-            drives = [METHODS[method](TransferMatrix(one, float("nan")), Target(foci)) for one, foci in pairs]
+            drives = [
+                METHODS[method](TransferMatrix(one, float("nan")), Target(foci))
+                for one, foci in pairs
+            ]
             frames = np.stack([drive.amplitudes for drive in drives])
         self._before = frames = aligned(frames, self._before)
         return frames
@@ -81,7 +87,8 @@ class Rounds:
     ) -> Complex128[np.ndarray, "points sounding"]:
         """Pressure at displaced foci per unit drive of each element in open air [Pa], in single precision.
 
-        Beside a place an element radiates as towards the place itself: its row is carried on by the other distance.
+        Beside a place an element radiates as towards the place itself: its row is carried on by the
+        other distance.
         """
         places = self._moving.places.ravel()
         before = self._away(riding.foci.astype(np.float32))[places]
@@ -91,7 +98,9 @@ class Rounds:
         carried.real, carried.imag = np.cos(delay), np.sin(delay)
         return self._open_air(riding.foci)[places] * (before / after * carried)
 
-    def _away(self, points: Float32[np.ndarray, "points 3"]) -> Float32[np.ndarray, "points elements"]:
+    def _away(
+        self, points: Float32[np.ndarray, "points 3"]
+    ) -> Float32[np.ndarray, "points elements"]:
         """Distance of each point from the middle of each element [m]."""
         ways = points[:, None] - self._positions
         return np.sqrt(np.einsum("ped,ped->pe", ways, ways))
@@ -116,19 +125,24 @@ def turned_towards(
     return drives * _turn(drives, before)
 
 
-def _turn(one: Complex128[np.ndarray, "*shape"], towards: Complex128[np.ndarray, "*shape"]) -> complex:
+def _turn(
+    one: Complex128[np.ndarray, "*shape"], towards: Complex128[np.ndarray, "*shape"]
+) -> complex:
     product = complex(np.vdot(one, towards))
     return product / abs(product) if product else 1.0
 
 
-def along_the_round(sources: Complex128[np.ndarray, "frames together"]) -> Complex128[np.ndarray, "frames together"]:
+def along_the_round(
+    sources: Complex128[np.ndarray, "frames together"],
+) -> Complex128[np.ndarray, "frames together"]:
     """Bring the phases between the foci of each frame towards those of its neighbours; all of magnitude 1."""
     unit = phase(sources * phase(sources[:, :1]).conj())
     return phase(unit + 0.5 * (np.roll(unit, 1, axis=0) + np.roll(unit, -1, axis=0)))
 
 
 def _projected(
-    matrices: Complex128[np.ndarray, "frames together elements"], start: Complex128[np.ndarray, "frames together"]
+    matrices: Complex128[np.ndarray, "frames together elements"],
+    start: Complex128[np.ndarray, "frames together"],
 ) -> tuple[Frames, Complex128[np.ndarray, "frames together"]]:
     """Make the weakest focus of each frame strong, every element at full scale, from sources at the foci."""
     count, together, elements = matrices.shape

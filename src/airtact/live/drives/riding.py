@@ -1,7 +1,8 @@
 """Foci that ride on a hand: where they are in a pose, and how much two poses differ for the sound at them.
 
-What a hand does to the sound at a focus depends on where the bones of all foci stand to each other, much less on where
-the hand stands as a whole. The first is the ``gap_change`` of two poses, the second their ``turn``.
+What a hand does to the sound at a focus depends on where the bones of all foci stand to each other,
+much less on where the hand stands as a whole. The first is the ``gap_change`` of two poses, the
+second their ``turn``.
 """
 
 from dataclasses import dataclass
@@ -9,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.hand.hand import PLACES, Hand
-from airtact.hand.joints import CHAINS, cross, unit
+from airtact.hands.hand import PLACES, Hand
+from airtact.hands.joints import CHAINS, cross, unit
 from airtact.live.distances import foci_on, hand_in
 from airtact.live.parts import LiveScene
 from airtact.printing import in_short
@@ -29,7 +30,8 @@ class Riding:
     foci : (F, 3) [m].
     frames : (F, 3, 3) axes of the bone of each focus, one a row.
     distances : (K,) between the foci and both ends of their bones, each with each [m].
-    directions : (F, S, 3) unit vectors from each focus to elements spread over the array, in the frame of its bone.
+    directions : (F, S, 3) unit vectors from each focus to elements spread over the array, in the
+        frame of its bone.
     """
 
     hand: Hand
@@ -52,7 +54,9 @@ def bone_of(place: str) -> tuple[int, int]:
     return CHAINS[PLACES.index(place)][-2], CHAINS[PLACES.index(place)][-1]
 
 
-def ride(scene: LiveScene, joints: Float64[np.ndarray, "25 3"], offset: float | None = None) -> Riding:
+def ride(
+    scene: LiveScene, joints: Float64[np.ndarray, "25 3"], offset: float | None = None
+) -> Riding:
     """Put the foci of a scene onto a hand with the joints (25, 3) [m].
 
     Parameters

@@ -1,7 +1,7 @@
 """A process that solves the newest hand over and over, while the loop goes on.
 
-The process reads pickles, first the scene and the parts to solve and then hands, and writes solutions and sentences of
-faults. It ends when its input does.
+The process reads pickles, first the scene and the parts to solve and then hands, and writes
+solutions and sentences of faults. It ends when its input does.
 """
 
 import os
@@ -20,8 +20,8 @@ from typing import BinaryIO
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.conventions import InvalidInput, NotConverged
-from airtact.hand.joints import joints_of
+from airtact.errors import InvalidInput, NotConverged
+from airtact.hands.joints import joints_of
 from airtact.live.drives.bending import BendingHand
 from airtact.live.drives.factors import HandFactors, PartSolver
 from airtact.live.drives.library import expected_kept
@@ -41,7 +41,12 @@ AHEAD = 1.5
 SMOOTHING = 0.3
 """Weight of the newest solving time in the usual one."""
 
-FIRST_SECONDS: dict[Rule, float] = {"phalanges": 0.015, "fingers": 0.06, "hand": 0.5, "carried": 0.02}
+FIRST_SECONDS: dict[Rule, float] = {
+    "phalanges": 0.015,
+    "fingers": 0.06,
+    "hand": 0.5,
+    "carried": 0.02,
+}
 """Solving times that are assumed before any was measured [s]."""
 
 BEHIND = 5
@@ -104,7 +109,10 @@ class Plan:
         now, soon = (ride(scene, asked.after(ahead)) for ahead in (0.0, step))
         speed = float(gap_change(now.distances, soon.distances)) / step
         still = np.zeros(1)
-        usual = {part: expected_kept(part, 0.5 * speed * self.seconds[part] + still, still)[0] for part in self._parts}
+        usual = {
+            part: expected_kept(part, 0.5 * speed * self.seconds[part] + still, still)[0]
+            for part in self._parts
+        }
         best = max(self._parts, key=lambda part: usual[part])
         return best, AHEAD * self.seconds[best]
 
@@ -263,7 +271,9 @@ def _carry(scene: LiveScene, newest: _Newest, to: BinaryIO) -> None:
 
 def _solve_to_carry(hand: BendingHand, newest: _Newest) -> None:
     with suppress(AttributeError, OSError):
-        os.setpriority(os.PRIO_PROCESS, get_native_id(), os.getpriority(os.PRIO_PROCESS, 0) + BEHIND)
+        os.setpriority(
+            os.PRIO_PROCESS, get_native_id(), os.getpriority(os.PRIO_PROCESS, 0) + BEHIND
+        )
     while (asked := newest.take(PATIENCE)) is not None:
         ahead = SOLVED_AHEAD + time.monotonic() - asked.sent
         try:
@@ -282,7 +292,9 @@ def _read(source: BinaryIO, newest: _Newest) -> None:
 def run() -> None:
     """Solve hands in a process of its own: a scene and parts, then hands from the input, answers to the output."""
     source, to = sys.stdin.buffer, os.fdopen(os.dup(sys.stdout.fileno()), "wb")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what is printed must not get among the solutions
+    os.dup2(
+        sys.stderr.fileno(), sys.stdout.fileno()
+    )  # what is printed must not get among the solutions
     scene, parts = pickle.load(source)
     give_way(NICE[parts])
     newest = _Newest()

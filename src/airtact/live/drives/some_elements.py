@@ -37,12 +37,16 @@ class SomeElements:
             away = np.minimum(away, np.linalg.norm(positions - positions[chosen[-1]], axis=1))
         some = np.array(chosen)
         neighbours = min(NEIGHBOURS, count)
-        each = RBFInterpolator(positions[some], np.eye(count), neighbours, kernel="linear", degree=0)
+        each = RBFInterpolator(
+            positions[some], np.eye(count), neighbours, kernel="linear", degree=0
+        )
         weights = each(positions)
         weights[np.abs(weights) < 1e-6] = 0.0
         return cls(some, csr_array(weights.astype(np.float32)))
 
-    def everywhere(self, values: Complex64[np.ndarray, "*any some"]) -> Complex64[np.ndarray, "*any elements"]:
+    def everywhere(
+        self, values: Complex64[np.ndarray, "*any some"]
+    ) -> Complex64[np.ndarray, "*any elements"]:
         """Find values at all elements from those at the chosen ones."""
         found = self.weights @ values.reshape(-1, len(self.chosen)).T
         return np.ascontiguousarray(found.T).reshape(*values.shape[:-1], -1)

@@ -6,11 +6,11 @@ import sys
 from contextlib import suppress
 from threading import Lock, Thread
 
-from airtact.conventions import InvalidInput, extra
+from airtact.errors import InvalidInput, extra
+from airtact.hands.tracking.frame import HandFrame
 from airtact.live.page.process import Fault, PageSettings, Shown
 from airtact.live.parts import Controls
 from airtact.timing import give_way
-from airtact.tracking.frame import HandFrame
 
 NICE = 5
 """Lower priority than the loop's."""
@@ -21,7 +21,9 @@ class Pipe:
 
     def __init__(self) -> None:
         self._out = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
-        with open(os.devnull, "wb") as nothing:  # viser prints, and what is printed here is no message
+        with open(
+            os.devnull, "wb"
+        ) as nothing:  # viser prints, and what is printed here is no message
             os.dup2(nothing.fileno(), sys.stdout.fileno())
         self._lock = Lock()
         self.newest: Shown | None = None

@@ -9,11 +9,11 @@ import viser
 from jaxtyping import Float64
 from scipy.spatial.transform import Rotation
 
-from airtact.hand.joints import FINGERS, Side
-from airtact.hand.kinematics import turned
+from airtact.geometry.pose import Pose
+from airtact.hands.joints import FINGERS, Side
+from airtact.hands.kinematics import turned
+from airtact.hands.tracking.frame import FaultyFrame, HandFrame
 from airtact.live.page.panel import Send
-from airtact.pose import Pose
-from airtact.tracking.frame import FaultyFrame, HandFrame
 
 RATE = 60.0
 """Frames a second."""
@@ -30,7 +30,9 @@ class DraggedHand:
     send : takes the frames to the loop.
     """
 
-    def __init__(self, server: viser.ViserServer, side: Side, joints: Float64[np.ndarray, "25 3"], send: Send) -> None:
+    def __init__(
+        self, server: viser.ViserServer, side: Side, joints: Float64[np.ndarray, "25 3"], send: Send
+    ) -> None:
         self.watched = False
         self._side: Side = side
         self._send, self._ended = send, False
@@ -41,7 +43,8 @@ class DraggedHand:
         )
         with server.gui.add_folder("Hand: drag it by its arrows"):
             self._angles = [
-                server.gui.add_slider(f"{finger} [°]", -40, 60, 1, 0, hint="opens at the root") for finger in FINGERS
+                server.gui.add_slider(f"{finger} [°]", -40, 60, 1, 0, hint="opens at the root")
+                for finger in FINGERS
             ]
         self._thread = Thread(target=self._give, daemon=True)
         self._thread.start()
@@ -64,7 +67,9 @@ class DraggedHand:
         sequence = 0
         while not self._ended:
             if self.watched:
-                with suppress(FaultyFrame):  # fingers bent as none can be: the hand is lost until they are turned back
+                with suppress(
+                    FaultyFrame
+                ):  # fingers bent as none can be: the hand is lost until they are turned back
                     self._send(HandFrame(time.monotonic(), self._side, sequence, self.joints()))
                 sequence += 1
             time.sleep(1.0 / RATE)

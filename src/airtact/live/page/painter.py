@@ -29,8 +29,12 @@ def paint(
     """Show the newest moment whenever there is another one and someone looks, until the loop ends."""
     scene = settings.scene
     view, panel = View(server, scene), Panel(server, scene, settings.controls, send)
-    dragged = None if settings.hand is None else DraggedHand(server, scene.side, settings.hand, send)
-    nothing = Moment(0.0, 0.0, None, None, np.zeros(len(scene.array), dtype=np.complex128), state="waiting")
+    dragged = (
+        None if settings.hand is None else DraggedHand(server, scene.side, settings.hand, send)
+    )
+    nothing = Moment(
+        0.0, 0.0, None, None, np.zeros(len(scene.array), dtype=np.complex128), state="waiting"
+    )
     before, shown = None, Shown(nothing, 0)
     while not ended():
         start, watched = time.monotonic(), bool(server.get_clients())

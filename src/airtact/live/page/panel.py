@@ -13,12 +13,12 @@ from jaxtyping import Float64, UInt8
 from matplotlib.colors import to_hex
 from viser import uplot
 
+from airtact.drives.methods import METHODS
+from airtact.hands.tracking.frame import HandFrame
 from airtact.live.page.process import EMERGENCY, Shown
 from airtact.live.page.solved import Sound
 from airtact.live.page.view import AMPLITUDES, PHASES, PRESSURES, STEPS, Look
 from airtact.live.parts import Controls, LiveScene, Moment, Rule, State
-from airtact.synthesis.methods import METHODS
-from airtact.tracking.frame import HandFrame
 
 Send = Callable[[str | Controls | HandFrame], None]
 """How a message goes to the loop."""
@@ -75,7 +75,9 @@ class Panel:
     send : takes controls, and the emergency stop, to the loop.
     """
 
-    def __init__(self, server: viser.ViserServer, scene: LiveScene, controls: Controls, send: Send) -> None:
+    def __init__(
+        self, server: viser.ViserServer, scene: LiveScene, controls: Controls, send: Send
+    ) -> None:
         self._server, self._scene, self._send = server, scene, send
         self._controls, self.look = controls, Look()
         self._seen: deque[tuple[float, int, float, float]] = deque(maxlen=1000)
@@ -94,7 +96,9 @@ class Panel:
         panel = gui.add_panel()
         with panel.add_tab("What the loop does"):
             self._status = gui.add_html('<div class="live">starting</div>')
-            gui.add_html(f'<div class="live"><small>Curves of the last {SECONDS:g} s, time in s:</small></div>')
+            gui.add_html(
+                f'<div class="live"><small>Curves of the last {SECONDS:g} s, time in s:</small></div>'
+            )
             self._curves = [self._add_curve(*named) for named in CURVES]
         panel.dock_left()
         panel.set_width(WIDTH)
@@ -147,14 +151,21 @@ class Panel:
     def _add_stops(self) -> None:
         gui = self._server.gui
         self._emergency = gui.add_button(
-            "EMERGENCY STOP", color="red", hint="silence at once and for good; the key Escape does it too"
+            "EMERGENCY STOP",
+            color="red",
+            hint="silence at once and for good; the key Escape does it too",
         )
         self._style.content = STYLE.format(emergency=self._emergency._impl.uuid)
         self._start = gui.add_button("Start", color="green", icon=viser.Icon.PLAYER_PLAY)
         self._pause = gui.add_button("Stop", color="gray", icon=viser.Icon.PLAYER_STOP)
-        self._start.disabled, self._pause.disabled = self._controls.playing, not self._controls.playing
+        self._start.disabled, self._pause.disabled = (
+            self._controls.playing,
+            not self._controls.playing,
+        )
 
-        async def stop(_: Any) -> None:  # on the server's own thread: it waits for no other callback
+        async def stop(
+            _: Any,
+        ) -> None:  # on the server's own thread: it waits for no other callback
             self._send(EMERGENCY)
             self.stop()
 
@@ -178,7 +189,14 @@ class Panel:
         words = modulation_in_words(scene)
         modulated = gui.add_checkbox("modulated", first.modulated, disabled=none, hint=words)
         gap = gui.add_slider("gap [mm]", 0.0, 20.0, 0.1, offset, hint="of the foci from the skin")
-        cap = gui.add_slider("level cap [%]", 0, 100, 1, round(100 * first.cap), hint="largest amplitude of an element")
+        cap = gui.add_slider(
+            "level cap [%]",
+            0,
+            100,
+            1,
+            round(100 * first.cap),
+            hint="largest amplitude of an element",
+        )
         method = gui.add_dropdown(
             "method",
             list(METHODS),
@@ -197,7 +215,9 @@ class Panel:
         skin = gui.add_checkbox("pressure on the skin", True)
         cut = gui.add_checkbox("slice of the field", True)
         across = gui.add_dropdown("slice across", ("x", "y", "z"), initial_value="y")
-        offset = gui.add_slider("slice at [mm]", -60, 60, 1, 0, hint="from the middle of the foci, along that axis")
+        offset = gui.add_slider(
+            "slice at [mm]", -60, 60, 1, 0, hint="from the middle of the foci, along that axis"
+        )
         dark = gui.add_checkbox("dark", False)
         self._legend = gui.add_html(legend_in_html(self.look, None, 0.0))
         array.on_update(lambda _: self._see(array=array.value))
@@ -213,7 +233,10 @@ class Panel:
             (empty, np.full(2, np.nan)),
             (uplot.Series(label="s"), uplot.Series(label=name, stroke=colour, width=2)),
             title=name,
-            scales={"x": uplot.Scale(time=False, range=(-SECONDS, 0.0)), "y": uplot.Scale(range=(low, high))},
+            scales={
+                "x": uplot.Scale(time=False, range=(-SECONDS, 0.0)),
+                "y": uplot.Scale(range=(low, high)),
+            },
             legend=uplot.Legend(show=False),
             height=112,
         )
@@ -232,10 +255,16 @@ def modulation_in_words(scene: LiveScene) -> str:
     if scene.moving is not None:
         return scene.moving.words
     modulation = scene.modulation
-    return "the scene has none" if modulation is None else f"the amplitude swings at {modulation.frequency:g} Hz"
+    return (
+        "the scene has none"
+        if modulation is None
+        else f"the amplitude swings at {modulation.frequency:g} Hz"
+    )
 
 
-def rates_of(times: Float64[np.ndarray, "times"], drives: Float64[np.ndarray, "times"]) -> Float64[np.ndarray, "times"]:
+def rates_of(
+    times: Float64[np.ndarray, "times"], drives: Float64[np.ndarray, "times"]
+) -> Float64[np.ndarray, "times"]:
     """Return drives a second over the last second before each time."""
     first = np.searchsorted(times, times - 1.0)
     spans = np.maximum(times - times[first], 1e-9)
@@ -283,7 +312,9 @@ def sound_in_words(sound: Sound | None) -> str:
         return "Skin and slice: silent."
     if sound.hand:
         age = time.monotonic() - sound.time
-        return f"Skin and slice: all the sound, with the hand in its place as it was {age:.1f} s ago."
+        return (
+            f"Skin and slice: all the sound, with the hand in its place as it was {age:.1f} s ago."
+        )
     return "Skin and slice: the direct sound of now, doubled on the skin, without the hand's shadow until it is solved."
 
 

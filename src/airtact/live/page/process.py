@@ -15,11 +15,11 @@ from typing import IO
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.conventions import InvalidInput
+from airtact.errors import InvalidInput
+from airtact.hands.tracking.frame import HandFrame
+from airtact.hands.tracking.stream import HandStream
 from airtact.live.drives.solver_process import ONE_THREAD
 from airtact.live.parts import Controls, LiveScene, Moment
-from airtact.tracking.frame import HandFrame
-from airtact.tracking.stream import HandStream
 
 PORT = 8940
 """Port of the page unless another one is given."""
@@ -83,18 +83,20 @@ class Shown:
 class PageProcess:
     """Serves the page from another process of lower priority; the loop never waits for it.
 
-    Use it in a ``with`` block. Only the newest moment goes to the page, from a thread of its own, so that a page that
-    stalls, or ten that are open, cost the loop nothing. Where the process dies the loop goes on without a page.
+    Use it in a ``with`` block. Only the newest moment goes to the page, from a thread of its own,
+    so that a page that stalls, or ten that are open, cost the loop nothing. Where the process dies
+    the loop goes on without a page.
 
     Parameters
     ----------
     scene : what stays the same while the hand moves.
     port : to listen at; 0 takes a free one, which is in ``address``.
-    host : the address to listen at; where it is not ``127.0.0.1``, ``address`` has a token, without which nothing is
-        served.
-    hand : (25, 3) joints of a hand that is dragged on the page, where it starts [m]; none is unless given.
-    stream : that the frames of this hand are fed to. They come only while the page is open, so that a closed page is a
-        hand that is lost; their clock is ``time.monotonic``.
+    host : the address to listen at; where it is not ``127.0.0.1``, ``address`` has a token, without
+        which nothing is served.
+    hand : (25, 3) joints of a hand that is dragged on the page, where it starts [m]; none is unless
+        given.
+    stream : that the frames of this hand are fed to. They come only while the page is open, so that
+        a closed page is a hand that is lost; their clock is ``time.monotonic``.
     controls : how the page is set from the start.
     on_emergency : called at once, by a thread of this class, when the emergency stop is pressed.
 
@@ -137,7 +139,12 @@ class PageProcess:
     def __enter__(self) -> "PageProcess":
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, fault: BaseException | None, at: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        fault: BaseException | None,
+        at: TracebackType | None,
+    ) -> None:
         self.close()
 
     @property
@@ -167,7 +174,9 @@ class PageProcess:
         with self._changed:
             self._closed = True
             self._changed.notify_all()
-        with suppress(subprocess.TimeoutExpired):  # the thread that sends ends, and with it what the page reads
+        with suppress(
+            subprocess.TimeoutExpired
+        ):  # the thread that sends ends, and with it what the page reads
             self._process.wait(FAREWELL)
         self._end()
 

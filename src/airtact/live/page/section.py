@@ -54,7 +54,9 @@ class Section:
         """Return the points, row by row from the top [m]."""
         along, up, _ = self.axes
         steps = np.linspace(-0.5, 0.5, PIXELS) * ACROSS
-        return (self.middle + steps[None, :, None] * along - steps[:, None, None] * up).reshape(-1, 3)
+        return (self.middle + steps[None, :, None] * along - steps[:, None, None] * up).reshape(
+            -1, 3
+        )
 
 
 def enlarged(field: Complex128[np.ndarray, "points"]) -> Float64[np.ndarray, "rows columns"]:

@@ -1,8 +1,9 @@
 """The server of the page: viser behind a check of who asks. Only the process of the page imports this.
 
-viser serves whoever connects, takes another port where one is taken, and opens a tunnel to the internet when a page
-asks for it. Here it gets a socket that is bound already, and every request is checked first: a page of another site
-in the same browser names its ``Origin``, or, by a name of its own for this computer, its ``Host``.
+viser serves whoever connects, takes another port where one is taken, and opens a tunnel to the
+internet when a page asks for it. Here it gets a socket that is bound already, and every request is
+checked first: a page of another site in the same browser names its ``Origin``, or, by a name of its
+own for this computer, its ``Host``.
 """
 
 import secrets
@@ -18,7 +19,7 @@ from viser import _messages
 from websockets.asyncio import server as websocket_server
 from websockets.http11 import Request, Response
 
-from airtact.conventions import InvalidInput
+from airtact.errors import InvalidInput
 
 HERE = ("127.0.0.1", "localhost")
 """Names of this computer, by which a page without a token is served."""
@@ -42,7 +43,8 @@ class Guard:
         ----------
         path : that is asked for, such as ``"/"``.
         host : name and port by which this server was addressed.
-        origin : of the page that asks, such as ``"http://127.0.0.1:8940"``; programs that are no browser have none.
+        origin : of the page that asks, such as ``"http://127.0.0.1:8940"``; programs that are no
+            browser have none.
         """
         if origin is not None and origin not in (f"http://{host}", f"https://{host}"):
             return None
@@ -57,7 +59,8 @@ def bound_socket(port: int, host: str) -> socket.socket:
     """Bind a socket; raise "port_taken" where another program listens there."""
     if not 0 <= port <= 65535:
         raise InvalidInput(
-            f"port {port} does not exist; give 1 to 65535, or 0 for any that is free.", code="out_of_range"
+            f"port {port} does not exist; give 1 to 65535, or 0 for any that is free.",
+            code="out_of_range",
         )
     bound = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     try:
@@ -88,7 +91,10 @@ def start_server(port: int, host: str) -> tuple[viser.ViserServer, str]:
         bound.close()
         sentence = f"viser {viser.__version__} does not let requests be checked: install viser 1.1."
         raise InvalidInput(sentence, code="extra_not_installed")
-    for message in (_messages.ShareUrlRequest, _messages.ShareUrlDisconnect):  # no tunnel to the internet
+    for message in (
+        _messages.ShareUrlRequest,
+        _messages.ShareUrlDisconnect,
+    ):  # no tunnel to the internet
         server._websock_server.unregister_handler(message)
     name = socket.gethostname() if host in ("0.0.0.0", "") else host
     path = "" if guard.token is None else f"{guard.token}/"
@@ -100,9 +106,13 @@ def _served_by(bound: socket.socket, guard: Guard) -> Iterator[list[bool]]:
     """Let the server that viser starts inside listen at a socket and ask a guard; the list says that it does."""
     serve, asked = websocket_server.serve, []
 
-    def guarded(handler: Any, host: str, port: int, *, process_request: Any, **settings: Any) -> Any:
+    def guarded(
+        handler: Any, host: str, port: int, *, process_request: Any, **settings: Any
+    ) -> Any:
         asked.append(True)
-        return serve(handler, sock=bound, process_request=_checked(process_request, guard), **settings)
+        return serve(
+            handler, sock=bound, process_request=_checked(process_request, guard), **settings
+        )
 
     websocket_server.serve = guarded
     try:
@@ -111,11 +121,17 @@ def _served_by(bound: socket.socket, guard: Guard) -> Iterator[list[bool]]:
         websocket_server.serve = serve
 
 
-def _checked(answer: Callable[[Any, Request], Response | None], guard: Guard) -> Callable[[Any, Request], Any]:
+def _checked(
+    answer: Callable[[Any, Request], Response | None], guard: Guard
+) -> Callable[[Any, Request], Any]:
     def check(connection: Any, request: Request) -> Response | None:
-        path = guard.path_within(request.path, request.headers.get("Host", ""), request.headers.get("Origin"))
+        path = guard.path_within(
+            request.path, request.headers.get("Host", ""), request.headers.get("Origin")
+        )
         if path is None:
-            words = "This page is not served to other sites, nor without the token in its address.\n"
+            words = (
+                "This page is not served to other sites, nor without the token in its address.\n"
+            )
             return connection.respond(HTTPStatus.FORBIDDEN, words)
         return answer(connection, replace(request, path=path))
 

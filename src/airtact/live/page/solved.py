@@ -1,7 +1,7 @@
 """The sound on the skin and in the slice with the hand in its place, solved beside the page as often as it can afford.
 
-The whole hand is solved for the newest drive, on panels that bend with it, in a process of low priority. That
-takes the better part of a second, so the page says how old it is.
+The whole hand is solved for the newest drive, on panels that bend with it, in a process of low
+priority. That takes the better part of a second, so the page says how old it is.
 """
 
 import os
@@ -15,15 +15,15 @@ import numpy as np
 from jaxtyping import Complex128, Float64
 from scipy.spatial import KDTree
 
-from airtact.conventions import InvalidInput, NotConverged
-from airtact.hand.shape import Hulls
+from airtact.acoustics.solvers.bem.solutions import DirectSolution
+from airtact.errors import InvalidInput, NotConverged
+from airtact.hands.shape import Hulls
 from airtact.live.drives.bending import BendingHand
 from airtact.live.drives.riding import ride
 from airtact.live.page.section import Section
 from airtact.live.page.sound import DirectSound
 from airtact.live.parts import LiveScene
 from airtact.printing import in_short
-from airtact.solvers.bem.solutions import DirectSolution
 from airtact.timing import give_way
 
 ACCURACY, RESIDUAL = 0.1, 0.05
@@ -117,7 +117,9 @@ class SoundSolver:
         found = self._hand.received(asked.joints, sources, RESIDUAL)
         hulls = ride(self._scene, asked.joints).hand.shape.hulls
         field = _around(found, hulls, asked.section.points())
-        return Sound(asked.time, True, np.abs(_between_nodes(found, asked.skin)), asked.section, field)
+        return Sound(
+            asked.time, True, np.abs(_between_nodes(found, asked.skin)), asked.section, field
+        )
 
 
 class SolvedSound:
@@ -174,11 +176,15 @@ def _solve_on(scene: LiveScene, pipe: Connection) -> None:
             time.sleep((1.0 / SHARE - 1.0) * (time.process_time() - begun))
 
 
-def _between_nodes(found: DirectSolution, points: Float64[np.ndarray, "skin 3"]) -> Complex128[np.ndarray, "skin"]:
+def _between_nodes(
+    found: DirectSolution, points: Float64[np.ndarray, "skin 3"]
+) -> Complex128[np.ndarray, "skin"]:
     """Interpolate the pressure at the nodes at points on the skin."""
     away, nearest = KDTree(found.surface.nodes.points).query(points, NEIGHBOURS)
     weights = 1.0 / np.maximum(away, LEAST_DISTANCE) ** 2
-    return np.einsum("pn,pn->p", weights / weights.sum(axis=1, keepdims=True), found.pressure[nearest, 0])
+    return np.einsum(
+        "pn,pn->p", weights / weights.sum(axis=1, keepdims=True), found.pressure[nearest, 0]
+    )
 
 
 def _around(

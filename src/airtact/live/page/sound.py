@@ -3,9 +3,9 @@
 import numpy as np
 from jaxtyping import Complex128, Float64
 
+from airtact.acoustics.solvers.monopoles import monopole_pressure
+from airtact.acoustics.sources import Monopoles
 from airtact.live.parts import LiveScene
-from airtact.scene.sources import Monopoles
-from airtact.solvers.monopoles import monopole_pressure
 
 ALIKE = 0.99
 """Elements whose normals have a larger cosine are one face of the array."""
@@ -14,8 +14,8 @@ ALIKE = 0.99
 class DirectSound:
     """The direct sound of an array's drives.
 
-    Each element is one point, with the strength that it radiates towards ``middle``: near there the pressure is that of
-    the whole element. A test compares both.
+    Each element is one point, with the strength that it radiates towards ``middle``: near there the
+    pressure is that of the whole element. A test compares both.
 
     Parameters
     ----------
@@ -36,7 +36,9 @@ class DirectSound:
         """Return the pressure in open air at points (P, 3) [m]: (P,) [Pa]."""
         return self._of_faces(points, self._strengths(amplitudes, middle)[:, None])[:, 0]
 
-    def sources(self, amplitudes: Complex128[np.ndarray, "elements"], middle: Float64[np.ndarray, "3"]) -> Monopoles:
+    def sources(
+        self, amplitudes: Complex128[np.ndarray, "elements"], middle: Float64[np.ndarray, "3"]
+    ) -> Monopoles:
         """Return the elements and their images as points that radiate towards ``middle`` [m] as they do."""
         return Monopoles(self._array.positions, self._strengths(amplitudes, middle)[:, None])
 
@@ -49,10 +51,11 @@ class DirectSound:
     ) -> Float64[np.ndarray, "points"]:
         """Return the magnitude on a hard skin (P,) [Pa]: the direct sound, doubled where it meets the skin, else 0.
 
-        It is the Kirchhoff approximation: no part of the hand casts a shadow on another, or sends sound to it. The
-        sound of each face of the array comes from that face's middle.
+        It is the Kirchhoff approximation: no part of the hand casts a shadow on another, or sends
+        sound to it. The sound of each face of the array comes from that face's middle.
 
-        Source: A. D. Pierce, *Acoustics* (3rd edition), section 9.2: twice the incident pressure on the lit side.
+        Source: A. D. Pierce, *Acoustics* (3rd edition), section 9.2: twice the incident pressure on
+        the lit side.
         """
         strengths = self._strengths(amplitudes, middle)[:, None] * self._faces
         arrived = self._of_faces(points, strengths)
@@ -70,15 +73,23 @@ class DirectSound:
         ahead = np.einsum("ed,ed->e", ways, array.normals)
         along = np.einsum("ed,ed->e", ways, array.tangents)
         across = np.einsum("ed,ed->e", ways, np.cross(array.normals, array.tangents))
-        pattern = array.element.far_pattern(np.stack([along, across, ahead], axis=1), self._wavenumber.real)
+        pattern = array.element.far_pattern(
+            np.stack([along, across, ahead], axis=1), self._wavenumber.real
+        )
         if array.element.directional:
             pattern = pattern * (ahead > 0.0)
-        return array.element.sensitivity * array.gains * pattern * self._sounding.unfolded(amplitudes)
+        return (
+            array.element.sensitivity * array.gains * pattern * self._sounding.unfolded(amplitudes)
+        )
 
     def _of_faces(
-        self, points: Float64[np.ndarray, "points 3"], strengths: Complex128[np.ndarray, "elements faces"]
+        self,
+        points: Float64[np.ndarray, "points 3"],
+        strengths: Complex128[np.ndarray, "elements faces"],
     ) -> Complex128[np.ndarray, "points faces"]:
-        return monopole_pressure(points, self._array.positions, strengths, self._wavenumber, "float32")
+        return monopole_pressure(
+            points, self._array.positions, strengths, self._wavenumber, "float32"
+        )
 
 
 def _faces(normals: Float64[np.ndarray, "elements 3"]) -> Float64[np.ndarray, "elements faces"]:

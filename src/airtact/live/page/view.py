@@ -12,13 +12,13 @@ from jaxtyping import Complex128, Float64, Int64, UInt8
 from scipy.spatial.transform import Rotation
 from viser._messages import RunJavascriptMessage
 
-from airtact.figures.array_figures import spacing, view_of
-from airtact.figures.plane_figure import SHEET, sheet_of
 from airtact.live.page.section import ACROSS, Across, Section, enlarged
 from airtact.live.page.skin import MovingSkin
 from airtact.live.page.solved import Asked, SolvedSound, Sound
 from airtact.live.page.sound import DirectSound
 from airtact.live.parts import LiveScene, Moment
+from airtact.reports.array_figures import spacing, view_of
+from airtact.reports.plane_figure import SHEET, sheet_of
 
 HAND = 0.15
 """How far a hand reaches from the middle of its foci, more or less [m]."""
@@ -51,7 +51,9 @@ SKIN, FOCUS = (205, 180, 165), (0, 190, 90)
 """Colours of a hand without sound, and of foci."""
 
 LIGHT = 255 * np.where(
-    np.arange(256) <= 10, np.arange(256) / 255 / 12.92, ((np.arange(256) / 255 + 0.055) / 1.055) ** 2.4
+    np.arange(256) <= 10,
+    np.arange(256) / 255 / 12.92,
+    ((np.arange(256) / 255 + 0.055) / 1.055) ** 2.4,
 )
 LIGHT = LIGHT.round().astype(np.uint8)
 """Amount of light of each value of a screen's colours."""
@@ -63,7 +65,11 @@ Shown = Literal["phase", "amplitude"]
 
 def colour_map(name: str) -> UInt8[np.ndarray, "steps 3"]:
     """Return a colour map of matplotlib (256, 3)."""
-    return (255 * matplotlib.colormaps[name](np.linspace(0.0, 1.0, STEPS))[:, :3]).round().astype(np.uint8)
+    return (
+        (255 * matplotlib.colormaps[name](np.linspace(0.0, 1.0, STEPS))[:, :3])
+        .round()
+        .astype(np.uint8)
+    )
 
 
 PHASES, PRESSURES, AMPLITUDES = colour_map("twilight"), colour_map("OrRd"), colour_map("viridis")
@@ -100,11 +106,17 @@ class View:
 
     def __init__(self, server: viser.ViserServer, scene: LiveScene) -> None:
         self._server, self._scene = server, scene
-        self._direct, self._skin, self._solving = DirectSound(scene), MovingSkin(scene.radii), SolvedSound(scene)
+        self._direct, self._skin, self._solving = (
+            DirectSound(scene),
+            MovingSkin(scene.radii),
+            SolvedSound(scene),
+        )
         self._middle = focal_point(scene)
         self._peak = 0.0
         self._sound: Sound | None = None
-        server._websock_server.queue_message(RunJavascriptMessage(DRAWING.read_text(encoding="utf-8")))
+        server._websock_server.queue_message(
+            RunJavascriptMessage(DRAWING.read_text(encoding="utf-8"))
+        )
         server.scene.set_up_direction("+z")
         server.scene.configure_environment_map(None)
         server.scene.configure_default_lights(False)
@@ -116,12 +128,21 @@ class View:
         self._hand: tuple[viser.MeshHandle, viser.PointCloudHandle] | None = None
         blank = np.zeros((2, 2, 4), dtype=np.uint8)
         self._slice = server.scene.add_image(
-            "/slice", blank, ACROSS, ACROSS, format="png", cast_shadow=False, receive_shadow=False, visible=False
+            "/slice",
+            blank,
+            ACROSS,
+            ACROSS,
+            format="png",
+            cast_shadow=False,
+            receive_shadow=False,
+            visible=False,
         )
 
     def update(self, moment: Moment, look: Look) -> None:
         """Show a moment, with the newest sound on the skin and in the slice."""
-        self._array.colors = np.repeat(in_light(element_colours(moment.amplitudes, look.array)), CORNERS, axis=0)
+        self._array.colors = np.repeat(
+            in_light(element_colours(moment.amplitudes, look.array)), CORNERS, axis=0
+        )
         self._show_foci(moment)
         before, self._sound = self._sound, None
         if moment.joints is None or moment.foci is None:
@@ -135,7 +156,9 @@ class View:
         if self._sound is not None and self._sound is not before:
             self._follow(self._sound)
             self._show_slice(self._sound)
-        self._show_hand(vertices, normals, None if self._sound is None or not look.skin else self._sound.skin)
+        self._show_hand(
+            vertices, normals, None if self._sound is None or not look.skin else self._sound.skin
+        )
         self._slice.visible = self._sound is not None and look.slice
 
     def close(self) -> None:
@@ -164,7 +187,9 @@ class View:
         assert moment.joints is not None
         assert moment.foci is not None
         section, now = Section(self._middle, look.across, look.offset), time.monotonic()
-        self._solving.ask(Asked(now, moment.joints, moment.foci, moment.amplitudes, vertices, section))
+        self._solving.ask(
+            Asked(now, moment.joints, moment.foci, moment.amplitudes, vertices, section)
+        )
         solved = self._solving.newest
         if solved is not None and len(solved.skin) == len(vertices) and now - solved.time < OLD:
             return solved
@@ -186,23 +211,37 @@ class View:
         pressures: Float64[np.ndarray, "vertices"] | None,
     ) -> None:
         """Show the hand with the pressure on it; its colours are those of points that nobody sees."""
-        colours = np.broadcast_to(SKIN, vertices.shape) if pressures is None else self._coloured(pressures)
+        colours = (
+            np.broadcast_to(SKIN, vertices.shape)
+            if pressures is None
+            else self._coloured(pressures)
+        )
         colours = in_light(shaded(colours, normals))
         if self._hand is None:
             self._hand = self._add_coloured("/hand", vertices, self._skin.triangles, colours)
         mesh, points = self._hand
         if len(mesh.vertices) != len(vertices):
-            mesh.faces, points.points = self._skin.triangles.astype(np.uint32), np.zeros(vertices.shape, np.float16)
+            mesh.faces, points.points = (
+                self._skin.triangles.astype(np.uint32),
+                np.zeros(vertices.shape, np.float16),
+            )
         mesh.vertices, points.colors, mesh.visible = vertices.astype(np.float32), colours, True
 
     def _show_slice(self, sound: Sound) -> None:
         self._slice.image = self._with_edges_clear(enlarged(sound.field))
-        self._slice.position, self._slice.wxyz = sound.section.middle, quaternion(sound.section.axes.T)
+        self._slice.position, self._slice.wxyz = (
+            sound.section.middle,
+            quaternion(sound.section.axes.T),
+        )
 
     def _coloured(self, pressures: Float64[np.ndarray, "*some"]) -> UInt8[np.ndarray, "*some 3"]:
-        return PRESSURES[np.clip(pressures / self.most * (STEPS - 1), 0, STEPS - 1).astype(np.int64)]
+        return PRESSURES[
+            np.clip(pressures / self.most * (STEPS - 1), 0, STEPS - 1).astype(np.int64)
+        ]
 
-    def _with_edges_clear(self, pressures: Float64[np.ndarray, "rows columns"]) -> UInt8[np.ndarray, "rows columns 4"]:
+    def _with_edges_clear(
+        self, pressures: Float64[np.ndarray, "rows columns"]
+    ) -> UInt8[np.ndarray, "rows columns 4"]:
         """Colour a slice, clear where there is little sound, so that what stands behind it stays in sight."""
         opaque = 255 * np.clip(0.1 + 3.0 * pressures / self.most, 0.0, 0.95)
         return np.dstack([self._coloured(pressures), opaque.astype(np.uint8)])
@@ -214,7 +253,10 @@ class View:
             return
         self._foci.points = moment.foci.astype(np.float32)
         for index, label in enumerate(self._labels):
-            label.position, label.text = moment.foci[index], focus_in_words(self._scene.places[index], index, moment)
+            label.position, label.text = (
+                moment.foci[index],
+                focus_in_words(self._scene.places[index], index, moment),
+            )
 
     def _set_camera(self) -> None:
         towards = view_of(self._scene.array.normals).towards_viewer
@@ -223,7 +265,11 @@ class View:
         middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
         reach = float(np.linalg.norm(points - middle, axis=1).max())
         camera = self._server.initial_camera
-        camera.position, camera.look_at, camera.up = middle + 2.5 * reach * towards, middle, (0.0, 0.0, 1.0)
+        camera.position, camera.look_at, camera.up = (
+            middle + 2.5 * reach * towards,
+            middle,
+            (0.0, 0.0, 1.0),
+        )
         camera.fov, camera.near, camera.far = np.radians(50.0), 0.005, 20.0
 
     def _add_array(self) -> viser.PointCloudHandle:
@@ -233,7 +279,9 @@ class View:
         vertices = array.positions[:, None] + np.einsum("cj,ejk->eck", corners, frames)
         faces = CORNERS * np.arange(len(array))[:, None, None] + triangles
         colours = np.tile(SILENT, (vertices.size // 3, 1))
-        return self._add_coloured("/array", vertices.reshape(-1, 3), faces.reshape(-1, 3), colours)[1]
+        return self._add_coloured("/array", vertices.reshape(-1, 3), faces.reshape(-1, 3), colours)[
+            1
+        ]
 
     def _add_planes(self) -> None:
         """Add each rigid plane as a sheet that shows what is behind it, under array and hand."""
@@ -254,12 +302,24 @@ class View:
         places = self._scene.places
         points = np.zeros((len(places), 3), dtype=np.float32)
         balls = self._server.scene.add_point_cloud(
-            "/foci", points, FOCUS, point_size=4e-3, point_shape="circle", precision="float32", visible=False
+            "/foci",
+            points,
+            FOCUS,
+            point_size=4e-3,
+            point_shape="circle",
+            precision="float32",
+            visible=False,
         )
         labels = []
         for index, place in enumerate(places):
-            anchor = "bottom-left" if index % 2 == 0 else "top-right"  # neighbours' labels stay apart
-            labels.append(self._server.scene.add_label(f"/labels/{place}", place, anchor=anchor, visible=False))
+            anchor = (
+                "bottom-left" if index % 2 == 0 else "top-right"
+            )  # neighbours' labels stay apart
+            labels.append(
+                self._server.scene.add_label(
+                    f"/labels/{place}", place, anchor=anchor, visible=False
+                )
+            )
         return balls, labels
 
     def _add_coloured(
@@ -296,7 +356,9 @@ def focus_in_words(place: str, index: int, moment: Moment) -> str:
     return f"{place}  {moment.pressures[index]:,.0f} Pa"
 
 
-def element_colours(amplitudes: Complex128[np.ndarray, "elements"], shown: Shown) -> UInt8[np.ndarray, "elements 3"]:
+def element_colours(
+    amplitudes: Complex128[np.ndarray, "elements"], shown: Shown
+) -> UInt8[np.ndarray, "elements 3"]:
     """Colour elements by their phase, grey where silent, or by their amplitude from 0 to full scale."""
     if shown == "amplitude":
         return AMPLITUDES[np.clip(np.abs(amplitudes) * (STEPS - 1), 0, STEPS - 1).astype(np.int64)]
@@ -318,7 +380,11 @@ def shaded(
 
 def frames_of(
     normals: Float64[np.ndarray, "elements 3"],
-) -> tuple[Float64[np.ndarray, "elements 3"], Float64[np.ndarray, "elements 3"], Float64[np.ndarray, "elements 3"]]:
+) -> tuple[
+    Float64[np.ndarray, "elements 3"],
+    Float64[np.ndarray, "elements 3"],
+    Float64[np.ndarray, "elements 3"],
+]:
     """Return axes whose third is the normal."""
     helper = np.where(np.abs(normals[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
     along = np.cross(helper, normals)
@@ -326,7 +392,9 @@ def frames_of(
     return along, np.cross(normals, along), normals
 
 
-def disc(radius: float) -> tuple[Float64[np.ndarray, "corners 3"], Int64[np.ndarray, "triangles 3"]]:
+def disc(
+    radius: float,
+) -> tuple[Float64[np.ndarray, "corners 3"], Int64[np.ndarray, "triangles 3"]]:
     """Return a disc of a radius [m] in the plane z = 0, its front to +z."""
     angles = 2.0 * np.pi * np.arange(CORNERS) / CORNERS
     rim = radius * np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=1)

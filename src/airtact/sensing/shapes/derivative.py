@@ -1,12 +1,14 @@
 """Echoes of bodies, and how they change when the surfaces move: one solve for any number of motions.
 
-Where a sound-hard surface moves outward by v along its normal, the echo of transmission m at receiver r changes by
+Where a sound-hard surface moves outward by v along its normal, the echo of transmission m at
+receiver r changes by
 
     1/(4π) ∫ v (∇p_m · ∇p_r − k² p_m p_r) dS,
 
-where p_m is the pressure on the surface of the transmission, and p_r that of the receiver, were it to emit as a
-monopole of strength 1 (Hadamard's formula for Neumann's condition: J. Sokolowski, J.-P. Zolésio, Introduction to Shape
-Optimization, 1992, section 3.2; reciprocity makes the receiver's field of the adjoint one).
+where p_m is the pressure on the surface of the transmission, and p_r that of the receiver, were it
+to emit as a monopole of strength 1 (Hadamard's formula for Neumann's condition: J. Sokolowski,
+J.-P. Zolésio, Introduction to Shape Optimization, 1992, section 3.2; reciprocity makes the
+receiver's field of the adjoint one).
 """
 
 from dataclasses import dataclass, replace
@@ -14,13 +16,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Complex, Complex64, Complex128, Float64, Int64
 
-from airtact.scene.scene import Scene
-from airtact.scene.sources import Monopoles
+from airtact.acoustics.scene import Scene
+from airtact.acoustics.solvers.bem.solutions import DirectSolution
+from airtact.acoustics.solvers.bem.solver import BoundaryElement
+from airtact.acoustics.sources import Monopoles
 from airtact.sensing.array_waves import emitted_by_faces, heard_by_faces
 from airtact.sensing.echo_model import Received
 from airtact.sensing.shapes.smooth import SmoothSurface
-from airtact.solvers.bem.solutions import DirectSolution
-from airtact.solvers.bem.solver import BoundaryElement
 from airtact.transducers.layout import PhasedArray
 
 
@@ -32,8 +34,10 @@ class SolvedEchoes:
     ----------
     echoes : (R, M) scattered pressure at the receivers [Pa].
     surface : the bodies' surfaces.
-    emitted : (3, P, M) pressure [Pa] of each transmission on the surfaces, and its slopes along them [Pa/m].
-    received : (3, P, R) the same of each receiver as a source of unit strength, over its strength [1/m].
+    emitted : (3, P, M) pressure [Pa] of each transmission on the surfaces, and its slopes along
+        them [Pa/m].
+    received : (3, P, R) the same of each receiver as a source of unit strength, over its strength
+        [1/m].
     wavenumber : [rad/m].
     """
 
@@ -69,13 +73,19 @@ def solve_echoes(
     transmissions = codes.shape[1]
     receiving = np.zeros((len(array), len(weights), len(receivers)), dtype=np.complex128)
     receiving[receivers, :, np.arange(len(receivers))] = array.gains[receivers, None] * weights
-    strengths = np.concatenate([emitted_by_faces(array, codes), receiving.reshape(len(faces), -1)], axis=1)
+    strengths = np.concatenate(
+        [emitted_by_faces(array, codes), receiving.reshape(len(faces), -1)], axis=1
+    )
     solution = solver.direct_solution(scene, Monopoles(faces, strengths))
     sent = Monopoles(faces, strengths[:, :transmissions])
     surface = SmoothSurface.of(solution.surface.nodes)
     smoothed = surface.smoothed(solution.pressure.astype(np.complex64))
     return SolvedEchoes(
-        _heard(replace(solution, sources=sent, pressure=solution.pressure[:, :transmissions]), array, receivers),
+        _heard(
+            replace(solution, sources=sent, pressure=solution.pressure[:, :transmissions]),
+            array,
+            receivers,
+        ),
         surface,
         smoothed[:, :, :transmissions],
         smoothed[:, :, transmissions:],
@@ -83,7 +93,9 @@ def solve_echoes(
     )
 
 
-def _heard(solution: DirectSolution, array: PhasedArray, receivers: Int64[np.ndarray, "receivers"]) -> Received:
+def _heard(
+    solution: DirectSolution, array: PhasedArray, receivers: Int64[np.ndarray, "receivers"]
+) -> Received:
     """Scattered pressure that receivers get [Pa], the mean over their faces times their gains."""
     faces = array.face_points[receivers].reshape(-1, 3)
     scattered = solution.at(faces, np.zeros(len(faces), dtype=bool), total=False)

@@ -1,8 +1,8 @@
 """Where bodies are and what shape they have, from the echoes of the array's own transmissions.
 
-Pose and numbers are those that are most probable given the echoes and what was expected of the numbers, by a trust
-region (M. A. Branch, T. F. Coleman, Y. Li, SIAM J. Sci. Comput. 21 (1999) 1) with derivatives by reciprocity: one solve
-a step, however many numbers there are.
+Pose and numbers are those that are most probable given the echoes and what was expected of the
+numbers, by a trust region (M. A. Branch, T. F. Coleman, Y. Li, SIAM J. Sci. Comput. 21 (1999) 1)
+with derivatives by reciprocity: one solve a step, however many numbers there are.
 """
 
 from dataclasses import dataclass, field, replace
@@ -11,11 +11,14 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float64, Int64
 from scipy.optimize import least_squares
 
-from airtact.conventions import InvalidInput
-from airtact.mesh.quadratic_triangles import area_vectors
-from airtact.pose import Pose
+from airtact.acoustics.scene import Scene
+from airtact.acoustics.solvers.bem.solver import BoundaryElement
+from airtact.acoustics.solvers.spherical.multipole_field import ball_of
+from airtact.checks import of_kind
+from airtact.errors import InvalidInput
+from airtact.geometry.mesh.quadratic_triangles import area_vectors
+from airtact.geometry.pose import Pose
 from airtact.printing import one_line
-from airtact.scene.scene import Scene
 from airtact.sensing.doubt import disagreement, information_of, power
 from airtact.sensing.echo_model import Received, motion_of
 from airtact.sensing.echoes import Echoes
@@ -23,12 +26,9 @@ from airtact.sensing.registration import EXPLAINED, Located, check_start
 from airtact.sensing.shapes.derivative import solve_echoes
 from airtact.sensing.shapes.unknown import UnknownShape
 from airtact.sensing.simulation import simulate_echoes
-from airtact.solvers.bem.solver import BoundaryElement
-from airtact.solvers.spherical.multipole_field import ball_of
 from airtact.timing import Progress, no_progress
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_placement
-from airtact.validation import of_kind
 
 FEW_RECEIVERS, USED_RECEIVERS = 64, 128
 """Receivers, chosen at random, that the first and the last steps are taken by."""
@@ -64,15 +64,16 @@ AWAY = 0.4
 class LocatedShape(Located):
     """Where bodies are and what shape they have, as ``locate_shape`` finds it.
 
-    A motion of all bodies can be one of the pose or one of the numbers: both together say where the surfaces are.
-    ``covariance`` and ``bound`` are (6 + K, 6 + K), of the pose and of the numbers, given the echoes and what was
-    expected; ``steps`` counts solves. ``left_out`` is empty.
+    A motion of all bodies can be one of the pose or one of the numbers: both together say where the
+    surfaces are. ``covariance`` and ``bound`` are (6 + K, 6 + K), of the pose and of the numbers,
+    given the echoes and what was expected; ``steps`` counts solves. ``left_out`` is empty.
 
     Attributes
     ----------
     numbers : (K,) of the ``UnknownShape``.
     scene : the bodies of these numbers, in their own frame.
-    surface_deviation : standard deviation of where the surfaces are along their normals, rms over them [m].
+    surface_deviation : standard deviation of where the surfaces are along their normals, rms over
+        them [m].
     """
 
     numbers: Float64[np.ndarray, "numbers"]
@@ -99,16 +100,20 @@ def locate_shape(
 ) -> LocatedShape:
     """Find pose and shape of bodies from echoes, where ``locate`` finds the pose of bodies whose shape is known.
 
-    The start and what is expected of the numbers count as knowledge with standard deviations (5 mm and 9 degrees, and
-    those given), so that what echoes do not determine stays as expected, and its doubt as large.
+    The start and what is expected of the numbers count as knowledge with standard deviations (5 mm
+    and 9 degrees, and those given), so that what echoes do not determine stays as expected, and its
+    doubt as large.
 
     Parameters
     ----------
-    echoes : measured, less what the empty array receives; up to 128 receivers, chosen at random, are used.
+    echoes : measured, less what the empty array receives; up to 128 receivers, chosen at random,
+        are used.
     bodies : what is known of them, such as ``UnknownShape.of_capsules(scene)``.
     array : the transducers in their own frame, in the order of the codes.
-    start : where the bodies may be, within about 3 mm and 5 degrees; maps the bodies' frame to the array's.
-    solver : of the last steps; ``BoundaryElement(accuracy=0.01)`` unless given. The first are taken at 3 %.
+    start : where the bodies may be, within about 3 mm and 5 degrees; maps the bodies' frame to the
+        array's.
+    solver : of the last steps; ``BoundaryElement(accuracy=0.01)`` unless given. The first are taken
+        at 3 %.
     progress : called with the words of each step.
 
     Returns
@@ -128,7 +133,12 @@ def locate_shape(
     >>> at.sensing.UnknownShape.of_capsules(fingers, ends=4e-3, radius=1e-3)
     UnknownShape(14 numbers, 2 bodies)
     """
-    of_kind(bodies, UnknownShape, "what is known of the bodies", "UnknownShape(scene_of, expected, deviations)")
+    of_kind(
+        bodies,
+        UnknownShape,
+        "what is known of the bodies",
+        "UnknownShape(scene_of, expected, deviations)",
+    )
     solver = solver or BoundaryElement(accuracy=0.01)
     of_kind(solver, BoundaryElement, "the solver", "BoundaryElement()")
     scene = bodies.scene
@@ -174,7 +184,9 @@ class _Fit:
         found = self.follow(np.zeros(len(self.deviations)))
         if self.misfit(found) <= EXPLAINED:
             return found
-        progress(f"the start leaves {self.misfit(found):.2f} of the echoes unexplained: trying {STARTS} others")
+        progress(
+            f"the start leaves {self.misfit(found):.2f} of the echoes unexplained: trying {STARTS} others"
+        )
         tried = [found]
         for count, x in enumerate(self._others()[:FOLLOWED]):
             progress(f"fitting pose and shape from start {count + 2} of {FOLLOWED + 1}")
@@ -196,9 +208,15 @@ class _Fit:
     @property
     def valid(self) -> Bool[np.ndarray, "..."]:
         """Which of these were received."""
-        return np.ones((1, 1), dtype=bool) if self.echoes.valid is None else np.asarray(self.echoes.valid)[self.rows]
+        return (
+            np.ones((1, 1), dtype=bool)
+            if self.echoes.valid is None
+            else np.asarray(self.echoes.valid)[self.rows]
+        )
 
-    def place(self, x: Float64[np.ndarray, "unknowns"]) -> tuple[Pose, Float64[np.ndarray, "numbers"]]:
+    def place(
+        self, x: Float64[np.ndarray, "unknowns"]
+    ) -> tuple[Pose, Float64[np.ndarray, "numbers"]]:
         """Pose and numbers of unknowns."""
         motion = motion_of((self.deviations * x)[:6])
         turn = motion[:3, :3]
@@ -223,10 +241,17 @@ class _Fit:
         """How far standard deviations of the unknowns move the surfaces outward at points on them [m]."""
         scene, away = self.bodies.scene_of(numbers), points - self.centre
         axes = np.eye(3)
-        motions = [*(NUDGE * axis for axis in axes), *(NUDGE * np.cross(axis, away) / SIZE for axis in axes)]
-        by_motions = [(scene.depth(points - by) - scene.depth(points + by)) / (2.0 * NUDGE) for by in motions]
+        motions = [
+            *(NUDGE * axis for axis in axes),
+            *(NUDGE * np.cross(axis, away) / SIZE for axis in axes),
+        ]
+        by_motions = [
+            (scene.depth(points - by) - scene.depth(points + by)) / (2.0 * NUDGE) for by in motions
+        ]
         shifts = np.stack(by_motions, axis=1) * np.repeat([1.0, SIZE], 3)
-        return np.concatenate([shifts, self.bodies.shifts(numbers, points)], axis=1) * self.deviations
+        return (
+            np.concatenate([shifts, self.bodies.shifts(numbers, points)], axis=1) * self.deviations
+        )
 
     def follow(self, x: Float64[np.ndarray, "unknowns"], steps: int = 0) -> _Found:
         """Take steps until the squares of what is left, and of how unexpected the unknowns are, settle."""
@@ -241,7 +266,9 @@ class _Fit:
             max_nfev=MOST_STEPS,
         )
         parts = self.doubt * np.concatenate([found.fun[:, None], found.jac], axis=1)[: -len(x)].T
-        both = (parts[:, : self.measured.size] + 1j * parts[:, self.measured.size :]).reshape(-1, *self.measured.shape)
+        both = (parts[:, : self.measured.size] + 1j * parts[:, self.measured.size :]).reshape(
+            -1, *self.measured.shape
+        )
         return _Found(x + found.x, both[0], both[1:], bool(found.status > 0), steps + found.nfev)
 
     def misfit(self, found: _Found) -> float:
@@ -281,9 +308,14 @@ class _Fit:
         left = power(found.residual) / count
         inverse = np.linalg.inv(information + 0.5 * left * np.eye(len(information)))
         left *= max(1.0, disagreement(found.derivatives, found.residual, inverse, places))
-        left += self.solver.accuracy**2 * power(self.measured) / len(information)  # as alike everywhere as a motion is
+        left += (
+            self.solver.accuracy**2 * power(self.measured) / len(information)
+        )  # as alike everywhere as a motion is
         noise = self.echoes.noise or np.nan
-        doubt, least = (np.linalg.inv(np.eye(len(information)) + 2.0 * information / one) for one in (left, noise**2))
+        doubt, least = (
+            np.linalg.inv(np.eye(len(information)) + 2.0 * information / one)
+            for one in (left, noise**2)
+        )
         scene, misfit = self.bodies.scene_of(numbers), self.misfit(found)
         corners = np.concatenate([one.surface.corners for one in scene.obstacles])
         areas = np.linalg.norm(area_vectors(corners), axis=1)
@@ -297,7 +329,9 @@ class _Fit:
             scene=scene,
             covariance=to_units @ doubt @ to_units.T,
             bound=to_units @ least @ to_units.T,
-            surface_deviation=float(np.sqrt(areas @ np.einsum("pu,uv,pv->p", shifts, doubt, shifts) / areas.sum())),
+            surface_deviation=float(
+                np.sqrt(areas @ np.einsum("pu,uv,pv->p", shifts, doubt, shifts) / areas.sum())
+            ),
             residual=float(np.sqrt(power(found.residual) / power(self.measured))),
             misfit=misfit,
             converged=bool(found.settled and misfit <= EXPLAINED),
@@ -328,12 +362,16 @@ class _Steps:
         self.known[step.tobytes()] = np.concatenate([_parts(by / fit.doubt), np.eye(len(x))])
         return np.concatenate([_parts((echoes - fit.measured)[None] / fit.doubt)[:, 0], x])
 
-    def derivatives(self, step: Float64[np.ndarray, "unknowns"]) -> Float64[np.ndarray, "parts unknowns"]:
+    def derivatives(
+        self, step: Float64[np.ndarray, "unknowns"]
+    ) -> Float64[np.ndarray, "parts unknowns"]:
         """Differentiate it where it was asked for last."""
         return self.known[step.tobytes()]
 
 
-def _parts(values: Complex[np.ndarray, "rows receivers transmissions"]) -> Float64[np.ndarray, "parts rows"]:
+def _parts(
+    values: Complex[np.ndarray, "rows receivers transmissions"],
+) -> Float64[np.ndarray, "parts rows"]:
     """Real parts, then imaginary ones, of each row."""
     rows = values.reshape(len(values), -1)
     return np.concatenate([np.real(rows), np.imag(rows)], axis=1).T.astype(np.float64)

@@ -1,8 +1,9 @@
 """Values and slopes of pressures on surfaces, from the nodes around each point.
 
-Products of two pressures change twice as fast along a surface as either, faster than the nodes of its panels resolve.
-So the pressures are interpolated first, at points of panels cut in four: by polynomials in the tangent plane through
-the nodes near each point, fitted by weighted least squares (P. Lancaster, K. Salkauskas, Math. Comp. 37 (1981) 141).
+Products of two pressures change twice as fast along a surface as either, faster than the nodes of
+its panels resolve. So the pressures are interpolated first, at points of panels cut in four: by
+polynomials in the tangent plane through the nodes near each point, fitted by weighted least squares
+(P. Lancaster, K. Salkauskas, Math. Comp. 37 (1981) 141).
 """
 
 from dataclasses import dataclass
@@ -12,9 +13,9 @@ from jaxtyping import Complex64, Float32, Float64, Int64
 from scipy.sparse import csr_array
 from scipy.spatial import KDTree
 
-from airtact.mesh.quadratic_triangles import cut
-from airtact.solvers.bem.quadrature import Nodes, place_nodes
-from airtact.surfaces.primitives import turn_from_z
+from airtact.acoustics.solvers.bem.quadrature import Nodes, place_nodes
+from airtact.geometry.mesh.quadratic_triangles import cut
+from airtact.geometry.primitives import turn_from_z
 
 DEGREE, NEIGHBOURS = 5, 36
 """Degree of the polynomials, of 21 terms, and nodes that each is fitted to."""
@@ -37,7 +38,8 @@ class SmoothSurface:
     ----------
     points, normals : (P, 3) [m] and outward.
     areas : (P,) that each point stands for [m²].
-    operators : (P, Q) each: the pressure, and its slopes along two directions at right angles [1/m].
+    operators : (P, Q) each: the pressure, and its slopes along two directions at right angles
+        [1/m].
     """
 
     points: Float64[np.ndarray, "points 3"]
@@ -54,10 +56,14 @@ class SmoothSurface:
         near, rows = _fitted(fine.points, fine.normals, nodes)
         starts = np.arange(0, near.size + 1, near.shape[1])
         shape = len(fine.points), len(nodes.points)
-        value, first, second = (csr_array((row.reshape(-1), near.reshape(-1), starts), shape) for row in rows)
+        value, first, second = (
+            csr_array((row.reshape(-1), near.reshape(-1), starts), shape) for row in rows
+        )
         return cls(fine.points, fine.normals, fine.weights, (value, first, second))
 
-    def smoothed(self, pressure: Complex64[np.ndarray, "nodes sounds"]) -> Complex64[np.ndarray, "3 points sounds"]:
+    def smoothed(
+        self, pressure: Complex64[np.ndarray, "nodes sounds"]
+    ) -> Complex64[np.ndarray, "3 points sounds"]:
         """Return pressures [Pa] and both slopes [Pa/m] at the points."""
         return np.stack([one @ pressure for one in self.operators])
 
@@ -69,12 +75,19 @@ def _fitted(
     distance, near = KDTree(nodes.points).query(points, min(NEIGHBOURS, len(nodes.points)))
     reach = distance[:, -1:]
     turns = np.stack([turn_from_z(normal) for normal in normals])
-    along = np.einsum("pkd,pdc->pkc", nodes.points[near] - points[:, None], turns[:, :, :2]) / reach[:, :, None]
+    along = (
+        np.einsum("pkd,pdc->pkc", nodes.points[near] - points[:, None], turns[:, :, :2])
+        / reach[:, :, None]
+    )
     same = np.einsum("pkd,pd->pk", nodes.normals[near], normals) > SAME_SIDE
     weights = np.exp(-FALL * (distance / reach) ** 2) * same
-    powers = [(first, second) for first in range(DEGREE + 1) for second in range(DEGREE + 1 - first)]
+    powers = [
+        (first, second) for first in range(DEGREE + 1) for second in range(DEGREE + 1 - first)
+    ]
     to_power = np.cumprod(np.stack([np.ones_like(along), *[along] * DEGREE]), axis=0)
-    terms = np.stack([to_power[first, ..., 0] * to_power[second, ..., 1] for first, second in powers], axis=1)
+    terms = np.stack(
+        [to_power[first, ..., 0] * to_power[second, ..., 1] for first, second in powers], axis=1
+    )
     weighted = terms * weights[:, None, :] ** 2
     squares = weighted @ terms.transpose(0, 2, 1)
     squares += RIDGE * np.trace(squares, axis1=1, axis2=2)[:, None, None] * np.eye(len(powers))

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float64, Real
 
-from airtact.conventions import InvalidInput
+from airtact.acoustics.scene import Scene, sound_hard
+from airtact.checks import check_finite, counted, fixed, positive, real_numbers
+from airtact.errors import InvalidInput
+from airtact.geometry.primitives import Capsule, capsule, turn_from_z
 from airtact.printing import one_line
-from airtact.scene.scene import Scene, sound_hard
-from airtact.surfaces.primitives import Capsule, capsule, turn_from_z
-from airtact.validation import check_finite, counted, fixed, positive, real_numbers
 
 STEP = 0.02
 """Step of the differences by which a number moves a surface, in its standard deviations."""
@@ -48,7 +48,10 @@ class UnknownShape:
         """Check the numbers."""
         expected, deviations = (
             real_numbers(given, what)
-            for given, what in ((self.expected, "expected numbers"), (self.deviations, "deviations"))
+            for given, what in (
+                (self.expected, "expected numbers"),
+                (self.deviations, "deviations"),
+            )
         )
         if expected.ndim != 1 or expected.shape != deviations.shape or not len(expected):
             raise InvalidInput(
@@ -88,7 +91,10 @@ class UnknownShape:
         InvalidInput
             "wrong_kind": a body is no capsule.
         """
-        ends, radius = positive(ends, "the deviation of ends", "m"), positive(radius, "the deviation of radii", "m")
+        ends, radius = (
+            positive(ends, "the deviation of ends", "m"),
+            positive(radius, "the deviation of radii", "m"),
+        )
         parts, by = [], []
         for index, one in enumerate(scene.obstacles):
             shape = one.surface.shape
@@ -99,14 +105,19 @@ class UnknownShape:
                     code="wrong_kind",
                 )
             half = 0.5 * shape.length * shape.pose.rotation[:, 2]
-            places = [shape.pose.translation - half, shape.pose.translation + half][: 2 if shape.length else 1]
+            places = [shape.pose.translation - half, shape.pose.translation + half][
+                : 2 if shape.length else 1
+            ]
             parts.append(np.concatenate([*places, [shape.radius]]))
             by.append(np.append(np.full(3 * len(places), ends), radius))
         edge = min(float(one.surface.edge_lengths.max()) for one in scene.obstacles)
         starts = np.cumsum([len(one) for one in parts])[:-1]
 
         def scene_of(numbers: Float64[np.ndarray, "numbers"]) -> Scene:
-            made = [capsule(one[:3], one[-4:-1], float(one[-1]), edge) for one in np.split(numbers, starts)]
+            made = [
+                capsule(one[:3], one[-4:-1], float(one[-1]), edge)
+                for one in np.split(numbers, starts)
+            ]
             return replace(scene, obstacles=[sound_hard(one) for one in made])
 
         return cls(scene_of, np.concatenate(parts), np.concatenate(by))
@@ -128,7 +139,9 @@ class UnknownShape:
         for index, step in enumerate(STEP * self.deviations):
             by = np.zeros(len(numbers))
             by[index] = step
-            deeper = self.scene_of(numbers + by).depth(points) - self.scene_of(numbers - by).depth(points)
+            deeper = self.scene_of(numbers + by).depth(points) - self.scene_of(numbers - by).depth(
+                points
+            )
             out[:, index] = deeper / (2.0 * step)
         return out
 
@@ -138,7 +151,8 @@ def carried_by_capsules(
 ) -> Float64[np.ndarray, "points 3"]:
     """Move points with the capsule that each is nearest to, from the capsules of one scene to those of another.
 
-    A point keeps its distance from the skin, its share of the way along the axis and its side of it.
+    A point keeps its distance from the skin, its share of the way along the axis and its side of
+    it.
     """
     pairs = zip(before.obstacles, after.obstacles, strict=True)
     depths = np.stack([one.surface.depth(points) for one in before.obstacles])
@@ -152,7 +166,14 @@ def carried_by_capsules(
             along = float(np.clip(local[2], -0.5 * old.length, 0.5 * old.length))
             away = local - [0.0, 0.0, along]
             distance = float(np.linalg.norm(away))
-            turn = turn_from_z(new.pose.rotation[:, 2]) @ turn_from_z(old.pose.rotation[:, 2]).T @ old.pose.rotation
-            axis = new.pose.translation + along * (new.length / max(old.length, 1e-9)) * new.pose.rotation[:, 2]
+            turn = (
+                turn_from_z(new.pose.rotation[:, 2])
+                @ turn_from_z(old.pose.rotation[:, 2]).T
+                @ old.pose.rotation
+            )
+            axis = (
+                new.pose.translation
+                + along * (new.length / max(old.length, 1e-9)) * new.pose.rotation[:, 2]
+            )
             out[index] = axis + turn @ away * (distance + new.radius - old.radius) / distance
     return out

@@ -5,11 +5,12 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from airtact.conventions import InvalidInput
+from airtact.drives.amplitudes import check_cap
+from airtact.drives.transfer import focus_by_distance
+from airtact.emission.links import link_to
+from airtact.errors import InvalidInput
 from airtact.evaluation.thresholds import OCCUPATIONAL_LIMIT
-from airtact.examples import example
-from airtact.frames.amplitudes import check_cap
-from airtact.hardware.links import link_to
+from airtact.hands.tracking.recordings import load_recording
 from airtact.live.clock import checked_latency
 from airtact.live.drives.maker import HandAware
 from airtact.live.loop import Followed, Status, follow
@@ -18,12 +19,18 @@ from airtact.live.page.process import PageProcess
 from airtact.live.parts import Controls, LiveScene, MovingFoci
 from airtact.live.scene import live_scene
 from airtact.live.session import FILE, SessionWriter, recording_of
-from airtact.live.sources import HandSource, PageHands, ReceivedHands, RecordedHands, checked_seconds, moved_to
-from airtact.scene_file.building import Setup, read_scene
+from airtact.live.sources import (
+    HandSource,
+    PageHands,
+    ReceivedHands,
+    RecordedHands,
+    checked_seconds,
+    moved_to,
+)
+from airtact.setup.building import Setup, read_scene
+from airtact.setup.examples import example
 from airtact.timing import Progress, no_progress
-from airtact.tracking.recordings import load_recording
 from airtact.transducers.drive_file import DriveFile
-from airtact.transfer import focus_by_distance
 from airtact.workflows.emit import FULL, safe_cap
 
 MOTION = "reaching.jsonl"
@@ -47,7 +54,8 @@ class Prepared:
     output : where drives go.
     board : name of the kind of board, or None.
     cap : largest amplitude of an element, a share of full scale.
-    full : level half a metre off the array at full scale [dB], where the cap was chosen to keep a head under the limit.
+    full : level half a metre off the array at full scale [dB], where the cap was chosen to keep a
+        head under the limit.
     session : file that records what is done.
     """
 
@@ -86,10 +94,11 @@ def prepare(
     ----------
     scene : file of a scene whose foci ride on a hand.
     folder : where the session is written.
-    source : a recording, a session or its folder, "websocket" or "osc", with ":PORT" for another port and 0 for a free
-        one; the motion that comes along, again and again, unless given; "page" for the hand on the page.
-    cap : largest amplitude of an element, a share of full scale; with boards and unless given the one that keeps a head
-        to 110 dB for the scene's hand at rest.
+    source : a recording, a session or its folder, "websocket" or "osc", with ":PORT" for another
+        port and 0 for a free one; the motion that comes along, again and again, unless given;
+        "page" for the hand on the page.
+    cap : largest amplitude of an element, a share of full scale; with boards and unless given the
+        one that keeps a head to 110 dB for the scene's hand at rest.
     board, link, where : the boards and the way to them, as for ``link_to``; none unless given.
 
     Raises
@@ -107,7 +116,9 @@ def prepare(
         report_step("choosing a level that keeps a head to 110 dB")
         cap, full = safe_cap(_at_rest(fixed, setup), board)
     hands = _hands(setup, source, folder / FILE)
-    return Prepared(setup, fixed, hands, output, board, FULL if cap is None else cap, full, folder / FILE)
+    return Prepared(
+        setup, fixed, hands, output, board, FULL if cap is None else cap, full, folder / FILE
+    )
 
 
 def _at_rest(scene: LiveScene, setup: Setup) -> DriveFile:
@@ -139,7 +150,8 @@ def live(
     ----------
     made : what is followed.
     seconds : how long; to the end of a recording, or until Ctrl-C, unless given.
-    latency : least time from the picture to the frame's arrival, of trackers with a clock of their own [s].
+    latency : least time from the picture to the frame's arrival, of trackers with a clock of their
+        own [s].
     ignore_hand : whether drives are made from distances alone.
     page : port and host of the page; none unless given.
     report_step, report : called with each step, and with how it does.
@@ -190,7 +202,8 @@ def _hands(setup: Setup, source: str | None, session: Path) -> HandSource:
     if kind in PORTS:
         if colon and not port.isdecimal():
             raise InvalidInput(
-                f"--from {source} names no port: give one such as {kind}:{PORTS[kind]}.", code="not_a_number"
+                f"--from {source} names no port: give one such as {kind}:{PORTS[kind]}.",
+                code="not_a_number",
             )
         return ReceivedHands(kind, int(port) if colon else PORTS[kind], setup.tracker)
     path = Path(source)
@@ -205,7 +218,9 @@ def _hands(setup: Setup, source: str | None, session: Path) -> HandSource:
     if not path.is_file() and path.name == source:
         path = example(source, (".jsonl",))
     recording = load_recording(path, leave_out=True)
-    return RecordedHands(replace(recording, frames=tuple(one.moved(setup.tracker) for one in recording.frames)))
+    return RecordedHands(
+        replace(recording, frames=tuple(one.moved(setup.tracker) for one in recording.frames))
+    )
 
 
 def _output(
@@ -226,7 +241,9 @@ def _output(
             )
         return Nowhere()
     if link is None or board is None:
-        raise InvalidInput("1 of --board and --link is missing: give both, or none.", code="setting_missing")
+        raise InvalidInput(
+            "1 of --board and --link is missing: give both, or none.", code="setting_missing"
+        )
     if setup.board != board:
         raise InvalidInput(
             f"the array of {setup.path.name} is made of {setup.board or '0 boards'}, not of {board}: give --board "

@@ -9,14 +9,16 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.conventions import InvalidInput, NotConverged
-from airtact.file_access.atomic import whole_file, writable_folder
-from airtact.pages.sense_page import Sensed, write_sense_page
-from airtact.pose import Pose
-from airtact.scene.scene import Scene
-from airtact.scene_file import tables
-from airtact.scene_file.building import Setup, read_scene
-from airtact.scene_file.parsing import parse_scene
+from airtact.acoustics.scene import Scene
+from airtact.acoustics.solvers.bem.solver import BoundaryElement
+from airtact.acoustics.solvers.problem import RadiatedField, Solver
+from airtact.acoustics.solvers.spherical.multipole_field import multipole_expansion
+from airtact.checks import between, check_seed
+from airtact.drives.transfer import TransferMatrix, transfer_matrix
+from airtact.errors import InvalidInput, NotConverged
+from airtact.files.atomic import whole_file, writable_folder
+from airtact.geometry.pose import Pose
+from airtact.reports.sense_page import Sensed, write_sense_page
 from airtact.sensing.codes import random_codes
 from airtact.sensing.echoes import Echoes, load_echoes
 from airtact.sensing.family import ScatteringFamily, scattering_family
@@ -26,13 +28,11 @@ from airtact.sensing.scattering import ScatteringMatrix, scattering_matrix
 from airtact.sensing.shapes.fit import LocatedShape, locate_shape
 from airtact.sensing.shapes.unknown import UnknownShape
 from airtact.sensing.simulation import simulate_echoes
-from airtact.solvers.bem.solver import BoundaryElement
-from airtact.solvers.problem import RadiatedField, Solver
-from airtact.solvers.spherical.multipole_field import multipole_expansion
-from airtact.steps import stored, synthesise
+from airtact.setup import tables
+from airtact.setup.building import Setup, read_scene
+from airtact.setup.parsing import parse_scene
+from airtact.setup.steps import stored, synthesise
 from airtact.timing import Clock, Progress, no_progress
-from airtact.transfer import TransferMatrix, transfer_matrix
-from airtact.validation import between, check_seed
 from airtact.workflows.sense.shape import reshaped, surface_off, unknown_shape, with_bodies
 
 FILES = ("pose.json", "report.html", "echoes.h5")
@@ -58,7 +58,8 @@ class Simulation:
     noise : rms of the echoes over that of the noise [dB].
     position, degrees : how far the hand is off and turned [m, degree].
     seed : of noise and directions.
-    opened : how much wider the gap of fingers is than in the scene file, where that has a pinch [m].
+    opened : how much wider the gap of fingers is than in the scene file, where that has a pinch
+        [m].
     """
 
     noise: float
@@ -80,9 +81,9 @@ def sense(
 ) -> Sensed:
     """Locate the hand of a scene file by measured or simulated echoes, and compare the drives for both poses.
 
-    The pose of the scene file is the start. Where the body is a pinch, its gap is found, too; with ``shape``, the ends
-    and radii of all its capsules instead. ``FILES`` go into the folder, which is made if it is not there; without
-    ``pictures`` there is no page.
+    The pose of the scene file is the start. Where the body is a pinch, its gap is found, too; with
+    ``shape``, the ends and radii of all its capsules instead. ``FILES`` go into the folder, which
+    is made if it is not there; without ``pictures`` there is no page.
 
     Raises
     ------
@@ -92,7 +93,9 @@ def sense(
         "pose_not_found": no pose near that of the scene file explains the echoes.
     """
     if (echoes_file is None) == (simulation is None):
-        raise InvalidInput("give 1 of 2: a file of echoes (--echoes FILE), or --simulate.", code="echoes_missing")
+        raise InvalidInput(
+            "give 1 of 2: a file of echoes (--echoes FILE), or --simulate.", code="echoes_missing"
+        )
     clock = Clock(report_step)
     with clock.step("scene", f"reading {scene_file.name}"):
         setup = read_scene(scene_file)
@@ -114,13 +117,17 @@ def sense(
     with clock.step("drives", "making the drives for both poses"):
         found = _as_found(scene_file, setup, located)
         pairs = (setup, Pose.identity()), (found, located.pose)
-        before, after = _brought(pairs, (found, located.pose) if true is None else (really, true), store)
+        before, after = _brought(
+            pairs, (found, located.pose) if true is None else (really, true), store
+        )
     with clock.step("residual", "comparing echoes at each receiver"):
         left = _unexplained(echoes, setup, model, located)
     _write(folder / FILES[0], located)
     off = None if true is None else surface_off(located, really.scene, true)
     known = gap, true_gap, clock.seconds, off
-    sensed = Sensed(setup, found, located, echoes, true, scattering.centre, before, after, left, *known)
+    sensed = Sensed(
+        setup, found, located, echoes, true, scattering.centre, before, after, left, *known
+    )
     if pictures:
         report_step("drawing the report")
         write_sense_page(folder / FILES[1], sensed)
@@ -128,19 +135,32 @@ def sense(
 
 
 def _received(
-    echoes_file: Path | None, simulation: Simulation | None, setup: Setup, true: Pose | None, clock: Clock
+    echoes_file: Path | None,
+    simulation: Simulation | None,
+    setup: Setup,
+    true: Pose | None,
+    clock: Clock,
 ) -> Echoes:
     """Read echoes, or simulate what the array receives of codes of random phases."""
     if simulation is None:
         assert echoes_file is not None  # one of both is given
         return load_echoes(echoes_file)
     with clock.step("echoes", f"simulating echoes of {TRANSMISSIONS} codes by smaller panels"):
-        codes, seen = random_codes(len(setup.array), TRANSMISSIONS), setup.array.seen_from(true or Pose.identity())
-        return simulate_echoes(TRUTH, setup.scene, seen, codes, noise=simulation.noise, seed=simulation.seed)
+        codes, seen = (
+            random_codes(len(setup.array), TRANSMISSIONS),
+            setup.array.seen_from(true or Pose.identity()),
+        )
+        return simulate_echoes(
+            TRUTH, setup.scene, seen, codes, noise=simulation.noise, seed=simulation.seed
+        )
 
 
 def _really(
-    scene_file: Path, setup: Setup, gap: float | None, unknown: UnknownShape | None, simulation: Simulation | None
+    scene_file: Path,
+    setup: Setup,
+    gap: float | None,
+    unknown: UnknownShape | None,
+    simulation: Simulation | None,
 ) -> tuple[Setup, float | None]:
     """Return the hand that is simulated, and its gap; the scene file's and None where none is."""
     if simulation is None:
@@ -159,7 +179,10 @@ def _as_found(scene_file: Path, setup: Setup, located: Located) -> Setup:
 
 
 def _located(
-    echoes: Echoes, setup: Setup, model: ScatteringMatrix | ScatteringFamily | UnknownShape, report_step: Progress
+    echoes: Echoes,
+    setup: Setup,
+    model: ScatteringMatrix | ScatteringFamily | UnknownShape,
+    report_step: Progress,
 ) -> Located:
     if isinstance(model, UnknownShape):
         return locate_shape(echoes, model, setup.array, Pose.identity(), progress=report_step)
@@ -180,7 +203,12 @@ def _unexplained(
         assert located.opening is not None  # that of a family is found
         matrices = model.at(model.start), model.at(located.opening)
     poses = Pose.identity(), located.pose
-    return np.stack([unexplained(echoes, one, setup.array, pose) for one, pose in zip(matrices, poses, strict=True)])
+    return np.stack(
+        [
+            unexplained(echoes, one, setup.array, pose)
+            for one, pose in zip(matrices, poses, strict=True)
+        ]
+    )
 
 
 def _gap_of(setup: Setup) -> float | None:
@@ -194,7 +222,9 @@ def _with_gap(scene_file: Path, gap: float) -> Setup:
     return read_scene(scene_file, {"pinch.gap": gap})
 
 
-def _model(scene_file: Path, setup: Setup, gap: float | None, solver: Solver) -> ScatteringMatrix | ScatteringFamily:
+def _model(
+    scene_file: Path, setup: Setup, gap: float | None, solver: Solver
+) -> ScatteringMatrix | ScatteringFamily:
     """Solve the bodies for spherical waves, at several gaps where they have one."""
     if gap is None:
         return scattering_matrix(solver, setup.scene)
@@ -202,16 +232,22 @@ def _model(scene_file: Path, setup: Setup, gap: float | None, solver: Solver) ->
     def opened(value: float) -> Scene:
         return _with_gap(scene_file, value).scene
 
-    return scattering_family(solver, opened, max(gap - SPREAD, min(NARROWEST, 0.5 * gap)), gap + SPREAD, start=gap)
+    return scattering_family(
+        solver, opened, max(gap - SPREAD, min(NARROWEST, 0.5 * gap)), gap + SPREAD, start=gap
+    )
 
 
 def _opened(gap: float | None, simulation: Simulation) -> float | None:
     """Return the gap of the simulated pinch [m]."""
-    opened = between(simulation.opened, -SPREAD, SPREAD, "the opening", "m", "is it in millimetres? Give metres.")
+    opened = between(
+        simulation.opened, -SPREAD, SPREAD, "the opening", "m", "is it in millimetres? Give metres."
+    )
     return None if gap is None else max(gap + opened, 0.25 * gap)
 
 
-def _check_found(located: Located, model: ScatteringMatrix | ScatteringFamily, scene_file: Path) -> None:
+def _check_found(
+    located: Located, model: ScatteringMatrix | ScatteringFamily, scene_file: Path
+) -> None:
     """Raise "pose_not_found" where a pose is not to be believed."""
     if located.converged:
         return
@@ -229,18 +265,31 @@ def _check_found(located: Located, model: ScatteringMatrix | ScatteringFamily, s
 
 def _off(scattering: ScatteringMatrix, simulation: Simulation) -> Pose:
     """Move the hand about its middle as far as is simulated."""
-    position = between(simulation.position, 0.0, 0.05, "the offset", "m", "is it in millimetres? Give metres.")
-    degrees = between(simulation.degrees, 0.0, 45.0, "the turn", "degrees", "the scene's pose is better than that.")
+    position = between(
+        simulation.position, 0.0, 0.05, "the offset", "m", "is it in millimetres? Give metres."
+    )
+    degrees = between(
+        simulation.degrees,
+        0.0,
+        45.0,
+        "the turn",
+        "degrees",
+        "the scene's pose is better than that.",
+    )
     check_seed(simulation.seed)
     random = np.random.default_rng([simulation.seed, 1])
     along, axis = (vector / np.linalg.norm(vector) for vector in random.normal(size=(2, 3)))
     turn = Pose.turn(axis, np.radians(degrees))
-    return Pose(turn.rotation, scattering.centre - turn.rotation @ scattering.centre + position * along)
+    return Pose(
+        turn.rotation, scattering.centre - turn.rotation @ scattering.centre + position * along
+    )
 
 
 def _waves(setup: Setup, store: Path | None) -> RadiatedField:
     """Solve for the foci of a scene, for any pose of its hand."""
-    return multipole_expansion(stored(setup.solver, store).radiate(setup.scene, setup.target.beacons(True)))
+    return multipole_expansion(
+        stored(setup.solver, store).radiate(setup.scene, setup.target.beacons(True))
+    )
 
 
 def _transfer(solved: Callable[[Setup], RadiatedField], setup: Setup, pose: Pose) -> TransferMatrix:
@@ -252,12 +301,16 @@ def _brought(
     pairs: tuple[tuple[Setup, Pose], ...], there: tuple[Setup, Pose], store: Path | None
 ) -> list[Float64[np.ndarray, "foci"]]:
     """Return the pressures of the foci of the hand that is there, of the drives for hands and their poses [Pa]."""
-    solved = cache(partial(_waves, store=store))  # all are one scene where there is neither gap nor shape
+    solved = cache(
+        partial(_waves, store=store)
+    )  # all are one scene where there is neither gap nor shape
     matrix = _transfer(solved, *there)
     return [_pressures(matrix, one, _transfer(solved, one, pose)) for one, pose in pairs]
 
 
-def _pressures(there: TransferMatrix, setup: Setup, believed: TransferMatrix) -> Float64[np.ndarray, "foci"]:
+def _pressures(
+    there: TransferMatrix, setup: Setup, believed: TransferMatrix
+) -> Float64[np.ndarray, "foci"]:
     """Pressures of the foci where the hand is, of the drive made for where it is believed to be [Pa]."""
     made, _ = synthesise(setup.synthesise, believed, setup.target)
     return np.abs(there.pressure(made)[: len(setup.target.points)])

@@ -4,18 +4,18 @@ from pathlib import Path
 
 import numpy as np
 
-from airtact.conventions import InvalidInput, NotConverged
-from airtact.file_access.atomic import writable_folder
-from airtact.scene.medium import Medium
-from airtact.scene_file.building import read_scene
+from airtact.acoustics.medium import Medium
+from airtact.checks import check_seed
+from airtact.errors import InvalidInput, NotConverged
+from airtact.files.atomic import writable_folder
 from airtact.sensing.calibration_fit import moved
 from airtact.sensing.codes import hadamard_codes
 from airtact.sensing.echoes import Echoes, load_echoes
 from airtact.sensing.self_calibration import Calibrated, calibrate
 from airtact.sensing.transmission import boards_of, simulate_transmissions
+from airtact.setup.building import read_scene
 from airtact.timing import Clock, Progress, no_progress
 from airtact.transducers.layout import PhasedArray, join
-from airtact.validation import check_seed
 
 SPREAD = 5e-4, 5e-3
 """Standard deviations of each coordinate [m] and angle [rad] of the boards of a simulated array."""
@@ -50,7 +50,9 @@ def calibrate_array(
         "not_calibrated": no positions of the boards explain the transmissions.
     """
     if (echoes_file is None) == (noise is None):
-        raise InvalidInput("give 1 of 2: a file of transmissions, or --simulate.", code="echoes_missing")
+        raise InvalidInput(
+            "give 1 of 2: a file of transmissions, or --simulate.", code="echoes_missing"
+        )
     clock = Clock(report_step)
     with clock.step("scene", f"reading {scene_file.name}"):
         setup = read_scene(scene_file)
@@ -60,7 +62,9 @@ def calibrate_array(
     if echoes_file is not None:
         echoes = load_echoes(echoes_file)
     else:
-        with clock.step("transmissions", "simulating transmissions of an array that is a little off"):
+        with clock.step(
+            "transmissions", "simulating transmissions of an array that is a little off"
+        ):
             true = _off(array, medium, seed)
             echoes = _simulated(*true, setup.scene.frequency, noise, seed)
     with clock.step("calibrate", "fitting boards, gains and sound speed"):
@@ -85,14 +89,23 @@ def _off(array: PhasedArray, medium: Medium, seed: int) -> tuple[PhasedArray, Me
     logarithm = random.normal(size=(2, len(array))) * np.array(GAINS)[:, None]
     true = join([moved(*pair) for pair in zip(boards, motions, strict=True)])
     speed = medium.sound_speed + SLOWER * random.normal()
-    return true.calibrated(np.exp(logarithm[0] + 1j * logarithm[1])), Medium(speed, medium.density, medium.absorption)
+    return true.calibrated(np.exp(logarithm[0] + 1j * logarithm[1])), Medium(
+        speed, medium.density, medium.absorption
+    )
 
 
-def _simulated(array: PhasedArray, medium: Medium, frequency: float, noise: float | None, seed: int) -> Echoes:
+def _simulated(
+    array: PhasedArray, medium: Medium, frequency: float, noise: float | None, seed: int
+) -> Echoes:
     codes = hadamard_codes(len(array))
     return simulate_transmissions(array, medium, codes, frequency=frequency, noise=noise, seed=seed)
 
 
 def _errors(found: Calibrated, array: PhasedArray, medium: Medium) -> tuple[float, float]:
-    middles = [np.stack([board.positions.mean(axis=0) for board in boards_of(one)]) for one in (found.array, array)]
-    return float(np.linalg.norm(middles[0] - middles[1], axis=1).max()), abs(found.sound_speed - medium.sound_speed)
+    middles = [
+        np.stack([board.positions.mean(axis=0) for board in boards_of(one)])
+        for one in (found.array, array)
+    ]
+    return float(np.linalg.norm(middles[0] - middles[1], axis=1).max()), abs(
+        found.sound_speed - medium.sound_speed
+    )

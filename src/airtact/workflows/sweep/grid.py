@@ -7,9 +7,9 @@ from math import isfinite, prod
 
 import numpy as np
 
-from airtact.conventions import InvalidInput
-from airtact.sweeping.rows import Row
-from airtact.sweeping.sweep import MOST
+from airtact.errors import InvalidInput
+from airtact.setup.sweeping.rows import Row
+from airtact.setup.sweeping.sweep import MOST
 
 _VARIED = re.compile(r"(?P<path>[^=]+)=(?P<low>[^:]+):(?P<high>[^:]+):(?P<count>[^:]+)")
 
@@ -27,7 +27,11 @@ def grid_of(varied: Sequence[str]) -> list[Row]:
     axes: dict[str, Sequence[float | int]] = {}
     for words in varied:
         found = _VARIED.fullmatch(words)
-        path, values = (words, None) if found is None else (found["path"].strip(), _values(**found.groupdict()))
+        path, values = (
+            (words, None)
+            if found is None
+            else (found["path"].strip(), _values(**found.groupdict()))
+        )
         if values is None:
             raise InvalidInput(
                 f'--vary "{words}" is not PATH=LOW:HIGH:COUNT with two numbers and a count from 1 to {MOST:,}, such as '
@@ -45,7 +49,9 @@ def grid_of(varied: Sequence[str]) -> list[Row]:
         axes[path] = values
     if prod(map(len, axes.values())) > MOST:
         total = prod(map(len, axes.values()))
-        raise InvalidInput(f"the grid has {total:,} points, more than {MOST:,}.", code="out_of_range")
+        raise InvalidInput(
+            f"the grid has {total:,} points, more than {MOST:,}.", code="out_of_range"
+        )
     return [dict(zip(axes, values, strict=True)) for values in product(*axes.values())]
 
 
@@ -59,4 +65,8 @@ def _values(path: str, low: str, high: str, count: str) -> Sequence[float | int]
         return None
     values = np.linspace(first, last, number).tolist()
     whole = all(re.fullmatch(r"[+-]?\d+", end.strip()) for end in (low, high))
-    return [int(value) for value in values] if whole and all(one.is_integer() for one in values) else values
+    return (
+        [int(value) for value in values]
+        if whole and all(one.is_integer() for one in values)
+        else values
+    )

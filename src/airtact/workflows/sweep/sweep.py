@@ -7,24 +7,31 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from airtact.conventions import InvalidInput, NotConverged, extra
-from airtact.file_access.atomic import writable_folder
-from airtact.pages.sweep_page import Swept, write_sweep_page
-from airtact.scene_file.building import read_scene
-from airtact.solvers.bem.solver import BoundaryElement
-from airtact.sweeping.processes import PROCESS, process_count, processes
-from airtact.sweeping.rows import Row
-from airtact.sweeping.scene_point import FRAME, SIDE, TIME, ScenePoint, frames_of, scene_point
-from airtact.sweeping.sweep import MOST, Count
-from airtact.sweeping.sweep import sweep as swept_rows
-from airtact.sweeping.table import check_parquet, write_csv, write_parquet
+from airtact.acoustics.solvers.bem.solver import BoundaryElement
+from airtact.errors import InvalidInput, NotConverged, extra
+from airtact.files.atomic import writable_folder
+from airtact.reports.sweep_page import Swept, write_sweep_page
+from airtact.setup.building import read_scene
+from airtact.setup.sweeping.processes import PROCESS, process_count, processes
+from airtact.setup.sweeping.rows import Row
+from airtact.setup.sweeping.scene_point import FRAME, SIDE, TIME, ScenePoint, frames_of, scene_point
+from airtact.setup.sweeping.sweep import MOST, Count
+from airtact.setup.sweeping.sweep import sweep as swept_rows
+from airtact.setup.sweeping.table import check_parquet, write_csv, write_parquet
 from airtact.workflows.check import memory_of_a_solve, unknowns_of
 from airtact.workflows.sweep.grid import grid_of
 
 FILES = ("sweep.csv", "sweep.html", "sweep.parquet")
 """What a sweep writes; the last only where it is asked for."""
 
-OF_A_PATH = ("unknown_path", "unknown_key", "wrong_value", "key_misplaced", "key_renamed", "name_twice")
+OF_A_PATH = (
+    "unknown_path",
+    "unknown_key",
+    "wrong_value",
+    "key_misplaced",
+    "key_renamed",
+    "name_twice",
+)
 """Faults of what is varied, which no other point mends."""
 
 STORE = "points"
@@ -49,11 +56,13 @@ def sweep(
     ----------
     scene : a scene file.
     varied : "PATH=LOW:HIGH:COUNT" each; the last one varies fastest.
-    folder : of `FILES` and of the results of the points, from which a sweep that was killed goes on.
+    folder : of `FILES` and of the results of the points, from which a sweep that was killed goes
+        on.
     count : is called with the points done, all points and those that failed.
     recording : whose frames take the place of the hand, each at every point of the grid; or None.
     number : of processes; by default as many as there are processors and memory allows.
-    dask : address of a Dask scheduler, or "local" for a cluster of ``number`` processes on this computer.
+    dask : address of a Dask scheduler, or "local" for a cluster of ``number`` processes on this
+        computer.
     parquet, pictures : whether the table is written as Parquet too, and whether the page is.
 
     Raises
@@ -65,7 +74,10 @@ def sweep(
         check_parquet()
     grid = grid_of(varied)
     for own in {FRAME, SIDE, TIME} & grid[0].keys() if recording else ():
-        raise InvalidInput(f"{own} is given by the recording, and varied 1 time more; leave it out.", code="name_twice")
+        raise InvalidInput(
+            f"{own} is given by the recording, and varied 1 time more; leave it out.",
+            code="name_twice",
+        )
     points = [] if recording is None else frames_of(recording)
     points = [frame | point for frame in points for point in grid] if recording else grid
     if len(points) > MOST or not points or not points[0]:

@@ -1,0 +1,102 @@
+from . import acoustics as acoustics
+from . import drives as drives
+from . import emission as emission
+from . import evaluation as evaluation
+from . import geometry as geometry
+from . import hands as hands
+from . import live as live
+from . import sensing as sensing
+from . import setup as setup
+from . import transducers as transducers
+from .acoustics.medium import Medium as Medium
+from .acoustics.medium import air as air
+from .acoustics.planes import plane as plane
+from .acoustics.scene import (
+    Scene as Scene,
+)
+from .acoustics.scene import (
+    filled as filled,
+)
+from .acoustics.scene import (
+    impedance as impedance,
+)
+from .acoustics.scene import (
+    sound_hard as sound_hard,
+)
+from .acoustics.solvers.bem.solver import BoundaryElement as BoundaryElement
+from .acoustics.solvers.fem.solver import FiniteElement as FiniteElement
+from .acoustics.solvers.free_field import FreeField as FreeField
+from .acoustics.solvers.sampled_field import SampledField as SampledField
+from .acoustics.solvers.spherical.multipole_field import multipole_expansion as multipole_expansion
+from .acoustics.solvers.spherical.sphere_series import SphereSeries as SphereSeries
+from .acoustics.sources import Monopoles as Monopoles
+from .acoustics.store.stored import Stored as Stored
+from .acoustics.target import Target as Target
+from .acoustics.uncertainty import Uncertainty as Uncertainty
+from .drives.bounds import upper_bound as upper_bound
+from .drives.conjugation import time_reversal as time_reversal
+from .drives.default_method import best as best
+from .drives.gerchberg_saxton import weighted_gerchberg_saxton as weighted_gerchberg_saxton
+from .drives.rounding import quantise as quantise
+from .drives.samples.robust import robust as robust
+from .drives.sampling.ensemble import ensemble as ensemble
+from .drives.transfer import (
+    Drive as Drive,
+)
+from .drives.transfer import (
+    TransferMatrix as TransferMatrix,
+)
+from .drives.transfer import (
+    focus_by_distance as focus_by_distance,
+)
+from .drives.transfer import (
+    open_air_matrix as open_air_matrix,
+)
+from .drives.transfer import (
+    transfer_matrix as transfer_matrix,
+)
+from .drives.weakest_focus import max_min as max_min
+from .emission.autd3_link import AUTD3Link as AUTD3Link
+from .emission.emission import Emission as Emission
+from .errors import InvalidInput as InvalidInput
+from .errors import NotConverged as NotConverged
+from .evaluation.comparison import compare as compare
+from .evaluation.field import field_map as field_map
+from .evaluation.metrics import evaluate as evaluate
+from .geometry.files import load_surface as load_surface
+from .geometry.pose import Pose as Pose
+from .geometry.primitives import capsule as capsule
+from .geometry.primitives import sphere as sphere
+from .geometry.surface import Surface as Surface
+from .hands.files import load_hand as load_hand
+from .hands.fitting.fit import fit_hand as fit_hand
+from .hands.hand import Hand as Hand
+from .hands.hand import hand_from_joints as hand_from_joints
+from .hands.pinch_dummy import pinch as pinch
+from .reports import plot as plot
+from .sensing.echoes import Echoes as Echoes
+from .sensing.registration import locate as locate
+from .sensing.scattering import scattering_matrix as scattering_matrix
+from .sensing.self_calibration import calibrate as calibrate
+from .sensing.simulation import simulate_echoes as simulate_echoes
+from .setup.building import read_scene as read_scene
+from .setup.examples import example as example
+from .setup.saved_drives import load_drive as load_drive
+from .setup.sweeping.sweep import sweep as sweep
+from .transducers.element import monopole as monopole
+from .transducers.element import piston as piston
+from .transducers.layout import (
+    PhasedArray as PhasedArray,
+)
+from .transducers.layout import (
+    autd3_board as autd3_board,
+)
+from .transducers.layout import (
+    flat_boards as flat_boards,
+)
+from .transducers.layout import (
+    surrounding_box as surrounding_box,
+)
+from .transducers.plates import reflecting_boards as reflecting_boards
+
+__version__: str

@@ -1,0 +1,36 @@
+from .drawings import picture as picture
+from .drawings import svg_path as svg_path
+from .drawings import text as text
+from .planes import Plane as Plane
+from .scene import Obstacle as Obstacle
+from .solvers.problem import (
+    RadiatedField as RadiatedField,
+)
+from .solvers.problem import (
+    Solver as Solver,
+)
+from .solvers.problem import (
+    SolveReport as SolveReport,
+)
+from .solvers.problem import (
+    SurfaceField as SurfaceField,
+)
+from .solvers.sampled_field import load_samples as load_samples
+from .target_points import (
+    circle as circle,
+)
+from .target_points import (
+    onto_surface as onto_surface,
+)
+from .target_points import (
+    polyline as polyline,
+)
+from .target_points import (
+    segment as segment,
+)
+from .target_points import (
+    sphere_shell as sphere_shell,
+)
+from .target_points import (
+    surface_points as surface_points,
+)

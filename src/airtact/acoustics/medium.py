@@ -1,0 +1,174 @@
+"""The medium: speed of sound, density, absorption; humid air from its temperature.
+
+Sources
+-------
+- O. Cramer, "The variation of the specific heat ratio and the speed of sound in air with
+  temperature, pressure, humidity, and CO2 concentration", J. Acoust. Soc. Am. 93, 2510 (1993),
+  equation (15) with Table III.
+- A. Picard, R. S. Davis, M. Gläser, K. Fujii, "Revised formula for the density of moist air
+  (CIPM-2007)", Metrologia 45, 149 (2008), equation (2) and appendix A.
+- ISO 9613-1:1993, "Attenuation of sound during propagation outdoors, part 1", equations (3) to (5),
+    (B.2), (B.3).
+"""
+
+import math
+from dataclasses import dataclass
+
+from airtact.checks import between, number, positive, within
+from airtact.errors import InvalidInput
+
+_PASCAL = 101325.0  # one standard atmosphere, the reference pressure of ISO 9613-1
+_CARBON_DIOXIDE = 0.0004  # mole fraction, as in CIPM-2007
+_DECIBEL_PER_NEPER = 20.0 * math.log10(math.e)
+
+
+@dataclass(frozen=True)
+class Medium:
+    """A fluid that carries sound.
+
+    Attributes
+    ----------
+    sound_speed : [m/s], above zero.
+    density : [kg/m³], above zero.
+    absorption : decay of the amplitude per metre [Np/m], zero or more.
+
+    Raises
+    ------
+    InvalidInput
+        When a number is not finite, zero or negative (absorption may be zero), or outside the range of fluids: 100 to
+        10000 m/s, 0.01 to 30000 kg/m³.
+
+    Examples
+    --------
+    >>> paper_air = Medium(sound_speed=343.1, density=1.293)
+    >>> round(paper_air.wavelength(40e3) * 1e3, 2)
+    8.58
+    """
+
+    sound_speed: float
+    density: float
+    absorption: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the three numbers."""
+        sound_speed = within(self.sound_speed, 1e2, 1e4, "sound speed", "m/s", "is it in km/s?")
+        object.__setattr__(self, "sound_speed", sound_speed)
+        object.__setattr__(
+            self, "density", within(self.density, 1e-2, 3e4, "density", "kg/m³", "is it in g/cm³?")
+        )
+        absorption = number(self.absorption, "absorption", "Np/m")
+        if not math.isfinite(absorption) or absorption < 0.0:
+            raise InvalidInput(
+                f"absorption is {absorption:g} Np/m, but it must be finite and not negative.",
+                code="out_of_range",
+            )
+        object.__setattr__(self, "absorption", absorption)
+
+    def wavenumber(self, frequency: float) -> complex:
+        """Wavenumber k = 2πf/c + i·absorption [1/m] at a frequency [Hz], so that e^{ikr} decays with distance."""
+        return complex(
+            2.0 * math.pi * positive(frequency, "frequency", "Hz") / self.sound_speed,
+            self.absorption,
+        )
+
+    def wavelength(self, frequency: float) -> float:
+        """Wavelength c/f [m] at a frequency [Hz]."""
+        return self.sound_speed / positive(frequency, "frequency", "Hz")
+
+
+def air(celsius: float = 20.0, humidity: float = 0.5, frequency: float = 40e3) -> Medium:
+    """Humid air at one atmosphere (101 325 Pa).
+
+    Speed by Cramer (1993, equation 15), density by CIPM-2007, absorption by ISO 9613-1 at
+    ``frequency``.
+
+    Parameters
+    ----------
+    celsius : temperature [°C], -20 to 50 (the range of ISO 9613-1; Cramer and CIPM-2007 were fitted
+        at 0 to 30 °C).
+    humidity : relative humidity, 0 to 1.
+    frequency : [Hz], at which the absorption is taken.
+
+    Raises
+    ------
+    InvalidInput
+        Outside those ranges.
+
+    Examples
+    --------
+    >>> medium = air(celsius=20.0, humidity=0.5, frequency=40e3)
+    >>> round(medium.sound_speed, 1), round(medium.density, 3)
+    (344.0, 1.199)
+    """
+    frequency = positive(frequency, "frequency", "Hz")
+    celsius = between(
+        celsius, -20.0, 50.0, "the air's temperature", "°C", "the formulas hold there only."
+    )
+    humidity = number(humidity, "relative humidity", "parts of 1")
+    if not 0.0 <= humidity <= 1.0:
+        raise InvalidInput(
+            f"relative humidity is {humidity:g}, but it is a fraction from 0 to 1: 50 per cent is humidity=0.5.",
+            code="out_of_range",
+        )
+    vapour = _vapour_fraction(celsius, humidity)
+    return Medium(
+        _sound_speed(celsius, vapour),
+        _density(celsius, vapour),
+        _absorption(celsius, humidity, frequency),
+    )
+
+
+def _vapour_fraction(celsius: float, humidity: float) -> float:
+    """Mole fraction of water vapour, CIPM-2007 appendix A1."""
+    kelvin = celsius + 273.15
+    saturation = math.exp(
+        1.2378847e-5 * kelvin**2 - 1.9121316e-2 * kelvin + 33.93711047 - 6.3431645e3 / kelvin
+    )
+    enhancement = 1.00062 + 3.14e-8 * _PASCAL + 5.6e-7 * celsius**2
+    return humidity * enhancement * saturation / _PASCAL
+
+
+def _sound_speed(t: float, w: float) -> float:
+    """Cramer (1993), equation (15): t in °C, w the mole fraction of vapour."""
+    p, c = _PASCAL, _CARBON_DIOXIDE
+    return (
+        331.5024
+        + 0.603055 * t
+        - 0.000528 * t**2
+        + (51.471935 + 0.1495874 * t - 0.000782 * t**2) * w
+        + (-1.82e-7 + 3.73e-8 * t - 2.93e-10 * t**2) * p
+        + (-85.20931 - 0.228525 * t + 5.91e-5 * t**2) * c
+        - 2.835149 * w**2
+        - 2.15e-13 * p**2
+        + 29.179762 * c**2
+        + 0.000486 * w * p * c
+    )
+
+
+def _density(t: float, w: float) -> float:
+    """CIPM-2007, equation (2) with the compressibility of appendix A2."""
+    kelvin = t + 273.15
+    ratio = _PASCAL / kelvin
+    dry_part = 1.58123e-6 - 2.9331e-8 * t + 1.1043e-10 * t**2
+    first = dry_part + (5.707e-6 - 2.051e-8 * t) * w + (1.9898e-4 - 2.376e-6 * t) * w**2
+    compressibility = 1.0 - ratio * first + ratio**2 * (1.83e-11 - 0.765e-8 * w**2)
+    dry = 3.483740e-3 + 1.4446e-3 * (_CARBON_DIOXIDE - 0.0004)
+    return dry * ratio / compressibility * (1.0 - 0.3780 * w)
+
+
+def _absorption(celsius: float, humidity: float, frequency: float) -> float:
+    """ISO 9613-1 equations (3) to (5) at one atmosphere, in neper per metre."""
+    kelvin = celsius + 273.15
+    relative = kelvin / 293.15
+    saturation = 10.0 ** (
+        4.6151 - 6.8346 * (273.16 / kelvin) ** 1.261
+    )  # (B.2), (B.3): over one atmosphere
+    percent = 100.0 * humidity * saturation  # molar concentration of water vapour, (B.1)
+    oxygen = 24.0 + 4.04e4 * percent * (0.02 + percent) / (0.391 + percent)
+    nitrogen = relative**-0.5 * (
+        9.0 + 280.0 * percent * math.exp(-4.170 * (relative ** (-1.0 / 3.0) - 1.0))
+    )
+    relaxation = 0.01275 * math.exp(-2239.1 / kelvin) / (oxygen + frequency**2 / oxygen)
+    relaxation += 0.1068 * math.exp(-3352.0 / kelvin) / (nitrogen + frequency**2 / nitrogen)
+    decibel = 8.686 * frequency**2 * (1.84e-11 * relative**0.5 + relative**-2.5 * relaxation)
+    return decibel / _DECIBEL_PER_NEPER

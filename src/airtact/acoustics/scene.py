@@ -1,0 +1,381 @@
+"""A scene: bodies in a medium at one frequency."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Complex128, Float64, Real
+
+from airtact.acoustics.medium import Medium
+from airtact.acoustics.planes import Plane, check_before_planes, planes_of
+from airtact.acoustics.sources import Monopoles
+from airtact.acoustics.target import Beacons, Target
+from airtact.checks import check_frequency, counted, in_mm, of_kind, points_of
+from airtact.errors import InvalidInput
+from airtact.geometry.checks import NEAREST, approach, check_apart, check_surface
+from airtact.geometry.surface import Surface
+from airtact.printing import html_table, one_line, sides_in_mm
+
+CONTACT = 1e-9
+"""Points up to this deep in a body count as on its surface [m]."""
+
+MAX_BODY_DISTANCE = 10.0
+"""Largest distance of a body from the origin [m]."""
+
+MAX_DISTANCE_BESIDE = 1.0
+"""Largest distance from a body of a point that belongs beside it [m]."""
+
+MIN_SIZE_IN_WAVELENGTHS = 1.0 / 50.0
+"""Least extent of the largest body, in wavelengths: smaller ones do not change the field."""
+
+
+@dataclass(frozen=True, eq=False)
+class Obstacle:
+    """A body and the boundary condition on its surface; built by ``sound_hard``, ``impedance`` and ``filled``.
+
+    Attributes
+    ----------
+    surface : closed surface of the body.
+    boundary : ``"sound_hard"`` (∂p/∂n = 0), ``"impedance"`` (∂p/∂n + (ik/ratio) p = 0) or
+        ``"filled"`` (another fluid).
+    ratio : Z/(ρc) of an impedance, else None.
+    medium : fluid inside a filled body, else None.
+    board : whether it is boards of the array, with elements in its face; ``reflecting_boards``
+        makes those.
+    """
+
+    surface: Surface
+    boundary: Literal["sound_hard", "impedance", "filled"]
+    ratio: complex | float | None = None
+    medium: Medium | None = None
+    board: bool = False
+
+    @property
+    def kind(self) -> str:
+        """Its boundary in words."""
+        return "reflecting-board" if self.board else self.boundary.replace("_", "-")
+
+    def __repr__(self) -> str:
+        return one_line(self, self.kind, repr(self.surface))
+
+    def __post_init__(self) -> None:
+        """Check that the boundary has the data that it needs and no more."""
+        of_kind(
+            self.surface,
+            Surface,
+            "an obstacle's surface",
+            "one Surface: sphere(...) or pinch().surfaces[0]",
+        )
+        wanted = {"sound_hard": (False, False), "impedance": (True, False), "filled": (False, True)}
+        if not isinstance(self.boundary, str) or self.boundary not in wanted:
+            raise InvalidInput(
+                f"boundary is {self.boundary!r}, but it is one of {', '.join(wanted)}.",
+                code="unknown_name",
+            )
+        given = (self.ratio is not None, self.medium is not None)
+        if given != wanted[self.boundary]:
+            raise InvalidInput(
+                f"an obstacle of boundary {self.boundary} has ratio {self.ratio} and medium {self.medium}, but an "
+                "impedance takes a ratio, a filled one a medium, and none takes both.",
+                code="setting_not_taken",
+            )
+        if self.medium is not None:
+            of_kind(self.medium, Medium, "what fills an obstacle", "Medium(sound_speed, density)")
+        if self.ratio is None:
+            return
+        if not isinstance(self.ratio, complex | float | int | np.number):
+            raise InvalidInput(
+                f"the impedance ratio is {self.ratio!r}, but it must be one number, Z/(ρc).",
+                code="not_a_number",
+            )
+        ratio = complex(self.ratio)
+        if not np.isfinite(ratio) or ratio == 0.0 or ratio.real < 0.0:
+            raise InvalidInput(
+                f"the impedance ratio is {ratio:g}, but it must be finite, not zero, and its real part not negative "
+                "(the surface would emit power).",
+                code="out_of_range",
+            )
+        object.__setattr__(self, "ratio", ratio)
+
+
+def sound_hard(surface: Surface) -> Obstacle:
+    """Build a rigid body from its closed surface: ∂p/∂n = 0."""
+    return Obstacle(surface, "sound_hard")
+
+
+def impedance(surface: Surface, ratio: complex | float) -> Obstacle:
+    """Build a body with a locally reacting surface: ∂p/∂n + (ik/ratio) p = 0, n outward.
+
+    Parameters
+    ----------
+    surface : closed surface of the body.
+    ratio : Z/(ρc), Z being pressure over the velocity into the surface for e^{-iωt}; finite, not
+        zero, its real part not negative. ``BoundaryElement`` and ``FiniteElement`` solve such
+        bodies, ``SphereSeries`` one sphere.
+
+    Raises
+    ------
+    InvalidInput
+        When the ratio is zero, not finite, or has a negative real part, which would emit power.
+    """
+    return Obstacle(surface, "impedance", ratio=ratio)
+
+
+def filled(surface: Surface, medium: Medium) -> Obstacle:
+    """Build a body from its closed surface and another fluid inside, which sound enters."""
+    return Obstacle(surface, "filled", medium=medium)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Bodies in a medium, at one frequency.
+
+    Attributes
+    ----------
+    medium : fluid around the bodies.
+    obstacles : the bodies, which do not touch; none for a free field.
+    frequency : [Hz], 1 kHz to 1 MHz.
+    planes : a rigid plane such as a table, see ``plane``; none for air without end.
+
+    Raises
+    ------
+    InvalidInput
+        When the frequency is outside its range or so low that every body is under 1/50 of a wavelength, a body is
+        over 10 m from the origin, the absorption exceeds 1 Np per wavelength, a surface crosses itself, two
+        bodies overlap, a body touches a plane or reaches behind it, there are several planes, or something is of the
+        wrong kind.
+
+    Examples
+    --------
+    >>> f"{Scene(Medium(343.1, 1.293), [], frequency=40e3).wavelength * 1e3:.2f} mm"
+    '8.58 mm'
+    """
+
+    medium: Medium
+    obstacles: Sequence[Obstacle]
+    frequency: float = 40e3
+    planes: Sequence[Plane] = ()
+
+    def __repr__(self) -> str:
+        return one_line(self, *self._facts().values())
+
+    def _repr_html_(self) -> str:
+        bodies = [
+            (
+                f"body {index}, {one.kind}",
+                f"{sides_in_mm(one.surface.vertices)}, {len(one.surface.triangles)} triangles",
+            )
+            for index, one in enumerate(self.obstacles)
+        ]
+        facts = [(fact,) for fact in self._facts().values() if fact]
+        return html_table("Scene", [], [*facts, *bodies])
+
+    def _facts(self) -> dict[str, str]:
+        """Return what is in the air, in words."""
+        kinds = ", ".join(sorted({one.kind for one in self.obstacles}))
+        return {
+            "bodies": counted(len(self.obstacles), f"{kinds} body", "bodies")
+            if self.obstacles
+            else "open air",
+            "planes": counted(len(self.planes), "rigid plane", "rigid planes") * bool(self.planes),
+            "frequency": f"{1e-3 * self.frequency:g} kHz",
+            "wavelength": f"wavelength {1e3 * self.wavelength:.3g} mm",
+        }
+
+    def __post_init__(self) -> None:
+        """Check the frequency and the bodies."""
+        of_kind(
+            self.medium, Medium, "the medium of a scene", "air() or Medium(sound_speed, density)"
+        )
+        object.__setattr__(self, "frequency", check_frequency(self.frequency))
+        object.__setattr__(self, "obstacles", _obstacles_of(self.obstacles))
+        self._check_lengths()
+        for obstacle in self.obstacles:
+            check_surface(obstacle.surface)
+        surfaces = [obstacle.surface for obstacle in self.obstacles]
+        check_apart([obstacle.surface for obstacle in self.obstacles if not obstacle.board])
+        _check_off_boards(self.obstacles)
+        object.__setattr__(self, "planes", planes_of(self.planes, surfaces))
+
+    def _check_lengths(self) -> None:
+        """Raise where the bodies' size or position, or the absorption, is probably in another unit."""
+        extent = max((obstacle.surface.extent for obstacle in self.obstacles), default=np.inf)
+        if extent < MIN_SIZE_IN_WAVELENGTHS * self.wavelength:
+            raise InvalidInput(
+                f"the largest body spans {extent * 1e3:.3g} mm, less than 1/50 of the wavelength of "
+                f"{self.wavelength * 1e3:.4g} mm at {self.frequency:g} Hz: is the frequency in kHz? Give hertz.",
+                code="body_too_small",
+            )
+        for index, obstacle in enumerate(self.obstacles):
+            away = math.hypot(*obstacle.surface.vertices[obstacle.surface.triangles[0, 0]])
+            if away > MAX_BODY_DISTANCE:
+                raise InvalidInput(
+                    f"body {index} stands {away:.4g} m from the origin, more than {MAX_BODY_DISTANCE:g} m: is it in "
+                    "millimetres? Give metres.",
+                    code="too_far",
+                )
+        decay = self.medium.absorption * self.wavelength
+        if decay > 1.0:
+            raise InvalidInput(
+                f"an absorption of {self.medium.absorption:g} Np/m leaves {np.exp(-decay):.2g} of the sound after one "
+                "wavelength: is it in dB/km? Divide that by 8686.",
+                code="out_of_range",
+            )
+
+    @property
+    def boards(self) -> tuple[int, ...]:
+        """Indices of the obstacles that are reflecting boards of the array."""
+        return tuple(index for index, obstacle in enumerate(self.obstacles) if obstacle.board)
+
+    @cached_property
+    def wavenumber(self) -> complex:
+        """Wavenumber with absorption [1/m]."""
+        return self.medium.wavenumber(self.frequency)
+
+    @cached_property
+    def wavelength(self) -> float:
+        """Wavelength [m]."""
+        return self.medium.wavelength(self.frequency)
+
+    def depth(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
+        """Depth of points (P, 3) [m] in a body [m]: the largest over all, negative outside, -inf when there are none.
+
+        Raise ``InvalidInput`` when they are of another shape, NaN or infinite.
+        """
+        points = points_of(points, "points", least=0)
+        depth = np.full(len(points), -np.inf)
+        for obstacle in self.obstacles:
+            depth = np.maximum(depth, obstacle.surface.depth(points))
+        return depth
+
+
+def _check_off_boards(obstacles: Sequence[Obstacle]) -> None:
+    """Raise "board_cuts_body" where a body overlaps a reflecting board or comes nearer than ``NEAREST`` to it."""
+    for index, other in enumerate(obstacles):
+        for board in (one for one in obstacles if one.board and not other.board):
+            found = approach(other.surface, board.surface, NEAREST * (1.0 - 1e-9))
+            if found is not None:
+                how = (
+                    "cuts into"
+                    if found.overlap is not None
+                    else f"is {1e3 * found.distance:.3g} mm off"
+                )
+                raise InvalidInput(
+                    f"body {index} {how} a reflecting board at {in_mm(found.position)}, but it must stay "
+                    f"{1e3 * NEAREST:g} mm or more off it: move the body or the array.",
+                    found.position,
+                    code="board_cuts_body",
+                )
+
+
+def admittances(scene: Scene) -> Complex128[np.ndarray, "bodies"]:
+    """Return ρc/Z of the surface of each body, 0 where it is no impedance."""
+    return np.array(
+        [1.0 / one.ratio if one.ratio is not None else 0.0 for one in scene.obstacles],
+        dtype=np.complex128,
+    )
+
+
+def check_outside(scene: Scene, points: Real[np.ndarray, "points 3"], what: str) -> None:
+    """Raise as ``check_not_inside`` where points lie in bodies, or "behind_plane" where they lie behind a plane.
+
+    ``what`` names one point: "focus", "transducer".
+    """
+    given = points_of(points, f"{what} points")
+    check_not_inside(scene.depth(given), given, what)
+    check_before_planes(scene.planes, given, what)
+
+
+def check_not_inside(
+    depth: Float64[np.ndarray, "points"], points: Float64[np.ndarray, "points 3"], what: str
+) -> None:
+    """Raise "focus_inside_body" or "inside_body" where points lie deeper in a body than ``CONTACT``."""
+    inside = np.flatnonzero(depth > CONTACT)
+    if len(inside):
+        deepest = int(depth.argmax())
+        several = (
+            f"{len(inside)} of {len(points)} {what} points {'lies' if len(inside) == 1 else 'lie'}"
+        )
+        raise InvalidInput(
+            f"{several if len(points) > 1 else f'a {what} lies'} inside a body: {what} {deepest} at "
+            f"{in_mm(points[deepest])} is {depth[deepest] * 1e3:.3g} mm deep; move it out or the body away.",
+            points[deepest],
+            code="focus_inside_body" if what == "focus" else "inside_body",
+        )
+
+
+def check_near(scene: Scene, points: Real[np.ndarray, "points 3"], what: str) -> None:
+    """Raise "too_far" where one of the points (P, 3) [m] is over a metre from all bodies."""
+    given = points_of(points, f"{what} points")
+    distance = -scene.depth(given)
+    farthest = int(distance.argmax())
+    if distance[farthest] > MAX_DISTANCE_BESIDE:
+        raise InvalidInput(
+            f"{what} point {farthest} stands {distance[farthest]:.4g} m from the nearest body, more than "
+            f"{MAX_DISTANCE_BESIDE:g} m: is it in millimetres? Give metres.",
+            given[farthest],
+            code="too_far",
+        )
+
+
+def check_sources(scene: Scene, sources: Monopoles, planes: bool = False) -> None:
+    """Raise where a solver cannot radiate the sources: a wrong kind, a source inside a body or behind a plane.
+
+    The sentence calls the sources of ``Target.beacons`` foci. ``planes`` says that the solver knows
+    planes.
+    """
+    of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
+    beacons = (
+        "target.beacons()" if isinstance(sources, Target) else "Monopoles(positions, strengths)"
+    )
+    of_kind(sources, Monopoles, "the source of the scene", beacons)
+    if not planes:
+        check_no_planes(scene, "this solver")
+    check_outside(scene, sources.positions, "focus" if isinstance(sources, Beacons) else "source")
+
+
+def check_no_planes(scene: Scene, who: str) -> None:
+    """Raise where the scene has planes or the array's boards, which ``who`` does not know."""
+    if scene.planes:
+        raise InvalidInput(
+            f"the scene has {counted(len(scene.planes), 'plane', 'planes')}, which {who} does not take: leave the "
+            "planes out, or solve with BoundaryElement, or FreeField where there is no body.",
+            code="planes_not_taken",
+        )
+    check_no_boards(scene, who)
+
+
+def check_no_boards(scene: Scene, who: str) -> None:
+    """Raise where the scene has the array's boards, which ``who`` does not know."""
+    if scene.boards:
+        raise InvalidInput(
+            f"the scene has {counted(len(scene.boards), 'body', 'bodies')} of reflecting boards, which {who} does not "
+            "take: leave them out, or solve with BoundaryElement.",
+            code="boards_not_taken",
+        )
+
+
+def _obstacles_of(given: Sequence[Obstacle]) -> tuple[Obstacle, ...]:
+    if isinstance(given, Obstacle):
+        raise InvalidInput(
+            "the obstacles of a scene are 1 Obstacle by itself; put it into a list: [obstacle].",
+            code="wrong_kind",
+        )
+    if isinstance(given, Surface) or not isinstance(given, Iterable):
+        raise InvalidInput(
+            f"the obstacles of a scene are a {type(given).__name__}, but they must be a list with 0 or more of them: "
+            "[sound_hard(surface)].",
+            code="wrong_kind",
+        )
+    obstacles = tuple(given)
+    for index, obstacle in enumerate(obstacles):
+        if isinstance(obstacle, Surface):
+            raise InvalidInput(
+                f"obstacle {index} is a bare Surface; wrap it: sound_hard(surface).",
+                code="wrong_kind",
+            )
+        of_kind(obstacle, Obstacle, f"obstacle {index}", "sound_hard(surface)")
+    return obstacles

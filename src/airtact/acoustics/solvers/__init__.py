@@ -1,0 +1,1 @@
+"""How sound travels: a scene and monopoles in, a radiated field out."""

@@ -1,0 +1,275 @@
+"""The assembled equation of a scene on curved tetrahedra: its matrix, factorised, and its right-hand sides."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Complex128, Real, Shaped
+
+from airtact.acoustics.scene import Scene
+from airtact.acoustics.solvers.arrays import (
+    Barycentric,
+    Coefficients,
+    Indices,
+    Lengths,
+    Points,
+    SourcePoints,
+    Strengths,
+    Vectors,
+)
+from airtact.acoustics.solvers.fem.factorisation import Factor, factorised
+from airtact.acoustics.solvers.fem.meshing.netgen import (
+    AssembledForm,
+    CurvedMesh,
+    FiniteSpace,
+    NetgenMesh,
+    many_threads,
+    ngsolve_library,
+)
+from airtact.acoustics.solvers.fem.meshing.surface_mesh import SurfaceMesh
+from airtact.acoustics.solvers.fem.meshing.symmetry import Mirror, images, parities
+from airtact.acoustics.solvers.fem.meshing.volume import Box
+from airtact.acoustics.solvers.fem.orders import grade_orders
+from airtact.acoustics.solvers.fem.quadrature import LARGEST_RULE, QuadraturePoints, quadrature
+from airtact.acoustics.solvers.fem.surface_integral import normal_derivative
+from airtact.acoustics.solvers.fem.weak_form import boundary_weights, weak_form
+from airtact.acoustics.solvers.monopoles import monopole_pressure
+from airtact.acoustics.solvers.tetrahedra import EDGES, Tetrahedra
+from airtact.checks import in_mm
+from airtact.errors import InvalidInput
+from airtact.geometry.mesh.panel_tree import PanelTree, panel_tree
+from airtact.geometry.mesh.quadratic_triangles import points_at
+from airtact.printing import in_short
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """The assembled equation of a scene at one order, on the positive side of its mirrors.
+
+    Attributes
+    ----------
+    panels : the bodies' surfaces as meshed [λ].
+    mesh, space, form : NGSolve's mesh, unknowns and assembled matrix, the unknowns inside
+        tetrahedra eliminated.
+    surface, interior : quadrature points of right-hand sides, on the surfaces and inside the filled
+        bodies.
+    coarse_surface : fewer quadrature points on the surfaces, enough for receivers a wavelength off.
+    weights : (3, bodies) w_d, w_s and w_v of the weak form.
+    method : "pardiso" or "sparsecholesky", which factorises the matrix.
+    factors : a factor for each parity that an excitation had so far.
+    """
+
+    scene: Scene
+    box: Box
+    tetrahedra: Tetrahedra
+    panels: PanelTree
+    order: int
+    mesh: CurvedMesh
+    space: FiniteSpace
+    form: AssembledForm
+    surface: QuadraturePoints
+    interior: QuadraturePoints
+    coarse_surface: QuadraturePoints
+    weights: Complex128[np.ndarray, "3 bodies"]
+    method: str
+    factors: dict[tuple[int, ...], Factor] = field(default_factory=dict)
+
+    __repr__ = in_short
+
+    @property
+    def unknowns(self) -> int:
+        """Number of unknowns."""
+        return int(self.space.ndof)
+
+    @property
+    def wavenumber(self) -> complex:
+        """Wavenumber times the wavelength: 2π, and the absorption in a wavelength as its imaginary part."""
+        return complex(self.scene.wavenumber * self.scene.wavelength)
+
+    @cached_property
+    def mirrors(self) -> tuple[Mirror, ...]:
+        """Mirrors, in wavelengths."""
+        return tuple(
+            Mirror(one.axis, one.position / self.scene.wavelength) for one in self.box.mirrors
+        )
+
+    @cached_property
+    def free(self) -> dict[tuple[int, ...], Bool[np.ndarray, "unknowns"]]:
+        """Which unknowns an excitation of each parity about the mirrors may have."""
+        return {parity: self._free(parity, shared=False) for parity in parities(self.mirrors)}
+
+    def _free(self, parity: Sequence[int], shared: bool) -> Bool[np.ndarray, "unknowns"]:
+        """Of one parity: 0 on the mirrors that it is odd about; or only those unknowns that tetrahedra share."""
+        free = self.space.FreeDofs(shared)
+        found = type(free)(free)
+        for mirror, odd in zip(self.mirrors, parity, strict=True):
+            if odd:
+                found &= ~self.space.GetDofs(self.mesh.Boundaries(f"wall{2 * mirror.axis}"))
+        return np.array(found, dtype=np.bool_)
+
+    def factor(self, parity: tuple[int, ...]) -> Factor:
+        """Factorised matrix for a parity, made when it is first needed."""
+        if parity not in self.factors:
+            self.factors[parity] = factorised(
+                self.form, self._free(parity, shared=True), self.order, self.method
+            )
+        return self.factors[parity]
+
+    def right_hand_side(self, positions: SourcePoints, strengths: Strengths) -> Coefficients:
+        """Right-hand side for the pressure that monopoles at positions [λ] scatter."""
+        w_d, w_s, w_v = self.weights
+        on, within, k = self.surface, self.interior, self.wavenumber
+        value = w_d[on.body, None] * normal_derivative(
+            on.points, on.normals, positions, strengths, k
+        )
+        if w_s.any():
+            value += w_s[on.body, None] * monopole_pressure(
+                on.points, positions, strengths, k, "float64"
+            )
+        found = on.weighted @ value
+        if len(within.points):
+            pressure = monopole_pressure(within.points, positions, strengths, k, "float64")
+            found += within.weighted @ (w_v[within.body, None] * pressure)
+        return found
+
+    def point_load(
+        self, number: int, weights: Real[np.ndarray, "4"]
+    ) -> Complex128[np.ndarray, "unknowns"]:
+        """Right-hand side of a monopole of unit strength inside a tetrahedron, at barycentric coordinates."""
+        ngsolve = ngsolve_library()
+        element = ngsolve.ElementId(ngsolve.VOL, number)
+        load = np.zeros(self.unknowns, dtype=np.complex128)
+        shape = np.asarray(self.space.GetFE(element).CalcShape(*weights[:3])).ravel()
+        load[list(self.space.GetDofNrs(element))] = 4 * np.pi * shape
+        return load
+
+    def folded(self, points: Points) -> tuple[Vectors, Indices]:
+        """Mirror points to the positive side of all mirrors; also the number of the image that each came from."""
+        folded, choice = np.array(points, dtype=np.float64), np.zeros(len(points), dtype=np.int64)
+        for mirror in self.mirrors:
+            beyond = folded[:, mirror.axis] < mirror.position
+            folded[beyond] = mirror.image(folded[beyond])
+            choice = 2 * choice + beyond
+        return folded, choice
+
+    def axis_signs(self, choice: Indices) -> Vectors:
+        """Signs that turn a vector at folded points into that at the points themselves."""
+        found = np.ones((len(choice), 3))
+        for bit, mirror in enumerate(reversed(self.mirrors)):
+            found[:, mirror.axis] = 1.0 - 2.0 * (choice >> bit & 1)
+        return found
+
+    def holding(self, points: Points) -> tuple[Indices, Barycentric]:
+        """Tetrahedron of each folded point [λ] and its coordinates there; raises "outside_mesh" where there is none."""
+        number, weights = self.tetrahedra.holding(points)
+        if (number < 0).any():
+            lost = points[int(np.argmax(number < 0))] * self.scene.wavelength
+            raise InvalidInput(
+                f"{int((number < 0).sum())} of {len(points)} points lie in no tetrahedron, the first at {in_mm(lost)}; "
+                "ask for more elements_per_wavelength, which follow the surface more closely.",
+                code="outside_mesh",
+            )
+        return number, weights
+
+    def nearest_on_surface(self, points: Points) -> tuple[Vectors, Vectors]:
+        """Nearest points (P, 3) [λ] of the surfaces as meshed, and the unit normals out of the bodies there."""
+        folded, choice = self.folded(points)
+        panel, reference, _ = self.panels.closest(folded)
+        nearest, normals = points_at(self.panels.quadratic_triangles[panel], reference)[:2]
+        nearest = np.stack(images(self.mirrors, nearest))[choice, np.arange(len(choice))]
+        normals = normals * self.axis_signs(choice)
+        return nearest, normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+    def density_at(self, number: Indices, weights: Barycentric) -> Lengths:
+        """Density of what tetrahedra hold [kg/m³]."""
+        fillings = enumerate(obstacle.medium for obstacle in self.scene.obstacles)
+        densities = {
+            f"body{body}": medium.density for body, medium in fillings if medium is not None
+        }
+        held = self.mesh.MaterialCF(densities, default=self.scene.medium.density)(
+            self.mesh_points(number, weights)
+        )
+        return np.asarray(held, dtype=np.float64).ravel()
+
+    def mesh_points(self, number: Indices, weights: Barycentric) -> Shaped[np.ndarray, "points"]:
+        """Barycentric coordinates in tetrahedra as NGSolve's points."""
+        points: Any = np.zeros(len(number), dtype=self._mesh_point.dtype)
+        points[:] = self._mesh_point
+        points["nr"] = number
+        points["x"], points["y"], points["z"] = weights[:, 0], weights[:, 1], weights[:, 2]
+        return points
+
+    @cached_property
+    def _mesh_point(self) -> Any:
+        ngsolve = ngsolve_library()
+        return self.mesh.MapToAllElements(ngsolve.IntegrationRule(ngsolve.TET, 0), ngsolve.VOL)[0]
+
+
+def assembled(
+    scene: Scene,
+    box: Box,
+    surface: SurfaceMesh,
+    tetrahedra: Tetrahedra,
+    netgen_mesh: NetgenMesh,
+    order: int,
+    method: str,
+    graded: float | None,
+    workspace: bool,
+) -> System:
+    """Assemble the equation on a mesh of Netgen's, in wavelengths.
+
+    ``graded`` is the edge that this order is for [λ], others getting their own; None for the same
+    order everywhere. In a ``workspace`` the pressure is read off the mesh far from the surfaces
+    too.
+    """
+    ngsolve = ngsolve_library()
+    with many_threads():
+        mesh = ngsolve.Mesh(netgen_mesh)
+        _bend(mesh, tetrahedra)
+        space = ngsolve.H1(mesh, order=order, complex=True)
+        if graded is not None:
+            nodes = surface.quadratic_triangles.reshape(-1, 3) / scene.wavelength
+            grade_orders(space, mesh, scene, box, order, graded, None if workspace else nodes)
+        equation = weak_form(scene, box, mesh, space)
+        form = ngsolve.BilinearForm(equation, symmetric=True, symmetric_storage=True, condense=True)
+        form.Assemble()
+        fine = quadrature(mesh, space, "surface", order + 2)
+        coarse = quadrature(mesh, space, "surface", max(order - 2, 3))
+        interior = quadrature(mesh, space, "body", min(order + 1, LARGEST_RULE))
+    panels = panel_tree(surface.quadratic_triangles / scene.wavelength)
+    weights = boundary_weights(scene)
+    return System(
+        scene,
+        box,
+        tetrahedra,
+        panels,
+        order,
+        mesh,
+        space,
+        form,
+        fine,
+        interior,
+        coarse,
+        weights,
+        method,
+    )
+
+
+def _bend(mesh: CurvedMesh, tetrahedra: Tetrahedra) -> None:
+    """Bend the tetrahedra beside the bodies by a deformation that is quadratic along their edges."""
+    ngsolve = ngsolve_library()
+    deformation = ngsolve.GridFunction(ngsolve.VectorH1(mesh, order=2))
+    plain = ngsolve.H1(mesh, order=2)
+    bend = deformation.vec.FV().NumPy().reshape(3, plain.ndof)
+    for number in np.flatnonzero((tetrahedra.bends != 0).any(axis=(1, 2))):
+        element = ngsolve.ElementId(ngsolve.VOL, int(number))
+        unknowns, shape = np.array(plain.GetDofNrs(element)), plain.GetFE(element)
+        for edge in np.flatnonzero((tetrahedra.bends[number] != 0).any(axis=1)):
+            weights = np.zeros(4)
+            weights[EDGES[edge]] = 0.5
+            values = np.asarray(shape.CalcShape(*weights[:3])).ravel()
+            bubble = 4 + int(np.argmax(np.abs(values[4:])))
+            bend[:, unknowns[bubble]] = tetrahedra.bends[number, edge] / values[bubble]
+    mesh.SetDeformation(deformation)

@@ -1,0 +1,122 @@
+"""Monopoles in open air, in closed form: p(x) = Σ_j s_j e^{ik|x - x_j|} / |x - x_j|."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from airtact.acoustics.planes import before_planes, with_images
+from airtact.acoustics.scene import Scene, check_sources
+from airtact.acoustics.solvers.arrays import (
+    ComplexPairs,
+    Gradients,
+    Mask,
+    Points,
+    Pressures,
+    SourcePoints,
+)
+from airtact.acoustics.solvers.problem import (
+    PLANES,
+    RadiatedField,
+    Solver,
+    SolveReport,
+    SurfaceField,
+    receivers,
+)
+from airtact.acoustics.solvers.velocity import open_air_gradient, velocity_of
+from airtact.acoustics.sources import STANDS_ON, Monopoles, nearest_source
+from airtact.checks import counted, points_of
+from airtact.errors import InvalidInput
+
+_PAIRS_AT_ONCE = 1 << 20
+
+
+def unit_monopoles(points: Points, positions: SourcePoints, wavenumber: complex) -> ComplexPairs:
+    """Pressure e^{ikr}/r of monopoles of 1 Pa·m in open air [Pa]; no point may be on a monopole."""
+    distance = np.sqrt(np.sum((points[:, None, :] - positions[None, :, :]) ** 2, axis=-1))
+    return np.exp(1j * wavenumber * distance) / distance
+
+
+def open_air_pressure(points: Points, sources: Monopoles, wavenumber: complex) -> Pressures:
+    """Pressure of ``sources`` in open air at points (P, 3) [m]: (P, S) [Pa], in blocks that bound the memory."""
+    rows = max(1, _PAIRS_AT_ONCE // max(1, len(sources.positions)))
+    pressure = np.zeros((len(points), sources.strengths.shape[1]), dtype=np.complex128)
+    for first in range(0, len(points), rows):
+        block = slice(first, first + rows)
+        pressure[block] = (
+            unit_monopoles(points[block], sources.positions, wavenumber) @ sources.strengths
+        )
+    return pressure
+
+
+@dataclass(frozen=True, eq=False)
+class OpenAirField(RadiatedField):
+    """The field of monopoles in a scene without obstacles: that of the monopoles and their images in a plane."""
+
+    scene: Scene
+    sources: Monopoles
+    report: SolveReport
+
+    __repr__ = RadiatedField.__repr__
+
+    @property
+    def on_surface(self) -> SurfaceField:
+        """No surface: arrays of length 0."""
+        return SurfaceField.empty(self.sources)
+
+    def at(self, points: Points) -> Pressures:
+        """Pressure [Pa] at points (P, 3) [m] for each of the S excitations; errors as of ``RadiatedField.at``."""
+        points = receivers(points, self.sources)
+        pressure = open_air_pressure(points, self._emitting, self.scene.wavenumber)
+        pressure[~self.valid(points)] = np.nan
+        return pressure
+
+    def scattered_at(self, points: Points) -> Pressures:
+        """Scattered pressure [Pa] at points (P, 3) [m]: that of the images; zeros without a plane."""
+        points = points_of(points, "points", least=0)
+        scattered = np.zeros((len(points), self.sources.strengths.shape[1]), dtype=np.complex128)
+        for one in self.scene.planes:
+            images = Monopoles(one.image(self.sources.positions), self.sources.strengths)
+            on = nearest_source(points, images, STANDS_ON)[0] < STANDS_ON
+            scattered[~on] += open_air_pressure(points[~on], images, self.scene.wavenumber)
+            scattered[on] = np.nan
+        scattered[~self.valid(points)] = np.nan
+        return scattered
+
+    def velocity(self, points: Points) -> Gradients:
+        """Particle velocity [m/s] at points (P, 3) [m], in closed form; errors as of ``at``."""
+        points = receivers(points, self.sources)
+        gradient = open_air_gradient(points, self._emitting, self.scene.wavenumber)
+        gradient[~self.valid(points)] = np.nan
+        return velocity_of(gradient, self.scene.frequency, self.scene.medium.density)
+
+    def valid(self, points: Points) -> Mask:
+        """Everywhere but behind a plane: there is no body."""
+        return before_planes(self.scene.planes, points_of(points, "points", least=0))
+
+    @property
+    def _emitting(self) -> Monopoles:
+        return with_images(self.scene.planes, self.sources)
+
+
+@dataclass(frozen=True)
+class FreeField(Solver):
+    """Sound in open air or before a plane, in closed form, absorption included; for scenes without obstacles."""
+
+    def radiate(self, scene: Scene, sources: Monopoles) -> OpenAirField:
+        """Field of the monopoles in a scene without obstacles.
+
+        Raises
+        ------
+        InvalidInput
+            If the scene has obstacles, or one of the two is of another kind.
+        """
+        check_sources(scene, sources, planes=True)
+        if len(scene.obstacles) > 0:
+            bodies = counted(len(scene.obstacles), "obstacle", "obstacles")
+            raise InvalidInput(
+                f"FreeField solves for open air only, and the scene has {bodies}; "
+                "take a solver that scatters, such as BoundaryElement.",
+                code="solver_unsuitable",
+            )
+        settings = {PLANES: len(scene.planes)} if scene.planes else {}
+        return OpenAirField(scene, sources, SolveReport(solver="FreeField", settings=settings))

@@ -1,0 +1,423 @@
+"""The scattered field as a multipole expansion: evaluated around the bodies without another sum over their surfaces.
+
+Outside the smallest ball around the bodies the scattered pressure is Σ a_nm h_n(kr) Y_nm, and
+orders far beyond k times the radius of the ball are negligible. The coefficients are found on one
+sphere, the expansion is tabulated once on interpolation spheres around the bodies, and the field is
+interpolated between their points: along the angles as a Fourier series by a kernel of few points
+(A. H. Barnett, J. Magland, L. af Klinteberg, SIAM J. Sci. Comput. 41 (2019) C479), along 1/r by
+Chebyshev polynomials.
+
+Before a rigid plane what the bodies alone radiate is expanded, u: with what their images radiate
+the scattered pressure at x is u(x) + u(x*), x* being the image of x, besides that of the sources'
+images.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Complex64, Complex128, Float32, Float64
+from scipy.fft import fft, ifft2
+from scipy.special import sph_harm_y_all
+
+from airtact import _kernels
+from airtact.acoustics.planes import before_planes, images_in, with_images
+from airtact.acoustics.scene import Scene
+from airtact.acoustics.solvers.arrays import (
+    Gradients,
+    Indices,
+    Lengths,
+    Mask,
+    Points,
+    Pressures,
+    Vectors,
+)
+from airtact.acoustics.solvers.chebyshev import chebyshev_weights
+from airtact.acoustics.solvers.memory import available_memory
+from airtact.acoustics.solvers.monopoles import monopole_pressure
+from airtact.acoustics.solvers.problem import RadiatedField, SolveReport, SurfaceField, receivers
+from airtact.acoustics.solvers.spherical.radial_functions import outgoing_shapes
+from airtact.acoustics.sources import Monopoles
+from airtact.checks import of_kind, points_of
+from airtact.errors import InvalidInput
+from airtact.printing import in_short
+from airtact.timing import Clock, Progress
+
+MARGIN = 1.0
+"""Gap between the bodies and the smallest sphere, in wavelengths: nearer, some solutions are not valid."""
+
+SPREAD = 5
+"""Points along each angle that one value is interpolated from."""
+
+SHARPNESS = 2.3 * SPREAD
+"""Of the kernel exp(SHARPNESS √(1 - x²)), for tables with twice the points that the expansion needs."""
+
+CHECKED = 100
+"""Random points where the expansion is compared with the field."""
+
+WARNED_ABOVE = 1e-3
+"""Relative error of the expansion above which the report has a warning."""
+
+
+@dataclass(frozen=True, eq=False)
+class InterpolationSpheres:
+    """The scattered pressure over its spherical carrier wave, on concentric spheres around some bodies.
+
+    Attributes
+    ----------
+    centre : (3,) of the spheres [m].
+    radius : of the smallest one [m].
+    order : highest order of the expansion.
+    values : (A, B, R, S) by polar angle (twice ``order`` points and some beyond the poles), by
+        azimuth (some of them repeated), and by radius, smallest/r being the Chebyshev points of [0,
+        1].
+    """
+
+    centre: Float64[np.ndarray, "3"]
+    radius: float
+    order: int
+    values: Complex64[np.ndarray, "polar azimuths radii excitations"]
+
+    __repr__ = in_short
+
+    def at(self, offsets: Vectors, wavenumber: complex) -> Pressures:
+        """Scattered pressure [Pa] at points (P, 3) relative to the centre [m], outside the smallest sphere."""
+        _, azimuths, radii, sounds = self.values.shape
+        distance = np.sqrt(np.einsum("pd,pd->p", offsets, offsets))
+        step = 2 * np.pi / (azimuths - SPREAD)
+        first, along = _window(np.arctan2(offsets[:, 1], offsets[:, 0]) % (2 * np.pi), step)
+        down, across = _window(
+            np.arctan2(np.hypot(offsets[:, 0], offsets[:, 1]), offsets[:, 2]), step
+        )
+        steps = np.array([azimuths * radii * sounds, radii * sounds])
+        out = np.empty((len(offsets), sounds), dtype=np.complex128)
+        _kernels.interpolate(
+            self.values.reshape(-1),
+            down * steps[0] + first * steps[1],
+            steps,
+            across,
+            along,
+            chebyshev_weights(1 - 2 * self.radius / distance, radii),
+            out,
+        )
+        return (
+            out
+            * (self.radius / distance * np.exp(1j * wavenumber * (distance - self.radius)))[:, None]
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class MultipoleField(RadiatedField):
+    """A solved field whose scattered part is a multipole expansion; ``multipole_expansion`` makes it.
+
+    Attributes
+    ----------
+    solved : the field itself, which serves nearer to the bodies than the smallest interpolation
+        sphere.
+    report : of the solve, with the error of the expansion.
+    errors : (S,) relative error of each excitation, of the solution and the expansion together.
+    """
+
+    scene: Scene
+    sources: Monopoles
+    solved: RadiatedField
+    spheres: InterpolationSpheres
+    report: SolveReport
+    errors: Float64[np.ndarray, "excitations"]
+
+    __repr__ = RadiatedField.__repr__
+
+    @property
+    def on_surface(self) -> SurfaceField:
+        """Pressure on the surfaces of the bodies, as it was solved."""
+        return self.solved.on_surface
+
+    @property
+    def ball(self) -> tuple[Float64[np.ndarray, "3"], float]:
+        """Centre and radius of the ball around the bodies [m]."""
+        return self.spheres.centre, self.spheres.radius - MARGIN * self.scene.wavelength
+
+    def valid(self, points: Points) -> Mask:
+        """Whether the field exists at points (P, 3) [m]."""
+        points = points_of(points, "points", least=0)
+        valid = self._expanded(points)
+        valid[~valid] = self.solved.valid(points[~valid])
+        return valid
+
+    def at(self, points: Points) -> Pressures:
+        """Total pressure [Pa] at points (P, 3): from the expansion, or as it was solved nearer to the bodies."""
+        points = receivers(points, self.sources)
+        away = self._expanded(points)
+        if away.all():
+            return self._away(points)
+        out = np.empty((len(points), self.sources.strengths.shape[1]), dtype=np.complex128)
+        out[away] = self._away(points[away])
+        out[~away] = self.solved.at(points[~away])
+        return out
+
+    def scattered_at(self, points: Points) -> Pressures:
+        """Scattered pressure [Pa] at points (P, 3), also at the sources: from the expansion, or as solved nearer by.
+
+        Before a plane it is as solved everywhere.
+        """
+        points = points_of(points, "points", least=0)
+        if self.scene.planes:
+            return self.solved.scattered_at(points)
+        away = self._expanded(points)
+        out = np.empty((len(points), self.sources.strengths.shape[1]), dtype=np.complex128)
+        out[away] = self.spheres.at(points[away] - self.spheres.centre, self.scene.wavenumber)
+        out[~away] = self.solved.scattered_at(points[~away])
+        return out
+
+    def velocity(self, points: Points) -> Gradients:
+        """Particle velocity [m/s] at points (P, 3), as it was solved: no faster than there."""
+        return self.solved.velocity(points)
+
+    def error_at(self, points: Points) -> Float64[np.ndarray, "excitations"]:
+        """Relative error of each excitation around the bodies, as estimated when the expansion was made."""
+        return self.errors
+
+    def _away(self, points: Vectors) -> Pressures:
+        planes, emitting = self.scene.planes, with_images(self.scene.planes, self.sources)
+        offsets = images_in(planes, points) - self.spheres.centre
+        scattered = self.spheres.at(offsets, self.scene.wavenumber).reshape(
+            1 + len(planes), len(points), -1
+        )
+        given = emitting.positions, emitting.strengths, self.scene.wavenumber, "float64"
+        return scattered.sum(axis=0) + monopole_pressure(points, *given)
+
+    def _expanded(self, points: Vectors) -> Mask:
+        """Whether the expansion serves points (P, 3): before the planes, they and their images outside the spheres."""
+        planes, most = self.scene.planes, self.spheres.radius**2
+        offsets = images_in(planes, points) - self.spheres.centre
+        outside = (
+            (np.einsum("pd,pd->p", offsets, offsets) >= most)
+            .reshape(1 + len(planes), -1)
+            .all(axis=0)
+        )
+        return outside & before_planes(planes, points)
+
+
+def multipole_expansion(field: RadiatedField, *, progress: Progress | None = None) -> RadiatedField:
+    """Expand the scattered part of a field in outgoing spherical waves, for a hand that moves rigidly.
+
+    Evaluation then takes the same short time whatever the number of unknowns: a transfer matrix of
+    996 elements after a rigid motion in about 2 ms. Points inside the ball around the bodies (plus
+    a wavelength) are evaluated as before. Over a plane that stands still one solve serves the
+    motions that keep it (``Plane.kept_by``).
+
+    Parameters
+    ----------
+    field : field of any solver, in a scene with bodies.
+    progress : called with the words of each step as it begins.
+
+    Returns
+    -------
+    The same field. Its report's ``settings`` hold the relative error of the expansion, ``expansion_error``, measured at
+    100 random points; above 0.001 the report has a warning.
+
+    Raises
+    ------
+    InvalidInput
+        If there are no bodies, or the field is not known all around them.
+
+    Examples
+    --------
+    >>> import airtact as at
+    >>> scene = at.Scene(at.Medium(343.1, 1.293), [at.sound_hard(at.sphere(radius=5e-3, edge=2e-3))], frequency=40e3)
+    >>> beacons = at.SphereSeries().radiate(scene, at.Monopoles(np.array([[0, 0, 0.01]]), np.ones(1)))
+    >>> moving, elements = at.multipole_expansion(beacons), np.array([[0.0, 0.05, 0.1]])
+    >>> bool(abs(moving.at(elements) - beacons.at(elements)) < 1e-3 * abs(beacons.at(elements)))
+    True
+    """
+    of_kind(field, RadiatedField, "the field", "solver.radiate(scene, sources)")
+    if not field.scene.obstacles:
+        raise InvalidInput(
+            "the scene of the field has 0 obstacles, so nothing is scattered; evaluate it as it is.",
+            code="no_bodies",
+        )
+    alone = _alone(field)
+    clock = Clock(progress)
+    with clock.step("expansion", "expanding the field in outgoing waves"):
+        centre, radius = ball_of(field.scene)
+        spheres = interpolation_spheres(
+            alone,
+            centre,
+            radius + MARGIN * field.scene.wavelength,
+            *_enough(radius * field.scene.wavenumber.real),
+        )
+    with clock.step("expansion", f"comparing it with the field at {CHECKED} points"):
+        points = _around(spheres)
+        points = points[before_planes(field.scene.planes, points)]
+        own = np.zeros(field.sources.strengths.shape[1])
+        expanded = MultipoleField(field.scene, field.sources, field, spheres, field.report, own)
+        own = _difference(expanded.at(points), field.at(points))
+    report = _reported(field.report, clock, float(own.max()), spheres.order)
+    return replace(expanded, report=report, errors=np.hypot(field.error_at(points), own))
+
+
+def _reported(report: SolveReport, clock: Clock, worst: float, order: int) -> SolveReport:
+    """Add the times of the expansion, its error and its order to the report of the field."""
+    warning = f"the multipole expansion is {100 * worst:.2g} % off, in addition to the error of the solution"
+    return replace(
+        report,
+        seconds={**report.seconds, **clock.seconds},
+        settings={**report.settings, "expansion_error": worst, "expansion_order": order},
+        warnings=report.warnings + ((warning,) if worst > WARNED_ABOVE else ()),
+    )
+
+
+def _alone(field: RadiatedField) -> RadiatedField:
+    """Return what is expanded: the field without images in a plane."""
+    if (alone := field.without_images) is None:
+        raise InvalidInput(
+            f"a field by {field.report.solver} before 1 plane is not known without the images of its bodies; solve "
+            "with BoundaryElement.",
+            code="planes_not_taken",
+        )
+    return alone
+
+
+def _difference(found: Pressures, exact: Pressures) -> Float64[np.ndarray, "excitations"]:
+    """Relative difference of each excitation over some points."""
+    size = np.linalg.norm(exact, axis=0)
+    return np.linalg.norm(found - exact, axis=0) / np.where(size > 0, size, 1)
+
+
+def ball_of(scene: Scene) -> tuple[Float64[np.ndarray, "3"], float]:
+    """Centre and radius of a ball around the bodies, hardly larger than the smallest [m].
+
+    The centre steps towards the farthest point by less and less (M. Bădoiu, K. L. Clarkson, SODA
+    (2003) 801).
+    """
+    corners = np.unique(
+        np.concatenate([one.surface.corners.reshape(-1, 3) for one in scene.obstacles]), axis=0
+    )
+    centre = corners.mean(axis=0)
+    for step in range(2, 50):
+        centre = (
+            centre + (corners[np.linalg.norm(corners - centre, axis=1).argmax()] - centre) / step
+        )
+    return centre, float(np.linalg.norm(corners - centre, axis=1).max())
+
+
+def _enough(reach: float) -> tuple[int, int]:
+    """Order and number of spheres for an error of 3e-4 with a source on the surface, by k times the bodies' radius."""
+    return int(np.ceil(reach + 3.6 * np.cbrt(reach))) + 2, int(np.ceil(0.3 * reach)) + 5
+
+
+def interpolation_spheres(
+    field: RadiatedField, centre: Float64[np.ndarray, "3"], radius: float, order: int, count: int
+) -> InterpolationSpheres:
+    """Expand the field that leaves a sphere around all bodies, and tabulate it on spheres from there to infinity.
+
+    Raises "field_unknown" where the field is not known on all of the sphere.
+    """
+    strengths = _coefficients(field, centre, radius, order)
+    shrinkings = 0.5 - 0.5 * np.cos(np.pi * (np.arange(count) + 0.5) / count)
+    wavenumber = field.scene.wavenumber
+    shapes = outgoing_shapes(radius / shrinkings * wavenumber, radius * wavenumber)
+    radial = np.stack([next(shapes) for _ in range(order + 1)])
+    return InterpolationSpheres(centre, radius, order, _table(strengths, radial))
+
+
+def _coefficients(
+    field: RadiatedField, centre: Float64[np.ndarray, "3"], radius: float, order: int
+) -> Complex128[np.ndarray, "orders degrees excitations"]:
+    """Coefficients of the waves Y_nm h_n(kr)/h_n(k radius), m as Fourier series have it (0, 1, ... -2, -1)."""
+    cosines, weights = np.polynomial.legendre.leggauss(order + 1)
+    polar, azimuth = np.arccos(cosines), 2 * np.pi * np.arange(2 * order + 1) / (2 * order + 1)
+    points = centre + radius * _directions(polar[:, None], azimuth)
+    flat = points.reshape(-1, 3)
+    scattered = field.at(flat) - field._incident(flat)
+    unknown = int((~np.isfinite(scattered)).any(axis=1).sum())
+    if unknown:
+        raise InvalidInput(
+            f"the field is not known at {unknown} of {len(flat)} points {1e3 * radius:.3g} mm from the middle of the "
+            "bodies; give one that is known all around them.",
+            code="field_unknown",
+        )
+    series = (
+        2
+        * np.pi
+        * np.asarray(fft(scattered.reshape(*points.shape[:2], -1), axis=1, norm="forward"))
+    )
+    harmonics = np.real(sph_harm_y_all(order, order, polar, np.zeros(order + 1)))
+    return np.einsum("nmj,j,jms->nms", harmonics, weights, series, optimize=True)
+
+
+def _table(
+    strengths: Complex128[np.ndarray, "orders degrees excitations"],
+    radial: Complex128[np.ndarray, "orders radii"],
+) -> Complex64[np.ndarray, "polar azimuths radii excitations"]:
+    """Sum the waves on the spheres, at twice as many angles as they need, ready for the kernel."""
+    orders, degrees = strengths.shape[:2]
+    around = degrees + 1  # polar angles of a full turn over both poles
+    polar = 2 * np.pi * np.arange(orders + 1) / around
+    harmonics = np.real(sph_harm_y_all(orders - 1, orders - 1, polar, np.zeros(len(polar))))
+    half = np.einsum("nmj,nr,nms->mjrs", harmonics, radial, strengths, optimize=True)
+    parity = (-1.0) ** np.abs(np.fft.fftfreq(degrees, 1 / degrees).round())
+    back = parity[:, None, None, None] * half[:, -2:0:-1]  # f(-θ, φ) = f(θ, φ + π)
+    series = np.asarray(fft(np.concatenate([half, back], axis=1), axis=1, norm="forward"))
+    fine = 2 * around
+    size = 16 * fine**2 * int(np.prod(series.shape[2:]))
+    free = available_memory()
+    if size > 0.5 * free:
+        raise InvalidInput(
+            f"an expansion of {orders} orders needs {size / 2**30:.2g} GiB for its spheres, but {free / 2**30:.2g} GiB "
+            "of memory are free; evaluate the field itself, or solve for fewer sources.",
+            code="too_little_memory",
+        )
+    wide = np.zeros((fine, fine, *series.shape[2:]), dtype=np.complex64)
+    down, around_axis = np.fft.fftfreq(around, 1 / around), np.fft.fftfreq(degrees, 1 / degrees)
+    scale = 1 / (_transform(down, fine)[:, None] * _transform(around_axis, fine))
+    wide[np.ix_(down.astype(int), around_axis.round().astype(int))] = (
+        np.moveaxis(series, 0, 1) * scale[:, :, None, None]
+    )
+    table = np.asarray(ifft2(wide, axes=(0, 1), norm="forward", overwrite_x=True))
+    rows, columns = (
+        np.arange(-(SPREAD // 2), count + (SPREAD + 1) // 2) % fine for count in (around, fine)
+    )
+    return np.ascontiguousarray(table[np.ix_(rows, columns)])
+
+
+def _directions(
+    polar: Float64[np.ndarray, "polar 1"], azimuth: Float64[np.ndarray, "azimuths"]
+) -> Float64[np.ndarray, "polar azimuths 3"]:
+    sine = np.sin(polar)
+    parts = sine * np.cos(azimuth), sine * np.sin(azimuth), np.cos(polar) * np.ones_like(azimuth)
+    return np.stack(parts, axis=-1)
+
+
+def _around(spheres: InterpolationSpheres) -> Float64[np.ndarray, "checked 3"]:
+    """Draw random points from the smallest sphere to twenty times as far away [m]."""
+    random = np.random.default_rng(0)
+    directions = random.normal(size=(CHECKED, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    return spheres.centre + spheres.radius / random.uniform(0.05, 1, (CHECKED, 1)) * directions
+
+
+def _window(angles: Lengths, step: float) -> tuple[Indices, Float32[np.ndarray, "points spread"]]:
+    """First grid point beside each angle, as an index of the table, and the weights of it and the next ones."""
+    position = angles / step
+    first = np.ceil(position - SPREAD / 2).astype(np.int64)
+    off = (position - first)[:, None] - np.arange(SPREAD)
+    return first + SPREAD // 2, _kernel(off).astype(np.float32)
+
+
+def _kernel(off: Float64[np.ndarray, "*shape"]) -> Float64[np.ndarray, "*shape"]:
+    """Weight of a grid point by how many steps off it is."""
+    return np.exp(SHARPNESS * (np.sqrt(np.maximum(1 - (2 * off / SPREAD) ** 2, 0)) - 1))
+
+
+def _transform(
+    frequencies: Float64[np.ndarray, "frequencies"], fine: int
+) -> Float64[np.ndarray, "frequencies"]:
+    """Fourier transform of the kernel, on a grid of ``fine`` points a turn."""
+    nodes, weights = np.polynomial.legendre.leggauss(60)
+    off = 0.5 * SPREAD * nodes
+    return (
+        0.5
+        * SPREAD
+        * np.cos(2 * np.pi / fine * frequencies[:, None] * off)
+        @ (weights * _kernel(off))
+    )

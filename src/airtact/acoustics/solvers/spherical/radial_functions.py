@@ -1,0 +1,148 @@
+"""Radial functions and Legendre polynomials of every order, as quotients that never overflow.
+
+Spherical Hankel functions h_n of the first kind grow like n! and Bessel functions j_n shrink as
+fast, so both leave the range of floating point. Only quotients are formed here: h_n(z)/h_n(z0) by
+upward recurrence, where h is the growing solution and the recurrence is stable, and j_n/j_(n-1) by
+downward recurrence (Miller; DLMF 3.6(iii) and 10.51.1).
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Complex, Complex128, Float64
+
+_BLOCK = 64
+
+
+def outgoing_quotients(argument: complex) -> Iterator[complex]:
+    """Yield h_(n+1)(z)/h_n(z) for n = 0, 1, 2 ... (upward recurrence, DLMF 10.51.1)."""
+    quotient = 1.0 / argument - 1j
+    order = 0
+    while True:
+        yield quotient
+        order += 1
+        quotient = (2 * order + 1) / argument - 1.0 / quotient
+
+
+def outgoing_ratios(
+    arguments: Complex[np.ndarray, "arguments"], reference: complex
+) -> Iterator[Complex128[np.ndarray, "arguments"]]:
+    """Yield h_n(z)/h_n(z0) for n = 0, 1, 2 ..., which stay bounded for |z| >= |z0|."""
+    carrier = reference / arguments * np.exp(1j * (arguments - reference))
+    for shape in outgoing_shapes(arguments, reference):
+        yield carrier * shape
+
+
+def outgoing_shapes(
+    arguments: Complex[np.ndarray, "arguments"], reference: complex
+) -> Iterator[Complex128[np.ndarray, "arguments"]]:
+    """Yield h_n(z)/h_n(z0) over h_0(z)/h_0(z0) for n = 0, 1, 2 ...: ``outgoing_ratios`` without the carrier wave."""
+    shape = np.ones(len(arguments), dtype=np.complex128)
+    quotient = 1.0 / arguments - 1j
+    for order, reference_quotient in enumerate(outgoing_quotients(reference), start=1):
+        yield shape
+        shape = shape * (quotient / reference_quotient)
+        quotient = (2 * order + 1) / arguments - 1.0 / quotient
+
+
+def regular_quotients(
+    arguments: Complex[np.ndarray, "arguments"], first: int, last: int
+) -> Complex128[np.ndarray, "orders arguments"]:
+    """Quotients j_n(z)/j_(n-1)(z) for n = first ... last by downward recurrence: (last - first + 1, M).
+
+    z may be zero; where j_(n-1) vanishes the quotient is about 1e30 instead of infinite.
+    """
+    largest = float(np.max(np.abs(arguments), initial=0.0))
+    # Above the turning point |z| each step down shrinks the error of the start by (j_n/j_(n-1))² or
+    # more.
+    start = int(max(last, largest) + 8.0 * np.cbrt(largest) + 24.0)
+    quotients = np.empty((last - first + 1, len(arguments)), dtype=np.complex128)
+    quotient = arguments / (2 * start + 1)
+    for order in range(start, first - 1, -1):
+        denominator = 2 * order + 1 - arguments * quotient
+        quotient = arguments / np.where(denominator == 0.0, 1e-30, denominator)
+        if order <= last:
+            quotients[order - first] = quotient
+    return quotients
+
+
+def regular_ratios(
+    arguments: Complex[np.ndarray, "arguments"], reference: complex
+) -> Iterator[Complex128[np.ndarray, "arguments"]]:
+    """Yield j_n(z)/j_n(z0) for n = 0, 1, 2 ..., which stay bounded for |z| <= |z0|; z may be zero."""
+    both = np.append(arguments, reference).astype(np.complex128)
+    first = 1
+    ratio = np.ones(0)
+    while True:
+        quotients = regular_quotients(both, first, first + _BLOCK - 1)
+        if first == 1:
+            lowest = _lowest_regular(both, quotients[0])
+            ratio = lowest[:-1] / lowest[-1]
+        for quotient in quotients:
+            yield ratio
+            ratio = ratio * (quotient[:-1] / quotient[-1])
+        first += _BLOCK
+
+
+def _lowest_regular(
+    arguments: Complex128[np.ndarray, "arguments"], quotients: Complex128[np.ndarray, "arguments"]
+) -> Complex128[np.ndarray, "arguments"]:
+    """Compute j_0(z), near its zeros from j_1 and j_1/j_0 so that products with that quotient keep their digits."""
+    safe = np.where(arguments == 0.0, 1.0, arguments)
+    zeroth = np.where(arguments == 0.0, 1.0, np.sin(safe) / safe)
+    first = np.where(arguments == 0.0, 0.0, (np.sin(safe) / safe - np.cos(safe)) / safe)
+    return np.where(
+        np.abs(first) > np.abs(zeroth), first / np.where(quotients == 0.0, 1.0, quotients), zeroth
+    )
+
+
+def outgoing_derivatives(argument: complex) -> Iterator[complex]:
+    """Yield the logarithmic derivatives h_n'(z)/h_n(z) for n = 0, 1, 2 ... (DLMF 10.51.2)."""
+    for order, quotient in enumerate(outgoing_quotients(argument)):
+        yield order / argument - quotient
+
+
+def regular_derivatives(argument: complex) -> Iterator[complex]:
+    """Yield the logarithmic derivatives j_n'(z)/j_n(z) for n = 0, 1, 2 ... (DLMF 10.51.2), about 1e30 at zeros."""
+    first = 1
+    while True:
+        quotients = regular_quotients(
+            np.array([argument], dtype=np.complex128), first, first + _BLOCK - 1
+        )[:, 0]
+        for order, quotient in enumerate(quotients.tolist(), start=first - 1):
+            yield order / argument - quotient
+        first += _BLOCK
+
+
+def legendre_polynomials(
+    versine: Float64[np.ndarray, "*shape"],
+) -> Iterator[Float64[np.ndarray, "*shape"]]:
+    """Yield P_n(cos γ) for n = 0, 1, 2 ... from 1 - cos γ, which keeps its digits at small angles."""
+    polynomial = np.ones_like(versine)
+    step = np.zeros_like(versine)
+    order = 0
+    while True:
+        yield polynomial
+        step = (order * step - (2 * order + 1) * versine * polynomial) / (order + 1)
+        polynomial = polynomial + step
+        order += 1
+
+
+def image_sums(
+    ratio: Float64[np.ndarray, "*shape"], versine: Float64[np.ndarray, "*shape"]
+) -> tuple[Float64[np.ndarray, "*shape"], Float64[np.ndarray, "*shape"]]:
+    """Sum Σ x^n P_n(cos γ) and Σ x^n P_n(cos γ)/(n + 1) in closed form: a point and a line of images (DLMF 18.12.11).
+
+    They are 1/√(1 - 2x cos γ + x²) and its mean over [0, x], for x in [0, 1] but not both x = 1 and
+    γ = 0.
+    """
+    cosine = 1.0 - versine
+    distance = np.sqrt((1.0 - ratio) ** 2 + 2.0 * ratio * versine)
+    front = (1.0 + (2.0 * cosine - ratio) / (1.0 + distance)) / np.where(
+        cosine > 0, distance + cosine - ratio, 1.0
+    )
+    back = (1.0 + (ratio - 2.0 * cosine) / (1.0 + distance)) / np.where(cosine > 0, 1.0, versine)
+    quotient = np.where(cosine > 0, front, back)
+    tiny = ratio < 1e-200
+    mean = np.where(tiny, quotient, np.log1p(ratio * quotient) / np.where(tiny, 1.0, ratio))
+    return 1.0 / distance, mean

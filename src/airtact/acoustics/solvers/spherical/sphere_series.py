@@ -1,0 +1,278 @@
+"""One sphere in closed form: sound-hard, with an impedance, or filled with a fluid."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+from scipy.spatial import KDTree
+from scipy.spatial.distance import cdist
+
+from airtact.acoustics.scene import CONTACT, Obstacle, Scene, check_sources
+from airtact.acoustics.solvers.arrays import (
+    Gradients,
+    Indices,
+    Lengths,
+    Mask,
+    Pairs,
+    Points,
+    Pressures,
+    SourcePoints,
+    Vectors,
+)
+from airtact.acoustics.solvers.free_field import open_air_pressure, unit_monopoles
+from airtact.acoustics.solvers.problem import (
+    RadiatedField,
+    Solver,
+    SolveReport,
+    SurfaceField,
+    receivers,
+)
+from airtact.acoustics.solvers.spherical.gradient import scattered_gradient
+from airtact.acoustics.solvers.spherical.modes import ACCURACY, SphereModes
+from airtact.acoustics.solvers.velocity import open_air_gradient, velocity_of
+from airtact.acoustics.sources import STANDS_ON, Monopoles, nearest_source
+from airtact.checks import points_of
+from airtact.errors import InvalidInput
+from airtact.geometry.primitives import Capsule
+from airtact.timing import Clock
+
+_PAIRS_AT_ONCE = 1 << 14
+
+_PolarBlock = tuple[Indices, Lengths, Float64[np.ndarray, "sources"], Vectors, SourcePoints, Pairs]
+
+_CITATIONS = (
+    "J. J. Bowman, T. B. A. Senior, P. L. E. Uslenghi, Electromagnetic and Acoustic Scattering by Simple Shapes (1987)",
+    "V. C. Anderson, Sound scattering from a fluid sphere, J. Acoust. Soc. Am. 22, 426 (1950)",
+    "D. R. Yennie, D. G. Ravenhall, R. N. Wilson, Phys. Rev. 95, 500 (1954)",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class SphereField(RadiatedField):
+    """The field of monopoles around one sphere, and inside it if it is filled; ``centre`` is the sphere's [m]."""
+
+    scene: Scene
+    sources: Monopoles
+    modes: SphereModes
+    centre: Float64[np.ndarray, "3"]
+    report: SolveReport
+
+    __repr__ = RadiatedField.__repr__
+
+    @property
+    def on_surface(self) -> SurfaceField:
+        """Pressure at Gauss-Legendre latitudes and equal longitudes, with the exact area of the sphere."""
+        latitudes = int(np.ceil(2.0 * abs(self.modes.size))) + 12
+        cosine, weight = np.polynomial.legendre.leggauss(latitudes)
+        longitude = 2.0 * np.pi * (np.arange(2 * latitudes) + 0.5) / (2 * latitudes)
+        sine = np.sqrt(1.0 - cosine**2)
+        across = (
+            np.outer(sine, np.cos(longitude)).ravel(),
+            np.outer(sine, np.sin(longitude)).ravel(),
+        )
+        normals = np.stack([*across, np.repeat(cosine, len(longitude))], axis=1)
+        areas = np.repeat(weight, len(longitude)) * np.pi / latitudes * self.modes.radius**2
+        points = self.centre + self.modes.radius * normals
+        return SurfaceField(points, normals, areas, self.at(points))
+
+    def valid(self, points: Points) -> Mask:
+        """Whether the field exists at points (P, 3) [m]: not inside a sphere that is hard or has an impedance."""
+        points = points_of(points, "points", least=0)
+        if self.modes.inner_wavenumber is not None:
+            return np.ones(len(points), dtype=np.bool_)
+        return ~self._inside(points)
+
+    def at(self, points: Points) -> Pressures:
+        """Total pressure [Pa] at points (P, 3) [m], as ``RadiatedField.at``; right to 1e-8 of the open-air pressures.
+
+        Raises
+        ------
+        NotConverged
+            If a point lies within micrometres of a source that touches the surface.
+        """
+        points = receivers(points, self.sources)
+        pressure = np.full((len(points), self.sources.strengths.shape[1]), np.nan + 0j)
+        inside = self._inside(points)
+        outside = np.flatnonzero(~inside)
+        pressure[outside] = open_air_pressure(points[outside], self.sources, self.scene.wavenumber)
+        pressure[outside] += self._scattered(points[outside], inside=False)
+        if self.modes.inner_wavenumber is not None:
+            pressure[inside] = self._scattered(points[inside], inside=True)
+        return pressure
+
+    def scattered_at(self, points: Points) -> Pressures:
+        """Scattered pressure [Pa] at points (P, 3) [m], the series itself; errors as of ``at``, but for sources."""
+        points = points_of(points, "points", least=0)
+        pressure = np.full((len(points), self.sources.strengths.shape[1]), np.nan + 0j)
+        inside = self._inside(points)
+        on_source = nearest_source(points, self.sources, STANDS_ON)[0] < STANDS_ON
+        unbounded = on_source & (
+            np.linalg.norm(points - self.centre, axis=1) <= self.modes.radius + CONTACT
+        )
+        outside = np.flatnonzero(~inside & ~unbounded)
+        pressure[outside] = self._scattered(points[outside], inside=False, alone=True)
+        if self.modes.inner_wavenumber is not None:
+            total = self._scattered(points[inside], inside=True)
+            pressure[inside] = total - open_air_pressure(
+                points[inside], self.sources, self.scene.wavenumber
+            )
+        return pressure
+
+    def velocity(self, points: Points) -> Gradients:
+        """Particle velocity [m/s] at points (P, 3) [m], as ``RadiatedField.velocity``.
+
+        Raises
+        ------
+        NotConverged
+            If a point and a source are both within about 0.3 % of the radius from the surface.
+        """
+        points = receivers(points, self.sources)
+        gradient = np.full((len(points), 3, self.sources.strengths.shape[1]), np.nan + 0j)
+        density = np.full(len(points), self.scene.medium.density)
+        within = self._inside(points)
+        gradient[~within] = open_air_gradient(points[~within], self.sources, self.scene.wavenumber)
+        gradient[~within] += self._scattered_gradient(points[~within], inside=False)
+        filling = self.scene.obstacles[0].medium
+        if filling is not None:
+            gradient[within] = self._scattered_gradient(points[within], inside=True)
+            density[within] = filling.density
+        return velocity_of(gradient, self.scene.frequency, density)
+
+    def _inside(self, points: Points) -> Mask:
+        """Whether points lie deeper than rounding under the surface."""
+        return np.linalg.norm(points - self.centre, axis=1) < self.modes.radius - CONTACT
+
+    def _scattered(self, points: Points, inside: bool, alone: bool = False) -> Pressures:
+        """Sum the series for points on one side of the surface, in blocks of points that need about as many terms.
+
+        It is right to ``ACCURACY`` of the open-air pressure; or, ``alone``, of that at the distance
+        of the image too, which is finite at the source itself.
+        """
+        pressure = np.zeros((len(points), self.sources.strengths.shape[1]), dtype=np.complex128)
+        nearest_first = np.argsort(KDTree(self.sources.positions).query(points)[0])
+        for block, radii, source_radii, _, _, versine in self._polar_blocks(
+            points, inside, nearest_first
+        ):
+            if alone:
+                heights = radii[:, None] + source_radii - 2.0 * self.modes.radius
+                distance = np.maximum(cdist(points[block], self.sources.positions), heights)
+                scale = np.exp(-self.scene.wavenumber.imag * distance) / distance
+            else:
+                scale = np.abs(
+                    unit_monopoles(points[block], self.sources.positions, self.scene.wavenumber)
+                )
+            unit = self.modes.scattered(inside, radii, source_radii, versine, scale)
+            pressure[block] = unit @ self.sources.strengths
+        return pressure
+
+    def _scattered_gradient(self, points: Points, inside: bool) -> Gradients:
+        """Gradient of the series for points on one side of the surface [Pa/m]."""
+        gradient = np.zeros((len(points), 3, self.sources.strengths.shape[1]), dtype=np.complex128)
+        for (
+            block,
+            radii,
+            source_radii,
+            directions,
+            source_directions,
+            versine,
+        ) in self._polar_blocks(points, inside, np.arange(len(points))):
+            outward, along = scattered_gradient(self.modes, inside, radii, source_radii, versine)
+            # cos γ grows by (source direction - cos γ · point direction)/r
+            for axis in range(3):
+                beside = source_directions[:, axis] - (1.0 - versine) * directions[:, None, axis]
+                unit = outward * directions[:, None, axis] + along * beside
+                gradient[block, axis] = unit @ self.sources.strengths
+        return gradient
+
+    def _polar_blocks(self, points: Points, inside: bool, order: Indices) -> Iterator[_PolarBlock]:
+        """Yield blocks of points: their indices, radii [m] and directions with those of the sources, and 1 - cos γ."""
+        radii, directions = self._polar(points)
+        source_radii, source_directions = self._polar(self.sources.positions)
+        source_radii = np.maximum(source_radii, self.modes.radius)
+        if not inside:
+            radii = np.maximum(radii, self.modes.radius)
+        rows = max(1, _PAIRS_AT_ONCE // len(self.sources.positions))
+        for first in range(0, len(points), rows):
+            block = order[first : first + rows]
+            versine = 0.5 * np.sum((directions[block, None, :] - source_directions) ** 2, axis=-1)
+            yield block, radii[block], source_radii, directions[block], source_directions, versine
+
+    def _polar(self, points: Points) -> tuple[Lengths, Vectors]:
+        """Distances from the centre and unit directions; the centre itself gets the direction z."""
+        offset = points - self.centre
+        radius = np.linalg.norm(offset, axis=1)
+        at_centre = radius == 0.0
+        direction = offset / np.where(at_centre, 1.0, radius)[:, None]
+        direction[at_centre] = (0.0, 0.0, 1.0)
+        return radius, direction
+
+
+@dataclass(frozen=True)
+class SphereSeries(Solver):
+    """One sphere by separation of variables: the exact reference for other solvers.
+
+    The sphere is a capsule of length 0, sound-hard, with an impedance, or filled; the sources are
+    outside it, at any distance, or on its surface.
+    """
+
+    def radiate(self, scene: Scene, sources: Monopoles) -> SphereField:
+        """Field of monopoles around the one sphere of the scene.
+
+        Raises
+        ------
+        InvalidInput
+            If the scene is not one sphere, a source lies inside it, or one of the two is of another kind.
+        """
+        check_sources(scene, sources)
+        clock = Clock()
+        with clock.step("prepare"):
+            obstacle, sphere = _only_sphere(scene)
+            modes = _modes(scene, obstacle, float(sphere.radius))
+        report = SolveReport(
+            solver="SphereSeries",
+            estimated_error=ACCURACY,
+            seconds=clock.seconds,
+            settings={"accuracy": ACCURACY, "boundary": obstacle.boundary},
+            citations=_CITATIONS,
+        )
+        return SphereField(
+            scene, sources, modes, np.asarray(sphere.pose.translation, dtype=np.float64), report
+        )
+
+
+def _only_sphere(scene: Scene) -> tuple[Obstacle, Capsule]:
+    """Return the one obstacle of the scene and its exact sphere."""
+    if len(scene.obstacles) != 1:
+        raise InvalidInput(
+            f"SphereSeries solves for exactly one sphere, and the scene has {len(scene.obstacles)} obstacles.",
+            code="solver_unsuitable",
+        )
+    obstacle = scene.obstacles[0]
+    shape = obstacle.surface.primitive
+    if not isinstance(shape, Capsule):
+        raise InvalidInput(
+            f"SphereSeries solves for exact spheres only, and the obstacle is a mesh of "
+            f"{len(obstacle.surface.triangles)} triangles; make it with sphere(radius, edge, centre).",
+            code="solver_unsuitable",
+        )
+    if shape.length != 0.0:
+        raise InvalidInput(
+            f"SphereSeries solves for spheres only, and the obstacle is a capsule {1e3 * shape.length:g} mm long; "
+            "take BoundaryElement instead.",
+            code="solver_unsuitable",
+        )
+    return obstacle, shape
+
+
+def _modes(scene: Scene, obstacle: Obstacle, radius: float) -> SphereModes:
+    """Return the boundary of the obstacle, mode by mode."""
+    if obstacle.boundary == "filled":
+        assert obstacle.medium is not None
+        inner = obstacle.medium.wavenumber(scene.frequency)
+        ratio = scene.medium.density / obstacle.medium.density
+        return SphereModes(radius, scene.wavenumber, inner_wavenumber=inner, density_ratio=ratio)
+    if obstacle.boundary == "impedance":
+        assert obstacle.ratio is not None
+        return SphereModes(radius, scene.wavenumber, admittance=1.0 / obstacle.ratio)
+    return SphereModes(radius, scene.wavenumber)

@@ -1,0 +1,112 @@
+"""Monopoles: the point sources of a scene."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64, Int64, Num, Real
+from scipy.spatial import KDTree
+from scipy.spatial.distance import cdist
+
+from airtact.checks import check_finite, complex_numbers, points_of
+from airtact.errors import InvalidInput
+from airtact.printing import in_short
+
+STANDS_ON = 1e-9
+"""A point nearer to a source than this stands on it [m]."""
+
+FEW_SOURCES = 16
+"""Up to so many sources, computing all distances is quicker than a search tree."""
+
+
+@dataclass(frozen=True, eq=False)
+class Monopoles:
+    """N point sources with S independent excitations: one solve per excitation.
+
+    A monopole of strength s alone in open air gives p = s e^{ikr}/r.
+
+    Attributes
+    ----------
+    positions : (N, 3) [m], stored as float64.
+    strengths : (N, S) [Pa·m]: in excitation s all N points emit at once; (N,) is one excitation.
+        Stored as (N, S) complex128.
+
+    Raises
+    ------
+    InvalidInput
+        No points or excitations, NaN or infinity, or shapes that do not match.
+
+    Examples
+    --------
+    >>> pair = Monopoles(np.array([[0.0, 0, 0.1], [0, 0, 0.2]]), np.array([1.0, 1j]))
+    >>> pair.strengths.shape
+    (2, 1)
+    """
+
+    positions: Real[np.ndarray, "points 3"]
+    strengths: Num[np.ndarray, "points excitations"] | Num[np.ndarray, "points"]
+
+    __repr__ = in_short
+
+    @property
+    def refined_positions(self) -> Real[np.ndarray, "fine 3"]:
+        """(R, 3) positions near which a solver refines its panels [m]: all of them."""
+        return self.positions
+
+    def __post_init__(self) -> None:
+        """Check both arrays and make them read-only."""
+        positions = points_of(self.positions, "monopole positions")
+        strengths = complex_numbers(self.strengths, "monopole strengths")
+        if strengths.ndim == 1:
+            strengths = strengths[:, None]
+        if strengths.ndim != 2 or len(strengths) != len(positions):
+            raise InvalidInput(
+                f"monopole strengths have shape {strengths.shape}, but there are {len(positions)} positions; give "
+                f"({len(positions)},) for one excitation or ({len(positions)}, number of excitations).",
+                code="wrong_shape",
+            )
+        if strengths.shape[1] == 0:
+            raise InvalidInput(
+                "monopole strengths hold 0 excitations; give at least one.", code="empty"
+            )
+        check_finite(strengths, "monopole strengths")
+        strengths.flags.writeable = False
+        object.__setattr__(self, "positions", positions)
+        object.__setattr__(self, "strengths", strengths)
+
+
+def check_off_sources(points: Real[np.ndarray, "points 3"], sources: Monopoles) -> None:
+    """Raise "point_on_source" where a receiver is nearer to a source than ``STANDS_ON``: its pressure is infinite."""
+    distance, source = nearest_source(points, sources, STANDS_ON)
+    near = np.flatnonzero(distance < STANDS_ON)
+    if len(near):
+        first = int(near[0])
+        raise InvalidInput(
+            f"point {first} stands on source {int(source[first])} ({1e3 * distance[first]:g} mm away), where the "
+            "pressure is infinite; move it off.",
+            code="point_on_source",
+        )
+
+
+def nearest_source(
+    points: Real[np.ndarray, "points 3"], sources: Monopoles, within: float
+) -> tuple[Float64[np.ndarray, "points"], Int64[np.ndarray, "points"]]:
+    """Distance [m] and number of the source nearest to each point, where it is nearer than ``within`` [m].
+
+    Elsewhere either may be anything farther.
+    """
+    along = np.ascontiguousarray(points.T)  # many times quicker than a minimum over three columns
+    low, high = (
+        along.min(axis=1, initial=np.inf) - within,
+        along.max(axis=1, initial=-np.inf) + within,
+    )
+    some = np.flatnonzero(((sources.positions >= low) & (sources.positions <= high)).all(axis=1))
+    if not len(some) or not len(points):
+        return np.full(len(points), np.inf), np.zeros(len(points), dtype=np.int64)
+    if len(some) <= FEW_SOURCES:
+        distances = cdist(sources.positions[some], points)
+        return distances.min(axis=0), some[distances.argmin(axis=0)]
+    found = KDTree(sources.positions).query(
+        points, distance_upper_bound=2 * within
+    )  # nothing farther matters
+    distance, source = (np.asarray(part) for part in found)
+    return distance, source

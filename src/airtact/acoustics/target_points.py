@@ -1,0 +1,286 @@
+"""Shapes as points for a ``Target``: lines, circles, spheres, surfaces of bodies.
+
+Points lie at most a spacing apart along a line. Foci nearer than half a wavelength to each other
+blur into one, so a quarter to a half of a wavelength (2 to 4 mm at 40 kHz) draws an unbroken line.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float64, Real
+from scipy.spatial import KDTree
+
+from airtact.checks import between, in_mm, of_kind, point_of, points_of, positive
+from airtact.errors import MOST_POINTS, InvalidInput, Vector
+from airtact.geometry.mesh.quadratic_triangles import points_at
+from airtact.geometry.panels import panels_of
+from airtact.geometry.surface import Surface
+
+Points = Float64[np.ndarray, "points 3"]
+
+MAX_OFFSET = 0.02
+"""Largest distance of points from the surface that they are projected to [m]."""
+
+UPWARD = np.array([0.0, 0.0, 1.0])
+"""The direction where the depth has no gradient."""
+
+DEPTH_STEP = 1e-4
+"""Step of the numerical gradient of the depth [m]."""
+
+
+def segment(start: Vector, end: Vector, spacing: float) -> Points:
+    """Points (F, 3) [m] of a straight line, evenly spaced, both ends among them.
+
+    Parameters
+    ----------
+    start, end : (3,) [m].
+    spacing : largest distance of neighbours [m].
+
+    Raises
+    ------
+    InvalidInput
+        If the two ends are one point, a number is not finite, or there would be more than 4096 points.
+
+    Examples
+    --------
+    >>> segment((0, 0, 0), (0.01, 0, 0), spacing=4e-3)[:, 0].round(4).tolist()
+    [0.0, 0.0033, 0.0067, 0.01]
+    """
+    return polyline(np.stack([point_of(start, "the start"), point_of(end, "the end")]), spacing)
+
+
+def polyline(
+    corners: Real[np.ndarray, "corners 3"], spacing: float, closed: bool = False
+) -> Points:
+    """Points (F, 3) [m] of straight lines from corner to corner, evenly spaced on each, all corners among them.
+
+    Parameters
+    ----------
+    corners : (C, 3) [m].
+    spacing : largest distance of neighbours [m].
+    closed : whether a line leads back from the last corner to the first.
+
+    Raises
+    ------
+    InvalidInput
+        As ``segment``, or fewer than two corners.
+    """
+    corners, least = points_of(corners, "corners of a polyline"), 3 if closed else 2
+    if len(corners) < least:
+        raise InvalidInput(
+            f"a {'closed ' if closed else ''}polyline has {len(corners)} corners, but needs {least}.",
+            code="too_few",
+        )
+    spacing = positive(spacing, "the spacing", "m")
+    ends = np.roll(corners, -1, axis=0) if closed else corners[1:]
+    lengths = np.linalg.norm(ends - corners[: len(ends)], axis=1)
+    if lengths.min() == 0.0:
+        raise InvalidInput(
+            f"line {int(lengths.argmin())} of a polyline has a length of 0 mm: its two ends are one point.",
+            code="zero_length",
+        )
+    counts = np.maximum(np.ceil(lengths / spacing - 1e-9), 1.0)
+    check_count(counts.sum() + 1.0, spacing)
+    parts = [
+        one + np.linspace(0.0, 1.0, int(count), endpoint=False)[:, None] * (other - one)
+        for one, other, count in zip(corners, ends, counts, strict=False)
+    ]
+    return np.concatenate(parts if closed else [*parts, corners[-1:]])
+
+
+def circle(
+    centre: Vector, radius: float, spacing: float, normal: Vector = (0.0, 0.0, 1.0)
+) -> Points:
+    """Points (F, 3) [m] of a circle, evenly spaced, anticlockwise seen from where the normal points to.
+
+    Parameters
+    ----------
+    centre : (3,) [m].
+    radius : [m].
+    spacing : largest distance of neighbours along the circle [m].
+    normal : (3,) at right angles to its plane.
+
+    Raises
+    ------
+    InvalidInput
+        If a number is not finite, a length is not above zero, the normal is zero, or there would be more than 4096
+        points.
+
+    Examples
+    --------
+    >>> circle((0, 0, 0), radius=0.01, spacing=0.02).shape
+    (4, 3)
+    """
+    radius, spacing = positive(radius, "the radius", "m"), positive(spacing, "the spacing", "m")
+    count = max(3.0, np.ceil(2.0 * np.pi * radius / spacing - 1e-9))
+    check_count(count, spacing)
+    right, up, _ = frame_of(normal)
+    angle = 2.0 * np.pi * np.arange(int(count)) / count
+    return point_of(centre, "the centre") + radius * (
+        np.outer(np.cos(angle), right) + np.outer(np.sin(angle), up)
+    )
+
+
+def sphere_shell(centre: Vector, radius: float, spacing: float) -> Points:
+    """Points (F, 3) [m] spread evenly over a sphere, on a golden spiral.
+
+    Parameters
+    ----------
+    centre : (3,) [m].
+    radius : [m].
+    spacing : about the distance of neighbours [m].
+
+    Raises
+    ------
+    InvalidInput
+        As ``circle``.
+
+    Examples
+    --------
+    >>> len(sphere_shell((0, 0, 0), radius=0.01, spacing=5e-3))
+    59
+    """
+    radius, spacing = positive(radius, "the radius", "m"), positive(spacing, "the spacing", "m")
+    # in a hexagonal lattice each point has √3/2 of the square of the spacing to itself
+    count = max(4.0, np.ceil(4.0 * np.pi * radius**2 / (np.sqrt(0.75) * spacing**2)))
+    check_count(count, spacing)
+    index = np.arange(int(count)) + 0.5
+    height, azimuth = 1.0 - 2.0 * index / count, np.pi * (1.0 + np.sqrt(5.0)) * index
+    across = np.sqrt(1.0 - height**2)
+    directions = np.stack([across * np.cos(azimuth), across * np.sin(azimuth), height], axis=1)
+    return point_of(centre, "the centre") + radius * directions
+
+
+def surface_points(
+    surface: Surface, spacing: float, facing: Vector | None = None, within: float = 90.0
+) -> Points:
+    """Points (Q, 3) [m] on the exact surface of a body, or on its side that faces a direction: a suppression zone.
+
+    Parameters
+    ----------
+    surface : the body.
+    spacing : about the distance of neighbours [m].
+    facing : (3,) direction of the outward normals, or None for the whole surface.
+    within : the largest angle between normal and ``facing`` [degrees].
+
+    Raises
+    ------
+    InvalidInput
+        If the spacing is not above zero or gives more than 4096 points, or no part of the surface faces there.
+    """
+    of_kind(surface, Surface, "the surface", "one Surface, such as pinch().surfaces[0]")
+    spacing = positive(spacing, "the spacing", "m")
+    check_count(surface.area / (np.sqrt(0.75) * spacing**2), spacing)
+    edge = spacing / 3.0
+    panels = panels_of([surface.shape], edge, np.empty((0, 3)), smallest=edge).quadratic_triangles
+    centres, normals = points_at(panels, np.full((len(panels), 2), 1.0 / 3.0))
+    if facing is not None:
+        towards = point_of(facing, "the direction")
+        length = positive(float(np.linalg.norm(towards)), "the length of the direction", "m")
+        cosine = normals @ towards / (length * np.linalg.norm(normals, axis=1))
+        centres = centres[cosine >= np.cos(np.radians(within)) - 1e-12]
+    if not len(centres):
+        raise InvalidInput(
+            f"0 points of the surface face within {within:g} degrees of {np.asarray(facing).tolist()}.",
+            code="empty",
+        )
+    return spaced_apart(surface.shape.project(centres), 0.85 * spacing)
+
+
+def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Points:
+    """Project points to a surface and shift them (P, 3) [m] off it along the normal: a drawing for the hand.
+
+    Parameters
+    ----------
+    points : (P, 3) [m].
+    surface : the body.
+    offset : their distance from the surface [m], 0 to 0.02.
+
+    Raises
+    ------
+    InvalidInput
+        If the offset is negative or over 20 mm, or a shifted point is nearer to the surface than half of it, as in
+        a crevice (which one).
+
+    Examples
+    --------
+    >>> from airtact.geometry.primitives import sphere
+    >>> ball = sphere(0.01, edge=2e-3)
+    >>> onto_surface(np.array([[0.0, 0.0, 0.03]]), ball, offset=1e-3).round(6).tolist()
+    [[0.0, 0.0, 0.011]]
+    """
+    of_kind(surface, Surface, "the surface", "one Surface, such as pinch().surfaces[0]")
+    offset = between(offset, 0.0, MAX_OFFSET, "the offset", "m", "give metres.")
+    projected = surface.shape.project(points_of(points, "points", least=0))
+    shifted = projected + offset * outward(surface.depth, projected)
+    short = np.flatnonzero(-surface.depth(shifted) < 0.5 * offset)
+    if len(short):
+        where = projected[short[0]]
+        raise InvalidInput(
+            f"point {int(short[0])}, shifted {1e3 * offset:.3g} mm off the surface at {in_mm(where)}, lies in "
+            "a crevice or before another part of it; move the drawing.",
+            where,
+            code="in_crevice",
+        )
+    return shifted
+
+
+def spaced_apart(points: Points, least: float) -> Float64[np.ndarray, "kept 3"]:
+    """Leave out points that are nearer than ``least`` [m] to one before them that stays."""
+    kept, dropped = [], np.zeros(len(points), dtype=bool)
+    near = KDTree(points)
+    for index, point in enumerate(points):
+        if not dropped[index]:
+            kept.append(index)
+            dropped[near.query_ball_point(point, least * (1.0 - 1e-9))] = True
+    return points[kept]
+
+
+def frame_of(
+    normal: Vector, up: Vector | None = None
+) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
+    """Give unit vectors to the right and up in a plane, and its normal, seen from where the normal points to.
+
+    ``up`` is projected to the plane; None stands for y, or z where the normal is nearly y.
+    """
+    towards = point_of(normal, "the normal")
+    length = float(np.linalg.norm(towards))
+    if length == 0.0:
+        raise InvalidInput(
+            "the normal of a plane is (0, 0, 0); give the direction at right angles to it.",
+            code="zero_length",
+        )
+    towards = towards / length
+    if up is None:
+        up = (0.0, 1.0, 0.0) if abs(towards[1]) < 0.9 else (0.0, 0.0, 1.0)
+    given = point_of(up, "the direction up")
+    upwards = given - (given @ towards) * towards
+    if np.linalg.norm(upwards) <= 1e-6 * np.linalg.norm(given):
+        raise InvalidInput(
+            f"up is {given.tolist()}, along the normal {towards.tolist()}; give another direction up.",
+            code="parallel_directions",
+        )
+    upwards /= np.linalg.norm(upwards)
+    return np.cross(upwards, towards), upwards, towards
+
+
+def check_count(count: float, spacing: float) -> None:
+    """Raise "too_many_points" where a spacing [m] gives more than ``MOST_POINTS``."""
+    if count > MOST_POINTS:
+        raise InvalidInput(
+            f"a spacing of {1e3 * spacing:.3g} mm gives {count:.0f} points, more than {MOST_POINTS}: are the "
+            "other lengths in millimetres? Give metres, and at 40 kHz a spacing of 2e-3 to 4e-3.",
+            code="too_many_points",
+        )
+
+
+def outward(
+    depth: Callable[[Float64[np.ndarray, "positions 3"]], Float64[np.ndarray, "positions"]],
+    points: Real[np.ndarray, "points 3"],
+) -> Float64[np.ndarray, "points 3"]:
+    """Find unit directions (P, 3) in which ``Surface.depth`` or ``Scene.depth`` falls fastest; z where it is level."""
+    shifts = DEPTH_STEP * np.concatenate([np.eye(3), -np.eye(3)])
+    around = depth((points[:, None] + shifts).reshape(-1, 3)).reshape(-1, 6)
+    gradients = around[:, 3:] - around[:, :3]
+    length = np.linalg.norm(gradients, axis=1, keepdims=True)
+    return np.where(length > 0, gradients / np.where(length > 0, length, 1), UPWARD)

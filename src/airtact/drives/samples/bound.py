@@ -1,0 +1,156 @@
+"""What no drive exceeds over the samples of an ensemble, with a certificate that anyone can check."""
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from jaxtyping import Complex128, Float64
+
+from airtact.acoustics.target import Target
+from airtact.drives.samples.robust import robust, sampled_rows
+from airtact.drives.transfer import Drive, TransferMatrix
+from airtact.errors import InvalidInput
+from airtact.printing import one_line
+
+BoundedGoal = Literal["worst", "mean"]
+"""The goals that have a bound."""
+
+SOFTNESS = (8, 32, 128)
+"""Powers whose trace norm stands for the largest eigenvalue, one descent after another."""
+
+ITERATIONS = 60
+"""Largest number of steps of one descent."""
+
+
+@dataclass(frozen=True, eq=False)
+class RobustBound:
+    """A bound on the worst or the mean of the weakest focus over the samples, for drives of equal energy.
+
+    For multipliers m_sf ≥ 0, λ being the largest eigenvalue of Σ m_sf h_sfᴴ h_sf, every drive of
+    energy Σ|d|² = 1 has Σ m_sf |h_sf d|² ≤ λ. With v_s the weakest focus of sample s that is at
+    least Σ_s m_s v_s², m_s = Σ_f m_sf, so that min v_s ≤ √(λ / Σ_s m_s) and, by Cauchy and Schwarz,
+    mean v_s ≤ √(λ Σ_s 1/m_s) / S.
+
+    Attributes
+    ----------
+    goal : "worst" or "mean".
+    value : the bound for a drive of energy 1, a pressure [Pa] or a share of what the foci ask for.
+    multipliers : (S, F) m_sf, for the foci that ask for something.
+    """
+
+    goal: BoundedGoal
+    value: float
+    multipliers: Float64[np.ndarray, "samples foci"]
+
+    def __repr__(self) -> str:
+        return one_line(
+            self, f"{self.goal} {self.value:.4g} at energy 1", f"{len(self.multipliers)} samples"
+        )
+
+    def recomputed(self, ensemble: TransferMatrix, target: Target) -> float:
+        """Compute the bound from its multipliers and the matrices alone: the proof."""
+        rows = sampled_rows(ensemble, target).reshape(self.multipliers.size, -1)
+        half = np.sqrt(self.multipliers.reshape(-1))[:, None] * rows
+        largest = float(np.linalg.norm(half, 2)) ** 2
+        return _bound(self.goal, self.multipliers, largest)
+
+    def reached(self, ensemble: TransferMatrix, target: Target, drive: Drive) -> float:
+        """Return what a drive reaches of the goal at its own energy, over the bound: 1 is the best possible."""
+        values = np.abs(sampled_rows(ensemble, target) @ drive.amplitudes).min(axis=1)
+        got = values.min() if self.goal == "worst" else values.mean()
+        return float(got / (self.value * np.linalg.norm(drive.amplitudes)))
+
+
+def robust_upper_bound(
+    ensemble: TransferMatrix, target: Target, goal: BoundedGoal = "worst"
+) -> RobustBound:
+    """Bound what any drive of energy Σ|d|² = 1 gives the weakest focus, in the worst sample or in the mean.
+
+    The dual of the semidefinite relaxation of the problem, for the samples given and the nominal
+    gains of the elements. Its multipliers are found by descent from those of ``robust``; the bound
+    holds wherever that ends.
+
+    Parameters
+    ----------
+    ensemble : the samples.
+    target : the foci and what is asked there; suppression points are ignored.
+    goal : "worst" or "mean".
+
+    Returns
+    -------
+    The bound and its certificate.
+
+    Raises
+    ------
+    InvalidInput
+        As ``robust``; "unknown_name": there is no such goal, or it has no bound.
+    """
+    from scipy.optimize import minimize
+
+    if goal not in get_args(BoundedGoal):
+        raise InvalidInput(
+            f'"{goal}" has no bound; {" and ".join(get_args(BoundedGoal))} have.',
+            code="unknown_name",
+        )
+    rows = sampled_rows(ensemble, target)
+    shape = rows.shape[:2]
+    flat = rows.reshape(-1, rows.shape[2])
+    products = flat @ flat.conj().T
+    without = Target(target.points, target.pressures, shares=target.shares)
+    drive = robust(ensemble.of_rows(np.arange(len(target.points))), without, goal)
+    size = np.abs(flat @ drive.amplitudes).reshape(shape)
+    low = size.min(axis=1, keepdims=True)
+    weights = np.exp(8.0 * (1.0 - size / low)) / low ** (1 if goal == "mean" else 3)
+    numbers, best = np.log(weights / weights.sum()).reshape(-1), None
+    for power in SOFTNESS:
+        given = products, shape, goal, power
+        numbers = minimize(
+            _soft_bound,
+            numbers,
+            given,
+            jac=True,
+            method="L-BFGS-B",
+            options={"maxiter": ITERATIONS},
+        ).x
+        multipliers = np.exp(numbers - numbers.max()).reshape(shape)
+        half = np.sqrt(multipliers.reshape(-1))
+        largest = float(np.linalg.eigvalsh(half[:, None] * products * half)[-1])
+        found = RobustBound(goal, _bound(goal, multipliers, largest), multipliers)
+        best = found if best is None or found.value < best.value else best
+    assert best is not None
+    return best
+
+
+def _bound(goal: str, multipliers: Float64[np.ndarray, "samples foci"], largest: float) -> float:
+    each = multipliers.sum(axis=1)
+    if goal == "worst":
+        return float(np.sqrt(largest / each.sum()))
+    return float(np.sqrt(largest * np.sum(1.0 / each)) / len(each))
+
+
+def _soft_bound(
+    numbers: Float64[np.ndarray, "rows"],
+    products: Complex128[np.ndarray, "rows rows"],
+    shape: tuple[int, int],
+    goal: str,
+    power: int,
+) -> tuple[float, Float64[np.ndarray, "rows"]]:
+    """Logarithm of the squared bound with a trace norm in place of the largest eigenvalue, and its gradient."""
+    multipliers = np.exp(numbers - numbers.max())
+    half = np.sqrt(multipliers)
+    values, vectors = np.linalg.eigh(half[:, None] * products * half)
+    largest = float(values[-1])
+    values = np.maximum(values, 0.0) / largest
+    shares = values**power
+    total = shares.sum()
+    level = np.log(total) / power + np.log(largest)
+    # d λ_k / d log m_j = λ_k |v_jk|²
+    slope = (np.abs(vectors) ** 2) @ shares / total
+    each = multipliers.reshape(shape).sum(axis=1)
+    within = multipliers.reshape(shape) / each[:, None]
+    if goal == "worst":
+        own = within * (each / each.sum())[:, None]
+        return level - np.log(each.sum()), slope - own.reshape(-1)
+    inverse = 1.0 / each
+    own = within * (inverse / inverse.sum())[:, None]
+    return level + np.log(inverse.sum()), slope - own.reshape(-1)

@@ -1,0 +1,374 @@
+"""The transfer matrix H from a drive d to the pressures at the foci, p = H d, and drives by distance alone."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Complex128, Float64, Int64
+
+from airtact.acoustics.medium import Medium
+from airtact.acoustics.scene import Scene
+from airtact.acoustics.solvers.free_field import FreeField
+from airtact.acoustics.solvers.problem import RadiatedField
+from airtact.acoustics.target import Target
+from airtact.checks import check_finite, check_frequency, complex_numbers, counted, in_mm, of_kind
+from airtact.errors import InvalidInput
+from airtact.printing import html_table, one_line
+from airtact.transducers.drive_file import save_drives
+from airtact.transducers.element import check_pattern
+from airtact.transducers.layout import PhasedArray
+from airtact.transducers.levels import EIGHT_BITS, FULL_SCALE, Levels
+from airtact.transducers.modulation import AmplitudeModulation
+from airtact.transducers.placement import check_placement, check_reach
+from airtact.transducers.plates import strength_in
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """The amplitude and phase of every element of an array.
+
+    Attributes
+    ----------
+    amplitudes : (E,) complex amplitudes d of E elements, |d| = 1 at full scale; an element emits
+        Re[d e^{−iωt}].
+
+    Raises
+    ------
+    InvalidInput
+        If there is no element, a number is not finite, or a magnitude exceeds 1.
+    """
+
+    amplitudes: Complex128[np.ndarray, "elements"]
+
+    def __repr__(self) -> str:
+        return one_line(self, *(f"{name} {value}" for name, value in self._facts().items()))
+
+    def _repr_html_(self) -> str:
+        return html_table("Drive", [], self._facts().items())
+
+    def _facts(self) -> dict[str, str]:
+        """Return the few numbers that tell drives apart."""
+        magnitudes = np.abs(self.amplitudes)
+        return {
+            "elements": str(len(self)),
+            "largest amplitude": f"{magnitudes.max():.3g}",
+            "mean": f"{magnitudes.mean():.3g}",
+            "energy": f"{np.sum(magnitudes**2):.4g}",
+        }
+
+    def __post_init__(self) -> None:
+        amplitudes = complex_numbers(self.amplitudes, "the drive's amplitudes")
+        if amplitudes.ndim != 1 or len(amplitudes) == 0:
+            words = f"a drive needs one amplitude per element, not an array of shape {amplitudes.shape}."
+            raise InvalidInput(words, code="wrong_shape")
+        check_finite(amplitudes, "the drive's amplitudes")
+        magnitude = np.abs(amplitudes)
+        if magnitude.max() > FULL_SCALE:
+            count = counted(int(np.sum(magnitude > FULL_SCALE)), "element is", "elements are")
+            raise InvalidInput(
+                f"{count} driven over full scale, the largest at {magnitude.max():.4g}: divide the drive by that.",
+                code="over_full_scale",
+            )
+        amplitudes.flags.writeable = False
+        object.__setattr__(self, "amplitudes", amplitudes)
+
+    def __len__(self) -> int:
+        return len(self.amplitudes)
+
+    def phase_only(self) -> "Drive":
+        """Return the drive with its phases and full scale everywhere; an element of amplitude 0 stays silent."""
+        return Drive(np.sign(self.amplitudes))
+
+    def save(
+        self,
+        path: str | Path,
+        array: PhasedArray | None = None,
+        scene: Scene | None = None,
+        transfer: "TransferMatrix | None" = None,
+        target: Target | None = None,
+        levels: Levels = EIGHT_BITS,
+        texts: Mapping[str, str] | None = None,
+        modulation: AmplitudeModulation | None = None,
+    ) -> None:
+        """Write the drive to a file, which ``load_drive`` reads and ``airtact emit`` sends to boards.
+
+        Parameters
+        ----------
+        path : ends in .h5 or .npz (everything) or in .csv (a table of the elements); it appears
+            once it is whole.
+        array : the transducers that the drive is for; boards need it.
+        scene : gives the frequency and the medium.
+        transfer : pressure at the foci per unit drive, for what rounding costs.
+        target : the foci.
+        levels : the amplitudes and phases that the drive is also written in, rounded.
+        texts : further texts by name, such as the scene file's.
+        modulation : how the amplitude varies when the drive is emitted; a constant one unless
+            given. A .csv has none.
+
+        Raises
+        ------
+        InvalidInput
+            If array or matrix are for another number of elements, the ending is another one, or the file cannot be
+            written.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> import airtact as at
+        >>> drive = Drive(np.array([1.0, 0.5j]))
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     drive.save(f"{folder}/drive.h5")
+        ...     back = at.load_drive(f"{folder}/drive.h5")
+        >>> bool(np.allclose(back.amplitudes, drive.amplitudes, rtol=0, atol=1e-15))
+        True
+        """
+        matrix = None if transfer is None else transfer.matrix
+        save_drives(
+            path,
+            self.amplitudes[None],
+            None,
+            array,
+            scene,
+            matrix,
+            target,
+            levels,
+            texts,
+            modulation,
+        )
+
+
+def check_drive(drive: Drive, what: str) -> None:
+    """Raise ``InvalidInput`` for what is no drive, such as a frame; ``what`` names it in the sentence."""
+    of_kind(drive, Drive, what, "frame.drive()" if hasattr(drive, "drive") else "Drive(amplitudes)")
+
+
+@dataclass(frozen=True, eq=False)
+class TransferMatrix:
+    """The pressure at every focus per unit drive of every element, p = H d.
+
+    ``transfer_matrix`` makes it with the scattering of the bodies, ``open_air_matrix`` without.
+
+    Attributes
+    ----------
+    matrix : (F, E) complex pressure H[f, e] at focus f when element e alone is at full scale [Pa];
+        after the foci a row for each suppression point, if the beacons had them.
+    estimated_error : relative error of the matrix, as the solver of the beacons estimates it; NaN
+        if unknown.
+    foci : (F, 3) positions of the foci in the obstacles' frame [m], or None if unknown.
+    wavelength : of the sound in the air [m], or None if unknown.
+
+    Raises
+    ------
+    InvalidInput
+        If the matrix is not (F, E) or is empty, an entry is not finite, or every entry is zero.
+    """
+
+    matrix: Complex128[np.ndarray, "foci elements"]
+    estimated_error: float
+    foci: Float64[np.ndarray, "foci 3"] | None = None
+    wavelength: float | None = None
+
+    def __repr__(self) -> str:
+        foci, elements = self.matrix.shape
+        error = f"estimated error {100 * self.estimated_error:.2g} %" * bool(
+            np.isfinite(self.estimated_error)
+        )
+        return one_line(
+            self, counted(foci, "focus", "foci"), counted(elements, "element", "elements"), error
+        )
+
+    def _repr_html_(self) -> str:
+        sums, mean = np.abs(self.matrix).sum(axis=1), np.abs(self.matrix).mean(axis=1)
+        rows = [
+            [str(focus), f"{sums[focus]:.0f}", f"{mean[focus]:.4g}"] for focus in range(len(sums))
+        ]
+        head = ["focus", "alone at full scale [Pa]", "mean of an element [Pa]"]
+        return html_table(repr(self), head, rows)
+
+    def __post_init__(self) -> None:
+        matrix = complex_numbers(self.matrix, "the transfer matrix")
+        if matrix.ndim != 2 or matrix.size == 0:
+            words = f"a transfer matrix has the shape (foci, elements), not {matrix.shape}."
+            raise InvalidInput(words, code="wrong_shape")
+        check_finite(matrix, "the transfer matrix (focus, element)")
+        if not matrix.any():
+            words = f"all {matrix.size} entries of the transfer matrix are 0: no element reaches a focus."
+            raise InvalidInput(words, code="matrix_zero")
+        matrix.flags.writeable = False
+        object.__setattr__(self, "matrix", matrix)
+
+    def pressure(self, drive: Drive) -> Complex128[np.ndarray, "foci"]:
+        """Return the complex pressure (F,) at each focus under a drive [Pa], p = H d.
+
+        Raises
+        ------
+        InvalidInput
+            If the drive is for another number of elements.
+        """
+        check_drive(drive, "the drive")
+        if len(drive) != self.matrix.shape[1]:
+            raise InvalidInput(
+                f"a drive of {counted(len(drive), 'element', 'elements')} does not fit a transfer matrix of "
+                f"{counted(self.matrix.shape[1], 'element', 'elements')}.",
+                code="sizes_differ",
+            )
+        return self.matrix @ drive.amplitudes
+
+    def of_rows(self, chosen: Int64[np.ndarray, "rows"]) -> "TransferMatrix":
+        """Return the matrix of some of the rows, in this order."""
+        return replace(
+            self, matrix=self.matrix[chosen], foci=None if self.foci is None else self.foci[chosen]
+        )
+
+
+def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatrix:
+    """Build the (F, E) transfer matrix of F foci and E elements by reciprocity, from one solve with unit beacons.
+
+    A beacon is a virtual unit source at a focus. Its pressure at an element equals the pressure
+    that the element with the same source strength makes at the focus (reciprocity, equation 3 of
+    the paper). So
+
+        H[f, e] = g_e · sensitivity · Σ_j w_j b_f(x_ej),
+
+    with b_f the field of a beacon of 1 Pa·m at focus f, x_ej and w_j the points and weights on the
+    face of element e, and g_e its gain (1 unless calibrated, 0 where it is dead). One solve serves
+    every translation and rotation of the array relative to the bodies (section 3.3 of the paper).
+
+    Where the scene has the array's boards (``reflecting_boards``), b_f is the pressure on their
+    faces and counts half: a face of no end doubles it, and its elements have their sensitivity with
+    the board behind them.
+
+    Parameters
+    ----------
+    beacons : field of the unit beacons, one excitation for each beacon: ``solver.radiate(scene,
+        target.beacons())``.
+    array : the transducers in the obstacles' frame, see ``PhasedArray.seen_from``.
+
+    Returns
+    -------
+    The matrix [Pa], with the relative error at the elements that the solver estimates for the worst beacon.
+
+    Raises
+    ------
+    InvalidInput
+        If the sources are not unit beacons, an element reaches into a body, a focus or a body is behind the face of a
+        directional element, or the field is unknown at an element.
+    """
+    of_kind(
+        beacons,
+        RadiatedField,
+        "the field of the beacons",
+        "solver.radiate(scene, target.beacons())",
+    )
+    of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
+    sources = beacons.sources
+    count = len(sources.positions)
+    if sources.strengths.shape != (count, count) or not np.array_equal(
+        sources.strengths, np.eye(count)
+    ):
+        raise InvalidInput(
+            f"the field must be that of unit beacons, one excitation of 1 Pa·m per point, not strengths of shape "
+            f"{sources.strengths.shape} with the largest {np.abs(sources.strengths).max():g} Pa·m: solve for "
+            "target.beacons().",
+            code="not_beacons",
+        )
+    check_placement(beacons.scene, array, sources.positions)
+    element, strength = array.element, strength_in(beacons.scene, array)
+    received = beacons.at(array.face_points.reshape(-1, 3)).reshape(len(array), -1, count)
+    _check_known(received, array)
+    matrix = (
+        strength
+        * element.sensitivity
+        * np.einsum("eqf,q->fe", received, element.weights)
+        * array.gains
+    )
+    error = float(np.max(beacons.error_at(array.positions)))
+    return TransferMatrix(matrix, error, sources.positions, beacons.scene.wavelength)
+
+
+def open_air_matrix(scene: Scene, array: PhasedArray, target: Target) -> TransferMatrix:
+    """Build the transfer matrix as if the bodies were not there, in closed form: the control of every comparison.
+
+    A drive made from it by the same method as another one, and emitted with the bodies there, shows
+    what knowing the bodies is worth: compare the two at equal peak or equal energy (``compare``).
+    Directivity and calibration of the elements count in both.
+
+    Parameters
+    ----------
+    scene : its medium, frequency and planes count, its bodies do not.
+    array : the E transducers in the obstacles' frame.
+    target : the foci, and suppression points, which are the rows of the matrix.
+
+    Returns
+    -------
+    The matrix [Pa], without error.
+
+    Raises
+    ------
+    InvalidInput
+        If a focus is behind the face of a directional element, or something is of the wrong kind.
+    """
+    of_kind(scene, Scene, "the scene", "Scene(medium, obstacles)")
+    of_kind(target, Target, "the target", "Target(points, pressures)")
+    empty = Scene(scene.medium, [], frequency=scene.frequency, planes=scene.planes)
+    return transfer_matrix(FreeField().radiate(empty, target.beacons(suppression=True)), array)
+
+
+def _check_known(
+    received: Complex128[np.ndarray, "elements face foci"], array: PhasedArray
+) -> None:
+    unknown = ~np.isfinite(received).all(axis=(1, 2))
+    if unknown.any():
+        first = int(unknown.argmax())
+        raise InvalidInput(
+            f"{int(unknown.sum())} of {len(array)} elements stand where the field is not known, first element {first} "
+            f"at {in_mm(array.positions[first])}; give a field that reaches them all.",
+            array.positions[first],
+            code="field_unknown",
+        )
+
+
+def focus_by_distance(
+    array: PhasedArray, target: Target, medium: Medium, frequency: float
+) -> Drive:
+    """Focus as if there were no hand, as a control: the phase of each element follows from its distances to the foci.
+
+    d_e = Σ_f e^{−ik r_ef}, the paper's equation 11 in its equation 5, scaled to a largest amplitude
+    of 1. All foci count alike, whatever pressures they ask for, and k is the real part of the
+    wavenumber.
+
+    Parameters
+    ----------
+    array, target : the transducers in the target's frame, and the foci.
+    medium, frequency : of the sound [Hz].
+
+    Raises
+    ------
+    InvalidInput
+        If a focus is behind the face of a directional element, the frequency is outside 1 kHz to 1 MHz, or something is
+        of the wrong kind.
+    """
+    amplitudes = _by_distance(array, target, medium, frequency)
+    return Drive(amplitudes / np.abs(amplitudes).max())
+
+
+def focus_by_distance_phase_only(
+    array: PhasedArray, target: Target, medium: Medium, frequency: float
+) -> Drive:
+    """Return the phases of ``focus_by_distance`` with every element at full scale; parameters and errors as there."""
+    return Drive(np.exp(1j * np.angle(_by_distance(array, target, medium, frequency))))
+
+
+def _by_distance(
+    array: PhasedArray, target: Target, medium: Medium, frequency: float
+) -> Complex128[np.ndarray, "elements"]:
+    """Σ_f e^{−ik r_ef} for every element e."""
+    of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
+    of_kind(target, Target, "the target", "Target(points, pressures)")
+    of_kind(medium, Medium, "the medium", "air() or Medium(sound_speed, density)")
+    check_frequency(frequency)
+    check_pattern(array.element, medium.wavenumber(frequency))
+    check_reach(array, target.points)
+    distance = np.linalg.norm(array.positions[:, None, :] - target.points[None, :, :], axis=-1)
+    return np.exp(-1j * medium.wavenumber(frequency).real * distance).sum(axis=1)

@@ -1,0 +1,5 @@
+"""Into the world: the messages of boards, the links that carry them, and stopping safely."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

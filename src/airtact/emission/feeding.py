@@ -1,0 +1,250 @@
+"""The feeder's side of a link process: start it, ask it, and have another silence the boards where it is lost."""
+
+import copy
+import math
+import os
+import pickle
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+import warnings
+from contextlib import suppress
+from typing import Any
+
+from airtact.emission.channel import Channel
+from airtact.emission.link import Link, LinkFailed
+from airtact.emission.link_process import serve
+from airtact.emission.player import Settings
+
+ANSWER, OPENING = 30.0, 120.0
+"""How long a link process may take for an answer, and to open its link [s]; it is ended then."""
+
+ENDING = 5.0
+"""How long a link process may take to end once its link is closed [s]."""
+
+
+def why_here(link: Link) -> str | None:
+    """Return why a link cannot be opened in another process, or None if it can."""
+    if os.name != "posix":
+        return f"link processes need a POSIX system, and this is {sys.platform}"
+    if not sys.executable:
+        return "this Python does not know its own interpreter"
+    if type(link).__module__ == "__main__":
+        return f"{type(link).__name__} is defined in the script itself: put it into a module"
+    try:
+        pickle.dumps(link)
+    except Exception as error:
+        return f"{type(link).__name__} cannot be passed on ({error})"
+    return None
+
+
+class LinkProcess:
+    """A link that is open in a process of its own, or in a thread of this one where it must be.
+
+    Parameters
+    ----------
+    link : not open.
+    settings : how it is played.
+
+    Attributes
+    ----------
+    process : number of the process that holds the link; None where it is this one.
+    """
+
+    def __init__(self, link: Link, settings: Settings) -> None:
+        self._link, self._settings = link, settings
+        self._lock = threading.Lock()
+        self._number = 0
+        self._closing = False
+        self._lost: str | None = None
+        self._rescue: LinkFailed | None = None
+        self._watcher: threading.Thread | None = None
+        self._child: subprocess.Popen[bytes] | None = None
+        self._life = -1
+        reason = why_here(link) if link.real_time else "it emits nothing"
+        if reason is not None and link.real_time:
+            warnings.warn(
+                f"the {link.name} link is open in this process, because {reason}; if the process is killed, its "
+                f"{link.elements} elements go on emitting.",
+                stacklevel=4,
+            )
+        ours, theirs = socket.socketpair()
+        self._channel = Channel(ours)
+        if reason is None:
+            with theirs:
+                self._child, self._life = _start(theirs)
+        else:
+            here = {"here": link}
+            threading.Thread(
+                target=serve, args=(Channel(theirs),), kwargs=here, name="link", daemon=True
+            ).start()
+        try:
+            self._exchange(
+                "open", (None if self._child is None else link, settings, os.getpid()), OPENING
+            )
+        except BaseException:
+            self.end()
+            if self._child is not None:
+                os.close(self._life)
+            raise
+        if self._child is not None:
+            self._watcher = threading.Thread(target=self._watch, name="link watcher", daemon=True)
+            self._watcher.start()
+
+    @property
+    def process(self) -> int | None:
+        """Number of the process that holds the link; None where it is this one."""
+        return None if self._child is None else self._child.pid
+
+    def ask(self, name: str, *arguments: object) -> object:
+        """Have the player of the link do something, and return its answer.
+
+        Raises
+        ------
+        InvalidInput, LinkFailed
+            What the link raises; "link_process_lost" if its process is gone.
+        """
+        return self._exchange(name, arguments, ANSWER)
+
+    def _exchange(self, name: str, arguments: tuple[object, ...], seconds: float) -> Any:
+        with self._lock:
+            if self._lost is not None:
+                raise self._lost_error()
+            self._number += 1
+            try:
+                self._channel.send((self._number, name, arguments))
+                answer = self._answer(seconds)
+            except (EOFError, OSError):
+                self._lose("ended")
+                raise self._lost_error() from None
+            if answer is None:
+                self._lose(f"did not answer for {seconds:g} s")
+                raise self._lost_error()
+        _, value, fault, sent = answer
+        self._link.sent = sent
+        if fault is not None:
+            raise fault
+        return value
+
+    def _answer(self, seconds: float) -> Any:
+        """Wait for the answer to the newest message; older ones belong to calls that were interrupted.
+
+        A link that emits nothing may take as long as it needs: writing a long sequence takes
+        minutes.
+        """
+        end = time.monotonic() + (seconds if self._link.real_time else math.inf)
+        while (left := end - time.monotonic()) > 0.0:
+            answer = self._channel.receive(min(left, seconds))
+            if answer is not None and answer[0] == self._number:
+                return answer
+        return None
+
+    def _lose(self, how: str) -> None:
+        if self._child is not None:
+            if how != "ended":
+                self._child.kill()
+            with suppress(subprocess.TimeoutExpired):
+                code = self._child.wait(ENDING)
+                how += f" by {signal.Signals(-code).name}" if code < 0 else ""
+        self._lost = self._lost or how
+
+    def _lost_error(self) -> LinkFailed:
+        who = "thread" if self._child is None else f"process {self._child.pid}"
+        then = "it was not open yet" if self._watcher is None else "another one silences the boards"
+        return LinkFailed(
+            f"the link's {who} {self._lost}, after {self._link.sent} frames; {then}.",
+            self._link.last,
+            self._link.sent,
+            code="link_process_lost",
+        )
+
+    def _watch(self) -> None:
+        """Have another process silence the boards as soon as this one's link process is gone."""
+        assert self._child is not None
+        os.read(
+            self._life, 1
+        )  # ends with the process; waiting for the process itself would keep others from that
+        os.close(self._life)
+        if self._child.wait() == 0 and self._closing:
+            return
+        self._lose("ended")
+        try:
+            other = LinkProcess(copy.copy(self._link), self._settings)
+            other.ask("finish", "another link process was lost")
+            other.close()
+        except Exception as error:
+            self._rescue = LinkFailed(
+                f"{str(self._lost_error()).split(';')[0]}, and no other could silence the boards: "
+                f"{str(error).rstrip('.')}; the boards may still emit: cut their power.",
+                self._link.last,
+                self._link.sent,
+                code="silence_failed",
+            )
+
+    def close(self) -> str | None:
+        """Close the link; return why the emission was over.
+
+        Raises
+        ------
+        LinkFailed
+            "link_process_lost" or "silence_failed" if the process was lost.
+        """
+        try:
+            self._closing = True
+            over, self._link.last = self._exchange("close", (), ANSWER)
+            return over
+        except LinkFailed as error:
+            if error.code == "link_process_lost" and self._watcher is not None:
+                self._watcher.join(OPENING)
+                raise (self._rescue or error) from None
+            raise
+        finally:
+            self.end()
+
+    def end(self) -> None:
+        """Close the connection, which ends the process, and wait for that."""
+        self._closing = True
+        self._channel.close()
+        if self._child is not None:
+            try:
+                self._child.wait(ENDING)
+            except subprocess.TimeoutExpired:
+                self._child.kill()
+                self._child.wait()
+
+
+def _start(end: socket.socket) -> "tuple[subprocess.Popen[bytes], int]":
+    """Start a process that serves one end of a connection, in a session of its own; it finds the same modules.
+
+    Return it, and a pipe that ends with it.
+    """
+    paths = os.pathsep.join(os.path.abspath(path) for path in sys.path)
+    life, theirs = os.pipe()
+    try:
+        child = subprocess.Popen(
+            [
+                sys.executable,
+                "-P",
+                "-m",
+                "airtact.emission.link_process",
+                str(end.fileno()),
+                str(os.getpid()),
+            ],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            env={**os.environ, "PYTHONPATH": paths, "OPENBLAS_NUM_THREADS": "1"},
+            pass_fds=(end.fileno(), theirs),
+            start_new_session=True,
+        )
+    except OSError as error:
+        os.close(life)
+        raise LinkFailed(
+            f"no process for the link could be started (error {error.errno}): {error.strerror}.",
+            code="link_process_lost",
+        ) from None
+    finally:
+        os.close(theirs)
+    return child, life

@@ -1,0 +1,135 @@
+"""A link that ends in a file, for boards that have no link here and to look at what would be sent."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Complex128
+
+from airtact.checks import of_kind
+from airtact.drives.frame import Frame
+from airtact.emission.codecs import codec_of
+from airtact.emission.link import Link
+from airtact.errors import InvalidInput
+from airtact.files.bounded import bytes_of
+from airtact.transducers.drive_file import ENDINGS as DRIVE_ENDINGS
+from airtact.transducers.drive_file import DriveFile, checked_ending, write_drive_file, written
+
+ENDINGS = (*DRIVE_ENDINGS, ".bin")
+"""Kinds of files: those of drives, and the very bytes that the boards are sent."""
+
+
+def write_frames(
+    path: Path, board: str, frames: Sequence[Frame], rate: float | None = None
+) -> None:
+    """Write frames for a kind of board to a file of the kind that its name ends in; it appears once it is whole.
+
+    The rate [frames/s] is None for a single drive and for frames at no fixed rate.
+
+    Raises
+    ------
+    InvalidInput
+        "unknown_ending" if not one of ``ENDINGS``, "empty", "sizes_differ", or "file_not_writable".
+    """
+    if not frames:
+        raise InvalidInput(f"{path.name} needs at least 1 frame, not 0.", code="empty")
+    if len({len(frame) for frame in frames}) > 1:
+        raise InvalidInput(
+            f"the {len(frames)} frames for {path.name} differ in their number of elements.",
+            code="sizes_differ",
+        )
+    if checked_ending(path, ENDINGS, "frame") == ".bin":
+        codec = codec_of(board)
+        with written(path) as partial:
+            partial.write_bytes(b"".join(codec.encode(frame) for frame in frames))
+        return
+    drives = np.stack([frame.drive().amplitudes for frame in frames])
+    levels = (
+        np.stack([frame.amplitude for frame in frames]),
+        np.stack([frame.phase for frame in frames]),
+    )
+    write_drive_file(path, DriveFile(drives, rate, *levels, frames[0].levels, board=board))
+
+
+def read_messages(
+    path: Path, board: str | None, boards: int = 1
+) -> Complex128[np.ndarray, "frames elements"]:
+    """Read the drives in a .bin file, which does not hold its kind of board and the number of boards.
+
+    Raises
+    ------
+    InvalidInput
+        "board_missing", "file_missing", or "message_damaged": the bytes are not made of the board's messages.
+    """
+    if board is None:
+        raise InvalidInput(
+            f"{path.name} does not hold the name of its board: give 1, such as autd3.",
+            code="board_missing",
+        )
+    codec = codec_of(board)
+    message = bytes_of(path)
+    nothing = np.zeros(boards * len(codec.board), dtype=np.uint8)
+    size = len(codec.encode(Frame(nothing, nothing, codec.levels)))
+    if not message or len(message) % size:
+        raise InvalidInput(
+            f"{len(message)} bytes are not made of messages of {size} bytes for {boards} {board} boards.",
+            code="message_damaged",
+        )
+    starts = range(0, len(message), size)
+    return np.stack(
+        [codec.decode(message[start : start + size]).drive().amplitudes for start in starts]
+    )
+
+
+class FileLink(Link):
+    """Writes every frame that it is sent to a file when it is closed.
+
+    It keeps no clock: a sequence is written whole with its rate, as fast as the disk takes it, and
+    neither a ramp nor the silence at the end are added. ``load_drive`` reads the file.
+
+    Parameters
+    ----------
+    path : the file, .npz, .csv, .h5 or .bin.
+    board : name of the kind of board.
+    boards : how many.
+    """
+
+    name = "file"
+    plays_itself = True
+    real_time = False
+    path: Path
+
+    def __init__(self, path: str | Path, board: str = "autd3", boards: int = 1) -> None:
+        super().__init__(board, boards)
+        self.path = Path(of_kind(path, str | Path, "the file of frames", "its path"))
+        checked_ending(self.path, ENDINGS, "frame")
+        self._frames: list[Frame] = []
+        self._rate: float | None = None
+
+    def stop(self) -> None:
+        """Do nothing: a file emits nothing."""
+
+    def _begin(self) -> None:
+        if not self.path.parent.is_dir():
+            raise InvalidInput(
+                f"there is no folder {self.path.parent} for {self.path.name}: make it first (0 written).",
+                code="file_not_writable",
+            )
+        self._frames, self._rate = [], None
+
+    def _transmit(self, frame: Frame) -> None:
+        self._frames.append(frame)
+
+    def _upload(self, frames: Sequence[Frame], rate: float) -> None:
+        if self._frames and rate != self._rate:
+            raise InvalidInput(
+                f"{len(self._frames)} frames at another rate than {rate:g} frames/s are in {self.path.name} already: "
+                "write each sequence to a file of its own.",
+                code="rates_differ",
+            )
+        self._frames.extend(frames)
+        self._rate = rate
+
+    def _end(self) -> None:
+        if self._frames:
+            write_frames(self.path, self.codec.board.name, self._frames, self._rate)

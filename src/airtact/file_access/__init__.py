@@ -1,1 +1,0 @@
-"""Reading and writing files: whole ones or none, and tables of text."""

@@ -1,0 +1,73 @@
+"""Appends rows to an HDF5 file in a process of its own, so that neither a slow disk nor a killed program harms it.
+
+``python -m airtact.files.appending FILE`` reads messages from its standard input: 8 bytes of
+length, then a pickled mapping from names to values. ``"attributes"`` are those of the file, a name
+that begins with ``+`` is a dataset that rows are appended to, any other a whole dataset. It closes
+the file when the input ends, however that happens.
+"""
+
+import math
+import pickle
+import signal
+import struct
+import sys
+import time
+from typing import Any, BinaryIO
+
+from airtact.timing import give_way
+
+EVERY = 1.0
+"""How often the file is brought to disk [s]."""
+
+CHUNK = 2**18
+"""About so large are chunks of datasets [bytes]."""
+
+
+def main(path: str, messages: BinaryIO) -> None:
+    """Write the messages to a file until they end."""
+    import h5py
+
+    give_way(5)
+    for kind in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(kind, signal.SIG_IGN)  # the input ends when the loop does
+
+    with h5py.File(path, "w") as file:
+        flushed = 0.0
+        while (message := _received(messages)) is not None:
+            for name, value in message.items():
+                if name == "attributes":
+                    file.attrs.update(value)
+                elif name.startswith("+"):
+                    _append(file, name[1:], value)
+                else:
+                    file[name] = value
+            if time.monotonic() - flushed > EVERY:
+                file.flush()
+                flushed = time.monotonic()
+
+
+def _append(file: Any, name: str, rows: Any) -> None:
+    """Append rows to a dataset, which begins with the first."""
+    if name not in file:
+        row = rows.itemsize * math.prod(rows.shape[1:])
+        chunks = (max(1, min(CHUNK // row, 4096)), *rows.shape[1:])
+        file.create_dataset(name, data=rows, maxshape=(None, *rows.shape[1:]), chunks=chunks)
+        return
+    dataset = file[name]
+    before = len(dataset)
+    dataset.resize(before + len(rows), axis=0)
+    dataset[before:] = rows
+
+
+def _received(messages: BinaryIO) -> dict[str, Any] | None:
+    """Read one message; None where the input ends, within a message too."""
+    head = messages.read(8)
+    if len(head) < 8:
+        return None
+    (length,) = struct.unpack("<Q", head)
+    body = messages.read(length)
+    return pickle.loads(body) if len(body) == length else None
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], sys.stdin.buffer)

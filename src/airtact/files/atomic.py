@@ -1,0 +1,34 @@
+"""Files that appear whole or not at all, so that an interrupted run leaves nothing half written."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from airtact.errors import InvalidInput
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Yield another path in the same folder to write to, then rename it: the file appears only once it is finished."""
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        yield partial
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def writable_folder(path: Path) -> Path:
+    """Make a folder and prove that files can be written in it, or raise "folder_not_writable"."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        with whole_file(path / "probe") as probe:
+            probe.touch()
+        (path / "probe").unlink()
+    except OSError as error:
+        raise InvalidInput(
+            f"cannot write into the output folder {path}: {error.strerror} (error {error.errno})",
+            code="folder_not_writable",
+        ) from None
+    return path

@@ -1,0 +1,142 @@
+"""Rigid motions."""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float64, Real
+
+from airtact.checks import check_finite, number, real_numbers
+from airtact.errors import InvalidInput, Vector
+from airtact.printing import in_short
+
+WHOLE_TURN = 2.0 * math.pi * (1.0 + 1e-9)
+"""Largest angle of a rotation [rad]; a larger one was meant in degrees."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """A rigid motion x -> rotation x + translation.
+
+    Attributes
+    ----------
+    rotation : (3, 3) proper rotation matrix.
+    translation : (3,) [m].
+
+    Raises
+    ------
+    InvalidInput
+        When the matrix is not a rotation (orthonormal to 1e-6, not a mirror) or anything is not finite.
+
+    Examples
+    --------
+    >>> quarter = Pose.turn((0, 0, 1), math.pi / 2, translation=(0, 0, 1))
+    >>> quarter.apply(np.array([[1.0, 0, 0]])).round(12).tolist()
+    [[0.0, 1.0, 1.0]]
+    """
+
+    rotation: Real[np.ndarray, "3 3"]
+    translation: Real[np.ndarray, "3"]
+
+    __repr__ = in_short
+
+    def __post_init__(self) -> None:
+        """Check both arrays and make them read-only."""
+        rotation = real_numbers(self.rotation, "the pose's rotation")
+        translation = real_numbers(self.translation, "the pose's translation")
+        if rotation.shape != (3, 3) or translation.shape != (3,):
+            raise InvalidInput(
+                f"a pose has shapes {rotation.shape} and {translation.shape}, but it needs a rotation of shape "
+                "(3, 3) and a translation of shape (3,).",
+                code="wrong_shape",
+            )
+        check_finite(rotation, "the pose's rotation")
+        check_finite(translation, "the pose's translation")
+        skew = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
+        (a, b, c), (d, e, f), (g, h, i) = (
+            rotation.tolist()
+        )  # np.linalg.det takes longer than all of this
+        determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+        if skew > 1e-6 or determinant < 0.0:
+            raise InvalidInput(
+                f"the pose's matrix is not a rotation: it is {skew:.2g} away from orthonormal and its determinant is "
+                f"{determinant:.3g} (a rotation has 0 and 1).",
+                code="not_a_rotation",
+            )
+        object.__setattr__(self, "rotation", rotation)
+        object.__setattr__(self, "translation", translation)
+
+    @classmethod
+    def identity(cls) -> "Pose":
+        """Build the motion that moves nothing."""
+        return cls(np.eye(3), np.zeros(3))
+
+    @classmethod
+    def turn(cls, axis: Vector, angle: float, translation: Vector = (0, 0, 0)) -> "Pose":
+        """Build a rotation about an axis through the origin, then a translation.
+
+        Parameters
+        ----------
+        axis : (3,) direction, of any length above zero.
+        angle : [rad], right-handed about the axis, at most a whole turn.
+        translation : (3,) [m].
+
+        Raises
+        ------
+        InvalidInput
+            When the axis is zero, a number is not real or not finite, or the angle is more than a whole turn.
+        """
+        along = real_numbers(np.asarray(axis), "the axis of a rotation")
+        angle = number(angle, "the angle of a rotation", "rad")
+        if math.isfinite(angle) and abs(angle) > WHOLE_TURN:
+            raise InvalidInput(
+                f"the angle of a rotation is {angle:g} rad, more than a whole turn of {WHOLE_TURN:.4g}: is it in "
+                f"degrees? Give radians, np.radians({angle:g}).",
+                code="out_of_range",
+            )
+        if along.shape != (3,):
+            raise InvalidInput(
+                f"the axis of a rotation has shape {along.shape}, but a direction has shape (3,).",
+                code="wrong_shape",
+            )
+        length = float(np.linalg.norm(along))
+        if not length > 0.0:
+            raise InvalidInput(
+                f"the axis of a rotation has length {length:g}; give a direction.",
+                code="zero_length",
+            )
+        x, y, z = along / length
+        cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        rotation = np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross
+        return cls(rotation, np.asarray(translation, dtype=np.float64))
+
+    def apply(self, points: Real[np.ndarray, "*axes 3"]) -> Float64[np.ndarray, "*axes 3"]:
+        """Move points (..., 3) [m]."""
+        return self.rotate(points) + self.translation
+
+    def rotate(self, vectors: Real[np.ndarray, "*axes 3"]) -> Float64[np.ndarray, "*axes 3"]:
+        """Rotate directions (..., 3), without the translation."""
+        return np.asarray(vectors, dtype=np.float64) @ self.rotation.T
+
+    def inverse(self) -> "Pose":
+        """Build the motion that undoes this one."""
+        return self._inverse
+
+    @cached_property
+    def _inverse(self) -> "Pose":
+        return Pose(self.rotation.T, -self.rotation.T @ self.translation)
+
+    def __matmul__(self, other: "Pose") -> "Pose":
+        """Chain two motions: ``(self @ other).apply(x) == self.apply(other.apply(x))``."""
+        return Pose(self.rotation @ other.rotation, self.apply(other.translation))
+
+
+def nearest_motion(
+    old: Float64[np.ndarray, "points 3"], new: Float64[np.ndarray, "points 3"]
+) -> tuple[Float64[np.ndarray, "3 3"], Float64[np.ndarray, "3"]]:
+    """Rotation and translation that bring points nearest to others (W. Kabsch, Acta Cryst. A32, 922 (1976))."""
+    one, two = old.mean(axis=0), new.mean(axis=0)
+    left, _, right = np.linalg.svd((new - two).T @ (old - one))
+    turn = left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
+    return turn, two - turn @ one

@@ -1,0 +1,314 @@
+"""Closed triangle surfaces."""
+
+from dataclasses import InitVar, dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float64, Int64, Integer, Real
+
+from airtact.checks import (
+    between,
+    check_finite,
+    counted,
+    fixed,
+    in_mm,
+    of_kind,
+    points_of,
+    positive,
+    real_numbers,
+)
+from airtact.errors import InvalidInput
+from airtact.geometry.mesh.curving import SHARP_DEGREES
+from airtact.geometry.mesh.quadratic_triangles import QuadraticTriangles, edge_lengths
+from airtact.geometry.mesh.topology import (
+    Triangles,
+    Twins,
+    check_closed,
+    check_indices,
+    check_not_degenerate,
+    check_orientation,
+    check_size,
+)
+from airtact.geometry.mesh_shape import MeshShape
+from airtact.geometry.panels import Panels, panels_of
+from airtact.geometry.pose import Pose, nearest_motion
+from airtact.geometry.quadratic_mesh import QuadraticMesh
+from airtact.geometry.shape import Shape
+from airtact.printing import one_line, sides_in_mm
+
+
+class Body:
+    """What the surfaces of one rigid body, each moved elsewhere, have in common."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """The surface of a body: a closed mesh of triangles, anticlockwise seen from outside.
+
+    Attributes
+    ----------
+    vertices : (V, 3) [m].
+    triangles : (T, 3) vertex indices.
+    midpoints : (T, 3, 3) points of the true surface over the middles of edges 01, 12, 20 [m], which
+        curve the panels; None to curve them by the normals of the triangles round each vertex.
+    primitive : the exact shape that the triangles follow, or None.
+    sharp_degrees : edges whose triangles turn by more than this stay sharp; 0 leaves all triangles
+        flat.
+    repairs : what was repaired before it became a surface, a sentence each.
+    shape : the true surface: the exact shape, or the curved triangles.
+
+    Raises
+    ------
+    InvalidInput
+        Wrong shapes, NaN or infinity, indices out of range, an extent over 2 m or under 0.5 mm, degenerate triangles,
+        an open or inside-out mesh, midpoints that neighbours do not share: each with how many and where. (A ``Scene``
+        looks for crossings of the surface with itself.)
+
+    Examples
+    --------
+    >>> corners = 0.01 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    >>> tetrahedron = Surface(corners, np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]))
+    >>> round(tetrahedron.volume * 1e6, 4)
+    0.1667
+    """
+
+    vertices: Real[np.ndarray, "vertices 3"]
+    triangles: Integer[np.ndarray, "triangles 3"]
+    midpoints: Real[np.ndarray, "triangles 3 3"] | None = None
+    primitive: Shape | None = None
+    sharp_degrees: float = SHARP_DEGREES
+    repairs: tuple[str, ...] = ()
+    _known_shape: InitVar[Shape | None] = (
+        None  # of sound triangles, moved or repaired: with it they are not checked
+    )
+    shape: Shape = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self, _known_shape: Shape | None) -> None:
+        """Check everything that is quick to check and keep read-only copies."""
+        between(
+            self.sharp_degrees,
+            0.0,
+            180.0,
+            "sharp_degrees",
+            "degrees",
+            "edges turn by no other angles.",
+        )
+        if _known_shape is None:
+            self._check()
+            mesh = QuadraticMesh(self.vertices, self.triangles, self.midpoints, self.sharp_degrees)
+            _known_shape = self.primitive or MeshShape(mesh, Pose.identity())
+        object.__setattr__(self, "shape", _known_shape)
+
+    def _check(self) -> None:
+        vertices = points_of(self.vertices, "surface vertices")
+        triangles = _triangles_of(self.triangles)
+        check_indices(len(vertices), triangles)
+        object.__setattr__(self, "vertices", vertices)
+        object.__setattr__(self, "triangles", triangles)
+        corners = vertices[triangles]
+        box = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
+        check_size(box if self.primitive is None else self.primitive.extent)
+        check_not_degenerate(vertices, triangles)
+        twins = check_closed(vertices, triangles)
+        check_orientation(vertices, triangles, twins)
+        if self.midpoints is not None:
+            midpoints = real_numbers(self.midpoints, "surface midpoints")
+            _check_midpoints(midpoints, corners, twins)
+            object.__setattr__(self, "midpoints", midpoints)
+        if self.primitive is not None:
+            _check_primitive(self.primitive, corners)
+
+    def __repr__(self) -> str:
+        kind = (
+            ""
+            if self.primitive is None
+            else type(self.primitive).__name__.removesuffix("Shape").lower()
+        )
+        triangles = counted(len(self.triangles), "triangle", "triangles")
+        notes = counted(len(self.repairs), "repair", "repairs") if self.repairs else ""
+        return one_line(self, kind, triangles, sides_in_mm(self.vertices), notes)
+
+    @cached_property
+    def body(self) -> "Body":
+        """The body that this is the surface of, wherever it was moved."""
+        return Body()
+
+    @cached_property
+    def pose(self) -> Pose:
+        """The motion from where the body was made to here."""
+        return Pose.identity()
+
+    @cached_property
+    def corners(self) -> Float64[np.ndarray, "triangles 3 3"]:
+        """Corners of each triangle (T, 3, 3) [m]."""
+        return fixed(self.vertices[self.triangles])
+
+    @cached_property
+    def edge_lengths(self) -> Float64[np.ndarray, "triangles 3"]:
+        """Lengths of the straight edges 01, 12, 20 (T, 3) [m]."""
+        return fixed(edge_lengths(self.corners))
+
+    @cached_property
+    def quadratic_triangles(self) -> QuadraticTriangles:
+        """The triangles as curved panels (T, 6, 3) [m]."""
+        middles = (
+            self.shape.edge_middles(self.corners) if self.midpoints is None else self.midpoints
+        )
+        return np.concatenate([self.corners, middles], axis=1)
+
+    @property
+    def extent(self) -> float:
+        """Largest side of the upright box round it where it was made, or largest distance in its exact shape [m]."""
+        return self.shape.extent
+
+    @property
+    def area(self) -> float:
+        """Area of the true surface [m²]."""
+        return self.shape.area
+
+    @property
+    def volume(self) -> float:
+        """Enclosed volume [m³]."""
+        return self.shape.volume
+
+    @property
+    def crossings(self) -> Int64[np.ndarray, "crossings 2"]:
+        """Pairs of triangles (K, 2) that cross or touch beyond what they share as neighbours; none for a primitive."""
+        return self.shape.crossings
+
+    def panelled(self, edge: float, beside: Real[np.ndarray, "points 3"] | None = None) -> Panels:
+        """Cover the surface with curved quadratic (six-node) panels, as the solvers do.
+
+        Parameters
+        ----------
+        edge : edge of the equilateral triangle as large as the panels wanted [m].
+        beside : (P, 3) points beside which panels are cut smaller, down to half of that edge [m].
+
+        Raises
+        ------
+        InvalidInput
+            When the edge is not above zero, or the surface cannot be meshed anew.
+        """
+        edge = positive(edge, "edge", "m")
+        near = (
+            np.empty((0, 3))
+            if beside is None
+            else points_of(beside, "points beside which panels are cut", 0)
+        )
+        return panels_of([self.shape], edge, near, smallest=0.5 * edge)
+
+    def depth(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
+        """How deep points (P, 3) [m] lie under the true surface [m]; negative outside.
+
+        Raise ``InvalidInput`` when they are of another shape, NaN or infinite.
+        """
+        return self.shape.depth(points_of(points, "points", least=0))
+
+    def moved(self, pose: Pose) -> "Surface":
+        """Move the surface rigidly by a motion, with its midpoints and its exact shape."""
+        of_kind(pose, Pose, "the motion of a surface", "Pose(rotation, translation)")
+        shape = self.shape.moved(pose)
+        moved = replace(
+            self,
+            vertices=fixed(pose.apply(self.vertices)),
+            midpoints=None if self.midpoints is None else fixed(pose.apply(self.midpoints)),
+            primitive=None if self.primitive is None else shape,
+            _known_shape=shape,  # a rigid motion keeps all that was checked
+        )
+        object.__setattr__(moved, "body", self.body)
+        object.__setattr__(moved, "pose", pose @ self.pose)
+        return moved
+
+
+def rigid_motion(before: Surface, after: Surface) -> tuple[Pose, float]:
+    """Find the rigid motion that brings a surface nearest to another of the same triangles, in least squares.
+
+    Returns the motion, and how far the vertex or the middle of an edge that fits worst is off [m]:
+    infinite where the triangles are others, or curved in another way.
+    """
+    if before is after:
+        return Pose.identity(), 0.0
+    if before.body is after.body:
+        return after.pose @ before.pose.inverse(), 0.0
+    same = before.triangles is after.triangles or np.array_equal(before.triangles, after.triangles)
+    curved_alike = (
+        type(before.shape) is type(after.shape)
+        and (before.midpoints is None) == (after.midpoints is None)
+        and before.sharp_degrees == after.sharp_degrees
+    )
+    if not same or len(before.vertices) != len(after.vertices) or not curved_alike:
+        return Pose.identity(), float("inf")
+    pose = Pose(*nearest_motion(before.vertices, after.vertices))
+    off = np.linalg.norm(pose.apply(before.vertices) - after.vertices, axis=1).max()
+    if before.midpoints is not None and after.midpoints is not None:
+        off = max(off, np.linalg.norm(pose.apply(before.midpoints) - after.midpoints, axis=2).max())
+    return pose, float(off)
+
+
+def _triangles_of(given: np.ndarray) -> Triangles:
+    try:
+        array = np.asarray(given)
+    except ValueError:
+        raise InvalidInput(
+            f"the {len(given)} surface triangles do not have three indices each.",
+            code="wrong_shape",
+        ) from None
+    if array.ndim != 2 or array.shape[1] != 3 or len(array) == 0:
+        raise InvalidInput(
+            f"surface triangles have shape {array.shape}, but they are an array of shape (triangles, 3).",
+            code="wrong_shape",
+        )
+    if not np.issubdtype(array.dtype, np.integer):
+        raise InvalidInput(
+            f"surface triangles are of type {array.dtype}, but vertex indices are integers.",
+            code="not_integers",
+        )
+    triangles = np.array(array, dtype=np.int64, order="C")
+    triangles.flags.writeable = False
+    return triangles
+
+
+def _check_primitive(primitive: Shape, corners: Float64[np.ndarray, "triangles 3 3"]) -> None:
+    points = corners.reshape(-1, 3)
+    off = np.abs(primitive.depth(points))
+    worst = int(off.argmax())
+    if off[worst] > 1e-6 * primitive.extent:
+        raise InvalidInput(
+            f"a corner of triangle {worst // 3} lies {off[worst] * 1e3:.3g} mm off the exact shape that the surface is "
+            "given as; leave the primitive out or take its own mesh.",
+            points[worst],
+            code="not_on_shape",
+        )
+
+
+def _check_midpoints(
+    midpoints: np.ndarray, corners: Float64[np.ndarray, "triangles 3 3"], twins: Twins
+) -> None:
+    if midpoints.shape != corners.shape:
+        raise InvalidInput(
+            f"surface midpoints have shape {midpoints.shape}, but {len(corners)} triangles need {corners.shape}.",
+            code="wrong_shape",
+        )
+    check_finite(midpoints, "surface midpoints")
+    flat = midpoints.reshape(-1, 3)
+    gap = np.linalg.norm(flat - flat[twins.ravel()], axis=1)
+    parted = np.flatnonzero(gap > 1e-9 * np.ptp(corners.reshape(-1, 3), axis=0).max())
+    if len(parted):
+        first = flat[parted[0]]
+        raise InvalidInput(
+            f"{counted(len(parted) // 2, 'edge has a midpoint', 'edges have midpoints')} that the two triangles do not "
+            f"share, the first near {in_mm(first)}, {gap[parted[0]] * 1e3:.3g} mm apart; the curved surface would be "
+            "open there.",
+            first,
+            code="midpoints_not_shared",
+        )
+    away = np.linalg.norm(midpoints - (corners + np.roll(corners, -1, axis=1)) / 2.0, axis=2)
+    bulge = away / edge_lengths(corners)
+    if bulge.max() > 0.5:
+        triangle, edge = np.unravel_index(bulge.argmax(), bulge.shape)
+        raise InvalidInput(
+            f"a midpoint of triangle {triangle} lies {away[triangle, edge] * 1e3:.3g} mm off the middle of its edge, "
+            f"{bulge.max():.3g} of the edge's length; it may be half of it at most, so use smaller triangles.",
+            midpoints[triangle, edge],
+            code="midpoint_off_edge",
+        )

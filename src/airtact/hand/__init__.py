@@ -1,1 +1,0 @@
-"""A hand from its joints: its shape, its skin, how it moves."""

@@ -1,0 +1,5 @@
+"""A hand from its joints: its shape, its skin, how it moves."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,97 @@
+"""The paper's model of a pinching hand: thumb and forefinger as two capsules.
+
+Source: seed paper (Inoue, Makino, Shinoda 2014), section 4, with the idealisation of
+``docs/architecture.md``.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+
+from airtact.checks import fixed, number, within
+from airtact.errors import InvalidInput
+from airtact.geometry.primitives import capsule
+from airtact.geometry.surface import Surface
+from airtact.printing import in_short
+
+RADIUS = 8e-3
+"""Radius of a finger [m]."""
+LENGTH = 44e-3
+"""Length of a finger's axis [m]."""
+WIDEST = 0.2
+"""Widest gap of a pinch [m]."""
+SPREAD = math.radians(20.0)
+"""Angle between each finger and the vertical [rad]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pinch:
+    """Thumb and finger, tips towards each other along x.
+
+    Attributes
+    ----------
+    surfaces : the thumb (at -x) and the finger (at +x).
+    pads : (2, 3) point of each skin nearest the other [m].
+    normals : (2, 3) outward unit normals there.
+    gap : distance between the pads [m].
+    """
+
+    surfaces: tuple[Surface, Surface]
+    pads: Float64[np.ndarray, "2 3"]
+    normals: Float64[np.ndarray, "2 3"]
+    gap: float
+
+    __repr__ = in_short
+
+    def foci(self, offset: float = 0.5e-3) -> Float64[np.ndarray, "2 3"]:
+        """Return one point (3,) [m] in front of each pad.
+
+        Parameters
+        ----------
+        offset : distance off the skin [m]; 0 is contact.
+
+        Raises
+        ------
+        InvalidInput
+            The offset is negative or reaches the other finger.
+        """
+        offset = number(offset, "the offset of the foci", "m")
+        if not 0.0 <= offset < self.gap:
+            raise InvalidInput(
+                f"foci {offset * 1e3:g} mm off the pads do not lie in the gap of {self.gap * 1e3:g} mm; give an offset "
+                "from 0 to less than the gap.",
+                code="out_of_range",
+            )
+        return self.pads + offset * self.normals
+
+
+def pinch(gap: float = 0.012, edge: float = 2.5e-3) -> Pinch:
+    """Build thumb and finger of a pinch: tip centres at (∓(gap/2 + 8 mm), 0, 0), axes 44 mm down (-z) and 20° outward.
+
+    Parameters
+    ----------
+    gap : distance of the two skins [m], above zero and at most 0.2.
+    edge : longest edge of the triangles [m].
+
+    Raises
+    ------
+    InvalidInput
+        A length is not above zero, or the gap is wider than a hand.
+
+    Examples
+    --------
+    >>> pinch(gap=0.012).pads.tolist()
+    [[-0.006, 0.0, 0.0], [0.006, 0.0, 0.0]]
+    """
+    gap = within(gap, 0.0, WIDEST, "gap", "m", "is it in millimetres? Give metres.")
+    side = np.array([-1.0, 1.0])
+    tips = np.outer(side, [gap / 2.0 + RADIUS, 0.0, 0.0])
+    roots = tips + LENGTH * np.stack(
+        [side * math.sin(SPREAD), np.zeros(2), np.full(2, -math.cos(SPREAD))], axis=1
+    )
+    thumb, finger = (capsule(roots[i], tips[i], RADIUS, edge) for i in (0, 1))
+    normals = np.outer(-side, [1.0, 0.0, 0.0]) + 0.0
+    pads = np.outer(side, [gap / 2.0, 0.0, 0.0]) + 0.0
+    return Pinch((thumb, finger), fixed(pads), fixed(normals), gap)

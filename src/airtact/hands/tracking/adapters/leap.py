@@ -1,0 +1,102 @@
+"""Send the hands that a Leap Motion controller tracks to airtact, as frames in JSON by websocket.
+
+It listens to the websocket of the Leap service (protocol 6, ws://127.0.0.1:6437/v6.json) and needs
+``websockets`` only::
+
+    python leap.py --to ws://127.0.0.1:8765
+
+Landmarks are the 25 joints of WebXR in the frame of the controller: origin at the middle of its
+top, x to its right along its long side, y up from it, z towards the user, in metres (the service
+gives millimetres). Time is the controller's own.
+
+Source: *WebSocket Communication*, Leap Motion developer documentation 2.3: frames, hands,
+pointables and units.
+"""
+
+import argparse
+import json
+from collections.abc import Iterator
+from typing import Any, TypedDict
+
+SERVICE = "ws://127.0.0.1:6437/v6.json"
+
+JOINTS = ("carpPosition", "mcpPosition", "pipPosition", "dipPosition", "btipPosition")
+"""Ends of the bones of a finger, from the wrist to the tip; a thumb has no first bone: its first two are one."""
+
+
+class Frame(TypedDict):
+    """A frame as airtact takes it."""
+
+    time: float
+    side: str
+    sequence: int
+    landmarks: list[list[float] | None] | None
+
+
+def main() -> None:
+    """Receive from the service and send the frames, until one of both ends."""
+    from websockets.exceptions import ConnectionClosed
+    from websockets.sync.client import connect
+
+    parser = argparse.ArgumentParser(
+        description="Send hands that a Leap Motion controller tracks to airtact."
+    )
+    parser.add_argument("--to", default="ws://127.0.0.1:8765", help="address of the receiver")
+    parser.add_argument(
+        "--service", default=SERVICE, help=f"address of the Leap service; {SERVICE} by default"
+    )
+    options = parser.parse_args()
+    with (
+        connect(options.service, max_size=None) as service,
+        connect(options.to, compression=None) as receiver,
+    ):
+        service.send(json.dumps({"background": True}))
+        try:
+            for frame in hands_in(message for message in service if isinstance(message, str)):
+                receiver.send(json.dumps(frame))
+        except ConnectionClosed:
+            return
+
+
+def hands_in(messages: Iterator[str]) -> Iterator[Frame]:
+    """Find hands in messages of the service; those that are no frame, such as the greeting, are passed over.
+
+    Gives frames of each hand, and one that is lost where a hand is no longer tracked. Joints that
+    the service does not give are null.
+    """
+    seen: set[str] = set()
+    for message in messages:
+        frame = json.loads(message)
+        if "hands" not in frame or "timestamp" not in frame:
+            continue
+        fingers: dict[Any, dict[int, dict[str, Any]]] = {}
+        for finger in frame.get("pointables", []):
+            fingers.setdefault(finger.get("handId"), {})[finger.get("type")] = finger
+        sides = {
+            hand["type"]: _landmarks(hand, fingers.get(hand["id"], {})) for hand in frame["hands"]
+        }
+        for side in sorted(seen | set(sides)):
+            taken = 1e-6 * frame["timestamp"]
+            yield {
+                "time": taken,
+                "side": side,
+                "sequence": int(frame["id"]),
+                "landmarks": sides.get(side),
+            }
+        seen = set(sides)
+
+
+def _landmarks(
+    hand: dict[str, Any], fingers: dict[int, dict[str, Any]]
+) -> list[list[float] | None]:
+    places = [hand.get("wrist")]
+    for kind in range(5):
+        finger = fingers.get(kind, {})
+        places += [finger.get(joint) for joint in (JOINTS if kind else JOINTS[1:])]
+    return [
+        None if place is None else [round(1e-3 * number, 6) for number in place] for place in places
+    ]
+
+
+if __name__ == "__main__":
+    main()

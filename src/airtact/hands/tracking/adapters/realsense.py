@@ -1,0 +1,200 @@
+"""Send the points that a RealSense depth camera sees of a hand to airtact, as frames in JSON by websocket.
+
+It needs ``pyrealsense2`` (which needs the system's libusb 1.0), NumPy and ``websockets``::
+
+    python realsense.py --side left --to ws://127.0.0.1:8765
+
+Clouds are in the frame of the depth camera: origin at its left lens, x to the right and y down in
+its picture, z away from it, in metres. All points nearer than ``--farthest`` are taken to be the
+hand: nothing else may stand there. There are no landmarks; a hand is fitted to the cloud by those
+who have rough ones. Time is the camera's own.
+
+Without a camera, ``--depths`` plays pictures of depth through a *software device* of the same
+library.
+"""
+
+import argparse
+import importlib
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+FEWEST = 200
+"""A hand has no fewer points; else it is lost."""
+
+UNIT = 1e-4
+"""Depth that one level of a played picture means [m]."""
+
+MOST_PIXELS = 16_777_216
+"""Pixels of a played picture at most."""
+
+
+def main() -> None:
+    """Read the camera, send the frames, until it ends."""
+    options = _options()
+    found = _clouds_in(_played(options) if options.depths else _seen(), options)
+    if options.to is None:
+        for frame in found:
+            print(json.dumps(frame), flush=True)
+        return
+    from websockets.sync.client import connect
+
+    with connect(options.to, compression=None) as receiver:
+        for frame in found:
+            receiver.send(json.dumps(frame))
+
+
+def _clouds_in(depths: Iterator[Any], options: argparse.Namespace) -> Iterator[dict[str, Any]]:
+    """Find a hand's points in depth frames; give frames as airtact takes them, lost ones where points are too few."""
+    import numpy as np
+
+    cloud = _library().pointcloud()
+    for sequence, depth in enumerate(depths):
+        points = (
+            np.asanyarray(cloud.calculate(depth).get_vertices()).view(np.float32).reshape(-1, 3)
+        )
+        points = points[(points[:, 2] > options.nearest) & (points[:, 2] < options.farthest)]
+        points = points[:: max(1, -(-len(points) // options.points))].astype(np.float64).round(5)
+        whole = points.tolist() if len(points) >= FEWEST else None
+        yield {
+            "time": 1e-3 * depth.get_timestamp(),
+            "side": options.side,
+            "sequence": sequence,
+            "cloud": whole,
+        }
+
+
+def _library() -> ModuleType:
+    """Load pyrealsense2, which has no type stubs."""
+    try:
+        return importlib.import_module("pyrealsense2")
+    except ImportError as error:
+        raise SystemExit(
+            f"pyrealsense2 does not load ({error}): pip install 'airtact[realsense]', and libusb (libusb-1.0-0)."
+        ) from None
+
+
+def _seen() -> Iterator[Any]:
+    """Take depth frames from the camera that is plugged in."""
+    rs = _library()
+    pipeline, config = rs.pipeline(), rs.config()
+    config.enable_stream(rs.stream.depth, 640, 480, rs.format.z16, 30)
+    try:
+        pipeline.start(config)
+    except RuntimeError as error:
+        raise SystemExit(
+            f"no RealSense camera can be read: {error}; plug one in, or give --depths."
+        ) from None
+    try:
+        while True:
+            yield pipeline.wait_for_frames().get_depth_frame()
+    finally:
+        pipeline.stop()
+
+
+def _played(options: argparse.Namespace) -> Iterator[Any]:
+    """Give pictures of depth, .npy files (H, W) in metres, to a software device and take its frames."""
+    import numpy as np
+
+    rs = _library()
+    files = sorted(file for file in options.depths.glob("*.npy") if file.is_file())
+    if not files:
+        raise SystemExit(
+            f"{options.depths} holds 0 .npy files; give a folder with pictures of depth."
+        )
+    rows, columns = _picture(files[0]).shape
+    device = rs.software_device()
+    sensor = device.add_sensor("Depth")
+    lens = rs.intrinsics()
+    lens.width, lens.height, lens.fx, lens.fy = columns, rows, options.focal, options.focal
+    lens.ppx, lens.ppy, lens.model, lens.coeffs = (
+        columns / 2,
+        rows / 2,
+        rs.distortion.none,
+        [0.0] * 5,
+    )
+    stream = rs.video_stream()
+    stream.type, stream.index, stream.uid, stream.width, stream.height = (
+        rs.stream.depth,
+        0,
+        0,
+        columns,
+        rows,
+    )
+    stream.fps, stream.bpp, stream.fmt, stream.intrinsics = 30, 2, rs.format.z16, lens
+    profile = rs.video_stream_profile(sensor.add_video_stream(stream))
+    sensor.add_read_only_option(rs.option.depth_units, UNIT)
+    queue = rs.frame_queue(4)
+    sensor.open(profile)
+    sensor.start(queue)
+    for number, file in enumerate(files):
+        metres = _picture(file, (rows, columns))
+        frame = rs.software_video_frame()
+        levels = np.where(np.isfinite(metres), np.round(metres / UNIT), 0.0)
+        frame.pixels = np.ascontiguousarray(levels.astype(np.uint16))
+        frame.stride, frame.bpp, frame.depth_units = 2 * columns, 2, UNIT
+        frame.profile, frame.domain = (
+            profile.as_video_stream_profile(),
+            rs.timestamp_domain.hardware_clock,
+        )
+        frame.timestamp, frame.frame_number = 1e3 * number / 30, number
+        sensor.on_video_frame(frame)
+        yield queue.wait_for_frame(5000).as_depth_frame()
+    sensor.stop()
+    sensor.close()
+
+
+def _picture(file: Path, like: tuple[int, int] | None = None) -> Any:
+    """Read a picture of depth; exit with what is wrong with it, which may be that it is not as large as the first."""
+    import numpy as np
+
+    try:
+        metres = np.load(file, mmap_mode="r", allow_pickle=False)
+    except (OSError, ValueError, EOFError, SyntaxError) as error:
+        raise SystemExit(
+            f"{file.name} is no picture of depth: {error}; save it with numpy.save."
+        ) from None
+    if metres.ndim != 2 or not 1 <= metres.size <= MOST_PIXELS or metres.dtype.kind not in "fiu":
+        sentence = f"{file.name} has the shape {metres.shape} of {metres.dtype}; a picture of depth is (H, W) metres"
+        raise SystemExit(f"{sentence}, {MOST_PIXELS:,} pixels at most.")
+    if like is not None and metres.shape != like:
+        raise SystemExit(
+            f"{file.name} has the shape {metres.shape}, and the first picture has {like}; give them one."
+        )
+    return metres
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        description="Send the points that a RealSense camera sees of a hand to airtact."
+    )
+    parser.add_argument(
+        "--to",
+        help="address of the receiver, ws://127.0.0.1:8765; JSON lines are printed without it",
+    )
+    parser.add_argument("--side", choices=("left", "right"), required=True, help="which hand it is")
+    parser.add_argument(
+        "--nearest",
+        type=float,
+        default=0.1,
+        help="nearer points are none, in metres; 0.1 by default",
+    )
+    parser.add_argument(
+        "--farthest", type=float, default=0.6, help="farther are no hand, in metres; 0.6 by default"
+    )
+    parser.add_argument(
+        "--points", type=int, default=4000, help="points sent at most; 4000 by default"
+    )
+    parser.add_argument(
+        "--depths", type=Path, help="folder of pictures of depth to play instead of a camera"
+    )
+    parser.add_argument(
+        "--focal", type=float, default=600.0, help="focal length of those in pixels; 600 by default"
+    )
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,247 @@
+"""Bodies as they were given, seen from two sides; and the fault of one that is rejected, close up."""
+
+import textwrap
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int64, Real
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Patch
+
+from airtact.acoustics.planes import Plane
+from airtact.geometry.mesh.mesh_distance import closest_on_triangles
+from airtact.geometry.mesh.topology import edge_twins
+from airtact.geometry.mesh_shape import MeshShape
+from airtact.geometry.surface import Surface
+from airtact.reports.plane_figure import SHEET, draw_sheets
+from airtact.reports.solids import (
+    INSIDE,
+    Lines,
+    View,
+    broad_view,
+    edge_lines,
+    fine_pieces,
+    frame,
+    polygons_of,
+    solid,
+    two_sides,
+    unit_normals,
+    wide_figure,
+)
+
+MOST_EDGES = 8000
+"""Edges of triangles are drawn up to so many triangles; more would be black."""
+
+FINENESS = 1.0 / 40.0
+"""Longest edge of a piece of a triangle over the extent of everything."""
+
+SHARP, FOCUS = (0.75, 0.11, 0.11, 1.0), "#e8590c"
+
+OUTSIDE = np.array([0.74, 0.80, 0.86, 1.0])
+"""Colour of the outside of triangles that are at fault."""
+
+OPEN, MARK = (0.80, 0.07, 0.07, 1.0), "#7b1fa2"
+
+ASIDE = 18.0
+"""Angle between the view and the normal, so that heights show [degrees]."""
+
+AROUND = 120
+"""So many triangles are seen close up."""
+
+
+def draw_bodies(
+    bodies: Sequence[Surface],
+    names: Sequence[str],
+    foci: Real[np.ndarray, "foci 3"] | None = None,
+    planes: Sequence[Plane] = (),
+) -> Figure:
+    """Draw bodies with their triangles, the foci, if any, as dots, and planes as sheets [m]."""
+    figure = wide_figure(6.0)
+    corners = 1e3 * np.concatenate([body.corners for body in bodies])
+    tints = colormaps["Pastel2"](np.arange(len(bodies)) % 8)
+    colours = np.repeat(tints, [len(body.triangles) for body in bodies], axis=0)
+    dots = np.empty((0, 3)) if foci is None else 1e3 * foci
+    everything = np.concatenate([corners.reshape(-1, 3), dots])
+    step = FINENESS * float(np.ptp(everything, axis=0).max())
+    sharp = np.concatenate([sharp_edges(body) for body in bodies])
+    lines = [replace(edge_lines(corners, sharp, step), colour=SHARP, breadth=0.25 * step)]
+    if len(corners) <= MOST_EDGES:
+        lines.append(edge_lines(corners, ~sharp, step))
+    pieces, parents = fine_pieces(corners, step)
+    for view, axes in two_sides(figure, broad_view(everything)):
+        axes.add_collection3d(solid(pieces, colours[parents], lines, view), autolim=False)
+        xs, ys, zs = dots.T
+        axes.scatter(
+            xs,
+            ys,
+            zs,  # pyright: ignore
+            s=30,
+            c=FOCUS,
+            edgecolors="white",
+            linewidths=0.8,
+            depthshade=False,
+            zorder=4,
+        )
+        frame(axes, np.concatenate([everything, draw_sheets(axes, planes, 1e-3 * everything)]))
+    handles: list[Patch | Line2D] = [
+        Patch(color=tint, label=name) for tint, name in zip(tints, names, strict=True)
+    ]
+    if sharp.any():
+        handles.append(Line2D([], [], color=SHARP, label="edges that stay sharp"))
+    if len(dots):
+        handles.append(
+            Line2D(
+                [], [], color=FOCUS, marker="o", linestyle="none", label="foci, seen through bodies"
+            )
+        )
+    if planes:
+        handles.append(Patch(color=SHEET, label="rigid plane"))
+    figure.legend(handles=handles, loc="outside lower center", ncols=6, frameon=False)
+    return figure
+
+
+def sharp_edges(body: Surface) -> Bool[np.ndarray, "triangles 3"]:
+    """Find the edges 01, 12, 20 of triangles that stay sharp when a surface is curved; primitives have none."""
+    if not isinstance(body.shape, MeshShape):
+        return np.zeros((len(body.triangles), 3), dtype=bool)
+    return body.shape.mesh.sharp
+
+
+def draw_fault(
+    vertices: Real[np.ndarray, "vertices 3"],
+    triangles: Int64[np.ndarray, "triangles 3"],
+    sentence: str,
+    position: Real[np.ndarray, "3"] | None,
+) -> Figure:
+    """Draw triangles that make no valid surface: all of them, and close up where the fault is, if that is known [m].
+
+    Backs of triangles and edges without a neighbour have colours of their own. Triangles that name
+    vertices which are not there, or are nowhere, are left out. The sentence says why they are
+    rejected.
+    """
+    figure = wide_figure(6.6)
+    corners, lone = _drawable(vertices, triangles)
+    mark = None if position is None else 1e3 * np.asarray(position, dtype=np.float64)
+    points = corners.reshape(-1, 3)
+    view = broad_view(points) if mark is None else _facing(corners, mark)
+    sides = two_sides(figure, view)
+    if mark is not None:
+        sides[1][1].remove()
+        _close_up(figure.add_subplot(1, 2, 2), corners, lone, mark, view)
+        sides = sides[:1]
+    step = FINENESS * float(np.ptp(points, axis=0).max())
+    pieces, colours, lines = _sheet(corners, lone, step, 0.2 * step)
+    for view, axes in sides:
+        axes.add_collection3d(solid(pieces, colours, lines, view, closed=False), autolim=False)
+        if mark is not None:
+            ring = {"markersize": 17, "markerfacecolor": "none", "markeredgewidth": 2, "zorder": 4}
+            axes.plot(*mark[:, None], "o", color=MARK, **ring)
+        frame(axes, points if mark is None else np.vstack([points, mark]))
+    words = sentence if position is not None else f"{sentence} (The fault has no single position.)"
+    figure.suptitle(textwrap.fill(words, 130), fontsize=11)
+    handles: list[Patch | Line2D] = [
+        Patch(color=tuple(OUTSIDE), label="outside of triangles"),
+        Patch(color=tuple(INSIDE), label="inside"),
+    ]
+    if lone.any():
+        handles.append(Line2D([], [], color=OPEN, linewidth=2.2, label="edge without a neighbour"))
+    if mark is not None:
+        ring = {"marker": "o", "linestyle": "none", "markersize": 12, "markerfacecolor": "none"}
+        handles.append(Line2D([], [], color=MARK, label="position of the fault", **ring))
+    figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False)
+    return figure
+
+
+def _drawable(
+    vertices: Real[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"]
+) -> tuple[Float64[np.ndarray, "drawn 3 3"], Bool[np.ndarray, "drawn 3"]]:
+    """Corners of the triangles that can be drawn [mm], and which of their edges have no neighbour."""
+    there = triangles[((triangles >= 0) & (triangles < len(vertices))).all(axis=1)]
+    corners = np.asarray(vertices[there], dtype=np.float64)
+    corners = corners[np.isfinite(corners).all(axis=(1, 2))]
+    same = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)[1].reshape(-1, 3)
+    return 1e3 * corners, edge_twins(same) < 0
+
+
+def _facing(corners: Float64[np.ndarray, "triangles 3 3"], mark: Float64[np.ndarray, "3"]) -> View:
+    """Look at a point at a small angle, from the side of the surface on which fewer triangles stand before it."""
+    nearest = np.argsort(_distances(corners, mark))[:12]
+    normals = unit_normals(corners[nearest])
+    outward = (
+        normals.sum(axis=0)
+        if np.linalg.norm(normals.sum(axis=0)) > 0.5
+        else normals[0] + [0.0, 0.0, 1e-9]
+    )
+    views = []
+    for side in (outward, -outward):
+        azimuth, height = np.degrees(np.arctan2(side[1], side[0])), side[2] / np.linalg.norm(side)
+        elevation = np.clip(np.degrees(np.arcsin(height)) + ASIDE, -80.0, 80.0)
+        views.append(View(float(azimuth) + ASIDE, float(elevation)))
+    return min(views, key=lambda view: _standing_before(corners - mark, view))
+
+
+def _standing_before(corners: Float64[np.ndarray, "triangles 3 3"], view: View) -> int:
+    """Count the triangles between the origin and the viewer."""
+    x, y = np.moveaxis(corners @ view.plane, 2, 0)
+    areas = x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)
+    covering = (areas > 0).all(axis=1) | (areas < 0).all(axis=1)
+    depth = corners.mean(axis=1) @ view.towards_viewer
+    return int((covering & (depth > 1e-3 * np.abs(depth).max())).sum())
+
+
+def _distances(
+    corners: Float64[np.ndarray, "triangles 3 3"], mark: Float64[np.ndarray, "3"]
+) -> Float64[np.ndarray, "triangles"]:
+    nearest = closest_on_triangles(np.tile(mark, (len(corners), 1)), corners)
+    return np.linalg.norm(nearest - mark, axis=1)
+
+
+def _close_up(
+    axes: Axes,
+    corners: Float64[np.ndarray, "triangles 3 3"],
+    lone: Bool[np.ndarray, "triangles 3"],
+    mark: Float64[np.ndarray, "3"],
+    view: View,
+) -> None:
+    """Draw the nearest triangles flat, as seen from afar."""
+    away = _distances(corners, mark)
+    extent = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
+    reach = float(np.clip(np.sort(away)[: AROUND + 1][-1], 0.02 * extent, 0.6 * extent))
+    near = away < 1.5 * reach
+    pieces, colours, lines = _sheet(
+        corners[near] - mark, lone[near], FINENESS * 5 * reach, 0.015 * reach
+    )
+    polygons, painted = polygons_of(pieces, colours, lines, view, closed=False)
+    order = np.argsort([polygon.mean(axis=0) @ view.towards_viewer for polygon in polygons])
+    flat = [polygons[index] @ view.plane for index in order]
+    axes.add_collection(
+        PolyCollection(flat, facecolors=painted[order], edgecolors=painted[order], linewidths=0.5)
+    )
+    axes.add_patch(Circle((0.0, 0.0), 0.07 * reach, fill=False, color=MARK, linewidth=2, zorder=4))
+    axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
+    x, y, z = mark
+    axes.set(
+        xlabel="across [mm]",
+        ylabel="up [mm]",
+        title=f"close up: the mark is at ({x:.2f}, {y:.2f}, {z:.2f}) mm",
+    )
+
+
+def _sheet(
+    corners: Float64[np.ndarray, "triangles 3 3"],
+    lone: Bool[np.ndarray, "triangles 3"],
+    step: float,
+    breadth: float,
+) -> tuple[Float64[np.ndarray, "pieces 3 3"], Float64[np.ndarray, "pieces 4"], list[Lines]]:
+    """Cut triangles that have two sides into pieces; lone edges are lines of a breadth on both sides."""
+    lines = [replace(edge_lines(corners, lone, step), colour=OPEN, breadth=breadth)]
+    if len(corners) <= MOST_EDGES:
+        lines.append(edge_lines(corners, ~lone, step))
+    lines += [replace(some, outward=-some.outward) for some in lines]
+    pieces, _ = fine_pieces(corners, step)
+    return pieces, np.tile(OUTSIDE, (len(pieces), 1)), lines

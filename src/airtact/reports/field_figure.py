@@ -1,0 +1,302 @@
+"""Pressure in a plane under several drives on one colour scale, and their difference (the paper's Fig. 6 and 7)."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Complex, Float64, Real
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
+from matplotlib.patheffects import withStroke
+
+from airtact.evaluation.windows import Window
+from airtact.geometry.surface import Surface
+
+BODY = "0.66"
+"""Grey of the bodies."""
+
+COLOURS = "magma"
+"""Colours of pressure magnitudes: perceptually uniform, black for silence."""
+
+DIFFERENCES = ScalarMappable(Normalize(-6.0, 6.0), "RdBu_r")
+"""Colours of the level of one drive over that of another [dB]."""
+
+FAINT, FAINT_GREY = 0.1, "0.86"
+"""Below this share of the largest pressure a difference of levels says nothing and is grey."""
+
+Side = Literal["right", "bottom"]
+"""Side of the axes at which the bar of colours stands."""
+
+MOST_NAMES = 8
+"""More foci than this have small rings and no names."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """Pressure of several drives, by name, at the points of one window [Pa], NaN inside bodies.
+
+    ``outlines`` are the closed lines in which the surfaces of bodies without a field inside meet
+    the plane [m]; ``error`` is the estimated relative error of the pressures over the window, NaN
+    where none is known.
+    """
+
+    window: Window
+    pressures: Mapping[str, Complex[np.ndarray, "points"]]
+    outlines: Sequence[Float64[np.ndarray, "_ 3"]]
+    error: float = float("nan")
+
+
+def cut_bodies(window: Window, bodies: Sequence[Surface]) -> list[Float64[np.ndarray, "_ 3"]]:
+    """Cut bodies with the window's plane, into closed lines around the inside [m]."""
+    return [loop for body in bodies for loop in _loops(window.height_of(body.vertices), body)]
+
+
+def _loops(
+    heights: Float64[np.ndarray, "vertices"], body: Surface
+) -> list[Float64[np.ndarray, "_ 3"]]:
+    """Walk from triangle to triangle along the edges that the plane crosses."""
+    above = heights[body.triangles] > 0
+    crossed = np.flatnonzero(above.any(axis=1) & ~above.all(axis=1))
+    above = above[crossed]
+    lone_above = above.sum(axis=1) == 1
+    lone = np.argmax(above == lone_above[:, None], axis=1)
+    # The lone corner comes first: the plane crosses the two edges that meet there.
+    corners = np.take_along_axis(
+        body.triangles[crossed], (lone[:, None] + np.arange(3)) % 3, axis=1
+    )
+    ways = np.where(lone_above[:, None], [[1, 2]], [[2, 1]])
+    ends = np.take_along_axis(corners, ways, axis=1)
+    edges = np.sort(np.stack([np.repeat(corners[:, :1], 2, axis=1), ends], axis=2), axis=2)
+    low, high = heights[edges[:, 0, 0]], heights[edges[:, 0, 1]]
+    first, second = body.vertices[edges[:, 0, 0]], body.vertices[edges[:, 0, 1]]
+    points = first + (low / (low - high))[:, None] * (second - first)
+    keys = edges[:, :, 0] * len(body.vertices) + edges[:, :, 1]
+    follow = dict(keys.tolist())
+    point_of = dict(zip(keys[:, 0].tolist(), points, strict=True))
+    loops = []
+    while follow:
+        key, loop = next(iter(follow)), []
+        while key in follow:
+            loop.append(point_of[key])
+            key = follow.pop(key)
+        loops.append(np.array(loop))
+    return loops
+
+
+def draw_field(
+    cut: Cut,
+    drive: str,
+    most: float,
+    foci: Real[np.ndarray, "foci 3"],
+    names: Sequence[str] | None = None,
+) -> Figure:
+    """Draw the pressure magnitude of one drive, on a scale that ends at a pressure [Pa].
+
+    Foci [m] off the plane are dashed; they have no names where none are given.
+    """
+    figure, axes = _figure_for(cut.window)
+    draw_pressure(axes, cut, drive, most, foci, names, location="bottom")
+    return figure
+
+
+def draw_pressure(
+    axes: Axes,
+    cut: Cut,
+    drive: str,
+    most: float,
+    foci: Real[np.ndarray, "foci 3"],
+    names: Sequence[str] | None = None,
+    location: Side = "right",
+) -> None:
+    """Draw into axes what ``draw_field`` draws, with the bar of colours at one of their sides."""
+    scale = ScalarMappable(Normalize(0.0, most), COLOURS)
+    _panel(
+        axes, cut, np.abs(cut.pressures[drive]), scale, "peak pressure [Pa]", foci, names, location
+    )
+
+
+def draw_difference(
+    cut: Cut,
+    drives: tuple[str, str],
+    most: float,
+    foci: Real[np.ndarray, "foci 3"],
+    names: Sequence[str] | None = None,
+) -> Figure:
+    """Draw the level of one drive over that of another [dB], grey where both are faint against a pressure [Pa]."""
+    figure, axes = _figure_for(cut.window)
+    draw_change(axes, cut, drives, most, foci, names, location="bottom")
+    return figure
+
+
+def draw_change(
+    axes: Axes,
+    cut: Cut,
+    drives: tuple[str, str],
+    most: float,
+    foci: Real[np.ndarray, "foci 3"],
+    names: Sequence[str] | None = None,
+    location: Side = "right",
+) -> None:
+    """Draw into axes what ``draw_difference`` draws, with the bar of colours at one of their sides."""
+    change, strength = _difference(cut, drives, most)
+    label = f"{drives[0]} over {drives[1]} [dB]"
+    _panel(axes, cut, change, DIFFERENCES, label, foci, names, location, strength)
+
+
+def _difference(
+    cut: Cut, drives: tuple[str, str], most: float
+) -> tuple[Float64[np.ndarray, "points"], Float64[np.ndarray, "points"]]:
+    """Level of one drive over another [dB], and how opaque it is: not where both are faint."""
+    first, second = (np.abs(cut.pressures[name]) for name in drives)
+    smallest = 1e-3 * most
+    change = 20.0 * np.log10(np.maximum(first, smallest) / np.maximum(second, smallest))
+    return change, np.nan_to_num(
+        np.clip(np.maximum(first, second) / (FAINT * most) - 0.5, 0.0, 1.0)
+    )
+
+
+def _figure_for(window: Window) -> tuple[Figure, Axes]:
+    left, right, bottom, top = window.extent
+    size = min(3.9 / (right - left), 4.6 / (top - bottom))
+    figure = Figure(
+        figsize=((right - left) * size + 0.8, (top - bottom) * size + 1.2), layout="constrained"
+    )
+    return figure, figure.subplots()
+
+
+def _panel(
+    axes: Axes,
+    cut: Cut,
+    values: Float64[np.ndarray, "points"],
+    scale: ScalarMappable,
+    label: str,
+    foci: Real[np.ndarray, "foci 3"],
+    names: Sequence[str] | None,
+    location: Side,
+    strength: Float64[np.ndarray, "points"] | None = None,
+) -> None:
+    _draw_cut(axes, cut, values, scale, strength)
+    _mark_foci(
+        axes, cut.window, foci, names if names and len(names) <= MOST_NAMES else [""] * len(foci)
+    )
+    axes.set(xlabel=cut.window.labels[0], ylabel=cut.window.labels[1])
+    extend: Literal["both", "neither"] = "both" if scale is DIFFERENCES else "neither"
+    axes.figure.colorbar(
+        scale, ax=axes, label=label, location=location, pad=0.02, aspect=30, extend=extend
+    )
+
+
+def draw_close_ups(cuts: Sequence[Cut], names: Sequence[str], most: float) -> Figure:
+    """Draw one column per focus, each with its cut and name, and one row per drive, and one for their difference.
+
+    The surface lies below the focus. The scale of all pressures ends at ``most`` [Pa].
+    """
+    first, second = cuts[0].pressures
+    figure = Figure(figsize=(1.6 * len(cuts) + 1.7, 1.75 * 3 + 0.5), layout="constrained")
+    axes = figure.subplots(3, len(cuts), squeeze=False, sharex=True, sharey=True)
+    pressure = ScalarMappable(Normalize(0.0, most), COLOURS)
+    for column, (cut, name) in enumerate(zip(cuts, names, strict=True)):
+        for panel, drive in zip(axes[:2, column], (first, second), strict=True):
+            _draw_cut(panel, cut, np.abs(cut.pressures[drive]), pressure, centred=True)
+        change, strength = _difference(cut, (first, second), most)
+        _draw_cut(axes[2, column], cut, change, DIFFERENCES, strength, centred=True)
+        for panel in axes[:, column]:
+            panel.plot(0, 0, "o", markersize=9, markerfacecolor="none", markeredgecolor="white")
+            panel.tick_params(labelsize=8)
+        axes[0, column].set_title(name, fontsize=10)
+    for row, drive in enumerate((first, second, "difference")):
+        axes[row, 0].set_ylabel(f"{drive}\noff the focus [mm]", fontsize=9)
+    figure.supxlabel("along the surface from the focus [mm]", fontsize=9)
+    figure.colorbar(pressure, ax=axes[:2], label="peak pressure [Pa]", pad=0.01, aspect=28)
+    figure.colorbar(
+        DIFFERENCES,
+        ax=axes[2],
+        label=f"{first}\nover {second} [dB]",
+        pad=0.01,
+        aspect=14,
+        extend="both",
+    )
+    return figure
+
+
+def _draw_cut(
+    axes: Axes,
+    cut: Cut,
+    values: Float64[np.ndarray, "points"],
+    scale: ScalarMappable,
+    strength: Float64[np.ndarray, "points"] | None = None,
+    centred: bool = False,
+) -> None:
+    """Draw values as opaque as their ``strength``, with coordinates from the window's middle if ``centred``."""
+    carried = past_the_surface(cut.window, values, 3)
+    draw_values(axes, cut.window, carried, scale, cut.outlines, "bilinear", strength, centred)
+
+
+def draw_values(
+    axes: Axes,
+    window: Window,
+    values: Real[np.ndarray, "points"],
+    scale: ScalarMappable,
+    outlines: Sequence[Float64[np.ndarray, "_ 3"]],
+    interpolation: str = "nearest",
+    strength: Float64[np.ndarray, "points"] | None = None,
+    centred: bool = False,
+) -> None:
+    """Draw values at the points of a window, NaN left blank, and the outlines of bodies filled."""
+    left, right, bottom, top = window.extent
+    shift = np.array([left + right, bottom + top]) / 2 if centred else np.zeros(2)
+    (left, right), (bottom, top) = (left, right) - shift[0], (bottom, top) - shift[1]
+    rows, columns = window.shape
+    half = (right - left) / (columns - 1) / 2, (top - bottom) / (rows - 1) / 2
+    edges = (left - half[0], right + half[0], bottom - half[1], top + half[1])
+    drawn = np.ma.masked_invalid(np.asarray(values, dtype=np.float64).reshape(rows, columns))
+    colours = {"cmap": scale.get_cmap(), "norm": scale.norm, "interpolation": interpolation}
+    opaque = None if strength is None else strength.reshape(rows, columns)
+    axes.imshow(drawn, origin="lower", extent=edges, alpha=opaque, **colours)
+    axes.set_facecolor(FAINT_GREY)
+    loops = [
+        Path(window.seen(np.concatenate([loop, loop[:1]])) - shift, closed=True)
+        for loop in outlines
+    ]
+    if loops:
+        bodies = Path.make_compound_path(*loops)
+        axes.add_patch(PathPatch(bodies, facecolor=BODY, edgecolor="0.25", linewidth=0.8))
+    axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
+
+
+def past_the_surface(
+    window: Window, values: Float64[np.ndarray, "points"], points: int
+) -> Float64[np.ndarray, "points"]:
+    """Carry values, NaN inside bodies, some points into them, where their grey covers them, so that no gap shows."""
+    from scipy.ndimage import distance_transform_edt
+
+    grid = values.reshape(window.shape)
+    inside = np.isnan(grid)
+    if not inside.any() or inside.all():
+        return values
+    distance, (row, column) = distance_transform_edt(inside, return_indices=True)  # pyright: ignore
+    return np.where(distance <= points, grid[row, column], np.nan).ravel()
+
+
+def _mark_foci(
+    axes: Axes, window: Window, foci: Real[np.ndarray, "foci 3"], names: Sequence[str]
+) -> None:
+    positions = window.seen(foci)
+    off = np.abs(window.height_of(foci)) > 0.5e-3
+    outwards = positions - positions.mean(axis=0)
+    size = 90 if len(foci) <= MOST_NAMES else 12
+    plate = {"boxstyle": "round,pad=0.2", "facecolor": "white", "edgecolor": "none", "alpha": 0.75}
+    for position, is_off, away, name in zip(positions, off, outwards, names, strict=True):
+        style = (0, (2, 1.5)) if is_off else "solid"
+        line = {"edgecolors": "white", "linewidths": 1.3, "linestyles": [style]}
+        ring = axes.scatter(*position, s=size, facecolors="none", **line)
+        ring.set_path_effects([withStroke(linewidth=2.4, foreground="black")])
+        if name:
+            shift, side = ((-10, 0), "right") if away[0] < 0 else ((10, 0), "left")
+            beside = {"xytext": shift, "textcoords": "offset points", "ha": side, "va": "center"}
+            axes.annotate(name, position, fontsize=8, bbox=plate, **beside)

@@ -1,0 +1,98 @@
+"""Self-contained HTML pages from the templates beside this module: pictures and scripts embedded, nothing fetched."""
+
+import base64
+import io
+from collections.abc import Iterable, Sequence
+from functools import cache
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+from matplotlib.figure import Figure
+from PIL import Image
+
+from airtact.reports.picture_file import PIXELS, pixels_of
+
+Value = TypeVar("Value")
+"""What a template shows: text, numbers, tables, pieces."""
+
+QUALITY = 90
+"""Of pictures, in percent: letters stay clean."""
+
+
+@cache
+def _templates() -> Environment:
+    return Environment(
+        loader=FileSystemLoader(Path(__file__).parent / "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+
+
+def page_from(template: str, **values: Value) -> str:
+    """Fill a template with values; text among them is escaped."""
+    return _templates().get_template(template).render(values)
+
+
+def _piece(name: str, *values: object) -> Markup:
+    """Fill a macro of ``pieces.html.j2``."""
+    return getattr(_templates().get_template("pieces.html.j2").module, name)(*values)
+
+
+def document(title: str, pieces: Iterable[str]) -> str:
+    """Put pieces made by the functions of this module together as one page; any other text is escaped."""
+    return page_from("page.html.j2", title=title, pieces=list(pieces))
+
+
+def picture(figure: Figure, caption: str, alternative: str, wide: bool = False) -> Markup:
+    """Embed a figure as WebP; on a narrow screen a wide one is scrolled instead of made small."""
+    buffer = io.BytesIO()
+    pixels = pixels_of(figure)
+    Image.fromarray(np.ascontiguousarray(pixels[:, :, :3])).save(buffer, "webp", quality=QUALITY)
+    data = base64.b64encode(buffer.getvalue()).decode("ascii")
+    height, width = (round(side / PIXELS) for side in pixels.shape[:2])
+    return _piece("picture", data, width, height, caption, alternative, wide)
+
+
+def table(
+    header: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "", text: bool = False
+) -> Markup:
+    """Lay out rows of words; all but the first column to the right, or to the left if ``text``.
+
+    >>> print(table(["focus", "Pa"], [["<thumb>", "12"]]))
+    <div class="scroll"><table>
+    <thead><tr><th scope="col">focus</th><th scope="col">Pa</th></tr></thead>
+    <tbody>
+    <tr><th scope="row">&lt;thumb&gt;</th><td>12</td></tr>
+    </tbody></table></div>
+    """
+    return _piece("table", header, list(rows), caption, text)
+
+
+def key_numbers(facts: Iterable[tuple[str, str]]) -> Markup:
+    """Show a few numbers large, each (number, what it is)."""
+    return _piece("key_numbers", list(facts))
+
+
+def paragraph(words: str, kind: str = "") -> Markup:
+    """One paragraph; ``kind`` may be "lead" or "warning"."""
+    return _piece("paragraph", words, kind)
+
+
+def folded(title: str, text: str) -> Markup:
+    """Show a text as it is, behind a title to click."""
+    return _piece("folded", title, text)
+
+
+def heading(title: str) -> Markup:
+    """Head a page."""
+    return _piece("heading", title)
+
+
+def section(title: str) -> Markup:
+    """Head a section."""
+    return _piece("section", title)

@@ -1,0 +1,325 @@
+"""The page of a hand that was located by echoes: its pose, what knowing it brings, and what is left unexplained."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64
+from markupsafe import Markup
+from scipy.spatial.transform import Rotation
+
+from airtact.checks import counted
+from airtact.evaluation.metrics import NOT_MODELLED
+from airtact.evaluation.windows import plane_of_scene
+from airtact.files.atomic import whole_file
+from airtact.geometry.pose import Pose
+from airtact.geometry.primitives import Capsule
+from airtact.reports.array_figures import draw_receivers
+from airtact.reports.moved_figure import draw_moved
+from airtact.reports.page import (
+    document,
+    folded,
+    heading,
+    key_numbers,
+    paragraph,
+    picture,
+    section,
+    table,
+)
+from airtact.sensing.echoes import Echoes
+from airtact.sensing.registration import Located
+from airtact.sensing.shapes.fit import LocatedShape
+from airtact.sensing.shapes.unknown import UnknownShape
+from airtact.setup.building import Setup
+
+NEARER = 3.0
+"""The bodies are cut in a window smaller than a field's by so many wavelengths, to show motions of a millimetre."""
+
+CAPSULE = (*(f"{end} {axis}" for end in ("first end", "second end") for axis in "xyz"), "radius")
+SPHERE = ("centre x", "centre y", "centre z", "radius")
+"""What the numbers of a capsule are, and of one whose ends are one."""
+
+START, FOUND = "start: the scene's pose", "the pose found"
+
+
+@dataclass(frozen=True, eq=False)
+class Sensed:
+    """Where the hand is, relative to the scene file, and what knowing that brings.
+
+    Attributes
+    ----------
+    setup, found : the scene file, and the same with the gap that was found.
+    located : its pose maps the obstacles' frame of the scene file to where they are, in the same
+        frame.
+    echoes : that it was found from.
+    true : the simulated pose; None for measured echoes.
+    centre : (3,) middle of the bodies in the scene file [m].
+    before, after : (F,) pressure at each focus where the hand is, of the drive for the scene file's
+        pose and for the one found [Pa].
+    unexplained : (2, R) what the scene file's pose and the one found leave at each receiver, over
+        the echoes' rms.
+    gap, true_gap : of the scene file's pinch, and of the simulated one [m]; None where there is
+        none. The gap found is ``located.opening``.
+    seconds : wall time by step [s].
+    surface_off : rms distance of the simulated surfaces from those found [m]; None unless a shape
+        was simulated.
+    """
+
+    setup: Setup
+    found: Setup
+    located: Located
+    echoes: Echoes
+    true: Pose | None
+    centre: Float64[np.ndarray, "3"]
+    before: Float64[np.ndarray, "foci"]
+    after: Float64[np.ndarray, "foci"]
+    unexplained: Float64[np.ndarray, "2 receivers"]
+    gap: float | None
+    true_gap: float | None
+    seconds: Mapping[str, float]
+    surface_off: float | None = None
+
+    @property
+    def off(self) -> tuple[float, float]:
+        """Distance of the middle of the bodies from the scene file's [m], and angle of the turn [rad]."""
+        return _size(self._shift(Pose.identity()))
+
+    @property
+    def error(self) -> tuple[float, float] | None:
+        """The same from the simulated truth; None for measured echoes, and where a shape takes up motions."""
+        return (
+            None if self.true is None or self.shape is not None else _size(self._shift(self.true))
+        )
+
+    @property
+    def shape(self) -> LocatedShape | None:
+        """The shape that was found; None where a pose was."""
+        return self.located if isinstance(self.located, LocatedShape) else None
+
+    @property
+    def uncorrected(self) -> float:
+        """Pressure of the weakest focus with the drive for the scene file's pose [Pa]."""
+        return float(self.before.min())
+
+    @property
+    def corrected(self) -> float:
+        """Pressure of the weakest focus with the drive for the pose found [Pa]."""
+        return float(self.after.min())
+
+    def shifts(self) -> list[Float64[np.ndarray, "6"]]:
+        """Return translation [m] and turn [rad] from the scene file's pose and, where known, from the true one."""
+        true = None if self.shape is not None else self.true
+        return [self._shift(one) for one in (Pose.identity(), true) if one is not None]
+
+    def _shift(self, other: Pose) -> Float64[np.ndarray, "6"]:
+        pose, centre = self.located.pose, self.centre[None]
+        turn = Rotation.from_matrix(pose.rotation @ other.rotation.T).as_rotvec()
+        return np.concatenate([(pose.apply(centre) - other.apply(centre))[0], turn])
+
+
+def _size(shift: Float64[np.ndarray, "6"]) -> tuple[float, float]:
+    return float(np.linalg.norm(shift[:3])), float(np.linalg.norm(shift[3:]))
+
+
+def write_sense_page(path: Path, sensed: Sensed) -> None:
+    """Write the page as one HTML file that needs nothing else; it appears only once it is complete."""
+    title = f"airtact: where the hand of {_name(sensed)} is"
+    with whole_file(path) as partial:
+        partial.write_text(document(title, _pieces(sensed)), "utf-8")
+
+
+def _name(sensed: Sensed) -> str:
+    return sensed.setup.path.stem.replace("_", " ")
+
+
+def _pieces(sensed: Sensed) -> list[Markup]:
+    located, echoes, (off, turn) = sensed.located, sensed.echoes, sensed.off
+    elements, transmissions = echoes.codes.shape
+    sure, sure_turn = located.deviation
+    made = "Simulated echoes" if sensed.true is not None else "Measured echoes"
+    doubt = (
+        f"{1e3 * sure:.2g} mm, {np.degrees(sure_turn):.2g}°",
+        "standard deviation of the pose found",
+    )
+    if sensed.shape is not None:
+        doubt = (
+            f"{1e3 * sensed.shape.surface_deviation:.2g} mm",
+            "standard deviation of where the surfaces are",
+        )
+    return [
+        heading(f"{_name(sensed)}: where the hand is"),
+        paragraph(
+            f"{made} of {counted(transmissions, 'coded transmission', 'coded transmissions')} by {elements:,} "
+            f"elements, received by {len(echoes.pressures):,} of them.",
+            "lead",
+        ),
+        key_numbers(
+            [
+                (f"{1e3 * off:.2f} mm, {np.degrees(turn):.2f}°", "off the scene's pose"),
+                doubt,
+                (
+                    f"{sensed.corrected / sensed.uncorrected:.2f} times",
+                    "at the weakest focus, by correcting it",
+                ),
+                (
+                    f"{located.misfit:.1%}".replace("%", " %"),
+                    "of the echoes not explained beyond noise",
+                ),
+            ]
+        ),
+        section("The pose"),
+        _pose_table(sensed),
+        *_shape(sensed),
+        section("What correcting it brings"),
+        _foci_table(sensed),
+        _moved(sensed),
+        section("What the model does not explain"),
+        *_residuals(sensed),
+        section("How this was computed"),
+        paragraph(_method(sensed)),
+        table(
+            ["step", "time"],
+            [[name, f"{seconds:.2f} s"] for name, seconds in sensed.seconds.items()],
+        ),
+        folded("The scene file", sensed.setup.text),
+    ]
+
+
+def _pose_table(sensed: Sensed) -> Markup:
+    """List each coordinate of the pose with its doubt."""
+    located = sensed.located
+    sure, least = (np.sqrt(np.diag(one)) for one in (located.covariance, located.bound))
+    shifts = sensed.shifts()
+    rows = []
+    for index in range(6):
+        factor, unit = (1e3, "mm") if index < 3 else (180.0 / np.pi, "°")
+        what = f"{'moved along' if index < 3 else 'turned about'} {'xyz'[index % 3]}"
+        digits = [f"{factor * one[index]:+.4f} {unit}".replace("-", "−") for one in shifts]
+        doubts = [
+            f"{factor * one[index]:.4f} {unit}" if np.isfinite(one[index]) else ""
+            for one in (sure, least)
+        ]
+        rows.append([what, digits[0], *doubts, *digits[1:]])
+    if located.opening is not None and sensed.gap is not None:
+        change = [located.opening - one for one in (sensed.gap, sensed.true_gap) if one is not None]
+        digits = [f"{1e3 * one:+.4f} mm".replace("-", "−") for one in change]
+        doubts = [f"{1e3 * one[6]:.4f} mm" if np.isfinite(one[6]) else "" for one in (sure, least)]
+        rows.append(
+            [f"gap, {1e3 * sensed.gap:.2f} mm in the scene", digits[0], *doubts, *digits[1:]]
+        )
+    header = ["", "from the scene's pose", "standard deviation", "least that the noise allows"]
+    true = ["off the simulated truth"] if len(shifts) > 1 else []
+    caption = (
+        "Of the middle of the bodies, along the axes of the array. The standard deviation counts all that is left "
+        "unexplained; the least is the Cramér-Rao bound"
+        + (
+            "."
+            if np.isfinite(least).all()
+            else ", which is not known where the noise was not measured."
+        )
+    )
+    return table([*header, *true], rows, caption)
+
+
+def _shape(sensed: Sensed) -> list[Markup]:
+    """List ends and radii of capsules, where they were found."""
+    shape = sensed.shape
+    if shape is None:
+        return []
+    expected = UnknownShape.of_capsules(sensed.setup.scene).expected
+    deviations = np.sqrt(np.diag(shape.covariance))[6:]
+    rows = []
+    whats = [
+        f"{name}, {what}"
+        for name, one in zip(sensed.setup.bodies, sensed.setup.scene.obstacles, strict=True)
+        for what in (
+            SPHERE
+            if isinstance(one.surface.shape, Capsule) and one.surface.shape.length == 0
+            else CAPSULE
+        )
+    ]
+    for what, *values in zip(whats, expected, shape.numbers, deviations, strict=True):
+        rows.append([what, *(f"{1e3 * value:.3f} mm".replace("-", "−") for value in values)])
+    caption = (
+        "Ends and radii of the capsules in the frame of the scene file, to be moved by the pose above. A motion of all "
+        "of them is one of the pose or one of these, so each of these is less sure than where the surfaces are."
+    )
+    if sensed.surface_off is not None:
+        caption += (
+            f" The simulated surfaces are {1e3 * sensed.surface_off:.3f} mm (rms) from those found."
+        )
+    header = ["", "in the scene file", "found", "standard deviation"]
+    return [section("The shape"), table(header, rows, caption)]
+
+
+def _foci_table(sensed: Sensed) -> Markup:
+    rows = [
+        [name, f"{before:,.0f}", f"{after:,.0f}", f"{after / before:.2f}"]
+        for name, before, after in zip(sensed.setup.foci, sensed.before, sensed.after, strict=True)
+    ]
+    header = ["focus", "drive for the scene's pose [Pa]", "drive for the pose found [Pa]", "times"]
+    where = "the simulated hand" if sensed.true is not None else "the hand at the pose found"
+    return table(header, rows, f"Peak pressure at the foci of {where}.")
+
+
+def _moved(sensed: Sensed) -> Markup:
+    """Picture the hand before and after, beside the foci."""
+    setup, pose, (off, turn) = sensed.setup, sensed.located.pose, sensed.off
+    before, after = (
+        [one.surface for one in some.scene.obstacles] for some in (setup, sensed.found)
+    )
+    foci = np.stack([setup.target.points, pose.apply(sensed.found.target.points)])
+    window, less = plane_of_scene(setup.scene, setup.target.points), NEARER * setup.scene.wavelength
+    window = replace(window, width=window.width - less, height=window.height - less)
+    figure = draw_moved(window, before, [one.moved(pose) for one in after], foci)
+    caption = (
+        "The bodies where the scene file has them, dashed, and where the echoes have them, grey, cut by two planes "
+        "through the middle of the scene's foci. Foci that lie off a plane are drawn as they stand before it."
+    )
+    words = f"Cuts of the bodies before and after a motion by {1e3 * off:.2f} mm and {np.degrees(turn):.2f} degrees"
+    return picture(figure, caption, words, wide=True)
+
+
+def _residuals(sensed: Sensed) -> list[Markup]:
+    echoes, array, left_out = sensed.echoes, sensed.setup.array, sensed.located.left_out
+    values = np.full((2, len(array)), np.nan)
+    values[:, echoes.receiving] = sensed.unexplained
+    values[:, left_out] = np.nan
+    label = "not explained, over the rms of the echoes"
+    figure = draw_receivers(
+        array.positions, array.normals, dict(zip((START, FOUND), values, strict=True)), label
+    )
+    known = values[:, np.isfinite(values[0])]
+    whole = np.sqrt(np.mean(known**2, axis=1))
+    rest = "" if len(known.T) == len(array) else " Grey elements did not receive, or were left out."
+    caption = (
+        "What each receiver gets that the model does not explain, noise included: root mean square over the "
+        f"transmissions. Both on one scale.{rest}"
+    )
+    words = f"Maps of the residual at each element: {whole[0]:.2f} for the start and {whole[1]:.2f} for the pose found"
+    pieces = [
+        paragraph(
+            f"Of the echoes {whole[0]:.0%} (rms) are unexplained at the scene's pose, {whole[1]:.1%} at the one found. "
+            "Noise leaves the same everywhere; a wrong shape, a body that the scene lacks, or a board that stands "
+            "elsewhere leaves a pattern.".replace("%", " %")
+        )
+    ]
+    if len(left_out):
+        pieces.append(
+            paragraph(
+                f"Receivers that fit nothing were left out: {', '.join(str(one) for one in left_out)}.",
+                "warning",
+            )
+        )
+    return [*pieces, picture(figure, caption, words, wide=True)]
+
+
+def _method(sensed: Sensed) -> str:
+    what = "The pose is the one" if sensed.shape is None else "Pose and shape are those"
+    made = (
+        f"{what} whose echoes are nearest to those received, by least squares from the scene's own."
+    )
+    if sensed.true is not None:
+        made += " The echoes were simulated with smaller panels than the model's, and noise."
+    return f"{made} No board that airtact drives today can receive. {NOT_MODELLED}"

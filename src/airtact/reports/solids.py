@@ -1,0 +1,235 @@
+"""Lit triangles and lines on them, in upright axes in space, in millimetres, seen from a chosen side."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int64, Real
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.ticker import FixedLocator, MaxNLocator
+from mpl_toolkits.mplot3d import Axes3D
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+from airtact.geometry.mesh.quadratic_triangles import area_vectors, cut, unit, with_middles
+
+PLAIN: Any = {
+    **{f"axes3d.{axis}axis.panecolor": (1.0, 1.0, 1.0, 0.0) for axis in "xyz"},
+    "grid.color": "0.9",
+    "grid.linewidth": 0.6,
+}
+"""No walls behind the axes and a faint grid."""
+
+ROOM_FOR_LABELS: Any = {"zoom": 0.9}
+
+MOST_TICKS = 7
+"""Ticks along the longest side of a frame; the others get their share, so that their labels keep apart."""
+
+MOST_PARTS = 40
+"""Parts into which an edge is cut at most."""
+
+INSIDE = np.array([0.91, 0.45, 0.16, 1.0])
+"""Colour of the backs of triangles, which one sees where a surface is open or turned."""
+
+OVERLAP = 1.03
+"""Triangles are drawn larger by this factor, or the background would shimmer through between them."""
+
+LINE = (0.13, 0.13, 0.13, 1.0)
+"""Colour of edges."""
+
+
+@dataclass(frozen=True)
+class View:
+    """From where something is looked at: azimuth round z from x and elevation above the plane of both [degrees]."""
+
+    azimuth: float
+    elevation: float
+
+    @property
+    def towards_viewer(self) -> Float64[np.ndarray, "3"]:
+        """Unit vector to the viewer."""
+        around, above = np.radians(self.azimuth), np.radians(self.elevation)
+        return np.array(
+            [np.cos(above) * np.cos(around), np.cos(above) * np.sin(around), np.sin(above)]
+        )
+
+    @property
+    def plane(self) -> Float64[np.ndarray, "3 2"]:
+        """Unit vectors to the viewer's right and up, which bring points (P, 3) into the picture."""
+        right = np.cross([0.0, 0.0, 1.0], self.towards_viewer)
+        right /= np.linalg.norm(right)
+        return np.stack([right, np.cross(self.towards_viewer, right)], axis=1)
+
+
+def broad_view(points: Real[np.ndarray, "points 3"]) -> View:
+    """Look at the broad side of points, at a small angle."""
+    thinnest = int(np.ptp(points, axis=0).argmin())
+    return (View(-32.0, 24.0), View(-58.0, 24.0), View(-58.0, 48.0))[thinnest]
+
+
+def wide_figure(height: float) -> Figure:
+    """Begin a figure of a height [inches] for ``two_sides``, with room at its sides for labels in space."""
+    return Figure(figsize=(13.0, height), layout=ConstrainedLayoutEngine(w_pad=0.35, h_pad=0.12))
+
+
+def two_sides(figure: Figure, view: View) -> list[tuple[View, Axes3D]]:
+    """Add two axes side by side without perspective: seen from somewhere, and from the other side."""
+    views = view, View(view.azimuth + 180.0, -view.elevation)
+    sides = [
+        (side, space_axes(figure, side, (1, 2, 1 + column))) for column, side in enumerate(views)
+    ]
+    for _, axes in sides:
+        axes.set_proj_type("ortho")
+    return sides
+
+
+def space_axes(figure: Figure, view: View, position: tuple[int, int, int] = (1, 1, 1)) -> Axes3D:
+    """Add axes in space to a figure."""
+    with rc_context(PLAIN):
+        axes = figure.add_subplot(*position, projection="3d", computed_zorder=False)
+    assert isinstance(axes, Axes3D)
+    axes.view_init(elev=view.elevation, azim=view.azimuth)
+    axes.patch.set_visible(False)  # or it would cover the labels of the axes beside it
+    return axes
+
+
+def frame(axes: Axes3D, points: Real[np.ndarray, "points 3"]) -> None:
+    """Fit the axes round points [mm], equal lengths equally long."""
+    lowest, highest = points.min(axis=0), points.max(axis=0)
+    sides = highest - lowest
+    room = np.where(sides < 1e-3 * sides.max(), 1e-3 * sides.max(), 0.0)
+    lowest, highest, sides = lowest - room, highest + room, sides + 2 * room
+    axes.set(
+        xlim=(lowest[0], highest[0]), ylim=(lowest[1], highest[1]), zlim=(lowest[2], highest[2])
+    )
+    axes.set_box_aspect(tuple(sides), **ROOM_FOR_LABELS)
+    axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
+    for axis, side, middle in zip(
+        (axes.xaxis, axes.yaxis, axes.zaxis), sides, (lowest + highest) / 2.0, strict=True
+    ):
+        count = round(MOST_TICKS * float(side / sides.max()))
+        axis.set_major_locator(
+            MaxNLocator(count) if count > 1 else FixedLocator([round(float(middle), 1) + 0.0])
+        )
+    axes.tick_params(labelsize=8)
+
+
+@dataclass(frozen=True, eq=False)
+class Lines:
+    """Straight lines on a surface, from end to end [mm], of a breadth [mm] or, if that is 0, as thin as can be.
+
+    ``outward`` are the directions in which the surface faces there: lines on its far side are not
+    seen. They are drawn ``ahead`` of it, towards the viewer, so that the surface does not cover
+    them [mm].
+    """
+
+    segments: Float64[np.ndarray, "lines 2 3"]
+    outward: Float64[np.ndarray, "lines 3"]
+    ahead: Float64[np.ndarray, "lines"]
+    colour: tuple[float, float, float, float] = LINE
+    breadth: float = 0.0
+
+    def seen(self, view: View) -> Float64[np.ndarray, "seen 4 3"]:
+        """Find the narrow rectangles, as broad as the lines, to draw for those on the near side."""
+        facing = self.outward @ view.towards_viewer > 0
+        segments = self.segments[facing] + self.ahead[facing, None, None] * view.towards_viewer
+        across = (
+            0.5
+            * self.breadth
+            * unit(np.cross(segments[:, 1] - segments[:, 0], view.towards_viewer))
+        )
+        ends = segments[:, 0], segments[:, 1]
+        return np.stack(
+            [ends[0] - across, ends[1] - across, ends[1] + across, ends[0] + across], axis=1
+        )
+
+
+def unit_normals(
+    corners: Float64[np.ndarray, "triangles 3 3"],
+) -> Float64[np.ndarray, "triangles 3"]:
+    """Find the directions in which triangles look; zero for those without an area."""
+    return unit(area_vectors(corners))
+
+
+def polygons_of(
+    corners: Float64[np.ndarray, "triangles 3 3"],
+    colours: Float64[np.ndarray, "triangles 4"],
+    lines: Sequence[Lines],
+    view: View,
+    closed: bool = True,
+) -> tuple[list[Float64[np.ndarray, "_ 3"]], Float64[np.ndarray, "polygons 4"]]:
+    """Find the polygons [mm] to draw for triangles and the lines on them, and their colours.
+
+    A lamp over the viewer's left shoulder shades them. Triangles that face away from the viewer are
+    left out where they close a body, and have the colour ``INSIDE`` elsewhere.
+    """
+    normals = unit_normals(corners)
+    facing = normals @ view.towards_viewer
+    if closed:
+        corners, colours, normals, facing = (
+            some[facing > 0] for some in (corners, colours, normals, facing)
+        )
+    lamp = unit(view.towards_viewer - 0.35 * view.plane[:, 0] + [0.0, 0.0, 0.5])
+    shaded = np.where(facing[:, None] < 0, INSIDE, colours)
+    shaded[:, :3] *= (
+        0.65 + 0.35 * np.clip(np.where(facing < 0, -1.0, 1.0) * (normals @ lamp), 0, 1)[:, None]
+    )
+    narrow = [some.seen(view) for some in lines]
+    strokes = [
+        np.tile(some.colour, (len(part), 1)) for some, part in zip(lines, narrow, strict=True)
+    ]
+    middles = corners.mean(axis=1, keepdims=True)
+    polygons = [
+        *(middles + OVERLAP * (corners - middles)),
+        *np.concatenate([np.empty((0, 4, 3)), *narrow]),
+    ]
+    return polygons, np.concatenate([shaded, *strokes])
+
+
+def solid(
+    corners: Float64[np.ndarray, "triangles 3 3"],
+    colours: Float64[np.ndarray, "triangles 4"],
+    lines: Sequence[Lines],
+    view: View,
+    closed: bool = True,
+) -> Poly3DCollection:
+    """Put triangles and lines into one collection, which matplotlib draws from the back to the front."""
+    polygons, painted = polygons_of(corners, colours, lines, view, closed)
+    # The edges hide the seams between polygons; matplotlib sorts colours with them but no widths,
+    # so all have the same.
+    width = float(np.clip(40.0 / np.sqrt(len(polygons) + 1), 0.35, 0.8))
+    return Poly3DCollection(polygons, facecolors=painted, edgecolors=painted, linewidths=width)
+
+
+def fine_pieces(
+    corners: Float64[np.ndarray, "triangles 3 3"], step: float
+) -> tuple[Float64[np.ndarray, "pieces 3 3"], Int64[np.ndarray, "pieces"]]:
+    """Cut triangles into pieces so small that they can be put in order from the back to the front.
+
+    ``step`` is the longest edge of a piece; the triangle that each piece came from is returned with
+    it.
+    """
+    longest = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max(axis=1)
+    parts = np.ceil(np.clip(longest / step, 1, MOST_PARTS)).astype(np.int64)
+    pieces, parents = cut(with_middles(corners), parts)
+    return pieces[:, :3], parents
+
+
+def edge_lines(
+    corners: Float64[np.ndarray, "triangles 3 3"],
+    chosen: Bool[np.ndarray, "triangles 3"],
+    step: float,
+) -> Lines:
+    """Find lines, no longer than ``step``, along those edges 01, 12, 20 of triangles that are chosen."""
+    starts, ends = corners[chosen], np.roll(corners, -1, axis=1)[chosen]
+    normals = np.repeat(unit_normals(corners)[:, None], 3, axis=1)[chosen]
+    length = np.linalg.norm(ends - starts, axis=1)
+    parts = np.ceil(np.clip(length / step, 1, MOST_PARTS)).astype(np.int64)
+    owner = np.repeat(np.arange(len(starts)), parts)
+    share = (np.arange(len(owner)) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[owner]
+    along = (ends - starts)[owner]
+    first = starts[owner] + share[:, None] * along
+    segments = np.stack([first, first + along / parts[owner, None]], axis=1)
+    return Lines(segments, normals[owner], 0.5 * np.minimum(length / parts, step)[owner])

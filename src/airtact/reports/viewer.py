@@ -1,0 +1,293 @@
+"""The scene of a page in space: what ``viewer.js`` and three.js draw, packed as text that the page carries.
+
+three.js comes from the installed trimesh, which brings a build of it for its own viewer; nothing is
+fetched.
+"""
+
+import base64
+import gzip
+import io
+import json
+import re
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from jaxtyping import Complex, Float64, Real
+from markupsafe import Markup
+from matplotlib import colormaps
+from matplotlib.colors import to_hex
+
+from airtact.acoustics.planes import Plane
+from airtact.checks import counted
+from airtact.evaluation.slices import Slices, SurfacePressure
+from airtact.reports.array_figures import spacing, unfold
+from airtact.reports.field_figure import COLOURS
+from airtact.reports.plane_figure import sheet_of
+
+SHADES = 128
+"""Colours of each scale."""
+
+SCALES = {"pressure": COLOURS, "difference": "RdBu_r", "phase": "twilight", "amplitude": "viridis"}
+
+MOST_WORDS = 8
+"""More foci than this are summed up in the words for those who do not see the scene."""
+
+STEP = 0.5
+"""Depth in bodies is carried as bytes over this many steps of the planes to either side."""
+
+
+@dataclass(frozen=True, eq=False)
+class SceneView:
+    """What a page shows in space.
+
+    Attributes
+    ----------
+    drives : amplitudes (E,) of each drive by its name, the first shown first.
+    positions, normals : (E, 3) of the transducers [m].
+    foci : a name for each.
+    points : (F, 3) the foci [m].
+    asked : what is asked of each focus, in words.
+    reached : (F, D) peak pressure at the foci under each drive [Pa].
+    surfaces : the bodies; None in open air.
+    slices : the pressure of each drive in parallel planes.
+    held_equal : what is held equal between the drives, in words.
+    paths : (P, N, 3) closed paths that foci run along [m]; none where all stand still.
+    planes : the rigid planes of the scene.
+    """
+
+    drives: Mapping[str, Complex[np.ndarray, "elements"]]
+    positions: Real[np.ndarray, "elements 3"]
+    normals: Real[np.ndarray, "elements 3"]
+    foci: Sequence[str]
+    points: Real[np.ndarray, "foci 3"]
+    asked: Sequence[str]
+    reached: Float64[np.ndarray, "foci drives"]
+    surfaces: SurfacePressure | None
+    slices: Slices
+    held_equal: str
+    paths: Float64[np.ndarray, "paths frames 3"]
+    planes: Sequence[Plane]
+
+    @property
+    def most(self) -> float:
+        """Largest pressure that is drawn [Pa], the end of the one scale of all drives."""
+        air = self.slices.pressures[self.slices.depth < 0.0]
+        walls = 0.0 if self.surfaces is None else self.surfaces.pressures.max()
+        return float(max(air.max(initial=1e-9), self.reached.max(), walls))
+
+    @property
+    def solid(self) -> Float64[np.ndarray, "points 3"]:
+        """Positions of the transducers and corners of the bodies [m]."""
+        bodies = np.empty((0, 3)) if self.surfaces is None else self.surfaces.vertices
+        return np.concatenate([self.positions, bodies])
+
+    @property
+    def sheets(self) -> list[Float64[np.ndarray, "4 3"]]:
+        """Corners of the part of each plane that is drawn [m], counter-clockwise as seen from its front."""
+        return [sheet_of(plane, np.concatenate([self.solid, self.points])) for plane in self.planes]
+
+
+def viewer_values(
+    view: SceneView, title: str, chosen: tuple[int, int] = (0, 1)
+) -> dict[str, str | list[str] | list[int]]:
+    """Make what a template shows of a scene; the drive ``chosen`` first is shown first, against the other."""
+    facts, numbers = _facts(view, title)
+    return {
+        "drives": list(view.drives),
+        "chosen": list(chosen),
+        "facts": Markup(json.dumps(facts).replace("<", "\\u003c")),
+        "numbers": _packed(numbers),
+        "three": _packed(three_js().encode()),
+        "notice": _notice(),
+        "labels": facts["slices"]["labels"],
+        "alternative": viewer_alternative(view),
+        "caption": _caption(view),
+        "axes": [2, 1, 0] if view.slices.any_axis else [2],
+    }
+
+
+def viewer_alternative(view: SceneView) -> str:
+    """Say the scene in words, with what each focus gets, for those who do not see it."""
+    got = view.reached[:, 0]
+    words = f"{got.min():,.0f} to {got.max():,.0f} Pa"
+    if len(got) <= MOST_WORDS:
+        words = ", ".join(
+            f"{pressure:,.0f} Pa at {name}" for name, pressure in zip(view.foci, got, strict=True)
+        )
+    bodies = "" if view.surfaces is None else ", the bodies"
+    bodies += ", a rigid plane" if view.planes else ""
+    elements, first = (
+        counted(len(view.positions), "transducer", "transducers"),
+        next(iter(view.drives)),
+    )
+    return f"{elements}{bodies} and a slice through the field in space; {first} gives {words}."
+
+
+def _caption(view: SceneView) -> str:
+    near = (
+        ""
+        if view.surfaces is None
+        else " Within a quarter of a wavelength of a surface values are interpolated, to a few percent."
+    )
+    held = f" Drives are shown at {view.held_equal}."
+    words = [
+        f"One colour scale for the slice and the surfaces of all drives, to {view.most:,.0f} Pa."
+    ]
+    words += [held] if len(view.drives) > 1 else []
+    words += [" The rigid plane is a sheet, from behind its edge alone."] if view.planes else []
+    words += (
+        [" Foci run along the dashed lines; the field is that of the foci at rest."]
+        if len(view.paths)
+        else []
+    )
+    return "".join([*words, near] if view.surfaces else words)
+
+
+@cache
+def three_js() -> str:
+    """Find the build of three.js in trimesh's viewer: one script that defines ``THREE``."""
+    import trimesh.resources
+
+    archive = zipfile.ZipFile(io.BytesIO(trimesh.resources.get_bytes("templates/viewer.zip")))
+    text = archive.read(archive.namelist()[0]).decode()
+    start = text.index("/**\n * @license", text.index("<script>"))
+    return text[start : text.index("})", text.index('"__esModule"', start)) + len("})}));")]
+
+
+def _notice() -> str:
+    return " ".join(re.findall(r"(?:Copyright|SPDX)[^\n]*", three_js()))
+
+
+def _packed(data: bytes) -> str:
+    return base64.b64encode(gzip.compress(data, 9, mtime=0)).decode("ascii")
+
+
+def _facts(view: SceneView, title: str) -> tuple[dict[str, Any], bytes]:
+    arrays = _arrays(view)
+    places, data = {}, bytearray()
+    for name, values in arrays.items():
+        data += bytes(-len(data) % 4)
+        places[name] = [values.dtype.name, len(data), values.size]
+        data += values.tobytes()
+    faces = unfold(view.positions, view.normals)
+    return {
+        "title": title,
+        "most": view.most,
+        "drives": list(view.drives),
+        "arrays": places,
+        "colours": {name: _shades(scale) for name, scale in SCALES.items()},
+        "radius": 0.45e3 * min(spacing(view.positions[face.elements]) for face in faces),
+        "foci": [
+            {"name": name, "position": _rounded(1e3 * point), "asked": asked, "got": _rounded(got)}
+            for name, point, asked, got in zip(
+                view.foci, view.points, view.asked, view.reached, strict=True
+            )
+        ],
+        "paths": [[_rounded(1e3 * point) for point in path] for path in view.paths],
+        "sheets": [[_rounded(1e3 * corner) for corner in sheet] for sheet in view.sheets],
+        "slices": _planes(view),
+        **_views(view),
+    }, bytes(data)
+
+
+def _shades(scale: str) -> list[str]:
+    return [to_hex(colour) for colour in colormaps[scale](np.linspace(0.0, 1.0, SHADES))]
+
+
+def _rounded(numbers: Real[np.ndarray, "numbers"]) -> list[float]:
+    return [float(f"{number:.6g}") for number in numbers]
+
+
+def _arrays(view: SceneView) -> dict[str, np.ndarray]:
+    slices, most = view.slices, view.most
+    edge = STEP * slices.steps.max()
+    out = {
+        "positions": (1e3 * view.positions).astype(np.float32),
+        "normals": np.asarray(view.normals, dtype=np.float32),
+        "depth": np.round(127.5 * (1.0 + np.clip(slices.depth / edge, -1.0, 1.0))).astype(np.uint8),
+    }
+    for index, amplitudes in enumerate(view.drives.values()):
+        out[f"amplitude {index}"] = np.abs(amplitudes).astype(np.float32)
+        out[f"phase {index}"] = np.angle(amplitudes).astype(np.float32)
+        out[f"field {index}"] = _bytes(slices.pressures[..., index], most)
+    if view.surfaces is not None:
+        out["vertices"] = (1e3 * view.surfaces.vertices).astype(np.float32)
+        out["triangles"] = view.surfaces.triangles.astype(np.uint32)
+        for index in range(len(view.drives)):
+            out[f"surface {index}"] = _bytes(view.surfaces.pressures[:, index], most)
+    return out
+
+
+def _bytes(pressure: Float64[np.ndarray, "*points"], most: float) -> np.ndarray:
+    """Carry pressures as the square root of their share of the largest: 1 % of the largest is 25 of 255."""
+    return np.round(255.0 * np.sqrt(np.clip(pressure / most, 0.0, 1.0))).astype(np.uint8)
+
+
+def _planes(view: SceneView) -> dict[str, Any]:
+    slices = view.slices
+    counts = slices.depth.shape[::-1]
+    focus = (view.points.mean(axis=0) - slices.corner) @ slices.axes.T / slices.steps
+    # The slice goes through the focus farthest from the viewer, or it would hide others behind it.
+    seen = _towards(*_side(slices.axes[2], view.normals))
+    heights = ((view.points - slices.corner) @ slices.axes[2]) / slices.steps[2]
+    focus[2] = heights.min() if slices.axes[2] @ seen > 0.0 else heights.max()
+    start = [int(np.clip(round(at), 0, count - 1)) for at, count in zip(focus, counts, strict=True)]
+    corner = 1e3 * slices.axes @ slices.corner
+    return {
+        "corner": _rounded(corner),
+        "axes": slices.axes.tolist(),
+        "steps": _rounded(1e3 * slices.steps),
+        "counts": list(counts),
+        "labels": ["xyz"[int(np.argmax(axis))] for axis in slices.axes],
+        "start": start,
+    }
+
+
+def _views(view: SceneView) -> dict[str, Any]:
+    """From where, and how much of it, the scene is seen first."""
+    slices = view.slices
+    sides = slices.steps * (np.array(slices.depth.shape[::-1]) - 1)
+    middle = slices.corner + (sides / 2.0) @ slices.axes
+    everything = np.concatenate([view.solid, *view.sheets])
+    lowest, highest = everything.min(axis=0), everything.max(axis=0)
+    away = [1.2 * np.linalg.norm(path - middle, axis=1).max() for path in view.paths]
+    azimuth, elevation = _side(slices.axes[2], view.normals)
+    return {
+        "middle": _rounded(1e3 * (lowest + highest) / 2.0),
+        "reach": 0.55e3 * float(np.linalg.norm(highest - lowest)),
+        "focus": _rounded(1e3 * middle),
+        "close": 1e3 * float(max([0.54 * np.linalg.norm(sides[:2]), *away])),
+        "seen": [azimuth, elevation],
+        "seen_whole": _from_the_front(view.planes, azimuth, elevation),
+    }
+
+
+def _from_the_front(planes: Sequence[Plane], azimuth: float, elevation: float) -> list[float]:
+    """Azimuth and elevation [rad] of the view, or of its image in a plane that would be seen from behind."""
+    seen = _towards(azimuth, elevation)
+    for plane in planes:
+        seen = seen - 2.0 * min(0.0, float(seen @ plane.normal)) * plane.normal
+    return [float(np.arctan2(seen[1], seen[0])), float(np.arcsin(np.clip(seen[2], -1.0, 1.0)))]
+
+
+def _towards(azimuth: float, elevation: float) -> Float64[np.ndarray, "3"]:
+    """Return the unit vector to the viewer."""
+    level = np.cos(elevation)
+    return np.array([np.cos(azimuth) * level, np.sin(azimuth) * level, np.sin(elevation)])
+
+
+def _side(
+    normal: Float64[np.ndarray, "3"], radiated: Real[np.ndarray, "elements 3"]
+) -> tuple[float, float]:
+    """Azimuth and elevation from which the slice is seen first [rad], from where the sound comes if from one side."""
+    towards = -radiated.mean(axis=0)
+    below = towards[2] < -0.3
+    if abs(normal[2]) > 0.9:
+        return -1.1, -0.5 if below else 0.8
+    way = normal @ towards if abs(normal @ towards) > 0.3 else normal @ [0.3, -1.0, 0.0]
+    seen = normal * np.sign(way)
+    return float(np.arctan2(seen[1], seen[0])) + 0.5, -0.6 if below else 0.35

@@ -1,0 +1,287 @@
+"""The bodies of a scene file: built from their tables, named, merged where asked, and drawable where at fault."""
+
+import math
+from collections.abc import Callable, Sequence
+from functools import partial
+from itertools import combinations
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from jaxtyping import Float64, Int64
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from airtact.acoustics.medium import Medium
+from airtact.acoustics.scene import Obstacle, filled, impedance, sound_hard
+from airtact.errors import LARGEST_SCENE_FILE, InvalidInput, about
+from airtact.files.bounded import text_of
+from airtact.geometry.checks import NEAREST, approach
+from airtact.geometry.files import bare_mesh, load_surface
+from airtact.geometry.pose import Pose
+from airtact.geometry.primitives import capsule, sphere
+from airtact.geometry.surface import Surface
+from airtact.geometry.union import merged
+from airtact.hands.files import ROOM, load_hand
+from airtact.hands.hand import PLACES, Hand
+from airtact.hands.joints import NAMES
+from airtact.hands.pinch_dummy import pinch
+from airtact.hands.scans import load_rigged_hand, places_on
+from airtact.setup import tables
+from airtact.setup.limits import not_finite
+from airtact.setup.parsing import parse_scene
+
+Made = TypeVar("Made")
+
+NamedPoints = dict[str, tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"], float]]
+"""Named points of bodies, the outward normals there, and the distance to the next body [m]."""
+
+Triangles = tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangles 3"]]
+"""Vertices (V, 3) [m] and the indices of each triangle (T, 3)."""
+
+
+def built(
+    function: Callable[..., Made], table: tables.Table, leave_out: tuple[str, ...] = ()
+) -> Made:
+    """Call a function with the keys that are given in a table, which are named as its arguments are."""
+    given = {key: getattr(table, key) for key in table.__struct_fields__ if key not in leave_out}
+    given = {key: np.array(value) if key == "corners" else value for key, value in given.items()}
+    return function(**{key: value for key, value in given.items() if value is not None})
+
+
+def bodies_of(
+    file: tables.SceneFile, folder: Path, medium: Callable[[tables.MediumTable], Medium]
+) -> tuple[list[str], list[Obstacle], NamedPoints, list[Hand]]:
+    """Build the bodies of a scene file: names, obstacles, named points that foci can use, and hands that name points.
+
+    Files of surfaces and hands are found in the folder; ``medium`` makes the fluid that fills a
+    body.
+    """
+    obstacles: list[Obstacle] = []
+    names: list[str] = []
+    points: NamedPoints = {}
+    hands: list[Hand] = []
+    wanted = tuple(
+        focus.points.at for focus in file.foci if isinstance(focus.points, tables.NamedPointTable)
+    )
+    for index, table in enumerate(file.obstacles):
+        with about(f"obstacles[{index}]"):
+            own: NamedPoints = {}
+            for name, surface in _surfaces(table, folder, own, wanted, hands).items():
+                obstacles.append(_obstacle(table, surface, medium))
+                names.append(f"{name} {index + 1}" if name in names else name)
+            points |= _distinct(own, points, wanted)
+    _check_places(file, folder, points)
+    if file.merge_bodies:
+        with about("merge_bodies"):
+            names, obstacles = with_merged_bodies(names, obstacles)
+    return names, obstacles, points, hands
+
+
+def pose_of(table: tables.PoseTable) -> Pose:
+    """Build the rigid motion of a table."""
+    translation = np.array(table.translation)
+    match table.rotation:
+        case tables.MatrixTable(rotation=rotation):
+            return Pose(np.array(rotation), translation)
+        case tables.AxisTable(axis=axis, degrees=degrees):
+            whole_turns_off = math.fmod(degrees, 360.0) if math.isfinite(degrees) else degrees
+            return Pose.turn(np.array(axis), math.radians(whole_turns_off), translation)
+    return Pose(np.eye(3), translation)
+
+
+def _surfaces(
+    table: tables.ObstacleTable,
+    folder: Path,
+    points: NamedPoints,
+    wanted: tuple[str, ...] = (),
+    hands: list[Hand] | None = None,
+) -> dict[str, Surface]:
+    """Build the surfaces of an obstacle by name where its pose places them, and add its named points and its hand."""
+    hands = [] if hands is None else hands
+    if table.pose is None:
+        return _unmoved(table, folder, points, wanted, hands)
+    own: NamedPoints = {}
+    own_hands: list[Hand] = []
+    surfaces = _unmoved(table, folder, own, wanted, own_hands)
+    with about("pose"):
+        pose = pose_of(table.pose)
+    for name, (point, normal, room) in own.items():
+        points[name] = (pose.apply(point), pose.rotate(normal), room)
+    hands += [Hand(pose.apply(hand.joints), hand.radii, hand.side) for hand in own_hands]
+    return {name: surface.moved(pose) for name, surface in surfaces.items()}
+
+
+def _unmoved(
+    table: tables.ObstacleTable,
+    folder: Path,
+    points: NamedPoints,
+    wanted: tuple[str, ...],
+    hands: list[Hand],
+) -> dict[str, Surface]:
+    """Build the surfaces of an obstacle in its own frame; the named points wanted are brought to the surface."""
+    match table.body:
+        case tables.PinchTable(gap=gap):
+            fingers = pinch(gap=gap)
+            for name, pad, normal in zip(
+                ("thumb", "finger"), fingers.pads, fingers.normals, strict=True
+            ):
+                points[f"{name}.pad"] = (pad, normal, fingers.gap)
+            return {"thumb": fingers.surfaces[0], "finger": fingers.surfaces[1]}
+        case tables.CapsuleTable(start=start, end=end, radius=radius, edge=edge):
+            return {"capsule": capsule(np.array(start), np.array(end), radius=radius, edge=edge)}
+        case tables.SphereTable(radius=radius, centre=centre, edge=edge):
+            return {"sphere": sphere(radius=radius, edge=edge, centre=np.array(centre))}
+        case tables.HandTable(hand=name, gap=gap):
+            hand = load_hand(folder / name, gap)
+            for name in hand.places:
+                points[name] = (*(hand.place(name) if name in wanted else hand.places[name]), ROOM)
+            hands.append(hand)
+            return {"hand": hand.surface}
+        case tables.SurfaceTable(surface=name):
+            surface = built(
+                partial(load_surface, folder / name), table.body, leave_out=("surface", "joints")
+            )
+            hand = _hand_of(table.body, folder, wanted)
+            if hand is not None:
+                hands.append(hand)
+                points.update(
+                    {place: (*found, ROOM) for place, found in places_on(surface, hand).items()}
+                )
+            return {Path(name).stem: surface}
+
+
+def _hand_of(table: tables.SurfaceTable, folder: Path, wanted: tuple[str, ...]) -> Hand | None:
+    """Read the hand that names the points of a mesh: of its ``joints``, or of its rig where names are wanted."""
+    if table.joints is not None:
+        return load_hand(folder / table.joints)
+    if not wanted:
+        return None
+    path = folder / table.surface
+    try:
+        return load_rigged_hand(path, table.scale or 1.0)
+    except InvalidInput as fault:
+        if fault.code == "joint_missing" or not set(wanted) & set(PLACES):
+            return None
+        if fault.code == "side_unclear":
+            raise InvalidInput(
+                f"{path.name}: the {len(NAMES)} joints of its rig are too straight to distinguish a left hand from a "
+                'right one; give joints = "FILE.json" with the same joints and the side.',
+                code="side_unclear",
+            ) from None
+        raise
+
+
+def _distinct(own: NamedPoints, known: NamedPoints, wanted: tuple[str, ...]) -> NamedPoints:
+    """Return the named points of a body; raise where a wanted one is named by a body before it, too."""
+    for name in wanted:
+        if name in own and name in known:
+            raise InvalidInput(
+                f"{name} is a named point of 2 bodies; give point = [x, y, z] instead of at.",
+                code="place_twice",
+            )
+    return own
+
+
+def _check_places(file: tables.SceneFile, folder: Path, points: NamedPoints) -> None:
+    """Raise where a focus names a place of a hand, and the meshes here have no joints to find it by."""
+    meshes = [table.body for table in file.obstacles if isinstance(table.body, tables.SurfaceTable)]
+    for index, focus in enumerate(file.foci):
+        at = focus.points.at if isinstance(focus.points, tables.NamedPointTable) else None
+        if at not in PLACES or at in points or not meshes:
+            continue
+        try:
+            load_rigged_hand(folder / meshes[0].surface, meshes[0].scale or 1.0)
+        except InvalidInput as fault:
+            raise InvalidInput(
+                f'foci[{index}]: at = "{at}" is not a named point here, for {str(fault).removesuffix(".")}; give the '
+                f'obstacle joints = "FILE.json", all of them in the frame of the mesh, or the focus point = [x, y, z].',
+                code="joint_missing",
+            ) from None
+
+
+def _obstacle(
+    table: tables.ObstacleTable, surface: Surface, medium: Callable[[tables.MediumTable], Medium]
+) -> Obstacle:
+    match table.boundary:
+        case tables.ImpedanceTable(ratio=ratio):
+            return impedance(
+                surface, complex(*ratio) if isinstance(ratio, tuple) else complex(ratio)
+            )
+        case tables.FilledTable(medium=inside):
+            with about("medium"):
+                return filled(surface, medium(inside))
+    return sound_hard(surface)
+
+
+def with_merged_bodies(
+    names: Sequence[str], obstacles: Sequence[Obstacle]
+) -> tuple[list[str], list[Obstacle]]:
+    """Merge sound-hard bodies that overlap, touch or stand nearer than ``NEAREST`` into one.
+
+    The names of merged bodies are joined with " + "; all are in the order of their first.
+    """
+    hard = [index for index, obstacle in enumerate(obstacles) if obstacle.boundary == "sound_hard"]
+    near = [
+        pair
+        for pair in combinations(hard, 2)
+        if _nearly_touch(*(obstacles[index].surface for index in pair))
+    ]
+    one, two = np.array(near, dtype=np.int64).reshape(-1, 2).T
+    count = len(obstacles)
+    groups = connected_components(
+        coo_array((np.ones(len(one)), (one, two)), shape=(count, count)), directed=False
+    )[1]
+    words, bodies = [], []
+    for group in dict.fromkeys(groups.tolist()):
+        members = np.flatnonzero(groups == group).tolist()
+        words.append(" + ".join(names[index] for index in members))
+        surfaces = [obstacles[index].surface for index in members]
+        bodies.append(
+            obstacles[members[0]] if len(members) == 1 else sound_hard(merged(surfaces, NEAREST))
+        )
+    return words, bodies
+
+
+def _nearly_touch(one: Surface, two: Surface) -> bool:
+    return approach(one, two, NEAREST * (1.0 - 1e-9)) is not None
+
+
+def drawable_bodies(path: Path) -> list[Triangles]:
+    """Find the triangles of the bodies of a scene file that is at fault, as far as they can be read.
+
+    Raises
+    ------
+    InvalidInput
+        The file itself cannot be read or is not a scene file.
+    """
+    found = []
+    file = parse_scene(text_of(path, LARGEST_SCENE_FILE))
+    for table in () if not_finite(file) else file.obstacles:
+        try:
+            found += [
+                (body.vertices, body.triangles)
+                for body in _surfaces(table, path.parent, {}).values()
+            ]
+        except InvalidInput:
+            if isinstance(table.body, tables.SurfaceTable):
+                bare = bare_triangles(path.parent / table.body.surface, table.body.scale or 1.0)
+                found += [] if bare is None else [bare]
+    return found
+
+
+def bare_triangles(path: Path, scale: float = 1.0) -> Triangles | None:
+    """Read the triangles of an STL, PLY, OBJ or GLB file as they are, in metres by ``scale`` metres per unit.
+
+    None where the file cannot be read or there is nothing to draw.
+    """
+    try:
+        vertices, triangles = bare_mesh(path)
+    except InvalidInput:
+        return None
+    with np.errstate(over="ignore"):
+        vertices = scale * vertices
+    there = vertices[np.isfinite(vertices).all(axis=1)]
+    if len(there) == 0 or np.ptp(there, axis=0).max() == 0.0:
+        return None
+    return vertices, triangles

@@ -1,0 +1,42 @@
+"""The scenes, hands and the scan that come with airtact."""
+
+import difflib
+from pathlib import Path
+
+from airtact.errors import InvalidInput
+
+ENDINGS = (".csv", ".glb", ".json", ".jsonl", ".ply", ".toml")
+
+
+def example(name: str, endings: tuple[str, ...] = ENDINGS) -> Path:
+    """Return the path of a file that comes with airtact.
+
+    Parameters
+    ----------
+    name : a scene, such as "pinch", or any other file with its ending, such as "relaxed.json".
+    endings : of files that will do.
+
+    Raises
+    ------
+    InvalidInput
+        If there is none of that name; the sentence has all names.
+
+    Examples
+    --------
+    >>> example("pinch").name
+    'pinch.toml'
+    """
+    files = {
+        path.stem if path.suffix == ".toml" else path.name: path
+        for path in sorted(Path(__file__).parent.rglob("*"))
+        if path.suffix in endings
+    }
+    found = files.get(name.removesuffix(".toml"))
+    if found is None:
+        names, close = ", ".join(sorted(files)), difflib.get_close_matches(name, files, 1)
+        meant = f"; did you mean {close[0]}?" if close else "."
+        raise InvalidInput(
+            f"{name!r} is not 1 of the {len(files)} examples: {names}{meant}",
+            code="unknown_example",
+        )
+    return found

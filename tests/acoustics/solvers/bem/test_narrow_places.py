@@ -1,0 +1,87 @@
+"""Cavities, thin walls and narrow gaps, against rings of monopoles that share no code with the solver."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import airtact as at
+from airtact.benching.scenes import AIR, FREQUENCY
+from benchmarks.estimate import case_of
+from references import axisymmetric
+
+SOURCE = np.array([[0.06, 0.02, 0.05]])
+
+
+def solved(
+    meridians: list[axisymmetric.Meridian], source: np.ndarray, accuracy: float
+) -> at.acoustics.RadiatedField:
+    """Solve bodies of revolution, meshed with 1 mm triangles, beside a unit source."""
+    bodies = [at.sound_hard(axisymmetric.surface(meridian, 1e-3)) for meridian in meridians]
+    scene = at.Scene(AIR, bodies, frequency=FREQUENCY)
+    return at.BoundaryElement(accuracy=accuracy).radiate(scene, at.Monopoles(source, np.eye(1)))
+
+
+def relative(found: np.ndarray, true: np.ndarray) -> float:
+    return float(np.linalg.norm(found - true) / np.linalg.norm(true))
+
+
+def test_rings_of_monopoles_agree_with_the_series_of_a_sphere() -> None:
+    points = np.array([[0.03, 0.0, 0.0], [0.0, -0.012, 0.0], [0.01, 0.02, -0.03]])
+    scene = at.Scene(AIR, [at.sound_hard(at.sphere(0.01, 0.004))], frequency=FREQUENCY)
+    true = at.SphereSeries().radiate(scene, at.Monopoles(SOURCE, np.eye(1))).at(points)
+    found, own = axisymmetric.pressure_at(
+        [axisymmetric.spheroid(0.01, 0.01)], scene.wavenumber, SOURCE, points
+    )
+    assert own < 1e-6
+    assert relative(found, true) < 1e-7
+
+
+@pytest.mark.slow
+def test_a_cavity_is_about_as_accurate_inside_as_asked() -> None:
+    meridian = axisymmetric.shell(0.015, 0.002, 40.0)
+    points = np.random.default_rng(0).uniform(-0.006, 0.006, (20, 3))
+    field = solved([meridian], SOURCE, 0.01)
+    true, own = axisymmetric.pressure_at([meridian], field.scene.wavenumber, SOURCE, points)
+    assert own < 2e-3
+    error = relative(field.at(points), true)
+    assert error < 0.02
+    assert 0.3 < float(field.error_at(points)[0]) / error < 10
+
+
+@pytest.mark.slow
+def test_a_bent_wall_has_panels_small_enough_for_the_field_beside_it_near_a_resonance() -> None:
+    """With panels twice as large on its wall this shell is 3.2 % off."""
+    case = case_of(33)
+    true, own = case.truth()
+    assert own < 1e-3
+    field = at.BoundaryElement(accuracy=case.accuracy).radiate(
+        case.scene, at.Monopoles(case.source, np.eye(1))
+    )
+    assert relative(field.at(case.points)[:, 0], true) < case.accuracy == 0.01
+
+
+@pytest.mark.slow
+def test_tips_a_narrow_gap_apart_are_as_accurate_as_asked_beside_and_in_the_gap() -> None:
+    gap = 0.31e-3
+    tips = [axisymmetric.upright_capsule(8e-3, 0.03, side * (0.023 + gap / 2)) for side in (-1, 1)]
+    away, inside = (
+        np.array([[0.1, 0.0, 0.0], [0.07, 0.07, 0.02]]),
+        np.linspace(-4e-3, 4e-3, 20)[:, None] * [1, 0, 0],
+    )
+    for source, points in ((np.array([[6e-3, 0.0, 0.0]]), away), (SOURCE, inside)):
+        field = solved(tips, source, 0.01)
+        true, own = axisymmetric.pressure_at(tips, field.scene.wavenumber, source, points)
+        assert own < 1e-3
+        assert relative(field.at(points), true) < 0.01
+
+
+def test_a_report_at_points_in_a_cavity_names_the_place_that_is_less_accurate_than_asked() -> None:
+    meridian = axisymmetric.shell(0.015, 0.002, 40.0)
+    field = solved([meridian], SOURCE, 0.03)
+    strict = replace(
+        field, accuracy=0.002, wanted=0.002
+    )  # as if so much had been asked of the same panels
+    report = strict.report_at(np.array([[0.0, 0.0, 0.002], [0.003, 0.0, -0.004]]))
+    assert report.estimated_error > field.report.estimated_error
+    assert any("0.2 % was asked" in warning and "mm" in warning for warning in report.warnings)

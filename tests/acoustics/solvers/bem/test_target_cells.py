@@ -1,0 +1,161 @@
+"""Sums at many points in cells, against plain sums in NumPy and the closed form of a ball."""
+
+import numpy as np
+import pytest
+
+import airtact as at
+from airtact.acoustics.solvers.bem.target_cells import ORDERS, cells_of
+from faults import raises_code
+
+AIR = at.Medium(343.1, 1.293)
+WAVELENGTH = 343.1 / 40e3
+TURNED = at.Pose.turn((1, 2, 3), 0.7, (0.3, -0.2, 0.1))
+
+
+def grid(*sides: int, step: float = 0.4e-3) -> np.ndarray:
+    """Points of a line, a square or a cube that stands askew."""
+    along = [step * (np.arange(side) - side / 2) for side in sides]
+    flat = np.stack(np.meshgrid(*along, indexing="ij"), axis=-1).reshape(-1, len(sides))
+    return TURNED.apply(np.pad(flat, ((0, 0), (0, 3 - len(sides)))))
+
+
+def sources_beside(points: np.ndarray, count: int = 150) -> np.ndarray:
+    """Among the points, a tenth of a millimetre off them, and up to 50 mm away."""
+    random = np.random.default_rng(3)
+    spread = np.geomspace(1e-4, 50e-3, count)[:, None] * random.normal(size=(count, 3))
+    return points[random.integers(0, len(points), count)] + spread
+
+
+def plain(points, sources, normals, strengths, wavenumber):
+    offset = sources - points[:, None]
+    distance = np.linalg.norm(offset, axis=2)
+    kernel = np.exp(1j * wavenumber * distance) / distance
+    if normals is not None:
+        slope = (offset * normals).sum(axis=2) / distance
+        kernel = kernel * slope * (1j * wavenumber - 1 / distance) / (4 * np.pi)
+    return kernel @ strengths
+
+
+@pytest.mark.parametrize("error", ORDERS)
+@pytest.mark.parametrize("sides", [(600,), (45, 50), (22, 23, 24)])
+@pytest.mark.parametrize("kind", ["monopoles", "layer in air"])
+def test_sums_in_cells_equal_plain_ones(kind, sides, error):
+    points = grid(*sides)
+    wavenumber = 2 * np.pi / WAVELENGTH + (0.2j if kind == "layer in air" else 0j)
+    sources, random = sources_beside(points), np.random.default_rng(5)
+    normals = None if kind == "monopoles" else 1e-6 * random.normal(size=sources.shape)
+    strengths = random.normal(size=(len(sources), 2)) + 1j * random.normal(size=(len(sources), 2))
+    cells = cells_of(points, WAVELENGTH, error)
+    if cells is None:
+        assert (error, len(sides)) == (
+            min(ORDERS),
+            3,
+        )  # grids of 1000 points in a cubic wavelength do not pay here
+        return
+    assert len(cells.grids) < len(points)
+    found, exact = (
+        cells.sums(sources, normals, strengths, wavenumber),
+        plain(points, sources, normals, strengths, wavenumber),
+    )
+    away = np.abs(exact) < 10 * np.median(
+        np.abs(exact), axis=0
+    )  # or one point beside a source would be all that counts
+    assert np.linalg.norm((found - exact)[away]) < error * np.linalg.norm(exact[away])
+    np.testing.assert_allclose(found[~away], exact[~away], rtol=1e-2)
+
+
+@pytest.mark.parametrize("points", [np.zeros((0, 3)), grid(5, 5), grid(40, 40, step=20e-3)])
+def test_few_points_or_points_far_apart_have_no_cells(points):
+    assert cells_of(points, WAVELENGTH, 1e-3) is None
+    assert cells_of(grid(60, 60), WAVELENGTH, 1e-9) is None
+
+
+@pytest.fixture(scope="module")
+def pictured() -> tuple[at.acoustics.RadiatedField, at.acoustics.RadiatedField, np.ndarray]:
+    """A beacon beside a ball and one far from it, in closed form and by boundary elements, and points of a picture."""
+    ball = at.sphere(6e-3, edge=2e-3, centre=(1e-3, 2e-3, -1e-3))
+    scene = at.Scene(AIR, [at.sound_hard(ball)], frequency=40e3)
+    sources = at.Monopoles(np.array([[1e-3, 2e-3, 5.5e-3], [0.06, 0.05, 0.08]]), np.eye(2))
+    along = np.linspace(-20e-3, 20e-3, 80)
+    across, up = np.meshgrid(along, along)
+    points = np.stack([across.ravel(), np.full(6400, 1.9e-3), up.ravel()], axis=1)
+    points[3] = [1e-3 + 6e-3, 2e-3, -1e-3]  # on the skin, and by a hair out of the plane
+    return (
+        at.SphereSeries().radiate(scene, sources),
+        at.BoundaryElement(accuracy=0.03).radiate(scene, sources),
+        points,
+    )
+
+
+def test_a_picture_beside_a_ball_is_its_closed_form(pictured):
+    series, field, points = pictured
+    height = np.linalg.norm(points - [1e-3, 2e-3, -1e-3], axis=1) - 6e-3
+    found, exact, outside = field.at(points), series.at(points), height > 0
+    clear = np.abs(height) > 0.1e-3  # nearer, points may touch a panel
+    assert np.array_equal(np.isnan(found).any(axis=1)[clear], ~outside[clear])
+    assert np.array_equal(field.valid(points)[clear], outside[clear])
+    error = np.linalg.norm((found - exact)[outside], axis=0) / np.linalg.norm(
+        exact[outside], axis=0
+    )
+    assert error.max() < 0.03
+
+
+def test_a_picture_agrees_with_its_points_one_by_one(pictured):
+    series, field, points = pictured
+    some = np.flatnonzero(field.valid(points))[::61]  # too few for cells
+    together, apart = field.at(points)[some], field.at(points[some])
+    size = np.linalg.norm(apart, axis=0)
+    assert np.linalg.norm((together - apart)[:, 0]) < 2e-3 * size[0]  # the same solutions, in cells
+    assert (
+        np.linalg.norm((together - apart)[:, 1]) < 0.03 * size[1]
+    )  # the direct one instead of the mean of both
+    np.testing.assert_allclose(
+        field.at(points)[3], series.at(points[3:4])[0], rtol=0.03
+    )  # on the skin, off the plane
+
+
+def test_without_the_direct_solution_a_picture_is_known_away_from_the_surface_only(pictured):
+    _, field, points = pictured
+    lean = at.BoundaryElement(accuracy=0.03, estimate=False).radiate(field.scene, field.sources)
+    away = points + [0, 15e-3, 0]
+    exact = lean.at(away[:100])
+    assert np.linalg.norm(lean.at(away)[:100] - exact) < 2e-3 * np.linalg.norm(exact)
+    with raises_code("surface_not_solved"):
+        lean.at(points)
+
+
+@pytest.mark.parametrize("error", ORDERS)
+@pytest.mark.parametrize("sides", [(60, 60), (24, 24, 24)])
+def test_a_source_just_beyond_the_corner_of_a_wide_cell_is_no_worse(sides, error):
+    along = [
+        0.99 * share * WAVELENGTH * np.linspace(-0.5, 0.5, side)
+        for side, share in zip(sides, (1, 0.97, 0.94), strict=False)
+    ]
+    points = np.stack(np.meshgrid(*along, indexing="ij"), axis=-1).reshape(-1, len(sides))
+    points = TURNED.apply(np.pad(points, ((0, 0), (0, 3 - len(sides)))))
+    cells = cells_of(points, WAVELENGTH, error)
+    assert cells is not None
+    assert len(cells.centres) == 1
+    corners = np.array([[1, 1, 1], [1, 1, 0], [1, -1, 0], [0, 1, 1], [1, 0, 0], [0, 0, 1]])
+    one = np.ones((1, 1), dtype=np.complex128)
+    for corner in corners / np.linalg.norm(corners, axis=1, keepdims=True):
+        source = (cells.centres[0] + 1.0001 * cells.reach * TURNED.rotate(corner))[None]
+        for normals in (None, 1e-6 * np.ones((1, 3))):
+            exact = plain(points, source, normals, one, 2 * np.pi / WAVELENGTH)
+            found = cells.sums(source, normals, one, 2 * np.pi / WAVELENGTH + 0j)
+            assert np.linalg.norm(found - exact) < error * np.linalg.norm(exact)
+
+
+def test_a_point_of_a_picture_beside_a_source_is_as_by_itself():
+    ball = at.sphere(radius=4e-3, edge=2e-3)
+    side = np.linspace(-12e-3, 12e-3, 60)
+    picture = np.stack(np.meshgrid(side, [0.0], side + 1e-5, indexing="ij"), axis=-1).reshape(-1, 3)
+    beside = int(np.argmin(np.linalg.norm(picture - [0, 0, 8e-3], axis=1)))
+    for off in (2e-9, 1e-6):
+        source = at.Monopoles(picture[beside] + np.array([[0, off, 0]]), np.ones(1))
+        field = at.BoundaryElement(accuracy=0.05).radiate(
+            at.Scene(AIR, [at.sound_hard(ball)], frequency=40e3), source
+        )
+        alone = field.at(picture[beside : beside + 1])[0, 0]
+        assert abs(field.at(picture)[beside, 0] - alone) < 1e-5 * abs(alone)
+        assert abs(alone) > 0.9 / off

@@ -1,0 +1,475 @@
+"""Finite elements against closed forms, and the input that they reject."""
+
+import re
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+
+import airtact as at
+from airtact.acoustics.solvers.fem import factorisation, solver
+from airtact.acoustics.solvers.fem.field import FiniteField, touching_warnings
+from airtact.acoustics.solvers.fem.meshing import meshing
+from airtact.acoustics.solvers.fem.meshing.surface_mesh import surface_mesh
+from airtact.acoustics.solvers.fem.meshing.symmetry import mirrors_of
+from airtact.acoustics.solvers.fem.orders import longest_served
+from benchmarks.accuracy import PAPER_AIR, directions, far_points, one_each, relative
+from faults import raises_code
+from hands.hand_poses import example
+
+WATER = at.Medium(1481.0, 999.7)
+BALL = at.sphere(0.005, 0.0025)
+QUICK = at.FiniteElement(order=4, symmetry=())
+
+
+def ball_scene(obstacle: at.acoustics.Obstacle, medium: at.Medium = PAPER_AIR) -> at.Scene:
+    return at.Scene(medium, [obstacle])
+
+
+def errors(
+    solved_by: at.acoustics.Solver, scene: at.Scene, sources: at.Monopoles, points: np.ndarray
+) -> float:
+    found = solved_by.radiate(scene, sources).at(points)
+    return float(relative(found, at.SphereSeries().radiate(scene, sources).at(points)).max())
+
+
+BODIES = {
+    "hard": at.sound_hard(BALL),
+    "impedance": at.impedance(BALL, 1.5 + 0.5j),
+    "water": at.filled(BALL, WATER),
+    "light gas": at.filled(BALL, at.Medium(500.0, 2.0)),
+}
+
+
+@pytest.mark.parametrize("name", list(BODIES))
+def test_spheres_at_default_settings(name):
+    scene = ball_scene(BODIES[name])
+    ready = at.FiniteElement(symmetry=()).factorised(scene)
+    sources = one_each(
+        np.concatenate([directions(2, 0) * (0.005 + gap) for gap in (0.0, 5e-4, 0.02)])
+    )
+    assert errors(ready, scene, sources, far_points(20)) < (0.01 if name == "impedance" else 5e-3)
+    aloof = one_each(directions(2, 1) * 0.02)
+    points = directions(30, 6) * np.linspace(0.0005, 0.0065, 30)[:, None]
+    field, exact = ready.radiate(scene, aloof), at.SphereSeries().radiate(scene, aloof)
+    valid = field.valid(points)
+    assert np.array_equal(valid, exact.valid(points))
+    assert np.array_equal(np.isfinite(field.at(points)), np.isfinite(exact.at(points)))
+    assert relative(field.at(points)[valid], exact.at(points)[valid]).max() < 0.02
+
+
+def test_one_octant_solves_the_whole_sphere():
+    scene = ball_scene(BODIES["hard"])
+    sources = one_each(directions(2, 0) * 0.0055)
+    ready = at.FiniteElement(symmetry=("x", "y", "z")).factorised(scene)
+    assert errors(ready, scene, sources, far_points(20)) < 0.01
+    whole = at.FiniteElement(symmetry=()).factorised(scene)
+    assert 4 * ready.report.nodes < whole.report.nodes
+    surface = ready.radiate(scene, sources).on_surface
+    assert surface.areas.sum() == pytest.approx(4 * np.pi * 0.005**2, rel=2e-3)
+    assert np.allclose((surface.normals * surface.points).sum(axis=1), 0.005, atol=1e-5)
+    points = 0.005 * surface.points / np.linalg.norm(surface.points, axis=1)[:, None]
+    exact = at.SphereSeries().radiate(scene, sources).at(points)
+    assert relative(surface.pressure, exact).max() < 0.03
+
+
+def test_sources_on_a_mirror_are_even_about_it():
+    """So are two mirrored monopoles in phase: no factorisation is spent on parts that are 0."""
+    ready = at.FiniteElement(order=3).factorised(ball_scene(BODIES["hard"]))
+    contact = at.Monopoles(np.array([[0.005, 0.0, 0.0], [-0.005, 0.0, 0.0]]), np.ones(2))
+    ready.radiate(ready.scene, contact)
+    assert list(ready.systems[0].factors) == [(0, 0, 0)]
+    ready.radiate(
+        ready.scene, at.Monopoles(np.array([[0.0, 0.0, 0.005], [0.0, 0.0, 0.02]]), np.ones(2))
+    )
+    assert list(ready.systems[0].factors) == [(0, 0, 0), (0, 0, 1)]
+
+
+def test_absorption_is_solved_for():
+    scene = ball_scene(BODIES["hard"], at.Medium(343.1, 1.293, absorption=20.0))
+    assert errors(QUICK, scene, one_each(directions(3, 0) * 0.0055), far_points(20)) < 0.015
+
+
+def test_next_sources_reuse_the_factorisation():
+    scene = ball_scene(BODIES["hard"])
+    ready = QUICK.factorised(scene)
+    first = ready.radiate(scene, one_each(directions(2, 0) * 0.0055))
+    factors = dict(ready.systems[0].factors)
+    second = ready.radiate(scene, one_each(directions(2, 1) * 0.0055))
+    assert isinstance(second, FiniteField)
+    assert ready.systems[0].factors == factors
+    assert first.from_afar is not second.from_afar
+    with raises_code("not_factorised", "scene of 1 body"):
+        ready.radiate(ball_scene(BODIES["water"]), one_each(directions(2, 1) * 0.0055))
+
+
+def test_the_estimate_is_near_the_error():
+    scene, points = ball_scene(BODIES["hard"]), far_points(20)
+    sources = one_each(directions(2, 0) * 0.0055)
+    field = at.FiniteElement(order=3, symmetry=(), estimate=True).radiate(scene, sources)
+    true = float(
+        relative(field.at(points), at.SphereSeries().radiate(scene, sources).at(points)).max()
+    )
+    assert 0.3 < field.report.estimated_error / true < 3
+
+
+def test_orders_that_follow_the_size_cost_less_than_one_order():
+    scene, points = ball_scene(BODIES["hard"]), far_points(20)
+    sources = one_each(directions(2, 0) * 0.02)
+    graded, even = (
+        at.FiniteElement(symmetry=("x", "y", "z"), graded=one).factorised(scene)
+        for one in (True, False)
+    )
+    assert graded.report.nodes < 0.7 * even.report.nodes
+    assert errors(graded, scene, sources, points) < 0.005
+    assert errors(even, scene, sources, points) < 0.005
+
+
+def test_longer_edges_get_higher_orders():
+    served = longest_served(5, 0.9)
+    assert served[4] == pytest.approx(0.9)
+    assert (np.diff(served) > 0).all()
+    assert (longest_served(5, 0.9, ease=3.0) > served).all()
+    degree = np.arange(
+        1, 7
+    )  # a polynomial of each through Chebyshev's points misses e^{ikx} by as much as the others
+    missed = []
+    for order, length in zip(degree, served, strict=False):
+        wave = np.polynomial.Chebyshev.interpolate(
+            lambda x: np.cos(2 * np.pi * x), order, domain=[0.25 - length / 2, 0.25 + length / 2]
+        )
+        shifted = np.polynomial.Chebyshev.interpolate(
+            lambda x: np.sin(2 * np.pi * x), order, domain=[0.25 - length / 2, 0.25 + length / 2]
+        )
+        x = np.linspace(0.25 - length / 2, 0.25 + length / 2, 400)
+        missed.append(np.abs(wave(x) + 1j * shifted(x) - np.exp(2j * np.pi * x)).max())
+    assert max(missed) < 2 * min(missed)
+
+
+def test_progress_is_reported():
+    steps: list[str] = []
+    at.FiniteElement(order=2, symmetry=(), progress=steps.append).radiate(
+        ball_scene(BODIES["hard"]), one_each(np.array([[0, 0, 0.02]]))
+    )
+    assert steps == ["meshing", "assembling", "factorising and solving"]
+
+
+def test_a_meshed_workspace_is_read_off_the_mesh():
+    scene, corner = ball_scene(at.sound_hard(at.sphere(0.003, 0.001))), 0.012
+    box = ((-corner, -corner, -corner), (corner, corner, corner))
+    finite = at.FiniteElement(order=5, domain="box", box=box)
+    sources = one_each(np.array([[0.0, 0.0, 0.003]]))
+    points = directions(20, 3) * 0.011
+    field = finite.radiate(scene, sources)
+    exact = at.SphereSeries().radiate(scene, sources).at(points)
+    assert relative(field.at(points), exact).max() < 0.05
+    assert not field.valid(np.array([[0.0, 0.0, 0.013]]))[0]
+    with raises_code("outside_box", "source 0 at", "stands 1 mm outside"):
+        finite.radiate(scene, one_each(np.array([[0.0, 0.0, 0.013]])))
+
+
+@pytest.mark.parametrize(("corner", "off"), [(0.003, "2.86"), (0.005, "0.858")])
+def test_bodies_beyond_the_workspace_are_rejected(corner, off):
+    finite = at.FiniteElement(
+        domain="box", box=((-corner, -corner, -corner), (corner, corner, corner))
+    )
+    with raises_code("outside_box", f"body 0 reaches {off} mm too far at", "0.86 mm to spare"):
+        finite.factorised(ball_scene(BODIES["hard"]))
+
+
+@pytest.mark.parametrize(("order", "size"), [(4, 1.0), (3, 1.7)])
+def test_coarse_meshes_and_low_orders_are_not_graded(order, size):
+    """Two fingers were 65 % off where they were."""
+    scene = ball_scene(BODIES["hard"])
+    graded, even = (
+        at.FiniteElement(
+            order=order, elements_per_wavelength=size, symmetry=("x", "y", "z"), graded=one
+        ).factorised(scene)
+        for one in (True, False)
+    )
+    assert graded.report.nodes == even.report.nodes
+    assert graded.report.settings["graded"] is False
+
+
+# --- factorisation --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("symmetry", [(), ("x", "z")], ids=["whole", "quarter"])
+def test_pardiso_solves_what_ngsolves_own_factorisation_does(symmetry, monkeypatch):
+    monkeypatch.setattr(factorisation, "COARSE", 0)
+    scene = ball_scene(BODIES["hard"], at.Medium(343.1, 1.293, absorption=20.0))
+    sources = one_each(directions(2, 0) * 0.0055)
+    one, other = (
+        at.FiniteElement(order=3, symmetry=symmetry, factorisation=name)
+        .radiate(scene, sources)
+        .at(far_points(20))
+        for name in ("pardiso", "sparsecholesky")
+    )
+    assert relative(one, other).max() < 1e-6
+
+
+def test_the_residual_of_low_orders_is_far_below_their_own_error():
+    scene, sources = ball_scene(BODIES["hard"]), one_each(directions(2, 0) * 0.0055)
+    one, other = (
+        at.FiniteElement(factorisation=name).radiate(scene, sources).at(far_points(20))
+        for name in ("pardiso", "sparsecholesky")
+    )
+    assert relative(one, other).max() < 1e-3
+
+
+def test_where_single_precision_does_not_suffice_double_takes_over(monkeypatch):
+    monkeypatch.setattr(factorisation, "REFINEMENTS", 1)
+    monkeypatch.setattr(factorisation, "COARSE", 0)
+    monkeypatch.setattr(
+        factorisation, "RESIDUAL", 1e-10
+    )  # one solution in single precision leaves more
+    eighth = at.FiniteElement(order=2, symmetry=("x", "y", "z"), factorisation="pardiso")
+    ready, sources = (
+        eighth.factorised(ball_scene(BODIES["hard"])),
+        one_each(np.array([[0.0, 0, 0.02]])),
+    )
+    found = ready.radiate(ready.scene, sources).at(far_points(20))
+    exact = (
+        replace(eighth, factorisation="sparsecholesky")
+        .radiate(ready.scene, sources)
+        .at(far_points(20))
+    )
+    assert relative(found, exact).max() < 1e-9
+    monkeypatch.setattr(factorisation, "RESIDUAL", 1e-30)
+    with raises_code("refinement_stalled", "1e-30"):
+        eighth.radiate(ready.scene, sources)
+
+
+def test_pardiso_is_found_and_recommended_where_it_is_missing(monkeypatch):
+    scene, sources = ball_scene(BODIES["hard"]), one_each(np.array([[0.0, 0, 0.02]]))
+    assert (
+        at.FiniteElement(order=2).radiate(scene, sources).report.settings["factorisation"]
+        == "pardiso"
+    )
+    monkeypatch.setattr(factorisation, "pardiso_library", lambda: None)
+    with raises_code("extra_not_installed", "0 files", "airtact[mkl]"):
+        at.FiniteElement(order=2, factorisation="pardiso").radiate(scene, sources)
+    monkeypatch.setattr(solver, "MANY", 100)
+    steps: list[str] = []
+    field = at.FiniteElement(order=2, progress=steps.append).radiate(scene, sources)
+    assert field.report.settings["factorisation"] == "sparsecholesky"
+    assert "pip install 'airtact[mkl]'" in steps[-1]
+    assert list(field.report.seconds) == ["meshing", "assembling", "factorising and solving"]
+
+
+# --- symmetry -------------------------------------------------------------------------------------------------------
+
+
+def test_mirrors_are_found_where_they_are():
+    fingers = at.pinch().surfaces
+    scene = at.Scene(PAPER_AIR, [at.sound_hard(surface) for surface in fingers])
+    assert [mirror.axis for mirror in mirrors_of(scene, None)] == [0, 1]
+    mixed = at.Scene(PAPER_AIR, [at.sound_hard(fingers[0]), at.filled(fingers[1], WATER)])
+    assert [mirror.axis for mirror in mirrors_of(mixed, None)] == [1]
+
+
+def test_symmetry_that_is_not_there_is_rejected_with_how_far_it_is_off():
+    shapes = [at.sphere(0.004, 0.002, centre=(side * 0.007, 0.0, 0.0)) for side in (-1, 1)]
+    lifted = at.sphere(0.004, 0.002, centre=(0.007, 0.0, 0.001))
+    scene = at.Scene(PAPER_AIR, [at.sound_hard(shapes[0]), at.sound_hard(lifted)])
+    with raises_code("not_symmetric", "x = 0 mm", "1 mm off"):
+        at.FiniteElement(symmetry=("x",)).radiate(scene, one_each(np.array([[0.0, 0, 0.02]])))
+    with raises_code("not_symmetric", "2 kinds"):
+        mirrors_of(
+            at.Scene(PAPER_AIR, [at.sound_hard(shapes[0]), at.filled(shapes[1], WATER)]), ("x",)
+        )
+
+
+# --- what is rejected ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("settings", "code", "number"),
+    [
+        ({"order": 0}, "out_of_range", "order is 0"),
+        ({"elements_per_wavelength": 30.0}, "out_of_range", "is 30"),
+        ({"symmetry": "x"}, "unknown_setting", "'x'"),
+        ({"symmetry": ("w",)}, "unknown_setting", "('w',)"),
+        ({"domain": "open"}, "unknown_setting", "'open'"),
+        (
+            {"box": ((0.01, 0, 0), (-0.01, 0.1, 0.1))},
+            "box_inverted",
+            "to (-10.00, 100.00, 100.00) mm",
+        ),
+        (
+            {"box": ((0.0, 0.0, 0.0), (0.1, 0.1, 0.0))},
+            "box_inverted",
+            "to (100.00, 100.00, 0.00) mm",
+        ),
+        ({"box": ((0.0, 0.0, np.nan), (0.1, 0.1, 0.1))}, "box_inverted", "(0.00, 0.00, nan) mm"),
+        (
+            {"factorisation": "multifrontal"},
+            "unknown_setting",
+            "'found', 'sparsecholesky' or 'pardiso'",
+        ),
+    ],
+)
+def test_settings_out_of_range_are_rejected(settings, code, number, monkeypatch):
+    monkeypatch.setattr(
+        "jaxtyping.config.jaxtyping_disable", True
+    )  # so that the guard itself answers
+    with raises_code(code, number):
+        at.FiniteElement(**settings)
+
+
+def test_scenes_that_cannot_be_solved_are_rejected(monkeypatch):
+    sources = one_each(np.array([[0.0, 0, 0.02]]))
+    with raises_code("no_bodies", "0 obstacles"):
+        QUICK.radiate(at.Scene(PAPER_AIR, []), sources)
+    with raises_code("inside_body", "source 0 at", "5 mm deep"):
+        QUICK.radiate(ball_scene(BODIES["hard"]), one_each(np.zeros((1, 3))))
+    monkeypatch.setattr(factorisation, "available_memory", lambda: 1e6)
+    with raises_code("too_little_memory", "order 4", "box of 6 cubic wavelengths", "0.0 GiB"):
+        QUICK.radiate(ball_scene(BODIES["hard"]), sources)
+
+
+def test_an_open_hand_is_rejected_before_its_memory_is_taken(monkeypatch):
+    monkeypatch.setattr(factorisation, "available_memory", lambda: 16 * 2.0**30)
+    hand = at.hand_from_joints(*example("relaxed"))
+    steps: list[str] = []
+    with raises_code("too_little_memory", "order 5", "e+06 unknowns", "16.0 GiB"):
+        at.FiniteElement(progress=steps.append).factorised(ball_scene(at.sound_hard(hand.surface)))
+    assert steps == []
+
+
+def test_bodies_that_netgen_cannot_mesh_are_rejected_by_name():
+    hard = [
+        at.sound_hard(at.sphere(0.004, 0.002, centre=(side * 0.003, 0.0, 0.0))) for side in (-1, 1)
+    ]
+    with pytest.raises(at.InvalidInput, match=r"bodies 0 and 1 overlap or touch: 2 mm deep near"):
+        QUICK.factorised(at.Scene(PAPER_AIR, hard))
+    corners = np.array(list(product((-0.004, 0.004), (-0.004, 0.004), (-5e-5, 5e-5))))
+    faces = [[0, 2, 6, 4], [1, 5, 7, 3], [0, 4, 5, 1], [2, 3, 7, 6], [0, 1, 3, 2], [4, 6, 7, 5]]
+    plate = np.array([[face[0], face[one], face[one + 1]] for face in faces for one in (1, 2)])
+    with pytest.raises(
+        at.InvalidInput, match=r"the body is 0\.1 mm thick near .*, less than 0\.5 mm"
+    ):
+        QUICK.factorised(ball_scene(at.sound_hard(at.Surface(corners, plate))))
+    with pytest.raises(
+        at.InvalidInput, match=r"3 edges have a triangle on one side only, so the surface is open"
+    ):
+        QUICK.factorised(ball_scene(at.sound_hard(at.Surface(BALL.vertices, BALL.triangles[1:]))))
+
+
+# --- scattered pressure ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", list(BODIES))
+def test_the_scattered_pressure_is_that_of_the_series_at_sources_too(name):
+    scene = ball_scene(BODIES[name])
+    sources = one_each(np.concatenate([directions(2, 0) * 0.0058, directions(2, 1) * 0.02]))
+    points = np.concatenate(
+        [directions(20, 3) * np.linspace(0.0053, 0.02, 20)[:, None], far_points(5)]
+    )
+    ready = at.FiniteElement(symmetry=("x",)).factorised(scene)
+    field, exact = ready.radiate(scene, sources), at.SphereSeries().radiate(scene, sources)
+    free = at.FreeField().radiate(at.Scene(PAPER_AIR, []), sources)
+    assert relative(field.scattered_at(points), exact.at(points) - free.at(points)).max() < 0.03
+    own = field.scattered_at(sources.positions)
+    around = sources.positions[:, None] + 2e-5 * np.stack([[1, 0, 0], [-1, 0, 0]])
+    beside = (
+        (exact.at(around.reshape(-1, 3)) - free.at(around.reshape(-1, 3)))
+        .reshape(4, 2, 4)
+        .mean(axis=1)
+    )
+    assert relative(own, beside).max() < 0.03
+
+
+def test_the_scattered_pressure_at_a_contact_is_nan():
+    """Its image stands at the same position."""
+    scene, sources = (
+        ball_scene(BODIES["hard"]),
+        one_each(np.array([[0.0, 0.0, 0.005], [0.0, 0.0, 0.006]])),
+    )
+    field = at.FiniteElement(order=3).radiate(scene, sources)
+    assert np.isnan(field.scattered_at(sources.positions)).all(axis=1).tolist() == [True, False]
+    assert np.isnan(field.scattered_at(np.zeros((1, 3)))).all()
+
+
+def test_a_meshed_workspace_gives_the_scattered_pressure_at_its_sources():
+    scene, corner = ball_scene(at.sound_hard(at.sphere(0.003, 0.001))), 0.012
+    box = ((-corner, -corner, -corner), (corner, corner, corner))
+    sources = one_each(np.array([[0.0, 0.0, 0.0038], [0.0, 0.0, 0.01]]))
+    field = at.FiniteElement(domain="box", box=box).radiate(scene, sources)
+    tight = at.FiniteElement().radiate(scene, sources)
+    assert (
+        relative(field.scattered_at(sources.positions), tight.scattered_at(sources.positions)).max()
+        < 0.05
+    )
+
+
+def test_points_to_refine_halve_the_error_of_a_contact():
+    scene, contact = ball_scene(BODIES["hard"]), np.array([[0.0, 0.0, 0.005]])
+    plain, fine = (QUICK.factorised(scene, points) for points in (None, contact))
+    assert fine.report.settings["tetrahedra"] > plain.report.settings["tetrahedra"]
+    without, refined = (
+        errors(ready, scene, one_each(contact), far_points(20)) for ready in (plain, fine)
+    )
+    assert refined < 0.7 * without
+
+
+# --- velocity -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", list(BODIES))
+def test_velocity_is_that_of_the_series(name):
+    scene = ball_scene(BODIES[name])
+    sources = one_each(np.array([[0.02, 0.006, 0.01], [-0.004, 0.012, -0.03]]))
+    field = at.FiniteElement(symmetry=("x", "z")).factorised(scene).radiate(scene, sources)
+    exact = at.SphereSeries().radiate(scene, sources)
+    ways = directions(20, 3)
+    positions = {"on": ways * 0.005000001, "beside": ways * 0.0062, "away": ways * 0.011}
+    if name in ("water", "light gas"):
+        positions["inside"] = ways * 0.0035
+        positions["on"] = ways * 0.00502
+    for where, points in positions.items():
+        found, true = field.velocity(points), exact.velocity(points)
+        off = np.linalg.norm(found - true, axis=(0, 1)) / np.linalg.norm(true, axis=(0, 1))
+        assert off.max() < {"on": 0.06, "beside": 0.03, "inside": 0.05, "away": 0.01}[where], (
+            where,
+            off,
+        )
+    if name == "hard":
+        tangential = np.einsum("pd,pds->ps", ways, field.velocity(ways * 0.005))
+        assert np.abs(tangential).max() < 0.01 * np.abs(field.velocity(ways * 0.005)).max()
+    if name != "water":
+        assert np.isnan(field.velocity(np.array([[0.0, 0.0, 0.004]]))).all() == (
+            name != "light gas"
+        )
+
+
+# --- what is rough, crossed or folded ---------------------------------------------------------------------------------
+
+
+def test_sources_that_touch_soft_bodies_are_warned_of():
+    sources = one_each(np.array([[0, 0, 0.02], [0, 0, 0.005]]))
+    for name in ("impedance", "water"):
+        (sentence,) = touching_warnings(ball_scene(BODIES[name]), sources)
+        assert (
+            "1 of 2 sources touch impedance or filled bodies, the first at (0.00, 0.00, 5.00) mm"
+            in sentence
+        )
+        assert "within 4.29 mm" in sentence
+    assert touching_warnings(ball_scene(BODIES["hard"]), sources) == ()
+    finite = at.FiniteElement(order=2, symmetry=("x", "y", "z"))
+    field = finite.radiate(ball_scene(BODIES["water"]), sources)
+    assert field.report.warnings == touching_warnings(field.scene, sources)
+
+
+def test_surfaces_that_cross_are_named():
+    shapes = [at.sphere(0.004, 0.002, centre=(side * 0.003, 0.0, 0.0)).shape for side in (-1, 1)]
+    fault = meshing._crossing(surface_mesh(shapes, 0.004, ()), 0.004)
+    assert fault.code == "surfaces_cross"
+    assert re.match(r"bodies 0 and 1 .* \(.*\) mm .* 4 mm \(\d+ pairs", str(fault))
+
+
+def test_tetrahedra_that_fold_name_their_body(monkeypatch):
+    monkeypatch.setattr(meshing, "FOLDED", 2.0)  # so that what is bent at all counts as folded
+    with raises_code("not_meshable", "body 0 bends"):
+        QUICK.factorised(ball_scene(BODIES["hard"]))

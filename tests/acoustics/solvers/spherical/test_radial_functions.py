@@ -1,0 +1,114 @@
+"""Radial quotients against scipy's functions and identities, Legendre sums against plain summation."""
+
+from itertools import islice
+
+import numpy as np
+import pytest
+from numpy.polynomial.legendre import legval
+from scipy.special import eval_legendre, j0, spherical_jn, spherical_yn
+
+from airtact.acoustics.solvers.spherical.radial_functions import (
+    image_sums,
+    legendre_polynomials,
+    outgoing_derivatives,
+    outgoing_ratios,
+    regular_derivatives,
+    regular_quotients,
+    regular_ratios,
+)
+
+ARGUMENTS = [0.1 + 0j, 1.0 + 0j, 4.3 + 0j, 7.326 + 0j, 22.0 + 0j, 60.0 + 0j, 7.0 + 0.3j]
+
+
+def hankel(order, argument, derivative=False):
+    return spherical_jn(order, argument, derivative) + 1j * spherical_yn(
+        order, argument, derivative
+    )
+
+
+@pytest.mark.parametrize("argument", ARGUMENTS)
+def test_outgoing_functions_agree_with_scipy(argument):
+    orders = np.arange(20)
+    ratios = np.array(list(islice(outgoing_ratios(np.array([1.7 * argument + 0j]), argument), 20)))[
+        :, 0
+    ]
+    np.testing.assert_allclose(
+        ratios, hankel(orders, 1.7 * argument) / hankel(orders, argument), rtol=1e-11
+    )
+    slopes = np.array(list(islice(outgoing_derivatives(argument), 20)))
+    np.testing.assert_allclose(
+        slopes, hankel(orders, argument, True) / hankel(orders, argument), rtol=1e-11
+    )
+
+
+@pytest.mark.parametrize("argument", ARGUMENTS)
+def test_regular_functions_agree_with_scipy(argument):
+    orders = np.arange(20)
+    ratios = np.array(list(islice(regular_ratios(np.array([0.6 * argument + 0j]), argument), 20)))[
+        :, 0
+    ]
+    np.testing.assert_allclose(
+        ratios, spherical_jn(orders, 0.6 * argument) / spherical_jn(orders, argument), rtol=1e-10
+    )
+    slopes = np.array(list(islice(regular_derivatives(argument), 20)))
+    np.testing.assert_allclose(
+        slopes, spherical_jn(orders, argument, True) / spherical_jn(orders, argument), rtol=1e-10
+    )
+
+
+@pytest.mark.parametrize("argument", [0.1 + 0j, 4.493409457909064 + 0j, np.pi + 0j, 60.0 + 0j])
+def test_log_derivatives_obey_the_riccati_equation_at_high_orders(argument):
+    outgoing = np.array(list(islice(outgoing_derivatives(argument), 5000)))
+    regular = np.array(list(islice(regular_derivatives(argument), 5000)))
+    assert np.all(np.isfinite(outgoing))
+    assert np.all(np.isfinite(regular))
+    orders = np.arange(len(outgoing))
+    high = orders > 40 * abs(argument) + 400
+    # w = z f'/f satisfies w² + w - n(n+1) + z² + z w' = 0, with z w' = O(z²/n) far past the turning
+    # point.
+    for slopes in (outgoing, regular):
+        scaled = argument * slopes[high]
+        defect = (scaled**2 + scaled) / (orders[high] * (orders[high] + 1.0)) - 1.0
+        np.testing.assert_allclose(
+            defect, 0.0, atol=2.0 * abs(argument / orders[high].min()) ** 2 + 1e-12
+        )
+
+
+def test_zeros_of_the_bessel_function_do_no_harm():
+    """At z = π j_0 vanishes to rounding; products through the zero still give j_1(0.5 z)/j_1(z)."""
+    ratios = list(islice(regular_ratios(np.array([0.5 * np.pi + 0j]), np.pi + 0j), 5))
+    wanted = spherical_jn(np.arange(5), 0.5 * np.pi) / spherical_jn(np.arange(5), np.pi)
+    np.testing.assert_allclose(np.array(ratios)[1:, 0], wanted[1:], rtol=1e-10)
+
+
+def test_regular_quotients_at_the_origin_are_zero():
+    np.testing.assert_array_equal(regular_quotients(np.zeros(2, dtype=complex), 1, 3), 0.0)
+    values = list(islice(regular_ratios(np.zeros(1, dtype=complex), 2.0 + 0j), 3))
+    np.testing.assert_allclose(
+        np.array(values)[:, 0], [1.0 / spherical_jn(0, 2.0), 0.0, 0.0], atol=1e-15
+    )
+
+
+def test_legendre_polynomials_at_usual_and_at_tiny_angles():
+    angles = np.array([0.0, 0.3, 1.5, np.pi])
+    values = np.array(list(islice(legendre_polynomials(2.0 * np.sin(angles / 2.0) ** 2), 200)))
+    np.testing.assert_allclose(
+        values, eval_legendre(np.arange(200)[:, None], np.cos(angles)), atol=1e-12
+    )
+    tiny = 1e-5
+    high = next(
+        islice(legendre_polynomials(np.array([2.0 * np.sin(tiny / 2.0) ** 2])), 10_000, None)
+    )
+    # Hilb: P_n(cos γ) = √(γ/sin γ) J_0((n + 1/2) γ) + O(γ²) for small angles (Szegő, theorem
+    # 8.21.6).
+    np.testing.assert_allclose(high, j0(10_000.5 * tiny), atol=1e-9)
+
+
+@pytest.mark.parametrize("ratio", [0.0, 1e-3, 0.3, 0.9])
+@pytest.mark.parametrize("angle", [0.0, 0.2, 1.6, 3.0, np.pi])
+def test_image_sums_are_the_sums(ratio, angle):
+    orders = np.arange(400)
+    powers = np.where(orders == 0, 1.0, ratio**orders)
+    point, line = image_sums(np.array([ratio]), np.array([2.0 * np.sin(angle / 2.0) ** 2]))
+    assert point[0] == pytest.approx(legval(np.cos(angle), powers), rel=1e-12)
+    assert line[0] == pytest.approx(legval(np.cos(angle), powers / (orders + 1)), rel=1e-12)

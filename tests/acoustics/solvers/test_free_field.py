@@ -1,0 +1,55 @@
+"""Open air in closed form."""
+
+import numpy as np
+
+from airtact.acoustics.medium import Medium
+from airtact.acoustics.scene import Scene, sound_hard
+from airtact.acoustics.solvers.free_field import FreeField
+from airtact.acoustics.sources import Monopoles
+from airtact.geometry.primitives import sphere
+from faults import raises_code
+
+AIR = Medium(sound_speed=343.1, density=1.293, absorption=0.15)
+
+
+def test_monopoles_add_up_and_decay():
+    scene = Scene(AIR, [])
+    positions = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]])
+    strengths = np.array([[1.0, 2.0], [0.0, 1j]])
+    field = FreeField().radiate(scene, Monopoles(positions, strengths))
+    pressure = field.at(np.array([[0.3, 0.0, 0.0]]))
+    k = 2.0 * np.pi * 40e3 / 343.1
+    first = np.exp(1j * k * 0.3) * np.exp(-0.15 * 0.3) / 0.3
+    second = np.exp(1j * k * 0.2) * np.exp(-0.15 * 0.2) / 0.2
+    np.testing.assert_allclose(pressure, [[first, 2.0 * first + 1j * second]], rtol=1e-12)
+
+
+def test_many_points_are_done_in_blocks(monkeypatch):
+    monkeypatch.setattr("airtact.acoustics.solvers.free_field._PAIRS_AT_ONCE", 7)
+    points = np.random.default_rng(1).uniform(-1.0, 1.0, (11, 3))
+    sources = Monopoles(np.random.default_rng(2).uniform(2.0, 3.0, (3, 3)), np.eye(3))
+    field = FreeField().radiate(Scene(AIR, []), sources)
+    distance = np.linalg.norm(points[:, None] - sources.positions, axis=2)
+    np.testing.assert_allclose(
+        field.at(points), np.exp(1j * AIR.wavenumber(40e3) * distance) / distance, rtol=1e-12
+    )
+
+
+def test_field_is_everywhere_and_has_no_surface():
+    field = FreeField().radiate(Scene(AIR, []), Monopoles(np.zeros((1, 3)), np.ones(1)))
+    assert field.valid(np.ones((4, 3))).all()
+    assert field.on_surface.points.shape == (0, 3)
+    assert field.on_surface.pressure.shape == (0, 1)
+    assert field.report.residual == 0.0
+
+
+def test_a_point_on_a_source_is_rejected():
+    field = FreeField().radiate(Scene(AIR, []), Monopoles(np.ones((1, 3)), np.ones(1)))
+    with raises_code("point_on_source", "point 1"):
+        field.at(np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]]))
+
+
+def test_obstacles_are_rejected():
+    scene = Scene(AIR, [sound_hard(sphere(0.01, 0.005))])
+    with raises_code("solver_unsuitable", "1 obstacle"):
+        FreeField().radiate(scene, Monopoles(np.ones((1, 3)), np.ones(1)))

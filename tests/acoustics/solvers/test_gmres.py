@@ -1,0 +1,133 @@
+"""GMRES against a direct solution, and how it stops."""
+
+import numpy as np
+import pytest
+
+from airtact.acoustics.solvers.gmres import gmres
+from airtact.errors import NotConverged
+from faults import raises_code
+
+
+def system(seed: int = 0, size: int = 80):
+    pick = np.random.default_rng(seed)
+    matrix = np.eye(size) + 0.05 * (
+        pick.normal(size=(size, size)) + 1j * pick.normal(size=(size, size))
+    )
+    return matrix, pick.normal(size=(size, 3)) + 1j * pick.normal(size=(size, 3))
+
+
+@pytest.mark.parametrize(("kind", "tolerance"), [(np.complex64, 1e-4), (np.complex128, 1e-10)])
+def test_every_column_is_solved_to_the_tolerance(kind, tolerance):
+    matrix, right = system()
+    found = gmres(lambda v: v @ matrix.T.astype(kind), right.T.astype(kind), tolerance)
+    exact = np.linalg.solve(matrix, right)
+    assert found.solution.T.dtype == kind
+    assert np.linalg.norm(found.solution.T - exact) < 10 * tolerance * np.linalg.norm(exact)
+    left = np.linalg.norm(matrix @ found.solution.T - right, axis=0) / np.linalg.norm(right, axis=0)
+    assert np.allclose(left, found.residuals, atol=tolerance)
+
+
+def test_a_zero_column_stays_zero():
+    matrix, right = system()
+    right[:, 1] = 0
+    found = gmres(lambda v: v @ matrix.T, right.T, 1e-8)
+    assert not found.solution.T[:, 1].any()
+    assert found.residuals[1] == 0
+    assert np.allclose(matrix @ found.solution.T, right, atol=1e-6)
+
+
+def test_stopping_short_raises_with_residual_and_iterations():
+    matrix, right = system()
+    with raises_code("gmres_stalled", "wanted 1e-10", "3 iterations"):
+        gmres(lambda v: v @ matrix.T, right.T, 1e-10, most_iterations=3)
+
+
+@pytest.mark.parametrize("size", [1, 2, 5])
+def test_an_exhausted_krylov_space_gives_the_exact_solution(size):
+    pick = np.random.default_rng(1)
+    right = pick.normal(size=(2, size)) + 1j * pick.normal(size=(2, size))
+    diagonal = np.exp(1j * np.arange(size))  # as many different eigenvalues as steps are needed
+    found = gmres(lambda v: v * diagonal, right, 1e-9)
+    assert found.iterations == size
+    assert np.allclose(found.solution, right / diagonal, rtol=1e-8)
+
+
+def test_a_cyclic_shift_is_solved_in_the_last_step():
+    shift = np.roll(np.eye(4), 1, axis=0)  # nothing is gained before the last step
+    found = gmres(lambda v: v @ shift.T, np.eye(4, dtype=complex)[:1], 1e-9)
+    assert found.iterations == 4
+    assert np.allclose(shift @ found.solution[0], np.eye(4)[0], atol=1e-9)
+
+
+def near_resonance(size: int = 120, small: int = 20):
+    """Make a matrix with some eigenvalues down to 0.01, as cavities have, and right-hand sides."""
+    pick = np.random.default_rng(3)
+    across = np.linalg.qr(pick.normal(size=(size, size)) + 1j * pick.normal(size=(size, size)))[0]
+    values = np.concatenate([np.geomspace(0.01, 0.8, small), np.linspace(0.8, 1.2, size - small)])
+    parts = np.concatenate([np.full(small, 0.1), np.ones(size - small)])
+    return (across * values) @ across.conj().T, np.stack(
+        [across @ parts, across @ (parts * 1j ** np.arange(size))], axis=1
+    )
+
+
+def test_iterations_go_on_where_a_small_residual_leaves_a_large_error():
+    matrix, right = near_resonance()
+    exact = np.linalg.solve(matrix, right).T
+    stopped = {
+        error: gmres(lambda v: v @ matrix.T, right.T, 0.01, error)
+        for error in (np.inf, 0.05, 0.005)
+    }
+    for error, found in stopped.items():
+        off = np.linalg.norm(found.solution - exact, axis=1) / np.linalg.norm(exact, axis=1)
+        assert off.max() > 0.2 if error == np.inf else off.max() < error
+    most = stopped[np.inf].iterations + 2
+    last = gmres(lambda v: v @ matrix.T, right.T, 0.01, 0.0, most)
+    assert last.iterations == most  # no fault: the residual is as small as asked
+
+
+def test_well_conditioned_equations_take_no_further_iterations():
+    matrix, right = system()
+    plain, careful = (
+        gmres(lambda v: v @ matrix.T, right.T, 1e-3, error) for error in (np.inf, 1e-9)
+    )
+    assert careful.iterations == plain.iterations
+
+
+def test_a_product_that_is_no_number_does_not_count_as_a_solution() -> None:
+    with pytest.raises(NotConverged, match="nan") as raised:
+        gmres(
+            lambda vectors: np.full_like(vectors, np.nan),
+            np.ones((2, 5), np.complex128),
+            1e-3,
+            most_iterations=4,
+        )
+    assert raised.value.code == "gmres_stalled"
+
+
+def test_a_matrix_that_makes_everything_zero_does_not_count_as_solved():
+    with raises_code("gmres_stalled"):
+        gmres(lambda vectors: 0 * vectors, np.ones((1, 4), complex), 1e-3, most_iterations=6)
+
+
+@pytest.mark.parametrize("strength", [1e-24, 1e20])
+def test_squares_beyond_single_precision_do_no_harm(strength):
+    matrix = (np.eye(20) + 0.01).astype(np.complex64)
+    right = np.full((1, 20), strength, np.complex64)
+    found = gmres(lambda vectors: vectors @ matrix.T, right, 1e-3)
+    assert np.allclose(found.solution @ matrix.T / strength, 1.0, atol=1e-3)
+
+
+def test_the_solution_of_ill_conditioned_equations_has_the_residual_that_is_told():
+    pick = np.random.default_rng(3)
+
+    def some(*shape: int) -> np.ndarray:
+        return pick.standard_normal(shape) + 1j * pick.standard_normal(shape)
+
+    across, values = np.linalg.qr(some(50, 50))[0], np.ones(50)
+    values[-1] = 1e-10
+    matrix, right = (across * values) @ across.conj().T, some(3, 50)
+    found = gmres(lambda vectors: vectors @ matrix.T, right, 1e-8, error=1e-3)
+    left = np.linalg.norm(found.solution @ matrix.T - right, axis=1) / np.linalg.norm(right, axis=1)
+    assert left.max() < 1e-5
+    exact = np.linalg.solve(matrix, right.T).T
+    assert np.linalg.norm(found.solution - exact) < 1e-3 * np.linalg.norm(exact)

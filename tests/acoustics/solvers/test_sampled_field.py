@@ -1,0 +1,213 @@
+"""Fields computed elsewhere: what interpolation keeps of them, and what is rejected."""
+
+import sys
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+from scipy.spatial import Delaunay
+
+import airtact as at
+from benchmarks.accuracy import PAPER_AIR, one_each, relative
+from faults import raises_code
+
+SCENE = at.Scene(PAPER_AIR, [at.sound_hard(at.sphere(0.004, 0.002))])
+SOURCES = one_each(np.array([[0.0, 0.0, 0.006], [0.0, 0.007, 0.0]]))
+EXACT = at.SphereSeries().radiate(SCENE, SOURCES)
+
+
+def nodes_about(edge: float, reach: float = 0.012, away: float = 0.03) -> np.ndarray:
+    """Nodes on a jittered grid round a position away from the sphere."""
+    axis = np.arange(-reach, reach + 0.1 * edge, edge)
+    grid = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3) + [
+        0.0,
+        0.0,
+        away,
+    ]
+    return grid + np.random.default_rng(1).uniform(-0.2, 0.2, size=grid.shape) * edge
+
+
+NODES = nodes_about(PAPER_AIR.wavelength(40e3) / 6)
+INNER = np.random.default_rng(2).uniform(-0.008, 0.008, size=(60, 3)) + [0.0, 0.0, 0.03]
+
+
+def as_csv(path: Path, nodes: np.ndarray, pressures: np.ndarray) -> Path:
+    """Write as COMSOL does, in millimetres."""
+    lines = ["% Model: ball.mph", "% X, Y, Z, p1 (Pa), p2 (Pa)"]
+    for node, row in zip(nodes * 1e3, pressures, strict=True):
+        numbers = [f"{value.real:.12g}{value.imag:+.12g}i" for value in row]
+        lines.append(",".join([*(f"{x:.12g}" for x in node), *numbers]))
+    path.write_text("\n".join(lines))
+    return path
+
+
+def test_interpolation_without_the_carrier_keeps_the_field():
+    """Plain linear interpolation at λ/6 is 9 % off; without the carrier only the slow part is."""
+    sampled = at.SampledField(SCENE, SOURCES, NODES, EXACT.at(NODES))
+    true = EXACT.at(INNER)
+    assert sampled.valid(INNER).all()
+    assert relative(sampled.at(INNER), true).max() < 0.01
+    plain = at.SampledField(
+        SCENE, at.Monopoles(SOURCES.positions, np.zeros((2, 2))), NODES, EXACT.at(NODES)
+    )
+    assert relative(plain.at(INNER), true).min() > 0.04
+
+
+def test_the_scattered_pressure_is_interpolated_at_sources_too():
+    sources = one_each(np.array([[0.0, 0.0, 0.03], [0.0, 0.007, 0.0]]))
+    exact = at.SphereSeries().radiate(SCENE, sources)
+    sampled = at.SampledField(SCENE, sources, NODES, exact.at(NODES))
+    for points in (INNER, sources.positions[:1]):
+        assert relative(sampled.scattered_at(points), exact.scattered_at(points)).max() < 0.02
+    assert np.isnan(sampled.scattered_at(sources.positions[1:])).all()  # beyond the samples
+
+
+def test_nothing_is_known_beyond_the_samples():
+    sampled = at.SampledField(SCENE, SOURCES, NODES, EXACT.at(NODES))
+    beyond = np.array([[0.0, 0.0, 0.05], [0.02, 0.0, 0.03]])
+    assert not sampled.valid(beyond).any()
+    assert np.isnan(sampled.at(beyond)).all()
+    assert len(sampled.on_surface.points) == 0
+
+
+def test_transducers_beyond_the_samples_are_rejected():
+    sampled = at.SampledField(SCENE, SOURCES, NODES, EXACT.at(NODES))
+    positions = np.array([INNER[0], [0.0, 0.0, 0.05], [0.02, 0.0, 0.03]])
+    array = at.PhasedArray(positions, np.tile([0.0, 0.0, -1.0], (3, 1)))
+    with raises_code("field_unknown", "2 of 3 elements", "element 1 at (0.00, 0.00, 50.00)"):
+        at.transfer_matrix(sampled, array)
+
+
+def test_a_whole_way_through_with_a_field_from_a_file(tmp_path):
+    path = as_csv(tmp_path / "ball.csv", NODES, EXACT.at(NODES).conj())
+    sampled = at.acoustics.load_samples(path, SCENE, SOURCES, "e^{+jωt}", scale=1e-3)
+    array = at.PhasedArray(INNER[:12], np.tile([0.0, 0.0, -1.0], (12, 1)))
+    found = at.transfer_matrix(sampled, array).matrix
+    assert relative(found.T, at.transfer_matrix(EXACT, array).matrix.T).max() < 0.01
+    assert sampled.report.warnings == ()
+
+
+def test_a_mesh_file_is_read_with_its_cells(tmp_path):
+    pressures = EXACT.at(NODES)
+    cells = Delaunay(NODES).simplices
+    data = {
+        f"p{sound}_{part}": getattr(pressures[:, sound], part)
+        for sound in (0, 1)
+        for part in ("real", "imag")
+    }
+    meshio.Mesh(NODES, [("tetra", cells)], point_data=data).write(tmp_path / "ball.vtu")
+    sampled = at.acoustics.load_samples(tmp_path / "ball.vtu", SCENE, SOURCES, "e^{-iωt}")
+    assert sampled.report.settings["cells"] == "mesh"
+    assert relative(sampled.at(INNER), EXACT.at(INNER)).max() < 0.01
+
+
+def test_a_mesh_file_without_its_extra_names_it(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "meshio", None)  # as Python imports what is not installed
+    (tmp_path / "ball.vtu").write_text("")
+    with raises_code("extra_not_installed", "ball.vtu", "airtact[formats]"):
+        at.acoustics.load_samples(tmp_path / "ball.vtu", SCENE, SOURCES, "e^{-iωt}")
+
+
+def test_the_other_sign_of_time_is_rejected(tmp_path):
+    near = nodes_about(0.003, reach=0.006, away=0.016)
+    path = as_csv(tmp_path / "ball.csv", near, EXACT.at(near).conj())
+    with raises_code("other_time_sign", "ball.csv", "e^{-iωt}"):
+        at.acoustics.load_samples(path, SCENE, SOURCES, "e^{-iωt}", scale=1e-3)
+
+
+@pytest.mark.parametrize("far", [False, True])
+@pytest.mark.parametrize("stated", [1.0, 2e-3, 0.0254])
+def test_a_wrong_unit_of_length_is_rejected(tmp_path, stated, far):
+    """The file is in millimetres."""
+    nodes = nodes_about(0.004, reach=0.02, away=0.09) if far else nodes_about(0.003, away=0.016)
+    nodes = nodes[SCENE.depth(nodes) < 0]
+    path = as_csv(tmp_path / "ball.csv", nodes, EXACT.at(nodes))
+    with raises_code("other_scale", f"the scale is {stated:.4g} metres", "0.001 (a fit of"):
+        at.acoustics.load_samples(path, SCENE, SOURCES, "e^{-iωt}", scale=stated)
+    assert (
+        at.acoustics.load_samples(path, SCENE, SOURCES, "e^{-iωt}", scale=1e-3).report.warnings
+        == ()
+    )
+
+
+def test_samples_that_do_not_show_the_sign_are_warned_of(tmp_path):
+    """As much sound arrives at the sources as leaves them."""
+    near = nodes_about(0.004, away=0.016)
+    chance = np.random.default_rng(4)
+    noise = chance.normal(size=(len(near), 2)) + 1j * chance.normal(size=(len(near), 2))
+    sampled = at.acoustics.load_samples(
+        as_csv(tmp_path / "noise.csv", near, noise), SCENE, SOURCES, "e^{-iωt}", scale=1e-3
+    )
+    assert "do not show the sign of time (a fit of 0." in sampled.report.warnings[0]
+
+
+def test_cells_that_do_not_fit_are_rejected():
+    source, nodes = one_each(np.array([[0.0, 0.0, 0.1]])), 0.01 * np.eye(4, 3)
+    with raises_code("out_of_range", "0 to 9", "4 nodes"):
+        at.SampledField(SCENE, source, nodes, np.ones(4), np.array([[0, 1, 2, 9]]))
+
+
+def test_samples_that_do_not_fit_are_rejected():
+    pressures = EXACT.at(NODES)
+    with raises_code("wrong_shape", "(4913, 1)", "(4913, 2)"):
+        at.SampledField(SCENE, SOURCES, NODES, pressures[:, 0])
+    with raises_code("not_finite", "2 NaN"):
+        at.SampledField(
+            SCENE,
+            SOURCES,
+            NODES,
+            np.where(np.arange(len(NODES))[:, None] == 3, np.nan, pressures)[:, :2],
+        )
+    twice = np.array(NODES)
+    twice[7] = twice[3]
+    with raises_code("repeated", "1 pairs", "nodes 3 and 7"):
+        at.SampledField(SCENE, SOURCES, twice, pressures)
+    with raises_code("too_few", "3 nodes"):
+        at.SampledField(SCENE, SOURCES, NODES[:3], pressures[:3])
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "number"),
+    [
+        ("x,y,p\n0,0,1", "column_missing", "3 columns, x, y, p"),
+        ("x,y,z\n0,0,1", "column_missing", "field.csv: it has 0 columns"),
+        (
+            "x,y,z,p_real\n0,0,1,2",
+            "column_missing",
+            "1 column p_real without its other half, p_imag",
+        ),
+        (
+            "x,y,z,p\n0,0,1",
+            "wrong_cell_count",
+            "line 2 of field.csv has 3 cells, but there are 4 columns",
+        ),
+        ("x,y,z,p\n0,0,1,loud", "cell_unreadable", "line 2 of field.csv has 'loud' for p"),
+        ("% x,y,z,p\n0,0,1,NaN", "cell_unreadable", "line 2 of field.csv has 'NaN' for p"),
+        ("x,y,z,p\n0,0,1+2i,3", "cell_unreadable", "line 2 of field.csv has '1+2i' for z"),
+        ("% x y z p\n0 0 1 2", "wrong_separator", "line 2 of field.csv has no comma but 3 spaces"),
+        ("x,y,z,p\n0,0,1,0\n0,1,1,0i\n1,0,1,0\n0,0,2,0", "all_zero", "field.csv: all 4 pressures"),
+        ("x,y,z,p,q\n0,0,1,1,1\n0,1,1,1,1\n1,0,1,1,1\n1,1,1,1,1", "nodes_in_plane", "the 4 nodes"),
+        ("1,2,3,4", "header_missing", "field.csv has 1 row"),
+    ],
+)
+def test_files_that_cannot_be_read_are_rejected(tmp_path, text, code, number):
+    (tmp_path / "field.csv").write_text(text)
+    with raises_code(code, number):
+        at.acoustics.load_samples(tmp_path / "field.csv", SCENE, SOURCES, "e^{-iωt}")
+
+
+def test_other_faults_of_loading_are_rejected(tmp_path, monkeypatch):
+    with raises_code("file_missing", "none.csv"):
+        at.acoustics.load_samples(tmp_path / "none.csv", SCENE, SOURCES, "e^{-iωt}")
+    with raises_code("file_missing", "none.vtu"):
+        at.acoustics.load_samples(tmp_path / "none.vtu", SCENE, SOURCES, "e^{-iωt}")
+    for text in ("solid", "<VTKFile></VTKFile>"):
+        (tmp_path / "bad.vtu").write_text(text)
+        with raises_code("file_unreadable", "bad.vtu", "0 nodes"):
+            at.acoustics.load_samples(tmp_path / "bad.vtu", SCENE, SOURCES, "e^{-iωt}")
+    monkeypatch.setattr(
+        "jaxtyping.config.jaxtyping_disable", True
+    )  # so that the guard itself answers
+    with raises_code("unknown_setting", "'plus'"):
+        at.acoustics.load_samples(tmp_path / "none.csv", SCENE, SOURCES, "plus")

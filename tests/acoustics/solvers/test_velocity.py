@@ -1,0 +1,190 @@
+"""The particle velocity is the slope of the pressure over iωρ, in every solver's field."""
+
+import numpy as np
+import pytest
+
+from airtact.acoustics.medium import Medium
+from airtact.acoustics.scene import Scene, filled, impedance, sound_hard
+from airtact.acoustics.solvers.bem.solver import BoundaryElement
+from airtact.acoustics.solvers.free_field import FreeField
+from airtact.acoustics.solvers.problem import RadiatedField
+from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
+from airtact.acoustics.solvers.velocity import differences
+from airtact.acoustics.sources import Monopoles
+from airtact.geometry.primitives import sphere
+from faults import raises_code
+
+AIR = Medium(343.1, 1.293, absorption=0.1)
+BALL = sphere(0.01, edge=4e-3, centre=(1e-3, 2e-3, -1e-3))
+CENTRE = np.array([1e-3, 2e-3, -1e-3])
+SOURCES = Monopoles(
+    np.array([[0.05, 0.0, 0.01], [-0.03, 0.04, 0.0]]), np.array([[1.0, 1j], [0.5, -0.2]])
+)
+OUTSIDE = CENTRE + 0.014 * np.array(
+    [[1.0, 0.0, 0.0], [0.0, -0.6, 0.8], [-0.8, 0.0, 0.6], [0.0, 0.0, -1.0]]
+)
+BOUNDARIES = {
+    "hard": sound_hard(BALL),
+    "impedance": impedance(BALL, 2.0 - 1.0j),
+    "filled": filled(BALL, Medium(500.0, 3.0)),
+}
+
+
+def field_of(kind: str) -> RadiatedField:
+    if kind == "open air":
+        return FreeField().radiate(Scene(AIR, []), SOURCES)
+    return SphereSeries().radiate(Scene(AIR, [BOUNDARIES[kind]]), SOURCES)
+
+
+def differenced(
+    field: RadiatedField, points: np.ndarray, step: float, density: float = AIR.density
+) -> np.ndarray:
+    """Velocity by plain central differences of the pressure, which err as the square of the step."""
+    slopes = [
+        (field.at(points + step * axis) - field.at(points - step * axis)) / (2 * step)
+        for axis in np.eye(3)
+    ]
+    return np.stack(slopes, axis=1) / (2j * np.pi * field.scene.frequency * density)
+
+
+@pytest.mark.parametrize("kind", ["open air", *BOUNDARIES])
+def test_differences_approach_it_as_the_square_of_their_step(kind) -> None:
+    field = field_of(kind)
+    exact = field.velocity(OUTSIDE)
+    assert exact.shape == (4, 3, 2)
+    errors = [
+        np.linalg.norm(differenced(field, OUTSIDE, step) - exact) for step in (4e-4, 2e-4, 1e-4)
+    ]
+    orders = np.log2(np.divide(errors[:-1], errors[1:]))
+    np.testing.assert_allclose(orders, 2.0, atol=0.03)
+    assert errors[-1] < 2e-3 * np.linalg.norm(exact)
+
+
+def test_a_far_monopole_moves_air_along_its_sound_in_phase_with_it() -> None:
+    # Far away v = p/(ρc) outwards: with the other sign of the phasor it would point inwards.
+    medium = Medium(343.1, 1.293)
+    field = FreeField().radiate(Scene(medium, []), Monopoles(np.zeros((1, 3)), np.ones(1)))
+    points = np.array([[10.0, 0.0, 0.0], [0.0, -6.0, 8.0]])
+    velocity, pressure = field.velocity(points)[:, :, 0], field.at(points)
+    np.testing.assert_allclose(
+        velocity, pressure * points / 10.0 / (343.1 * 1.293), rtol=2e-4, atol=1e-9
+    )
+
+
+def test_air_slides_along_a_hard_surface_and_enters_a_soft_one() -> None:
+    directions = np.array([[1.0, 0.0, 0.0], [0.0, -0.6, 0.8], [-0.8, 0.0, 0.6]])
+    skin = CENTRE + 0.01 * directions
+    sliding = field_of("hard").velocity(skin)
+    normal = np.einsum("pd,pds->ps", directions, sliding)
+    assert np.abs(normal).max() < 1e-9 * np.abs(sliding).max()
+    soft = field_of("impedance")
+    entering = -np.einsum("pd,pds->ps", directions, soft.velocity(skin))
+    # ∂p/∂n + (ik/ratio) p = 0 makes the velocity inwards k p/(ω ρ ratio), k with absorption.
+    factor = soft.scene.wavenumber / (2 * np.pi * 40e3 * AIR.density * (2.0 - 1.0j))
+    np.testing.assert_allclose(entering, factor * soft.at(skin), rtol=1e-7)
+
+
+def test_inside_a_fluid_sphere_it_is_that_of_the_fluid() -> None:
+    field = field_of("filled")
+    inner = CENTRE + np.array([[2e-3, 1e-3, 0.0], [0.0, 0.0, -7e-3]])
+    found, near = field.velocity(inner), differenced(field, inner, 1e-4, density=3.0)
+    assert np.linalg.norm(found - near) < 2e-3 * np.linalg.norm(found)
+    centre = field.velocity(CENTRE[None])
+    assert np.linalg.norm(
+        centre - differenced(field, CENTRE[None], 1e-4, density=3.0)
+    ) < 2e-3 * np.linalg.norm(centre)
+
+
+def test_normal_velocity_is_continuous_through_a_fluid_surface() -> None:
+    field, direction = field_of("filled"), np.array([0.0, 0.6, 0.8])
+    both = field.velocity(CENTRE + np.outer([0.01 + 1e-8, 0.01 - 1e-8], direction))
+    inwards = np.einsum("d,pds->ps", direction, both)
+    np.testing.assert_allclose(inwards[0], inwards[1], rtol=1e-4)
+
+
+def test_no_air_moves_inside_a_hard_sphere() -> None:
+    assert np.isnan(field_of("hard").velocity(CENTRE[None])).all()
+
+
+def test_the_difference_of_any_field_errs_as_the_fourth_power_of_its_step() -> None:
+    field = field_of("hard")
+    exact = field.velocity(OUTSIDE) * (2j * np.pi * 40e3 * AIR.density)
+    errors = [
+        np.linalg.norm(differences(field.at, OUTSIDE, np.full(4, step)) - exact)
+        for step in (8e-4, 4e-4)
+    ]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(4.0, abs=0.1)
+    by_default = RadiatedField.velocity(field, OUTSIDE)
+    assert np.linalg.norm(by_default - field.velocity(OUTSIDE)) < 1e-4 * np.linalg.norm(by_default)
+
+
+def test_a_point_and_a_source_both_on_the_surface_are_rejected_with_their_distance() -> None:
+    touching = Monopoles(CENTRE + np.array([[0.01, 0.0, 0.0]]), np.ones(1))
+    field = SphereSeries().radiate(Scene(AIR, [BOUNDARIES["hard"]]), touching)
+    with raises_code("series_stalled", "4000 terms", "a point 0 mm", "a source 0 mm"):
+        field.velocity(CENTRE + np.array([[0.0, 0.01, 0.0]]))
+
+
+@pytest.mark.parametrize("kind", ["open air", "hard"])
+def test_points_on_a_source_are_rejected(kind) -> None:
+    with raises_code("point_on_source", "point 0", "source 1"):
+        field_of(kind).velocity(SOURCES.positions[1:])
+
+
+# --- boundary elements against the series ---------------------------------------------------------------------------
+
+ROOM_SOURCES = Monopoles(
+    np.array([[0.07, 0.01, 0.02], [-0.05, 0.06, 0.0], [0.0, -0.07, 0.03]]),
+    np.array([[1.0, 1j], [0.5, 0.0], [0.7, -1]]),
+)
+
+
+def directions(count: int) -> np.ndarray:
+    drawn = np.random.default_rng(7).normal(size=(count, 3))
+    return drawn / np.linalg.norm(drawn, axis=1, keepdims=True)
+
+
+@pytest.fixture(scope="module")
+def solved():
+    scene = Scene(Medium(343.1, 1.293), [BOUNDARIES["hard"]])
+    truth = SphereSeries().radiate(scene, ROOM_SOURCES)
+    return truth, {
+        accuracy: BoundaryElement(accuracy).radiate(scene, ROOM_SOURCES)
+        for accuracy in (0.03, 0.003)
+    }
+
+
+def error_off_skin(solved, accuracy: float, off: float) -> float:
+    truth, fields = solved
+    points = CENTRE + (0.01 + off) * directions(30)
+    exact = truth.velocity(points)
+    return float(np.linalg.norm(fields[accuracy].velocity(points) - exact) / np.linalg.norm(exact))
+
+
+@pytest.mark.parametrize(
+    ("off", "error"),
+    [(0.0, 0.01), (0.02e-3, 0.01), (0.1e-3, 0.012), (0.5e-3, 0.004), (2e-3, 0.002), (0.02, 0.001)],
+)
+def test_boundary_elements_give_it_on_near_and_away_from_the_skin(solved, off, error) -> None:
+    assert error_off_skin(solved, 0.003, off) < error
+
+
+@pytest.mark.parametrize("off", [0.0, 0.5e-3, 0.02])
+def test_boundary_elements_come_closer_with_more_nodes(solved, off) -> None:
+    coarse, fine = (solved[1][accuracy].report.nodes for accuracy in (0.03, 0.003))
+    order = np.log(error_off_skin(solved, 0.03, off) / error_off_skin(solved, 0.003, off)) / np.log(
+        np.sqrt(fine / coarse)
+    )
+    assert order > 2.0
+
+
+def test_air_slides_along_the_skin_of_boundary_elements(solved) -> None:
+    skin = solved[1][0.003].on_surface
+    velocity = solved[1][0.003].velocity(skin.points)
+    assert (
+        np.abs(np.einsum("qd,qds->qs", skin.normals, velocity)).max()
+        < 1e-9 * np.abs(velocity).max()
+    )
+    assert np.isnan(solved[1][0.003].velocity(CENTRE[None])).all()
+    with raises_code("point_on_source", "point 0", "source 1"):
+        solved[1][0.003].velocity(ROOM_SOURCES.positions[1:])

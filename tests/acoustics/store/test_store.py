@@ -1,0 +1,433 @@
+"""What was solved once is found again, whole and never in place of something else."""
+
+import inspect
+import json
+import os
+import resource
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import airtact as at
+from airtact.acoustics.store.entry import DamagedError, read, written
+from airtact.acoustics.store.fingerprint import fingerprint
+from airtact.acoustics.store.stored import ABANDONED, SUFFIX
+from airtact.cli import main
+from airtact.setup.building import read_scene
+from airtact.setup.steps import solve_foci
+from airtact.timing import Clock
+from faults import raises_code
+from paths import SCENES
+
+AIR = at.Medium(343.1, 1.293)
+SOLVER = at.BoundaryElement(accuracy=0.3)
+POINTS = 0.06 * np.random.default_rng(0).normal(size=(30, 3)) / 3 + np.array([0.0, 0.0, 0.05])
+AWAY = np.array([[0.0, 0.0, 0.012]])
+READ = {"store"}
+
+
+def ball(frequency: float = 40e3, medium: at.Medium = AIR, radius: float = 3e-3) -> at.Scene:
+    return at.Scene(medium, [at.sound_hard(at.sphere(radius, 2e-3))], frequency=frequency)
+
+
+SCENE, SOURCE = ball(), at.Monopoles(AWAY, np.ones(1))
+
+
+def was_read(field: at.acoustics.RadiatedField) -> bool:
+    return set(field.report.seconds) == READ
+
+
+def entries(folder: Path) -> list[Path]:
+    return sorted(folder.glob("*" + SUFFIX))
+
+
+# --- what is found ---------------------------------------------------------------------------------------------------
+
+
+def test_a_field_that_is_read_answers_as_the_one_that_was_solved(tmp_path: Path) -> None:
+    fingers = at.pinch(gap=0.02)
+    scene = at.Scene(AIR, [at.sound_hard(skin) for skin in fingers.surfaces])
+    beacons, array = at.Target(fingers.foci()).beacons(), at.surrounding_box()
+    solved = SOLVER.radiate(scene, beacons)
+    at.Stored(SOLVER, tmp_path).radiate(scene, beacons)
+    found = at.Stored(SOLVER, tmp_path).radiate(scene, beacons)
+
+    assert was_read(found)
+    assert not was_read(solved)
+    points = np.concatenate([fingers.foci(1e-4), POINTS, scene.obstacles[0].surface.vertices[:5]])
+    assert np.array_equal(found.at(points), solved.at(points), equal_nan=True)
+    assert np.array_equal(found.velocity(POINTS), solved.velocity(POINTS), equal_nan=True)
+    for part in ("points", "normals", "areas", "pressure"):
+        assert np.array_equal(getattr(found.on_surface, part), getattr(solved.on_surface, part))
+    assert replace(found.report, seconds=solved.report.seconds) == solved.report
+    moved = array.seen_from(
+        at.Pose.turn(np.array([1.0, 2.0, 0.0]), 0.2, translation=(3e-3, 0, 1e-3))
+    )
+    assert np.array_equal(
+        at.transfer_matrix(found, moved).matrix, at.transfer_matrix(solved, moved).matrix
+    )
+    assert entries(tmp_path)[0].stat().st_size < 250 * solved.report.nodes
+
+
+def test_a_series_is_kept_too(tmp_path: Path) -> None:
+    scene = at.Scene(AIR, [at.impedance(at.sphere(3e-3, 2e-3), 2.0 - 1.0j)])
+    solved = at.Stored(at.SphereSeries(), tmp_path).radiate(scene, SOURCE)
+    found = at.Stored(at.SphereSeries(), tmp_path).radiate(scene, SOURCE)
+    assert was_read(found)
+    assert np.array_equal(found.at(POINTS), solved.at(POINTS), equal_nan=True)
+
+
+def test_the_same_solver_answers_from_memory(tmp_path: Path) -> None:
+    stored = at.Stored(SOLVER, tmp_path)
+    first = stored.radiate(SCENE, SOURCE)
+    entries(tmp_path)[0].unlink()
+    assert stored.radiate(ball(), at.Monopoles(AWAY, np.ones(1))) is first
+    for count in range(8):
+        stored.radiate(SCENE, at.Monopoles(AWAY + 1e-3 * (count + 1), np.ones(1)))
+    assert stored.radiate(SCENE, SOURCE) is not first  # eight others came since
+
+
+# --- what is never served stale --------------------------------------------------------------------------------------
+
+
+def with_surface(**changes: np.ndarray | None) -> at.Scene:
+    """Build a tetrahedron-like mesh of the ball without its closed form, something about it changed."""
+    skin = SCENE.obstacles[0].surface
+    given = {
+        "vertices": skin.vertices,
+        "triangles": skin.triangles,
+        "midpoints": skin.midpoints,
+    } | changes
+    return at.Scene(AIR, [at.sound_hard(at.Surface(**given))])
+
+
+def nudged(points: np.ndarray) -> np.ndarray:
+    """Move one point by a nanometre."""
+    moved = points.copy()
+    moved.reshape(-1, 3)[0, 2] *= 1 + 1e-9 / 3e-3
+    return moved
+
+
+def bent() -> np.ndarray:
+    """Move the middle of one edge, which two triangles share."""
+    midpoints = np.array(SCENE.obstacles[0].surface.midpoints)
+    same = np.all(midpoints == midpoints[0, 0], axis=2)
+    midpoints[same] *= 1 + 1e-6
+    return midpoints
+
+
+SKIN = SCENE.obstacles[0].surface
+STRONGER, FARTHER = (
+    at.Monopoles(AWAY, np.full(1, 1.0 + 1e-15)),
+    at.Monopoles(AWAY * (1 + 1e-12), np.ones(1)),
+)
+MESH = with_surface()
+OTHERS = {
+    "moved vertex": (SOLVER, with_surface(vertices=nudged(SKIN.vertices)), SOURCE),
+    "moved mid-edge point": (SOLVER, with_surface(midpoints=bent()), SOURCE),
+    "no mid-edge points": (SOLVER, with_surface(midpoints=None), SOURCE),
+    "other triangles": (
+        SOLVER,
+        with_surface(triangles=SKIN.triangles[::-1], midpoints=None),
+        SOURCE,
+    ),
+    "closed form": (SOLVER, SCENE, SOURCE),
+    "larger": (SOLVER, ball(radius=3e-3 + 1e-9), SOURCE),
+    "other density": (SOLVER, ball(medium=at.Medium(343.1, 1.3)), SOURCE),
+    "other speed": (SOLVER, ball(medium=at.Medium(343.2, 1.293)), SOURCE),
+    "absorption": (SOLVER, ball(medium=at.Medium(343.1, 1.293, 0.1)), SOURCE),
+    "frequency": (SOLVER, ball(frequency=40e3 + 1e-6), SOURCE),
+    "impedance": (SOLVER, at.Scene(AIR, [at.impedance(SKIN, 50.0)]), SOURCE),
+    "other impedance": (SOLVER, at.Scene(AIR, [at.impedance(SKIN, 50.0 + 1e-9j)]), SOURCE),
+    "filled": (SOLVER, at.Scene(AIR, [at.filled(SKIN, at.Medium(1481.0, 999.7))]), SOURCE),
+    "two bodies": (
+        SOLVER,
+        at.Scene(AIR, [at.sound_hard(SKIN), at.sound_hard(at.sphere(3e-3, 2e-3, (0.02, 0, 0)))]),
+        SOURCE,
+    ),
+    "strength": (SOLVER, SCENE, STRONGER),
+    "place": (SOLVER, SCENE, FARTHER),
+    "two sounds": (SOLVER, SCENE, at.Monopoles(np.tile(AWAY, (2, 1)), np.eye(2))),
+    "beacons": (SOLVER, SCENE, at.Target(AWAY).beacons()),
+    "accuracy": (at.BoundaryElement(accuracy=0.29), SCENE, SOURCE),
+    "precision": (at.BoundaryElement(accuracy=0.3, precision="float64"), SCENE, SOURCE),
+    "solver": (at.SphereSeries(), SCENE, SOURCE),
+    "order": (at.FiniteElement(order=3), SCENE, SOURCE),
+}
+
+
+def test_whatever_determines_a_field_gives_it_another_name() -> None:
+    names = {name: fingerprint(*parts) for name, parts in OTHERS.items()}
+    names["mesh"] = fingerprint(SOLVER, MESH, SOURCE)
+    names["another airtact"] = fingerprint(SOLVER, SCENE, SOURCE, made_by="airtact 0")
+    assert len(set(names.values())) == len(names)
+    assert (
+        fingerprint(SOLVER, ball(), at.Monopoles(AWAY.copy(), np.ones(1))) == names["closed form"]
+    )
+    telling = at.FiniteElement(order=3, progress=print)
+    assert (
+        fingerprint(telling, SCENE, SOURCE) == names["order"]
+    )  # who is told of the progress determines nothing
+
+
+def test_what_was_found_out_about_a_shape_does_not_change_its_name() -> None:
+    scene = with_surface(midpoints=None)
+    before = fingerprint(SOLVER, scene, SOURCE)
+    SOLVER.radiate(scene, SOURCE)
+    assert fingerprint(SOLVER, scene, SOURCE) == before
+
+
+@pytest.mark.parametrize(
+    "name", ["moved vertex", "other speed", "frequency", "strength", "accuracy", "solver"]
+)
+def test_a_full_store_never_answers_for_something_else(tmp_path: Path, name: str) -> None:
+    solver, scene, sources = OTHERS[name]
+    at.Stored(SOLVER, tmp_path).radiate(SCENE, SOURCE)
+    at.Stored(SOLVER, tmp_path).radiate(MESH, SOURCE)
+    found = at.Stored(solver, tmp_path).radiate(scene, sources)
+    assert not was_read(found)
+    assert np.array_equal(
+        found.at(POINTS), solver.radiate(scene, sources).at(POINTS), equal_nan=True
+    )
+
+
+# --- what is damaged -------------------------------------------------------------------------------------------------
+
+
+def test_truncated_and_flipped_files_are_solved_again(tmp_path: Path) -> None:
+    true = at.Stored(SOLVER, tmp_path).radiate(SCENE, SOURCE).at(POINTS)
+    path = entries(tmp_path)[0]
+    whole, pick = path.read_bytes(), np.random.default_rng(1)
+    damaged = [whole[:length] for length in (0, 100, 512, len(whole) // 2, len(whole) - 1)]
+    for place in (0, 30, 400, 600, *pick.integers(512, len(whole), 8)):
+        flipped = bytearray(whole)
+        flipped[place] ^= 1 << int(pick.integers(8))
+        damaged.append(bytes(flipped))
+    for attempt in (*damaged, whole + b"\0", b"not a field at all"):
+        path.write_bytes(attempt)
+        found = at.Stored(SOLVER, tmp_path).radiate(SCENE, SOURCE)
+        assert not was_read(found)
+        assert np.array_equal(found.at(POINTS), true)
+        assert was_read(at.Stored(SOLVER, tmp_path).radiate(SCENE, SOURCE))
+
+
+def test_every_flipped_bit_is_noticed() -> None:
+    key = fingerprint(SOLVER, SCENE, SOURCE)
+    whole = written(SOLVER.radiate(SCENE, SOURCE), key)
+    read(whole, key, SCENE, SOURCE)
+    for place in range(0, len(whole), 97):
+        flipped = bytearray(whole)
+        flipped[place] ^= 16
+        with pytest.raises(DamagedError):
+            read(bytes(flipped), key, SCENE, SOURCE)
+
+
+def test_an_entry_under_another_name_is_not_taken(tmp_path: Path) -> None:
+    at.Stored(SOLVER, tmp_path).radiate(SCENE, FARTHER)
+    path = entries(tmp_path)[0]
+    path.rename(path.with_name(fingerprint(SOLVER, SCENE, SOURCE) + SUFFIX))
+    found = at.Stored(SOLVER, tmp_path).radiate(SCENE, SOURCE)
+    assert not was_read(found)
+
+
+# --- several processes -----------------------------------------------------------------------------------------------
+
+PLAYED_BY_SEVERAL = """
+import sys
+import numpy as np
+import airtact as at
+scene = at.Scene(at.Medium(343.1, 1.293), [at.sound_hard(at.sphere(3e-3, 2e-3))])
+stored = [at.Stored(at.BoundaryElement(accuracy=0.3), sys.argv[1]) for _ in range(2)]
+print("ready", flush=True)
+sys.stdin.readline()
+for one in stored:
+    for step in range(4):
+        source = at.Monopoles(np.array([[0.0, 0.0, 0.012 + 1e-3 * step]]), np.ones(1))
+        field = one.radiate(scene, source)
+        assert not field.report.warnings, field.report.warnings
+        assert abs(field.at(np.array([[0.0, 0.02, 0.03]]))[0, 0]) > 0
+"""
+
+
+def test_several_processes_write_at_once(tmp_path: Path) -> None:
+    call = [sys.executable, "-c", PLAYED_BY_SEVERAL, str(tmp_path)]
+    pipes = {
+        "stdin": subprocess.PIPE,
+        "stdout": subprocess.PIPE,
+        "stderr": subprocess.PIPE,
+        "text": True,
+    }
+    together = [subprocess.Popen(call, **pipes) for _ in range(2)]
+    for one in together:
+        assert one.stdout.readline() == "ready\n"
+    for one in together:
+        one.stdin.write("go\n")
+        one.stdin.flush()
+    for one in together:
+        _, said = one.communicate(timeout=120)
+        assert one.returncode == 0, said
+    assert len(entries(tmp_path)) == len(list(tmp_path.iterdir())) == 4
+    for step in range(4):
+        source = at.Monopoles(np.array([[0.0, 0.0, 0.012 + 1e-3 * step]]), np.ones(1))
+        assert was_read(at.Stored(SOLVER, tmp_path).radiate(SCENE, source))
+
+
+KILLED = """
+import os, random, signal, sys, time
+from pathlib import Path
+import numpy as np
+
+import airtact as at
+from airtact.acoustics.store.entry import read, save, written
+folder = Path(sys.argv[1])
+scene, source = at.Scene(at.Medium(343.1, 1.293), []), at.Monopoles(np.array([[0.0, 0.0, 1.0]]), np.ones(1))
+whole = [written(at.FreeField().radiate(scene, source), key) + bytes(10**6) for key in "abc"]
+random.seed(4)
+half_written = 0
+for attempt in range(40):
+    child = os.fork()
+    if child == 0:
+        while True:
+            for key, one in (list(zip("abc", whole)) * 2)[attempt % 3 :]:
+                save(folder / key, one)
+    time.sleep(random.uniform(0.002, 0.03))
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    for path in folder.iterdir():
+        if path.suffix == ".partial":
+            half_written += 1
+            path.unlink()
+        else:
+            assert path.read_bytes() == whole["abc".index(path.name)], path
+print(half_written, len(list(folder.iterdir())))
+"""
+
+
+def test_a_killed_writer_leaves_whole_entries_only(tmp_path: Path) -> None:
+    call = [sys.executable, "-W", "ignore", "-c", KILLED, str(tmp_path)]
+    done = subprocess.run(call, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    half_written, whole = (int(word) for word in done.stdout.split())
+    assert half_written > 0  # or no writer was hit while it wrote
+    assert whole == 3
+
+
+def test_what_killed_writers_left_is_swept_once_it_is_old(tmp_path: Path) -> None:
+    left, fresh = (tmp_path / f".{name}{SUFFIX}.1-2.partial" for name in ("old", "new"))
+    for path in (left, fresh):
+        path.write_bytes(b"half")
+    os.utime(left, (left.stat().st_mtime - 2 * ABANDONED,) * 2)
+    at.Stored(SOLVER, tmp_path).radiate(SCENE, SOURCE)
+    assert not left.exists()
+    assert fresh.exists()
+
+
+# --- what cannot be kept ---------------------------------------------------------------------------------------------
+
+
+def test_a_folder_that_takes_no_files_is_said_and_loses_nothing() -> None:
+    found = at.Stored(SOLVER, "/proc/airtact").radiate(SCENE, SOURCE)  # nobody makes a folder there
+    assert "this field is not stored: /proc/airtact takes no file" in found.report.warnings[-1]
+    assert np.array_equal(found.at(POINTS), SOLVER.radiate(SCENE, SOURCE).at(POINTS))
+
+
+def test_a_full_disk_is_said_and_loses_nothing(tmp_path: Path) -> None:
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    stored = at.Stored(SOLVER, tmp_path)
+    resource.setrlimit(
+        resource.RLIMIT_FSIZE, (8192, limits[1])
+    )  # as a disk that is full after 8 kB
+    try:
+        found = stored.radiate(SCENE, SOURCE)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert "takes no file (File too large)" in found.report.warnings[-1]
+    assert list(tmp_path.iterdir()) == []
+    assert np.array_equal(found.at(POINTS), SOLVER.radiate(SCENE, SOURCE).at(POINTS))
+
+
+def test_the_oldest_used_entries_go(tmp_path: Path) -> None:
+    at.Stored(SOLVER, tmp_path).radiate(SCENE, SOURCE)
+    size = entries(tmp_path)[0].stat().st_size
+    places = [at.Monopoles(AWAY + 1e-3 * step, np.ones(1)) for step in range(4)]
+    stored = [at.Stored(SOLVER, tmp_path, most_bytes=int(3.9 * size)) for _ in range(3)]
+    for index, source in enumerate(places[:3]):
+        stored[0].radiate(SCENE, source)
+        for path in entries(tmp_path):
+            os.utime(path, (path.stat().st_atime, path.stat().st_mtime - 10 * (3 - index)))
+    assert was_read(
+        stored[1].radiate(SCENE, places[0])
+    )  # used again, so the second is the oldest now
+    stored[1].radiate(SCENE, places[3])
+    assert len(entries(tmp_path)) == 3
+    assert [
+        was_read(stored[2].radiate(SCENE, source)) for source in (places[0], places[2], places[3])
+    ] == [True] * 3
+    assert not was_read(stored[2].radiate(SCENE, places[1]))
+
+
+def test_a_field_larger_than_the_bound_is_solved_and_said(tmp_path: Path) -> None:
+    found = at.Stored(SOLVER, tmp_path, most_bytes=1000).radiate(SCENE, SOURCE)
+    assert "may hold 1000" in found.report.warnings[-1]
+    assert entries(tmp_path) == []
+
+
+def test_finite_elements_are_kept_in_memory_only_and_it_is_said(tmp_path: Path) -> None:
+    stored = at.Stored(at.FiniteElement(order=1, elements_per_wavelength=1.0), tmp_path)
+    found = stored.radiate(SCENE, SOURCE)
+    assert "kept in memory only" in found.report.warnings[-1]
+    assert stored.radiate(SCENE, SOURCE) is found
+    assert entries(tmp_path) == []
+
+
+class Wrapped(at.acoustics.Solver):
+    """A solver that is no dataclass, so that nothing says how it differs from another."""
+
+    def __init__(self, solver: at.acoustics.Solver) -> None:
+        self.solver = solver
+
+    def radiate(self, scene: at.Scene, sources: at.Monopoles) -> at.acoustics.RadiatedField:
+        return self.solver.radiate(scene, sources)
+
+
+def test_a_solver_without_settings_to_compare_is_not_stored(tmp_path: Path) -> None:
+    found = at.Stored(Wrapped(SOLVER), tmp_path).radiate(SCENE, SOURCE)
+    assert "Wrapped" in found.report.warnings[-1]
+    assert entries(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "shown"),
+    [
+        ((SOLVER, "kept", 0), "out_of_range", "most_bytes is 0"),
+        ((SOLVER, "kept", float("nan")), "out_of_range", "most_bytes is nan"),
+        ((SOLVER, 3), "wrong_kind", "is 3"),
+        ((at.BoundaryElement, "kept"), "wrong_kind", "the class BoundaryElement"),
+    ],
+)
+def test_what_a_store_refuses(arguments: tuple, code: str, shown: str) -> None:
+    unchecked = inspect.unwrap(
+        at.Stored.__init__
+    )  # the tests' type checker would refuse wrong kinds first
+    with raises_code(code, shown):
+        unchecked(object.__new__(at.Stored), *arguments)
+
+
+def test_a_rendered_scene_is_not_solved_twice(tmp_path: Path) -> None:
+    path = SCENES / "ball.toml"
+    solve_foci(read_scene(path), Clock(lambda step: None), tmp_path / "kept")
+    assert (
+        main(
+            ["render", str(path), "--out", str(tmp_path / "out"), "--store", str(tmp_path / "kept")]
+        )
+        == 0
+    )
+    with h5py.File(tmp_path / "out/drive.h5") as file:
+        report = file["report"][()].decode()
+    assert set(json.loads(report)["seconds"]) == READ
+    assert len(entries(tmp_path / "kept")) == 2  # the beacons' field and the judge's

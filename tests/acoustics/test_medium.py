@@ -1,0 +1,154 @@
+"""Air against the tables of the standards it is taken from."""
+
+import math
+from decimal import Decimal
+
+import pytest
+
+from airtact.acoustics.medium import Medium, air
+from faults import raises_code
+
+DECIBEL = 20 * math.log10(math.e)
+
+# ISO 9613-1:1993, Table 1 (sub-tables by temperature): °C, relative humidity in per cent, band
+# number k with f = 1000 x 10^(k/10) Hz (the exact midband, note 5), attenuation in dB/km as
+# printed.
+ISO_9613_1_TABLE_1 = [
+    (-20, 10, -13, "0.589"),
+    (-20, 50, 0, "9.14"),
+    (-20, 70, 9, "27.8"),
+    (0, 20, 3, "34.6"),
+    (0, 100, 8, "88.0"),
+    (10, 50, 6, "46.7"),
+    (15, 100, 10, "105"),
+    (20, 15, 8, "175"),
+    (20, 50, 0, "4.66"),
+    (20, 50, 3, "9.86"),
+    (20, 80, 0, "5.15"),
+    (25, 100, 3, "11.4"),
+    (30, 50, 6, "24.5"),
+    (40, 50, 0, "9.52"),
+    (50, 50, 3, "24.8"),
+]
+
+# ISO 9613-2:1996, Table 2: octave bands 63 Hz to 8 kHz, dB/km as printed.
+ISO_9613_2_TABLE_2 = [
+    (10, 70, "0.1 0.4 1.0 1.9 3.7 9.7 32.8 117"),
+    (20, 70, "0.1 0.3 1.1 2.8 5.0 9.0 22.9 76.6"),
+    (30, 70, "0.1 0.3 1.0 3.1 7.4 12.7 23.1 59.3"),
+    (15, 20, "0.3 0.6 1.2 2.7 8.2 28.2 88.8 202"),
+    (15, 50, "0.1 0.5 1.2 2.2 4.2 10.8 36.2 129"),
+    (15, 80, "0.1 0.3 1.1 2.4 4.1 8.3 23.7 82.8"),
+]
+
+
+def last_digit(printed: str) -> float:
+    return 10.0 ** int(Decimal(printed).as_tuple().exponent)
+
+
+def decibel_per_kilometre(celsius: float, percent: float, frequency: float) -> float:
+    return 1e3 * DECIBEL * air(float(celsius), percent / 100, frequency).absorption
+
+
+@pytest.mark.parametrize(("celsius", "percent", "band", "printed"), ISO_9613_1_TABLE_1)
+def test_absorption_is_that_of_iso_9613_1_to_the_last_printed_digit(
+    celsius, percent, band, printed
+):
+    ours = decibel_per_kilometre(celsius, percent, 1000 * 10 ** (band / 10))
+    assert ours == pytest.approx(float(printed), abs=0.51 * last_digit(printed))
+
+
+@pytest.mark.parametrize(("celsius", "percent", "row"), ISO_9613_2_TABLE_2)
+def test_absorption_is_that_of_iso_9613_2_in_every_octave(celsius, percent, row):
+    for octave, printed in enumerate(row.split()):
+        ours = decibel_per_kilometre(celsius, percent, 1000 * 10 ** (0.3 * (octave - 4)))
+        # Rounded by the standard from the three digits of ISO 9613-1, so a last digit may have been
+        # rounded twice.
+        assert ours == pytest.approx(float(printed), abs=0.55 * last_digit(printed))
+
+
+def test_absorption_at_40_khz_is_1_32_decibel_per_metre():
+    assert DECIBEL * air(20.0, 0.5, 40e3).absorption == pytest.approx(1.32, abs=0.005)
+
+
+def test_speed_and_density_are_those_of_iec_61094_2():
+    # IEC 61094-2:2009, Annex F, Table F.1: 23 °C, 101 325 Pa, 50 % relative humidity.
+    medium = air(23.0, 0.5)
+    assert medium.sound_speed == pytest.approx(345.86652, abs=6e-6)
+    assert medium.density == pytest.approx(1.1860848, abs=6e-8)
+
+
+def test_a_wave_decays_by_its_absorption():
+    medium = air(20.0, 0.5, 40e3)
+    after_one_metre = abs(pow(math.e, 1j * medium.wavenumber(40e3)))
+    assert -20 * math.log10(after_one_metre) == pytest.approx(1.32, abs=0.005)
+
+
+def test_wavelength_and_wavenumber_are_those_of_the_paper():
+    # Inoue, Makino, Shinoda (2014): 343.1 m/s at 40 kHz, a wavelength of 8.58 mm.
+    medium = Medium(sound_speed=343.1, density=1.293)
+    assert medium.wavelength(40e3) == pytest.approx(8.58e-3, abs=5e-6)
+    assert medium.wavenumber(40e3) == pytest.approx(2 * math.pi / 8.5775e-3, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "sentence"),
+    [
+        ((0.0, 1.2, 0.0), "not_positive", "sound speed is 0 m/s"),
+        ((-343.0, 1.2, 0.0), "not_positive", "sound speed is -343 m/s"),
+        ((343.0, 0.0, 0.0), "not_positive", "density is 0 kg/m³"),
+        ((343.0, -1.2, 0.0), "not_positive", "density is -1.2 kg/m³"),
+        ((math.nan, 1.2, 0.0), "not_positive", "sound speed is nan"),
+        ((343.0, math.inf, 0.0), "not_positive", "density is inf"),
+        ((343.0, 1.2, -0.1), "out_of_range", "absorption is -0.1 Np/m"),
+        ((343.0, 1.2, math.nan), "out_of_range", "absorption is nan"),
+    ],
+)
+def test_impossible_media_are_rejected(arguments, code, sentence):
+    with raises_code(code, sentence):
+        Medium(*arguments)
+
+
+@pytest.mark.parametrize("frequency", [0.0, -40e3, math.nan, math.inf])
+def test_a_frequency_must_be_above_zero(frequency):
+    medium = Medium(343.0, 1.2)
+    for ask in (medium.wavenumber, medium.wavelength, lambda f: air(frequency=f)):
+        with raises_code("not_positive", f"frequency is {frequency:g} Hz"):
+            ask(frequency)
+
+
+@pytest.mark.parametrize(
+    ("celsius", "humidity", "code", "sentence"),
+    [
+        (293.15, 0.5, "out_of_range", "293.15 °C"),
+        (-40.0, 0.5, "out_of_range", "-40 °C"),
+        (math.nan, 0.5, "out_of_range", "nan °C"),
+        (20.0, 50.0, "out_of_range", "humidity is 50, ... 50 per cent is humidity=0.5"),
+        (20.0, -0.1, "out_of_range", "humidity is -0.1"),
+        (20.0, math.nan, "out_of_range", "humidity is nan"),
+    ],
+)
+def test_air_outside_its_formulas_is_rejected(celsius, humidity, code, sentence):
+    with raises_code(code, *sentence.split(" ... ")):
+        air(celsius, humidity)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "sentence"),
+    [
+        (
+            (0.343, 1.2),
+            "out_of_range",
+            "sound speed is 0.343 m/s, but it must lie between 100 and 10000 m/s: is it in km/s?",
+        ),
+        ((34300, 1.2), "out_of_range", "sound speed is 34300 m/s"),
+        (
+            (343, 0.0012),
+            "out_of_range",
+            "density is 0.0012 kg/m³, but it must lie between 0.01 and 30000 kg/m³: is it in g/cm³?",
+        ),
+    ],
+)
+def test_fluids_in_other_units_are_asked_about(arguments, code, sentence):
+    with raises_code(code, sentence):
+        Medium(*arguments)

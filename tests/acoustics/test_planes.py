@@ -1,0 +1,155 @@
+"""Rigid planes: what they are, what cannot be, and who does not take them."""
+
+import numpy as np
+import pytest
+
+import airtact as at
+from airtact.evaluation.metrics import BEYOND_THE_PLANE, NOT_MODELLED, not_modelled
+from faults import raises_code
+
+AIR = at.Medium(sound_speed=343.1, density=1.293)
+TABLE = at.plane((0, 0, 0), (0, 0, 2))
+SOURCE = at.Monopoles(np.array([[0.0, 0.0, 0.03]]), np.ones(1))
+
+
+def ball(height: float = 0.01) -> at.acoustics.Obstacle:
+    """A ball of 5 mm radius, its middle so far over the table [m]."""
+    return at.sound_hard(at.sphere(5e-3, 2e-3, centre=(0, 0, height)))
+
+
+def scene(*obstacles: at.acoustics.Obstacle) -> at.Scene:
+    return at.Scene(AIR, obstacles, planes=[TABLE])
+
+
+def test_a_plane_mirrors_points():
+    tilted = at.plane((0, 0, 0.1), (0, 3, 4))
+    points = np.array([[0.3, 0.0, 0.1], [0.0, 0.06, 0.18]])
+    assert np.allclose(tilted.height(points), [0.0, 0.1], rtol=0, atol=1e-15)
+    assert np.allclose(
+        tilted.image(points), [[0.3, 0.0, 0.1], [0.0, -0.06, 0.02]], rtol=0, atol=1e-15
+    )
+    assert "1 rigid plane" in repr(scene(ball()))
+
+
+@pytest.mark.parametrize(
+    ("code", "words", "make"),
+    [
+        ("out_of_range", "length 0", lambda: at.plane((0, 0, 0), (0, 0, 0))),
+        ("wrong_shape", "(2,)", lambda: at.plane((0, 0), (0, 0, 1))),
+        ("not_finite", "1 NaN", lambda: at.plane((0, 0, np.nan), (0, 0, 1))),
+        ("boundary_not_taken", "ratio 5", lambda: at.plane((0, 0, 0), (0, 0, 1), ratio=5)),
+        ("wrong_kind", "1 Plane by itself", lambda: at.Scene(AIR, [], planes=TABLE)),
+        ("wrong_kind", "plane 0 is", lambda: at.Scene(AIR, [], planes=[3])),
+        (
+            "too_many_planes",
+            "a corner",
+            lambda: at.Scene(AIR, [], planes=[TABLE, at.plane((0, 0, 0), (1, 0, 1))]),
+        ),
+        (
+            "too_many_planes",
+            "400 mm apart absorb nothing",
+            lambda: at.Scene(AIR, [], planes=[TABLE, at.plane((0.1, 0, 0.4), (0, 0, -1))]),
+        ),
+        ("body_behind_plane", "body 0 is 0.1 mm before", lambda: scene(ball(0.0051))),
+        ("body_behind_plane", "body 0 reaches 5 mm behind", lambda: scene(ball(0.0))),
+        ("body_behind_plane", "body 1 reaches 15 mm behind", lambda: scene(ball(), ball(-0.01))),
+    ],
+)
+@pytest.mark.usefixtures("as_outside_the_tests")
+def test_planes_that_cannot_be_are_rejected(code, words, make):
+    with raises_code(code, words):
+        make()
+
+
+def test_a_mesh_that_touches_the_plane_is_rejected(box):
+    with raises_code("body_behind_plane", "body 0 is 0 mm before"):
+        scene(at.sound_hard(box((0, 0, 0), (0.01, 0.01, 0.01))))
+
+
+@pytest.mark.parametrize("solver", [at.FreeField(), at.BoundaryElement(accuracy=0.1)])
+def test_what_lies_behind_is_rejected(solver):
+    bodies = [] if isinstance(solver, at.FreeField) else [ball()]
+    with raises_code("behind_plane", "source 1", "2 mm"):
+        solver.radiate(
+            scene(*bodies), at.Monopoles(np.array([[0, 0, 0.03], [0.02, 0, -0.002]]), np.ones(2))
+        )
+    with raises_code("behind_plane", "focus 0"):
+        solver.radiate(scene(*bodies), at.Target(np.array([[0.02, 0, -0.002]])).beacons())
+
+
+def test_who_does_not_take_planes_says_so():
+    before, none = scene(ball()), np.ones((5, 1), dtype=complex)
+    nodes = np.concatenate([np.zeros((1, 3)), np.eye(3), np.ones((1, 3))])
+    array = at.flat_boards(1, 1)
+    for use in (
+        lambda: at.FiniteElement(order=2).radiate(before, SOURCE),
+        lambda: at.FiniteElement(order=2).factorised(before),
+        lambda: at.SphereSeries().radiate(before, SOURCE),
+        lambda: at.SampledField(before, SOURCE, nodes, none),
+        lambda: at.BoundaryElement(accuracy=0.1).factorised(before),
+        lambda: at.scattering_matrix(at.BoundaryElement(accuracy=0.1), before),
+        lambda: at.simulate_echoes(
+            at.BoundaryElement(), before, array, at.sensing.random_codes(249, 1)
+        ),
+    ):
+        with raises_code("planes_not_taken", "1 plane"):
+            use()
+    bodies = at.BoundaryElement(accuracy=0.1).factorised(at.Scene(AIR, [ball()]))
+    with raises_code("planes_not_taken", "1 plane"):
+        bodies.radiate(before, SOURCE)
+
+
+def test_a_plane_is_kept_by_motions_along_it_and_turns_about_its_normal():
+    tilted = at.plane((0.01, -0.02, 0.005), (1, 2, 2))
+    along = np.cross(tilted.normal, (0.0, 0.0, 0.03))
+    turn = at.Pose.turn((1, 2, 2), 0.7)
+    kept = at.Pose(turn.rotation, tilted.point + along - turn.rotate(tilted.point))
+    assert tilted.kept_by(at.Pose.identity())
+    assert tilted.kept_by(kept)
+    assert not tilted.kept_by(at.Pose(np.eye(3), 1e-6 * tilted.normal))
+    assert not tilted.kept_by(at.Pose.turn((1, 0, 0), np.pi))
+    assert not tilted.kept_by(at.Pose.turn((0, 0, 1), 1e-3))
+
+
+def test_open_air_before_a_plane_has_images():
+    away, on = np.array([[0.03, 0.01, 0.02]]), np.array([[0.02, -0.01, 0.0]])
+    sources = at.Monopoles(np.concatenate([away, on]), np.eye(2))
+    field = at.FreeField().radiate(scene(), sources)
+    points = np.array([[0.1, 0.0, 0.05], [0.05, 0.05, 0.0], [0.0, 0.0, -0.01]])
+    far = at.FreeField().radiate(at.Scene(AIR, []), sources).at(points)
+    assert field.valid(points).tolist() == [True, True, False]
+    pressure = field.at(points)
+    assert np.allclose(pressure[:2, 1], 2 * far[:2, 1], rtol=1e-12)  # a source on the plane
+    assert np.isclose(pressure[1, 0], 2 * far[1, 0], rtol=1e-12)  # a point on it
+    assert np.isnan(pressure[2]).all()
+    assert np.isnan(field.velocity(points)[2]).all()
+    assert np.allclose(field.scattered_at(points)[:2], pressure[:2] - far[:2], rtol=1e-12)
+    assert np.abs(field.velocity(points)[1, 2]).max() < 1e-15
+    there = at.FreeField().radiate(scene(), at.Monopoles(points[:1], np.ones(1))).at(away)
+    assert np.isclose(there[0, 0], pressure[0, 0], rtol=1e-12)
+    assert not_modelled(field.report) == BEYOND_THE_PLANE
+    assert not_modelled(at.FreeField().radiate(at.Scene(AIR, []), sources).report) == NOT_MODELLED
+
+
+def test_boards_let_into_a_table_reach_twice_the_pressure():
+    """The control without bodies keeps the plane, and a drive is evaluated with it."""
+    target, array = at.Target(np.array([[0.08, 0.06, 0.15]])), at.flat_boards(1, 1)
+    alone, before = (
+        at.open_air_matrix(one, array, target) for one in (at.Scene(AIR, []), scene(ball(0.03)))
+    )
+    assert np.allclose(before.matrix, 2 * alone.matrix, rtol=1e-9)
+    drive = at.time_reversal(before, target)
+    found = at.evaluate(scene(), array, drive, target, solver=at.FreeField())
+    assert found.magnitudes[0] == pytest.approx(abs(before.pressure(drive)[0]), rel=1e-9)
+    assert BEYOND_THE_PLANE in str(found)
+
+
+def test_a_stored_field_is_another_one_with_a_plane(tmp_path):
+    solver = at.Stored(at.BoundaryElement(accuracy=0.1), tmp_path)
+    point = np.array([[0.02, 0.0, 0.04]])
+    plain, before = (
+        solver.radiate(one, SOURCE).at(point) for one in (at.Scene(AIR, [ball()]), scene(ball()))
+    )
+    assert abs(plain - before) > 0.1 * abs(plain)
+    again = at.Stored(at.BoundaryElement(accuracy=0.1), tmp_path).radiate(scene(ball()), SOURCE)
+    assert list(again.report.seconds) == ["store"] or np.allclose(again.at(point), before)

@@ -1,0 +1,76 @@
+import numpy as np
+import pytest
+
+from airtact.acoustics.sources import Monopoles, check_off_sources
+from faults import raises_code
+
+
+def test_one_sound_is_kept_as_a_column():
+    monopoles = Monopoles(np.eye(3), np.array([1, 2, 3]))
+    assert monopoles.strengths.dtype == np.complex128
+    assert monopoles.strengths.tolist() == [[1], [2], [3]]
+
+
+def test_several_sounds_from_the_same_points():
+    assert Monopoles(np.zeros((2, 3)), np.ones((2, 5))).strengths.shape == (2, 5)
+
+
+def test_arrays_are_copied_and_locked():
+    strengths = np.ones((3, 1), dtype=complex)
+    monopoles = Monopoles(np.eye(3), strengths)
+    strengths[:] = 0
+    assert monopoles.strengths.sum() == 3
+    assert not monopoles.positions.flags.writeable
+    assert not monopoles.strengths.flags.writeable
+
+
+@pytest.mark.parametrize(
+    ("positions", "strengths", "code", "sentence"),
+    [
+        (np.zeros((0, 3)), np.zeros(0), "empty", "positions are empty"),
+        (np.zeros((2, 2)), np.zeros(2), "wrong_shape", "positions have shape (2, 2)"),
+        (
+            np.zeros((2, 3)),
+            np.zeros(3),
+            "wrong_shape",
+            "strengths have shape (3, 1), but there are 2 positions",
+        ),
+        (np.zeros((2, 3)), np.zeros((2, 2, 2)), "wrong_shape", "strengths have shape (2, 2, 2)"),
+        (np.zeros((2, 3)), np.zeros((2, 0)), "empty", "hold 0 excitations"),
+        (np.full((2, 3), np.nan), np.zeros(2), "not_finite", "positions hold 6 NaN"),
+        (
+            np.zeros((2, 3)),
+            np.array([1, np.inf * 1j]),
+            "not_finite",
+            "strengths hold 1 NaN or infinite",
+        ),
+    ],
+)
+@pytest.mark.usefixtures("as_outside_the_tests")
+def test_faults_are_rejected(positions, strengths, code, sentence):
+    with raises_code(code, sentence):
+        Monopoles(positions, strengths)
+
+
+@pytest.mark.parametrize("step", [0.0, 5e-10])
+def test_a_point_on_a_source_is_rejected(step):
+    sources = Monopoles(np.array([[0.0, 0.0, 0.1], [0.2, 0.0, 0.1]]), np.ones(2))
+    points = np.array([[0.0, 0.0, 0.0], [0.2, step, 0.1]])
+    with raises_code(
+        "point_on_source", f"point 1 stands on source 1 ({1e3 * step:g} mm away), where"
+    ):
+        check_off_sources(points, sources)
+
+
+def test_a_point_beside_a_source_passes():
+    check_off_sources(np.array([[0.0, 0.0, 2e-9]]), Monopoles(np.zeros((1, 3)), np.ones(1)))
+    check_off_sources(np.zeros((0, 3)), Monopoles(np.zeros((1, 3)), np.ones(1)))
+
+
+@pytest.mark.usefixtures("as_outside_the_tests")
+def test_strengths_are_numbers():
+    with raises_code(
+        "not_a_number",
+        "monopole strengths are a list of length 1, but they must be an array of numbers",
+    ):
+        Monopoles(np.zeros((1, 3)), ["abc"])

@@ -1,0 +1,169 @@
+import numpy as np
+import pytest
+
+from airtact.acoustics.target import Target
+from faults import raises_code
+
+POINTS = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.01]])
+
+
+def test_one_number_is_asked_of_every_focus():
+    assert Target(POINTS, 1500.0).pressures.tolist() == [1500.0, 1500.0]
+    assert Target(POINTS, 1500).pressures.dtype == np.float64
+
+
+def test_pressures_may_differ_and_one_may_be_zero():
+    assert Target(POINTS, np.array([0, 200])).pressures.tolist() == [0.0, 200.0]
+
+
+def test_without_pressures_as_strong_as_possible():
+    assert Target(POINTS).pressures is None
+
+
+def test_beacons_are_one_pascal_metre_each_in_every_focus():
+    beacons = Target(POINTS, 1500.0).beacons()
+    assert np.array_equal(beacons.positions, POINTS)
+    assert np.array_equal(beacons.strengths, np.eye(2))
+
+
+def test_arrays_are_locked():
+    target = Target(POINTS, 3.0)
+    assert not target.points.flags.writeable
+    assert not target.pressures.flags.writeable
+
+
+@pytest.mark.parametrize(
+    ("points", "pressures", "code", "sentence"),
+    [
+        (np.zeros((0, 3)), None, "empty", "target points are empty (0 points)"),
+        (
+            np.array([[0.0, np.nan, 0.0]]),
+            None,
+            "not_finite",
+            "target points hold 1 NaN or infinite value, the first at index [0, 1]",
+        ),
+        (POINTS, -3.0, "negative", "a target pressure is -3 Pa"),
+        (POINTS, np.array([10.0, -2.0]), "negative", "a target pressure is -2 Pa"),
+        (POINTS, 0.0, "nothing_asked", "every target pressure is 0 Pa"),
+        (POINTS, np.nan, "not_finite", "target pressures hold 1 NaN"),
+        (
+            POINTS,
+            np.array([1.0, np.inf]),
+            "not_finite",
+            "target pressures hold 1 NaN or infinite value, the first at index [1]",
+        ),
+        (
+            POINTS,
+            np.ones(3),
+            "wrong_shape",
+            "target pressures have shape (3,), but the target has 2 foci",
+        ),
+        (
+            (POINTS[1], np.array([0.0, -0.6, 0.8])),
+            None,
+            "normal_as_focus",
+            "the second of 2 target points is 1 m from",
+        ),
+        (
+            POINTS,
+            np.zeros(0),
+            "wrong_shape",
+            "target pressures have shape (0,), but the target has 2 foci",
+        ),
+    ],
+)
+@pytest.mark.usefixtures("as_outside_the_tests")
+def test_faults_are_rejected(points, pressures, code, sentence):
+    with raises_code(code, sentence):
+        Target(points, pressures)
+
+
+def test_foci_in_millimetres_are_asked_about():
+    with raises_code(
+        "too_far", "focus 1 at (0.00, 5500.00, 0.00) mm is 5.5 m from", "2 m: is this in mill"
+    ):
+        Target(np.array([[0.0, 0.0, 1.0], [0.0, 5.5, 0.0]]))
+
+
+def test_printing_a_target_is_short():
+    assert repr(Target(POINTS, 3.0)) == "Target(2 foci, 3 Pa asked)"
+    assert repr(Target(POINTS, shares=np.array([1.0, 0.5]))) == "Target(2 foci, shares 0.5 to 1)"
+    assert repr(Target(POINTS)) == "Target(2 foci, as strong as possible)"
+
+
+def test_a_share_asks_for_proportions_only():
+    target = Target(POINTS, shares=np.array([1.0, 0.25]))
+    assert target.pressures is None
+    assert target.shares.tolist() == target.weights.tolist() == [1.0, 0.25]
+    assert Target(POINTS).weights.tolist() == [1.0, 1.0]
+    assert Target(POINTS, 20).weights.tolist() == [20.0, 20.0]
+
+
+def test_complex_numbers_fix_the_phases_and_real_ones_leave_them():
+    fixed = Target(POINTS, np.array([100.0, -200j]))
+    np.testing.assert_allclose(fixed.pressures, [100.0, 200.0], rtol=1e-15)
+    np.testing.assert_allclose(fixed.phases, [0.0, -np.pi / 2], rtol=1e-15)
+    np.testing.assert_allclose(fixed.wanted, [100.0, -200j], atol=1e-12)
+    free = Target(POINTS, np.array([100.0, 200.0]))
+    assert free.phases is None
+    np.testing.assert_array_equal(free.wanted, [100.0, 200.0])
+    np.testing.assert_allclose(Target(POINTS, shares=1j).wanted, [1j, 1j], atol=1e-15)
+
+
+def test_suppression_points_follow_the_foci_as_beacons_where_asked():
+    target = Target(POINTS, suppression_points=np.array([[0.01, 0.0, 0.0]]))
+    assert np.array_equal(target.beacons().positions, POINTS)
+    both = target.beacons(suppression=True)
+    assert np.array_equal(both.positions, [*POINTS, [0.01, 0.0, 0.0]])
+    assert np.array_equal(both.strengths, np.eye(3))
+    assert Target(POINTS).suppression_points.shape == (0, 3)
+
+
+@pytest.mark.parametrize(
+    ("asked", "code", "sentence"),
+    [
+        ({"shares": -0.5}, "negative", "a target share is -0.5, but it must not be negative"),
+        ({"shares": 0.0}, "nothing_asked", "every target share is 0; ask"),
+        ({"shares": 0j}, "nothing_asked", "every target share is 0; ask"),
+        (
+            {"shares": np.ones(3)},
+            "wrong_shape",
+            "target shares have shape (3,), but the target has 2 foci",
+        ),
+        (
+            {"shares": 1.0, "pressures": 2.0},
+            "choose_one",
+            "both pressures and shares; give 1 of the 2",
+        ),
+        ({"pressures": complex(np.nan, 0)}, "not_finite", "target pressures hold 1 NaN"),
+        (
+            {"pressures": np.array([1j, np.inf])},
+            "not_finite",
+            "target pressures hold 1 NaN or infinite value, the first at index",
+        ),
+        (
+            {"suppression_points": np.zeros((2, 2))},
+            "wrong_shape",
+            "suppression points have shape (2, 2)",
+        ),
+        (
+            {"suppression_points": np.array([[0.0, 0.0, np.nan]])},
+            "not_finite",
+            "suppression points hold 1 NaN",
+        ),
+        (
+            {"suppression_points": np.array([[0.0, 0.0, 3.0]])},
+            "too_far",
+            "suppression point 0 at (0.00, 0.00, 3000.00) mm is 3 m from",
+        ),
+        (
+            {"suppression_points": np.array([[0.0, 0.1, 0.0], [0.0, 2e-7, 0.01]])},
+            "suppressed_focus",
+            "suppression point 1 is 0.0002 mm from focus 1 at (0.00, 0.00, 10.00) mm",
+        ),
+    ],
+)
+@pytest.mark.usefixtures("as_outside_the_tests")
+def test_faults_of_what_is_wanted_are_rejected(asked, code, sentence):
+    with raises_code(code, sentence):
+        Target(POINTS, **asked)

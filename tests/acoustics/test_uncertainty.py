@@ -1,0 +1,48 @@
+"""What is in doubt: numbers that make no sense raise, with what was probably meant."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import airtact as at
+from faults import raises_code
+
+DEVIATIONS = [
+    field.name for field in dataclasses.fields(at.Uncertainty) if field.name != "velocity"
+]
+
+
+def test_nothing_is_in_doubt_unless_given() -> None:
+    assert at.Uncertainty().none
+    assert not at.Uncertainty(dead=0.1).none
+    assert repr(at.Uncertainty()) == "Uncertainty(nothing in doubt)"
+
+
+@pytest.mark.parametrize("name", DEVIATIONS)
+def test_negative_and_endless_deviations_raise(name) -> None:
+    with raises_code("negative", "-0.2"):
+        at.Uncertainty(**{name: -0.2})
+    with raises_code("not_finite", "nan"):
+        at.Uncertainty(**{name: np.nan})
+
+
+@pytest.mark.parametrize("name", ["rotation", "own_rotation", "phase", "board_rotation"])
+def test_degrees_that_were_meant_in_radians_raise(name) -> None:
+    with raises_code("out_of_range", "0.035", "radians", " 2"):
+        at.Uncertainty(**{name: 0.035})
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("position", 2.0), ("age", 20.0), ("humidity", 5.0), ("dead", 10.0), ("temperature", 300.0)],
+)
+def test_numbers_in_another_unit_raise(name, value) -> None:
+    with raises_code("out_of_range", f"{value:g}"):
+        at.Uncertainty(**{name: value})
+
+
+def test_the_velocity_is_a_vector_of_a_hand() -> None:
+    assert at.Uncertainty(age=0.01, velocity=np.array([0.5, 0.0, 0.0])).velocity == (0.5, 0.0, 0.0)
+    with raises_code("out_of_range", "500"):
+        at.Uncertainty(velocity=(500.0, 0.0, 0.0))

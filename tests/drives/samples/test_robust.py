@@ -1,0 +1,163 @@
+"""Drives over samples: laws on random matrices, and what they keep of the pressure of hands that were not in them."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import airtact as at
+from airtact.drives import goal_value, robust_phase_only, robust_upper_bound
+from airtact.drives.samples.robust import weakest
+from airtact.drives.sampling.ensemble import TransferEnsemble
+from closed_form_transfers import any_points, random_matrix
+from faults import raises_code
+
+TARGET = at.Target(any_points(2))
+GOALS = ("lowest tenth", "mean", "worst")
+LIMITS = ("energy", "amplitude", "phases")
+
+
+def random_ensemble(
+    seed: int, foci: int = 2, samples: int = 24, spread: float = 0.7
+) -> TransferEnsemble:
+    """Matrices around a nominal one, with phases that differ by a normal error of ``spread`` [rad]."""
+    nominal = random_matrix(seed, foci).matrix
+    errors = np.random.default_rng(seed).normal(size=(samples, *nominal.shape))
+    # Errors of neighbouring elements go together, as those of a hand that is off do.
+    smooth = np.cumsum(errors, axis=2) / np.sqrt(nominal.shape[1] / 2)
+    return TransferEnsemble(
+        matrix=nominal, estimated_error=0.0, geometry=nominal * np.exp(1j * spread * smooth)
+    )
+
+
+@cache
+def pinched(seed: int) -> TransferEnsemble:
+    """Two foci in open air before two boards, the hand off by 2 mm and 3 degrees."""
+    points = np.array([[-6e-3, 0.0, 0.0], [6e-3, 0.0, 0.0]])
+    beacons = at.FreeField().radiate(
+        at.Scene(at.air(), [], frequency=40e3), at.Target(points).beacons()
+    )
+    array = at.flat_boards(1, 2).facing((0, 0, 0), (0, 0, 1), 0.15)
+    return at.ensemble(
+        beacons, array, at.Uncertainty(position=2e-3, rotation=3.0), samples=64, seed=seed
+    )
+
+
+def at_equal_energy(
+    samples: TransferEnsemble, target: at.Target, drive: at.Drive, goal="lowest tenth"
+) -> float:
+    return goal_value(samples, target, drive, goal) / float(np.linalg.norm(drive.amplitudes))
+
+
+@pytest.mark.parametrize("goal", GOALS)
+def test_no_goal_falls_below_that_of_the_nominal_drive(goal) -> None:
+    for seed in range(3):
+        samples = random_ensemble(seed)
+        reached = at_equal_energy(samples, TARGET, at.robust(samples, TARGET, goal), goal)
+        assert reached >= 0.999 * at_equal_energy(
+            samples, TARGET, at.time_reversal(samples, TARGET), goal
+        )
+
+
+def test_hands_that_were_not_sampled_keep_more() -> None:
+    target = at.Target(pinched(0).foci)
+    others = pinched(1)
+    robust, usual = (method(pinched(0), target) for method in (at.robust, at.time_reversal))
+    assert at_equal_energy(others, target, robust) > 1.15 * at_equal_energy(others, target, usual)
+
+
+def test_the_worst_and_the_mean_are_within_their_bounds() -> None:
+    for seed in range(3):
+        samples = random_ensemble(seed)
+        for goal in ("worst", "mean"):
+            bound = robust_upper_bound(samples, TARGET, goal)
+            assert bound.recomputed(samples, TARGET) == pytest.approx(bound.value, rel=1e-9)
+            for drive in (at.robust(samples, TARGET, goal), at.time_reversal(samples, TARGET)):
+                assert bound.reached(samples, TARGET, drive) < 1.0
+            assert bound.reached(samples, TARGET, at.robust(samples, TARGET, goal)) > 0.75
+
+
+def test_the_bound_of_one_sample_is_what_the_drive_reaches() -> None:
+    """For two foci the relaxation has no gap."""
+    transfer = random_matrix(3, 2)
+    bound = robust_upper_bound(transfer, TARGET)
+    assert bound.reached(transfer, TARGET, at.robust(transfer, TARGET)) == pytest.approx(
+        1.0, rel=1e-4
+    )
+
+
+@pytest.mark.parametrize("limit", LIMITS)
+@pytest.mark.parametrize("foci", [1, 2, 3])
+def test_nothing_in_doubt_gives_the_method_that_it_generalises(limit, foci) -> None:
+    transfer, target = random_matrix(7, foci), at.Target(any_points(foci))
+    alike = TransferEnsemble(
+        matrix=transfer.matrix, estimated_error=0.0, geometry=np.stack([transfer.matrix] * 8)
+    )
+    found = at.robust(alike, target, limit=limit)
+    usual = at.robust(transfer, target, limit=limit)
+    if foci == 1:
+        usual = (at.time_reversal if limit == "energy" else at.drives.phase_conjugate)(
+            transfer, target
+        )
+    elif limit == "phases":
+        usual = at.max_min(transfer, target)
+    one, other = (
+        np.abs(transfer.pressure(drive)) / np.linalg.norm(drive.amplitudes)
+        for drive in (found, usual)
+    )
+    np.testing.assert_allclose(one, other, rtol=1e-6 if limit == "energy" or foci == 1 else 0.01)
+
+
+@pytest.mark.parametrize("goal", GOALS)
+def test_limits_hold(goal) -> None:
+    samples = random_ensemble(5)
+    phases, capped = (
+        at.robust(samples, TARGET, goal, limit=limit) for limit in ("phases", "amplitude")
+    )
+    np.testing.assert_allclose(np.abs(phases.amplitudes), 1.0, rtol=1e-9)
+    assert np.abs(capped.amplitudes).max() == pytest.approx(1.0)
+    both = [goal_value(samples, TARGET, drive, goal) for drive in (phases, capped)]
+    assert both[1] > 0.97 * both[0]
+    assert both[0] > goal_value(samples, TARGET, at.robust(samples, TARGET, goal), goal)
+    np.testing.assert_array_equal(
+        robust_phase_only(samples, TARGET, goal).amplitudes, phases.amplitudes
+    )
+
+
+@pytest.mark.parametrize("limit", LIMITS)
+def test_suppression_points_cost_little_of_the_goal(limit) -> None:
+    points = any_points(3)
+    samples, target = (
+        random_ensemble(6, foci=3),
+        at.Target(points[:2], suppression_points=points[2:]),
+    )
+    alone = TransferEnsemble(
+        matrix=samples.matrix[:2], estimated_error=0.0, geometry=samples.geometry[:, :2].copy()
+    )
+    drives = [at.robust(samples, target, limit=limit), at.robust(alone, TARGET, limit=limit)]
+    scales = [np.linalg.norm(one.amplitudes) if limit == "energy" else 1.0 for one in drives]
+    left = [
+        np.sqrt(np.mean(np.abs(samples.pressures(one)[:, 2]) ** 2)) / s
+        for one, s in zip(drives, scales, strict=True)
+    ]
+    kept = [
+        np.quantile(np.abs(samples.pressures(one)[:, :2]).min(axis=1), 0.1) / s
+        for one, s in zip(drives, scales, strict=True)
+    ]
+    assert left[0] < 0.6 * left[1]
+    assert kept[0] > 0.84 * kept[1]
+
+
+def test_asked_pressures_are_reached_nine_of_ten_times() -> None:
+    samples = random_ensemble(8)
+    full = goal_value(samples, TARGET, at.robust(samples, TARGET))
+    asked = at.Target(TARGET.points, pressures=0.5 * full)
+    drive = at.robust(samples, asked)
+    assert goal_value(samples, asked, drive) == pytest.approx(1.0, rel=1e-6)
+    assert np.quantile(weakest(samples, asked, drive), 0.1) == pytest.approx(1.0, rel=1e-6)
+
+
+def test_other_foci_raise() -> None:
+    samples = random_ensemble(9)
+    with raises_code("sizes_differ", "2 foci", "target of 3"):
+        at.robust(samples, at.Target(any_points(3)))

@@ -1,0 +1,156 @@
+"""Samples before a rigid plane against direct solves, a hand and its mirror as two bodies, and sums of images."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+import airtact as at
+from airtact.acoustics.planes import with_images
+from airtact.drives.sampling.draws import draws
+from airtact.drives.sampling.ensemble import matrices_at
+from faults import raises_code
+
+MEDIUM = at.air(celsius=20.0)
+TABLE = at.plane((0, 0, -0.014), (0, 0, 1))
+FOCI = np.array([[0.0, -4.5e-3, 0.0], [3e-3, 0.0, 4e-3]])
+UPRIGHT = at.flat_boards(1, 1).moved(at.Pose.turn((1, 0, 0), -np.pi / 2, (0.0, -0.12, 0.1)))
+EXACT = at.BoundaryElement(accuracy=0.005, estimate=False)
+STILL = at.Pose.identity()
+DOUBT = at.Uncertainty(position=1e-3, rotation=4.0)
+
+
+def finger(pose: at.Pose = STILL) -> at.Surface:
+    return at.capsule((-6e-3, 0, 0), (6e-3, 0, 0), radius=4e-3, edge=2e-3).moved(pose)
+
+
+def scene(pose: at.Pose = STILL, medium: at.Medium = MEDIUM) -> at.Scene:
+    return at.Scene(medium, [at.sound_hard(finger(pose))], frequency=40e3, planes=[TABLE])
+
+
+@cache
+def beacons() -> at.acoustics.RadiatedField:
+    return EXACT.radiate(scene(), at.Target(FOCI).beacons())
+
+
+def in_open_air() -> at.acoustics.RadiatedField:
+    empty = at.Scene(MEDIUM, [], frequency=40e3, planes=[TABLE])
+    return at.FreeField().radiate(empty, at.Target(FOCI).beacons())
+
+
+def off(found, exact) -> float:
+    return float(np.linalg.norm(found - exact) / np.linalg.norm(exact))
+
+
+def drawn(uncertainty: at.Uncertainty, samples: int) -> list[at.Pose]:
+    middle = FOCI.mean(axis=0)
+    return [one.hand for one in draws(uncertainty, samples, 0, middle, [middle], len(FOCI), [])]
+
+
+def test_each_sample_is_the_scene_solved_where_the_hand_is() -> None:
+    """The hand moves in the frame of the array here, the plane and the array in that of the hand there."""
+    found = at.ensemble(beacons(), UPRIGHT, DOUBT, samples=3, solver=EXACT)
+    assert found.left_out == 0
+    for matrix, pose in zip(found.matrices, drawn(DOUBT, 3), strict=True):
+        foci = at.Target(pose.apply(FOCI))
+        exact = at.transfer_matrix(EXACT.radiate(scene(pose), foci.beacons()), UPRIGHT).matrix
+        assert off(matrix, exact) < 1e-3
+        assert off(found.matrix, exact) > 0.1
+
+
+def test_each_sample_is_that_of_a_hand_and_its_mirror_image_as_two_bodies() -> None:
+    found = at.ensemble(beacons(), UPRIGHT, DOUBT, samples=2, solver=EXACT)
+    for matrix, pose in zip(found.matrices, drawn(DOUBT, 2), strict=True):
+        start, end = TABLE.image(pose.apply(np.array([[-6e-3, 0, 0], [6e-3, 0, 0]])))
+        bodies = [finger(pose), at.capsule(start, end, radius=4e-3, edge=2e-3)]
+        both = at.Scene(MEDIUM, [at.sound_hard(one) for one in bodies], frequency=40e3)
+        emitting = with_images([TABLE], at.Monopoles(pose.apply(FOCI), np.eye(2)))
+        field = EXACT.radiate(both, emitting).at(UPRIGHT.face_points.reshape(-1, 3))
+        weights = UPRIGHT.element.sensitivity * UPRIGHT.element.weights
+        exact = np.einsum("eqf,q->fe", field.reshape(len(UPRIGHT), -1, 2), weights)
+        assert off(matrix, exact) < 3e-3
+
+
+def test_one_solve_serves_what_is_off_along_the_plane() -> None:
+    """No solver is given: only what keeps the plane is in doubt."""
+    doubt = at.Uncertainty(age=0.01, velocity=(0.3, 0.1, 0.0), gain=0.1, board_position=1e-3)
+    along = at.ensemble(beacons(), UPRIGHT, doubt, samples=6)
+    solved = at.ensemble(beacons(), UPRIGHT, doubt, samples=6, solver=EXACT)
+    assert off(along.matrices, solved.matrices) < 1e-12
+    turned = at.Pose.turn((0, 0, 1), 0.3, (2e-3, 1e-3, 0.0))
+    (found,) = matrices_at(beacons(), UPRIGHT, [turned])
+    exact = EXACT.radiate(scene(turned), at.Target(turned.apply(FOCI)).beacons())
+    assert (
+        off(found, at.transfer_matrix(exact, UPRIGHT).matrix) < 3e-3
+    )  # other panels on the turned body
+
+
+def test_shifts_to_one_height_share_a_solve(monkeypatch) -> None:
+    heights = []
+    radiate = at.BoundaryElement.radiate
+
+    def counted(solver, there, sources):
+        heights.append(there.planes[0].point[2])
+        return radiate(solver, there, sources)
+
+    monkeypatch.setattr(at.BoundaryElement, "radiate", counted)
+    poses = [
+        at.Pose(np.eye(3), np.array([x, y, z]))
+        for z in (0.0, 1e-3)
+        for x in (0.0, 2e-3)
+        for y in (-1e-3, 1e-3)
+    ]
+    found = list(matrices_at(beacons(), UPRIGHT, poses, solver=EXACT))
+    np.testing.assert_allclose(heights, [-0.015])
+    for matrix, pose in zip(found, poses, strict=True):
+        field = EXACT.radiate(scene(pose), at.Target(pose.apply(FOCI)).beacons())
+        assert off(matrix, at.transfer_matrix(field, UPRIGHT).matrix) < 3e-3
+
+
+def test_warmer_air_is_solved_in_it() -> None:
+    (found,) = matrices_at(beacons(), UPRIGHT, [at.Pose.identity()], 1.01, EXACT)
+    slow = replace(MEDIUM, sound_speed=MEDIUM.sound_speed / 1.01)
+    exact = EXACT.radiate(scene(medium=slow), at.Target(FOCI).beacons())
+    assert off(found, at.transfer_matrix(exact, UPRIGHT).matrix) < 1e-6
+
+
+def test_open_air_before_a_plane_needs_no_solver() -> None:
+    doubt = replace(DOUBT, own_position=1e-3, temperature=2.0)
+    found = at.ensemble(in_open_air(), UPRIGHT, doubt, samples=4)
+    middle = FOCI.mean(axis=0)
+    for matrix, draw in zip(
+        found.matrices, draws(doubt, 4, 0, middle, list(FOCI), 2, []), strict=True
+    ):
+        foci = draw.hand.apply(
+            np.stack([own.apply(one) for own, one in zip(draw.own, FOCI, strict=True)])
+        )
+        slow = replace(MEDIUM, sound_speed=MEDIUM.sound_speed / draw.slower)
+        faces, k = UPRIGHT.face_points.reshape(-1, 1, 3), slow.wavenumber(40e3)
+        away = np.linalg.norm(faces - np.concatenate([foci, TABLE.image(foci)]), axis=2)
+        exact = (np.exp(1j * k * away) / away).reshape(len(UPRIGHT), -1, 2, 2).sum(axis=2)
+        weights = UPRIGHT.element.sensitivity * UPRIGHT.element.weights
+        assert off(matrix, np.einsum("eqf,q->fe", exact, weights)) < 1e-9
+
+
+def test_a_body_off_by_itself_is_solved_there() -> None:
+    doubt = at.Uncertainty(own_position=1e-3, along_skin=1e-3)
+    found = at.ensemble(beacons(), UPRIGHT, doubt, samples=2, solver=EXACT)
+    assert found.geometry.shape == (2, 2, 249)
+    assert off(found.geometry[0], found.matrix) > 0.05
+
+
+def test_samples_that_reach_the_plane_are_left_out() -> None:
+    found = at.ensemble(
+        beacons(),
+        UPRIGHT,
+        at.Uncertainty(position=10e-3),
+        samples=8,
+        solver=at.BoundaryElement(0.1),
+    )
+    assert 0 < found.left_out < 8
+
+
+def test_a_hand_that_is_lifted_needs_a_solver() -> None:
+    for doubt in (DOUBT, at.Uncertainty(temperature=1.0), at.Uncertainty(along_skin=1e-3)):
+        with raises_code("sample_not_solved", "1 plane"):
+            at.ensemble(beacons(), UPRIGHT, doubt, samples=2)

@@ -1,0 +1,166 @@
+"""The default is as good as any method, exact where that is possible, and its peak the least there is."""
+
+import jaxtyping
+import numpy as np
+import pytest
+from jaxtyping import Complex128
+from scipy.optimize import linprog
+
+import airtact as at
+from airtact.acoustics.target import Target
+from airtact.drives.default_method import method_for
+from airtact.drives.methods import METHODS
+from airtact.drives.peak_limited import least_peak
+from airtact.drives.reach import achieved_fraction
+from airtact.drives.transfer import Drive, TransferMatrix
+from closed_form_transfers import any_points, open_air, random_matrix, scattered, worst
+from faults import raises_code
+
+
+def least_peak_by_linear_programming(
+    transfer: TransferMatrix, wanted: Complex128[np.ndarray, "foci"], sides: int = 64
+) -> float:
+    """Bound the least peak of H d = w from below: amplitudes in a polygon around the disc, by scipy."""
+    matrix = np.asarray(transfer.matrix)
+    foci, elements = matrix.shape
+    turns = np.exp(-2j * np.pi * np.arange(sides) / sides)
+    # Unknowns: real and imaginary parts of d, and the peak; Re(d e^{-iα}) is at most the peak for
+    # every side.
+    limits = np.zeros((sides * elements, 2 * elements + 1))
+    for side, turn in enumerate(turns):
+        rows = np.arange(elements) + side * elements
+        limits[rows, np.arange(elements)], limits[rows, elements + np.arange(elements)] = (
+            turn.real,
+            -turn.imag,
+        )
+        limits[rows, -1] = -1.0
+    equal = np.zeros((2 * foci, 2 * elements + 1))
+    real, imaginary = np.real(matrix), np.imag(matrix)
+    equal[:, : 2 * elements] = np.block([[real, -imaginary], [imaginary, real]])
+    found = linprog(
+        np.r_[np.zeros(2 * elements), 1.0],
+        A_ub=limits,
+        b_ub=np.zeros(len(limits)),
+        A_eq=equal,
+        b_eq=np.r_[np.real(wanted), np.imag(wanted)],
+        bounds=[(None, None)] * (2 * elements + 1),
+    )
+    assert found.success
+    return float(found.x[-1])
+
+
+def test_one_focus_gets_all_that_the_array_can_give() -> None:
+    transfer, target = random_matrix(1, 1), Target(any_points(1))
+    drive = at.best(transfer, target)
+    assert np.abs(transfer.pressure(drive))[0] == pytest.approx(
+        np.abs(transfer.matrix).sum(), rel=1e-12
+    )
+    np.testing.assert_allclose(np.abs(drive.amplitudes), 1.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("seed", "foci"), [(1, 2), (2, 3), (3, 6), (4, 10)])
+def test_no_other_method_gives_the_weakest_focus_more(seed, foci) -> None:
+    points = scattered(seed, foci)
+    transfer, target = open_air(points), Target(points)
+    others = {
+        name: worst(transfer, method(transfer, target))
+        for name, method in METHODS.items()
+        if name != "best"
+    }
+    found = worst(transfer, at.best(transfer, target))
+    # gradient starts where max_min ends and may gain a little in much more time
+    assert found >= 0.99 * max(others.values())
+    assert found > 1.3 * others["time_reversal"]
+    rounded = at.quantise(at.best(transfer, target)).drive()
+    assert at.upper_bound(transfer, target).reached(transfer, target, rounded) > 0.9
+
+
+def test_pressures_are_exactly_what_is_asked_where_full_scale_is_enough() -> None:
+    points, asked = scattered(5, 4), np.array([4000.0, 1000.0, 2500.0, 500.0])
+    transfer, target = open_air(points), Target(points, asked)
+    drive = at.best(transfer, target)
+    np.testing.assert_allclose(np.abs(transfer.pressure(drive)), asked, rtol=1e-9)
+    phases = np.exp(1j * np.angle(transfer.pressure(drive)))
+    least = np.linalg.pinv(transfer.matrix) @ (asked * phases)
+    np.testing.assert_allclose(drive.amplitudes, least, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("asked", [3000.0, 11000.0])
+def test_one_focus_gets_what_it_asks_after_rounding_too(asked) -> None:
+    point = np.array([[0.01, 0.0, 0.005]])
+    transfer, target = open_air(point), Target(point, asked)
+    rounded = at.quantise(at.best(transfer, target)).drive()
+    assert np.abs(transfer.pressure(rounded))[0] == pytest.approx(asked, rel=0.02)
+
+
+def test_where_full_scale_is_not_enough_the_weakest_gets_what_the_bound_allows() -> None:
+    points = scattered(5, 4)
+    transfer, target = open_air(points), Target(points, 200e3)
+    drive = at.best(transfer, target)
+    assert np.abs(drive.amplitudes).max() == pytest.approx(1.0)
+    assert (
+        achieved_fraction(transfer, target, drive).min()
+        > 0.9 * at.upper_bound(transfer, target).worst
+    )
+
+
+def test_a_focus_that_asks_for_nothing_leaves_the_others_exact() -> None:
+    transfer, target = random_matrix(6, 3), Target(any_points(3), np.array([300.0, 0.0, 200.0]))
+    np.testing.assert_allclose(
+        achieved_fraction(transfer, target, at.best(transfer, target))[[0, 2]], 1.0, rtol=1e-9
+    )
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_peak_is_the_least_by_linear_programming(seed) -> None:
+    transfer = random_matrix(seed, 3, elements=20)
+    wanted = np.array([200.0, 80.0j, -150.0])
+    drive = least_peak(transfer, Target(any_points(3), wanted), iterations=300)
+    np.testing.assert_allclose(transfer.pressure(drive), wanted, rtol=1e-9)
+    peak, bound = np.abs(drive.amplitudes).max(), least_peak_by_linear_programming(transfer, wanted)
+    # a polygon of 64 sides reaches 0.12 % beyond the disc
+    assert bound <= peak <= 1.01 * bound
+
+
+def test_phases_asked_are_exact_and_stronger_than_by_least_squares() -> None:
+    points = scattered(7, 3)
+    transfer, shares = open_air(points), np.exp(1j * np.array([0.0, 2.0, 4.0]))
+    target = Target(points, shares=shares)
+    pressure = transfer.pressure(at.best(transfer, target))
+    np.testing.assert_allclose(pressure / pressure[0], shares, rtol=1e-9)
+    inverse = transfer.pressure(at.drives.inverse_filter(transfer, target))
+    assert np.abs(pressure).min() > 1.3 * np.abs(inverse).min()
+
+
+def test_what_is_asked_chooses_the_method() -> None:
+    one, two, suppressed = any_points(1), any_points(2), 0.1 + any_points(4)
+    phases = np.array([1.0, 1j])
+    chosen = {
+        "phase_conjugate": Target(one, 100.0),
+        "max_min": Target(two),
+        "least_peak": Target(two, shares=phases),
+        "gradient": Target(two, suppression_points=suppressed),
+        "inverse_filter": Target(two, shares=phases, suppression_points=suppressed),
+    }
+    assert {name: method_for(target).__name__ for name, target in chosen.items()} == {
+        name: name for name in chosen
+    }
+    assert method_for(Target(two, np.array([100.0, 0.0]))).__name__ == "phase_conjugate"
+
+
+def test_arguments_in_the_wrong_order_are_rejected(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
+    with raises_code("wrong_kind", "Target"):
+        at.best(
+            at.Target(np.array([[0.0, 0.0, 0.1]])),
+            TransferMatrix(np.ones((1, 4), dtype=complex), 0.0),
+        )  # pyright: ignore
+
+
+def test_what_is_asked_may_be_too_much_for_few_elements() -> None:
+    transfer, target = random_matrix(8, 2, elements=3), Target(any_points(2), np.array([1e5, 1e5j]))
+    drive = at.best(transfer, target)
+    assert isinstance(drive, Drive)
+    pressure = transfer.pressure(drive)
+    assert pressure[1] / pressure[0] == pytest.approx(1j, rel=1e-9)
+    assert np.abs(drive.amplitudes).max() == pytest.approx(1.0)

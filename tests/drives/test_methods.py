@@ -1,0 +1,298 @@
+"""Laws of every method, on random matrices and in closed form."""
+
+import numpy as np
+import pytest
+
+import airtact as at
+from airtact.acoustics.target import Target
+from airtact.drives.constraint import Constraint
+from airtact.drives.gerchberg_saxton import gerchberg_saxton, gs_pat, weighted_gerchberg_saxton
+from airtact.drives.gradient_descent import gradient
+from airtact.drives.least_squares import inverse_filter, iterated_time_reversal
+from airtact.drives.methods import METHODS
+from airtact.drives.reach import achieved_fraction
+from airtact.drives.transfer import TransferMatrix
+from airtact.drives.weakest_focus import max_min
+from closed_form_transfers import WAVELENGTH, any_points, open_air, random_matrix, scattered, worst
+from faults import raises_code
+
+AT_FULL_SCALE = (gerchberg_saxton, weighted_gerchberg_saxton, gs_pat, max_min)
+
+
+# --- laws of all methods --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_one_focus_with_every_method(name):
+    transfer, target = random_matrix(1, 1), Target(any_points(1))
+    drive = METHODS[name](transfer, target)
+    row = transfer.matrix[0]
+    # for one focus a method may only choose amplitudes; the phases are those of the conjugate
+    np.testing.assert_allclose(
+        np.angle(drive.amplitudes * row * np.vdot(drive.amplitudes, row.conj())), 0.0, atol=1e-5
+    )
+    pressure = worst(transfer, drive)
+    assert np.abs(drive.amplitudes).max() == pytest.approx(1.0)
+    if name in ("time_reversal", "iterated_time_reversal", "inverse_filter", "robust"):
+        energy = np.linalg.norm(drive.amplitudes)
+        assert pressure == pytest.approx(energy * np.linalg.norm(row), rel=1e-6)
+    elif name != "eigenvector":
+        assert pressure == pytest.approx(np.abs(row).sum(), rel=1e-6)
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_the_worst_focus_gets_what_it_asked_where_that_is_possible(name):
+    transfer, target = (
+        random_matrix(2, 4),
+        Target(any_points(4), np.array([100.0, 200.0, 150.0, 300.0])),
+    )
+    drive = METHODS[name](transfer, target)
+    assert achieved_fraction(transfer, target, drive).min() == pytest.approx(1.0, rel=1e-9)
+    greedy = Target(any_points(4), 1e6)
+    drive = METHODS[name](transfer, greedy)
+    assert np.abs(drive.amplitudes).max() == pytest.approx(1.0)
+    assert achieved_fraction(transfer, greedy, drive).min() < 0.1
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_a_focus_that_asks_for_nothing_does_not_hold_the_others_back(name):
+    transfer = random_matrix(5, 3)
+    target = Target(any_points(3), np.array([300.0, 0.0, 200.0]))
+    assert np.nanmin(
+        achieved_fraction(transfer, target, METHODS[name](transfer, target))
+    ) == pytest.approx(1.0)
+
+
+UNBALANCED = ("time_reversal", "phase_conjugate", "gerchberg_saxton")
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_methods_that_balance_keep_the_shares_and_the_others_follow_them(name):
+    transfer, shares = random_matrix(6, 3), np.array([1.0, 0.5, 0.25])
+    got, alike = (
+        np.abs(transfer.pressure(METHODS[name](transfer, Target(any_points(3), shares=one))))
+        for one in (shares, np.ones(3))
+    )
+    if name in UNBALANCED:  # in order, but off the shares
+        assert got[0] > got[1] > got[2]
+        assert np.abs(got / got[0] / shares - 1).max() > 0.1
+    else:
+        np.testing.assert_allclose(got / got[0], shares, rtol=0.03)
+    assert got[2] / got[0] < 0.7 * alike[2] / alike[0]
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_wrong_sizes_raise(name):
+    with raises_code("sizes_differ", "2 foci", "target of 3"):
+        METHODS[name](random_matrix(7, 2), Target(any_points(3)))
+
+
+# --- one by one -----------------------------------------------------------------------------------------------------
+
+
+def test_the_inverse_filter_gives_the_pressures_and_phases_asked():
+    transfer, asked = random_matrix(8, 3), np.array([100.0, 50.0j, -70.0])
+    pressure = transfer.pressure(inverse_filter(transfer, Target(any_points(3), asked), weight=0.0))
+    np.testing.assert_allclose(pressure, asked, rtol=1e-9)
+
+
+def test_the_inverse_filter_is_the_drive_of_least_energy():
+    transfer, asked = random_matrix(9, 3), np.array([100.0, 50.0, 70.0])
+    drive = inverse_filter(transfer, Target(any_points(3), asked + 0j), weight=0.0)
+    np.testing.assert_allclose(
+        drive.amplitudes, np.linalg.pinv(transfer.matrix) @ asked, rtol=1e-9, atol=1e-12
+    )
+
+
+def test_tikhonovs_weight_limits_a_nearly_singular_drive():
+    points = np.array([[0.0, 0, 0], [0.001, 0, 0]])
+    transfer, target = open_air(points), Target(points, shares=np.array([1.0, -1.0 + 0j]))
+    wild, calm = (inverse_filter(transfer, target, weight=weight) for weight in (0.0, 1e-2))
+    ratio = [
+        np.linalg.norm(transfer.pressure(drive)) / np.linalg.norm(drive.amplitudes)
+        for drive in (wild, calm)
+    ]
+    assert ratio[0] <= ratio[1] * (1 + 1e-9)
+    with raises_code("not_positive", "-0.1"):
+        inverse_filter(transfer, target, weight=-0.1)
+
+
+def test_the_l_curve_weighs_little_where_nothing_is_singular_and_more_where_it_is():
+    points = scattered(1, 5, least=2 * WAVELENGTH)
+    transfer, target = open_air(points), Target(points)
+    np.testing.assert_allclose(
+        np.abs(transfer.pressure(inverse_filter(transfer, target))),
+        np.abs(transfer.pressure(inverse_filter(transfer, target, weight=0.0))),
+        rtol=0.02,
+    )
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_five_passes_of_time_reversal_are_the_inverse_filter_within_one_per_cent(seed):
+    points = scattered(seed, 6, least=2 * WAVELENGTH)
+    transfer, target = open_air(points), Target(points)
+    passes = iterated_time_reversal(transfer, target, passes=5).amplitudes
+    inverse = inverse_filter(transfer, target, weight=0.0).amplitudes
+    assert np.linalg.norm(passes - inverse) < 0.01 * np.linalg.norm(inverse)
+    first = iterated_time_reversal(transfer, target, passes=1).amplitudes
+    assert np.linalg.norm(first - inverse) > 0.02 * np.linalg.norm(inverse)
+    with raises_code("too_few", "0 passes"):
+        iterated_time_reversal(transfer, target, passes=0)
+
+
+def test_the_eigenvectors_phases_let_foci_add_to_each_other():
+    """Two foci in antiphase from every element: phases 0 and π make both strong, as the eigenvector of R has them."""
+    row = random_matrix(10, 1).matrix[0]
+    other = random_matrix(11, 1).matrix[0]
+    transfer = TransferMatrix(np.stack([row, -row + 0.2 * other]), 0.0)
+    pressure = transfer.pressure(at.drives.eigenvector(transfer, Target(any_points(2))))
+    assert np.cos(np.angle(pressure[0] / pressure[1])) < -0.95
+    worse = inverse_filter(transfer, Target(any_points(2)), weight=0.0)
+    assert np.abs(pressure).min() > 2.0 * worst(transfer, worse)
+
+
+@pytest.mark.parametrize("method", AT_FULL_SCALE)
+def test_gerchberg_saxton_and_its_variants_give_full_scale(method):
+    drive = method(random_matrix(12, 5), Target(any_points(5)))
+    np.testing.assert_allclose(np.abs(drive.amplitudes), 1.0, rtol=1e-9)
+
+
+def test_gerchberg_saxton_ends_at_a_fixed_point():
+    transfer = random_matrix(13, 4)
+    drive = gerchberg_saxton(transfer, Target(any_points(4)), iterations=2000).amplitudes
+    again = transfer.matrix.conj().T @ np.exp(1j * np.angle(transfer.matrix @ drive))
+    np.testing.assert_allclose(drive, again / np.abs(again), atol=1e-3)
+
+
+def test_weights_level_the_foci():
+    transfer, target = open_air(scattered(2, 8)), Target(scattered(2, 8))
+    plain = np.abs(transfer.pressure(gerchberg_saxton(transfer, target)))
+    weighted = np.abs(
+        transfer.pressure(weighted_gerchberg_saxton(transfer, target, iterations=200))
+    )
+    assert weighted.min() > 1.02 * plain.min()
+    assert weighted.max() / weighted.min() < 1.01
+
+
+def test_many_sets_at_once_are_what_each_is_alone():
+    points = scattered(3, 20)
+    transfer = open_air(points)
+    random = np.random.default_rng(0)
+    sets = np.array([random.permutation(20)[:5] for _ in range(12)])
+    weights = np.ones(sets.shape)
+    weights[3, 2:] = 0.0
+    drives = at.drives.weighted_gerchberg_saxton_sets(transfer, sets, weights, iterations=50)
+    for rows, weight, drive in zip(sets, weights, drives, strict=True):
+        alone = TransferMatrix(transfer.matrix[rows[weight > 0]], 0.0)
+        target = Target(points[rows[weight > 0]])
+        assert at.upper_bound(alone, target).reached(alone, target, drive) > 0.85
+        assert worst(alone, drive) > 0.95 * worst(alone, weighted_gerchberg_saxton(alone, target))
+
+
+def test_bad_sets_raise():
+    transfer = random_matrix(14, 3)
+    with raises_code("out_of_range", "the row 3", "rows 0 to 2"):
+        at.drives.weighted_gerchberg_saxton_sets(transfer, np.array([[0, 3]]))
+    with raises_code("nothing_asked", "set 1"):
+        at.drives.weighted_gerchberg_saxton_sets(
+            transfer, np.array([[0, 1], [1, 2]]), np.array([[1.0, 1.0], [0.0, 0.0]])
+        )
+    with raises_code("weights_unusable", "-1 is there"):
+        at.drives.weighted_gerchberg_saxton_sets(
+            transfer, np.array([[0, 1]]), np.array([[1.0, -1.0]])
+        )
+
+
+# --- constraints ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", [*AT_FULL_SCALE, gradient])
+@pytest.mark.parametrize(
+    "constraint",
+    [
+        Constraint(phase_only=True),
+        Constraint(phase_bits=2),
+        Constraint(phase_bits=8, amplitude_bits=8),
+    ],
+)
+def test_drives_have_the_levels_that_there_are(method, constraint):
+    points = scattered(4, 4)
+    drive = method(open_air(points), Target(points), constraint=constraint).amplitudes
+    np.testing.assert_allclose(constraint.nearest(drive), drive, atol=1e-12)
+    if constraint.phase_bits == 2:
+        assert len(np.unique(np.round(np.angle(drive), 6) % np.round(2 * np.pi, 6))) <= 5
+
+
+def test_iterations_with_coarse_phases_compensate_the_rounding():
+    points = scattered(5, 6)
+    transfer, target, coarse = open_air(points), Target(points), Constraint(phase_bits=1)
+    compensated = worst(transfer, max_min(transfer, target, constraint=coarse))
+    rounded = worst(transfer, at.Drive(coarse.nearest(max_min(transfer, target).amplitudes)))
+    assert compensated > 1.05 * rounded
+
+
+def test_impossible_bits_raise():
+    with raises_code("out_of_range", "0 bits of phase"):
+        Constraint(phase_bits=0)
+    with raises_code("out_of_range", "17 bits of amplitude"):
+        Constraint(amplitude_bits=17)
+
+
+# --- suppression points ------------------------------------------------------------------------------------------
+
+
+HEEDING = [name for name, method in METHODS.items() if method.heeds_suppression_points]
+
+
+def test_each_method_has_a_name_and_a_description():
+    assert HEEDING == ["best", "inverse_filter", "gradient", "robust", "robust_phase_only"]
+    assert len(METHODS) == len({method.description for method in METHODS.values()})
+    assert all(method.name == name and method.description for name, method in METHODS.items())
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_phases_asked_for_are_heeded_where_the_registry_has_it_so(name):
+    transfer, phases = random_matrix(16, 2), np.exp(1j * np.array([0.0, 2.5]))
+    plain, asked = (
+        METHODS[name](transfer, Target(any_points(2), shares=shares)).amplitudes
+        for shares in (np.ones(2), phases)
+    )
+    if METHODS[name].heeds_phases:
+        pressure = transfer.matrix @ asked
+        assert np.angle(pressure[1] / pressure[0]) == pytest.approx(2.5, abs=0.3)
+    else:
+        np.testing.assert_allclose(asked, plain, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", HEEDING)
+def test_suppression_points_are_silenced(name):
+    points, suppressed = scattered(6, 3), 0.004 + scattered(7, 12)
+    target = Target(points, suppression_points=suppressed)
+    transfer = open_air(np.concatenate([points, suppressed]))
+    drive, reference = METHODS[name](transfer, target), max_min(transfer, target)
+    after, before = (np.abs(transfer.pressure(one)) for one in (drive, reference))
+    fraction = (
+        np.linalg.norm(after[3:])
+        / after[:3].min()
+        / (np.linalg.norm(before[3:]) / before[:3].min())
+    )
+    assert fraction < 10 ** (-10 / 20)
+    if name in ("best", "gradient"):
+        assert after[:3].min() > 0.898 * before[:3].min()
+    with raises_code("suppression_rows_missing", "12 suppression points"):
+        METHODS[name](open_air(points), target)
+
+
+@pytest.mark.parametrize("name", sorted(set(METHODS) - set(HEEDING)))
+def test_other_methods_ignore_suppression_points(name):
+    points = scattered(8, 3)
+    whole = np.concatenate([points, 0.004 + scattered(9, 4)])
+    given = METHODS[name](open_air(whole), Target(points, suppression_points=whole[3:]))
+    np.testing.assert_allclose(
+        given.amplitudes, METHODS[name](open_air(points), Target(points)).amplitudes, atol=1e-6
+    )
+
+
+def test_a_loss_of_more_than_all_raises():
+    with raises_code("out_of_range", "loss at the foci is 1.5"):
+        gradient(random_matrix(15, 2), Target(any_points(2)), loss=1.5)

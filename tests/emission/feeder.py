@@ -1,0 +1,197 @@
+"""A process that emits and then ends in some way; run as ``python feeder.py LINK FOLDER TRIALS WAY...``.
+
+Everything is imported once; each trial is a process of its own, which writes FOLDER/WAY-TRIAL.log.
+"""
+
+import contextlib
+import ctypes
+import os
+import resource
+import signal
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+
+from airtact.drives.transfer import Drive
+from airtact.emission.autd3_link import AUTD3Link
+from airtact.emission.emission import Emission
+from airtact.emission.link import RecordingLink
+from airtact.geometry.pose import Pose
+from emission.odd_links import Interrupted, UnsilencedAudit, ZeroDivided
+
+DRIVE = Drive(np.exp(2j * np.pi * np.arange(249) / 7))
+PLAIN = {"recording": RecordingLink, "audit": lambda: AUTD3Link([Pose.identity()])}
+ODD = {"recording": ZeroDivided, "audit": lambda: UnsilencedAudit([Pose.identity()])}
+LONG = 30.0
+KEPT: list = []
+SIGNALS = (
+    "SIGKILL",
+    "SIGSEGV",
+    "SIGABRT",
+    "SIGQUIT",
+    "SIGPIPE",
+    "SIGALRM",
+    "SIGUSR1",
+    "SIGUSR2",
+    "SIGXCPU",
+    "SIGBUS",
+)
+
+
+def in_thread(emission: Emission, daemon: bool) -> None:
+    """Emit from a thread; return while it does."""
+    emits = threading.Event()
+
+    def work() -> None:
+        with emission:
+            emission.send(DRIVE)
+            emits.set()
+            emission.hold(LONG)
+
+    threading.Thread(target=work, daemon=daemon).start()
+    emits.wait()
+
+
+def killed_in_thread(kind: signal.Signals):
+    def way(emission: Emission) -> None:
+        in_thread(emission, daemon=False)
+        os.kill(os.getpid(), kind)
+        time.sleep(LONG)
+
+    return way
+
+
+def killed(kind: signal.Signals):
+    def way(emission: Emission) -> None:
+        with emission:
+            emission.send(DRIVE)
+            if kind not in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL):
+                signal.signal(kind, signal.SIG_DFL)
+            threading.Timer(0.05, os.kill, (os.getpid(), kind)).start()
+            emission.hold(LONG)
+
+    return way
+
+
+def exited(emission: Emission) -> None:
+    with emission:
+        emission.send(DRIVE)
+        os._exit(3)
+
+
+def daemon_and_main_ends(emission: Emission) -> None:
+    in_thread(emission, daemon=True)
+
+
+def daemon_and_main_raises(emission: Emission) -> None:
+    in_thread(emission, daemon=True)
+    raise ZeroDivisionError
+
+
+def never_left(emission: Emission) -> None:
+    emission.__enter__()
+    emission.send(DRIVE)
+
+
+def stack_never_closed(emission: Emission) -> None:
+    KEPT.append(stack := contextlib.ExitStack())
+    stack.enter_context(emission).send(DRIVE)
+
+
+def generator_never_resumed(emission: Emission) -> None:
+    def steps():
+        with emission:
+            emission.send(DRIVE)
+            yield
+
+    KEPT.append(steps())
+    next(KEPT[-1])
+
+
+def lock_held_and_killed(emission: Emission) -> None:
+    """A C call holds the interpreter's lock for longer than the patience; then the process is killed."""
+    with emission:
+        emission.send(DRIVE)
+        signal.setitimer(signal.ITIMER_REAL, 0.8)
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+        ctypes.PyDLL(None).sleep(int(LONG))
+
+
+def out_of_seconds(emission: Emission) -> None:
+    """The system kills a process whose computing time is over."""
+    with emission:
+        used = int(time.process_time()) + 1
+        resource.setrlimit(resource.RLIMIT_CPU, (used, used))
+        while True:
+            emission.send(DRIVE)
+
+
+def copied(emission: Emission) -> None:
+    """A copy of the process keeps the connection open when this one is killed."""
+    with emission:
+        emission.send(DRIVE)
+        if os.fork() == 0:
+            time.sleep(2.0)
+            os._exit(0)
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+def stopped(emission: Emission) -> None:
+    """The process stands still for longer than the patience."""
+    with emission:
+        emission.send(DRIVE)
+        me = os.getpid()
+        if os.fork() == 0:
+            time.sleep(1.0)
+            os.kill(me, signal.SIGKILL)
+            os._exit(0)
+        os.kill(me, signal.SIGSTOP)
+
+
+WAYS = {
+    "thread-SIGTERM": killed_in_thread(signal.SIGTERM),
+    "thread-SIGHUP": killed_in_thread(signal.SIGHUP),
+    "daemon-main-ends": daemon_and_main_ends,
+    "daemon-main-raises": daemon_and_main_raises,
+    "never-left": never_left,
+    "stack-never-closed": stack_never_closed,
+    "generator-never-resumed": generator_never_resumed,
+    "lock-held-and-killed": lock_held_and_killed,
+    "exit": exited,
+    "out-of-seconds": out_of_seconds,
+    "copied": copied,
+    "stopped": stopped,
+    "silence-raises": killed(signal.SIGTERM),
+    "silence-raises-and-killed": killed(signal.SIGKILL),
+    **{name: killed(getattr(signal, name)) for name in ("SIGINT", "SIGTERM", "SIGHUP", *SIGNALS)},
+}
+
+
+def main() -> None:
+    name, folder, trials, *ways = sys.argv[1:]
+    for trial in range(int(trials)):
+        for way in ways:
+            process = os.fork()
+            if process == 0:
+                os.setsid()
+                signal.signal(
+                    signal.SIGHUP, signal.SIG_DFL
+                )  # a run of the tests may outlive its terminal
+                made = (ODD if way.startswith("silence") else PLAIN)[name]
+                link = (
+                    Interrupted()
+                    if way.startswith("silence") and name == "recording" and trial % 2
+                    else made()
+                )
+                resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+                os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+                WAYS[way](Emission(link, ramp=0.0, log=Path(folder) / f"{way}-{trial}.log"))
+                return  # as a script that ends
+            os.waitpid(process, 0)
+
+
+if __name__ == "__main__":
+    main()

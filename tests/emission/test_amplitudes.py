@@ -1,0 +1,56 @@
+"""How loud it is around an array, against sums that can be done by hand."""
+
+import numpy as np
+import pytest
+
+from airtact.emission.amplitudes import frames_of_period, pressures_around
+from airtact.transducers.layout import autd3_board
+from airtact.transducers.modulation import check_rate
+from faults import raises_code
+
+K = 2 * np.pi * 40e3 / 343.0
+
+
+def test_one_element_is_as_loud_as_its_distance_says() -> None:
+    """p = s d / r on a sphere of half a metre around one element."""
+    loud = pressures_around(np.zeros((1, 3)), np.array([[0.5 + 0.0j]]), 4.38, K)
+    assert loud == pytest.approx((4.38 * 0.5 / 0.5,) * 2, rel=1e-12)
+
+
+def test_the_strongest_frame_and_the_mean_of_all_count() -> None:
+    drives = np.array([[0.1], [1.0], [0.0]], dtype=complex)
+    peak, average = pressures_around(np.zeros((1, 3)), drives, 1.0, K, distance=2.0)
+    assert peak == pytest.approx(0.5)
+    assert average == pytest.approx(0.5 * np.sqrt(1.01 / 3))
+
+
+def test_a_beam_is_found_where_it_goes() -> None:
+    """All in phase towards a far point: no more than all summed at the nearest distance, and nearly that."""
+    board = autd3_board()
+    middle = (board.positions.min(axis=0) + board.positions.max(axis=0)) / 2
+    reach = np.linalg.norm(board.positions - middle, axis=1).max()
+    apart = np.linalg.norm(board.positions - middle - [0.0, 0.0, reach + 0.5], axis=1)
+    drive = np.exp(-1j * K * apart)[None]
+    most = np.sum(1.0 / apart)
+    assert 0.85 * most < pressures_around(board.positions, drive, 1.0, K)[0] <= 1.01 * most
+
+
+def test_silence_is_silent() -> None:
+    assert pressures_around(np.zeros((1, 3)), np.zeros((1, 1), dtype=complex), 1.0, K) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("frequency", [5.0, 30.0, 125.0, 150.0, 200.0, 237.0, 250.0, 1000.0])
+def test_a_period_is_whole_frames_of_whole_periods_of_the_sound(frequency: float) -> None:
+    count, rate = frames_of_period(frequency, np.inf)
+    check_rate(rate, 40e3, 65535, "AUTD3")
+    assert 16 <= count <= 40
+    assert rate / count == pytest.approx(frequency, rel=0.01)
+
+
+def test_a_slow_line_gets_fewer_frames_or_the_fastest_that_it_carries() -> None:
+    assert frames_of_period(10.0, 88.9) == (8, 80.0)
+    assert frames_of_period(44.0, 88.9) == (2, 88.0)
+    with raises_code("rate_not_possible", "200 Hz needs 400 frames/s", "take 88.9", "am:44"):
+        frames_of_period(200.0, 88.9)
+    with raises_code("rate_not_possible", "1000 Hz"):
+        frames_of_period(2000.0, np.inf)

@@ -1,0 +1,237 @@
+"""AUTD3 boards through the real pyautd3: its geometry, and bytes through the firmware's model and back."""
+
+import importlib.metadata
+import sys
+
+import jaxtyping
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from airtact.drives.rounding import Frame
+from airtact.emission.autd3_link import AUTD3Link, _custom_gain, _gain_of
+from airtact.emission.link import LinkFailed
+from airtact.geometry.pose import Pose
+from airtact.transducers.boards import board_named, poses_of_boards
+from airtact.transducers.layout import board_array, surrounding_box
+from faults import raises_code
+
+
+def random_frame(elements: int, seed: int = 0) -> Frame:
+    random = np.random.default_rng(seed)
+    return Frame(*(random.integers(0, 256, elements).astype(np.uint8) for _ in range(2)))
+
+
+def random_poses(count: int) -> list[Pose]:
+    random = np.random.default_rng(4)
+    return [
+        Pose(turn, random.uniform(-0.3, 0.3, 3))
+        for turn in Rotation.random(count, rng=random).as_matrix()
+    ]
+
+
+@pytest.fixture
+def link():
+    box = surrounding_box(board="autd3")
+    link = AUTD3Link(poses_of_boards(board_named("autd3"), box.positions, box.normals))
+    link.open()
+    yield link
+    link.close()
+
+
+def test_our_layout_is_that_of_pyautd3() -> None:
+    """Four boards at random poses: positions to 1e-4 mm, directions alike. pyautd3 computes in single precision."""
+    poses = random_poses(4)
+    array = board_array("autd3", poses)
+    link = AUTD3Link(poses)
+    link.open()
+    theirs = np.array([one.position() for board in link._controller for one in board])
+    looks = np.array([board.axial_direction() for board in link._controller for _ in range(249)])
+    link.close()
+    assert np.abs(theirs - 1e3 * array.positions).max() < 1e-4
+    np.testing.assert_allclose(looks, array.normals, rtol=0, atol=1e-6)
+
+
+def test_every_byte_comes_back_from_the_firmware(link: AUTD3Link) -> None:
+    for seed in range(5):
+        frame = random_frame(996, seed)
+        link.send(frame)
+        played = link.played()
+        differ = np.count_nonzero(played.amplitude != frame.amplitude) + np.count_nonzero(
+            played.phase != frame.phase
+        )
+        assert differ == 0
+
+
+def test_every_level_comes_back_from_the_firmware(link: AUTD3Link) -> None:
+    levels = (np.arange(996) % 256).astype(np.uint8)
+    link.send(Frame(levels, levels[::-1].copy()))
+    assert link.played().same_as(Frame(levels, levels[::-1].copy()))
+
+
+def test_the_firmware_plays_pressure_in_proportion_to_the_level(link: AUTD3Link) -> None:
+    """Pulses of w of 512 ticks have the first harmonic sin(πw/512), and 8 bits of width leave 0.3 % of full scale."""
+    table = np.array(
+        [width.pulse_width(512) for width in link._controller.link().pulse_width_encoder_table(0)]
+    )
+    np.testing.assert_array_equal(table, np.rint(512 / np.pi * np.arcsin(np.arange(256) / 255)))
+    np.testing.assert_allclose(
+        np.sin(np.pi * table / 512), np.arange(256) / 255, rtol=0, atol=np.pi / 1024
+    )
+
+
+@pytest.mark.parametrize("rate", [100.0, 4000.0, 40_000.0, 40_000 / 3])
+def test_a_sequence_lies_in_the_boards_frame_by_frame(link: AUTD3Link, rate: float) -> None:
+    frames = [random_frame(996, seed) for seed in range(6)]
+    link.play(frames, rate)
+    assert all(link.played(index).same_as(frame) for index, frame in enumerate(frames))
+    model = link._controller.link()
+    segment = model.current_stm_segment(0)
+    assert model.stm_cycle(0, segment) == 6
+    assert model.stm_freqency_divide(0, segment) == round(40_000 / rate)
+    assert link.last is frames[-1]
+    link.stop()
+    assert link.played().silent
+    assert model.stm_cycle(3, model.current_stm_segment(3)) == 1
+    assert (
+        model.silencer_completion_steps_intensity(0),
+        model.silencer_completion_steps_phase(0),
+    ) == (10, 40)
+
+
+def test_the_longest_sequence_fits() -> None:
+    link = AUTD3Link([Pose.identity()])
+    link.open()
+    frames = [random_frame(249, seed) for seed in range(4)] * 256
+    link.play(frames, 1000.0)
+    assert all(link.played(index).same_as(frames[index]) for index in (0, 511, 1023))
+    link.close()
+
+
+def test_opening_and_stopping_leave_silence(link: AUTD3Link) -> None:
+    assert link.played().silent
+    link.send(random_frame(996))
+    assert not link.played().silent
+    link.stop()
+    assert link.played().silent
+    assert link.last is not None
+    assert link.last.silent
+
+
+def test_pyautd3s_own_slow_gain_says_the_same() -> None:
+    """The way that is taken where the entry of the library is not as it was."""
+    import pyautd3
+
+    link = AUTD3Link([Pose.identity()])
+    link.open()
+    frame = random_frame(249)
+    link._sender.send((pyautd3.Static(), _custom_gain(link._words(frame))))
+    assert link.played().same_as(frame)
+    link.close()
+
+
+def test_the_slow_gain_is_taken_where_the_fast_one_cannot_be(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    import pyautd3.gain
+
+    monkeypatch.delattr("pyautd3.native_methods.autd3capi.NativeMethods.gain_custom")
+    assert isinstance(_gain_of(np.zeros((1, 249), dtype=np.uint16)), pyautd3.gain.Custom)
+
+
+def test_a_cable_cut_says_what_was_sent_last(link: AUTD3Link) -> None:
+    frame = random_frame(996)
+    link.send(frame)
+    link.cut()
+    with pytest.raises(
+        LinkFailed, match="the audit link failed while sending: broken; the last of 1 frames sent"
+    ) as it:
+        link.send(random_frame(996, 1))
+    assert it.value.last is frame
+    assert it.value.sent == 1
+    with pytest.raises(LinkFailed, match="failed while silencing: broken"):
+        link.stop()
+    with pytest.raises(LinkFailed, match="failed while closing"):
+        link.close()
+    link.open()
+    link.send(frame)
+    assert link.played().same_as(frame)
+
+
+@pytest.mark.parametrize(
+    ("frames", "rate", "code", "shown"),
+    [
+        (
+            8,
+            70.0,
+            "rate_not_possible",
+            "70.05254 f",
+        ),
+        (8, 50_000.0, "rate_not_possible", "40000 frames/s"),
+        (8, 0.1, "rate_not_possible", "0.6103609 frames/s"),
+        (8, 0.0, "not_positive", "0 frames/s"),
+        (8, np.nan, "not_positive", "nan frames/s"),
+        (1025, 100.0, "frame_count", "2 to 1024 frames, not 1025: the nearest"),
+        (1, 100.0, "frame_count", "2 to 1024 frames, not 1: the nearest"),
+        (0, 100.0, "empty", "not 0"),
+    ],
+)
+def test_sequences_that_the_boards_refuse(
+    link: AUTD3Link, frames: int, rate: float, code: str, shown: str
+) -> None:
+    with raises_code(code, shown):
+        link.play([random_frame(996)] * frames, rate)
+    assert link.played().silent
+
+
+@pytest.mark.parametrize(
+    ("make", "code", "shown"),
+    [
+        (lambda link: link.send(random_frame(249)), "element_count", "996"),
+        (lambda link: link.send(None), "wrong_kind", "a Frame"),
+        (lambda link: AUTD3Link(Pose.identity()), "wrong_kind", "a list of Pose"),
+        (lambda link: AUTD3Link([None]), "wrong_kind", "pose 0"),
+        (lambda link: AUTD3Link([]), "board_count", "1 to 256 autd3 boards, not 0"),
+        (lambda link: AUTD3Link([Pose.identity()], "usb"), "unknown_link", "'usb'"),
+        (lambda link: AUTD3Link([Pose.identity()], "remote"), "setting_missing", "1 address"),
+        (
+            lambda link: AUTD3Link([Pose.identity()]).send(random_frame(249)),
+            "link_closed",
+            "0 frames",
+        ),
+        (
+            lambda link: AUTD3Link([Pose.identity()], "remote", "x").played(),
+            "audit_only",
+            "remote",
+        ),
+        (
+            lambda link: AUTD3Link([Pose.identity()], "remote", "127.0.0.1:9").open(),
+            "link_not_opened",
+            "remote",
+        ),
+        (
+            lambda link: AUTD3Link([Pose.identity()], "ethercrab", "no0").open(),
+            "link_not_opened",
+            "ethercrab",
+        ),
+        (lambda link: AUTD3Link([Pose.identity()], "twincat").open(), "link_not_opened", "twincat"),
+    ],
+)
+def test_what_cannot_be_is_rejected(
+    link, make, code: str, shown: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
+    with raises_code(code, shown):
+        make(link)
+
+
+def test_a_missing_pyautd3_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pyautd3", None)
+    with raises_code("extra_not_installed", "airtact[autd3]"):
+        AUTD3Link([Pose.identity()]).open()
+
+
+def test_an_unknown_pyautd3_names_the_version(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.metadata, "version", lambda name: "38.0.1")
+    with raises_code("package_version", "38.0.1", "36.0.2"):
+        AUTD3Link([Pose.identity()]).open()

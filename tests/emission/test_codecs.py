@@ -1,0 +1,210 @@
+"""Messages of boards, heard by models of their firmware: exact, with our sense of phase, and back."""
+
+import jaxtyping
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from airtact.acoustics.target import Target
+from airtact.drives.conjugation import time_reversal
+from airtact.drives.rounding import Frame, quantise, rounding_error
+from airtact.drives.transfer import Drive, TransferMatrix
+from airtact.emission.codecs import codec_of
+from airtact.transducers.boards import BOARDS, board_named
+from airtact.transducers.layout import surrounding_box
+from airtact.transducers.levels import Levels
+from emission.receivers import Nano16, OpenMPD, SonicSurface, TwoSonicSurfaces, first_harmonic
+from faults import raises_code
+
+RECEIVERS = {"sonicsurface": SonicSurface, "nano16": Nano16, "openmpd": OpenMPD}
+
+
+def random_drive(elements: int, seed: int = 0) -> Drive:
+    random = np.random.default_rng(seed)
+    amplitudes = random.uniform(0, 1, elements) * np.exp(2j * np.pi * random.uniform(size=elements))
+    amplitudes[random.integers(0, elements, max(elements // 20, 1))] = 0.0
+    return Drive(amplitudes)
+
+
+def random_frame(name: str, boards: int, seed: int) -> Frame:
+    levels, random = codec_of(name).levels, np.random.default_rng(seed)
+    elements = boards * len(board_named(name))
+    amplitude = random.integers(0, len(levels.amplitudes), elements).astype(np.uint8)
+    phase = random.integers(0, levels.phases, elements).astype(np.uint8)
+    return Frame(amplitude, np.where(amplitude > 0, phase, 0).astype(np.uint8), levels)
+
+
+def heard_by(model, message: bytes) -> np.ndarray:
+    for byte in message:
+        model.hear(byte)
+    return model.pulses()
+
+
+@pytest.mark.parametrize("name", BOARDS)
+@given(seed=st.integers(0, 10**6), boards=st.integers(1, 2))
+def test_every_frame_comes_back_from_its_message(name: str, seed: int, boards: int) -> None:
+    frame = random_frame(name, min(boards, board_named(name).most), seed)
+    back = codec_of(name).decode(codec_of(name).encode(frame))
+    assert back.same_as(frame)
+    assert back.levels.same_as(frame.levels)
+
+
+@pytest.mark.parametrize("name", RECEIVERS)
+def test_what_a_board_plays_is_the_drive_rounded(name: str) -> None:
+    """The pulses of the firmware's model, as phasors, are the drive that the frame stands for, element by element."""
+    codec, board = codec_of(name), board_named(name)
+    drive = random_drive(len(board))
+    frame = quantise(drive, codec.levels)
+    played = first_harmonic(heard_by(RECEIVERS[name](), codec.encode(frame)))
+    channels = board.channels if name == "openmpd" else np.arange(len(board))
+    # An odd number of ticks less than half a period cannot keep the middle of a pulse: half a tick
+    # of 128 remains.
+    half_tick = np.pi / 128 if name == "openmpd" else 0.0
+    np.testing.assert_allclose(
+        played[channels], frame.drive().amplitudes, rtol=0, atol=1e-9 + half_tick
+    )
+    loud = np.abs(frame.drive().amplitudes) > 0.2
+    turns = np.angle(played[channels][loud] / drive.amplitudes[loud]) / (2 * np.pi)
+    assert np.abs(turns).max() <= 0.5 / codec.levels.phases + half_tick / (2 * np.pi) + 1e-12
+
+
+@pytest.mark.parametrize("name", RECEIVERS)
+def test_a_quarter_turn_arrives_a_quarter_of_a_period_later(name: str) -> None:
+    codec, board = codec_of(name), board_named(name)
+    drive = np.ones(len(board), dtype=complex)
+    drive[1] = 1j
+    pulses = heard_by(RECEIVERS[name](), codec.encode(quantise(Drive(drive), codec.levels)))
+    channels = board.channels if name == "openmpd" else np.arange(len(board))
+    first, later = pulses[:, channels[0]], pulses[:, channels[1]]
+    np.testing.assert_array_equal(later, np.roll(first, len(pulses) // 4))
+    assert not np.array_equal(later, first)
+
+
+def test_two_sonicsurfaces_swap_together() -> None:
+    codec = codec_of("sonicsurface")
+    frame = random_frame("sonicsurface", 2, 3)
+    message = codec.encode(frame)
+    assert message.count(0xFD) == 1
+    assert 0xFB not in message
+    pair = TwoSonicSurfaces()
+    np.testing.assert_allclose(
+        first_harmonic(heard_by(pair, message)), frame.drive().amplitudes, atol=1e-12
+    )
+
+
+def test_lengths_and_marks_are_those_of_the_firmware() -> None:
+    sizes = {"autd3": 498, "sonicsurface": 259, "nano16": 66, "openmpd": 512}
+    for name, size in sizes.items():
+        assert len(codec_of(name).encode(random_frame(name, 1, 1))) == size
+    sonic = codec_of("sonicsurface").encode(random_frame("sonicsurface", 2, 1))
+    assert (sonic[0], sonic[1], sonic[258], sonic[259], sonic[-1]) == (0xC0, 0xFE, 0xC1, 0xFE, 0xFD)
+    nano = codec_of("nano16").encode(random_frame("nano16", 1, 1))
+    assert (nano[0], nano[-1]) == (0x10, 0x00)
+    assert all(byte & 0x0F == 1 for byte in nano[1:-1])
+    openmpd = codec_of("openmpd").encode(random_frame("openmpd", 2, 1))
+    assert [index for index, byte in enumerate(openmpd) if byte & 128] == [0, 512]
+
+
+def test_autd3_takes_phase_and_intensity_as_they_are() -> None:
+    frame = quantise(random_drive(249))
+    message = np.frombuffer(codec_of("autd3").encode(frame), dtype=np.uint8)
+    np.testing.assert_array_equal(message[0::2], frame.phase)
+    np.testing.assert_array_equal(message[1::2], frame.amplitude)
+
+
+def focus() -> tuple[TransferMatrix, Drive]:
+    box, k = surrounding_box(board="autd3"), 2 * np.pi * 40e3 / 343.1
+    points = np.array([[-0.008, 0.0, 0.005], [0.008, 0.0, 0.005]])
+    distance = np.linalg.norm(box.positions[None] - points[:, None], axis=2)
+    transfer = TransferMatrix(np.exp(1j * k * distance) / distance, 0.0)
+    return transfer, time_reversal(transfer, Target(points))
+
+
+def test_rounding_costs_what_it_may() -> None:
+    transfer, drive = focus()
+    eight_bits = rounding_error(transfer, drive, quantise(drive))
+    assert 0.0 < np.abs(eight_bits).max() < 1e-3
+    five_bits = Levels(np.array([0.0, 1.0]), phases=32)
+    every = drive.phase_only()
+    # Rounding phases to N levels leaves sinc(1/N) of a focus in the mean: 0.9984 for 32.
+    phases_alone = rounding_error(transfer, every, quantise(every, five_bits))
+    np.testing.assert_allclose(phases_alone, np.sinc(1 / 32) - 1.0, rtol=0, atol=2e-3)
+    # Playing all as loud as the loudest loses what time reversal knew of distances: never more than
+    # it had.
+    assert np.all(rounding_error(transfer, drive, quantise(drive, five_bits)) < 0.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "spoil", "code", "shown"),
+    [
+        (
+            "autd3",
+            lambda message: message[:-1],
+            "message_damaged",
+            "497 bytes is not made of boards of 498",
+        ),
+        ("sonicsurface", lambda message: b"\xc1" + message[1:], "message_damaged", "259 bytes"),
+        (
+            "sonicsurface",
+            lambda message: message[:5] + b"\x21" + message[6:],
+            "message_damaged",
+            "to 32, but one is 33",
+        ),
+        ("sonicsurface", lambda message: b"", "message_damaged", "0 bytes"),
+        ("nano16", lambda message: message[:-1] + b"\x01", "message_damaged", "66 bytes"),
+        (
+            "nano16",
+            lambda message: message[:1] + 32 * b"\xf1\x01" + message[-1:],
+            "message_damaged",
+            "8",
+        ),
+        ("openmpd", lambda message: b"\x01" + message[1:], "message_damaged", "512 bytes"),
+        (
+            "openmpd",
+            lambda message: message[:-1] + b"\x41",
+            "message_damaged",
+            "0 to 64, but one is 65",
+        ),
+    ],
+)
+def test_bytes_that_are_no_message_are_rejected(name, spoil, code, shown) -> None:
+    with raises_code(code, shown):
+        codec_of(name).decode(spoil(codec_of(name).encode(random_frame(name, 1, 2))))
+
+
+NANO, ONES = codec_of("nano16").levels, np.ones(3, dtype=np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("make", "code", "shown"),
+    [
+        (lambda: Levels(np.array([0.0]), 32), "level_count", "(1,)"),
+        (lambda: Levels(np.array([0.0, 0.5]), 32), "levels_not_rising", "0 to 0.5"),
+        (
+            lambda: Levels(np.array([0.0, 1.0]), 300),
+            "level_count",
+            "2 to 256 levels of phase, not 300",
+        ),
+        (lambda: Levels(np.array([0.0, 1.0]), 4.5), "level_count", "4.5"),
+        (lambda: rounding_error(*focus(), 3), "wrong_kind", "a Frame"),
+        (lambda: Frame(2 * ONES, 0 * ONES, NANO), "out_of_range", "below 2"),
+        (
+            lambda: Frame(ONES, 16 * ONES, NANO),
+            "out_of_range",
+            "below 16",
+        ),
+        (
+            lambda: rounding_error(*focus(), quantise(Drive(np.zeros(996, complex)))),
+            "drive_silent",
+            "996",
+        ),
+        (lambda: quantise(Drive(np.ones(3, complex)), 32), "wrong_kind", "32"),
+    ],
+)
+def test_levels_that_cannot_be_are_rejected(
+    make, code: str, shown: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
+    with raises_code(code, shown):
+        make()

@@ -1,0 +1,76 @@
+"""Whatever ends the process that emits, the link process silences the boards, confirms it, and ends too."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from emission.feeder import WAYS
+from emission.sounds import events
+
+TESTS = Path(__file__).parent.parent
+
+
+def run_feeder(link: str, folder: Path, trials: int, ways) -> None:
+    command = [
+        sys.executable,
+        str(TESTS / "hardware" / "feeder.py"),
+        link,
+        str(folder),
+        str(trials),
+        *ways,
+    ]
+    subprocess.run(command, env={**os.environ, "PYTHONPATH": str(TESTS)}, check=True)
+
+
+def check_all(link: str, folder: Path, trials: int) -> None:
+    run_feeder(link, folder, trials, WAYS)
+    wrong = []
+    for way in WAYS:
+        for trial in range(trials):
+            found = events(folder / f"{way}-{trial}.log")
+            sounded = any(
+                re.fullmatch(r"frame \d+ loudest [^0]\S*|frame \d+ loudest 0\.\S+", one)
+                for one in found
+            )
+            if (
+                found[:1] != ["opened"]
+                or not sounded
+                or found[-2:] != ["silence confirmed", "closed"]
+            ):
+                wrong.append((way, trial, found[-3:]))
+    assert not wrong
+
+
+@pytest.mark.parametrize("link", ["recording", "audit"])
+def test_however_the_process_ends_the_boards_are_silent(link: str, tmp_path: Path) -> None:
+    check_all(link, tmp_path, 1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("link", ["recording", "audit"])
+def test_however_the_process_ends_fifty_times(link: str, tmp_path: Path) -> None:
+    check_all(link, tmp_path, 50)
+
+
+SCRIPT = """
+import os, sys, numpy as np, airtact as at
+from airtact.emission import RecordingLink
+with at.Emission(RecordingLink(), ramp=0.0, log=sys.argv[-1]) as emission:
+    emission.send(at.Drive(np.ones(249, dtype=complex)))
+    assert emission.process != os.getpid()
+"""
+
+
+@pytest.mark.parametrize("how", ["command", "script", "standard input"])
+def test_it_works_from_wherever_python_runs(how: str, tmp_path: Path) -> None:
+    log, script = tmp_path / "log", tmp_path / "script.py"
+    script.write_text(SCRIPT)
+    start = {"command": ["-c", SCRIPT], "script": [str(script)], "standard input": ["-"]}[how]
+    subprocess.run(
+        [sys.executable, *start, str(log)], input=SCRIPT, text=True, cwd=tmp_path, check=True
+    )
+    assert events(log) == ["opened", "frame 1 loudest 1", "silence confirmed", "closed"]

@@ -1,0 +1,171 @@
+"""Frames in files; reading them back is tested with ``load_drive``."""
+
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from airtact.drives.rounding import quantise
+from airtact.drives.sequence import Sequence
+from airtact.emission import feeding
+from airtact.emission.codecs import codec_of
+from airtact.emission.emission import Emission
+from airtact.emission.file_link import FileLink, write_frames
+from airtact.emission.link import RecordingLink
+from airtact.setup.saved_drives import load_drive
+from emission.receivers import OpenMPD
+from emission.sounds import tone
+from emission.test_codecs import random_frame
+from faults import raises_code
+
+
+def test_a_file_holds_what_was_sent_and_nothing_else(tmp_path) -> None:
+    link = FileLink(tmp_path / "frames.npz")
+    with Emission(link) as emission:
+        emission.send(tone())
+        emission.hold(3600.0)
+    assert quantise(load_drive(link.path)).same_as(quantise(tone()))
+    assert sorted(path.name for path in tmp_path.iterdir()) == [link.path.name]
+
+
+def test_two_thousand_frames_are_two_thousand_frames_on_a_busy_machine(tmp_path) -> None:
+    """Played as fast as the disk takes them: none is left out, however late it is."""
+    frames = np.exp(2j * np.pi * np.arange(2000)[:, None] / 256) * tone(12).amplitudes
+    begun = time.monotonic()
+    with Emission(FileLink(tmp_path / "frames.h5", "nano16")) as emission:
+        played = emission.play(Sequence(frames, 1.0), seconds=2000.0)
+    assert time.monotonic() - begun < 100.0
+    assert (played.rate, played.frames, played.dropped) == (1.0, 2000, 0)
+    back = load_drive(tmp_path / "frames.h5")
+    assert isinstance(back, Sequence)
+    assert (len(back), back.rate) == (2000, 1.0)
+    levels = codec_of("nano16").levels
+    asked = Sequence(frames, 1.0)
+    assert all(
+        quantise(back.drive(i), levels).same_as(quantise(asked.drive(i), levels))
+        for i in range(2000)
+    )
+
+
+def test_a_file_may_take_longer_to_write_than_boards_may_take_to_answer(
+    tmp_path, monkeypatch
+) -> None:
+    class Slow(FileLink):
+        def _end(self) -> None:
+            time.sleep(0.3)
+            super()._end()
+
+    monkeypatch.setattr(feeding, "ANSWER", 0.05)
+    with Emission(Slow(tmp_path / "frames.npz")) as emission:
+        emission.send(tone())
+    assert (tmp_path / "frames.npz").exists()
+
+
+@pytest.fixture
+def four_busy_processes():
+    """Four processes that do nothing but take the cores."""
+    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(4)]
+    yield
+    for process in busy:
+        process.kill()
+        process.wait()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["npz", "csv", "h5", "bin"])
+@pytest.mark.usefixtures("four_busy_processes")
+def test_every_one_of_2000_frames_is_in_the_file_20_times_beside_four_busy_processes(
+    tmp_path, kind: str
+) -> None:
+    """0.5 s of a circle at 4 kHz; each frame is there once, in its order."""
+    levels, rate = codec_of("nano16").levels, 4000.0
+    asked = Sequence(
+        np.exp(2j * np.pi * np.arange(2000)[:, None] / 256) * tone(12).amplitudes, rate
+    )
+    frames = np.stack(levels.rounded(asked.drives))
+    for turn in range(20):
+        path = tmp_path / f"{turn}.{kind}"
+        with Emission(FileLink(path, "nano16")) as emission:
+            played = emission.play(asked, seconds=0.5)
+        assert (played.frames, played.dropped) == (2000, 0)
+        back = load_drive(path, board="nano16", rate=rate) if kind == "bin" else load_drive(path)
+        assert isinstance(back, Sequence)
+        assert (len(back), back.rate) == (2000, rate)
+        np.testing.assert_array_equal(np.stack(levels.rounded(back.drives)), frames)
+
+
+def test_sequences_of_two_rates_do_not_go_into_one_file(tmp_path) -> None:
+    link = FileLink(tmp_path / "frames.h5", "nano16")
+    link.open()
+    link.play([random_frame("nano16", 1, 1)], 100.0)
+    with raises_code("rates_differ", "200"):
+        link.play([random_frame("nano16", 1, 1)], 200.0)
+
+
+def test_bytes_for_openmpd_are_what_its_receiver_takes(tmp_path) -> None:
+    frame = random_frame("openmpd", 1, 7)
+    write_frames(tmp_path / "one.bin", "openmpd", (frame,))
+    board = OpenMPD()
+    for byte in (tmp_path / "one.bin").read_bytes():
+        board.hear(byte)
+    assert board.playing is not None
+    np.testing.assert_array_equal(
+        board.playing[1][codec_of("openmpd").board.channels], frame.amplitude
+    )
+
+
+def test_a_link_that_was_sent_nothing_writes_nothing(tmp_path) -> None:
+    link = FileLink(tmp_path / "none.npz")
+    link.open()
+    link.close()
+    assert not link.path.exists()
+
+
+def test_a_recording_remembers_frames_and_times() -> None:
+    link = RecordingLink("nano16")
+    link.open()
+    frame = random_frame("nano16", 1, 1)
+    link.send(frame)
+    link.stop()
+    link.close()
+    assert link.frames[0] is frame
+    assert link.frames[1].silent
+    assert link.seconds == sorted(link.seconds)
+
+
+ONE = random_frame("nano16", 1, 1)
+OTHER = random_frame("sonicsurface", 1, 1)
+
+
+@pytest.mark.parametrize(
+    ("make", "code", "shown"),
+    [
+        (
+            lambda folder: write_frames(folder / "a.txt", "nano16", (ONE,)),
+            "unknown_ending",
+            "a.txt",
+        ),
+        (lambda folder: write_frames(folder / "a.npz", "nano16", ()), "empty", "not 0"),
+        (
+            lambda folder: write_frames(folder / "a.npz", "nano16", (ONE, OTHER)),
+            "sizes_differ",
+            "2 frames",
+        ),
+        (
+            lambda folder: write_frames(folder / "none" / "a.npz", "nano16", (ONE,)),
+            "file_not_writable",
+            "a.npz",
+        ),
+        (
+            lambda folder: write_frames(folder / "none" / "a.bin", "nano16", (ONE,)),
+            "file_not_writable",
+            "a.bin",
+        ),
+        (lambda folder: FileLink(folder / "none" / "a.npz").open(), "file_not_writable", "a.npz"),
+    ],
+)
+def test_files_that_cannot_be_are_rejected(tmp_path, make, code: str, shown: str) -> None:
+    with raises_code(code, shown):
+        make(tmp_path)

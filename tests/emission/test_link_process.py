@@ -1,0 +1,246 @@
+"""The process of a link: what it does when it is lost itself, who may have a board, and what it plays meanwhile."""
+
+import os
+import pickle
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from airtact.drives.rounding import quantise
+from airtact.drives.transfer import Drive
+from airtact.emission.autd3_link import AUTD3Link
+from airtact.emission.channel import Channel
+from airtact.emission.emission import Emission
+from airtact.emission.link import LinkFailed, RecordingLink
+from airtact.emission.serial_link import SerialLink
+from airtact.errors import InvalidInput
+from airtact.geometry.pose import Pose
+from airtact.transducers.modulation import AmplitudeModulation
+from emission.receivers import SonicSurface, wired
+from emission.sounds import ended, events, moving, playing, tone
+from faults import raises_code
+
+FULL = "frame 1 loudest 1"
+
+
+@pytest.mark.parametrize("kind", [signal.SIGKILL, signal.SIGSEGV])
+def test_another_process_silences_the_boards_when_the_link_process_is_lost(
+    kind, tmp_path: Path
+) -> None:
+    log = tmp_path / "log"
+
+    def work(emission) -> None:
+        emission.send(tone())
+        os.kill(emission.process, kind)
+        emission.hold(60.0)
+
+    with pytest.raises(LinkFailed) as lost:
+        playing(AUTD3Link([Pose.identity()]), work, log=log)
+    assert lost.value.code == "link_process_lost"
+    assert kind.name in str(lost.value)
+    assert events(log) == ["opened", FULL, "opened", "silence confirmed", "closed"]
+
+
+def test_a_lost_link_process_is_reported_where_nothing_is_called_any_more() -> None:
+    emission = Emission(RecordingLink(), ramp=0.0).__enter__()
+    emission.send(tone())
+    os.kill(emission.process, signal.SIGKILL)
+    with pytest.raises(LinkFailed) as lost:
+        emission.__exit__(None, None, None)
+    assert lost.value.code == "link_process_lost"
+    with pytest.raises(LinkFailed, match="the link process was lost"):
+        emission.beat()
+
+
+def test_a_link_process_that_nobody_can_end_by_asking_stays_until_its_feeder_leaves(
+    tmp_path: Path,
+) -> None:
+    def work(emission) -> None:
+        emission.send(tone())
+        for kind in (
+            signal.SIGINT,
+            signal.SIGTERM,
+            signal.SIGHUP,
+            signal.SIGPIPE,
+            signal.SIGALRM,
+            signal.SIGUSR1,
+        ):
+            os.kill(emission.process, kind)
+        emission.hold(0.1)
+
+    log = tmp_path / "log"
+    playing(RecordingLink(), work, log=log)
+    assert events(log) == ["opened", FULL, "silence confirmed", "closed"]
+
+
+HOLDER = """
+import sys, time, numpy as np, airtact as at
+from airtact.emission import SerialLink
+with at.Emission(SerialLink(sys.argv[1])) as emission:
+    print("open", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_a_board_that_another_process_uses_is_not_opened_and_free_once_that_is_killed() -> None:
+    with wired(SonicSurface()) as wire:
+        command = [sys.executable, "-c", HOLDER, wire.port]
+        with subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        ) as first:
+            assert first.stdout is not None
+            assert first.stdout.readline() == "open\n"
+            with (
+                raises_code("link_in_use", f"process {first.pid}:"),
+                Emission(SerialLink(wire.port)),
+            ):
+                pytest.fail("the block must not begin")
+            first.kill()
+        playing(SerialLink(wire.port), lambda emission: emission.send(tone(256)))
+
+
+def test_a_link_that_cannot_be_elsewhere_is_here_and_says_so() -> None:
+    class Local(RecordingLink):
+        pass
+
+    link = Local()
+    emission = Emission(link, ramp=0.0)
+    with pytest.warns(UserWarning, match="249 elements go on emitting"):
+        emission.__enter__()
+    assert emission.process is None
+    emission.send(tone())
+    emission.__exit__(None, None, None)
+    assert ended(link)
+
+
+def test_a_log_that_cannot_be_written_is_rejected(tmp_path: Path) -> None:
+    with (
+        raises_code("file_not_writable", "error 2"),
+        Emission(RecordingLink(), log=tmp_path / "no" / "log"),
+    ):
+        pytest.fail("the block must not begin")
+
+
+# --- what it plays --------------------------------------------------------------------------------------------------
+
+
+def test_boards_that_modulate_themselves_go_on_while_drives_change() -> None:
+    """The firmware's model holds the envelope; new drives change the gains alone, and silence ends it."""
+    modulation, drives = AmplitudeModulation(200.0, depth=0.8), [tone(), tone(loudness=0.5)]
+    with Emission(AUTD3Link([Pose.identity()]), ramp=0.0) as emission:
+        emission.set_modulation(modulation)
+        for drive in drives:
+            emission.send(drive)
+            assert emission.link.played().same_as(quantise(drive))
+            np.testing.assert_array_equal(
+                emission.link.played_modulation(),
+                np.rint(255 * modulation.envelope(20)).astype(np.uint8),
+            )
+        emission.silence(fade=0.05)
+        assert emission.link.played().silent
+        assert set(emission.link.played_modulation()) == {255}
+        emission.send(drives[0])
+        assert len(emission.link.played_modulation()) == 20
+        emission.set_modulation(None)
+        assert set(emission.link.played_modulation()) == {255}
+        assert emission.link.played().same_as(quantise(drives[0]))
+
+
+def test_other_boards_are_sent_the_newest_drive_at_each_time_of_the_modulation() -> None:
+    """20 Hz in 4 frames at 80 frames/s: a frame is the newest drive times the envelope of a clock that goes on."""
+    link, modulation = RecordingLink("sonicsurface"), AmplitudeModulation(20.0)
+    drives = moving(12, 256)
+    with Emission(link, ramp=0.0) as emission:
+        emission.set_modulation(modulation)
+        for row in drives:
+            emission.send(Drive(row), wait=False)
+            emission.hold(0.03)
+    on = np.array([np.count_nonzero(frame.amplitude) for frame in link.frames[:-1]])
+    allowed = 256 * modulation.envelope(4)
+    assert np.abs(on[:, None] - allowed[None]).min(axis=1).max() <= 2
+    # Whole numbers of frames since the first, whichever were late on a busy machine, and never one
+    # out of its turn.
+    steps = np.rint((np.array(link.seconds[:-1]) - link.seconds[0]) * 80.0).astype(int)
+    wanted = np.rint(allowed[steps % 4])
+    assert np.mean(np.abs(on - wanted) <= 2) > 0.7
+    assert len({frame.phase.tobytes() for frame in link.frames}) > 6
+
+
+def test_silence_fades_and_the_next_drive_rises_again() -> None:
+    link = RecordingLink()
+    with Emission(link) as emission:
+        emission.send(tone())
+        emission.silence()
+        emission.send(tone())
+    loudness = [int(frame.amplitude.max()) for frame in link.frames]
+    rise = [round(255 * step / 8) for step in range(1, 9)]
+    np.testing.assert_allclose(loudness, [*rise, 191, 128, 64, 0, *rise, 0], rtol=0, atol=1)
+
+
+def test_the_newest_drive_rises_where_nothing_waits_for_the_ramp() -> None:
+    link = RecordingLink()
+    with Emission(link) as emission:
+        emission.send(tone(), wait=False)
+        emission.send(tone(loudness=0.5), wait=False)
+        emission.hold(0.4)
+    loudness = [int(frame.amplitude.max()) for frame in link.frames]
+    assert loudness[0] == 32
+    assert loudness[-2:] == [128, 0]
+    assert np.all(np.diff(loudness[1:-1]) >= 0)
+
+
+def test_stop_is_silence_at_once_and_for_good() -> None:
+    link = RecordingLink()
+    with Emission(link, ramp=0.0) as emission:
+        emission.send(tone())
+        emission.stop()
+        assert link.frames[-1].silent
+        with pytest.raises(LinkFailed, match="it was stopped, after 2 frames") as over:
+            emission.send(tone())
+        assert over.value.code == "emission_over"
+    assert len(link.frames) == 2
+
+
+# --- messages -------------------------------------------------------------------------------------------------------
+
+
+def test_a_message_in_part_is_waited_for_and_an_end_is_noticed() -> None:
+    ours, theirs = socket.socketpair()
+    data = pickle.dumps(("frame", np.arange(5)))
+    whole = len(data).to_bytes(8, "little") + data
+    channel = Channel(theirs)
+    for part in (whole[:3], whole[3:20]):
+        ours.sendall(part)
+        assert channel.receive(0.01) is None
+    ours.sendall(whole[20:] + whole)
+    for _ in range(2):
+        message = channel.receive(1.0)
+        assert message is not None
+        assert message[1].tolist() == [0, 1, 2, 3, 4]
+    ours.close()
+    with pytest.raises(EOFError):
+        channel.receive(1.0)
+    channel.close()
+
+
+def test_faults_pass_between_processes_with_their_codes() -> None:
+    fault = pickle.loads(pickle.dumps(InvalidInput("1 is too many.", np.ones(3), code="too_many")))
+    assert (str(fault), fault.code, fault.position.tolist()) == (
+        "1 is too many.",
+        "too_many",
+        [1.0, 1.0, 1.0],
+    )
+    failed = pickle.loads(
+        pickle.dumps(LinkFailed("lost.", quantise(tone()), 7, code="link_failed"))
+    )
+    assert (str(failed), failed.code, failed.sent, len(failed.last)) == (
+        "lost.",
+        "link_failed",
+        7,
+        249,
+    )

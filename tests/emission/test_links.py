@@ -1,0 +1,52 @@
+"""One table says which links there are, to which boards, and what each needs."""
+
+from pathlib import Path
+
+import pytest
+
+from airtact.emission.links import LINKS, link_to, links_of
+from airtact.geometry.pose import Pose
+from faults import raises_code
+
+SETTINGS = {"address": "127.0.0.1:8080", "port": "/dev/ttyUSB0", "out": Path("frames.npz")}
+
+
+def test_links_are_listed_by_board() -> None:
+    assert links_of("autd3") == ["audit", "ethercrab", "twincat", "remote", "simulator", "file"]
+    assert links_of("sonicsurface") == links_of("nano16") == ["serial", "file"]
+    assert links_of("openmpd") == ["file"]
+    assert tuple(link.name for link in LINKS) == (
+        "audit",
+        "ethercrab",
+        "twincat",
+        "remote",
+        "simulator",
+        "serial",
+        "file",
+    )
+
+
+@pytest.mark.parametrize(
+    ("link", "board"), [(link, board) for link in LINKS for board in link.boards]
+)
+def test_every_link_is_built_under_its_own_name(link, board) -> None:
+    setting = {link.takes: SETTINGS[link.takes]} if link.takes else {}
+    made = link_to(link.name, board, (Pose.identity(),), 343.0, **setting)
+    assert (made.name, made.codec.board.name, made.boards) == (link.name, board, 1)
+    assert link.example == "" or link.takes is not None
+
+
+@pytest.mark.parametrize(
+    ("name", "board", "setting", "code", "shown"),
+    [
+        ("serial", "autd3", {}, "unknown_link", "it has 6"),
+        ("fax", "autd3", {}, "unknown_link", "'fax'"),
+        ("audit", "autd3", {"port": "x"}, "setting_not_taken", "--port x"),
+        ("file", "autd3", {}, "setting_missing", "--out"),
+        ("serial", "nano16", {}, "setting_missing", "--port"),
+        ("remote", "autd3", {}, "setting_missing", "--address"),
+    ],
+)
+def test_a_link_that_cannot_be_is_rejected(name, board, setting, code, shown) -> None:
+    with raises_code(code, shown):
+        link_to(name, board, (Pose.identity(),), 343.0, **setting)

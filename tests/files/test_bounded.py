@@ -1,0 +1,130 @@
+"""Files of numbers that would hurt are rejected before they are unpacked, and nothing but files is opened."""
+
+import io
+import json
+import os
+import zipfile
+
+import h5py
+import numpy as np
+import pytest
+
+from airtact.errors import LARGEST_DATA, MOST_COLUMNS
+from airtact.files.bounded import array_of, arrays_of, bytes_of, datasets_of, text_of
+from airtact.files.text_table import read_text_table
+from airtact.hands.files import load_cloud, load_hand
+from airtact.hands.tracking.recordings import load_recording
+from airtact.setup.saved_drives import load_drive
+from faults import raises_code
+
+
+@pytest.mark.parametrize(
+    "read", [bytes_of, text_of, array_of, arrays_of, datasets_of, read_text_table]
+)
+def test_a_pipe_a_folder_and_a_missing_file_are_named(read, tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with raises_code("file_unreadable", "pipe", "1 device or pipe"):
+        read(tmp_path / "pipe")
+    with raises_code("file_unreadable"):
+        read(tmp_path)
+    with raises_code("file_missing", "absent"):
+        read(tmp_path / "absent")
+    with raises_code("file_missing"):
+        read(tmp_path / "a\0b")
+
+
+@pytest.mark.parametrize(
+    "read", [bytes_of, text_of, array_of, arrays_of, datasets_of, read_text_table]
+)
+def test_a_file_that_is_too_large_is_rejected_unread(read, tmp_path):
+    with (tmp_path / "large").open("wb") as file:
+        file.truncate(LARGEST_DATA + 1)
+    with raises_code("file_too_large", "large"):
+        read(tmp_path / "large")
+
+
+@pytest.fixture(scope="module")
+def bomb() -> bytes:
+    """Return an archive of 0.3 MB that becomes 300 MB."""
+    whole, block = io.BytesIO(), bytes(10_000_000)
+    with (
+        zipfile.ZipFile(whole, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file,
+        file.open("clouds.npy", "w", force_zip64=True) as part,
+    ):
+        np.lib.format.write_array_header_1_0(
+            part, {"descr": "<f8", "fortran_order": False, "shape": (12_500_000, 3)}
+        )
+        for _ in range(30):
+            part.write(block)
+    return whole.getvalue()
+
+
+@pytest.mark.parametrize("read", [arrays_of, load_drive, load_recording])
+def test_an_archive_that_unpacks_to_much_more_is_rejected(read, bomb, tmp_path):
+    (tmp_path / "bomb.npz").write_bytes(bomb)
+    with raises_code("file_too_large", "bomb.npz", "300,000,", "268,435,456"):
+        read(tmp_path / "bomb.npz")
+
+
+def test_a_dataset_of_zeros_without_end_is_rejected(tmp_path):
+    with h5py.File(tmp_path / "zeros.h5", "w") as file:
+        file.create_dataset("amplitude", (10**6, 10**6), dtype="f8", chunks=(100, 100))
+    with raises_code("file_too_large", "zeros.h5", "8,000,000,000,000"):
+        load_drive(tmp_path / "zeros.h5")
+
+
+def test_what_stands_in_another_file_is_not_read(tmp_path):
+    np.zeros(3).tofile(tmp_path / "outside.bin")
+    with h5py.File(tmp_path / "one.h5", "w") as file:
+        file["own"] = np.ones(2)
+        file["link"] = h5py.ExternalLink("outside.h5", "/x")
+        file.create_dataset(
+            "outside", (3,), "f8", external=[(str(tmp_path / "outside.bin"), 0, 24)]
+        )
+    assert {name: one.tolist() for name, one in datasets_of(tmp_path / "one.h5").items()} == {
+        "own": [1.0, 1.0]
+    }
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "number"),
+    [
+        ("x,y\n1," + "9" * 200_000, "cell_unreadable", "line 2"),
+        ("x,y\n1," + "9" * 400, "cell_unreadable", "line 2"),
+        ("x,y\n1,1e13", "cell_unreadable", "1e+12"),
+        (",".join(["x"] * 100_000), "wrong_cell_count", "100,000"),
+        (",".join(["%x"] * 100_000) + "\n1,2", "wrong_cell_count", f"{MOST_COLUMNS:,}"),
+    ],
+    ids=[
+        "a long cell",
+        "many digits",
+        "a large number",
+        "many columns",
+        "many columns in a comment",
+    ],
+)
+def test_a_table_that_hurts_is_rejected(words, code, number, tmp_path):
+    (tmp_path / "table.csv").write_text(words)
+    with raises_code(code, "table.csv", number):
+        read_text_table(tmp_path / "table.csv").numbers("y")
+
+
+def test_a_pose_of_too_many_digits_is_rejected(tmp_path):
+    (tmp_path / "pose.json").write_text(json.dumps({"positions_m": [0]}).replace("0", "9" * 5000))
+    with raises_code("not_json", "pose.json", "4300"):
+        load_hand(tmp_path / "pose.json")
+
+
+@pytest.mark.parametrize(
+    ("ending", "words"), [("xyz", "1 2 3\n4 5\n"), ("xyz", ""), ("ply", "ply\n"), ("npy", "x")]
+)
+def test_a_cloud_that_is_cut_is_rejected(ending, words, tmp_path):
+    path = tmp_path / f"cloud.{ending}"
+    path.write_text(words)
+    with raises_code("empty" if not words else "file_unreadable", f"cloud.{ending}"):
+        load_cloud(path)
+
+
+def test_commas_and_comments_of_a_cloud_are_passed_over(tmp_path):
+    (tmp_path / "cloud.xyz").write_text("# x y z\n1,2,3,9\n4 5 6 9\n")
+    assert load_cloud(tmp_path / "cloud.xyz").tolist() == [[1, 2, 3], [4, 5, 6]]

@@ -1,0 +1,79 @@
+"""Tables of text are read by the names of their columns; a fault names its line."""
+
+import numpy as np
+import pytest
+
+from airtact.files.text_table import read_text_table
+from faults import raises_code
+
+
+def table_of(folder, text: str):
+    (folder / "a.csv").write_text(text, encoding="utf-8")
+    return read_text_table(folder / "a.csv")
+
+
+def test_columns_are_found_by_name_whatever_their_order_and_case(tmp_path) -> None:
+    table = table_of(tmp_path, '\ufeffNote, Y ,x\n\n# a remark\n"a, quoted", 2e-3, 1\nb,4,-3\n')
+    assert table.names == ("note", "y", "x")
+    assert table.lines == (4, 5)
+    np.testing.assert_array_equal(table.numbers("x"), [1.0, -3.0])
+    np.testing.assert_array_equal(table.numbers("y"), [2e-3, 4.0])
+
+
+def test_names_may_stand_in_the_last_comment_and_numbers_be_complex(tmp_path) -> None:
+    table = table_of(
+        tmp_path, "% Model: x.mph\n% x, p (Pa)\n1, 0.5 - 1.25i\n2,3e-2i\n3,4\n% the end\n"
+    )
+    np.testing.assert_array_equal(table.complex_numbers("p (pa)"), [0.5 - 1.25j, 0.03j, 4.0])
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "sentence"),
+    [
+        ("", "header_missing", "a.csv has 0 rows of numbers"),
+        ("1,2\n", "header_missing", "a.csv has 1 row of numbers"),
+        ("x;y\n1;2\n", "wrong_separator", "line 1 of a.csv has no comma but 1 semicolon;"),
+        ("x\ty\tz\n1\t2\t3\n", "wrong_separator", "line 1 of a.csv has no comma but 2 tabs;"),
+        ("% x y z\n1 2 3\n", "wrong_separator", "line 2 of a.csv has no comma but 2 spaces;"),
+        ("x,y,X\n1,2,3\n", "column_twice", "a.csv has 2 columns of the name 'x'"),
+        ("y\n1\n", "column_missing", "a.csv has no column x: it needs x, and has 1 column, y."),
+        (
+            "x,y\n1,2\n\n1\n",
+            "wrong_cell_count",
+            "line 4 of a.csv has 1 cell, but there are 2 columns, x, y.",
+        ),
+        (
+            "x\n1\nabc\n",
+            "cell_unreadable",
+            "line 3 of a.csv has 'abc' for x, which is not a number.",
+        ),
+        (
+            "x,y\n1,2\n,2\n",
+            "cell_unreadable",
+            "line 3 of a.csv has '' for x, which is not a number.",
+        ),
+        (
+            "x\n1\n-inf\n",
+            "cell_unreadable",
+            "line 3 of a.csv has '-inf' for x, which is not finite;",
+        ),
+        (
+            "x\n1+2i\n",
+            "cell_unreadable",
+            "line 2 of a.csv has '1+2i' for x, which is not a real number.",
+        ),
+    ],
+)
+def test_what_is_not_a_table_is_rejected_with_its_line(
+    tmp_path, text: str, code: str, sentence: str
+) -> None:
+    with raises_code(code, sentence):
+        table_of(tmp_path, text).numbers("x")
+
+
+def test_files_that_are_missing_or_not_text_are_rejected(tmp_path) -> None:
+    with raises_code("file_missing", str(tmp_path / "none.csv")):
+        read_text_table(tmp_path / "none.csv")
+    (tmp_path / "bytes.csv").write_bytes(b"x,y\xff")
+    with raises_code("not_text", "bytes.csv is not a text file: byte 3 is not UTF-8"):
+        read_text_table(tmp_path / "bytes.csv")

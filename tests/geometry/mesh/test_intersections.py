@@ -1,0 +1,175 @@
+"""Triangle crossings against linear programming, an independent way to ask whether triangles have a common point."""
+
+import numpy as np
+import pytest
+from scipy.optimize import linprog
+
+from airtact.geometry.files import load_surface
+from airtact.geometry.mesh.intersections import (
+    crossings_between,
+    segment_triangle_distances,
+    self_crossings,
+    size_groups,
+)
+from airtact.geometry.primitives import Capsule, sphere
+from geometry.mesh.meshes import box_mesh, torus_mesh
+
+
+def common_point(
+    first: np.ndarray, second: np.ndarray, keep_off: int | None = None
+) -> float | None:
+    """Least weight of corner ``keep_off`` of the first triangle in a common point; None when there is no such point."""
+    cost = np.zeros(6)
+    if keep_off is not None:
+        cost[keep_off] = 1.0
+    equal = np.zeros((5, 6))
+    equal[:3, :3], equal[:3, 3:] = first.T, -second.T
+    equal[3, :3] = equal[4, 3:] = 1.0
+    found = linprog(cost, A_eq=equal, b_eq=[0, 0, 0, 1, 1], bounds=(0, None), method="highs")
+    return float(found.fun) if found.status == 0 else None
+
+
+def test_strangers_cross_where_linear_programming_finds_a_common_point(rng):
+    corners = rng.uniform(size=(28, 3, 3))
+    triangles = np.arange(84).reshape(28, 3)
+    truth = {
+        (i, j)
+        for i in range(28)
+        for j in range(i + 1, 28)
+        if common_point(corners[i], corners[j]) is not None
+    }
+    assert 30 < len(truth) < 300
+    assert {tuple(pair) for pair in self_crossings(corners, triangles)} == truth
+
+
+def test_triangles_with_a_common_corner_cross_where_a_common_point_lies_off_it(rng):
+    count = 36
+    vertices = np.concatenate([np.zeros((1, 3)), rng.uniform(-1, 1, (2 * count, 3))])
+    triangles = np.column_stack(
+        [np.zeros(count, dtype=int), 1 + np.arange(2 * count).reshape(count, 2)]
+    )
+    turned = np.stack([np.roll(t, i) for i, t in enumerate(triangles)])
+    truth = set()
+    for i in range(count):
+        for j in range(i + 1, count):
+            weight = common_point(vertices[triangles[i]], vertices[triangles[j]], keep_off=0)
+            if weight is not None and weight < 1 - 1e-9:
+                truth.add((i, j))
+    assert 20 < len(truth) < 500
+    assert {tuple(pair) for pair in self_crossings(vertices[turned], turned)} == truth
+
+
+@pytest.mark.parametrize(("height", "crosses"), [(0.0, True), (1e-3, False), (-1e-3, False)])
+def test_neighbours_over_an_edge_cross_only_when_folded_flat(height, crosses):
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [0.5, 1, 0], [0.9, 0.7, height]])
+    triangles = np.array([[0, 1, 2], [1, 0, 3]])
+    assert len(self_crossings(vertices[triangles], triangles)) == crosses
+
+
+def test_neighbours_side_by_side_in_one_plane_do_not_cross():
+    vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0.5, 1, 0], [0.9, -0.7, 0]])
+    triangles = np.array([[0, 1, 2], [1, 0, 3]])
+    assert len(self_crossings(vertices[triangles], triangles)) == 0
+
+
+@pytest.mark.parametrize(
+    "second",
+    [
+        [[0.2, 0.2, 0], [0.3, 0.2, 0], [0.2, 0.3, 0]],  # in its plane, inside it
+        [[-1, 0.2, 0], [2, 0.3, 0], [2, 0.4, 0]],  # in its plane, across it
+        [[0.2, 0.2, 0], [0.2, 0.2, 1], [0.3, 0.3, 1]],  # a corner on its face
+        [[1, 0, 0], [2, 0, 1], [2, 0, 2]],  # corner to corner
+        [[0.5, 0.0, 0], [0.5, -1, 1], [0.5, -1, -1]],  # a corner on its edge
+        [[0.2, -1, 0], [0.2, 2, 0], [0.2, 0, 1]],  # an edge along its face
+    ],
+)
+def test_strangers_that_only_touch_count(second):
+    first = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]]], dtype=float)
+    other = np.array([second], dtype=float)
+    assert crossings_between(first, other).tolist() == [[0, 0]]
+    assert (
+        crossings_between(first, other + [0, 0, 1e-6 if other[..., 2].min() == 0 else 3.0]).tolist()
+        == []
+    )
+
+
+def test_a_torus_crosses_itself_only_when_its_tube_is_thicker_than_its_ring():
+    thin, triangles = torus_mesh(0.02, 0.015)
+    assert len(self_crossings(thin[triangles], triangles)) == 0
+    thick, triangles = torus_mesh(0.015, 0.02)
+    pairs = self_crossings(thick[triangles], triangles)
+    assert len(pairs) > 0
+    # Crossings of a spindle torus lie round its axis, within the spindle.
+    assert np.hypot(*thick[triangles][pairs].mean(axis=(1, 2))[:, :2].T).max() < 0.006
+
+
+def test_crossings_do_not_depend_on_place_and_order(rng):
+    vertices, triangles = torus_mesh(0.015, 0.02)
+    shuffle = rng.permutation(len(triangles))
+    before = {frozenset(pair) for pair in self_crossings(vertices[triangles], triangles).tolist()}
+    after = self_crossings((vertices + [1.0, -0.5, 0.7])[triangles[shuffle]], triangles[shuffle])
+    assert {frozenset(shuffle[pair].tolist()) for pair in after} == before
+
+
+def test_the_open_hand_does_not_cross_itself(hand_file):
+    hand = load_surface(hand_file)
+    assert len(hand.triangles) == 2314
+    assert len(self_crossings(hand.corners, hand.triangles)) == 0
+
+
+def test_a_finger_pushed_through_the_palm_is_seen(hand_file):
+    hand = load_surface(hand_file)
+    tip = int(hand.vertices[:, 1].argmin())  # the end of the longest finger
+    moved = hand.vertices.copy()
+    near = np.linalg.norm(moved - moved[tip], axis=1) < 0.012
+    moved[near] += hand.vertices.mean(axis=0) - moved[tip]
+    assert len(self_crossings(moved[hand.triangles], hand.triangles)) > 0
+
+
+def test_large_and_small_triangles_are_paired():
+    small = sphere(
+        0.001, 0.0003, centre=(0.01, 0.0, 0.0)
+    )  # straddles one face of a box 40 times as large
+    box = box_mesh((-0.03, -0.03, -0.03), (0.01, 0.03, 0.03))
+    pairs = crossings_between(small.corners, box[0][box[1]])
+    straddling = (small.corners[:, :, 0].min(axis=1) <= 0.01) & (
+        small.corners[:, :, 0].max(axis=1) >= 0.01
+    )
+    assert set(pairs[:, 0].tolist()) == set(np.flatnonzero(straddling).tolist())
+
+
+def test_a_fine_mesh_has_no_false_alarm():
+    rod = Capsule(0.05, 0.1, sphere(0.01, 0.01).primitive.pose).mesh(0.0024)
+    assert len(rod.triangles) > 70_000
+    assert len(self_crossings(rod.corners, rod.triangles)) == 0
+
+
+def test_segment_and_triangle(rng):
+    segments, corners = rng.uniform(size=(300, 2, 3)), rng.uniform(size=(300, 3, 3))
+    distance = segment_triangle_distances(segments, corners)
+    touching = [
+        common_point(np.vstack([s, s[:1]]), c) is not None
+        for s, c in zip(segments, corners, strict=True)
+    ]
+    assert np.array_equal(distance == 0, touching)
+    # From outside, no sampled pair of points is nearer, and some pair is nearly as near.
+    t, weights = rng.uniform(size=(300, 400, 1)), rng.dirichlet([0.5, 0.5, 0.5], size=(300, 400))
+    here = segments[:, :1] + t * (segments[:, 1:] - segments[:, :1])
+    sampled = np.linalg.norm(here - np.einsum("nsk,nki->nsi", weights, corners), axis=2).min(axis=1)
+    assert (distance <= sampled + 1e-12).all()
+    assert np.median(sampled - distance) < 0.03
+
+
+def test_size_groups_hold_every_triangle_once(hand_file):
+    corners = load_surface(hand_file).corners
+    groups = size_groups(corners)
+    assert np.array_equal(
+        np.sort(np.concatenate([members for members, _, _ in groups])), np.arange(len(corners))
+    )
+    assert len(groups) > 1
+    for members, _, reach in groups:
+        span = np.linalg.norm(
+            corners[members] - corners[members].mean(axis=1, keepdims=True), axis=2
+        ).max(axis=1)
+        assert span.max() == pytest.approx(reach)
+        assert span.max() < 2 * span.min()

@@ -1,0 +1,170 @@
+"""Surfaces through every kind of file, whole and damaged."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from airtact.errors import InvalidInput
+from airtact.geometry.files import load_surface
+from airtact.geometry.mesh.topology import cone_volumes
+from faults import raises_code
+from geometry.mesh.meshes import box_mesh, torus_mesh
+
+
+def written(path, mesh: trimesh.Trimesh | trimesh.Scene):
+    mesh.export(path)
+    return path
+
+
+def box(*corners) -> trimesh.Trimesh:
+    return trimesh.Trimesh(*box_mesh(*corners), process=False)
+
+
+@pytest.mark.parametrize("suffix", [".stl", ".ply", ".obj", ".glb", ".STL"])
+def test_every_kind_of_file_gives_the_surface_back(tmp_path, suffix):
+    vertices, triangles = torus_mesh(0.02, 0.005)
+    path = written(tmp_path / f"ring{suffix}", trimesh.Trimesh(vertices, triangles, process=False))
+    surface = load_surface(path)
+    assert surface.vertices.shape == vertices.shape
+    corners = surface.corners.mean(axis=1)
+    assert np.allclose(
+        np.sort(corners, axis=0),
+        np.sort(vertices[triangles].mean(axis=1), axis=0),
+        rtol=0,
+        atol=1e-8,
+    )
+    assert cone_volumes(surface.corners).sum() == pytest.approx(
+        trimesh.Trimesh(vertices, triangles).volume, rel=1e-5
+    )
+    assert surface.repairs == ()
+
+
+def test_vertices_doubled_for_normals_and_textures_are_merged(tmp_path):
+    mesh = box()
+    faceted = trimesh.Trimesh(
+        mesh.triangles.reshape(-1, 3), np.arange(36).reshape(-1, 3), process=False
+    )
+    faceted.visual = trimesh.visual.TextureVisuals(uv=np.random.default_rng(0).random((36, 2)))
+    faceted.vertex_normals = np.repeat(mesh.face_normals, 3, axis=0)
+    for suffix in (".glb", ".ply"):
+        assert len(load_surface(written(tmp_path / f"faceted{suffix}", faceted)).vertices) == 8
+
+
+def test_nodes_of_a_scene_are_placed_and_joined(tmp_path):
+    nodes = trimesh.Scene()
+    nodes.add_geometry(box((0, 0, 0), (0.01, 0.01, 0.01)), node_name="one")
+    turn = trimesh.transformations.rotation_matrix(np.pi / 2, [0, 0, 1])
+    turn[:3, 3] = [0.05, 0.0, 0.0]
+    nodes.add_geometry(box((0, 0, 0), (0.02, 0.01, 0.03)), node_name="two", transform=turn)
+    surface = load_surface(written(tmp_path / "two.glb", nodes))
+    assert len(surface.triangles) == 24
+    assert surface.volume == pytest.approx(1e-6 + 6e-6, rel=1e-6)
+    assert np.allclose(surface.vertices.min(axis=0), [0, 0, 0], atol=1e-8)
+    assert np.allclose(surface.vertices.max(axis=0), [0.05, 0.02, 0.03], atol=1e-8)
+
+
+def test_a_file_in_millimetres_is_rejected_until_it_is_scaled(tmp_path):
+    path = written(tmp_path / "box.stl", box((0, 0, 0), (20, 30, 40)))
+    with raises_code("too_large", "box.stl", "40 m", "2 m", "millimetres"):
+        load_surface(path)
+    assert load_surface(path, scale=1e-3).volume == pytest.approx(24e-6, rel=1e-6)
+
+
+def test_the_open_hand_is_as_its_readme_says(hand_file):
+    hand = load_surface(hand_file)
+    assert len(hand.triangles) == 2314
+    assert trimesh.Trimesh(hand.vertices, hand.triangles).area == pytest.approx(425e-4, abs=0.5e-4)
+    assert np.round(1e3 * np.ptp(hand.vertices, axis=0)).tolist() == [77, 212, 146]
+    assert hand.edge_lengths.mean() == pytest.approx(6.7e-3, abs=0.05e-3)
+    assert hand.edge_lengths.max() == pytest.approx(39e-3, abs=0.5e-3)
+    assert hand.midpoints is None
+    assert hand.repairs == ()
+
+
+def test_an_open_surface_is_rejected_with_the_name_of_its_file(tmp_path):
+    lidless = box()
+    lidless.update_faces(np.arange(12) != 3)
+    with raises_code("hole_too_wide", "lidless.ply: ", "1 hole", "2 mm", "largest 36"):
+        load_surface(written(tmp_path / "lidless.ply", lidless))
+
+
+def test_an_inside_out_surface_is_turned_and_noted(tmp_path):
+    inside_out = trimesh.Trimesh(*(lambda v, t: (v, t[:, ::-1]))(*box_mesh()), process=False)
+    surface = load_surface(written(tmp_path / "box.stl", inside_out))
+    assert surface.volume == pytest.approx(24e-6, rel=1e-6)
+    assert [note[:44] for note in surface.repairs] == [
+        "1 closed piece was inside out and turned rou"
+    ]
+
+
+def test_holes_are_filled_as_wide_as_asked_for(tmp_path):
+    ball = trimesh.creation.icosphere(subdivisions=4, radius=8.0)
+    ball.update_faces(np.arange(len(ball.faces)) != 77)
+    path = written(tmp_path / "ball.stl", ball)
+    assert (
+        load_surface(path, scale=1e-3)
+        .repairs[0]
+        .startswith("1 hole of up to 0.63 mm was filled, the first near (")
+    )
+    with raises_code("hole_too_wide", "ball.stl: ", "1 hole", "0.4 mm", "largest 0.6"):
+        load_surface(path, scale=1e-3, largest_hole=0.4e-3)
+
+
+def test_what_cannot_be_repaired_names_the_file(tmp_path):
+    crowded = trimesh.util.concatenate([box(), box((0.02, 0.0, 0.0), (0.03, 0.03, 0.04))])
+    with raises_code("edge_shared_by_many", "two.obj: 4 edges", " mm"):
+        load_surface(written(tmp_path / "two.obj", crowded))
+
+
+@pytest.mark.parametrize("scale", [0.0, -1.0, np.nan])
+def test_the_scale_is_above_zero(tmp_path, scale):
+    with raises_code("not_positive", f"scale is {scale:g}"):
+        load_surface(tmp_path / "box.stl", scale)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with raises_code("file_missing", "absent.stl"):
+        load_surface(tmp_path / "absent.stl")
+
+
+def test_a_folder_is_no_file(tmp_path):
+    (tmp_path / "folder.stl").mkdir()
+    with raises_code("file_missing", "folder.stl"):
+        load_surface(tmp_path / "folder.stl")
+
+
+def test_other_kinds_are_named(tmp_path):
+    (tmp_path / "hand.step").write_text("ISO-10303-21;")
+    with raises_code("unknown_ending", "hand.step", "'.step'", ".stl, .ply, .obj, .glb"):
+        load_surface(tmp_path / "hand.step")
+
+
+@pytest.mark.parametrize("suffix", [".stl", ".ply", ".obj", ".glb"])
+@pytest.mark.parametrize("content", [b"", b"\x00\x01 this is no mesh \xff" * 9])
+def test_damaged_files_are_rejected(tmp_path, suffix, content):
+    path = tmp_path / f"damaged{suffix}"
+    path.write_bytes(content)
+    with pytest.raises(InvalidInput) as caught:
+        load_surface(path)
+    assert f"damaged{suffix}" in str(caught.value)
+    number = {"file_unreadable": f"({len(content)} bytes)", "no_triangles": "0 triangles"}[
+        caught.value.code
+    ]
+    assert number in str(caught.value)
+
+
+def test_a_truncated_file_is_rejected(tmp_path, hand_file):
+    path = tmp_path / "cut.glb"
+    path.write_bytes(hand_file.read_bytes()[:50_000])
+    with raises_code("file_unreadable", "cut.glb (50000 bytes)"):
+        load_surface(path)
+
+
+def test_a_point_cloud_holds_no_triangles(tmp_path):
+    path = written(
+        tmp_path / "cloud.ply", trimesh.PointCloud(np.random.default_rng(0).random((50, 3)))
+    )
+    with pytest.raises(InvalidInput) as caught:
+        load_surface(path)
+    assert "cloud.ply" in str(caught.value)
+    assert caught.value.code in ("no_triangles", "file_unreadable")

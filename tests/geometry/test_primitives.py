@@ -1,0 +1,209 @@
+"""Sphere and capsule against their closed forms."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from airtact.geometry.mesh.intersections import self_crossings
+from airtact.geometry.mesh.quadratic_triangles import enclosed_volume
+from airtact.geometry.pose import Pose
+from airtact.geometry.primitives import Capsule, capsule, sphere
+from airtact.geometry.surface import Surface
+from faults import raises_code
+
+number = st.floats(-0.5, 0.5, allow_subnormal=False)
+vector = st.tuples(number, number, number)
+pose = st.builds(
+    Pose.turn, vector.filter(lambda v: np.linalg.norm(v) > 1e-3), st.floats(-6.28, 6.28), vector
+)
+slenderness = st.one_of(st.just(0.0), st.floats(1e-5, 4.0))
+rod = st.builds(lambda r, s, p: Capsule(r, s * r, p), st.floats(0.5e-3, 30e-3), slenderness, pose)
+
+
+def angles(surface: Surface) -> np.ndarray:
+    edges = np.roll(surface.corners, -1, axis=1) - surface.corners
+    edges = edges / np.linalg.norm(edges, axis=2, keepdims=True)
+    return np.degrees(np.arccos(-np.einsum("tki,tki->tk", edges, np.roll(edges, 1, axis=1))))
+
+
+@given(rod, st.floats(0.3, 3.0))
+def test_every_mesh_is_closed_round_well_shaped_and_on_the_shape(shape, relative_edge):
+    edge = relative_edge * shape.radius
+    surface = shape.mesh(edge)
+    Surface(surface.vertices, surface.triangles, surface.midpoints, shape)  # which checks it
+    assert surface.primitive.radius == shape.radius
+    assert (
+        len(surface.vertices) - 1.5 * len(surface.triangles) + len(surface.triangles) == 2
+    )  # Euler: one sphere
+    assert angles(surface).min() >= 30.0
+    assert surface.edge_lengths.max() <= edge * (1 + 1e-12)
+    assert np.abs(shape.depth(surface.vertices)).max() < 1e-15
+    assert np.abs(shape.depth(surface.midpoints.reshape(-1, 3))).max() < 1e-15
+
+
+@given(rod, pose, st.floats(0.3, 3.0))
+def test_meshes_move_with_their_pose(shape, motion, relative_edge):
+    edge = relative_edge * shape.radius
+    meshed_there, moved_there = shape.moved(motion).mesh(edge), shape.mesh(edge).moved(motion)
+    assert np.array_equal(meshed_there.triangles, moved_there.triangles)
+    assert np.abs(meshed_there.vertices - moved_there.vertices).max() < 1e-12
+    assert np.abs(meshed_there.midpoints - moved_there.midpoints).max() < 1e-12
+
+
+@pytest.mark.parametrize("around", range(6, 17))
+@pytest.mark.parametrize("length", [0.0, 3e-3, 20e-3])
+def test_panels_are_closed_with_any_number_around(length, around):
+    shape = Capsule(8e-3, length, Pose.turn((1, 2, 3), 0.7))
+    panels = shape.panels(16e-3, 2 * np.pi / around)
+    corners, triangles = np.unique(
+        np.round(panels[:, :3].reshape(-1, 3), 9), axis=0, return_inverse=True
+    )
+    triangles = triangles.reshape(-1, 3)
+    edges = np.sort(
+        np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1
+    )
+    each, sides = np.unique(edges, axis=0, return_counts=True)
+    assert (sides == 2).all()
+    assert len(corners) - len(each) + len(triangles) == 2
+    assert enclosed_volume(panels) == pytest.approx(shape.volume, rel=1e-3)
+    height = (corners - shape.axis.mean(axis=0)) @ shape.pose.rotation[:, 2]
+    assert length or np.count_nonzero(np.abs(height) < 1e-6) == around
+
+
+@pytest.mark.parametrize("length", [0.0, 1e-5, 2e-3, 5e-3, 44e-3])
+def test_no_mesh_crosses_itself(length):
+    surface = Capsule(8e-3, length, Pose.turn((1, 2, 3), 0.7)).mesh(3e-3)
+    assert len(self_crossings(surface.corners, surface.triangles)) == 0
+
+
+@pytest.mark.parametrize("length", [0.0, 3e-3, 40e-3])
+def test_area_and_volume_come_from_the_closed_forms_at_fourth_order(length):
+    radius = 8e-3
+    area = 4 * math.pi * radius**2 + 2 * math.pi * radius * length
+    volume = 4 / 3 * math.pi * radius**3 + math.pi * radius**2 * length
+    shape = Capsule(radius, length, Pose.identity())
+    assert shape.area == pytest.approx(area, rel=1e-14)
+    assert shape.volume == pytest.approx(volume, rel=1e-14)
+    meshes = [shape.mesh(edge) for edge in (6e-3, 3e-3, 1.5e-3, 0.75e-3)]
+    meshes = [Surface(mesh.vertices, mesh.triangles, mesh.midpoints) for mesh in meshes]
+    edges = np.log([m.edge_lengths.max() for m in meshes])
+    for truth, found in ((area, [m.area for m in meshes]), (volume, [m.volume for m in meshes])):
+        errors = np.abs(np.array(found) / truth - 1)
+        assert errors[-1] < 1e-5
+        assert np.polyfit(edges, np.log(errors), 1)[0] > 3.8
+
+
+def test_depth_is_the_distance_to_the_surface(rng):
+    start, end, radius = np.array([0.01, 0.0, 0.02]), np.array([0.01, 0.03, 0.06]), 0.008
+    body = capsule(start, end, radius, 0.003)
+    along = (end - start) / 0.05
+    aside = np.cross(along, [1.0, 0.0, 0.0])
+    points = np.array(
+        [start, end, (start + end) / 2, start - 0.01 * along, start + 0.02 * along + 0.011 * aside]
+    )
+    assert np.allclose(
+        body.depth(points), [radius, radius, radius, -0.002, -0.003], rtol=0, atol=1e-16
+    )
+
+
+@settings(max_examples=25)
+@given(vector, vector, st.floats(5e-3, 20e-3))
+def test_a_capsule_stands_on_its_two_ends(start, end, radius):
+    body = capsule(start, end, radius, 2 * radius)
+    axis = body.primitive.axis
+    assert np.allclose(axis, [start, end], rtol=0, atol=1e-15)
+    assert body.primitive.extent == pytest.approx(math.dist(start, end) + 2 * radius, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "direction", [(0, 0, 1), (0, 0, -1), (1e-9, 0, -1), (1, 0, 0), (0, 1, 1e-9), (0, -1, -1e-9)]
+)
+def test_a_capsule_may_point_anywhere(direction):
+    end = 0.03 * np.array(direction, dtype=float)
+    assert np.allclose(
+        capsule((0, 0, 0), end, 0.005, 0.01).primitive.axis, [np.zeros(3), end], rtol=0, atol=1e-17
+    )
+
+
+def test_a_sphere_is_a_capsule_without_length():
+    ball = sphere(0.01, 0.004, centre=(0.1, 0.2, 0.3))
+    assert np.allclose(
+        np.linalg.norm(ball.vertices - [0.1, 0.2, 0.3], axis=1), 0.01, rtol=0, atol=1e-16
+    )
+    assert ball.primitive.length == 0.0
+    assert (
+        capsule((0.1, 0.2, 0.3), (0.1, 0.2, 0.3), 0.01, 0.004).triangles.shape
+        == ball.triangles.shape
+    )
+
+
+def test_projecting_goes_straight_to_the_surface(rng):
+    shape = Capsule(0.008, 0.04, Pose.turn((1, 1, 0), 0.5, (0.1, 0.0, 0.0)))
+    points = shape.pose.translation + rng.normal(scale=0.02, size=(200, 3))
+    skin = shape.project(points)
+    assert np.abs(shape.depth(skin)).max() < 1e-16
+    assert np.allclose(
+        np.linalg.norm(skin - points, axis=1), np.abs(shape.depth(points)), rtol=0, atol=1e-16
+    )
+
+
+def test_the_smallest_bead_is_accepted_at_any_turn():
+    bead = sphere(0.25e-3, 0.1e-3).moved(Pose.turn((1, 2, 3), 1.0))
+    assert bead.volume == pytest.approx(4 / 3 * math.pi * 0.25e-3**3, rel=1e-3)
+    Surface(bead.vertices, bead.triangles, bead.midpoints, bead.primitive)
+
+
+@pytest.mark.parametrize(
+    ("make", "code", "said"),
+    [
+        (lambda: sphere(0.24e-3, 0.1e-3), "too_small", "0.48 mm"),
+        (
+            lambda: sphere(8.0, 2.0),
+            "too_large",
+            "spans 16 m, more than 2 m: is this in millimetres?",
+        ),
+        (lambda: capsule((0, 0, 0), (0.0, 0.0, 1.99), 0.01, 0.02), "too_large", "2.01 m"),
+        (lambda: sphere(0.0, 0.1e-3), "not_positive", "radius is 0 m"),
+        (lambda: sphere(-0.01, 0.1e-3), "not_positive", "radius is -0.01 m"),
+        (lambda: sphere(math.nan, 0.1e-3), "not_positive", "radius is nan m"),
+        (lambda: sphere(0.01, 0.0), "not_positive", "edge is 0 m"),
+        (lambda: sphere(0.01, -1e-3), "not_positive", "edge is -0.001 m"),
+        (lambda: sphere(0.01, math.inf), "not_positive", "edge is inf m"),
+        (
+            lambda: sphere(0.01, 1e-6),
+            "edge_too_short",
+            "0.001 mm on a radius of 10 mm needs more than 400 rings",
+        ),
+        (
+            lambda: sphere(0.01, 0.003, centre=(0.0, math.nan, 0.0)),
+            "not_finite",
+            "sphere centre hold 1 NaN",
+        ),
+        (
+            lambda: capsule((0.0, 0.0, math.inf), (0, 0, 0), 0.01, 0.01),
+            "not_finite",
+            "capsule start hold 1 NaN",
+        ),
+        (lambda: Capsule(0.01, -0.02, Pose.identity()), "out_of_range", "length -0.02 m"),
+        (lambda: Capsule(0.01, math.nan, Pose.identity()), "out_of_range", "length nan m"),
+    ],
+)
+def test_faults_are_rejected(make, code, said):
+    with raises_code(code, said):
+        make()
+
+
+@pytest.mark.usefixtures("as_outside_the_tests")
+def test_a_point_has_three_numbers():
+    with raises_code("wrong_shape", "capsule end has shape (2,)"):
+        capsule((0, 0, 0), (1, 2), 0.01, 0.01)
+
+
+def test_a_body_in_millimetres_is_asked_about():
+    with raises_code("too_large", "spans 16 m, more than 2 m: is this in millimetres?"):
+        sphere(8.0, 2.5)
+    with raises_code("too_large", "spans 60 m, more than 2 m: is this in millimetres?"):
+        capsule((0, 0, 0), (0, 0, 44), radius=8, edge=0.0025)

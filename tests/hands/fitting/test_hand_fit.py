@@ -1,0 +1,237 @@
+"""The parts of the fit: distances from the body, rules and the silhouette, all with exact derivatives."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from airtact.hands.fitting.joint_priors import (
+    bend_rules,
+    bending_axes,
+    landmark_pull,
+    length_rules,
+    usual_last_bones,
+)
+from airtact.hands.fitting.normal_equations import skin_residuals
+from airtact.hands.fitting.point_cloud import cell_means
+from airtact.hands.fitting.silhouette import FAR, LOOSE, SPARE, silhouette_of
+from airtact.hands.fitting.unknowns import COUNT, JOINTS, SIZES
+from airtact.hands.hand import hand_from_joints
+from airtact.hands.joints import BONES, CHAINS
+from airtact.hands.kinematics import evenly_bent
+from airtact.hands.sphere_mesh import Hulls
+from hands.hand_poses import example
+from hands.rigged_hand import posed, seen, turned_to_camera
+
+STEP = 1e-7
+
+
+@pytest.fixture(scope="module")
+def hulls() -> Hulls:
+    joints, radii = example("relaxed")
+    return hand_from_joints(joints, radii).shape.hulls
+
+
+@pytest.fixture(scope="module")
+def points(hulls: Hulls) -> np.ndarray:
+    random = np.random.default_rng(0)
+    middles = hulls.balls[random.integers(0, 26, 800)]
+    ways = random.normal(size=(800, 3))
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    return middles[:, :3] + random.uniform(0.3, 1.5, (800, 1)) * middles[:, 3:] * ways
+
+
+def by_differences(function, start: np.ndarray, step: float = STEP) -> np.ndarray:
+    columns = []
+    for index in range(start.size):
+        moved = np.zeros(start.size)
+        moved[index] = step
+        moved = moved.reshape(start.shape)
+        columns.append((function(start + moved) - function(start - moved)) / (2 * step))
+    return np.stack(columns, axis=1)
+
+
+def test_distances_are_those_of_the_body(hulls: Hulls, points: np.ndarray) -> None:
+    each = hulls.each(points)
+    for index, part in enumerate(hulls.parts):
+        alone = Hulls(hulls.balls, part[None], np.zeros((1, 1)), np.zeros((1, 1)))
+        np.testing.assert_allclose(
+            skin_residuals(points, alone).distance, each[:, index], atol=1e-12
+        )
+    off = np.abs(skin_residuals(points, hulls).distance - hulls.look(points).distance)
+    assert (
+        np.mean(off < 1e-12) > 0.97
+    )  # where three blends meet, only those with the nearest hull are evaluated
+    assert off.max() < 1e-3
+
+
+@pytest.mark.parametrize("camera", [None, np.array([0.1, -0.2, 0.5])])
+def test_derivatives_of_distances_are_exact_without_blending(
+    hulls: Hulls, points: np.ndarray, camera: np.ndarray
+) -> None:
+    bare = Hulls(hulls.balls, hulls.parts, 0.0 * hulls.blend, hulls.apart)
+
+    def distances(balls: np.ndarray) -> np.ndarray:
+        return skin_residuals(
+            points, Hulls(balls, hulls.parts, bare.blend, hulls.apart), camera
+        ).distance
+
+    by_balls = skin_residuals(points, bare, camera).by_balls
+    off = np.abs(by_differences(distances, hulls.balls) - by_balls).max(axis=1)
+    assert (
+        np.percentile(off, 97 if camera is None else 55) < 1e-5
+    )  # the nearest position on a ball's front is held fixed
+    assert by_balls.shape == (len(points), 104)
+
+
+def test_points_are_held_against_skin_that_faces_the_camera(hulls: Hulls) -> None:
+    finger = Hulls(
+        hulls.balls[[6, 7]],
+        np.array([[0, 1, -1]]).repeat(4, axis=0),
+        np.zeros((4, 4)),
+        np.zeros((4, 4)),
+    )
+    ball = 0.5 * (finger.balls[0] + finger.balls[1])
+    axis = finger.balls[1, :3] - finger.balls[0, :3]
+    sight = np.cross(axis, [0.0, 0.0, 1.0])
+    sight /= np.linalg.norm(sight)
+    camera = ball[:3] + 0.5 * sight
+    behind = (ball[:3] - 0.9 * ball[3] * sight)[None]
+
+    assert abs(skin_residuals(behind, finger).distance[0]) < 0.15 * ball[3]  # nearest is the back
+    assert skin_residuals(behind, finger, camera).distance[0] == pytest.approx(
+        -1.9 * ball[3], rel=0.02
+    )
+
+
+def test_derivatives_of_rules_are_exact() -> None:
+    joints, _ = example("relaxed")
+    random = np.random.default_rng(1)
+    for _ in range(3):
+        place = joints + random.normal(scale=8e-3, size=(25, 3))
+        axes, sizes = bending_axes(place, "left"), random.normal(scale=0.1, size=62) - 3.5
+        usual = usual_last_bones(place, axes)
+        rules = {
+            "bends": lambda x, axes=axes, usual=usual: bend_rules(x, axes, usual),
+            "lengths": lambda x, sizes=sizes: length_rules(x, sizes),
+        }
+        for rule in rules.values():
+            found = rule(place)
+            gradients = by_differences(lambda x, rule=rule: rule(x).residuals, place)
+            assert found.gradients.shape == (len(found.residuals), COUNT)
+            np.testing.assert_allclose(
+                found.gradients[:, JOINTS], gradients, atol=1e-6 * np.abs(gradients).max()
+            )
+        by_size = by_differences(lambda s, place=place: length_rules(place, s).residuals, sizes)
+        np.testing.assert_allclose(
+            length_rules(place, sizes).gradients[:, SIZES], by_size, atol=1e-4
+        )
+
+
+def test_landmarks_pull_as_their_cost_falls() -> None:
+    random = np.random.default_rng(2)
+    off, spread = random.normal(scale=12e-3, size=(25, 3)), random.uniform(4e-3, 20e-3, 25)
+
+    gradient = by_differences(lambda x: np.array([landmark_pull(x, spread)[1]]), off)[0]
+
+    np.testing.assert_allclose(
+        2.0 * (landmark_pull(off, spread)[0][:, None] ** 2 * off).ravel(),
+        gradient,
+        rtol=1e-6,
+        atol=1e-2,
+    )
+
+
+def test_a_hand_at_rest_breaks_no_rule() -> None:
+    joints, _ = example("relaxed")
+
+    axes = bending_axes(joints, "left")
+    rules = bend_rules(joints, axes, usual_last_bones(joints, axes))
+
+    assert np.abs(rules.residuals[:28]).max() == 0.0  # bends backwards and too far
+    assert np.abs(rules.residuals[-12:]).max() < 1.0  # last bones are near where they usually point
+
+
+def test_last_bones_turn_by_two_thirds_of_what_middle_joints_do() -> None:
+    joints, _ = example("relaxed")
+    axes = bending_axes(joints, "left")
+    chain = list(CHAINS[2])
+    first = joints[chain[2]] - joints[chain[1]]
+    axes[2] = np.cross(first, [0.3, 0.5, 0.8])
+    axes[2] /= np.linalg.norm(axes[2])
+    for place, degrees in ((3, 60.0), (4, 60.0 + 40.0)):
+        bone = Rotation.from_rotvec(np.radians(degrees) * axes[2]).apply(
+            0.02 * first / np.linalg.norm(first)
+        )
+        joints[chain[place]] = joints[chain[place - 1]] + bone
+
+    usual = usual_last_bones(joints, axes)[1]
+
+    np.testing.assert_allclose(usual, bone / 0.02, atol=1e-12)
+
+
+def test_rough_landmarks_are_untangled_by_how_far_knuckles_and_tips_are_apart() -> None:
+    joints, _ = example("relaxed")
+    lengths = np.linalg.norm(np.diff(joints[np.array(BONES)], axis=1)[:, 0], axis=1)
+    tangled = joints.copy()
+    for chain in CHAINS:
+        tangled[list(chain[-3:-1])] = tangled[
+            list(chain[-2:-4:-1])
+        ]  # two joints of each finger swapped
+
+    found = evenly_bent(tangled, lengths, "left")
+
+    knuckles, tips = [chain[-4] for chain in CHAINS[1:]], [chain[-1] for chain in CHAINS[1:]]
+    np.testing.assert_array_equal(found[knuckles], joints[knuckles])
+    assert np.linalg.norm(found[tips] - joints[tips], axis=1).max() < 1.5e-3
+    assert np.linalg.norm(found - joints, axis=1)[6:].mean() < 4e-3
+    bones = np.linalg.norm(np.diff(found[np.array(BONES)], axis=1)[:, 0], axis=1)
+    outer = [BONES.index(pair) for chain in CHAINS for pair in pairwise(chain[-3:])]
+    np.testing.assert_allclose(bones[outer], lengths[outer], rtol=1e-9)
+
+
+def test_a_finger_bent_backwards_breaks_one() -> None:
+    joints, _ = example("relaxed")
+    mirrored = bending_axes(joints, "right")
+
+    usual = usual_last_bones(joints, mirrored)
+    assert np.abs(bend_rules(joints, mirrored, usual).residuals[:-12]).max() > 3.0
+
+
+def test_what_reaches_out_of_the_silhouette_is_found_with_its_derivatives() -> None:
+    true = turned_to_camera(posed("rest"), 1)
+    found = silhouette_of(seen(true, 1, outliers=0.0), np.zeros(3))
+    radii = example("relaxed")[1]
+    balls = np.vstack(
+        [np.column_stack([true.joints, radii]), [*true.joints[1:3].mean(axis=0), 0.01]]
+    )
+    inside = balls * [1.0, 1.0, 1.0, 0.5]
+    aside = balls + [0.007, 0.0, 0.0, 0.0]
+
+    def weighed(balls: np.ndarray) -> float:
+        return found.beyond(balls)[2]
+
+    assert weighed(inside) < 0.2 * weighed(aside)
+    residuals, by_balls, cost = found.beyond(aside)
+    assert len(residuals) > 5
+    assert 0.0 < cost < 8 * 60 * (FAR / LOOSE) ** 2
+    assert SPARE > 0.0
+    whole = by_differences(lambda x: np.array([weighed(x)]), aside)[0]
+    np.testing.assert_allclose(
+        2.0 * residuals @ by_balls, whole, rtol=0.02, atol=0.02 * np.abs(whole).max()
+    )
+
+
+def test_cell_means_average_neighbours_and_drop_lonely_points() -> None:
+    random = np.random.default_rng(0)
+    plate = np.column_stack(
+        [random.uniform(0.0, 0.1, (20_000, 2)), random.normal(scale=0.5e-3, size=20_000)]
+    )
+    lonely = np.array([[0.05, 0.05, 0.2]])
+
+    kept = cell_means(np.vstack([plate, lonely]))
+
+    assert 400 < len(kept) < 1500
+    assert np.abs(kept[:, 2]).max() < 2e-3
+    assert kept[:, 2].std() < 0.3e-3

@@ -1,0 +1,391 @@
+"""A hand from joints: its skin, pads, touches, opening, sequences, and the input that it rejects."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from airtact.acoustics.medium import Medium
+from airtact.acoustics.scene import Scene, sound_hard
+from airtact.acoustics.solvers.bem.solver import BoundaryElement
+from airtact.acoustics.sources import Monopoles
+from airtact.acoustics.store.fingerprint import fingerprint
+from airtact.geometry.checks import check_surface
+from airtact.geometry.mesh.quadratic_triangles import enclosed_volume
+from airtact.geometry.pose import Pose
+from airtact.geometry.surface import Surface
+from airtact.hands.files import load_hand
+from airtact.hands.hand import Hand, hand_from_joints
+from airtact.hands.joints import CHAINS, NAMES, STRAIGHT, evidence_of
+from airtact.hands.kinematics import gap_of
+from airtact.hands.shape import MOST_KEYFRAMES
+from faults import raises_code
+from hands.hand_poses import HANDS, example, random_pose
+
+PINCH, RADII = example("pinch")
+RELAXED, _ = example("relaxed")
+TRACKED = [0, 1, 2, 3, 4, 6, 7, 8, 9, 11, 12, 13, 14, 16, 17, 18, 19, 21, 22, 23, 24]
+MIRROR = np.array([-1.0, 1.0, 1.0])
+
+
+@pytest.fixture(scope="module")
+def opened() -> Hand:
+    return hand_from_joints(PINCH, RADII).open_to(0.012)
+
+
+def changed(joint: str, shift: float) -> np.ndarray:
+    joints = PINCH.copy()
+    joints[NAMES.index(joint)] += shift
+    return joints
+
+
+# --- the skin -------------------------------------------------------------------------------------------------------
+
+
+def test_the_surface_is_closed_curved_and_exact(opened):
+    surface = opened.surface
+    assert isinstance(surface, Surface)
+    check_surface(surface)
+    nodes = np.concatenate([surface.vertices, surface.midpoints.reshape(-1, 3)])
+    assert np.abs(surface.depth(nodes)).max() < 30e-6
+    assert surface.repairs == ()
+
+
+def test_the_surface_is_fine_at_the_pads_and_coarse_at_the_wrist(opened):
+    surface = opened.surface
+    longest = surface.edge_lengths.max(axis=1)
+    middles = surface.corners.mean(axis=1)
+    pads, wrist = opened.pads[:2], opened.joints[:1]
+    beside = np.linalg.norm(middles[:, None] - pads, axis=2).min(axis=1) < 6e-3
+    far = np.linalg.norm(middles[:, None] - wrist, axis=2).min(axis=1) < 25e-3
+    assert np.median(longest[beside]) < 3.5e-3
+    assert np.median(longest[far]) > 6e-3
+
+
+def test_every_joint_lies_as_deep_as_its_skin_is_thick_or_deeper(opened):
+    assert (opened.surface.depth(opened.joints) >= opened.radii - 1e-9).all()
+
+
+def test_panels_hold_the_volume_whatever_their_edge(opened):
+    volumes = [enclosed_volume(opened.shape.panels(edge)) for edge in (3e-3, 6e-3, 9e-3)]
+    assert volumes == pytest.approx([volumes[0]] * 3, rel=2e-3)
+    assert 2.5e-4 < volumes[0] < 5e-4  # a hand displaces 250 to 500 ml
+
+
+def test_a_hand_moves_with_its_skin(opened):
+    pose = Pose.turn(np.array([1.0, 2.0, -0.5]), 0.7, np.array([0.1, -0.02, 0.05]))
+    moved = opened.surface.moved(pose)
+    assert np.abs(moved.depth(moved.vertices)).max() < 1e-8
+    assert moved.volume == pytest.approx(opened.surface.volume)
+    elsewhere = hand_from_joints(pose.apply(opened.joints), RADII)
+    assert np.abs(elsewhere.shape.depth(moved.vertices)).max() < 1e-8
+
+
+def test_trackers_with_21_joints_give_nearly_the_same_hand():
+    fewer = hand_from_joints(PINCH[TRACKED], RADII[TRACKED]).open_to(0.012)
+    whole = hand_from_joints(PINCH, RADII).open_to(0.012)
+    fingers = whole.pads
+    assert np.linalg.norm(fewer.pads - fingers, axis=1).max() < 2e-3
+    assert fewer.shape.volume == pytest.approx(whole.shape.volume, rel=0.2)
+
+
+def test_radii_grow_with_the_length_of_the_hand():
+    small, large = (hand_from_joints(RELAXED, length=length) for length in (0.15, 0.2))
+    assert large.radii == pytest.approx(small.radii * 0.2 / 0.15)
+    assert hand_from_joints(1.1 * RELAXED).radii == pytest.approx(
+        1.1 * hand_from_joints(RELAXED).radii
+    )
+
+
+# --- left and right -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_sides_are_distinguished_in_any_pose(seed):
+    joints = random_pose(seed, RELAXED)
+    assert evidence_of(joints) < STRAIGHT
+    assert evidence_of(MIRROR * joints) > -STRAIGHT
+
+
+def test_the_rig_of_a_right_hand_is_right():
+    text = (HANDS / "generic-hand-right.glb").read_bytes()
+    nodes = json.loads(text[20 : 20 + int.from_bytes(text[12:16], "little")])["nodes"]
+    from trimesh import load_scene  # reads the rig's nodes as a graph of frames
+
+    graph = load_scene(HANDS / "generic-hand-right.glb").graph
+    assert {node["name"] for node in nodes} >= set(NAMES)
+    joints = np.array([graph.get(name)[0][:3, 3] for name in NAMES])
+    assert evidence_of(joints) >= STRAIGHT
+
+
+def test_a_left_hand_given_as_right_is_rejected():
+    with raises_code("wrong_side", "(-"):
+        hand_from_joints(PINCH, side="right")
+    assert hand_from_joints(MIRROR * PINCH, side="right").side == "right"
+
+
+# --- pads and gaps --------------------------------------------------------------------------------------------------
+
+
+def test_pads_are_on_the_skin_and_look_at_each_other(opened):
+    assert np.abs(opened.shape.depth(opened.pads)).max() < 1e-9
+    thumb, index = opened.places["thumb.pad"], opened.places["index.pad"]
+    assert thumb[1] @ index[1] < -0.7
+    between = index[0] - thumb[0]
+    assert thumb[1] @ between > 0 > index[1] @ between
+    for point, normal in opened.places.values():
+        assert opened.shape.depth((point + 2e-3 * normal)[None])[0] == pytest.approx(
+            -2e-3, abs=1e-4
+        )
+
+
+@pytest.mark.parametrize("gap", [0.5e-3, 3e-3, 0.012, 0.03])
+def test_a_hand_opens_to_the_gap_asked(gap):
+    hand = hand_from_joints(PINCH, RADII).open_to(gap)
+    assert gap_of(hand.joints, hand.radii, (0, 1)) == pytest.approx(gap, abs=1e-8)
+    bones = [
+        np.linalg.norm(np.diff(joints[list(CHAINS[1])], axis=0), axis=1)
+        for joints in (PINCH, hand.joints)
+    ]
+    assert bones[0] == pytest.approx(bones[1])
+    assert hand.touches == ()
+
+
+def test_skins_that_touch_are_one_and_said_where():
+    hand = hand_from_joints(PINCH, RADII)
+    touch = hand.touches[0]
+    assert (touch.one, touch.other) == (
+        "last phalanx of the thumb",
+        "last phalanx of the index finger",
+    )
+    assert touch.gap == pytest.approx(gap_of(hand.joints, hand.radii, (0, 1)), abs=1e-5)
+    assert hand.shape.depth(touch.place[None])[0] > 1e-3
+    assert "14 mm in each other" in hand.surface.repairs[0]
+
+
+@pytest.mark.parametrize(("gap", "one"), [(0.25e-3, True), (0.35e-3, False)])
+def test_skins_nearer_than_0_3_mm_are_one_and_others_are_not(gap, one):
+    hand = hand_from_joints(PINCH, RADII).open_to(gap)
+    assert bool(hand.touches) == one
+
+
+def test_a_pad_inside_the_body_is_rejected_with_the_gap_that_frees_it():
+    hand = hand_from_joints(PINCH, RADII)
+    with raises_code("focus_inside_body", "index.pad", " 5.3 mm inside", "0.5 mm"):
+        hand.place("index.pad")
+    point, _ = hand.open_to(0.5e-3, "index", "thumb").place("index.pad")
+    assert point.shape == (3,)
+    assert hand.place("ring.pad")[0] == pytest.approx(hand.pads[3])
+
+
+def test_impossible_gaps_and_unknown_places_are_rejected(opened):
+    with raises_code("out_of_range", "12 m", "0.15 m"):
+        opened.open_to(12)
+    with raises_code("gap_out_of_reach", "thumb", "pinky", "1 mm"):
+        opened.open_to(1e-3, "thumb", "pinky")
+    with raises_code("unknown_finger", "'nose'"):
+        opened.open_to(1e-2, "thumb", "nose")
+    with raises_code("unknown_place", "'index.tip'"):
+        opened.place("index.tip")
+
+
+# --- frame after frame ----------------------------------------------------------------------------------------------
+
+
+def test_the_next_frame_keeps_the_triangles_and_is_exact(opened):
+    before = opened.shape.skin(6e-3)
+    shaken = Pose.turn(np.array([0.0, 1.0, 0.3]), 0.05, np.array([5e-3, 0.0, 0.0]))
+    after = opened.posed(shaken.apply(opened.open_to(0.016).joints))
+    skin = after.shape.skin(6e-3)
+    assert np.array_equal(skin.triangles, before.triangles)
+    assert skin.angles.min() >= 20
+    assert np.abs(after.shape.depth(skin.vertices)).max() < 30e-6
+
+
+def test_a_frame_in_which_fingers_meet_is_meshed_anew(opened):
+    opened.shape.skin(6e-3)
+    closed = opened.posed(PINCH)
+    assert closed.touches
+    assert len(closed.shape.skin(6e-3).triangles) != len(opened.shape.skin(6e-3).triangles)
+
+
+def sequence(gaps: np.ndarray) -> list[Hand]:
+    start = hand_from_joints(PINCH, RADII)
+    hands = [start.open_to(gaps[0])]
+    for gap in gaps[1:]:
+        hands.append(hands[-1].posed(start.open_to(gap).joints))
+    return hands
+
+
+def test_what_was_asked_of_a_frame_changes_no_later_one():
+    gaps = np.linspace(0.012, 0.020, 5)
+    asked, other, silent = sequence(gaps), sequence(gaps), sequence(gaps)
+    for hand in asked:
+        hand.shape.skin(6e-3)
+    late = other[-1].shape.skin(6e-3)
+    other[0].shape.skin(9e-3)
+    for edge in (6e-3, 9e-3):
+        expected = silent[-1].shape.skin(edge)
+        for hand in (asked[-1], other[-1]):
+            assert np.array_equal(hand.shape.skin(edge).vertices, expected.vertices)
+            assert np.array_equal(hand.shape.skin(edge).triangles, expected.triangles)
+    assert other[-1].shape.skin(6e-3) is late
+    assert np.array_equal(
+        expected.triangles, silent[0].shape.skin(9e-3).triangles
+    )  # it does follow
+
+
+def test_a_frame_that_was_not_asked_can_be_asked_later():
+    one, other = sequence(np.array([0.012, 0.016])), sequence(np.array([0.012, 0.016]))
+    one[0].shape.skin(7e-3)
+    first = one[1].shape.panels(7e-3)
+    second = other[1].shape.panels(7e-3)
+    other[0].shape.skin(7e-3)
+    assert np.array_equal(first, second)
+
+
+def test_hands_of_one_fingerprint_have_one_mesh_and_those_of_two_do_not():
+    gaps = np.array([0.012, 0.016])
+    one, twin = sequence(gaps)[1], sequence(gaps)[1]
+    one.shape.skin(5e-3)
+    alone = hand_from_joints(one.joints, one.radii, side=one.side)
+
+    def name(hand: Hand) -> str:
+        scene = Scene(Medium(343.1, 1.293), [sound_hard(hand.surface)])
+        return fingerprint(
+            BoundaryElement(), scene, Monopoles(np.array([[0.0, 0.0, 0.3]]), np.ones(1))
+        )
+
+    assert name(one) == name(twin)
+    assert np.array_equal(one.shape.panels(6e-3), twin.shape.panels(6e-3))
+    assert np.array_equal(one.surface.vertices, alone.surface.vertices)
+    assert not np.array_equal(one.shape.panels(6e-3), alone.shape.panels(6e-3))
+    assert name(one) != name(alone)
+
+
+def test_a_long_sequence_keeps_few_frames_and_little_history():
+    hands = sequence(
+        np.concatenate([np.linspace(0.012, 0.045, 12), np.linspace(0.045, 0.012, 12)] * 3)
+    )
+    assert max(hand.shape.keyframes for hand in hands) <= MOST_KEYFRAMES + 1
+    assert all(hand.shape.follows is not None for hand in hands[1:12])
+    cold = hands[-1].shape.skin(7e-3)
+    assert np.abs(hands[-1].shape.depth(cold.vertices)).max() < 30e-6
+
+
+def test_a_mesh_that_was_handed_out_cannot_be_written_to(opened):
+    mesh = opened.shape.skin(6e-3)
+    for array in (
+        mesh.vertices,
+        mesh.triangles,
+        mesh.sizes,
+        opened.shape.hulls.balls,
+        opened.shape.hulls.parts,
+    ):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0
+
+
+# --- bad input ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("joints", "code", "details"),
+    [
+        (PINCH[:24], "joint_count", ["24 joints"]),
+        (1e3 * PINCH, "not_in_metres", ["156.4 m"]),
+        (
+            np.where(np.arange(25)[:, None] == 7, np.nan, PINCH),
+            "not_finite",
+            ["1 joint", "joint 7, index-finger-phalanx-intermediate"],
+        ),
+        (
+            PINCH[[0, 9, 8, 7, 6, 5, 4, 3, 2, 1, *range(10, 25)]],
+            "bone_length",
+            ["are joints swapped"],
+        ),
+        (
+            changed("ring-finger-tip", 0.06),
+            "bone_length",
+            ["ring-finger-phalanx-distal", "ring-finger-tip", "102.9 mm"],
+        ),
+        (0.1 * PINCH, "bone_length", ["wrist", "thumb-metacarpal", "5.02", "10 to 80 mm"]),
+    ],
+)
+def test_joints_of_no_hand_are_rejected(joints, code, details):
+    with raises_code(code, *details):
+        hand_from_joints(joints)
+
+
+@pytest.mark.parametrize(
+    ("radii", "code", "details"),
+    [
+        (1e3 * RADII, "out_of_range", ["wrist", "2.146e+04 mm", "3 to 35 mm"]),
+        (np.where(np.arange(25) == 3, math.nan, RADII), "not_finite", ["1 NaN", "[3]"]),
+    ],
+)
+def test_radii_of_no_hand_are_rejected(radii, code, details):
+    with raises_code(code, *details):
+        hand_from_joints(PINCH, radii)
+
+
+def test_a_length_in_millimetres_is_rejected():
+    with raises_code("out_of_range", "190 m", "0.08 and 0.3 m"):
+        hand_from_joints(PINCH, length=190)
+
+
+def test_a_side_that_no_hand_has_is_rejected(monkeypatch):
+    monkeypatch.setattr(
+        "jaxtyping.config.jaxtyping_disable", True
+    )  # so that the guard itself answers
+    with raises_code("unknown_side", "'top'"):
+        hand_from_joints(PINCH, side="top")
+
+
+# --- files ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_pose_is_read_in_any_order_of_its_names(tmp_path):
+    order = np.random.default_rng(1).permutation(25)
+    pose = {
+        "joints": [NAMES[i] for i in order],
+        "positions_m": PINCH[order].tolist(),
+        "radii_m": RADII[order].tolist(),
+    }
+    (tmp_path / "pose.json").write_text(json.dumps(pose))
+    hand = load_hand(tmp_path / "pose.json")
+    assert np.array_equal(hand.joints, PINCH)
+    assert np.array_equal(hand.radii, RADII)
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "details"),
+    [
+        ("{", "not_json", ["pose.json", "line 1"]),
+        ("[]", "not_a_pose", ["0 points"]),
+        ('{"positions_m": [], "colour": 1}', "unknown_key", ["colour"]),
+        (
+            '{"positions_m": [[0, 0, 0]], "joints": ["wrist"]}',
+            "joint_missing",
+            ["24 joints", "thumb-metacarpal"],
+        ),
+        (
+            '{"positions_m": [[0, 0, 0]], "joints": ["a", "b"]}',
+            "sizes_differ",
+            ["2 joints", "1 have"],
+        ),
+        ('{"positions_m": [[0, 0, 0]], "radii_m": 3}', "wrong_kind", ["radii_m is 3"]),
+        ('{"positions_m": [[0, 0], [1]]}', "not_a_number", ["positions_m", "2 joints"]),
+        ('{"positions_m": [[0, 0, "a"]]}', "not_a_number", ["positions_m", "1 joints"]),
+    ],
+)
+def test_files_that_hold_no_pose_are_rejected(tmp_path, text, code, details):
+    (tmp_path / "pose.json").write_text(text)
+    with raises_code(code, *details):
+        load_hand(tmp_path / "pose.json")
+
+
+def test_a_missing_file_is_rejected(tmp_path):
+    with raises_code("file_missing", "none.json"):
+        load_hand(tmp_path / "none.json")

@@ -1,0 +1,72 @@
+"""The pinch has the geometry of its drawing."""
+
+import math
+
+import numpy as np
+import pytest
+
+from airtact.acoustics.medium import Medium
+from airtact.acoustics.scene import Scene, check_outside, sound_hard
+from airtact.geometry.mesh.mesh_distance import segment_distances
+from airtact.hands.pinch_dummy import pinch
+from faults import raises_code
+
+
+def test_tips_axes_and_tilt_are_those_of_the_drawing():
+    hand = pinch(gap=0.012)
+    for side, surface in zip((-1, 1), hand.surfaces, strict=True):
+        root, tip = surface.primitive.axis
+        assert surface.primitive.radius == 8e-3
+        assert np.allclose(tip, [side * (0.006 + 0.008), 0, 0], rtol=0, atol=1e-16)
+        down = root - tip
+        assert np.linalg.norm(down) == pytest.approx(44e-3)
+        assert math.degrees(math.acos(-down[2] / 44e-3)) == pytest.approx(20.0)
+        assert down[0] * side > 0
+        assert down[1] == 0
+
+
+@pytest.mark.parametrize("gap", [1e-3, 0.012, 0.04])
+def test_pads_are_the_points_of_each_skin_nearest_the_other(gap):
+    hand = pinch(gap)
+    thumb, finger = (surface.primitive for surface in hand.surfaces)
+    distance, here, there = segment_distances(thumb.axis[None], finger.axis[None])
+    between = (there - here) / distance[:, None]
+    assert distance[0] - 2 * 8e-3 == pytest.approx(gap)
+    assert np.allclose(
+        hand.pads, [here[0] + 8e-3 * between[0], there[0] - 8e-3 * between[0]], rtol=0, atol=1e-16
+    )
+    assert np.allclose(hand.normals, [between[0], -between[0]], rtol=0, atol=1e-15)
+    assert math.dist(*hand.pads) == pytest.approx(hand.gap)
+    assert np.abs(np.diag([thumb.depth(hand.pads), finger.depth(hand.pads)])).max() < 1e-16
+
+
+def test_foci_stand_off_the_pads_into_the_gap():
+    hand = pinch()
+    scene = Scene(Medium(343.1, 1.293), [sound_hard(surface) for surface in hand.surfaces])
+    assert scene.depth(hand.foci()) == pytest.approx([-0.5e-3, -0.5e-3], abs=1e-16)
+    assert scene.depth(hand.foci(2e-3)) == pytest.approx([-2e-3, -2e-3], abs=1e-16)
+    check_outside(scene, hand.foci(0.0), "focus")
+
+
+def test_the_edge_is_the_longest_of_the_triangles():
+    for surface in pinch(edge=1.5e-3).surfaces:
+        assert surface.edge_lengths.max() <= 1.5e-3
+
+
+@pytest.mark.parametrize("gap", [0.0, -0.01, math.nan])
+def test_a_gap_is_above_zero(gap):
+    with raises_code("not_positive", f"{gap:g} m"):
+        pinch(gap)
+
+
+@pytest.mark.parametrize(
+    ("offset", "given"), [(-1e-3, "-1 mm"), (0.012, "12 mm"), (math.nan, "nan mm")]
+)
+def test_foci_stay_in_the_gap(offset, given):
+    with raises_code("out_of_range", given, "12 mm"):
+        pinch().foci(offset)
+
+
+def test_a_gap_in_millimetres_is_asked_about():
+    with raises_code("out_of_range", "12 m", "0.2 m"):
+        pinch(gap=12)

@@ -1,0 +1,113 @@
+"""Named positions on scanned hands, by the joints of their rig."""
+
+import tomllib
+
+import numpy as np
+import pytest
+import trimesh
+
+from airtact.geometry.files import load_surface
+from airtact.geometry.pose import Pose
+from airtact.hands.files import load_hand
+from airtact.hands.hand import PLACES, hand_from_joints
+from airtact.hands.scans import load_rigged_hand, places_on
+from faults import raises_code
+from hands.rigged_hand import rest
+from paths import EXAMPLES, GENERIC_HAND, HANDS
+
+
+@pytest.fixture(scope="module")
+def hand():
+    return load_rigged_hand(GENERIC_HAND)
+
+
+@pytest.fixture(scope="module")
+def skin():
+    return load_surface(GENERIC_HAND)
+
+
+def test_the_joints_are_those_that_the_mesh_is_bound_to(hand) -> None:
+    """The nodes of the rig against the inverse of its bind matrices."""
+    np.testing.assert_allclose(hand.joints, rest().joints, atol=1e-6)
+    assert hand.side == "right"
+
+
+def test_places_lie_on_the_skin_and_face_outwards(hand, skin) -> None:
+    places = places_on(skin, hand)
+    assert tuple(places) == PLACES == tuple(hand.places)
+    points = np.array([point for point, _ in places.values()])
+    normals = np.array([normal for _, normal in places.values()])
+    np.testing.assert_allclose(skin.depth(points), 0.0, atol=1e-8)
+    np.testing.assert_allclose(skin.depth(points + 0.5e-3 * normals), -0.5e-3, atol=2e-6)
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
+
+
+def test_places_are_near_the_points_that_the_example_gives(hand, skin) -> None:
+    """The points of the open hand were placed apart from any rig: 1.3 to 2.7 mm along the skin, the palm's 7.4 mm."""
+    foci = tomllib.loads((EXAMPLES / "open_hand.toml").read_text(encoding="utf-8"))["foci"]
+    given = skin.shape.project(np.array([focus["point"] for focus in foci]))
+    points = np.array([point for point, _ in places_on(skin, hand).values()])
+    off = np.linalg.norm(points - given, axis=1)
+    np.testing.assert_allclose(1e3 * off, [2.70, 1.42, 1.33, 1.37, 1.60, 7.44], atol=0.05)
+
+
+def test_a_rig_in_millimetres_is_scaled_as_its_mesh(tmp_path, hand, skin) -> None:
+    scene = trimesh.load_scene(GENERIC_HAND, process=False)
+    scene.apply_scale(1e3)
+    scene.export(tmp_path / "hand.glb")
+    scaled = load_rigged_hand(tmp_path / "hand.glb", scale=1e-3)
+    np.testing.assert_allclose(scaled.joints, hand.joints, atol=1e-7)
+    same = places_on(load_surface(tmp_path / "hand.glb", scale=1e-3), scaled)
+    for name, (point, _) in places_on(skin, hand).items():
+        np.testing.assert_allclose(same[name][0], point, atol=1e-6)
+    with raises_code("not_in_metres", "hand.glb: ", "millimetres"):
+        load_rigged_hand(tmp_path / "hand.glb")
+
+
+def test_a_rig_that_lacks_joints_is_named_with_them(tmp_path) -> None:
+    trimesh.creation.icosphere(radius=0.03).export(tmp_path / "ball.glb")
+    with raises_code(
+        "joint_missing",
+        "ball.glb: its nodes lack 25 of the 25 joints",
+        "(wrist, thumb-metacarpal, ",
+    ):
+        load_rigged_hand(tmp_path / "ball.glb")
+    scene = trimesh.load_scene(GENERIC_HAND, process=False)
+    scene.graph.transforms.remove_node("index-finger-tip")
+    scene.export(tmp_path / "hand.glb")
+    with raises_code("joint_missing", "lack 1 of the 25 joints of WebXR (index-finger-tip)."):
+        load_rigged_hand(tmp_path / "hand.glb")
+    with raises_code("file_missing", "none.glb"):
+        load_rigged_hand(tmp_path / "none.glb")
+
+
+def test_joints_of_another_frame_or_pose_are_rejected(hand, skin) -> None:
+    with raises_code(
+        "joints_off_surface", "thumb.pad of the joints is ", "mm from the surface, more than 10 mm"
+    ):
+        places_on(skin, load_hand(HANDS / "pinch.json"))
+    with raises_code("joints_off_surface", "are joints and mesh of one hand"):
+        places_on(skin.moved(Pose.turn((0, 0, 1), 0.0, (0.0, 0.0, 0.03))), hand)
+
+
+def test_pads_that_fall_on_another_side_of_a_finger_are_rejected(hand, skin) -> None:
+    """8 mm off towards the back, the pads lie in fingers of 13 mm."""
+    with raises_code(
+        "joints_off_surface", ".pad of the joints is turned from the surface by ", "more than 60"
+    ):
+        places_on(skin.moved(Pose(np.eye(3), np.array([-8e-3, 0.0, 0.0]))), hand)
+
+
+def test_a_hand_of_joints_finds_its_own_pads() -> None:
+    """On the skin that was made from the joints, the places are those of the hand."""
+    hand = load_hand(HANDS / "relaxed.json")
+    for name, (point, normal) in places_on(hand.surface, hand).items():
+        np.testing.assert_allclose(point, hand.places[name][0], atol=1e-6)
+        np.testing.assert_allclose(normal, hand.places[name][1], atol=1e-3)
+
+
+def test_a_side_that_contradicts_the_rig_is_rejected(hand) -> None:
+    mirrored = hand.joints * [1.0, 1.0, -1.0]
+    assert hand_from_joints(mirrored).side == "left"
+    with raises_code("wrong_side", "left"):
+        load_rigged_hand(GENERIC_HAND, side="left")

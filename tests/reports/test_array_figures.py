@@ -1,0 +1,148 @@
+"""An array is laid flat without tearing or mirroring, its discs have the colours of their phases; all is in space."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from matplotlib import colormaps
+from matplotlib.collections import EllipseCollection
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+from airtact.geometry.pose import Pose
+from airtact.hands.pinch_dummy import pinch
+from airtact.reports.array_figures import draw_phases, draw_receivers, draw_scene, spacing, unfold
+from airtact.transducers.layout import autd3_board, flat_boards, surrounding_box
+
+ARRAYS = {
+    "box": surrounding_box(),
+    "flat": flat_boards(2, 2),
+    "tilted": autd3_board(Pose.turn((1.0, 2.0, 3.0), 0.7, (0.1, 0.0, 0.2))),
+}
+
+
+def distances(places):
+    return np.linalg.norm(places[:, None] - places[None], axis=-1)
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+def test_unfolding_keeps_distances_and_handedness(name):
+    array = ARRAYS[name]
+    faces = unfold(array.positions, array.normals)
+    assert sorted(np.concatenate([face.elements for face in faces])) == list(range(len(array)))
+    for face in faces:
+        places = array.positions[face.elements]
+        np.testing.assert_allclose(distances(face.seen), distances(places), atol=1e-9)
+        # Seen from where the face radiates to, a turn to the left stays one.
+        first, second = face.seen[1] - face.seen[0], face.seen[40] - face.seen[0]
+        turn = np.cross(places[1] - places[0], places[40] - places[0]) @ face.normal
+        assert first[0] * second[1] - first[1] * second[0] == pytest.approx(turn)
+
+
+def test_the_faces_of_the_box_follow_one_another_to_the_right():
+    array = ARRAYS["box"]
+    faces = unfold(array.positions, array.normals)
+    assert [len(face.elements) for face in faces] == [249] * 4
+    for face, after in pairwise(faces):
+        # Looking along -normal with z up, the next face is a quarter turn clockwise.
+        np.testing.assert_allclose(np.cross(face.normal, after.normal), [0, 0, -1], atol=1e-12)
+    for face in faces:
+        # The long side of the board stands upright.
+        assert np.ptp(face.seen[:, 1]) > np.ptp(face.seen[:, 0])
+
+
+def test_a_flat_array_is_one_face():
+    array = ARRAYS["flat"]
+    assert len(unfold(array.positions, array.normals)) == 1
+
+
+def test_an_array_without_faces_is_seen_as_one():
+    random = np.random.default_rng(0)
+    normals = random.normal(size=(30, 3)) * 0.1 + [0, 0, 1]
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    (face,) = unfold(random.normal(size=(30, 3)), normals)
+    assert len(face.elements) == 30
+
+
+def test_discs_have_the_colour_of_phase_and_amplitude():
+    array = ARRAYS["box"]
+    random = np.random.default_rng(1)
+    drive = random.uniform(0, 1, 996) * np.exp(2j * np.pi * random.uniform(size=996))
+    figure = draw_phases(array.positions, array.normals, drive)
+    drawn = [
+        axes.collections[0]
+        for axes in figure.axes
+        if axes.collections and isinstance(axes.collections[0], EllipseCollection)
+    ]
+    faces = unfold(array.positions, array.normals)
+    order = np.concatenate([face.elements for face in faces])
+    phases, amplitudes = drawn
+    expected = colormaps["twilight"]((np.angle(drive[order]) + np.pi) / (2 * np.pi))
+    np.testing.assert_array_equal(phases.get_facecolor(), expected)
+    shares = np.abs(drive[order]) / np.abs(drive).max()
+    np.testing.assert_array_equal(amplitudes.get_facecolor(), colormaps["viridis"](shares))
+    for face, placed in zip(faces, np.split(np.asarray(phases.get_offsets()), 4), strict=True):
+        np.testing.assert_allclose(placed - placed[0], 1e3 * (face.seen - face.seen[0]), atol=1e-9)
+
+
+def test_spacing_is_the_pitch():
+    assert spacing(autd3_board().positions) == pytest.approx(10.16e-3)
+    assert spacing(np.zeros((1, 3))) == 10e-3
+
+
+@pytest.mark.parametrize("array", [surrounding_box(), flat_boards()], ids=["box", "flat"])
+def test_all_is_in_the_frame_and_axes_are_equally_long_for_equal_lengths(array):
+    fingers = pinch()
+    figure = draw_scene(
+        array.positions,
+        array.normals,
+        np.exp(1j * np.arange(996.0)),
+        fingers.surfaces,
+        fingers.foci(),
+    )
+    axes = figure.axes[0]
+    limits = np.array([axes.get_xlim3d(), axes.get_ylim3d(), axes.get_zlim3d()])
+    everything = 1e3 * np.concatenate(
+        [array.positions, *(surface.vertices for surface in fingers.surfaces)]
+    )
+    assert np.all(everything >= limits[:, 0] - 1e-9)
+    assert np.all(everything <= limits[:, 1] + 1e-9)
+    proportions = np.ptp(limits, axis=1) / np.asarray(axes._box_aspect)
+    np.testing.assert_allclose(proportions, proportions[0], rtol=1e-6)
+    assert [axes.get_xlabel(), axes.get_ylabel(), axes.get_zlabel()] == [
+        "x [mm]",
+        "y [mm]",
+        "z [mm]",
+    ]
+
+
+def test_walls_that_turn_their_backs_to_the_viewer_are_rings():
+    array = surrounding_box()
+    figure = draw_scene(array.positions, array.normals, np.ones(996, complex), [], np.zeros((1, 3)))
+    discs = [part for part in figure.axes[0].collections if isinstance(part, Poly3DCollection)]
+    figure.draw_without_rendering()
+    filled = [len(part.get_facecolor()) for part in discs]
+    assert sorted(filled) == [0, 498]
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+def test_values_of_receivers_have_one_scale_and_those_missing_are_grey(name):
+    array = ARRAYS[name]
+    size = len(array)
+    first, second = np.geomspace(0.05, 1.0, size), np.full(size, 0.5)
+    second[3] = np.nan
+    figure = draw_receivers(array.positions, array.normals, {"one": first, "other": second}, "rest")
+    upper, lower = (_discs(axes) for axes in figure.axes[:2])
+    assert len(upper) == len(lower) == size
+    shades = colormaps["viridis"](np.linspace(0.0, 1.0, size))
+    order = np.concatenate([face.elements for face in unfold(array.positions, array.normals)])
+    np.testing.assert_allclose(upper, shades[order], atol=0.02)
+    half = colormaps["viridis"](np.log(0.5 / 0.05) / np.log(1.0 / 0.05))
+    known = order != 3
+    np.testing.assert_allclose(lower[known], np.tile(half, (size - 1, 1)), atol=0.02)
+    assert not np.allclose(lower[~known], half, atol=0.1)
+
+
+def _discs(axes):
+    return next(
+        one for one in axes.collections if isinstance(one, EllipseCollection)
+    ).get_facecolor()

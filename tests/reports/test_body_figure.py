@@ -1,0 +1,183 @@
+"""Pictures of bodies, of their panels and of faults show what is there, in proportion and in order."""
+
+import numpy as np
+import pytest
+from matplotlib.collections import PolyCollection
+from matplotlib.image import imread
+from mpl_toolkits.mplot3d import Axes3D
+
+from airtact.geometry.pose import Pose
+from airtact.geometry.primitives import sphere
+from airtact.geometry.surface import Surface
+from airtact.reports.body_figure import MARK, draw_bodies, draw_fault, sharp_edges
+from airtact.reports.picture_file import write_picture
+from airtact.reports.solids import (
+    INSIDE,
+    View,
+    broad_view,
+    edge_lines,
+    fine_pieces,
+    polygons_of,
+    unit_normals,
+)
+from airtact.reports.surface_figure import draw_panels
+from geometry.mesh.meshes import box_mesh
+
+BOX = Surface(*box_mesh())
+BALL = sphere(0.01, 3e-3)
+RED, BLUE = 0, 2
+
+
+def spaces(figure) -> list[Axes3D]:
+    return [axes for axes in figure.axes if isinstance(axes, Axes3D)]
+
+
+def pixels(tmp_path, figure) -> np.ndarray:
+    write_picture(tmp_path / "picture.png", figure)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["picture.png"]
+    return imread(tmp_path / "picture.png")[:, :, :3]
+
+
+def share(image: np.ndarray, colour, within: float = 0.12) -> float:
+    """Share of the pixels that have a colour."""
+    return float((np.abs(image - np.asarray(colour)[:3]).max(axis=2) < within).mean())
+
+
+@pytest.mark.parametrize(
+    "draw",
+    [
+        lambda: draw_panels(BALL.panelled(4e-3).quadratic_triangles),
+        lambda: draw_bodies([BALL], ["a"]),
+    ],
+)
+def test_a_body_is_seen_from_two_opposite_sides_in_proportion(draw):
+    left, right = spaces(draw())
+    assert left.elev == -right.elev
+    assert (left.azim - right.azim) % 360 == 180
+    for axes in (left, right):
+        limits = np.array([axes.get_xlim3d(), axes.get_ylim3d(), axes.get_zlim3d()])
+        assert np.all(np.abs(limits) >= 9.9)  # millimetres
+        np.testing.assert_allclose(
+            np.ptp(limits, axis=1),
+            np.asarray(axes._box_aspect) * np.ptp(limits[0]) / axes._box_aspect[0],
+        )
+
+
+def test_panels_are_coloured_by_their_smallest_angle(tmp_path):
+    even = pixels(tmp_path, draw_panels(BALL.panelled(4e-3).quadratic_triangles))
+    stretched = BALL.panelled(4e-3).quadratic_triangles * [1.0, 1.0, 6.0]
+    narrow = pixels(tmp_path, draw_panels(stretched))
+    # viridis runs from blue over green to yellow: even panels have more red than blue, narrow ones
+    # the reverse
+    inked = [image[(np.ptp(image, axis=2) > 0.2)] for image in (even[:, :-150], narrow[:, :-150])]
+    assert inked[0][:, RED].mean() > inked[0][:, BLUE].mean()
+    assert inked[1][:, RED].mean() < inked[1][:, BLUE].mean()
+
+
+def test_sharp_edges_are_those_of_the_box_wherever_it_stands():
+    moved = BOX.moved(Pose.turn((0, 1, 0), 0.3, (0.1, 0, 0)))
+    assert (
+        sharp_edges(BOX).sum() == sharp_edges(moved).sum() == 24
+    )  # twelve edges, each of two triangles
+    assert not sharp_edges(BALL).any()
+    lengths = BOX.edge_lengths[sharp_edges(BOX)]
+    assert lengths.sum() == pytest.approx(2 * 4 * (0.02 + 0.03 + 0.04))
+
+
+def test_the_legend_names_bodies_sharp_edges_and_foci():
+    figure = draw_bodies(
+        [BOX, BALL.moved(Pose(np.eye(3), np.array([0.1, 0, 0])))], ["box", "ball"], np.zeros((1, 3))
+    )
+    (legend,) = figure.legends
+    words = [text.get_text() for text in legend.get_texts()]
+    assert words == ["box", "ball", "edges that stay sharp", "foci, seen through bodies"]
+    assert len(draw_bodies([BALL], ["ball"]).legends[0].get_texts()) == 1
+
+
+def test_a_hole_shows_the_inside_and_its_edge(tmp_path):
+    vertices, triangles = box_mesh()
+    position = vertices[triangles[0]].mean(axis=0)
+    figure = draw_fault(vertices, triangles[1:], "1 triangle is missing.", position)
+    assert "1 triangle is missing." in figure.get_suptitle()
+    words = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert words == [
+        "outside of triangles",
+        "inside",
+        "edge without a neighbour",
+        "position of the fault",
+    ]
+    (space,), (close,) = (
+        spaces(figure),
+        [axes for axes in figure.axes if not isinstance(axes, Axes3D)],
+    )
+    assert close.get_title() == "close up: the mark is at (6.67, 20.00, 0.00) mm"
+    assert close.get_xlim() == (-24.0, 24.0)  # 0.6 of the longest side
+    (ring,) = space.lines
+    np.testing.assert_allclose(np.ravel(ring.get_data_3d()), 1e3 * position)
+    assert ring.get_color() == MARK
+    # the face that the triangle is missing from looks to -z, and so it is looked at from below
+    assert space.elev < 0
+    image = pixels(tmp_path, figure)
+    assert share(image, 0.85 * INSIDE) > 0.01
+    assert share(image, (0.80, 0.07, 0.07)) > 1e-3
+
+
+def test_a_position_under_turned_triangles_is_looked_at_from_outside():
+    mesh = BALL
+    near = np.linalg.norm(mesh.corners.mean(axis=1) - [0.01, 0, 0], axis=1) < 5e-3
+    triangles = np.where(near[:, None], mesh.triangles[:, ::-1], mesh.triangles)
+    (space,) = spaces(draw_fault(mesh.vertices, triangles, "turned", np.array([0.01, 0.0, 0.0])))
+    assert View(space.azim, space.elev).towards_viewer[0] > 0.8
+
+
+def test_a_fault_without_a_position_shows_all_from_two_sides_and_says_so():
+    figure = draw_fault(*box_mesh(), "It is no good.", None)
+    assert len(spaces(figure)) == len(figure.axes) == 2
+    assert figure.get_suptitle() == "It is no good. (The fault has no single position.)"
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == [
+        "outside of triangles",
+        "inside",
+    ]
+
+
+def test_triangles_that_are_nowhere_are_left_out():
+    vertices, triangles = box_mesh()
+    vertices = np.vstack([vertices, [np.nan, 0.0, 0.0]])
+    wrong = np.array([[0, 1, 99], [0, 1, len(vertices) - 1]])
+    figure = draw_fault(vertices, np.vstack([triangles, wrong]), "indices", np.zeros(3))
+    (polygons,) = [part for part in figure.axes[1].collections if isinstance(part, PolyCollection)]
+    assert all(np.isfinite(path.vertices).all() for path in polygons.get_paths())
+    (space,) = spaces(figure)
+    assert np.all(np.abs(space.get_zlim3d()) <= 42)
+
+
+def test_pieces_are_small_and_cover_what_they_are_cut_from():
+    pieces, parents = fine_pieces(1e3 * BOX.corners, 2.0)
+    assert np.linalg.norm(np.roll(pieces, -1, axis=1) - pieces, axis=2).max() <= 2.0 + 1e-9
+    areas = (
+        np.linalg.norm(np.cross(pieces[:, 1] - pieces[:, 0], pieces[:, 2] - pieces[:, 0]), axis=1)
+        / 2
+    )
+    assert areas.sum() == pytest.approx(1e6 * BOX.area)
+    np.testing.assert_allclose(unit_normals(pieces), unit_normals(BOX.corners)[parents], atol=1e-12)
+
+
+def test_what_looks_away_is_left_out_of_a_closed_body_and_else_shown_as_inside():
+    view = broad_view(BOX.vertices)
+    behind = unit_normals(BOX.corners) @ view.towards_viewer < 0
+    assert behind.sum() == 6
+    white = np.ones((12, 4))
+    closed, _ = polygons_of(BOX.corners, white, [], view)
+    np.testing.assert_allclose(np.array(closed), BOX.corners[~behind], atol=1e-3)
+    everything, colours = polygons_of(BOX.corners, white, [], view, closed=False)
+    assert len(everything) == 12
+    assert np.all((colours[:, BLUE] < 0.2) == behind)
+
+
+def test_lines_are_cut_but_keep_their_length():
+    lines = edge_lines(BOX.corners, sharp_edges(BOX), 1e-3)
+    lengths = np.linalg.norm(lines.segments[:, 1] - lines.segments[:, 0], axis=1)
+    assert lengths.max() <= 1e-3 + 1e-12
+    assert lengths.sum() == pytest.approx(8 * (0.02 + 0.03 + 0.04))
+    seen = lines.seen(View(0.0, 0.0))
+    assert np.all(seen[:, :, 0] > 0.0199)  # only those of the face that looks to +x

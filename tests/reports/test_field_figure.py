@@ -1,0 +1,126 @@
+"""Cuts show the field and the bodies where they are, all drives on one scale."""
+
+import numpy as np
+import pytest
+
+from airtact.evaluation.windows import AXES, Window, close_up
+from airtact.geometry.primitives import capsule, sphere
+from airtact.reports.field_figure import (
+    DIFFERENCES,
+    FAINT,
+    Cut,
+    cut_bodies,
+    draw_close_ups,
+    draw_difference,
+    draw_field,
+)
+
+UPRIGHT = Window(np.array([0.01, 0.0, 0.02]), AXES["x"], AXES["z"], 0.06, 0.04, 1e-3)
+
+
+def monopole(points, source):
+    return np.exp(1j * 732.5 * (r := np.linalg.norm(points - source, axis=1))) / r
+
+
+def area(loop):
+    across, along = loop.T
+    return 0.5 * np.sum(across * np.roll(along, -1) - along * np.roll(across, -1))
+
+
+def test_a_sphere_off_the_plane_is_cut_in_a_circle():
+    ball = sphere(0.01, 1e-3, (0.0, 6e-3, 0.0))
+    (loop,) = cut_bodies(UPRIGHT, [ball])
+    np.testing.assert_allclose(loop[:, 1], 0.0, atol=1e-12)
+    # A chord of 1 mm stays 1e-3² / (8 · 10e-3) = 13 µm below the sphere, on a circle of radius 8 mm
+    # 16 µm.
+    np.testing.assert_allclose(np.linalg.norm(loop, axis=1), 8e-3, atol=3e-5)
+    assert abs(area(UPRIGHT.seen(loop))) == pytest.approx(np.pi * 64, rel=5e-3)
+
+
+def test_bodies_beside_the_plane_are_not_cut_and_two_in_it_are_two():
+    near, far = sphere(0.01, 3e-3), sphere(0.01, 3e-3, (0.0, 0.03, 0.0))
+    rod = capsule(np.array([0.03, 0, -0.1]), np.array([0.03, 0, 0.1]), radius=5e-3, edge=3e-3)
+    assert len(cut_bodies(UPRIGHT, [near, far, rod])) == 2
+    assert cut_bodies(UPRIGHT, [far]) == []
+
+
+def drawn_images(figure):
+    return [axes.images[0] for axes in figure.axes if axes.images]
+
+
+def test_a_scale_ends_where_it_is_asked_to_and_is_named():
+    source = np.array([0.02, 1e-3, 0.01])
+    field = monopole(UPRIGHT.points, source)
+    cut = Cut(UPRIGHT, {"strong": field, "weak": 0.25 * field}, [])
+    figures = [draw_field(cut, name, 1500.0, source[None], ["here"]) for name in cut.pressures]
+    images = [image for figure in figures for image in drawn_images(figure)]
+    assert [image.get_clim() for image in images] == [(0.0, 1500.0)] * 2
+    np.testing.assert_allclose(images[1].get_array(), 0.25 * images[0].get_array())
+    axes, bar = figures[0].axes
+    assert bar.get_xlabel() == "peak pressure [Pa]"
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x [mm]", "z [mm]")
+    assert [note.get_text() for note in axes.texts] == ["here"]
+
+
+def test_a_difference_is_in_decibels_and_fades_where_both_are_faint():
+    source = np.array([0.02, 1e-3, 0.01])
+    field = monopole(UPRIGHT.points, source)
+    cut = Cut(UPRIGHT, {"strong": 2.0 * field, "weak": field}, [])
+    figure = draw_difference(cut, ("strong", "weak"), 2000.0, source[None])
+    (image,) = drawn_images(figure)
+    np.testing.assert_allclose(image.get_array(), 20.0 * np.log10(2.0))
+    strength = image.get_alpha()
+    pressure = np.abs(2.0 * field).reshape(UPRIGHT.shape)
+    assert strength[pressure > 1.5 * FAINT * 2000.0].min() == 1.0
+    assert strength[pressure < 0.5 * FAINT * 2000.0].max() == 0.0
+    assert figure.axes[1].get_xlabel() == "strong over weak [dB]"
+
+
+def test_the_field_is_drawn_where_it_is():
+    source = np.array([0.02, 1e-3, 0.01])
+    cut = Cut(UPRIGHT, {"only": monopole(UPRIGHT.points, source)}, [])
+    (image,) = drawn_images(draw_field(cut, "only", 1000.0, source[None]))
+    left, right, bottom, top = image.get_extent()
+    row, column = np.unravel_index(np.argmax(image.get_array()), image.get_array().shape)
+    rows, columns = image.get_array().shape
+    assert left + (column + 0.5) * (right - left) / columns == pytest.approx(20.0, abs=0.51)
+    assert bottom + (row + 0.5) * (top - bottom) / rows == pytest.approx(10.0, abs=0.51)
+    assert image.origin == "lower"
+
+
+def test_points_without_a_field_are_left_to_the_grey_of_the_body():
+    field = monopole(UPRIGHT.points, np.array([0.02, 1e-3, 0.01]))
+    field[np.linalg.norm(UPRIGHT.points, axis=1) < 0.01] = np.nan
+    ball = sphere(0.01, 2e-3)
+    cut = Cut(UPRIGHT, {"only": field}, cut_bodies(UPRIGHT, [ball]))
+    figure = draw_field(cut, "only", 1000.0, np.array([[0.02, 0.0, 0.0]]))
+    (image,) = drawn_images(figure)
+    deep = np.linalg.norm(UPRIGHT.points, axis=1).reshape(UPRIGHT.shape) < 5e-3
+    assert image.get_array().mask[deep].all()
+    assert not image.get_array().mask[~np.isnan(field).reshape(UPRIGHT.shape)].any()
+    (body,) = figure.axes[0].patches
+    lowest, highest = body.get_path().vertices.min(axis=0), body.get_path().vertices.max(axis=0)
+    np.testing.assert_allclose([lowest, highest], [[-10, -10], [10, 10]], atol=0.1)
+
+
+def test_close_ups_are_a_grid_of_foci_and_drives_around_zero():
+    foci = np.array([[0.0, 0.0, 0.02], [0.03, 0.0, 0.0], [0.0, 0.05, 0.0]])
+    cuts = []
+    for focus in foci:
+        window = close_up(focus, focus, 8.6e-3)
+        field = monopole(window.points, focus + 1e-3 * window.normal)
+        cuts.append(Cut(window, {"considered": field, "ignored": 0.5 * field}, []))
+    figure = draw_close_ups(cuts, ["a", "b", "c"], 1200.0)
+    images = drawn_images(figure)
+    assert [image.get_clim() for image in images] == [(0.0, 1200.0)] * 6 + [
+        DIFFERENCES.get_clim()
+    ] * 3
+    for image in images[6:]:
+        np.testing.assert_allclose(image.get_array(), 20.0 * np.log10(2.0))
+    for image in images[:6]:
+        left, right, bottom, top = image.get_extent()
+        assert left == pytest.approx(-right)
+        assert bottom == pytest.approx(-top)
+        middle = np.unravel_index(np.argmax(image.get_array()), image.get_array().shape)
+        assert middle == (image.get_array().shape[0] // 2, image.get_array().shape[1] // 2)
+    assert [axes.get_title() for axes in figure.axes[:3]] == ["a", "b", "c"]

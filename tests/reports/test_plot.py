@@ -1,0 +1,162 @@
+"""Plots: they return the axes, with units on every axis and bar, and what is drawn has the numbers of the result."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib import pyplot
+
+import airtact as at
+from airtact.evaluation.windows import plane_across
+from faults import raises_code
+
+PINCH = at.pinch(gap=0.012)
+SCENE = at.Scene(at.Medium(343.1, 1.293), [at.sound_hard(surface) for surface in PINCH.surfaces])
+TARGET = at.Target(PINCH.foci(offset=0.5e-3), pressures=1500.0)
+ARRAY = at.surrounding_box()
+SOLVER = at.BoundaryElement(accuracy=0.1)
+
+
+@pytest.fixture(autouse=True)
+def _no_window() -> Iterator[None]:
+    yield
+    pyplot.close("all")
+
+
+@pytest.fixture(scope="module")
+def beacons() -> at.acoustics.RadiatedField:
+    return SOLVER.radiate(SCENE, TARGET.beacons())
+
+
+@pytest.fixture(scope="module")
+def drive(beacons) -> at.Drive:
+    return at.time_reversal(at.transfer_matrix(beacons, ARRAY), TARGET)
+
+
+@pytest.fixture(scope="module")
+def evaluation(drive) -> at.evaluation.Evaluation:
+    return at.evaluate(SCENE, ARRAY, drive, TARGET, solver=SOLVER)
+
+
+@pytest.fixture(scope="module")
+def comparison(drive) -> at.evaluation.Comparison:
+    drives = {"one": drive, "two": drive.phase_only()}
+    return at.compare(SCENE, ARRAY, drives, TARGET, solver=SOLVER)
+
+
+def bar_of(axes: matplotlib.axes.Axes) -> matplotlib.axes.Axes:
+    (bar,) = (other for other in axes.figure.axes if other is not axes)
+    return bar
+
+
+def test_a_field_is_that_of_the_evaluation(evaluation) -> None:
+    axes = at.plot.field(evaluation, plane="xz")
+    assert (axes.get_xlabel(), axes.get_ylabel(), axes.get_aspect()) == ("x [mm]", "z [mm]", 1.0)
+    assert bar_of(axes).get_ylabel() == "peak pressure [Pa]"
+    (image,) = axes.images
+    window = plane_across(TARGET.points, "xz", SCENE.wavelength)
+    shown = np.ma.filled(np.ma.asarray(image.get_array()), np.nan).ravel()
+    pressure = np.abs(evaluation.field.at(window.points)[:, 0])
+    outside = np.isfinite(pressure)
+    np.testing.assert_allclose(shown[outside], pressure[outside], rtol=1e-12)
+    assert image.norm.vmax == pytest.approx(np.nanmax(pressure))
+    lowest, highest = axes.get_xlim()
+    assert lowest < 1e3 * TARGET.points[:, 0].min() < 1e3 * TARGET.points[:, 0].max() < highest
+
+
+def test_a_field_goes_into_given_axes_on_a_given_scale(beacons, comparison) -> None:
+    figure, (left, right) = pyplot.subplots(1, 2)
+    assert at.plot.field(beacons, drive=1, most=100.0, ax=left) is left
+    assert left.images[0].norm.vmax == 100.0
+    assert at.plot.field(comparison, drive="two", ax=right) is right
+    assert right.get_title() == "two"
+    assert len(pyplot.get_fignums()) == 1
+    figure.canvas.draw()
+
+
+def test_the_difference_of_two_drives_is_in_decibels(comparison) -> None:
+    axes = at.plot.field(comparison, drive="two", over="one")
+    assert bar_of(axes).get_ylabel() == "two over one [dB]"
+    same = at.plot.field(comparison, drive="one", over="one")
+    assert np.abs(np.ma.compressed(np.ma.asarray(same.images[0].get_array()))).max() == 0.0
+
+
+def test_phases_of_one_board_stand_where_its_transducers_do() -> None:
+    board = at.autd3_board()
+    amplitudes = np.exp(1j * np.linspace(-3.0, 3.0, 249))
+    axes = at.plot.phases(board, at.Drive(amplitudes))
+    (discs,) = axes.collections
+    np.testing.assert_allclose(
+        np.ptp(discs.get_offsets(), axis=0), 1e3 * np.ptp(board.positions, axis=0)[:2]
+    )
+    bar = bar_of(axes)
+    assert bar.get_title(loc="right") == "phase [rad]"
+    colour = matplotlib.colormaps["twilight"]((np.angle(amplitudes) + np.pi) / (2 * np.pi))
+    assert {tuple(row) for row in np.round(discs.get_facecolor(), 6)} == {
+        tuple(row) for row in np.round(colour, 6)
+    }
+
+
+def test_the_faces_of_a_box_stand_side_by_side() -> None:
+    axes = at.plot.phases(ARRAY, at.Drive(np.full(996, 0.5 + 0j)), show="amplitude")
+    (discs,) = axes.collections
+    assert len(discs.get_offsets()) == 996
+    assert len(axes.texts) == 4
+    assert bar_of(axes).get_xlabel() == "amplitude [of full scale]"
+    left = np.sort(discs.get_offsets()[:, 0])
+    assert np.sum(np.diff(left) > 20.0) == 3
+
+
+def test_a_scene_holds_bodies_transducers_and_foci(drive) -> None:
+    axes = at.plot.scene(SCENE, ARRAY, drive, TARGET)
+    assert axes.name == "3d"
+    assert bar_of(axes).get_ylabel() == "phase of the transducers [rad]"
+    assert axes.get_xlabel() == "x [mm]"
+    bodies = at.plot.scene(SCENE)
+    assert len(bodies.collections) == 1 + len(SCENE.obstacles)
+    given = pyplot.figure().add_subplot(projection="3d")
+    assert at.plot.scene(at.Scene(SCENE.medium, []), at.autd3_board(), ax=given) is given
+    given.figure.canvas.draw()
+
+
+def test_pads_stand_beside_what_was_asked(evaluation, comparison) -> None:
+    axes = at.plot.pads(evaluation)
+    assert [bar.get_height() for bar in axes.patches] == pytest.approx(
+        evaluation.magnitudes.tolist()
+    )
+    asked = [segment[0, 1] for segment in axes.collections[0].get_segments()]
+    assert asked == [1500.0, 1500.0]
+    assert axes.get_ylabel() == "peak pressure [Pa]"
+    groups = at.plot.pads(comparison, held_equal="equal energy")
+    assert [bar.get_height() for bar in groups.patches] == pytest.approx(
+        comparison.under("equal energy").ravel().tolist()
+    )
+    assert [text.get_text() for text in groups.get_legend().get_texts()] == ["one", "two"]
+
+
+@pytest.mark.usefixtures("as_outside_the_tests")
+def test_what_cannot_be_plotted_is_named(evaluation, comparison, drive) -> None:
+    with raises_code("choose_one", "1 drive"):
+        at.plot.field(evaluation, over="two")
+    with raises_code("unknown_drive", "'three'", "2 drives"):
+        at.plot.field(comparison, drive="three")
+    with raises_code("unknown_drive", "drive is 5", "1 excitation"):
+        at.plot.field(evaluation, drive=5)
+    with raises_code("unknown_name", "'zx'"):
+        at.plot.field(evaluation, plane="zx")
+    with raises_code("no_field", "1 evaluation"):
+        at.plot.field(replace(evaluation, field=None))
+    with raises_code("no_target", "11952 sources"):
+        at.plot.field(evaluation.field)
+    with raises_code("sizes_differ", "996 elements", "249"):
+        at.plot.phases(at.autd3_board(), drive)
+    with raises_code("unknown_name", "'gain'"):
+        at.plot.phases(ARRAY, drive, show="gain")
+    with raises_code("wrong_kind", "2 dimensions"):
+        at.plot.scene(SCENE, ax=pyplot.subplots()[1])
+    with raises_code("empty", "0 bodies"):
+        at.plot.scene(at.Scene(SCENE.medium, []))
+    with raises_code("unknown_name", "'equal power'"):
+        at.plot.pads(comparison, held_equal="equal power")

@@ -1,0 +1,237 @@
+"""The scene of a page turns, shows values and fetches nothing, in a real browser."""
+
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from airtact.reports.viewer import three_js, viewer_values
+from airtact.workflows.compare import compare
+from airtact.workflows.render import render
+from paths import SCENES
+
+BALL = SCENES / "ball.toml"
+
+
+@pytest.fixture(scope="module")
+def rendered(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("run")
+    return folder / "report.html", render(BALL, folder)
+
+
+def opened_page(browser, path, width=1200, **settings):
+    """Open a page; what it asks for, and what it says in the console, is in its lists."""
+    page = browser.new_page(
+        viewport={"width": width, "height": 900}, accept_downloads=True, **settings
+    )
+    page.asked, page.said = [], []
+    page.on("request", lambda request: page.asked.append(request.url))
+    page.on("console", lambda message: page.said.append(message.text))
+    page.on("pageerror", lambda fault: page.said.append(str(fault)))
+    page.goto(path.as_uri())
+    page.wait_for_selector("#viewer[data-first-picture]")
+    return page
+
+
+@pytest.fixture
+def report(browser, rendered):
+    page = opened_page(browser, rendered[0])
+    yield page
+    assert page.said == []
+    assert [url for url in page.asked if not url.startswith(("file:", "data:", "blob:"))] == []
+    page.close()
+
+
+def stage(page):
+    box = page.locator(".stage").bounding_box()
+    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+
+def still(page):
+    page.wait_for_timeout(300)
+    return page.locator(".stage").screenshot()
+
+
+def test_a_drag_turns_the_scene_and_a_wheel_comes_nearer(report):
+    first = float(report.get_attribute("#viewer", "data-first-picture"))
+    pictures = [still(report)]
+    report.mouse.move(*stage(report))
+    report.mouse.down()
+    frames = int(report.get_attribute("canvas", "data-frames"))
+    began = report.evaluate("performance.now()")
+    x, y = stage(report)
+    for step in range(60):
+        report.mouse.move(x + 3 * step, y + step)
+    took = report.evaluate("performance.now()") - began
+    frames = int(report.get_attribute("canvas", "data-frames")) - frames
+    report.mouse.up()
+    print(
+        f"first picture after {first:.0f} ms, {1e3 * frames / took:.0f} frames a second when dragged"
+    )
+    pictures.append(still(report))
+    report.mouse.wheel(0, -400)
+    pictures.append(still(report))
+    assert len(set(pictures)) == 3
+
+
+def test_keys_and_controls_change_the_scene(report):
+    pictures = [still(report)]
+    report.focus("canvas")
+    for key in ("ArrowLeft", "+", "PageUp"):
+        report.keyboard.press(key)
+        pictures.append(still(report))
+    for name, value in (
+        ("shown", "level"),
+        ("shown", "difference"),
+        ("array", "amplitude"),
+        ("axis", "0"),
+    ):
+        report.select_option(f"[name={name}]", value)
+        pictures.append(still(report))
+    for name in ("surfaces", "cut", "slice"):
+        report.click(f"[name={name}]")
+        pictures.append(still(report))
+    report.click("text=the whole array")
+    pictures.append(still(report))
+    assert len(set(pictures)) == len(pictures)
+
+
+def test_the_values_under_the_pointer_are_those_of_the_field(report, rendered):
+    run = rendered[1]
+    ring = report.locator("svg circle").nth(1).bounding_box()
+    report.mouse.move(ring["x"] + ring["width"] / 2, ring["y"] + ring["height"] / 2)
+    words = report.inner_text("output")
+    assert run.foci[0] in words
+    assert "asked: 900 Pa" in words
+    assert f"object-aware: {run.reached[0]:,.0f} Pa" in words
+    report.uncheck("[name=surfaces]")
+    box = report.locator(".stage").bounding_box()
+    shown = []
+    for share in np.linspace(0.3, 0.7, 30):
+        report.mouse.move(box["x"] + share * box["width"], box["y"] + 0.35 * box["height"])
+        words = report.inner_text("output") if report.is_visible("output") else ""
+        if words.startswith("air"):
+            shown.append(
+                [
+                    float(number.replace("−", "-").replace(",", ""))
+                    for number in re.findall(r"[−\d,.]+\d", words)
+                ]
+            )
+    assert len(shown) > 5
+    points, pressures = 1e-3 * np.array(shown)[:, :3], np.array(shown)[:, 3]
+    away = np.linalg.norm(points, axis=1) > 7.5e-3
+    scale = np.abs(run.drive.amplitudes).max()
+    np.testing.assert_allclose(
+        pressures[away],
+        scale * np.abs(run.comparison.at(points[away])["object-aware"]),
+        atol=0.02 * run.view.most,
+    )
+
+
+def test_pictures_can_be_kept(report):
+    with report.expect_download() as kept:
+        report.click("[name=svg]")
+    drawing = kept.value.path().read_text(encoding="utf-8")
+    assert kept.value.suggested_filename == "ball.svg"
+    assert "south pole</text>" in drawing
+    assert "data:image/png;base64," in drawing
+    with report.expect_download() as kept:
+        report.click("[name=png]")
+    assert kept.value.path().read_bytes().startswith(b"\x89PNG")
+
+
+def test_nothing_is_wider_than_a_narrow_screen(browser, rendered):
+    page = opened_page(browser, rendered[0], width=400, color_scheme="dark")
+    assert page.evaluate("document.documentElement.scrollWidth") <= 400
+    assert page.said == []
+    page.close()
+
+
+def test_still_pictures_stand_in_on_paper_and_where_the_scene_fails(browser, rendered):
+    page = opened_page(browser, rendered[0])
+    assert not page.is_visible(".still img")
+    page.emulate_media(media="print")
+    assert page.is_visible(".still img")
+    assert not page.is_visible("#viewer")
+    page.close()
+    page = browser.new_page()
+    page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
+    page.goto(rendered[0].as_uri())
+    page.wait_for_selector("#viewer-fault:visible")
+    assert "still pictures follow" in page.inner_text("#viewer-fault")
+    assert page.is_visible(".still img")
+    page.close()
+
+
+def test_a_comparison_shows_the_field_of_each_method(browser, tmp_path):
+    contest = compare(BALL, tmp_path)
+    page = opened_page(browser, tmp_path / "methods.html")
+    names = page.locator("[name=drive] option").all_inner_texts()
+    assert names == [one.name for one in contest.contenders]
+    pictures = []
+    for index in range(len(names)):
+        page.select_option("[name=drive]", str(index))
+        pictures.append(still(page))
+    assert len(set(pictures)) > 2
+    assert page.said == []
+    page.close()
+
+
+def test_three_js_is_found_whole_with_its_licence(rendered):
+    script = three_js()
+    assert "SPDX-License-Identifier: MIT" in script
+    assert script.rstrip().endswith("}));")
+    values = viewer_values(rendered[1].view, "ball")
+    assert "Three.js Authors" in values["notice"]
+    assert "249 transducers" in values["alternative"]
+
+
+def test_the_first_slice_hides_no_focus(rendered):
+    """It goes through the focus farthest from the viewer, to half a step."""
+    whole = rendered[1].view
+    view = replace(whole, points=whole.points + np.outer([0.0, 4e-3], whole.slices.axes[2]))
+    facts = json.loads(viewer_values(view, "ball")["facts"])
+    azimuth, elevation = facts["seen"]
+    towards = np.array(
+        [
+            np.cos(azimuth) * np.cos(elevation),
+            np.sin(azimuth) * np.cos(elevation),
+            np.sin(elevation),
+        ]
+    )
+    normal, corner = np.array(facts["slices"]["axes"][2]), facts["slices"]["corner"][2]
+    height = corner + facts["slices"]["start"][2] * facts["slices"]["steps"][2]
+    before = (1e3 * view.points @ normal - height) * np.sign(normal @ towards)
+    assert np.ptp(before) == pytest.approx(4.0)
+    assert before.min() == pytest.approx(0.0, abs=0.5 * facts["slices"]["steps"][2])
+
+
+def test_a_plane_is_a_sheet_seen_from_its_front(browser, tmp_path):
+    """The first look at the whole array is from its front, where pointing beside the transducers names it."""
+    scene = tmp_path / "over.toml"
+    text = BALL.read_text(encoding="utf-8")
+    plane = "[[planes]]\npoint = [0.0, 0.0, -0.07]\nnormal = [0.0, 0.0, 1.0]\n"
+    scene.write_text(f"{text}\n{plane}", encoding="utf-8")
+    render(scene, tmp_path / "out")
+    page = opened_page(browser, tmp_path / "out" / "report.html")
+    (sheet,) = page.evaluate(
+        "JSON.parse(document.getElementById('viewer-facts').textContent).sheets"
+    )
+    np.testing.assert_allclose(np.array(sheet)[:, 2], -70.0)
+    page.click("text=the whole array")
+    assert "a rigid plane" in page.get_attribute("canvas", "aria-label")
+    still(page)
+    box, words = page.locator(".stage").bounding_box(), set()
+    for share in np.linspace(0.1, 0.9, 60):
+        page.mouse.move(box["x"] + share * box["width"], box["y"] + 0.6 * box["height"])
+        words.add(page.inner_text("output").split(" at ")[0] if page.is_visible("output") else "")
+    assert "rigid plane" in words
+    assert any(word.startswith("transducer") for word in words)
+    assert page.said == []
+    page.close()
+
+
+def test_pages_stay_small(rendered):
+    assert rendered[0].stat().st_size < 3e6

@@ -1,0 +1,577 @@
+"""A scene file becomes bodies, transducers and foci at their positions; what cannot be is rejected with a number."""
+
+import numpy as np
+import pytest
+
+from airtact.acoustics.medium import air
+from airtact.acoustics.solvers.free_field import FreeField
+from airtact.drives.methods import METHODS
+from airtact.errors import InvalidInput
+from airtact.geometry.primitives import capsule
+from airtact.reports.body_figure import sharp_edges
+from airtact.setup.bodies import drawable_bodies
+from airtact.setup.building import read_scene
+from airtact.transducers.boards import board_named
+from airtact.transducers.levels import Levels
+from faults import raises_code
+from paths import EXAMPLES
+
+MEDIUM = "[medium]\nsound_speed = 343.1\ndensity = 1.293\n"
+ARRAY = '[array]\nlayout = "surrounding_box"\n'
+BALL = "[[obstacles]]\nsphere = { radius = 5e-3 }\n"
+FOCUS = "[[foci]]\npoint = [0.0, 0.0, 8e-3]\n"
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Read a scene from its text."""
+
+    def reader(*parts):
+        path = tmp_path / "scene.toml"
+        path.write_text("".join(parts))
+        return read_scene(path)
+
+    return reader
+
+
+def fails(read, code, start, *parts):
+    """Expect a code, any where None, and one sentence that begins with the file's name and ``start``."""
+    with pytest.raises(InvalidInput) as caught:
+        read(*parts)
+    assert code in (None, caught.value.code)
+    sentence = str(caught.value)
+    assert sentence.startswith("scene.toml: " + start), sentence
+    assert "\n" not in sentence
+    return sentence
+
+
+def test_the_papers_scene():
+    setup = read_scene(EXAMPLES / "pinch.toml")
+    assert (setup.scene.medium.sound_speed, setup.scene.medium.density) == (343.1, 1.293)
+    assert len(setup.array) == 996
+    assert setup.bodies == ("thumb", "finger")
+    assert setup.foci == ("thumb.pad", "finger.pad")
+    # 12 mm of gap less 0.5 mm on either side, on the line between the pads.
+    np.testing.assert_allclose(setup.target.points, [[-5.5e-3, 0, 0], [5.5e-3, 0, 0]], atol=1e-12)
+    assert setup.target.pressures is None
+
+
+def test_the_open_hand_looks_at_the_boards():
+    setup = read_scene(EXAMPLES / "open_hand.toml")
+    foci, array = setup.target.points, setup.array
+    np.testing.assert_allclose(setup.scene.depth(foci), -0.5e-3, atol=5e-6)
+    np.testing.assert_allclose(array.normals, np.tile([1.0, 0.0, 0.0], (996, 1)), atol=1e-12)
+    palm = foci[setup.foci.index("palm")]
+    np.testing.assert_allclose((palm - array.positions) @ [1.0, 0.0, 0.0], 0.2, atol=1e-9)
+    # Each focus but the thumb's stands between the hand and the boards, where nothing is in
+    # between.
+    for focus in foci[1:]:
+        way = focus - np.linspace(1e-4, 0.15, 300)[:, None] * [1.0, 0.0, 0.0]
+        assert setup.scene.depth(way).max() < 0
+
+
+def test_weather_is_air(read):
+    setup = read("frequency = 25e3\n[medium]\ncelsius = 30.0\nhumidity = 0.2\n", ARRAY, BALL, FOCUS)
+    expected = air(celsius=30.0, humidity=0.2, frequency=25e3)
+    assert setup.scene.medium == expected
+    assert setup.scene.frequency == 25e3
+
+
+def test_absorption_is_kept(read):
+    assert read(MEDIUM, "absorption = 0.15\n", ARRAY, BALL, FOCUS).scene.medium.absorption == 0.15
+
+
+def test_a_capsule_stands_at_its_position(read):
+    rod = "[[obstacles]]\ncapsule = { start = [0.02, 0.0, 0.0], end = [0.02, 0.0, 0.03], radius = 6e-3 }\n"
+    surface = read(MEDIUM, ARRAY, rod, FOCUS).scene.obstacles[0].surface
+    expected = capsule(np.array([0.02, 0, 0]), np.array([0.02, 0, 0.03]), radius=6e-3, edge=2.5e-3)
+    np.testing.assert_array_equal(surface.vertices, expected.vertices)
+
+
+def test_a_surface_is_found_beside_the_file_and_scaled(read, tmp_path):
+    box = (
+        "solid box\n"
+        + "".join(_facet(*corners) for corners in _box_facets(10.0))
+        + "endsolid box\n"
+    )
+    (tmp_path / "box.stl").write_text(box)
+    setup = read(MEDIUM, ARRAY, '[[obstacles]]\nsurface = "box.stl"\nscale = 1e-3\n', FOCUS)
+    assert setup.bodies == ("box",)
+    assert setup.scene.obstacles[0].surface.volume == pytest.approx(1e-6, rel=1e-6)
+
+
+@pytest.mark.parametrize(("degrees", "creases"), [("", 24), ("sharp_degrees = 100.0\n", 0)])
+def test_edges_stay_sharp_above_the_angle_asked(read, tmp_path, degrees, creases):
+    box = (
+        "solid box\n"
+        + "".join(_facet(*corners) for corners in _box_facets(10.0))
+        + "endsolid box\n"
+    )
+    (tmp_path / "box.stl").write_text(box)
+    focus = FOCUS.replace("8e-3", "20e-3")
+    setup = read(
+        MEDIUM, ARRAY, f'[[obstacles]]\nsurface = "box.stl"\nscale = 1e-3\n{degrees}', focus
+    )
+    surface = setup.scene.obstacles[0].surface
+    assert surface.sharp_degrees == (100.0 if degrees else 75.0)
+    assert (
+        sharp_edges(surface).sum() == creases
+    )  # twelve edges of 90 degrees, each of two triangles
+
+
+def test_a_sharp_angle_goes_only_with_a_file(read):
+    sentence = "obstacles[0].sharp_degrees goes only with surface."
+    fails(read, "key_misplaced", sentence, MEDIUM, ARRAY, BALL, "sharp_degrees = 30.0\n", FOCUS)
+
+
+def test_bodies_that_nearly_touch_become_one_where_asked(read):
+    balls = [BALL.replace("5e-3", f"5e-3, centre = [{x}, 0.0, 0.0]") for x in (0.0, 10.2e-3, 40e-3)]
+    with raises_code("bodies_too_near", "bodies 0 and 1 are 0.2 mm apart"):
+        read(MEDIUM, ARRAY, *balls, FOCUS)
+    setup = read("merge_bodies = true\n", MEDIUM, ARRAY, *balls, FOCUS)
+    assert setup.bodies == ("sphere + sphere 2", "sphere 3")
+    one, other = (obstacle.surface for obstacle in setup.scene.obstacles)
+    ball = 4 / 3 * np.pi * 5e-3**3
+    assert one.volume == pytest.approx(2 * ball, rel=0.02)
+    assert other.volume == pytest.approx(ball, rel=1e-3)
+
+
+def test_bodies_of_another_boundary_are_not_merged(read):
+    other = (
+        BALL.replace("5e-3", "5e-3, centre = [10.2e-3, 0.0, 0.0]")
+        + 'boundary = "impedance"\nratio = 5.0\n'
+    )
+    with raises_code("bodies_too_near", "bodies 0 and 1 are 0.2 mm apart"):
+        read("merge_bodies = true\n", MEDIUM, ARRAY, BALL, other, FOCUS)
+
+
+def test_bodies_that_can_be_drawn_are_found_though_the_scene_is_rejected(tmp_path):
+    facets = _box_facets(10.0)
+    (tmp_path / "open.stl").write_text(
+        "solid\n" + "".join(_facet(*corners) for corners in facets[1:]) + "endsolid\n"
+    )
+    path = tmp_path / "scene.toml"
+    files = [
+        f'[[obstacles]]\nsurface = "{name}"\nscale = 1e-3\n' for name in ("open.stl", "missing.stl")
+    ]
+    path.write_text("".join([MEDIUM, ARRAY, BALL, *files, FOCUS]))
+    with raises_code("hole_too_wide", "scene.toml: obstacles[1]: open.stl: "):
+        read_scene(path)
+    ball, box = drawable_bodies(path)
+    assert len(ball[1]) > 100
+    assert len(box[1]) == 11
+    np.testing.assert_allclose(np.ptp(box[0], axis=0), 0.01)
+    path.write_text("[medium")
+    with raises_code("not_toml"):
+        drawable_bodies(path)
+
+
+def test_two_bodies_of_a_kind_are_distinguished(read):
+    setup = read(
+        MEDIUM, ARRAY, BALL, BALL.replace("5e-3", "5e-3, centre = [0.03, 0.0, 0.0]"), FOCUS
+    )
+    assert setup.bodies == ("sphere", "sphere 2")
+
+
+def test_the_offset_is_off_the_surface(read):
+    pinch = "[[obstacles]]\npinch = { gap = 0.02 }\n"
+    focus = '[[foci]]\nat = "finger.pad"\noffset = 2e-3\n'
+    np.testing.assert_allclose(
+        read(MEDIUM, ARRAY, pinch, focus).target.points, [[8e-3, 0, 0]], atol=1e-12
+    )
+
+
+def test_pressures_and_method_are_passed_on(read):
+    setup = read(
+        MEDIUM, ARRAY, BALL, FOCUS, "pressure = 700.0\n", '[drive]\nmethod = "phase_conjugate"\n'
+    )
+    np.testing.assert_array_equal(setup.target.pressures, [700.0])
+    assert setup.synthesise is METHODS["phase_conjugate"]
+    assert setup.method == "phase_conjugate"
+
+
+def test_pistons(read):
+    element = read(
+        MEDIUM, ARRAY, "piston_radius = 4.5e-3\nsensitivity = 2.0\n", BALL, FOCUS
+    ).array.element
+    assert (element.radius, element.sensitivity) == (4.5e-3, 2.0)
+
+
+def test_boards_stand_where_their_poses_say(read):
+    array = """[array]
+layout = "boards"
+[[array.poses]]
+translation = [0.0, 0.0, -0.1]
+[[array.poses]]
+axis = [0.0, 1.0, 0.0]
+degrees = 180.0
+translation = [0.0, 0.0, 0.1]
+"""
+    setup = read(MEDIUM, array, BALL, FOCUS)
+    assert len(setup.array) == 2 * 249
+    np.testing.assert_allclose(
+        setup.array.positions[[0, 249]], [[0, 0, -0.1], [0, 0, 0.1]], atol=1e-12
+    )
+    np.testing.assert_allclose(setup.array.normals[[0, 249]], [[0, 0, 1], [0, 0, -1]], atol=1e-12)
+
+
+def test_the_arrays_pose_is_where_it_stands(read):
+    moved = (
+        ARRAY + "[array.pose]\nrotation = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]\n"
+    )
+    plain, turned = (
+        read(MEDIUM, array, BALL, FOCUS).array
+        for array in (ARRAY, moved + "translation = [0.0, 0.0, 0.01]\n")
+    )
+    x, y, z = plain.positions.T
+    np.testing.assert_allclose(turned.positions, np.stack([-y, x, z + 0.01], axis=1), atol=1e-12)
+
+
+def test_an_array_from_a_file(read, tmp_path):
+    (tmp_path / "ring.csv").write_text("x,y,z,nx,ny,nz\n0.1,0,0,-1,0,0\n0, 0.1, 0, 0, -2, 0\n")
+    array = read(MEDIUM, '[array]\nlayout = "ring.csv"\n', BALL, FOCUS).array
+    np.testing.assert_array_equal(array.positions, [[0.1, 0, 0], [0, 0.1, 0]])
+    np.testing.assert_allclose(array.normals, [[-1, 0, 0], [0, -1, 0]])
+
+
+@pytest.mark.parametrize(
+    ("code", "text", "sentence"),
+    [
+        (
+            "column_missing",
+            "x,y,z\n",
+            "array: ring.csv has no column nx, ny, nz: it needs x, y, z, nx, ny, nz, and has 3 columns, x, y, z.",
+        ),
+        (
+            "wrong_cell_count",
+            "x,y,z,nx,ny,nz\n0.1,0,0,-1,0,0\n0.1,0,0,-1\n",
+            "array: line 3 of ring.csv has 4 cells, but there are 6 columns, x, y, z, nx, ny, nz.",
+        ),
+        (
+            "cell_unreadable",
+            "x,y,z,nx,ny,nz\na,b,c,d,e,f\n",
+            "array: line 2 of ring.csv has 'a' for x, which is not a number.",
+        ),
+        ("empty", "x,y,z,nx,ny,nz\n", "array: ring.csv holds 0 transducers."),
+    ],
+)
+def test_a_faulty_array_file_is_rejected(read, tmp_path, code, text, sentence):
+    (tmp_path / "ring.csv").write_text(text)
+    fails(read, code, sentence, MEDIUM, '[array]\nlayout = "ring.csv"\n', BALL, FOCUS)
+
+
+@pytest.mark.parametrize(
+    ("code", "parts", "start"),
+    [
+        (
+            "key_misplaced",
+            ["[medium]\ncelsius = 20.0\ndensity = 1.2\n", ARRAY, BALL, FOCUS],
+            "medium.density goes only with sound_speed.",
+        ),
+        (
+            "key_missing",
+            ["[medium]\nsound_speed = 340.0\n", ARRAY, BALL, FOCUS],
+            "the key medium.density is missing: sound_speed needs it.",
+        ),
+        (
+            "choose_one",
+            ["[medium]\n", ARRAY, BALL, FOCUS],
+            "medium: give exactly one of celsius and humidity, sound_speed and density; 0 given.",
+        ),
+        (
+            "out_of_range",
+            [MEDIUM.replace("1.293", "1.3e6"), ARRAY, BALL, FOCUS],
+            "medium: density is 1.3e+06",
+        ),
+        ("not_positive", ["frequency = -4e4\n", MEDIUM, ARRAY, BALL, FOCUS], "frequency is -40000"),
+        (
+            "choose_one",
+            [MEDIUM, ARRAY, "[[obstacles]]\n", FOCUS],
+            "obstacles[0]: give exactly one of pinch, capsule, sphere, surface, hand; 0",
+        ),
+        (
+            "choose_one",
+            [MEDIUM, ARRAY, BALL, "pinch = {}\n", FOCUS],
+            "obstacles[0]: give exactly one of pinch, capsule, sphere, surface, hand; 2",
+        ),
+        (
+            "not_positive",
+            [MEDIUM, ARRAY, "[[obstacles]]\npinch = { gap = -0.01 }\n", FOCUS],
+            "obstacles[0]: gap is -0.01",
+        ),
+        (None, [MEDIUM, ARRAY, '[[obstacles]]\nsurface = "no.stl"\n', FOCUS], "obstacles[0]: "),
+        (
+            "key_misplaced",
+            [MEDIUM, ARRAY, BALL, "scale = 2.0\n", FOCUS],
+            "obstacles[0].scale goes only with surface.",
+        ),
+        (
+            "key_missing",
+            [MEDIUM, ARRAY, "[[obstacles]]\nscale = 2.0\n", FOCUS],
+            "the key obstacles[0].surface is missing: surface needs it.",
+        ),
+        (
+            "key_misplaced",
+            [MEDIUM, ARRAY, BALL, "ratio = 2.0\n", FOCUS],
+            'obstacles[0].ratio goes only with boundary = "impedance".',
+        ),
+        (
+            "key_missing",
+            [MEDIUM, ARRAY, BALL, 'boundary = "impedance"\n', FOCUS],
+            'the key obstacles[0].ratio is missing: boundary = "impedance" needs it.',
+        ),
+        (
+            "solver_unsuitable",
+            [
+                MEDIUM,
+                ARRAY,
+                BALL,
+                'boundary = "filled"\nmedium = { sound_speed = 1481.0, density = 999.7 }\n',
+                FOCUS,
+            ],
+            "solver: body 0 is filled, but boundary_element solves sound_hard, impedance bodies only",
+        ),
+        (None, [MEDIUM, ARRAY, BALL, BALL, FOCUS], "bodies 0 and 1 overlap or touch: 10 mm deep"),
+        (
+            "solver_unsuitable",
+            [MEDIUM, ARRAY, FOCUS, '[solver]\nname = "boundary_element"'],
+            "solver: the scene has 0 obstacles, and boundary_element needs one or more",
+        ),
+        (
+            "unknown_name",
+            [MEDIUM, ARRAY.replace("box", "bax"), BALL, FOCUS],
+            'array.layout = "surrounding_bax" is neither a known layout nor a .csv file; did you mean surrounding_box?',
+        ),
+        (
+            "key_missing",
+            [MEDIUM, '[array]\nlayout = "boards"\n', BALL, FOCUS],
+            'the key array.poses is missing: layout = "boards" needs it.',
+        ),
+        (
+            "wrong_value",
+            [MEDIUM, '[array]\nlayout = "boards"\nposes = []\n', BALL, FOCUS],
+            "array.poses: expected a list of length >= 1.",
+        ),
+        (
+            "file_missing",
+            [MEDIUM, '[array]\nlayout = "none.csv"\n', BALL, FOCUS],
+            "array: the file {folder}/none.csv does not exist",
+        ),
+        (
+            "key_misplaced",
+            [MEDIUM, ARRAY, "rows = 2\n", BALL, FOCUS],
+            'array.rows goes only with layout = "flat_boards".',
+        ),
+        (
+            "key_missing",
+            [MEDIUM, ARRAY, "[array.pose]\ndegrees = 3.0\n", BALL, FOCUS],
+            "the key array.pose.axis is missing: axis needs it.",
+        ),
+        (
+            "key_misplaced",
+            [
+                MEDIUM,
+                ARRAY,
+                "[array.pose]\ndegrees = 3.0\nrotation = [[1,0,0],[0,1,0],[0,0,1]]\n",
+                BALL,
+                FOCUS,
+            ],
+            "array.pose.degrees goes only with axis.",
+        ),
+        (
+            "not_positive",
+            [MEDIUM, ARRAY, "piston_radius = -1e-3\n", BALL, FOCUS],
+            "array: the radius of a piston is -0.001 m",
+        ),
+        (
+            "choose_one",
+            [MEDIUM, ARRAY, BALL, "[[foci]]\n"],
+            "foci[0]: give exactly one of at, point, segment, polyline, circle, sphere_shell",
+        ),
+        (
+            "key_misplaced",
+            [MEDIUM, ARRAY, BALL, FOCUS, "offset = 1e-3\n"],
+            "foci[0]: offset goes only with at",
+        ),
+        (
+            "key_misplaced",
+            [
+                MEDIUM,
+                ARRAY,
+                "[[obstacles]]\npinch = {}\n",
+                '[[foci]]\nat = "thumb.pad"\nonto = "thumb"\n',
+            ],
+            "foci[0]: onto goes only with a point or a shape.",
+        ),
+        (
+            "unknown_name",
+            [MEDIUM, ARRAY, BALL, '[[foci]]\nat = "thumb.pad"\n'],
+            'foci[0]: at = "thumb.pad" is not a named point of a body; no',
+        ),
+        (
+            "key_missing",
+            [MEDIUM, ARRAY, BALL, FOCUS, FOCUS, "pressure = 5.0\n"],
+            "foci: 1 of 2 have a pressure; give it to all",
+        ),
+        (
+            "negative",
+            [MEDIUM, ARRAY, BALL, FOCUS, "pressure = -5.0\n"],
+            "foci: a target pressure is -5 Pa",
+        ),
+        (
+            "not_finite",
+            [MEDIUM, ARRAY, BALL, FOCUS.replace("8e-3", "nan")],
+            "foci: target points hold 1 NaN",
+        ),
+        ("empty", ["foci = []\n", MEDIUM, ARRAY, BALL], "foci: target points are empty (0 points)"),
+        (
+            "wrong_value",
+            ["foci = {}\n", MEDIUM, ARRAY, BALL],
+            "foci: expected a list, got a table.",
+        ),
+        (
+            "unknown_name",
+            [MEDIUM, ARRAY, BALL, FOCUS, '[solver]\nname = "finite_elemant"\n'],
+            'solver: "finite_elemant" is not a solver here; did you mean finite_element?',
+        ),
+        (
+            None,
+            [MEDIUM, ARRAY, BALL, FOCUS, "[solver]\naccuracy = 0.9\n"],
+            "solver: accuracy is 0.9",
+        ),
+        (
+            "unknown_name",
+            [MEDIUM, ARRAY, BALL, FOCUS, '[drive]\nmethod = "time_reversl"\n'],
+            'drive: "time_reversl" is not a method here; did you mean time_reversal?',
+        ),
+        (
+            "level_count",
+            [MEDIUM, ARRAY, BALL, FOCUS, "[drive]\nlevels = 1\n"],
+            "drive: there are 2 to 256 levels of amplitude, not 1",
+        ),
+        (
+            "level_count",
+            [MEDIUM, ARRAY, BALL, FOCUS, "[drive]\nlevels = { phase = 257 }\n"],
+            "drive: there are 2 to 256 levels of phase, not 257",
+        ),
+    ],
+)
+def test_what_cannot_be_is_rejected_in_one_sentence(read, tmp_path, code, parts, start):
+    fails(read, code, start.replace("{folder}", str(tmp_path)), *parts)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        (
+            "[[quiet]]\npoint = [0.0, 0.0, 0.05]\n",
+            "the key quiet is now called suppression; rename it.",
+        ),
+        (
+            '[[suppression]]\nskin = { body = "sphere", spacing = 4e-3 }\n',
+            "the key suppression[0].skin is now called suppression[0].surface; rename it.",
+        ),
+    ],
+)
+def test_a_key_of_older_files_is_answered_with_its_new_name(read, text, sentence):
+    fails(read, "key_renamed", sentence, MEDIUM, ARRAY, BALL, FOCUS, text)
+
+
+def test_a_setup_offers_all_that_playing_its_drive_needs(read):
+    pose = "[array.pose]\naxis = [0.0, 1.0, 0.0]\ndegrees = 90.0\ntranslation = [0.0, 0.0, 0.1]\n"
+    setup = read("frequency = 41e3\n", MEDIUM, ARRAY + 'source = "monopole"\n', pose, FOCUS)
+    assert (setup.frequency, setup.medium, setup.board) == (41e3, setup.scene.medium, "autd3")
+    assert len(setup.poses) == 4
+    for face, place in enumerate(setup.poses):
+        there = place.apply(board_named("autd3").positions)
+        np.testing.assert_allclose(
+            setup.array.positions[249 * face : 249 * (face + 1)], there, atol=1e-12
+        )
+
+
+def test_a_scene_may_have_more_boards_than_one_link_takes(read):
+    poses = ", ".join(f"{{ translation = [{0.2 * index}, 0.0, -0.1] }}" for index in range(3))
+    array = f'[array]\nlayout = "boards"\nboard = "sonicsurface"\nposes = [{poses}]\n'
+    assert len(read(MEDIUM, array, FOCUS).poses) == 3
+
+
+def test_an_unknown_point_of_a_body_names_the_nearest(read):
+    pinch = "[[obstacles]]\npinch = {}\n"
+    sentence = 'foci[0]: at = "thumb.pat" is not a named point of a body; did you mean thumb.pad?'
+    fails(read, "unknown_name", sentence, MEDIUM, ARRAY, pinch, '[[foci]]\nat = "thumb.pat"\n')
+    for offset, sentence in (
+        (-1e-3, "foci[0]: offset = -0.001 m must be 0"),
+        (
+            0.5,
+            "foci[0]: offset = 0.5 m does not lie in the gap of 12 mm before thumb.pad: is it in mill",
+        ),
+    ):
+        focus = f'[[foci]]\nat = "thumb.pad"\noffset = {offset}\n'
+        fails(read, "out_of_range", sentence, MEDIUM, ARRAY, pinch, focus)
+
+
+def test_a_focus_inside_a_body_is_rejected_with_its_depth(read):
+    sentence = fails(
+        read, "focus_inside_body", "foci: ", MEDIUM, ARRAY, BALL, FOCUS.replace("8e-3", "3e-3")
+    )
+    assert "2 mm deep" in sentence
+
+
+def test_a_transducer_inside_a_body_is_rejected_with_its_depth(read, tmp_path):
+    (tmp_path / "ring.csv").write_text("x,y,z,nx,ny,nz\n0.1,0,0,-1,0,0\n0,1e-3,0,0,-1,0\n")
+    sentence = fails(
+        read, "array_inside_body", "array: ", MEDIUM, '[array]\nlayout = "ring.csv"\n', BALL, FOCUS
+    )
+    assert "by 4 mm" in sentence
+
+
+def test_a_file_that_cannot_be_read_is_rejected(tmp_path):
+    with raises_code("file_missing", str(tmp_path / "no.toml")):
+        read_scene(tmp_path / "no.toml")
+    (tmp_path / "bytes.toml").write_bytes(b"frequency = 1\n\xff")
+    with raises_code("not_text", "bytes.toml is not a text file: byte 14"):
+        read_scene(tmp_path / "bytes.toml")
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_a_file_can_name_every_method(read, name):
+    setup = read(
+        MEDIUM, ARRAY, FOCUS, f'[drive]\nmethod = "{name}"\n[uncertainty]\nposition = 1e-3\n'
+    )
+    assert setup.synthesise is METHODS[name]
+
+
+def test_open_air_is_solved_in_closed_form(read):
+    assert isinstance(read(MEDIUM, ARRAY, FOCUS).solver, FreeField)
+    with raises_code(
+        "solver_unsuitable", "the scene has 1 obstacle, and free_field is for open air"
+    ):
+        read(MEDIUM, ARRAY, BALL, FOCUS, '[solver]\nname = "free_field"')
+
+
+def _box_facets(side):
+    corners = (
+        np.array([[x, y, z] for x in (0, side) for y in (0, side) for z in (0, side)]) + 2 * side
+    )
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    return [corners[list(part)] for a, b, c, d in quads for part in ((a, b, c), (a, c, d))]
+
+
+def _facet(*corners):
+    vertices = "".join("vertex {} {} {}\n".format(*corner) for corner in corners)
+    return f"facet normal 0 0 0\nouter loop\n{vertices}endloop\nendfacet\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "amplitudes", "phases"),
+    [
+        ("", 256, 256),
+        ("[drive]\nlevels = 16\n", 16, 16),
+        ("[drive]\nlevels = 2\n", 2, 2),
+        ("[drive]\nlevels = { amplitude = 64, phase = 32 }\n", 64, 32),
+        ("[drive]\nlevels = { phase = 32 }\n", 256, 32),
+    ],
+)
+def test_levels_are_any_of_2_to_256_amplitude_and_phase_apart(read, text, amplitudes, phases):
+    levels = read(MEDIUM, ARRAY, BALL, FOCUS, text).levels
+    assert levels.same_as(Levels.even(amplitudes, phases))

@@ -1,0 +1,111 @@
+"""Hands in a scene file and from the command line."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from airtact.cli import main
+from airtact.errors import InvalidInput
+from airtact.geometry.mesh.topology import edge_twins
+from airtact.hands.files import load_hand
+from airtact.setup.building import read_scene
+from airtact.workflows.hand import pose
+from airtact.workflows.recording import replay_recording
+from faults import raises_code
+from paths import EXAMPLES
+
+PINCH = EXAMPLES / "hands/pinch.json"
+
+
+def scene_file(tmp_path: Path, old: str = "", new: str = "") -> Path:
+    text = (EXAMPLES / "pinch_pose.toml").read_text().replace("hands/pinch.json", str(PINCH))
+    assert old in text
+    path = tmp_path / "scene.toml"
+    path.write_text(text.replace(old, new))
+    return path
+
+
+def test_the_example_has_its_foci_half_a_millimetre_before_the_pads():
+    setup = read_scene(EXAMPLES / "pinch_pose.toml")
+    assert setup.bodies == ("hand",)
+    assert setup.foci == ("thumb.pad", "index.pad")
+    assert setup.scene.depth(setup.target.points) == pytest.approx([-0.5e-3, -0.5e-3], abs=1e-8)
+
+
+def test_pads_inside_the_body_are_rejected(tmp_path):
+    with raises_code(
+        "focus_inside_body", "obstacles[0]: thumb.pad at ", " mm inside the body", " would free it"
+    ):
+        read_scene(scene_file(tmp_path, "gap = 0.012\n"))
+
+
+def test_a_gap_goes_with_a_hand_only(tmp_path):
+    path = scene_file(tmp_path, f'hand = "{PINCH}"', "sphere = { radius = 0.01 }")
+    with raises_code("key_misplaced", "obstacles[0].gap goes only with hand"):
+        read_scene(path)
+
+
+def test_the_command_writes_a_closed_skin_and_a_picture(tmp_path, capsys):
+    import trimesh
+
+    assert main(["hand", str(PINCH), "--edge", "0.006", "--out", str(tmp_path / "hand.ply")]) == 0
+    mesh = trimesh.load_mesh(tmp_path / "hand.ply")
+    assert edge_twins(np.asarray(mesh.faces)).min() >= 0
+    assert 2.5e-4 < mesh.volume < 5e-4
+    assert (tmp_path / "hand.png").stat().st_size > 20_000
+    written = capsys.readouterr().out
+    assert (
+        "Merged: the last phalanx of the thumb and the last phalanx of the index finger are one"
+        in written
+    )
+    assert "5.3 mm inside the body" in written
+
+
+def test_the_command_rejects_what_it_cannot_do(tmp_path):
+    with raises_code("out_of_range", "edge is 6 m, but it must lie between 0.0008 and 0.02 m"):
+        pose(PINCH, tmp_path / "hand.ply", edge=6)
+    with pytest.raises(InvalidInput, match=r"hand.png ends in '\.png'"):
+        pose(PINCH, tmp_path / "hand.png")
+    assert main(["hand", str(tmp_path / "none.json"), "--out", str(tmp_path / "hand.ply")]) == 2
+
+
+def test_fingers_that_are_swapped_are_rejected(tmp_path):
+    pose_of = json.loads(PINCH.read_text())
+    chains = [list(range(5 + 5 * finger, 10 + 5 * finger)) for finger in range(4)]
+    for order, sentence in (
+        ((3, 1, 2, 0), "knuckle of the ring finger is 20.7 mm nearer to the index finger's"),
+        ((3, 2, 1, 0), " mm from the little finger's knuckle"),
+    ):
+        rows = [*range(5), *(joint for finger in order for joint in chains[finger])]
+        swapped = tmp_path / "swapped.json"
+        swapped.write_text(
+            json.dumps({"positions_m": [pose_of["positions_m"][row] for row in rows]})
+        )
+        with raises_code("fingers_swapped", sentence, "are fingers swapped"):
+            load_hand(swapped)
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "sentence"),
+    [
+        ("[" * 100_000, "not_a_pose", "100000 bytes of brackets in brackets"),
+        (
+            '{"positions_m": [[0, 0, 0]], "joints": [["wrist"]]}',
+            "unknown_joint",
+            "joint 0 is named ['wrist']",
+        ),
+        ('{"positions_m": [[0, 0, 0]], "joints": [7]}', "unknown_joint", "joint 0 is named 7"),
+    ],
+)
+def test_files_that_hold_no_pose_are_rejected(tmp_path, text, code, sentence):
+    file = tmp_path / "pose.json"
+    file.write_text(text)
+    with raises_code(code, sentence):
+        load_hand(file)
+
+
+def test_triangles_of_a_recording_have_sizes_that_can_be(tmp_path):
+    with raises_code("out_of_range", "edge is 5 m, but it must lie between 0.0008 and 0.02 m"):
+        replay_recording(EXAMPLES / "hands/pinching.jsonl", tmp_path / "hand.ply", edge=5.0)

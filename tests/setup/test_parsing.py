@@ -1,0 +1,115 @@
+"""The text of a scene file becomes tables, or a sentence with the position of the fault."""
+
+import pytest
+
+from airtact.setup.parsing import nearest, parse_scene
+from airtact.setup.tables import SceneFile
+from faults import raises_code
+
+LEAST = """
+[medium]
+celsius = 20.0
+[array]
+layout = "surrounding_box"
+[[foci]]
+point = [0.0, 0.0, 0.0]
+"""
+
+
+def test_the_least_file_has_the_defaults_of_the_design():
+    file = parse_scene(LEAST)
+    assert isinstance(file, SceneFile)
+    assert (file.frequency, file.solver.name, file.solver.accuracy) == (40e3, None, 0.01)
+    assert (file.drive.method, file.drive.levels) == ("best", 256)
+    assert file.obstacles == []
+    assert file.foci[0].offset is None
+
+
+def test_whole_numbers_are_numbers():
+    assert parse_scene("frequency = 40000\n" + LEAST).frequency == 40e3
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("frequenzy = 4e4", "frequenzy is not a key of a scene file; did you mean frequency?"),
+        (
+            "[medium]\nsound_sped = 340.0",
+            "medium.sound_sped is not a key of a scene file; did you mean medium.sound_speed?",
+        ),
+        (
+            "[array]\nlayouts = 1",
+            "array.layouts is not a key of a scene file; did you mean array.layout?",
+        ),
+        (
+            "[array.pose]\ndegree = 1",
+            "array.pose.degree is not a key of a scene file; did you mean array.pose.degrees?",
+        ),
+        (
+            "[[obstacles]]\npinch = {}\n[[obstacles]]\npinch = { gapp = 0.01 }",
+            "obstacles[1].pinch.gapp is not a key of a scene file; did you mean obstacles[1].pinch.gap?",
+        ),
+        (
+            "[[foci]]\npresure = 1.0",
+            "foci[0].presure is not a key of a scene file; did you mean foci[0].pressure?",
+        ),
+        (
+            "[drive]\nqqqq = 1",
+            "drive.qqqq is not a key of a scene file; there is drive.levels, drive.method, drive.modulation.",
+        ),
+    ],
+)
+def test_a_wrong_key_is_named_with_its_path_and_the_nearest_right_one(text, sentence):
+    with raises_code("unknown_key") as fault:
+        parse_scene(text)
+    assert str(fault.value) == sentence
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        (LEAST.replace("20.0", '"warm"'), "medium.celsius: expected a number, got a string."),
+        (
+            LEAST.replace("[0.0, 0.0, 0.0]", "[0.0, 0.0]"),
+            "foci[0].point: expected a list of length 3, got 2.",
+        ),
+        (LEAST.replace("[medium]\ncelsius = 20.0", ""), "the key medium is missing."),
+        (LEAST.replace('layout = "surrounding_box"', ""), "the key array.layout is missing."),
+        (
+            LEAST + "[drive]\nlevels = 12.5",
+            "drive.levels: expected a whole number or a table, got a number.",
+        ),
+        (
+            LEAST + '[[obstacles]]\nboundary = "impedance"\nratio = "x"\npinch = {}',
+            "obstacles[0].ratio: expected a number or a list, got a string.",
+        ),
+        (
+            LEAST + "[[obstacles]]\npinch = {}\nboundary = 3",
+            "obstacles[0].boundary: expected a string, got a whole number.",
+        ),
+        ("medium = 3", "medium: expected a table, got a whole number."),
+    ],
+)
+def test_a_wrong_value_is_named_with_its_path(text, sentence):
+    code = "key_missing" if "missing" in sentence else "wrong_value"
+    with raises_code(code) as fault:
+        parse_scene(text)
+    assert str(fault.value) == sentence
+
+
+def test_an_unknown_value_of_a_choice_names_the_nearest():
+    text = LEAST + '[[obstacles]]\npinch = {}\nboundary = "sound_hart"'
+    with raises_code(
+        "unknown_name", 'obstacles[0].boundary = "sound_hart"', "did you mean sound_hard?"
+    ):
+        parse_scene(text)
+
+
+def test_what_is_not_toml_is_rejected_with_its_line():
+    with raises_code("not_toml", "line 2"):
+        parse_scene("frequency = 4e4\nmedium = = 3\n")
+
+
+def test_without_a_near_word_all_are_listed():
+    assert nearest("zzz", {"b": 1, "a": 2}) == "there is a, b."
+    assert nearest("aplha", ["alpha", "beta"], "x.") == "did you mean x.alpha?"

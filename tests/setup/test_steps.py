@@ -1,0 +1,156 @@
+"""The solver that verifies a drive is the next more accurate one that fits."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from airtact.acoustics.medium import Medium
+from airtact.acoustics.scene import impedance
+from airtact.acoustics.solvers.bem.solver import BoundaryElement, _warnings
+from airtact.acoustics.solvers.fem.solver import FiniteElement
+from airtact.acoustics.solvers.free_field import FreeField
+from airtact.acoustics.solvers.problem import Solver
+from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
+from airtact.acoustics.sources import Monopoles
+from airtact.acoustics.target import Target
+from airtact.drives.motion import Motion
+from airtact.setup.building import read_scene
+from airtact.setup.steps import (
+    FINEST,
+    MOST_UNKNOWNS,
+    REFINEMENT,
+    reach_cautions,
+    solve_foci,
+    verification_solver,
+)
+from airtact.timing import Clock
+from airtact.transducers.modulation import AmplitudeModulation
+from airtact.workflows.modulated import sensations
+from paths import EXAMPLES, SCENES
+
+PINCH = read_scene(EXAMPLES / "pinch.toml")
+
+
+def test_paths_that_leave_their_fingers_are_named() -> None:
+    for size, named in ((3e-3, 0), (15e-3, 2)):
+        moving = replace(PINCH, modulation=Motion("stm", "circle", size=size))
+        assert [words for words in reach_cautions(moving) if "leaves the body" in words] == list(
+            reach_cautions(moving)
+        )
+        assert len(reach_cautions(moving)) == named
+    assert "16 of 16" in reach_cautions(moving)[0]
+
+
+def test_foci_that_no_method_separates_are_named() -> None:
+    (point, *_) = PINCH.target.points
+    near = replace(PINCH, target=Target(np.stack([point, point + [0.0, 0.5e-3, 0.0]])))
+    (words,) = reach_cautions(near)
+    assert words.startswith("thumb.pad and finger.pad are 0.5 mm apart")
+    assert reach_cautions(PINCH) == ()
+
+
+def test_foci_where_no_skin_is_are_named() -> None:
+    points = PINCH.target.points + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.043]])
+    away = -PINCH.scene.depth(points)[1]
+    assert away > 0.02
+    (words,) = reach_cautions(replace(PINCH, target=Target(points)))
+    assert words.startswith(f"finger.pad is {1e3 * away:.2g} mm from the nearest body: no skin")
+    far = replace(PINCH, target=Target(PINCH.target.points + [0.0, 0.0, 0.043]))
+    assert "and 1 other focus over 10 mm" in reach_cautions(far)[0]
+    assert reach_cautions(replace(PINCH, target=Target(points), bodies=())) == ()
+    felt = replace(PINCH, modulation=AmplitudeModulation())
+    reached = np.array([5570.0, 557.0])
+    assert "20 dB above" in sensations(replace(felt, target=Target(points)), reached, None)[0]
+    (words,) = sensations(replace(felt, target=far.target), reached, None)
+    assert words.startswith("No body is within 10 mm of a focus")
+    assert "0 dB above" in sensations(felt, reached, None)[0]
+
+
+@dataclass(frozen=True)
+class Warned(Solver):
+    """A closed form that warns as boundary elements do where their direct solution is 5 % off."""
+
+    def radiate(self, scene, sources):
+        field = SphereSeries().radiate(scene, sources)
+        return replace(
+            field,
+            report=replace(field.report, warnings=(*_warnings(0.05, 0.01), "coarse triangles")),
+        )
+
+
+def test_what_a_matrix_is_made_from_carries_no_warning_of_the_direct_solution() -> None:
+    setup = replace(read_scene(SCENES / "ball.toml"), solver=Warned())
+    assert len(setup.solver.radiate(setup.scene, setup.target.beacons()).report.warnings) == 2
+    assert solve_foci(setup, Clock())[1].warnings == ("coarse triangles",)
+
+
+def first_accuracy_that_refines(setup) -> float:
+    """Try one accuracy after the other, a factor of 1.2 apart."""
+    emitting = Monopoles(setup.array.positions, np.ones(len(setup.array)))
+
+    def unknowns(accuracy: float) -> int:
+        return BoundaryElement(accuracy=accuracy).unknowns(setup.scene, emitting)
+
+    accuracy = setup.accuracy / 1.2
+    while unknowns(accuracy) < REFINEMENT * unknowns(setup.accuracy) and accuracy / 1.2 > FINEST:
+        accuracy /= 1.2
+    assert unknowns(accuracy) <= MOST_UNKNOWNS
+    return accuracy
+
+
+@pytest.mark.parametrize(
+    "setup", [PINCH, replace(PINCH, accuracy=0.2), read_scene(SCENES / "ball.toml")]
+)
+def test_verification_has_the_first_accuracy_that_refines_enough(setup) -> None:
+    accuracy = first_accuracy_that_refines(setup)
+    assert verification_solver(setup) == BoundaryElement(accuracy=accuracy, enough=setup.accuracy)
+
+
+def test_few_accuracies_are_tried(monkeypatch) -> None:
+    tried = []
+    unknowns = BoundaryElement.unknowns
+    monkeypatch.setattr(
+        BoundaryElement, "unknowns", lambda self, *args: tried.append(self) or unknowns(self, *args)
+    )
+    verification_solver(PINCH)
+    assert (
+        len(tried) <= 3
+    )  # its own, the first that refines enough and the one before; six when tried in turn
+
+
+def test_verification_of_the_best_accuracy_stays_there() -> None:
+    assert verification_solver(replace(PINCH, accuracy=FINEST)) == BoundaryElement(
+        accuracy=FINEST, enough=FINEST
+    )
+
+
+def test_open_air_and_filled_bodies_have_solvers_of_their_own() -> None:
+    scene = replace(PINCH.scene, obstacles=())
+    assert verification_solver(replace(PINCH, scene=scene)) == FreeField()
+    filled = replace(
+        PINCH.scene,
+        obstacles=tuple(
+            replace(one, boundary="filled", medium=Medium(1481.0, 998.0))
+            for one in PINCH.scene.obstacles
+        ),
+    )
+    setup = replace(PINCH, scene=filled, solver=FiniteElement(order=4))
+    assert verification_solver(setup) == FiniteElement(order=5)
+    lined = replace(
+        PINCH.scene, obstacles=tuple(impedance(one.surface, 2.0) for one in PINCH.scene.obstacles)
+    )
+    assert isinstance(verification_solver(replace(setup, scene=lined)), BoundaryElement)
+
+
+def test_the_verification_warns_against_what_the_scene_asks() -> None:
+    setup = read_scene(SCENES / "ball.toml")
+    solver = verification_solver(setup)
+    assert isinstance(solver, BoundaryElement)
+    assert solver.accuracy < setup.accuracy == solver.wanted
+    field = solver.radiate(setup.scene, setup.target.beacons())
+    assert field.wanted == setup.accuracy
+    (point,) = setup.target.points[:1]
+    assert field.report_at(point[None]).warnings == field.report.warnings
+    strict = replace(field, wanted=1e-9)
+    assert "3.3e-10" in strict.report_at(point[None]).warnings[-1]

@@ -1,0 +1,83 @@
+"""What a scene file holds in doubt."""
+
+import numpy as np
+import pytest
+
+import airtact as at
+from faults import raises_code
+
+SCENE = """
+medium = { celsius = 20.0 }
+array = { layout = "flat_boards", rows = 1, columns = 1, pose = { translation = [-0.08, -0.07, -0.15] } }
+foci = [{ point = [0.0, 0.0, 0.0] }, { point = [0.02, 0.0, 0.0] }]
+"""
+
+
+@pytest.fixture
+def read(tmp_path):
+    def reader(text):
+        path = tmp_path / "scene.toml"
+        path.write_text(SCENE + text)
+        return at.read_scene(path)
+
+    return reader
+
+
+def test_the_table_is_an_uncertainty_with_its_samples(read) -> None:
+    setup = read(
+        '[drive]\nmethod = "robust"\n[uncertainty]\nposition = 1e-3\nrotation = 2.0\nsamples = 16\nseed = 3\n'
+    )
+    assert setup.uncertainty == at.Uncertainty(position=1e-3, rotation=2.0)
+    assert (setup.samples, setup.seed, setup.method) == (16, 3, "robust")
+    assert read("").uncertainty is None
+
+
+def test_wrong_numbers_name_the_table(read) -> None:
+    with raises_code("out_of_range", "uncertainty", "0.035", "radians"):
+        read("[uncertainty]\nrotation = 0.035\n")
+    with raises_code("negative", "uncertainty", "-0.001"):
+        read("[uncertainty]\nposition = -1e-3\n")
+    with raises_code("out_of_range", "uncertainty", "0"):
+        read("[uncertainty]\nsamples = 0\n")
+    with raises_code("not_finite", "uncertainty", "nan"):
+        read("[uncertainty]\nposition = nan\n")
+    with raises_code("no_bodies", "uncertainty", "1 mm"):
+        read("[uncertainty]\nalong_skin = 1e-3\n")
+    with raises_code("unknown_key", "uncertainty.positon"):
+        read("[uncertainty]\npositon = 1e-3\n")
+
+
+def test_a_drive_for_samples_needs_what_is_in_doubt(read) -> None:
+    with raises_code("uncertainty_missing", "robust"):
+        read('[drive]\nmethod = "robust"\n')
+
+
+@pytest.mark.slow
+def test_a_run_says_what_is_kept_nine_of_ten_times(read, tmp_path) -> None:
+    from airtact.workflows.compare import compare
+    from airtact.workflows.render import render
+
+    path = read('[drive]\nmethod = "robust"\n[uncertainty]\nposition = 2e-3\nrotation = 3.0\n').path
+    run = render(path, tmp_path / "out")
+    doubt = run.doubt
+    assert doubt is not None
+    assert doubt.names == ("robust", "time reversal")
+    assert doubt.pressures.shape == (2, 256)
+    assert doubt.lowest_tenth[0] > doubt.lowest_tenth[1]
+    assert np.quantile(doubt.pressures[0], 0.1) == pytest.approx(doubt.lowest_tenth[0])
+    assert doubt.sentence() in run.remarks
+    assert [one.pressures.shape for one in doubt.maps] == [(2, 17 * 17)] * 2
+    # With no shift at all, which is the middle, a drive gives what is expected.
+    np.testing.assert_allclose(
+        [one.pressures[:, 17 * 8 + 8] for one in doubt.maps], [doubt.expected] * 2, rtol=1e-6
+    )
+    assert "not as expected" in (tmp_path / "out/report.html").read_text(encoding="utf-8")
+    contenders = compare(path, tmp_path / "all", pictures=False).contenders
+    kept = {one.name: one.kept for one in contenders if one.kept is not None}
+    assert len(kept) == len(contenders)
+    assert kept["robust"] == pytest.approx(doubt.lowest_tenth[0], rel=0.02)  # but for rounding
+    assert kept["robust phase only"] == max(kept.values())
+    certain = path.with_name("certain.toml")
+    certain.write_text(SCENE)
+    with raises_code("uncertainty_missing", "robust"):
+        render(certain, tmp_path / "other", method="robust")
