@@ -21,7 +21,7 @@ from faults import raises_code
 
 @pytest.mark.parametrize("value", [0.0, -2.5, math.nan, math.inf, -math.inf])
 def test_positive_names_the_value_the_number_and_the_unit(value):
-    with raises_code("not_positive", f"the gap is {value:g} m,"):
+    with raises_code("out_of_range", f"the gap is {value:g} m,"):
         positive(value, "the gap", "m")
 
 

@@ -63,7 +63,7 @@ def number(value: float, what: str, unit: str) -> float:
 
 
 def positive(value: float, what: str, unit: str) -> float:
-    """Return a finite number above zero as a float, or raise "not_positive", or as ``number``.
+    """Return a finite number above zero as a float, or raise "out_of_range", or as ``number``.
 
     Examples
     --------
@@ -74,7 +74,7 @@ def positive(value: float, what: str, unit: str) -> float:
     if not np.isfinite(given) or given <= 0.0:
         raise InvalidInput(
             f"{what} is {given:g} {unit}, but it must be a finite number above zero.",
-            code="not_positive",
+            code="out_of_range",
         )
     return given
 

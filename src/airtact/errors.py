@@ -113,7 +113,7 @@ class InvalidInput(ValueError):  # noqa: N818 (reads as what it is in a tracebac
     ----------
     position : (3,) where the fault is [m], as far as one point can say, so that it can be drawn; or
         None.
-    code : a short name of the kind of fault, such as "focus_inside_body", which stays when the
+    code : a short name of the kind of fault, such as "inside_body", which stays when the
         sentence changes.
     """
 
@@ -151,7 +151,7 @@ def about(what: str) -> Iterator[None]:
 
 @contextmanager
 def extra(name: str, need: str) -> Iterator[None]:
-    """Raise "extra_not_installed", with what to install, where an import inside fails.
+    """Raise "extra_missing", with what to install, where an import inside fails.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def extra(name: str, need: str) -> Iterator[None]:
         yield
     except (ImportError, OSError) as fault:
         how = f"and that does not load ({fault}): pip install 'airtact[{name}]'."
-        raise InvalidInput(f"{need}, {how}", code="extra_not_installed") from None
+        raise InvalidInput(f"{need}, {how}", code="extra_missing") from None
 
 
 class NotConverged(RuntimeError):  # noqa: N818
@@ -170,7 +170,7 @@ class NotConverged(RuntimeError):  # noqa: N818
 
     Attributes
     ----------
-    code : a short name of the kind of fault, such as "gmres_stalled", which stays when the sentence
+    code : a short name of the kind of fault, such as "not_converged", which stays when the sentence
         changes.
     """
 

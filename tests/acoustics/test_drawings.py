@@ -123,11 +123,11 @@ def test_a_picture_file_is_read_as_grey(tmp_path):
         (lambda: text("", 0.02, 2e-3), "empty", "'' has 0 strokes"),
         (
             lambda: text("Grüße", 0.02, 2e-3),
-            "letter_unknown",
+            "unknown_name",
             "'ü' of 'Grüße' is not one of the 95 letters",
         ),
-        (lambda: text("A", -0.02, 2e-3), "not_positive", "the height of a letter is -0.02 m"),
-        (lambda: text("A", 20.0, 2e-3), "too_many_points", "are the other lengths in millimetres"),
+        (lambda: text("A", -0.02, 2e-3), "out_of_range", "the height of a letter is -0.02 m"),
+        (lambda: text("A", 20.0, 2e-3), "too_many", "are the other lengths in millimetres"),
         (lambda: svg_path("M 0 0 L 1 zebra", 0.02, 2e-3), "file_unreadable", "'M 0 0 L 1 zebra'"),
         (
             lambda: svg_path("M 3 3 Z", 0.02, 2e-3),
@@ -146,14 +146,14 @@ def test_a_picture_file_is_read_as_grey(tmp_path):
         ),
         (
             lambda: picture(np.zeros((4, 4)), 0.02, 2e-3),
-            "not_a_picture",
+            "wrong_kind",
             "not all 0, not of shape (4, 4), its smallest value 0",
         ),
-        (lambda: picture(np.ones(4), 0.02, 2e-3), "not_a_picture", "not of shape (4,)"),
-        (lambda: picture(-np.ones((2, 2)), 0.02, 2e-3), "not_a_picture", "its smallest value -1"),
+        (lambda: picture(np.ones(4), 0.02, 2e-3), "wrong_kind", "not of shape (4,)"),
+        (lambda: picture(-np.ones((2, 2)), 0.02, 2e-3), "wrong_kind", "its smallest value -1"),
         (
             lambda: picture(np.ones((9, 9)), 0.2, 1e-3),
-            "too_many_points",
+            "too_many",
             "a spacing of 1 mm gives 40000 points, more than 4096",
         ),
     ],
@@ -169,7 +169,7 @@ def test_a_broken_svg_file_is_rejected(tmp_path):
     with raises_code("file_unreadable", "broken.svg is not SVG"):
         svg_path(tmp_path / "broken.svg", 0.02, 2e-3)
     Image.new("L", (4, 4)).save(tmp_path / "black.png")
-    with raises_code("not_a_picture", "not all 0"):
+    with raises_code("wrong_kind", "not all 0"):
         picture(tmp_path / "black.png", 0.02, 2e-3)
     (tmp_path / "no.png").write_text("no picture")
     with raises_code("file_unreadable", "cannot read the file", "no.png"):
@@ -193,7 +193,7 @@ def test_only_png_jpeg_tiff_and_pgm_are_opened(tmp_path):
 def test_pixels_are_counted_before_a_picture_is_decoded(tmp_path, side):
     path = tmp_path / "large.pgm"
     path.write_bytes(b"P5 %d %d 255\n" % (side, side))
-    with raises_code("too_many_pixels"):
+    with raises_code("too_many"):
         picture(path, width=0.02, spacing=5e-3)
 
 

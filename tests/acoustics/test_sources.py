@@ -56,9 +56,7 @@ def test_faults_are_rejected(positions, strengths, code, sentence):
 def test_a_point_on_a_source_is_rejected(step):
     sources = Monopoles(np.array([[0.0, 0.0, 0.1], [0.2, 0.0, 0.1]]), np.ones(2))
     points = np.array([[0.0, 0.0, 0.0], [0.2, step, 0.1]])
-    with raises_code(
-        "point_on_source", f"point 1 stands on source 1 ({1e3 * step:g} mm away), where"
-    ):
+    with raises_code("misplaced", f"point 1 stands on source 1 ({1e3 * step:g} mm away), where"):
         check_off_sources(points, sources)
 
 

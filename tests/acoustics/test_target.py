@@ -44,7 +44,7 @@ def test_arrays_are_locked():
         ),
         (POINTS, -3.0, "negative", "a target pressure is -3 Pa"),
         (POINTS, np.array([10.0, -2.0]), "negative", "a target pressure is -2 Pa"),
-        (POINTS, 0.0, "nothing_asked", "every target pressure is 0 Pa"),
+        (POINTS, 0.0, "empty", "every target pressure is 0 Pa"),
         (POINTS, np.nan, "not_finite", "target pressures hold 1 NaN"),
         (
             POINTS,
@@ -61,7 +61,7 @@ def test_arrays_are_locked():
         (
             (POINTS[1], np.array([0.0, -0.6, 0.8])),
             None,
-            "normal_as_focus",
+            "misplaced",
             "the second of 2 target points is 1 m from",
         ),
         (
@@ -80,7 +80,7 @@ def test_faults_are_rejected(points, pressures, code, sentence):
 
 def test_foci_in_millimetres_are_asked_about():
     with raises_code(
-        "too_far", "focus 1 at (0.00, 5500.00, 0.00) mm is 5.5 m from", "2 m: is this in mill"
+        "out_of_range", "focus 1 at (0.00, 5500.00, 0.00) mm is 5.5 m from", "2 m: is this in mill"
     ):
         Target(np.array([[0.0, 0.0, 1.0], [0.0, 5.5, 0.0]]))
 
@@ -123,8 +123,8 @@ def test_suppression_points_follow_the_foci_as_beacons_where_asked():
     ("asked", "code", "sentence"),
     [
         ({"shares": -0.5}, "negative", "a target share is -0.5, but it must not be negative"),
-        ({"shares": 0.0}, "nothing_asked", "every target share is 0; ask"),
-        ({"shares": 0j}, "nothing_asked", "every target share is 0; ask"),
+        ({"shares": 0.0}, "empty", "every target share is 0; ask"),
+        ({"shares": 0j}, "empty", "every target share is 0; ask"),
         (
             {"shares": np.ones(3)},
             "wrong_shape",
@@ -132,7 +132,7 @@ def test_suppression_points_follow_the_foci_as_beacons_where_asked():
         ),
         (
             {"shares": 1.0, "pressures": 2.0},
-            "choose_one",
+            "options_clash",
             "both pressures and shares; give 1 of the 2",
         ),
         ({"pressures": complex(np.nan, 0)}, "not_finite", "target pressures hold 1 NaN"),
@@ -153,12 +153,12 @@ def test_suppression_points_follow_the_foci_as_beacons_where_asked():
         ),
         (
             {"suppression_points": np.array([[0.0, 0.0, 3.0]])},
-            "too_far",
+            "out_of_range",
             "suppression point 0 at (0.00, 0.00, 3000.00) mm is 3 m from",
         ),
         (
             {"suppression_points": np.array([[0.0, 0.1, 0.0], [0.0, 2e-7, 0.01]])},
-            "suppressed_focus",
+            "misplaced",
             "suppression point 1 is 0.0002 mm from focus 1 at (0.00, 0.00, 10.00) mm",
         ),
     ],

@@ -109,13 +109,13 @@ def test_a_plane_is_seen_upright():
     [
         (
             lambda: segment((0, 0, 0), (0, 0, 0), 1e-3),
-            "zero_length",
+            "all_zero",
             "line 0 of a polyline has a length of 0 mm",
         ),
         (lambda: segment((0, 0, 0), (0, 0, np.nan), 1e-3), "not_finite", "the end hold 1 NaN"),
         (
             lambda: segment((0, 0, 0), (5, 0, 0), 1e-3),
-            "too_many_points",
+            "too_many",
             "a spacing of 1 mm gives 5001 points, more than 4096",
         ),
         (
@@ -128,32 +128,32 @@ def test_a_plane_is_seen_upright():
             "too_few",
             "a closed polyline has 2 corners, but needs 3",
         ),
-        (lambda: circle((0, 0, 0), 0.0, 1e-3), "not_positive", "the radius is 0 m"),
+        (lambda: circle((0, 0, 0), 0.0, 1e-3), "out_of_range", "the radius is 0 m"),
         (
             lambda: circle((0, 0, 0), 50.0, 3e-3),
-            "too_many_points",
+            "too_many",
             "gives 104720 points, ... : are the other lengths in millimetres",
         ),
-        (lambda: circle((0, 0, 0), 0.01, -1e-3), "not_positive", "the spacing is -0.001 m"),
+        (lambda: circle((0, 0, 0), 0.01, -1e-3), "out_of_range", "the spacing is -0.001 m"),
         (
             lambda: circle((0, 0, 0), 0.01, 1e-3, normal=(0, 0, 0)),
-            "zero_length",
+            "all_zero",
             "the normal of a plane is (0, 0, 0)",
         ),
-        (lambda: sphere_shell((0, 0, 0), 0.1, 1e-3), "too_many_points", "gives 145104 points"),
+        (lambda: sphere_shell((0, 0, 0), 0.1, 1e-3), "too_many", "gives 145104 points"),
         (
             lambda: frame_of((0, 0, 1), up=(0, 0, -3)),
-            "parallel_directions",
+            "all_zero",
             "up is [0.0, 0.0, -3.0], along the normal",
         ),
         (
             lambda: surface_points(sphere(0.01, edge=4e-3), 1e-4),
-            "too_many_points",
+            "too_many",
             "more than 4096",
         ),
         (
             lambda: surface_points(sphere(0.01, edge=4e-3), 3e-3, facing=(0, 0, 0)),
-            "not_positive",
+            "out_of_range",
             "the length of the direction is 0 m",
         ),
         (
@@ -182,5 +182,5 @@ def test_an_offset_in_millimetres_and_a_crevice_are_rejected(hand_file):
     hand = load_surface(hand_file)
     between = hand.vertices[hand.vertices[:, 1].argmin()] + [0.0, 0.02, 0.012]
     crowd = between + np.random.default_rng(0).normal(scale=4e-3, size=(300, 3))
-    with raises_code("in_crevice", "lies in a crevice or before another part"):
+    with raises_code("misplaced", "lies in a crevice or before another part"):
         onto_surface(crowd, hand, offset=0.015)

@@ -21,7 +21,7 @@ def test_nothing_is_in_doubt_unless_given() -> None:
 
 @pytest.mark.parametrize("name", DEVIATIONS)
 def test_negative_and_endless_deviations_raise(name) -> None:
-    with raises_code("negative", "-0.2"):
+    with raises_code("out_of_range", "-0.2"):
         at.Uncertainty(**{name: -0.2})
     with raises_code("not_finite", "nan"):
         at.Uncertainty(**{name: np.nan})

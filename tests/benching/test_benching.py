@@ -173,11 +173,11 @@ def test_others_get_triangles_and_are_compared_alike(
 
 
 def test_an_interpreter_that_is_missing_or_fails_raises() -> None:
-    with raises_code("cannot_run", "/no/python"):
+    with raises_code("not_supported", "/no/python"):
         run_case("acoustools", "/no/python", {})
-    with raises_code("script_failed", "code 1", "ModuleNotFoundError"):
+    with raises_code("child_failed", "code 1", "ModuleNotFoundError"):
         run_case("acoustools", sys.executable, {"foci": np.zeros((1, 3))})
-    with raises_code("took_too_long", "acoustools_script.py", "0 s"):
+    with raises_code("file_too_large", "acoustools_script.py", "0 s"):
         run_case("acoustools", sys.executable, {}, limit=0.01)
 
 

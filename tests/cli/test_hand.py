@@ -85,7 +85,7 @@ def test_pads_that_the_camera_did_not_see_are_said_to_be_less_sure(tmp_path: Pat
     [
         (("--landmarks", LANDMARKS, "--gap", "0.01"), "options_clash"),
         (("--camera", "0", "0", "0"), "options_clash"),
-        ((), "landmarks_missing"),
+        ((), "data_missing"),
     ],
 )
 def test_options_that_do_not_go_together_are_rejected(

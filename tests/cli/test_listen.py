@@ -71,7 +71,7 @@ def test_what_cannot_be_shown_is_rejected(capsys, recording, tmp_path):
     out = tmp_path / "skin.ply"
     pose = HANDS / "pinch.json"
     for arguments, *numbers, fault in (
-        ([recording, "--leave-out", "--frame", 7777], "frame 7777", "0 to 9", "unknown_frame"),
+        ([recording, "--leave-out", "--frame", 7777], "frame 7777", "0 to 9", "unknown_name"),
         ([recording, "--gap", 0.01], "0.01 m", "options_clash"),
         ([pose, "--frame", 3], "pinch.json is 1 pose", "options_clash"),
         ([tmp_path / "none.jsonl"], "none.jsonl", "file_missing"),
@@ -165,7 +165,7 @@ def test_pads_over_time_are_those_of_each_hand():
     ways = np.linalg.norm(np.diff(track.pads[:5], axis=0), axis=2)
     assert track.fastest == pytest.approx(ways.max() / 0.1)
     assert track.longest_gap == pytest.approx(0.1)
-    with raises_code("no_frames", "0 frames", "right"):
+    with raises_code("empty", "0 frames", "right"):
         pads_over_time(frames, "right")
 
 

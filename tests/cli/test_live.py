@@ -191,7 +191,7 @@ def test_what_is_no_session_is_not_checked_as_one(tmp_path, capsys):
     (tmp_path / "bad.h5").write_bytes(b"nothing")
     empty = recorded_without_a_hand(tmp_path / "empty")
     for arguments, code in [
-        ((tmp_path / "bad.h5",), "not_a_session"),
+        ((tmp_path / "bad.h5",), "wrong_kind"),
         ((tmp_path,), "file_missing"),
         ((tmp_path / "bad.h5", "--scale", "2"), "options_clash"),
         (("pinch", "--drives", "3"), "options_clash"),
@@ -201,7 +201,7 @@ def test_what_is_no_session_is_not_checked_as_one(tmp_path, capsys):
         assert main(["check", *map(str, arguments), "--json"]) == 2
         assert json.loads(capsys.readouterr().out)["code"] == code, arguments
     code, found, _ = done(*QUICK, "--from", empty, "--out", tmp_path)
-    assert (code, found["code"]) == (2, "no_frames")
+    assert (code, found["code"]) == (2, "empty")
 
 
 def recorded_without_a_hand(folder):
@@ -227,19 +227,22 @@ def test_frames_of_the_other_hand_are_named(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "code"),
     [
-        (["pinch"], "foci_not_on_hand"),
-        (["open_hand"], "foci_not_on_hand"),
-        ([*QUICK, "--from", "nothing.jsonl"], "unknown_example"),
-        ([*QUICK, "--from", "relaxed.json"], "unknown_example"),
-        ([*QUICK, "--from", str(EXAMPLES / "hands/relaxed.json")], "unknown_ending"),
+        (["pinch"], "misplaced"),
+        (["open_hand"], "misplaced"),
+        ([*QUICK, "--from", "nothing.jsonl"], "unknown_name"),
+        ([*QUICK, "--from", "relaxed.json"], "unknown_name"),
+        ([*QUICK, "--from", str(EXAMPLES / "hands/relaxed.json")], "unknown_format"),
         ([*QUICK, "--from", "websocket:x"], "not_a_number"),
-        ([*QUICK, "--board", "autd3"], "setting_missing"),
-        ([*QUICK, "--board", "nano16", "--link", "serial", "--port", "/dev/null"], "wrong_board"),
-        ([*QUICK, "--address", "127.0.0.1:1"], "setting_missing"),
+        ([*QUICK, "--board", "autd3"], "key_missing"),
+        (
+            [*QUICK, "--board", "nano16", "--link", "serial", "--port", "/dev/null"],
+            "does_not_match",
+        ),
+        ([*QUICK, "--address", "127.0.0.1:1"], "key_missing"),
         ([*QUICK, "--cap", "2"], "out_of_range"),
         ([*QUICK, "--latency", "20"], "out_of_range"),
-        ([*QUICK, "--seconds", "-1"], "not_positive"),
-        ([*QUICK, "--board", "autd3", "--link", "audit"], "not_confirmed"),
+        ([*QUICK, "--seconds", "-1"], "out_of_range"),
+        ([*QUICK, "--board", "autd3", "--link", "audit"], "link_failed"),
     ],
 )
 def test_bad_input_is_one_sentence(capsys, tmp_path, arguments, code):

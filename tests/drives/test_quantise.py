@@ -78,7 +78,7 @@ LEVELS = np.zeros(3, dtype=np.uint8)
 @pytest.mark.parametrize(
     ("amplitude", "phase", "code", "shown"),
     [
-        (LEVELS, LEVELS[:2], "element_count", "3 amplitudes has 2 phases"),
+        (LEVELS, LEVELS[:2], "sizes_differ", "3 amplitudes has 2 phases"),
         (LEVELS, LEVELS.astype(np.int64) + 300, "wrong_shape", "int64"),
         (LEVELS[:0], LEVELS[:0], "wrong_shape", "(0,)"),
         (LEVELS[None], LEVELS[None], "wrong_shape", "(1, 3)"),

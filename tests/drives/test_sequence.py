@@ -122,30 +122,30 @@ def test_what_a_board_plays_passes() -> None:
             "frame 1 of a sequence drives an element at 1.2",
         ),
         (lambda: Sequence(np.array([[0.5j], [np.nan]]), 1.0), "not_finite", "[1, 0]"),
-        (lambda: Sequence(np.ones((2, 2), complex), 0.0), "not_positive", "0 frames/s"),
+        (lambda: Sequence(np.ones((2, 2), complex), 0.0), "out_of_range", "0 frames/s"),
         (lambda: amplitude_modulation(DRIVE).drive(20), "out_of_range", "frames 0 to 19"),
         (
             lambda: amplitude_modulation(DRIVE, 200.0, 600.0),
-            "rate_not_possible",
+            "out_of_range",
             "3 frames a period of 200 Hz, and 4",
         ),
         (
             lambda: amplitude_modulation(DRIVE, 150.0, 1000.0),
-            "rate_not_possible",
+            "out_of_range",
             "150 Hz: the nearest is 1050",
         ),
         (lambda: amplitude_modulation(DRIVE, depth=1.5), "out_of_range", "1.5"),
-        (lambda: amplitude_modulation(DRIVE, frequency=-1.0), "not_positive", "-1 Hz"),
+        (lambda: amplitude_modulation(DRIVE, frequency=-1.0), "out_of_range", "-1 Hz"),
         (
             lambda: check_playable(
                 amplitude_modulation(DRIVE, 250.0, 3000.0), clock=40e3, most=1024
             ),
-            "rate_not_possible",
+            "out_of_range",
             "3076.923",
         ),
         (
             lambda: check_playable(amplitude_modulation(DRIVE, 1.0, 2000.0), clock=40e3, most=1024),
-            "frame_count",
+            "sizes_differ",
             "2000 frames, and the board keeps 1024",
         ),
     ],
@@ -158,14 +158,14 @@ def test_faults_are_rejected_with_the_number(make, code, shown) -> None:
 def test_paths_that_do_not_fit_are_rejected() -> None:
     ring = Target(circle((0.0, 0.0, 0.15), radius=0.01, spacing=4e-3))
     transfer = matrix_of(ring)
-    with raises_code("rate_not_possible", "8 frames a period of 100 Hz, and 16", "1600 frames/s"):
+    with raises_code("out_of_range", "8 frames a period of 100 Hz, and 16", "1600 frames/s"):
         spatiotemporal_modulation(transfer, ring, 100.0, 800.0)
-    with raises_code("rate_not_possible", "300 frames/s"):
+    with raises_code("out_of_range", "300 frames/s"):
         lateral_modulation(transfer, ring, 10.0, 200.0)
     single = Target(ring.points[:1])
     with raises_code("too_few", "1; give 2"):
         lateral_modulation(matrix_of(single), single)
     with pytest.raises(InvalidInput, match="does not fit a target of 1"):
         phase_conjugate(transfer, single)
-    with raises_code("element_count", "5 elements", "249 elements"):
+    with raises_code("sizes_differ", "5 elements", "249 elements"):
         amplitude_modulation(DRIVE).pressure(transfer)

@@ -153,7 +153,7 @@ def test_sources_that_are_not_unit_beacons_raise() -> None:
         (np.ones((3, 3), dtype=np.complex128), "(3, 3)"),
     ):
         field = FreeField().radiate(scene, Monopoles(FOCI, strengths))
-        with raises_code("not_beacons", number):
+        with raises_code("wrong_kind", number):
             transfer_matrix(field, autd3_board())
 
 
@@ -176,7 +176,7 @@ def test_a_face_that_reaches_into_a_body_raises_though_its_centre_is_outside() -
         np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0]]),
     )
     array = PhasedArray(np.array([[0.1, 0.0, 0.0], [0.0, 0.0, 0.013]]), normals, face, tangents)
-    with raises_code("array_inside_body", "1 of 2 elements", "element 1", "1 mm"):
+    with raises_code("bodies_overlap", "1 of 2 elements", "element 1", "1 mm"):
         transfer_matrix(unit_beacons(scene, FOCI), array)
 
 
@@ -212,7 +212,7 @@ def test_a_piston_too_large_for_the_frequency_raises() -> None:
     scene = Scene(AIR, [], frequency=80e3)
     array = autd3_board(element=piston(4.5e-3))
     beacons = FreeField().radiate(scene, Target(np.array([[0.0, 0.0, 0.1]])).beacons())
-    with raises_code("piston_too_large", "4.5 mm", "6.59"):
+    with raises_code("out_of_range", "4.5 mm", "6.59"):
         transfer_matrix(beacons, array)
 
 
@@ -222,7 +222,7 @@ ONES = np.ones((2, 3), dtype=np.complex128)
 @pytest.mark.parametrize(
     ("make", "code", "number"),
     [
-        (lambda: TransferMatrix(0.0 * ONES, 0.0), "matrix_zero", "all 6 entries"),
+        (lambda: TransferMatrix(0.0 * ONES, 0.0), "all_zero", "all 6 entries"),
         (lambda: TransferMatrix(ONES[0], 0.0), "wrong_shape", "not (3,)"),
         (lambda: TransferMatrix(ONES[:0], 0.0), "wrong_shape", "not (0, 3)"),
         (

@@ -164,15 +164,15 @@ def test_a_cable_cut_says_what_was_sent_last(link: AUTD3Link) -> None:
         (
             8,
             70.0,
-            "rate_not_possible",
+            "out_of_range",
             "70.05254 f",
         ),
-        (8, 50_000.0, "rate_not_possible", "40000 frames/s"),
-        (8, 0.1, "rate_not_possible", "0.6103609 frames/s"),
-        (8, 0.0, "not_positive", "0 frames/s"),
-        (8, np.nan, "not_positive", "nan frames/s"),
-        (1025, 100.0, "frame_count", "2 to 1024 frames, not 1025: the nearest"),
-        (1, 100.0, "frame_count", "2 to 1024 frames, not 1: the nearest"),
+        (8, 50_000.0, "out_of_range", "40000 frames/s"),
+        (8, 0.1, "out_of_range", "0.6103609 frames/s"),
+        (8, 0.0, "out_of_range", "0 frames/s"),
+        (8, np.nan, "out_of_range", "nan frames/s"),
+        (1025, 100.0, "sizes_differ", "2 to 1024 frames, not 1025: the nearest"),
+        (1, 100.0, "sizes_differ", "2 to 1024 frames, not 1: the nearest"),
         (0, 100.0, "empty", "not 0"),
     ],
 )
@@ -187,13 +187,13 @@ def test_sequences_that_the_boards_refuse(
 @pytest.mark.parametrize(
     ("make", "code", "shown"),
     [
-        (lambda link: link.send(random_frame(249)), "element_count", "996"),
+        (lambda link: link.send(random_frame(249)), "sizes_differ", "996"),
         (lambda link: link.send(None), "wrong_kind", "a Frame"),
         (lambda link: AUTD3Link(Pose.identity()), "wrong_kind", "a list of Pose"),
         (lambda link: AUTD3Link([None]), "wrong_kind", "pose 0"),
-        (lambda link: AUTD3Link([]), "board_count", "1 to 256 autd3 boards, not 0"),
-        (lambda link: AUTD3Link([Pose.identity()], "usb"), "unknown_link", "'usb'"),
-        (lambda link: AUTD3Link([Pose.identity()], "remote"), "setting_missing", "1 address"),
+        (lambda link: AUTD3Link([]), "sizes_differ", "1 to 256 autd3 boards, not 0"),
+        (lambda link: AUTD3Link([Pose.identity()], "usb"), "unknown_name", "'usb'"),
+        (lambda link: AUTD3Link([Pose.identity()], "remote"), "key_missing", "1 address"),
         (
             lambda link: AUTD3Link([Pose.identity()]).send(random_frame(249)),
             "link_closed",
@@ -201,20 +201,20 @@ def test_sequences_that_the_boards_refuse(
         ),
         (
             lambda link: AUTD3Link([Pose.identity()], "remote", "x").played(),
-            "audit_only",
+            "not_supported",
             "remote",
         ),
         (
             lambda link: AUTD3Link([Pose.identity()], "remote", "127.0.0.1:9").open(),
-            "link_not_opened",
+            "link_failed",
             "remote",
         ),
         (
             lambda link: AUTD3Link([Pose.identity()], "ethercrab", "no0").open(),
-            "link_not_opened",
+            "link_failed",
             "ethercrab",
         ),
-        (lambda link: AUTD3Link([Pose.identity()], "twincat").open(), "link_not_opened", "twincat"),
+        (lambda link: AUTD3Link([Pose.identity()], "twincat").open(), "link_failed", "twincat"),
     ],
 )
 def test_what_cannot_be_is_rejected(
@@ -227,11 +227,11 @@ def test_what_cannot_be_is_rejected(
 
 def test_a_missing_pyautd3_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyautd3", None)
-    with raises_code("extra_not_installed", "airtact[autd3]"):
+    with raises_code("extra_missing", "airtact[autd3]"):
         AUTD3Link([Pose.identity()]).open()
 
 
 def test_an_unknown_pyautd3_names_the_version(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(importlib.metadata, "version", lambda name: "38.0.1")
-    with raises_code("package_version", "38.0.1", "36.0.2"):
+    with raises_code("unsupported_version", "38.0.1", "36.0.2"):
         AUTD3Link([Pose.identity()]).open()

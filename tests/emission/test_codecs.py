@@ -179,14 +179,14 @@ NANO, ONES = codec_of("nano16").levels, np.ones(3, dtype=np.uint8)
 @pytest.mark.parametrize(
     ("make", "code", "shown"),
     [
-        (lambda: Levels(np.array([0.0]), 32), "level_count", "(1,)"),
-        (lambda: Levels(np.array([0.0, 0.5]), 32), "levels_not_rising", "0 to 0.5"),
+        (lambda: Levels(np.array([0.0]), 32), "out_of_range", "(1,)"),
+        (lambda: Levels(np.array([0.0, 0.5]), 32), "out_of_range", "0 to 0.5"),
         (
             lambda: Levels(np.array([0.0, 1.0]), 300),
-            "level_count",
+            "out_of_range",
             "2 to 256 levels of phase, not 300",
         ),
-        (lambda: Levels(np.array([0.0, 1.0]), 4.5), "level_count", "4.5"),
+        (lambda: Levels(np.array([0.0, 1.0]), 4.5), "out_of_range", "4.5"),
         (lambda: rounding_error(*focus(), 3), "wrong_kind", "a Frame"),
         (lambda: Frame(2 * ONES, 0 * ONES, NANO), "out_of_range", "below 2"),
         (
@@ -196,7 +196,7 @@ NANO, ONES = codec_of("nano16").levels, np.ones(3, dtype=np.uint8)
         ),
         (
             lambda: rounding_error(*focus(), quantise(Drive(np.zeros(996, complex)))),
-            "drive_silent",
+            "all_zero",
             "996",
         ),
         (lambda: quantise(Drive(np.ones(3, complex)), 32), "wrong_kind", "32"),

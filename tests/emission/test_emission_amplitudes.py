@@ -167,7 +167,7 @@ def test_boards_without_amplitudes_swing_by_the_number_of_elements() -> None:
     wanted = 256 * AmplitudeModulation(10.0).envelope(8)
     assert len(on) >= 3
     assert all(np.abs(wanted - count).min() < 2.0 for count in on)
-    with Emission(link) as emission, raises_code("rate_not_possible", "200 Hz", "am:44"):
+    with Emission(link) as emission, raises_code("out_of_range", "200 Hz", "am:44"):
         emission.modulate(tone(256), 0.1)
 
 
@@ -178,7 +178,7 @@ def test_boards_without_amplitudes_swing_by_the_number_of_elements() -> None:
         (lambda link: Emission(link, cap=40.0), "out_of_range", "for 40 per cent give 0.4"),
         (lambda link: Emission(link, cap=np.nan), "out_of_range", "is nan,"),
         (lambda link: Emission(link, ramp=-1.0), "out_of_range", "-1 s"),
-        (lambda link: Emission(link, patience=0.0), "not_positive", "0 s"),
+        (lambda link: Emission(link, patience=0.0), "out_of_range", "0 s"),
         (lambda link: Emission("autd3"), "wrong_kind", "'autd3'"),
     ],
 )
@@ -195,13 +195,13 @@ def test_settings_that_cannot_be_are_rejected(
     [
         (
             lambda emission: emission.send(tone(996)),
-            "element_count",
+            "sizes_differ",
             "996 elements does not fit 1 autd3 board of 249",
         ),
         (lambda emission: emission.send(None), "wrong_kind", "NoneType"),
         (
             lambda emission: emission.play(Sequence(moving(3, 12), 10.0), 1),
-            "element_count",
+            "sizes_differ",
             "12 elements",
         ),
         (lambda emission: emission.play(moving(3), 1), "wrong_kind", "array"),

@@ -100,7 +100,7 @@ def test_sequences_of_two_rates_do_not_go_into_one_file(tmp_path) -> None:
     link = FileLink(tmp_path / "frames.h5", "nano16")
     link.open()
     link.play([random_frame("nano16", 1, 1)], 100.0)
-    with raises_code("rates_differ", "200"):
+    with raises_code("sizes_differ", "200"):
         link.play([random_frame("nano16", 1, 1)], 200.0)
 
 
@@ -144,7 +144,7 @@ OTHER = random_frame("sonicsurface", 1, 1)
     [
         (
             lambda folder: write_frames(folder / "a.txt", "nano16", (ONE,)),
-            "unknown_ending",
+            "unknown_format",
             "a.txt",
         ),
         (lambda folder: write_frames(folder / "a.npz", "nano16", ()), "empty", "not 0"),
@@ -155,15 +155,15 @@ OTHER = random_frame("sonicsurface", 1, 1)
         ),
         (
             lambda folder: write_frames(folder / "none" / "a.npz", "nano16", (ONE,)),
-            "file_not_writable",
+            "not_writable",
             "a.npz",
         ),
         (
             lambda folder: write_frames(folder / "none" / "a.bin", "nano16", (ONE,)),
-            "file_not_writable",
+            "not_writable",
             "a.bin",
         ),
-        (lambda folder: FileLink(folder / "none" / "a.npz").open(), "file_not_writable", "a.npz"),
+        (lambda folder: FileLink(folder / "none" / "a.npz").open(), "not_writable", "a.npz"),
     ],
 )
 def test_files_that_cannot_be_are_rejected(tmp_path, make, code: str, shown: str) -> None:

@@ -120,7 +120,7 @@ def test_a_link_that_cannot_be_elsewhere_is_here_and_says_so() -> None:
 
 def test_a_log_that_cannot_be_written_is_rejected(tmp_path: Path) -> None:
     with (
-        raises_code("file_not_writable", "error 2"),
+        raises_code("not_writable", "error 2"),
         Emission(RecordingLink(), log=tmp_path / "no" / "log"),
     ):
         pytest.fail("the block must not begin")

@@ -39,12 +39,12 @@ def test_every_link_is_built_under_its_own_name(link, board) -> None:
 @pytest.mark.parametrize(
     ("name", "board", "setting", "code", "shown"),
     [
-        ("serial", "autd3", {}, "unknown_link", "it has 6"),
-        ("fax", "autd3", {}, "unknown_link", "'fax'"),
-        ("audit", "autd3", {"port": "x"}, "setting_not_taken", "--port x"),
-        ("file", "autd3", {}, "setting_missing", "--out"),
-        ("serial", "nano16", {}, "setting_missing", "--port"),
-        ("remote", "autd3", {}, "setting_missing", "--address"),
+        ("serial", "autd3", {}, "unknown_name", "it has 6"),
+        ("fax", "autd3", {}, "unknown_name", "'fax'"),
+        ("audit", "autd3", {"port": "x"}, "options_clash", "--port x"),
+        ("file", "autd3", {}, "key_missing", "--out"),
+        ("serial", "nano16", {}, "key_missing", "--port"),
+        ("remote", "autd3", {}, "key_missing", "--address"),
     ],
 )
 def test_a_link_that_cannot_be_is_rejected(name, board, setting, code, shown) -> None:

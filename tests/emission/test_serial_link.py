@@ -172,9 +172,7 @@ def test_a_rate_that_the_line_cannot_carry_is_rejected() -> None:
     ):
         link = SerialLink("nowhere", name, boards)
         link.check_sequence(10, rate)
-        with raises_code(
-            "rate_not_possible", f"{rate + 2} frames/s", f"nearest is {rate} frames/s"
-        ):
+        with raises_code("out_of_range", f"{rate + 2} frames/s", f"nearest is {rate} frames/s"):
             link.check_sequence(10, rate + 2)
 
 
@@ -193,20 +191,24 @@ def busy() -> None:
     [
         (
             lambda: SerialLink("/dev/no-such-port").open(),
-            "link_not_opened",
+            "link_failed",
             "/dev/no-such-port cannot be opened (error 2)",
         ),
         pytest.param(busy, "link_in_use", f"process {os.getpid()}", id="busy"),
         (lambda: SerialLink(None), "wrong_kind", "a str"),
-        (lambda: SerialLink("x", boards=1.5), "board_count", "1 to 2 sonicsurface boards, not 1.5"),
-        (lambda: SerialLink("x", "openmpd"), "unknown_link", "0 baud"),
+        (
+            lambda: SerialLink("x", boards=1.5),
+            "sizes_differ",
+            "1 to 2 sonicsurface boards, not 1.5",
+        ),
+        (lambda: SerialLink("x", "openmpd"), "unknown_name", "0 baud"),
         (
             lambda: SerialLink("x", "sonicsurface", 3),
-            "board_count",
+            "sizes_differ",
             "1 to 2 sonicsurface boards, not 3",
         ),
-        (lambda: SerialLink("x", "nano16", 2), "board_count", "1 to 1 nano16 boards, not 2"),
-        (lambda: SerialLink("x", "nano16").play([], 10), "sequence_not_possible", "nano16"),
+        (lambda: SerialLink("x", "nano16", 2), "sizes_differ", "1 to 1 nano16 boards, not 2"),
+        (lambda: SerialLink("x", "nano16").play([], 10), "not_supported", "nano16"),
     ],
 )
 def test_ports_that_cannot_be_are_rejected(
@@ -219,7 +221,7 @@ def test_ports_that_cannot_be_are_rejected(
 
 def test_a_missing_pyserial_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "serial", None)
-    with raises_code("extra_not_installed", "airtact[serial]"):
+    with raises_code("extra_missing", "airtact[serial]"):
         SerialLink("x").open()
 
 
@@ -227,8 +229,8 @@ def test_frames_of_another_kind_are_rejected() -> None:
     with wired(SonicSurface()) as wire:
         link = SerialLink(wire.port)
         link.open()
-        with raises_code("element_count", "512 elements does not fit 1 sonicsurface board of 256"):
+        with raises_code("sizes_differ", "512 elements does not fit 1 sonicsurface board of 256"):
             link.send(random_frame("sonicsurface", 2, 1))
-        with raises_code("levels_differ", "65 amplitudes and 128 phases"):
+        with raises_code("sizes_differ", "65 amplitudes and 128 phases"):
             link.send(random_frame("openmpd", 1, 1))
         link.close()

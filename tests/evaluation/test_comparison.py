@@ -75,7 +75,7 @@ def test_the_field_of_each_drive_is_found_by_its_name() -> None:
         phases = field_map(SCENE, ARRAY, drive.phase_only(), points, solver=FreeField())
         column = result.field.at(points)[:, result.column(name, phase_only=True)]
         np.testing.assert_allclose(column, phases, rtol=1e-10)
-    with raises_code("unknown_drive", "one of the 3 drives"):
+    with raises_code("unknown_name", "one of the 3 drives"):
         result.column("no drive")
 
 
@@ -144,7 +144,7 @@ def test_a_comparison_lists_every_focus_of_every_drive() -> None:
 
 def test_drives_that_cannot_be_compared_raise() -> None:
     silent = {"silence": Drive(np.zeros(249, dtype=np.complex128))}
-    with raises_code("drive_silent", "'silence'", "all 249"):
+    with raises_code("all_zero", "'silence'", "all 249"):
         compare(SCENE, ARRAY, silent, TARGET, solver=FreeField())
     with raises_code("too_few", "not 0"):
         compare(SCENE, ARRAY, {}, TARGET, solver=FreeField())

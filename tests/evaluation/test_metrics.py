@@ -98,5 +98,5 @@ def test_a_focus_in_a_body_or_behind_a_face_raises() -> None:
     with raises_code("behind_faces", "focus 0", "249 elements", "10 mm"):
         evaluate(Scene(AIR, []), array, drive, behind, solver=FreeField())
     scene = Scene(AIR, [sound_hard(sphere(0.010, edge=4e-3, centre=(0.0, 0.0, 0.1)))])
-    with raises_code("focus_inside_body", "focus 0", "7 mm deep"):
+    with raises_code("inside_body", "focus 0", "7 mm deep"):
         evaluate(scene, array, drive, Target(np.array([[0.0, 0.0, 0.103]])), solver=SphereSeries())

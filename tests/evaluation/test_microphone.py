@@ -66,10 +66,10 @@ def test_blocked_positions_read_nothing():
     ("given", "code", "number"),
     [
         ({"diameter": 6.35}, "out_of_range", "6.35 m"),
-        ({"diameter": -1e-3}, "not_positive", "-0.001"),
+        ({"diameter": -1e-3}, "out_of_range", "-0.001"),
         ({"axis": (0.0, 0.0, 0.0)}, "wrong_shape", "[0.0, 0.0, 0.0]"),
         ({"housing": -0.1}, "out_of_range", "-0.1 m"),
-        ({"diameter": float("nan")}, "not_positive", "nan"),
+        ({"diameter": float("nan")}, "out_of_range", "nan"),
     ],
 )
 def test_impossible_microphones_raise(given, code, number):

@@ -50,7 +50,7 @@ def test_magnitudes_are_compared_where_no_phase_was_measured():
 
 def test_phases_of_the_other_time_sign_raise():
     model = np.array([1.0, 1j, -1.0, -1j])  # which and its conjugate have nothing in common
-    with raises_code("phases_negated", "100.0%", "0.0%"):
+    with raises_code("does_not_match", "100.0%", "0.0%"):
         overlay_scan(Scan(POINTS, 3.0 * model.conj(), True), model)
 
 
@@ -64,12 +64,12 @@ def test_positions_that_cannot_be_predicted_are_left_out_and_counted():
 @pytest.mark.parametrize(
     ("text", "code", "number"),
     [
-        ("x,y,pressure\n0,0,1\n", "column_missing", "3 columns"),
-        ("", "header_missing", "0 rows"),
-        ("x;y;z;pressure\n0;0;0;1\n", "wrong_separator", "3 semicolons"),
-        ("x,y,z,pressure\n0,0,0,1\n0,0,one,1\n", "cell_unreadable", "line 3"),
-        ("x,y,z,pressure\n0,0,0,1\n0,0,1\n", "wrong_cell_count", "3 cells, but there are 4"),
-        ("x,y,z,pressure\n0,0,0,1\n0,0,1,nan\n0,1,0,1\n", "cell_unreadable", "line 3"),
+        ("x,y,pressure\n0,0,1\n", "data_missing", "3 columns"),
+        ("", "file_unreadable", "0 rows"),
+        ("x;y;z;pressure\n0;0;0;1\n", "unknown_format", "3 semicolons"),
+        ("x,y,z,pressure\n0,0,0,1\n0,0,one,1\n", "file_unreadable", "line 3"),
+        ("x,y,z,pressure\n0,0,0,1\n0,0,1\n", "wrong_shape", "3 cells, but there are 4"),
+        ("x,y,z,pressure\n0,0,0,1\n0,0,1,nan\n0,1,0,1\n", "file_unreadable", "line 3"),
         ("x,y,z,pressure\n0,0,0,1\n0,0,1,2\n", "too_few", "2 positions; give 3"),
         ("x,y,z,pressure\n", "too_few", "0 positions"),
         (
@@ -78,7 +78,7 @@ def test_positions_that_cannot_be_predicted_are_left_out_and_counted():
             "position 1 of the scan is 12 m",
         ),
         ("x,y,z,pressure\n0,0,0,1\n0,0,0,2\n0,0,1,2\n0,0,0,2\n", "repeated", "2 positions"),
-        ("x,y,z,pressure\n0,0,0,0\n0,0,1,0\n0,1,0,0\n", "scan_silent", "all 3"),
+        ("x,y,z,pressure\n0,0,0,0\n0,0,1,0\n0,1,0,0\n", "all_zero", "all 3"),
     ],
 )
 def test_files_without_a_scan_raise(tmp_path, text, code, number):
@@ -90,16 +90,16 @@ def test_missing_and_binary_files_raise(tmp_path):
     with raises_code("file_missing", "missing.csv"):
         load_scan(tmp_path / "missing.csv")
     (tmp_path / "bytes.csv").write_bytes(b"\xff\xfe\x00x,y")
-    with raises_code("not_text", "bytes.csv", "byte 0"):
+    with raises_code("file_unreadable", "bytes.csv", "byte 0"):
         load_scan(tmp_path / "bytes.csv")
 
 
 def test_too_few_predictions_raise():
-    with raises_code("scan_blocked", "2 of 4"):
+    with raises_code("signal_unusable", "2 of 4"):
         overlay_scan(
             Scan(POINTS, np.ones(4, dtype=complex), True), np.array([1.0 + 0j, 1.0, np.nan, np.nan])
         )
-    with raises_code("prediction_zero", "all 4"):
+    with raises_code("all_zero", "all 4"):
         overlay_scan(Scan(POINTS, np.ones(4, dtype=complex), True), np.zeros(4, dtype=complex))
     with raises_code("sizes_differ", "3 predictions", "4 positions"):
         overlay_scan(Scan(POINTS, np.ones(4, dtype=complex), True), np.zeros(3, dtype=complex))

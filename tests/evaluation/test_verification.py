@@ -203,7 +203,7 @@ def test_what_cannot_be_verified_raises(beside_a_ball) -> None:
     drive = Drive(np.ones(24, dtype=complex))
     with raises_code("unknown_name", '"rotation"', "2 modulations"):
         beside_a_ball[0].over_thresholds("rotation")
-    with raises_code("point_on_source", "point 1", "source 3"):
+    with raises_code("misplaced", "point 1", "source 3"):
         verify(
             OPEN_AIR,
             ARRAY,

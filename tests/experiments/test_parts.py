@@ -45,7 +45,7 @@ def test_foci_are_where_the_fingers_are_nearest(entering, tilt) -> None:
 
 @pytest.mark.parametrize(
     ("settings", "code", "number"),
-    [({"tilt": 120.0}, "out_of_range", "120"), ({"gap": 0.0}, "not_positive", "0 mm")],
+    [({"tilt": 120.0}, "out_of_range", "120"), ({"gap": 0.0}, "out_of_range", "0 mm")],
 )
 def test_impossible_fingers_raise(settings, code, number) -> None:
     with raises_code(code, number):

@@ -39,7 +39,7 @@ def test_a_fault_keeps_its_code(file):
 
 
 def test_a_reader_that_hangs_is_ended(file):
-    with raises_code("took_too_long", "some.bin", "1 s"):
+    with raises_code("file_too_large", "some.bin", "1 s"):
         read_apart(hurtful_readers.hangs, file, seconds=1)
 
 

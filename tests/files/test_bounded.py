@@ -89,11 +89,11 @@ def test_what_stands_in_another_file_is_not_read(tmp_path):
 @pytest.mark.parametrize(
     ("words", "code", "number"),
     [
-        ("x,y\n1," + "9" * 200_000, "cell_unreadable", "line 2"),
-        ("x,y\n1," + "9" * 400, "cell_unreadable", "line 2"),
-        ("x,y\n1,1e13", "cell_unreadable", "1e+12"),
-        (",".join(["x"] * 100_000), "wrong_cell_count", "100,000"),
-        (",".join(["%x"] * 100_000) + "\n1,2", "wrong_cell_count", f"{MOST_COLUMNS:,}"),
+        ("x,y\n1," + "9" * 200_000, "file_unreadable", "line 2"),
+        ("x,y\n1," + "9" * 400, "file_unreadable", "line 2"),
+        ("x,y\n1,1e13", "file_unreadable", "1e+12"),
+        (",".join(["x"] * 100_000), "wrong_shape", "100,000"),
+        (",".join(["%x"] * 100_000) + "\n1,2", "wrong_shape", f"{MOST_COLUMNS:,}"),
     ],
     ids=[
         "a long cell",
@@ -111,7 +111,7 @@ def test_a_table_that_hurts_is_rejected(words, code, number, tmp_path):
 
 def test_a_pose_of_too_many_digits_is_rejected(tmp_path):
     (tmp_path / "pose.json").write_text(json.dumps({"positions_m": [0]}).replace("0", "9" * 5000))
-    with raises_code("not_json", "pose.json", "4300"):
+    with raises_code("file_unreadable", "pose.json", "4300"):
         load_hand(tmp_path / "pose.json")
 
 

@@ -18,7 +18,7 @@ def flat(surface: Surface) -> Surface:
 def test_a_surface_that_crosses_itself_is_rejected_with_number_and_place():
     crossing = Surface(*torus_mesh(0.015, 0.02))
     count = len(crossing.crossings)
-    with raises_code("crosses_itself", f" {count} pairs", "near ("):
+    with raises_code("mesh_faulty", f" {count} pairs", "near ("):
         check_surface(crossing)
 
 
@@ -59,7 +59,7 @@ def test_primitives_that_overlap_are_rejected_with_the_exact_depth(one, two, mil
     [
         (0.0, "bodies_overlap", "0 mm deep"),
         (-1e-6, "bodies_overlap", "0.001 mm deep"),
-        (2.9e-4, "bodies_too_near", "0.29 mm apart"),
+        (2.9e-4, "bodies_overlap", "0.29 mm apart"),
         (3e-4, None, ""),
         (4e-4, None, ""),
     ],
@@ -80,7 +80,7 @@ def test_meshes_that_nearly_touch_are_rejected_with_their_distance(swap):
     ball = sphere(0.01, 0.005, centre=(-0.05, 0.004, 0.01025))
     for other, millimetres in ((tip, "0.2"), (ball, "0.25")):
         bodies = [other, slab] if swap else [slab, other]
-        with raises_code("bodies_too_near", "bodies 0 and 1", f" {millimetres} mm apart near ("):
+        with raises_code("bodies_overlap", "bodies 0 and 1", f" {millimetres} mm apart near ("):
             check_apart(bodies)
 
 
@@ -90,7 +90,7 @@ def test_thin_plates_are_rejected_with_their_thickness_and_place(thickness, reje
     if not rejected:
         check_surface(plate)
         return
-    with raises_code("too_thin", " 0.4 mm thick near (", "than 0.5 mm"):
+    with raises_code("out_of_range", " 0.4 mm thick near (", "than 0.5 mm"):
         check_surface(plate)
 
 
@@ -184,7 +184,7 @@ def test_a_piece_inside_another_is_rejected():
         box_mesh((0.01, 0.01, 0.01), (0.015, 0.02, 0.02)),
     )
     both = Surface(np.vstack([outer[0], inner[0]]), np.vstack([outer[1], inner[1] + 8]))
-    with raises_code("piece_inside_piece", "piece 1 of 2", "piece 0, 10 mm deep near ("):
+    with raises_code("mesh_faulty", "piece 1 of 2", "piece 0, 10 mm deep near ("):
         check_surface(both)
 
 

@@ -160,7 +160,7 @@ def test_deviation_is_the_distance_from_the_true_surface():
 
 @pytest.mark.parametrize("edge", [0.0, -1.0, np.nan])
 def test_an_edge_is_above_zero(edge):
-    with raises_code("not_positive", f"edge is {edge:g} m"):
+    with raises_code("out_of_range", f"edge is {edge:g} m"):
         at.sphere(0.008, 0.004).panelled(edge)
 
 

@@ -27,7 +27,7 @@ def test_a_cloud_is_read_from_each_kind_of_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "content", "code", "detail"),
     [
-        ("a.pcd", b"", "unknown_ending", ".pcd"),
+        ("a.pcd", b"", "unknown_format", ".pcd"),
         ("a.ply", b"no ply", "file_unreadable", "a.ply (6 bytes)"),
         ("a.npy", b"no array", "file_unreadable", "a.npy: its 8 bytes"),
     ],
@@ -58,5 +58,5 @@ def test_landmarks_are_read_with_their_side(tmp_path: Path) -> None:
 
     assert points.shape == (25, 3)
     assert side == "right"
-    with raises_code("joint_order", "swapped.json", "25"):
+    with raises_code("hand_implausible", "swapped.json", "25"):
         load_landmarks(tmp_path / "swapped.json")

@@ -172,7 +172,7 @@ def test_skins_nearer_than_0_3_mm_are_one_and_others_are_not(gap, one):
 
 def test_a_pad_inside_the_body_is_rejected_with_the_gap_that_frees_it():
     hand = hand_from_joints(PINCH, RADII)
-    with raises_code("focus_inside_body", "index.pad", " 5.3 mm inside", "0.5 mm"):
+    with raises_code("inside_body", "index.pad", " 5.3 mm inside", "0.5 mm"):
         hand.place("index.pad")
     point, _ = hand.open_to(0.5e-3, "index", "thumb").place("index.pad")
     assert point.shape == (3,)
@@ -182,11 +182,11 @@ def test_a_pad_inside_the_body_is_rejected_with_the_gap_that_frees_it():
 def test_impossible_gaps_and_unknown_places_are_rejected(opened):
     with raises_code("out_of_range", "12 m", "0.15 m"):
         opened.open_to(12)
-    with raises_code("gap_out_of_reach", "thumb", "pinky", "1 mm"):
+    with raises_code("misplaced", "thumb", "pinky", "1 mm"):
         opened.open_to(1e-3, "thumb", "pinky")
-    with raises_code("unknown_finger", "'nose'"):
+    with raises_code("unknown_name", "'nose'"):
         opened.open_to(1e-2, "thumb", "nose")
-    with raises_code("unknown_place", "'index.tip'"):
+    with raises_code("unknown_name", "'index.tip'"):
         opened.place("index.tip")
 
 
@@ -339,7 +339,7 @@ def test_a_side_that_no_hand_has_is_rejected(monkeypatch):
     monkeypatch.setattr(
         "jaxtyping.config.jaxtyping_disable", True
     )  # so that the guard itself answers
-    with raises_code("unknown_side", "'top'"):
+    with raises_code("unknown_name", "'top'"):
         hand_from_joints(PINCH, side="top")
 
 
@@ -362,8 +362,8 @@ def test_a_pose_is_read_in_any_order_of_its_names(tmp_path):
 @pytest.mark.parametrize(
     ("text", "code", "details"),
     [
-        ("{", "not_json", ["pose.json", "line 1"]),
-        ("[]", "not_a_pose", ["0 points"]),
+        ("{", "file_unreadable", ["pose.json", "line 1"]),
+        ("[]", "wrong_kind", ["0 points"]),
         ('{"positions_m": [], "colour": 1}', "unknown_key", ["colour"]),
         (
             '{"positions_m": [[0, 0, 0]], "joints": ["wrist"]}',

@@ -55,7 +55,7 @@ def test_the_edge_is_the_longest_of_the_triangles():
 
 @pytest.mark.parametrize("gap", [0.0, -0.01, math.nan])
 def test_a_gap_is_above_zero(gap):
-    with raises_code("not_positive", f"{gap:g} m"):
+    with raises_code("out_of_range", f"{gap:g} m"):
         pinch(gap)
 
 

@@ -83,17 +83,17 @@ def test_a_rig_that_lacks_joints_is_named_with_them(tmp_path) -> None:
 
 def test_joints_of_another_frame_or_pose_are_rejected(hand, skin) -> None:
     with raises_code(
-        "joints_off_surface", "thumb.pad of the joints is ", "mm from the surface, more than 10 mm"
+        "misplaced", "thumb.pad of the joints is ", "mm from the surface, more than 10 mm"
     ):
         places_on(skin, load_hand(HANDS / "pinch.json"))
-    with raises_code("joints_off_surface", "are joints and mesh of one hand"):
+    with raises_code("misplaced", "are joints and mesh of one hand"):
         places_on(skin.moved(Pose.turn((0, 0, 1), 0.0, (0.0, 0.0, 0.03))), hand)
 
 
 def test_pads_that_fall_on_another_side_of_a_finger_are_rejected(hand, skin) -> None:
     """8 mm off towards the back, the pads lie in fingers of 13 mm."""
     with raises_code(
-        "joints_off_surface", ".pad of the joints is turned from the surface by ", "more than 60"
+        "misplaced", ".pad of the joints is turned from the surface by ", "more than 60"
     ):
         places_on(skin.moved(Pose(np.eye(3), np.array([-8e-3, 0.0, 0.0]))), hand)
 

@@ -196,8 +196,8 @@ class Turning(at.live.Output):
 @pytest.mark.parametrize(
     ("modulation", "code", "shown"),
     [
-        ('kind = "lm"\nframes = 100', "frame_count", "100"),
-        ('kind = "lm"\nfrequency = 4000', "rate_not_possible", "4000"),
+        ('kind = "lm"\nframes = 100', "sizes_differ", "100"),
+        ('kind = "lm"\nfrequency = 4000', "out_of_range", "4000"),
     ],
 )
 def test_paths_that_cannot_be_led_are_rejected(tmp_path, modulation, code, shown):

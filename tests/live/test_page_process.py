@@ -119,7 +119,7 @@ def test_a_taken_port_is_said() -> None:
         other.listen()
         with pytest.raises(at.InvalidInput) as fault:
             PageProcess(one_board(), port=other.getsockname()[1])
-        assert fault.value.code == "port_taken"
+        assert fault.value.code == "link_in_use"
         assert str(other.getsockname()[1]) in str(fault.value)
 
 
@@ -180,5 +180,5 @@ def test_the_extra_is_named_where_viser_is_missing(tmp_path, monkeypatch) -> Non
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     with pytest.raises(at.InvalidInput) as fault:
         PageProcess(one_board(), port=0)
-    assert fault.value.code == "extra_not_installed"
+    assert fault.value.code == "extra_missing"
     assert "pip install 'airtact[live]'" in str(fault.value)

@@ -111,7 +111,7 @@ def test_at_a_source_that_touches_a_body_and_inside_it_is_unknown(name):
 def test_without_the_direct_solution_points_near_the_surface_are_rejected():
     with pytest.raises(at.InvalidInput) as error:
         solved("boundary element, transposed only").scattered_at(SOURCES.positions[:1])
-    assert error.value.code == "surface_not_solved"
+    assert error.value.code == "not_supported"
 
 
 def test_a_filled_sphere_has_one_inside_too():

@@ -138,17 +138,17 @@ def test_pads_stand_beside_what_was_asked(evaluation, comparison) -> None:
 
 @pytest.mark.usefixtures("as_outside_the_tests")
 def test_what_cannot_be_plotted_is_named(evaluation, comparison, drive) -> None:
-    with raises_code("choose_one", "1 drive"):
+    with raises_code("options_clash", "1 drive"):
         at.plot.field(evaluation, over="two")
-    with raises_code("unknown_drive", "'three'", "2 drives"):
+    with raises_code("unknown_name", "'three'", "2 drives"):
         at.plot.field(comparison, drive="three")
-    with raises_code("unknown_drive", "drive is 5", "1 excitation"):
+    with raises_code("unknown_name", "drive is 5", "1 excitation"):
         at.plot.field(evaluation, drive=5)
     with raises_code("unknown_name", "'zx'"):
         at.plot.field(evaluation, plane="zx")
-    with raises_code("no_field", "1 evaluation"):
+    with raises_code("empty", "1 evaluation"):
         at.plot.field(replace(evaluation, field=None))
-    with raises_code("no_target", "11952 sources"):
+    with raises_code("empty", "11952 sources"):
         at.plot.field(evaluation.field)
     with raises_code("sizes_differ", "996 elements", "249"):
         at.plot.phases(at.autd3_board(), drive)

@@ -45,4 +45,4 @@ def test_a_pose_that_is_a_wavelength_off_leaves_more_than_the_echoes(exact) -> N
     assert 1.0 < np.sqrt(np.mean(left**2)) < 2.0
     with pytest.raises(at.InvalidInput) as caught:
         at.sensing.unexplained(exact, SCATTERING, at.surrounding_box(), HERE)
-    assert caught.value.code == "element_count"
+    assert caught.value.code == "sizes_differ"

@@ -78,9 +78,9 @@ def test_what_cannot_be_asked_for_is_rejected() -> None:
     with raises_code("out_of_range", "25", "24"):
         dort(echoes(CODES), 25)
     parts = np.repeat(np.arange(4), 249)
-    with raises_code("not_received", "996"):
+    with raises_code("link_failed", "996"):
         dort(echoes(random_codes(996, 4, parts=parts), ring_down=1e-3))
     with raises_code("out_of_range", "0"):
         iterate_time_reversal(lambda code: code, CODES[:, 0], 0)
-    with raises_code("all_noise", "0 Pa"):
+    with raises_code("signal_unusable", "0 Pa"):
         iterate_time_reversal(lambda code: 0 * code, CODES[:, 0])

@@ -63,7 +63,7 @@ def test_calibration_is_read_from_beside_the_scene(tmp_path) -> None:
         ),
         (
             'layout = "surrounding_box"\nboard = "nano16"',
-            "outline_unknown",
+            "unknown_name",
             "12 transducers of nano16 have no known outline",
         ),
         (
@@ -78,7 +78,7 @@ def test_calibration_is_read_from_beside_the_scene(tmp_path) -> None:
         ),
         (
             ONE_BOARD + 'calibration = "bad.csv"',
-            "unknown_element",
+            "unknown_name",
             "line 2 of bad.csv: there is no element 249 among 249 elements",
         ),
     ],

@@ -68,7 +68,7 @@ def test_a_kind_of_body_is_short_for_its_obstacle() -> None:
 def test_a_path_that_leads_nowhere_names_what_is_there(path, words) -> None:
     with pytest.raises(at.InvalidInput, match=words) as fault:
         with_changes(PINCH, {path: 1.0})
-    assert fault.value.code == "unknown_path"
+    assert fault.value.code == "unknown_key"
 
 
 def test_a_scene_is_read_with_other_values() -> None:
@@ -82,4 +82,4 @@ def test_a_scene_is_read_with_other_values() -> None:
 def test_two_paths_of_one_key_are_rejected() -> None:
     with pytest.raises(at.InvalidInput, match="are 1 key") as fault:
         with_changes(PINCH, {"pinch.gap": 0.01, "obstacles[0].pinch.gap": 0.02})
-    assert fault.value.code == "name_twice"
+    assert fault.value.code == "given_twice"

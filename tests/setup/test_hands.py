@@ -36,7 +36,7 @@ def test_the_example_has_its_foci_half_a_millimetre_before_the_pads():
 
 def test_pads_inside_the_body_are_rejected(tmp_path):
     with raises_code(
-        "focus_inside_body", "obstacles[0]: thumb.pad at ", " mm inside the body", " would free it"
+        "inside_body", "obstacles[0]: thumb.pad at ", " mm inside the body", " would free it"
     ):
         read_scene(scene_file(tmp_path, "gap = 0.012\n"))
 
@@ -83,20 +83,20 @@ def test_fingers_that_are_swapped_are_rejected(tmp_path):
         swapped.write_text(
             json.dumps({"positions_m": [pose_of["positions_m"][row] for row in rows]})
         )
-        with raises_code("fingers_swapped", sentence, "are fingers swapped"):
+        with raises_code("hand_implausible", sentence, "are fingers swapped"):
             load_hand(swapped)
 
 
 @pytest.mark.parametrize(
     ("text", "code", "sentence"),
     [
-        ("[" * 100_000, "not_a_pose", "100000 bytes of brackets in brackets"),
+        ("[" * 100_000, "wrong_kind", "100000 bytes of brackets in brackets"),
         (
             '{"positions_m": [[0, 0, 0]], "joints": [["wrist"]]}',
-            "unknown_joint",
+            "unknown_name",
             "joint 0 is named ['wrist']",
         ),
-        ('{"positions_m": [[0, 0, 0]], "joints": [7]}', "unknown_joint", "joint 0 is named 7"),
+        ('{"positions_m": [[0, 0, 0]], "joints": [7]}', "unknown_name", "joint 0 is named 7"),
     ],
 )
 def test_files_that_hold_no_pose_are_rejected(tmp_path, text, code, sentence):

@@ -91,7 +91,7 @@ def test_a_wrong_key_is_named_with_its_path_and_the_nearest_right_one(text, sent
     ],
 )
 def test_a_wrong_value_is_named_with_its_path(text, sentence):
-    code = "key_missing" if "missing" in sentence else "wrong_value"
+    code = "key_missing" if "missing" in sentence else "out_of_range"
     with raises_code(code) as fault:
         parse_scene(text)
     assert str(fault.value) == sentence
@@ -106,7 +106,7 @@ def test_an_unknown_value_of_a_choice_names_the_nearest():
 
 
 def test_what_is_not_toml_is_rejected_with_its_line():
-    with raises_code("not_toml", "line 2"):
+    with raises_code("file_unreadable", "line 2"):
         parse_scene("frequency = 4e4\nmedium = = 3\n")
 
 

@@ -40,10 +40,10 @@ def test_a_plane_is_read_from_a_file(tmp_path):
     ("code", "words", "old", "new"),
     [
         ("behind_plane", "foci: ", "0.095]", "-0.005]"),
-        ("body_behind_plane", "body 0 reaches 104 mm behind", "0.0, 1.0]", "0.0, -1.0]"),
+        ("bodies_overlap", "body 0 reaches 104 mm behind", "0.0, 1.0]", "0.0, -1.0]"),
         ("behind_plane", "array: ", "point = [0.0, 0.0, 0.0]", "point = [0.0, 0.0, 0.001]"),
         ("out_of_range", "planes[0]: ", "normal = [0.0, 0.0, 1.0]", "normal = [0.0, 0.0, 0.0]"),
-        ("planes_not_taken", "solver: ", "[[foci]]", '[solver]\nname = "finite_element"\n[[foci]]'),
+        ("not_supported", "solver: ", "[[foci]]", '[solver]\nname = "finite_element"\n[[foci]]'),
     ],
 )
 def test_what_does_not_go_with_a_plane_is_rejected_by_its_table(tmp_path, code, words, old, new):

@@ -101,5 +101,5 @@ def test_the_name_of_a_board_is_no_layout(read) -> None:
 
 
 def test_a_pose_is_no_scene(tmp_path) -> None:
-    with raises_code("unknown_ending", "pinch.json is not a scene file"):
+    with raises_code("unknown_format", "pinch.json is not a scene file"):
         read_scene(tmp_path / "pinch.json")

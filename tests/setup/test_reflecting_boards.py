@@ -45,15 +45,15 @@ def test_boards_reflect_as_the_file_says(tmp_path):
 
 
 def test_what_does_not_go_with_reflecting_boards_is_rejected(tmp_path):
-    with raises_code("board_cuts_body", "body 0 cuts into"):
+    with raises_code("bodies_overlap", "body 0 cuts into"):
         at.read_scene(written(tmp_path, "0.1]", "0.005]"))
-    with raises_code("outline_unknown", "openmpd"):
+    with raises_code("unknown_name", "openmpd"):
         at.read_scene(
             written(tmp_path, 'layout = "boards"', 'layout = "boards"\nboard = "openmpd"')
         )
-    with raises_code("boards_not_taken", "finite_element"):
+    with raises_code("not_supported", "finite_element"):
         at.read_scene(written(tmp_path, "[solver]", '[solver]\nname = "finite_element"'))
-    with raises_code("not_a_board", "2 elements"):
+    with raises_code("wrong_kind", "2 elements"):
         (tmp_path / "own.csv").write_text(OWN)
         at.read_scene(written(tmp_path, BOARDS, 'layout = "own.csv"'))
 

@@ -106,7 +106,7 @@ def test_a_name_that_is_almost_right_gets_the_right_one(read) -> None:
 
 def test_a_name_of_two_bodies_is_rejected(read) -> None:
     far = "[obstacles.pose]\ntranslation = [0.0, 0.0, 0.3]\n"
-    with raises_code("place_twice", "obstacles[1]: index.pad is a named point of 2 bodies"):
+    with raises_code("given_twice", "obstacles[1]: index.pad is a named point of 2 bodies"):
         read(AIR, BOARDS, SCAN, SCAN, far, INDEX)
 
 
@@ -115,9 +115,7 @@ def test_a_name_of_two_bodies_is_rejected(read) -> None:
 )
 def test_joints_that_are_not_of_the_scan_are_rejected(read, bare, focus) -> None:
     pinch = json.dumps(str(EXAMPLES / "hands/pinch.json"))
-    with raises_code(
-        "joints_off_surface", "obstacles[0]: thumb.pad", "mm from the surface", "one frame"
-    ):
+    with raises_code("misplaced", "obstacles[0]: thumb.pad", "mm from the surface", "one frame"):
         read(AIR, BOARDS, BARE, f"joints = {pinch}\n", focus)
     with raises_code("file_missing", "none.json"):
         read(AIR, BOARDS, BARE, 'joints = "none.json"\n', focus)

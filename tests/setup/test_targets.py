@@ -118,13 +118,13 @@ def test_suppression_zones_stand_beside_the_foci(read) -> None:
     ("code", "parts", "sentences"),
     [
         (
-            "choose_one",
+            "options_clash",
             (POINT, "svg = { width = 1, spacing = 1 }"),
             ("foci[0]: give exactly one of ", "; 2 given"),
         ),
         ("key_misplaced", (POINT, "offset = 1e-3"), ("foci[0]: offset goes only with at",)),
         (
-            "too_many_points",
+            "too_many",
             ("[[foci]]\ncircle = { centre = [0, 0, 0.03], radius = 10.0, spacing = 3e-3 }",),
             ("foci[0]: a spacing of 3 mm",),
         ),
@@ -144,13 +144,13 @@ def test_suppression_zones_stand_beside_the_foci(read) -> None:
             ("foci: 1 of 2 have a share; give it to all, or to none",),
         ),
         (
-            "choose_one",
+            "options_clash",
             (POINT, "share = 1.0\npressure = 3.0"),
             ("foci: 1 of 1 have a pressure and a share",),
         ),
         ("negative", (POINT, "share = -1.0"), ("foci: a target share is -1",)),
         (
-            "choose_one",
+            "options_clash",
             ("[[foci]]\nsvg = { width = 0.02, spacing = 3e-3 }",),
             ("foci[0].svg: give exactly one of file, path; 0 given",),
         ),
@@ -160,7 +160,7 @@ def test_suppression_zones_stand_beside_the_foci(read) -> None:
             ("foci[0]: the file ", "no.svg"),
         ),
         (
-            "choose_one",
+            "options_clash",
             (POINT, "[[suppression]]\n"),
             ("suppression[0]: give exactly one of point, ", ", surface; 0 given"),
         ),
@@ -180,7 +180,7 @@ def test_suppression_zones_stand_beside_the_foci(read) -> None:
             ("suppression: a suppression point lies inside a body: ", "8 mm"),
         ),
         (
-            "suppressed_focus",
+            "misplaced",
             (POINT, "[[suppression]]\npoint = [0.0, 0.0, 0.03]"),
             ("foci: suppression point 0 is 0 mm from focus 0",),
         ),

@@ -155,32 +155,32 @@ def mirrored():
         ),
         (
             lambda: boards_needed(board_named("autd3"), 248),
-            "element_count",
+            "sizes_differ",
             "248 elements do not fill whole autd3 boards of 249: ... 249",
         ),
         (
             lambda: boards_needed(board_named("autd3"), 1000),
-            "element_count",
+            "sizes_differ",
             "1000 elements do not fill ... give a drive for 996 elements",
         ),
         (
             lambda: boards_needed(board_named("sonicsurface"), 996),
-            "element_count",
+            "sizes_differ",
             "996 elements ... give a drive for 512 elements",
         ),
         (
             lambda: boards_needed(board_named("sonicsurface"), 768),
-            "too_many_boards",
+            "too_many",
             "768 elements are 3 ... at most 2: ... 512 elements",
         ),
         (
             lambda: shifted(300),
-            "not_a_board",
+            "wrong_kind",
             "elements 249 to 497 are not laid out like board 1 of autd3: element 300 stands 0.99",
         ),
         (
             mirrored,
-            "not_a_board",
+            "wrong_kind",
             "elements 0 to 248 are not laid out like board 0 of autd3: ... mm off",
         ),
         (
@@ -191,7 +191,7 @@ def mirrored():
         (lambda: board_array("autd3", []), "empty", "at least 1 array, not 0"),
         (
             lambda: surrounding_box(board="openmpd"),
-            "outline_unknown",
+            "unknown_name",
             "256 transducers of openmpd have no known outline",
         ),
     ],

@@ -70,27 +70,27 @@ def test_gains_ride_with_the_array() -> None:
     [
         (
             "index,gain\n0,1\n",
-            "column_missing",
+            "data_missing",
             "gains.csv has no column element, phase: it needs element, gain, phase",
         ),
         (
             "element,gain,phase\n0,1\n",
-            "wrong_cell_count",
+            "wrong_shape",
             "line 2 of gains.csv has 2 cells, but there are 3 columns",
         ),
         (
             "element,gain,phase\n1.5,1,0\n",
-            "not_integers",
+            "not_a_number",
             "line 2 of gains.csv: element 1.5 is not a whole number",
         ),
         (
             "element,gain,phase\n0,1,0\n12,1,0\n",
-            "unknown_element",
+            "unknown_name",
             "line 3 of gains.csv: there is no element 12 among 12 elements",
         ),
         (
             "element,gain,phase\n0,1,0\n0,1,0\n",
-            "element_twice",
+            "given_twice",
             "line 3 of gains.csv: element 0 was given in line 2 already",
         ),
         (
@@ -101,12 +101,12 @@ def test_gains_ride_with_the_array() -> None:
         ("element,gain,phase\n0,95,0\n", "out_of_range", "gain 95 ... must be 0 to 10"),
         (
             "element,gain,phase\n0,nan,0\n",
-            "cell_unreadable",
+            "file_unreadable",
             "line 2 of gains.csv has 'nan' for gain, which is not finite",
         ),
         (
             "element,gain,phase\n0,1,inf\n",
-            "cell_unreadable",
+            "file_unreadable",
             "line 2 of gains.csv has 'inf' for phase, which is not finite",
         ),
     ],
@@ -121,7 +121,7 @@ def test_a_table_that_cannot_be_read_is_rejected(tmp_path) -> None:
     with raises_code("file_missing", "gains.csv does not exist"):
         load_calibration(tmp_path / "gains.csv", 12)
     (tmp_path / "gains.csv").write_bytes(b"element,gain,phase\n\xff\n")
-    with raises_code("not_text", "gains.csv is not a text file: byte 19"):
+    with raises_code("file_unreadable", "gains.csv is not a text file: byte 19"):
         load_calibration(tmp_path / "gains.csv", 12)
 
 
@@ -129,7 +129,7 @@ def test_a_table_that_cannot_be_read_is_rejected(tmp_path) -> None:
     ("gains", "code", "sentence"),
     [
         (np.ones(3), "wrong_shape", "249 elements need as many gains, not an array of shape (3,)"),
-        (np.zeros(249), "all_dead", "all 249 elements are dead"),
+        (np.zeros(249), "all_zero", "all 249 elements are dead"),
         (np.full(249, np.nan), "not_finite", "element gains hold 249 NaN"),
     ],
 )

@@ -139,7 +139,7 @@ def test_join_keeps_order_and_rejects_other_elements() -> None:
     left, right = autd3_board(Pose(np.eye(3), np.array([-0.2, 0.0, 0.0]))), autd3_board()
     both = join([left, right])
     np.testing.assert_array_equal(both.positions, np.concatenate([left.positions, right.positions]))
-    with raises_code("elements_differ", "array 1 has another element"):
+    with raises_code("sizes_differ", "array 1 has another element"):
         join([left, autd3_board(element=monopole(sensitivity=1.0))])
     with raises_code("empty", "not 0"):
         join([])
@@ -165,13 +165,13 @@ POINT, UP = np.zeros((2, 3)), np.tile([0.0, 0.0, 1.0], (2, 1))
         (lambda: PhasedArray(POINT + [[0], [np.inf]], UP), "not_finite", "3 NaN or infinite"),
         (
             lambda: PhasedArray(POINT, UP * [[1.0], [0.0]]),
-            "zero_length",
+            "all_zero",
             "normals of 1 element have no direction, first that of element 1",
         ),
-        (lambda: PhasedArray(POINT, UP * np.nan), "zero_length", "normals of 2 elements"),
+        (lambda: PhasedArray(POINT, UP * np.nan), "all_zero", "normals of 2 elements"),
         (
             lambda: PhasedArray(POINT, UP, None, UP + [0.0, 1.0, 0.0]),
-            "tangent_along_normal",
+            "all_zero",
             "tangent of element 0 ... cosine is 0.707",
         ),
         (lambda: flat_boards(0, 2), "too_few", "not 0 and 2"),
@@ -197,9 +197,9 @@ def test_a_board_faces_a_point_from_any_side(direction) -> None:
 
 
 def test_an_array_without_a_front_faces_nothing() -> None:
-    with raises_code("no_front", "996 elements"):
+    with raises_code("misplaced", "996 elements"):
         surrounding_box().facing((0, 0, 0), (0, 0, 1), 0.2)
-    with raises_code("zero_length", "1 element"):
+    with raises_code("all_zero", "1 element"):
         autd3_board().facing((0, 0, 0), (0, 0, 0), 0.2)
-    with raises_code("not_positive", "-0.2"):
+    with raises_code("out_of_range", "-0.2"):
         autd3_board().facing((0, 0, 0), (0, 0, 1), -0.2)

@@ -40,13 +40,13 @@ def test_eight_bits_are_256_even_levels() -> None:
 @pytest.mark.parametrize(
     ("make", "code", "shown"),
     [
-        (lambda: Levels.even(1, 16), "level_count", "amplitude, not 1"),
-        (lambda: Levels.even(257, 16), "level_count", "amplitude, not 257"),
-        (lambda: Levels.even(16, 1), "level_count", "phase, not 1"),
-        (lambda: Levels.even(16.5, 16), "level_count", "16.5"),
-        (lambda: Levels(np.zeros(1), 16), "level_count", "(1,)"),
-        (lambda: Levels(np.array([0.0, 0.5, 0.9]), 16), "levels_not_rising", "0.9"),
-        (lambda: Levels(np.array([0.0, 0.5, 0.5, 1.0]), 16), "levels_not_rising", "0 to 1"),
+        (lambda: Levels.even(1, 16), "out_of_range", "amplitude, not 1"),
+        (lambda: Levels.even(257, 16), "out_of_range", "amplitude, not 257"),
+        (lambda: Levels.even(16, 1), "out_of_range", "phase, not 1"),
+        (lambda: Levels.even(16.5, 16), "out_of_range", "16.5"),
+        (lambda: Levels(np.zeros(1), 16), "out_of_range", "(1,)"),
+        (lambda: Levels(np.array([0.0, 0.5, 0.9]), 16), "out_of_range", "0.9"),
+        (lambda: Levels(np.array([0.0, 0.5, 0.5, 1.0]), 16), "out_of_range", "0 to 1"),
     ],
 )
 def test_levels_that_cannot_be_are_rejected(

@@ -374,13 +374,13 @@ def two_dimensional() -> dict[str, np.ndarray]:
 
 
 FAULTS = {
-    "no answer": (lambda path: path, AUDIT[:-1], "not_confirmed", "0 frames"),
+    "no answer": (lambda path: path, AUDIT[:-1], "link_failed", "0 frames"),
     "no file": (lambda path: path.with_name("none.h5"), AUDIT, "file_missing", "none.h5"),
     "no HDF5": (lambda path: path.parent / "text.h5", AUDIT, "file_unreadable", "text.h5"),
     "no drive": (
         lambda path: change(path, phase=None),
         AUDIT,
-        "dataset_missing",
+        "data_missing",
         "drive.h5: 1 of the 2 datasets",
     ),
     "words": (
@@ -398,13 +398,13 @@ FAULTS = {
     "a later version": (
         lambda path: change(path, format_version=9),
         AUDIT,
-        "unknown_version",
+        "unsupported_version",
         "version 9, and versions 0 to 1",
     ),
     "no positions": (
         lambda path: change(path, positions=None, normals=None),
         AUDIT,
-        "positions_missing",
+        "data_missing",
         "drive.h5: the file holds 0 positions",
     ),
     "an old one without its scene": (
@@ -415,32 +415,32 @@ FAULTS = {
     ),
     "over full scale": (full_scale, AUDIT, "out_of_range", "the first 1."),
     "NaN": (with_nan, AUDIT, "not_finite", "the first at index [0, 7]"),
-    "bent": (bent, AUDIT, "not_a_board", "498 to 746"),
+    "bent": (bent, AUDIT, "wrong_kind", "498 to 746"),
     "996 to nano": (
         lambda path: path,
         ("--board", "nano16", "--link", "serial", "--port", "x", "--yes"),
-        "too_many_boards",
+        "too_many",
         "996 elements are 83 nano16 boards",
     ),
     "996 to sonicsurface": (
         lambda path: path,
         ("--board", "sonicsurface", "--link", "serial", "--port", "x", "--yes"),
-        "element_count",
+        "sizes_differ",
         "boards of 256: give a drive for 512",
     ),
     "wrong link": (
         lambda path: path,
         ("--board", "autd3", "--link", "serial", "--port", "x", "--yes"),
-        "unknown_link",
+        "unknown_name",
         "it has 6",
     ),
     "no out": (
         lambda path: path,
         ("--board", "autd3", "--link", "file", "--yes"),
-        "setting_missing",
+        "key_missing",
         "--out",
     ),
-    "another port": (lambda path: path, (*AUDIT, "--port", "x"), "setting_not_taken", "--port x"),
+    "another port": (lambda path: path, (*AUDIT, "--port", "x"), "options_clash", "--port x"),
     "cap": (lambda path: path, (*AUDIT, "--cap", "0"), "out_of_range", "is 0,"),
     "cap in per cent": (
         lambda path: path,
@@ -451,34 +451,34 @@ FAULTS = {
     "two caps": (
         lambda path: path,
         (*AUDIT, "--cap", "0.5", "--full-scale"),
-        "choose_one",
+        "options_clash",
         "--cap 0.5",
     ),
     "modulation": (lambda path: path, (*AUDIT, "--modulate", "fm:3"), "unknown_name", "fm:3"),
     "depth": (lambda path: path, (*AUDIT, "--modulate", "am:200:3"), "out_of_range", "is 3,"),
-    "seconds": (lambda path: path, (*AUDIT, "--seconds", "-1"), "not_positive", "-1 s"),
+    "seconds": (lambda path: path, (*AUDIT, "--seconds", "-1"), "out_of_range", "-1 s"),
     "remote": (
         lambda path: path,
         ("--board", "autd3", "--link", "remote", "--address", "127.0.0.1:9", "--yes"),
-        "link_not_opened",
+        "link_failed",
         "4 AUTD3",
     ),
     "another frequency": (
         lambda path: change(path, frequency=25e3),
         AUDIT,
-        "wrong_frequency",
+        "does_not_match",
         "25000 Hz",
     ),
     "sequence without rate": (
         lambda path: change(path, amplitude_level=None, phase_level=None, **two_dimensional()),
         AUDIT,
-        "rate_missing",
+        "data_missing",
         "3 frames",
     ),
     "inaudible": (
         lambda path: path,
         (*AUDIT, "--cap", "0.001"),
-        "drive_silent",
+        "all_zero",
         "0.001 all 996 elements",
     ),
     "shapes": (

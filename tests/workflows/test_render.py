@@ -251,7 +251,7 @@ def test_markup_in_names_stays_words(tmp_path):
 def test_a_folder_that_cannot_be_written_is_rejected_before_anything_is_solved(tmp_path):
     (tmp_path / "file").touch()
     steps = []
-    with raises_code("folder_not_writable", "out"):
+    with raises_code("not_writable", "out"):
         render(BALL, tmp_path / "file" / "out", steps.append)
     assert steps == ["reading ball.toml"]
 

@@ -119,7 +119,7 @@ def test_the_shape_of_what_is_no_capsule_is_refused(tmp_path, capsys) -> None:
 
 
 def test_echoes_that_do_not_fit_are_rejected(tmp_path, capsys) -> None:
-    assert run(tmp_path, capsys)[1]["code"] == "echoes_missing"
+    assert run(tmp_path, capsys)[1]["code"] == "data_missing"
     assert run(tmp_path, capsys, "--simulate", "--offset", "2")[1]["code"] == "out_of_range"
     assert run(tmp_path, capsys, "--simulate", "--seed", "-1")[1]["code"] == "out_of_range"
     path = tmp_path / "echoes.h5"
@@ -131,7 +131,7 @@ def test_echoes_that_do_not_fit_are_rejected(tmp_path, capsys) -> None:
     status, fault = run(tmp_path, capsys, "--echoes", str(path))
     assert (status, fault["code"]) == (2, "pose_not_found")
     at.Echoes(np.eye(3), np.eye(3)).save(path)
-    assert run(tmp_path, capsys, "--echoes", str(path))[1]["code"] == "element_count"
+    assert run(tmp_path, capsys, "--echoes", str(path))[1]["code"] == "sizes_differ"
 
 
 CALIBRATED = """
@@ -172,9 +172,9 @@ def test_an_array_is_calibrated_by_simulated_transmissions_and_by_a_file(tmp_pat
     path = tmp_path / "echoes.h5"
     at.Echoes(at.sensing.hadamard_codes(512), np.ones((1, 512)), np.array([0])).save(path)
     assert main([*words, str(path)]) == 2
-    assert json.loads(capsys.readouterr().out)["code"] == "clipped"
+    assert json.loads(capsys.readouterr().out)["code"] == "signal_unusable"
     assert main(words) == 2
-    assert json.loads(capsys.readouterr().out)["code"] == "echoes_missing"
+    assert json.loads(capsys.readouterr().out)["code"] == "data_missing"
 
 
 @pytest.mark.slow

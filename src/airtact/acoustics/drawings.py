@@ -88,7 +88,7 @@ def text(
     if unknown:
         raise InvalidInput(
             f"{unknown[0]!r} of {words!r} is not one of the 95 letters of the font; write it in ASCII.",
-            code="letter_unknown",
+            code="unknown_name",
         )
     strokes = [np.array(stroke, dtype=np.float64) for stroke in font.strokes_for_text(words)]
     capital = np.concatenate(
@@ -276,7 +276,7 @@ def _brightness(
         least = f", its smallest value {bright.min():g}" if bright.size else ""
         raise InvalidInput(
             f"a picture is rows and columns of brightness from 0 up, not all 0, not of shape {bright.shape}{least}.",
-            code="not_a_picture",
+            code="wrong_kind",
         )
     return bright
 
@@ -311,9 +311,7 @@ def picture_arrays(path: Path) -> Arrays:
         sentence = f"cannot read the file {path}: it is none of the 4 kinds of picture, PNG, JPEG, TIFF, PGM."
         raise InvalidInput(sentence, code="file_unreadable") from None
     except Image.DecompressionBombError as error:
-        raise InvalidInput(
-            f"{path.name} has too many pixels: {error}.", code="too_many_pixels"
-        ) from None
+        raise InvalidInput(f"{path.name} has too many pixels: {error}.", code="too_many") from None
     except OSError as error:
         raise file_fault(path, error) from None
     except InvalidInput:
@@ -329,7 +327,7 @@ def picture_arrays(path: Path) -> Arrays:
 def _check_pixels(name: str, pixels: int) -> None:
     if pixels > MOST_PIXELS:
         sentence = f"{name} has {pixels:,} pixels, more than {MOST_PIXELS:,}; make it smaller."
-        raise InvalidInput(sentence, code="too_many_pixels")
+        raise InvalidInput(sentence, code="too_many")
 
 
 def _averaged(

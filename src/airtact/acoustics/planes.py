@@ -101,7 +101,7 @@ def plane(point: Vector, normal: Vector, ratio: complex | float | None = None) -
     if ratio is not None:
         raise InvalidInput(
             f"a plane of impedance ratio {ratio} is not solved, rigid ones are; leave ratio out.",
-            code="boundary_not_taken",
+            code="not_supported",
         )
     return Plane(at, fixed(along / length))
 
@@ -121,7 +121,7 @@ def planes_of(given: Sequence[Plane], surfaces: Sequence[Surface]) -> tuple[Plan
         raise InvalidInput(
             f"the scene has {len(planes)} planes, but 1 is solved: {_why_not_two(planes[0], planes[1])}; leave out "
             "those that are farther from the foci.",
-            code="too_many_planes",
+            code="too_many",
         )
     for one in planes:
         for index, surface in enumerate(surfaces):
@@ -149,7 +149,7 @@ def _check_before(one: Plane, index: int, surface: Surface) -> None:
         f"body {index} {how} the plane at {in_mm(where)}, but it must stay {1e3 * LEAST_GAP:g} mm or more before it: "
         "move it away, or turn the normal of the plane.",
         where,
-        code="body_behind_plane",
+        code="bodies_overlap",
     )
 
 

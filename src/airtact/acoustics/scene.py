@@ -80,7 +80,7 @@ class Obstacle:
             raise InvalidInput(
                 f"an obstacle of boundary {self.boundary} has ratio {self.ratio} and medium {self.medium}, but an "
                 "impedance takes a ratio, a filled one a medium, and none takes both.",
-                code="setting_not_taken",
+                code="options_clash",
             )
         if self.medium is not None:
             of_kind(self.medium, Medium, "what fills an obstacle", "Medium(sound_speed, density)")
@@ -207,7 +207,7 @@ class Scene:
             raise InvalidInput(
                 f"the largest body spans {extent * 1e3:.3g} mm, less than 1/50 of the wavelength of "
                 f"{self.wavelength * 1e3:.4g} mm at {self.frequency:g} Hz: is the frequency in kHz? Give hertz.",
-                code="body_too_small",
+                code="out_of_range",
             )
         for index, obstacle in enumerate(self.obstacles):
             away = math.hypot(*obstacle.surface.vertices[obstacle.surface.triangles[0, 0]])
@@ -215,7 +215,7 @@ class Scene:
                 raise InvalidInput(
                     f"body {index} stands {away:.4g} m from the origin, more than {MAX_BODY_DISTANCE:g} m: is it in "
                     "millimetres? Give metres.",
-                    code="too_far",
+                    code="out_of_range",
                 )
         decay = self.medium.absorption * self.wavelength
         if decay > 1.0:
@@ -253,7 +253,7 @@ class Scene:
 
 
 def _check_off_boards(obstacles: Sequence[Obstacle]) -> None:
-    """Raise "board_cuts_body" where a body overlaps a reflecting board or comes nearer than ``NEAREST`` to it."""
+    """Raise "bodies_overlap" where a body overlaps a reflecting board or comes nearer than ``NEAREST`` to it."""
     for index, other in enumerate(obstacles):
         for board in (one for one in obstacles if one.board and not other.board):
             found = approach(other.surface, board.surface, NEAREST * (1.0 - 1e-9))
@@ -267,7 +267,7 @@ def _check_off_boards(obstacles: Sequence[Obstacle]) -> None:
                     f"body {index} {how} a reflecting board at {in_mm(found.position)}, but it must stay "
                     f"{1e3 * NEAREST:g} mm or more off it: move the body or the array.",
                     found.position,
-                    code="board_cuts_body",
+                    code="bodies_overlap",
                 )
 
 
@@ -292,7 +292,7 @@ def check_outside(scene: Scene, points: Real[np.ndarray, "points 3"], what: str)
 def check_not_inside(
     depth: Float64[np.ndarray, "points"], points: Float64[np.ndarray, "points 3"], what: str
 ) -> None:
-    """Raise "focus_inside_body" or "inside_body" where points lie deeper in a body than ``CONTACT``."""
+    """Raise "inside_body" or "inside_body" where points lie deeper in a body than ``CONTACT``."""
     inside = np.flatnonzero(depth > CONTACT)
     if len(inside):
         deepest = int(depth.argmax())
@@ -303,12 +303,12 @@ def check_not_inside(
             f"{several if len(points) > 1 else f'a {what} lies'} inside a body: {what} {deepest} at "
             f"{in_mm(points[deepest])} is {depth[deepest] * 1e3:.3g} mm deep; move it out or the body away.",
             points[deepest],
-            code="focus_inside_body" if what == "focus" else "inside_body",
+            code="inside_body",
         )
 
 
 def check_near(scene: Scene, points: Real[np.ndarray, "points 3"], what: str) -> None:
-    """Raise "too_far" where one of the points (P, 3) [m] is over a metre from all bodies."""
+    """Raise "out_of_range" where one of the points (P, 3) [m] is over a metre from all bodies."""
     given = points_of(points, f"{what} points")
     distance = -scene.depth(given)
     farthest = int(distance.argmax())
@@ -317,7 +317,7 @@ def check_near(scene: Scene, points: Real[np.ndarray, "points 3"], what: str) ->
             f"{what} point {farthest} stands {distance[farthest]:.4g} m from the nearest body, more than "
             f"{MAX_DISTANCE_BESIDE:g} m: is it in millimetres? Give metres.",
             given[farthest],
-            code="too_far",
+            code="out_of_range",
         )
 
 
@@ -343,7 +343,7 @@ def check_no_planes(scene: Scene, who: str) -> None:
         raise InvalidInput(
             f"the scene has {counted(len(scene.planes), 'plane', 'planes')}, which {who} does not take: leave the "
             "planes out, or solve with BoundaryElement, or FreeField where there is no body.",
-            code="planes_not_taken",
+            code="not_supported",
         )
     check_no_boards(scene, who)
 
@@ -354,7 +354,7 @@ def check_no_boards(scene: Scene, who: str) -> None:
         raise InvalidInput(
             f"the scene has {counted(len(scene.boards), 'body', 'bodies')} of reflecting boards, which {who} does not "
             "take: leave them out, or solve with BoundaryElement.",
-            code="boards_not_taken",
+            code="not_supported",
         )
 
 

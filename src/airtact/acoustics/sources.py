@@ -75,7 +75,7 @@ class Monopoles:
 
 
 def check_off_sources(points: Real[np.ndarray, "points 3"], sources: Monopoles) -> None:
-    """Raise "point_on_source" where a receiver is nearer to a source than ``STANDS_ON``: its pressure is infinite."""
+    """Raise "misplaced" where a receiver is nearer to a source than ``STANDS_ON``: its pressure is infinite."""
     distance, source = nearest_source(points, sources, STANDS_ON)
     near = np.flatnonzero(distance < STANDS_ON)
     if len(near):
@@ -83,7 +83,7 @@ def check_off_sources(points: Real[np.ndarray, "points 3"], sources: Monopoles) 
         raise InvalidInput(
             f"point {first} stands on source {int(source[first])} ({1e3 * distance[first]:g} mm away), where the "
             "pressure is infinite; move it off.",
-            code="point_on_source",
+            code="misplaced",
         )
 
 

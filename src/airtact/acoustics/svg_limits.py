@@ -20,12 +20,12 @@ LINKS = ("href", "{http://www.w3.org/1999/xlink}href")
 
 
 def check_path(words: str, name: str) -> None:
-    """Raise "too_many_curves" where the text of a path has more than ``MOST_CURVES`` curves."""
+    """Raise "too_many" where the text of a path has more than ``MOST_CURVES`` curves."""
     _check(len(NUMBER.findall(words)), name)
 
 
 def check_drawing(raw: bytes, name: str) -> None:
-    """Raise "too_many_curves", "too_deep" or "file_unreadable" for a drawing beyond the limits.
+    """Raise "too_many", "file_too_large" or "file_unreadable" for a drawing beyond the limits.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def check_drawing(raw: bytes, name: str) -> None:
             root = element if root is None else root
             if level > MOST_LEVELS:
                 sentence = f"{name} has elements more than {MOST_LEVELS} levels deep in each other."
-                raise InvalidInput(sentence, code="too_deep")
+                raise InvalidInput(sentence, code="file_too_large")
     except InvalidInput:
         raise
     except (ElementTree.ParseError, ValueError, LookupError) as error:
@@ -57,7 +57,7 @@ def _check(numbers: int, name: str) -> None:
         count = counted(curves, "curve", "curves")
         raise InvalidInput(
             f"{name} has some {count}, more than {MOST_CURVES:,}; simplify the drawing.",
-            code="too_many_curves",
+            code="too_many",
         )
 
 
@@ -73,7 +73,7 @@ def _numbers(
         return known[element]
     if levels == 0:
         raise InvalidInput(
-            f"{name} uses elements more than {MOST_LEVELS} levels deep.", code="too_deep"
+            f"{name} uses elements more than {MOST_LEVELS} levels deep.", code="file_too_large"
         )
     inside = list(element)
     if element.tag.rpartition("}")[2] == "use":

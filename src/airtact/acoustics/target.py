@@ -147,7 +147,7 @@ class Target:
         if pressures is not None and shares is not None:
             raise InvalidInput(
                 "a target has both pressures and shares; give 1 of the 2: pressures in pascal, or shares.",
-                code="choose_one",
+                code="options_clash",
             )
         wanted = None if pressures is None else self._wanted(pressures, "target pressure", " Pa")
         parts = None if shares is None else self._wanted(shares, "target share", "")
@@ -174,11 +174,11 @@ class Target:
         if not whole and given.min() < 0.0:
             raise InvalidInput(
                 f"a {what} is {given.min():g}{unit}, but it must not be negative; a complex number gives a phase.",
-                code="negative",
+                code="out_of_range",
             )
         if np.abs(given).max() == 0.0:
             raise InvalidInput(
-                f"every {what} is 0{unit}; ask at least one focus for more.", code="nothing_asked"
+                f"every {what} is 0{unit}; ask at least one focus for more.", code="empty"
             )
         return np.broadcast_to(given, (len(self.points),))
 
@@ -190,7 +190,7 @@ class Target:
                     f"suppression point {int(apart.argmin())} is {1e3 * apart.min():.2g} mm from focus {index} at "
                     f"{in_mm(point)}, so both cannot hold; leave it out of the suppression zone.",
                     point,
-                    code="suppressed_focus",
+                    code="misplaced",
                 )
 
     @property
@@ -233,7 +233,7 @@ def _check_no_normal(points: Real[np.ndarray, "foci 3"]) -> None:
         raise InvalidInput(
             f"the second of 2 target points is {length:.3g} m from the origin: a position and its unit normal, as "
             "hand.place gives them. Give the position, or a focus before it: point + 0.5e-3 * normal.",
-            code="normal_as_focus",
+            code="misplaced",
         )
 
 
@@ -252,6 +252,6 @@ def _near_enough(
             f"{what} {worst} at {in_mm(points[worst])} is {away[worst]:.4g} m from the origin of "
             f"the obstacles' frame, more than {MAX_FOCUS_DISTANCE:g} m: is this in millimetres? Give metres.",
             points[worst],
-            code="too_far",
+            code="out_of_range",
         )
     return points

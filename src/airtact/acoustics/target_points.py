@@ -77,7 +77,7 @@ def polyline(
     if lengths.min() == 0.0:
         raise InvalidInput(
             f"line {int(lengths.argmin())} of a polyline has a length of 0 mm: its two ends are one point.",
-            code="zero_length",
+            code="all_zero",
         )
     counts = np.maximum(np.ceil(lengths / spacing - 1e-9), 1.0)
     check_count(counts.sum() + 1.0, spacing)
@@ -220,7 +220,7 @@ def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Po
             f"point {int(short[0])}, shifted {1e3 * offset:.3g} mm off the surface at {in_mm(where)}, lies in "
             "a crevice or before another part of it; move the drawing.",
             where,
-            code="in_crevice",
+            code="misplaced",
         )
     return shifted
 
@@ -248,7 +248,7 @@ def frame_of(
     if length == 0.0:
         raise InvalidInput(
             "the normal of a plane is (0, 0, 0); give the direction at right angles to it.",
-            code="zero_length",
+            code="all_zero",
         )
     towards = towards / length
     if up is None:
@@ -258,19 +258,19 @@ def frame_of(
     if np.linalg.norm(upwards) <= 1e-6 * np.linalg.norm(given):
         raise InvalidInput(
             f"up is {given.tolist()}, along the normal {towards.tolist()}; give another direction up.",
-            code="parallel_directions",
+            code="all_zero",
         )
     upwards /= np.linalg.norm(upwards)
     return np.cross(upwards, towards), upwards, towards
 
 
 def check_count(count: float, spacing: float) -> None:
-    """Raise "too_many_points" where a spacing [m] gives more than ``MOST_POINTS``."""
+    """Raise "too_many" where a spacing [m] gives more than ``MOST_POINTS``."""
     if count > MOST_POINTS:
         raise InvalidInput(
             f"a spacing of {1e3 * spacing:.3g} mm gives {count:.0f} points, more than {MOST_POINTS}: are the "
             "other lengths in millimetres? Give metres, and at 40 kHz a spacing of 2e-3 to 4e-3.",
-            code="too_many_points",
+            code="too_many",
         )
 
 

@@ -124,7 +124,7 @@ def _deviation(value: float, name: str, largest: float, unit: str, slip: str) ->
     if given < 0.0:
         raise InvalidInput(
             f"the uncertainty of {words} is {given:g} {unit}, but a standard deviation is not negative.",
-            code="negative",
+            code="out_of_range",
         )
     if given > largest:
         raise InvalidInput(

@@ -65,7 +65,7 @@ def bench(
         if python is not None and shutil.which(python) is None:
             raise InvalidInput(
                 f"{python} is not a program that can be run, so {package} cannot: give the Python of its environment.",
-                code="cannot_run",
+                code="not_supported",
             )
     if hand is not None:
         load_hand(hand)  # a fault shows before minutes of solving

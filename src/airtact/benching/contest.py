@@ -87,15 +87,15 @@ def run_case(script: str, python: str, case: Case, limit: float = 3600.0) -> Ans
             done = subprocess.run(call, capture_output=True, text=True, timeout=limit)
         except OSError as error:
             raise InvalidInput(
-                f"{python} cannot be run: {error.strerror}.", code="cannot_run"
+                f"{python} cannot be run: {error.strerror}.", code="not_supported"
             ) from None
         except subprocess.TimeoutExpired:
             words = f"{python} did not finish {script}_script.py within {limit:.0f} s."
-            raise InvalidInput(words, code="took_too_long") from None
+            raise InvalidInput(words, code="file_too_large") from None
         if done.returncode != 0:
             last = (done.stderr.strip().splitlines() or ["no message"])[-1]
             words = f"{python} ended {script}_script.py with code {done.returncode}: {last}"
-            raise InvalidInput(words, code="script_failed")
+            raise InvalidInput(words, code="child_failed")
         with np.load(files[1]) as answer:
             seconds = tuple(answer["seconds"].tolist())
             numbers = int(answer["peak"]), int(answer["unknowns"]), str(answer["version"])

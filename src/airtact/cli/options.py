@@ -228,7 +228,7 @@ def level_of(cap: float | None, full_scale: bool) -> float | None:
     if full_scale and cap is not None:
         raise at.InvalidInput(
             f"--full-scale is a cap of 1, and --cap {cap:g} is given too: leave one out.",
-            code="choose_one",
+            code="options_clash",
         )
     return 1.0 if full_scale else cap
 
@@ -254,8 +254,6 @@ def agreed(question: str) -> None:
     """Ask before anything is emitted; without a terminal there is no answer, and nothing is emitted."""
     if not sys.stdin.isatty():
         sentence = "this is not a terminal, so no confirmation is possible, and 0 frames were sent"
-        raise at.InvalidInput(
-            f"{sentence}: give --yes to emit without asking.", code="not_confirmed"
-        )
+        raise at.InvalidInput(f"{sentence}: give --yes to emit without asking.", code="link_failed")
     if not click.confirm(question, default=False):
-        raise at.InvalidInput("0 frames were sent, as you answered no.", code="not_confirmed")
+        raise at.InvalidInput("0 frames were sent, as you answered no.", code="link_failed")

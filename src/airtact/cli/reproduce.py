@@ -40,5 +40,5 @@ def reproduce(paper: str, folder: Path, quick: bool, opened: bool) -> None:
         title, why = next(iter(done.failed.items()))
         raise at.NotConverged(
             f"{len(done.failed)} of the parts failed, the others are on the page; {title!r}: {why}",
-            code="part_failed",
+            code="child_failed",
         )

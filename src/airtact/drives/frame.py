@@ -56,7 +56,7 @@ class Frame:
             raise InvalidInput(
                 f"a frame of {counted(len(self.amplitude), 'amplitude', 'amplitudes')} has "
                 f"{counted(len(self.phase), 'phase', 'phases')}; give one of each per element.",
-                code="element_count",
+                code="sizes_differ",
             )
 
     def __len__(self) -> int:

@@ -139,13 +139,13 @@ def weighted_gerchberg_saxton_sets(
     if wanted.shape != sets.shape or not (np.isfinite(wanted) & (wanted >= 0.0)).all():
         raise InvalidInput(
             f"weights of sets are {sets.shape} numbers from 0 up; {wanted.min(initial=0):g} is there.",
-            code="weights_unusable",
+            code="all_zero",
         )
     silent = np.flatnonzero(wanted.max(axis=1, initial=0.0) == 0.0)
     if len(silent):
         raise InvalidInput(
             f"set {silent[0]} asks every focus for 0; ask at least one focus for more.",
-            code="nothing_asked",
+            code="empty",
         )
     start = wanted.astype(np.complex128)
     *_, drives = alternating_projections(

@@ -109,14 +109,14 @@ class Motion:
         if self.frames is not None and not FEWEST <= self.frames <= MOST_FRAMES:
             raise InvalidInput(
                 f"a path has {FEWEST} to {MOST_FRAMES} frames, not {self.frames}.",
-                code="frame_count",
+                code="sizes_differ",
             )
         given = [name for name in ("size", "frames", "along") if getattr(self, name) is not None]
         if self.path == "points" and given:
             raise InvalidInput(
                 f"{given[0]} = {getattr(self, given[0])} does not go with the points of the target, which have their "
                 "own: leave it out.",
-                code="setting_not_taken",
+                code="options_clash",
             )
         if self.path == "points" and self.kind == "lm":
             raise InvalidInput(
@@ -190,7 +190,7 @@ class Motion:
                 f"a path along the skin is asked, and the focus is {far} away from one, over {1e3 * MAX_OFFSET:g} mm: "
                 'give along = "array".',
                 focus,
-                code="skin_too_far",
+                code="misplaced",
             )
         if self.along == "array" or not away or away[nearest] > MAX_OFFSET:
             towards = np.asarray(array_middle) - focus
@@ -278,7 +278,7 @@ def moving_foci(
         raise InvalidInput(
             f"{turns:g} rounds of {len(places)} frames are more than the {clock:g} periods of the sound in a second: "
             f"give {clock / len(places):.4g} Hz or less.",
-            code="rate_not_possible",
+            code="out_of_range",
         )
     periods = round(clock / (turns * len(places)))
     return led(transfer, target, places, clock / periods, method)

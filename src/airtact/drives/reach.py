@@ -45,7 +45,7 @@ def check_foci(transfer: TransferMatrix, target: Target) -> None:
             raise InvalidInput(
                 f"focus {int(apart.argmax())} of the target is {1e3 * apart.max():.3g} mm from where the transfer "
                 "matrix has it; give the target whose beacons were solved, in the obstacles' frame.",
-                code="foci_differ",
+                code="sizes_differ",
             )
 
 
@@ -77,7 +77,7 @@ def check_solvable(transfer: TransferMatrix, target: Target) -> None:
         raise InvalidInput(
             f"{len(rows)} foci are more than the {counted(rows.shape[1], 'element', 'elements')} of the array, which "
             "cannot serve them separately; ask for fewer.",
-            code="too_many_foci",
+            code="too_many",
         )
     _check_near_foci(transfer, target, rows)
     asked = target.weights > 0.0
@@ -96,7 +96,7 @@ def check_solvable(transfer: TransferMatrix, target: Target) -> None:
         f"focus {index} at {in_mm(target.points[index])} is shadowed: it can get {attainable[worst]:.3g} Pa at most, "
         f"the rest {others:.3g} Pa in the median; move it, leave it out or ask for less there.",
         target.points[index],
-        code="focus_shadowed",
+        code="foci_unreachable",
     )
 
 
@@ -126,7 +126,7 @@ def _check_near_foci(
             f"{in_mm(target.points[other])}, too near to be separated: leave one out, or move them a tenth of the "
             "wavelength apart or more.",
             target.points[one],
-            code="foci_too_near",
+            code="foci_unreachable",
         )
 
 
@@ -139,7 +139,7 @@ def suppression_rows(
         raise InvalidInput(
             f"the target has {counted(len(target.suppression_points), 'suppression point', 'suppression points')}, but "
             "the transfer matrix has no rows for them; solve for target.beacons(suppression=True).",
-            code="suppression_rows_missing",
+            code="data_missing",
         )
     return transfer.matrix[len(target.points) :]
 
@@ -198,7 +198,7 @@ def scaled_to_target(
     if not largest > 0.0:
         raise InvalidInput(
             f"all {len(amplitudes)} amplitudes are 0: foci that cancel at every element leave no drive.",
-            code="drive_silent",
+            code="all_zero",
         )
     full = Drive(amplitudes / largest)
     if target.pressures is None:

@@ -63,7 +63,7 @@ def rounding_error(
     if frame.silent:
         raise InvalidInput(
             f"all {len(frame)} elements of the frame are off, so nothing can be compared.",
-            code="drive_silent",
+            code="all_zero",
         )
     rounded = frame.drive()
     exact, got = np.abs(transfer.pressure(drive)), np.abs(transfer.pressure(rounded))

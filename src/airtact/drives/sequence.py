@@ -99,7 +99,7 @@ class Sequence:
             raise InvalidInput(
                 f"a sequence for {counted(self.drives.shape[1], 'element', 'elements')} does not fit a transfer matrix "
                 f"of {counted(transfer.matrix.shape[1], 'element', 'elements')}.",
-                code="element_count",
+                code="sizes_differ",
             )
         return self.drives @ transfer.matrix.T
 
@@ -149,7 +149,7 @@ def check_playable(sequence: Sequence, *, clock: float, most: int, slowest: int 
     if len(sequence) > most:
         raise InvalidInput(
             f"the sequence has {len(sequence)} frames, and the board keeps {most}; lower its rate.",
-            code="frame_count",
+            code="sizes_differ",
         )
     check_rate(sequence.rate, clock, slowest, "the board")
 
@@ -327,11 +327,11 @@ def _frames(frequency: float, rate: float, least: int = FEWEST) -> int:
         raise InvalidInput(
             f"{rate:g} frames/s give {rate / frequency:.3g} frames a period of {frequency:g} Hz, and {least} are "
             f"needed: give {least * frequency:g} frames/s or more.",
-            code="rate_not_possible",
+            code="out_of_range",
         )
     if abs(count * frequency - rate) > 1e-6 * rate:
         raise InvalidInput(
             f"{rate:g} frames/s are no whole multiple of {frequency:g} Hz: the nearest is {count * frequency:.7g}.",
-            code="rate_not_possible",
+            code="out_of_range",
         )
     return count

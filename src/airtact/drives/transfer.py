@@ -194,7 +194,7 @@ class TransferMatrix:
         check_finite(matrix, "the transfer matrix (focus, element)")
         if not matrix.any():
             words = f"all {matrix.size} entries of the transfer matrix are 0: no element reaches a focus."
-            raise InvalidInput(words, code="matrix_zero")
+            raise InvalidInput(words, code="all_zero")
         matrix.flags.writeable = False
         object.__setattr__(self, "matrix", matrix)
 
@@ -271,7 +271,7 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
             f"the field must be that of unit beacons, one excitation of 1 Pa·m per point, not strengths of shape "
             f"{sources.strengths.shape} with the largest {np.abs(sources.strengths).max():g} Pa·m: solve for "
             "target.beacons().",
-            code="not_beacons",
+            code="wrong_kind",
         )
     check_placement(beacons.scene, array, sources.positions)
     element, strength = array.element, strength_in(beacons.scene, array)
@@ -325,7 +325,7 @@ def _check_known(
             f"{int(unknown.sum())} of {len(array)} elements stand where the field is not known, first element {first} "
             f"at {in_mm(array.positions[first])}; give a field that reaches them all.",
             array.positions[first],
-            code="field_unknown",
+            code="data_missing",
         )
 
 

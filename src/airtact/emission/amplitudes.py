@@ -55,7 +55,7 @@ def frames_of_period(frequency: float, fastest: float, clock: float = CLOCK) -> 
     Raises
     ------
     InvalidInput
-        "rate_not_possible": the frequency with the nearest that the boards can play.
+        "out_of_range": the frequency with the nearest that the boards can play.
 
     Examples
     --------
@@ -69,14 +69,14 @@ def frames_of_period(frequency: float, fastest: float, clock: float = CLOCK) -> 
                 f"an amplitude modulation of {frequency:g} Hz needs {2 * frequency:g} frames/s, and the boards take "
                 f"{fastest:.4g}: give {np.floor(fastest / 2):g} Hz or less, such as --modulate "
                 f"am:{np.floor(fastest / 2):g}.",
-                code="rate_not_possible",
+                code="out_of_range",
             )
         count = min(most - most % 2, USUAL_FRAMES)
         return count, count * frequency
     if frequency > clock / MOST_FRAMES:
         raise InvalidInput(
             f"an amplitude modulation of {frequency:g} Hz is too fast: the fastest is {clock / MOST_FRAMES:g} Hz.",
-            code="rate_not_possible",
+            code="out_of_range",
         )
     counts = np.arange(FEWEST_FRAMES, MOST_FRAMES + 1)
     divides = np.maximum(np.rint(clock / (frequency * counts)), 1.0)

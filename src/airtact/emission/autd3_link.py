@@ -79,12 +79,12 @@ class AUTD3Link(Link):
         if through not in THROUGH:
             raise InvalidInput(
                 f"{through!r} is none of the {len(THROUGH)} ways to AUTD3: {', '.join(THROUGH)}.",
-                code="unknown_link",
+                code="unknown_name",
             )
         if through in ("remote", "simulator") and address is None:
             raise InvalidInput(
                 f"the {through} link needs 1 address, such as 127.0.0.1:8080; 0 given.",
-                code="setting_missing",
+                code="key_missing",
             )
         self.name, self.poses = through, list(poses)
         self.address, self.sound_speed = address, sound_speed
@@ -111,7 +111,7 @@ class AUTD3Link(Link):
             raise InvalidInput(
                 f"an AUTD3 board keeps {SHORTEST} to {LONGEST} frames, not {frames}: the nearest that it plays is "
                 f"{nearest}.",
-                code="frame_count",
+                code="sizes_differ",
             )
         check_rate(rate, PERIODS, LARGEST_DIVIDE, "AUTD3")
 
@@ -188,7 +188,7 @@ class AUTD3Link(Link):
     def _check_audit(self, why: str) -> None:
         if self.name != "audit":
             raise InvalidInput(
-                f"the {self.boards} boards behind {self.name} {why}.", code="audit_only"
+                f"the {self.boards} boards behind {self.name} {why}.", code="not_supported"
             )
 
     def _begin(self) -> None:
@@ -219,7 +219,7 @@ class AUTD3Link(Link):
                 raise InvalidInput(
                     f"board {index} has the firmware {text}, and pyautd3 {self._library.__version__} needs {latest}: "
                     "update the board's firmware.",
-                    code="firmware_version",
+                    code="unsupported_version",
                 )
 
     def _way(self) -> Any:
@@ -314,7 +314,7 @@ class AUTD3Link(Link):
             if doing == "opening":
                 raise InvalidInput(
                     f"{self.boards} AUTD3 boards cannot be opened through {self.name}: {str(error).rstrip('.')}.",
-                    code="link_not_opened",
+                    code="link_failed",
                 ) from None
             raise self._failed(doing, str(error).rstrip(".")) from error
 
@@ -331,7 +331,7 @@ def _quaternions(poses: Sequence[Pose]) -> list[Float64[np.ndarray, "4"]]:
 
 
 def _library() -> Any:
-    """Import pyautd3; raise "extra_not_installed" or "package_version" with what to install."""
+    """Import pyautd3; raise "extra_missing" or "unsupported_version" with what to install."""
     with extra("autd3", "AUTD3 boards need pyautd3"):
         import pyautd3
     version = importlib.metadata.version("pyautd3")
@@ -339,7 +339,7 @@ def _library() -> Any:
         raise InvalidInput(
             f"pyautd3 {version} is not one that the tests run with ({', '.join(KNOWN_VERSIONS)}): "
             "pip install 'airtact[autd3]'.",
-            code="package_version",
+            code="unsupported_version",
         )
     return pyautd3
 

@@ -470,5 +470,5 @@ def _begin_log(path: Path) -> None:
     except OSError as error:
         raise InvalidInput(
             f"the log {path} cannot be written (error {error.errno}): {error.strerror}.",
-            code="file_not_writable",
+            code="not_writable",
         ) from None

@@ -29,7 +29,7 @@ def write_frames(
     Raises
     ------
     InvalidInput
-        "unknown_ending" if not one of ``ENDINGS``, "empty", "sizes_differ", or "file_not_writable".
+        "unknown_format" if not one of ``ENDINGS``, "empty", "sizes_differ", or "not_writable".
     """
     if not frames:
         raise InvalidInput(f"{path.name} needs at least 1 frame, not 0.", code="empty")
@@ -59,12 +59,12 @@ def read_messages(
     Raises
     ------
     InvalidInput
-        "board_missing", "file_missing", or "message_damaged": the bytes are not made of the board's messages.
+        "data_missing", "file_missing", or "message_damaged": the bytes are not made of the board's messages.
     """
     if board is None:
         raise InvalidInput(
             f"{path.name} does not hold the name of its board: give 1, such as autd3.",
-            code="board_missing",
+            code="data_missing",
         )
     codec = codec_of(board)
     message = bytes_of(path)
@@ -113,7 +113,7 @@ class FileLink(Link):
         if not self.path.parent.is_dir():
             raise InvalidInput(
                 f"there is no folder {self.path.parent} for {self.path.name}: make it first (0 written).",
-                code="file_not_writable",
+                code="not_writable",
             )
         self._frames, self._rate = [], None
 
@@ -125,7 +125,7 @@ class FileLink(Link):
             raise InvalidInput(
                 f"{len(self._frames)} frames at another rate than {rate:g} frames/s are in {self.path.name} already: "
                 "write each sequence to a file of its own.",
-                code="rates_differ",
+                code="sizes_differ",
             )
         self._frames.extend(frames)
         self._rate = rate

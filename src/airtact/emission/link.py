@@ -84,7 +84,7 @@ class Link(ABC):
         if not isinstance(boards, int | np.integer) or not 1 <= boards <= self.codec.board.most:
             raise InvalidInput(
                 f"one link drives 1 to {self.codec.board.most} {board} boards, not {boards}.",
-                code="board_count",
+                code="sizes_differ",
             )
         self.elements = boards * len(self.codec.board)
         self.boards = boards
@@ -168,7 +168,7 @@ class Link(ABC):
         if not self.plays_itself:
             raise InvalidInput(
                 f"{self.codec.board.name} boards keep 0 sequences: send frame by frame.",
-                code="sequence_not_possible",
+                code="not_supported",
             )
         for frame in frames:
             self._check(frame)
@@ -192,16 +192,16 @@ class Link(ABC):
             raise InvalidInput(
                 f"{rate:g} frames/s are more than the {self.name} link carries to {self.devices}: the nearest is "
                 f"{np.floor(self.fastest):g} frames/s.",
-                code="rate_not_possible",
+                code="out_of_range",
             )
 
     def check_elements(self, count: int) -> None:
-        """Raise "element_count" where a drive or a frame is for another number of elements than the boards have."""
+        """Raise "sizes_differ" where a drive or a frame is for another number of elements than the boards have."""
         if count != self.elements:
             raise InvalidInput(
                 f"a drive for {counted(count, 'element', 'elements')} does not fit {self.devices} of "
                 f"{len(self.codec.board)}: make it for {self.elements}.",
-                code="element_count",
+                code="sizes_differ",
             )
 
     def stop(self) -> None:
@@ -299,7 +299,7 @@ class Link(ABC):
                 f"a frame of {len(frame.levels.amplitudes)} amplitudes and {frame.levels.phases} phases is not for "
                 f"{self.codec.board.name}, which has {len(self.levels.amplitudes)} and {self.levels.phases}: quantise "
                 "the drive with link.levels.",
-                code="levels_differ",
+                code="sizes_differ",
             )
 
     @contextmanager

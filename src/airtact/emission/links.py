@@ -75,25 +75,25 @@ def link_to(
     Raises
     ------
     InvalidInput
-        "unknown_link", "setting_missing", or "setting_not_taken".
+        "unknown_name", "key_missing", or "options_clash".
     """
     kind = next((link for link in LINKS if link.name == name and board in link.boards), None)
     if kind is None:
         there = links_of(board)
         raise InvalidInput(
             f"{board} has no {name!r} link, it has {len(there)}: {', '.join(there)}.",
-            code="unknown_link",
+            code="unknown_name",
         )
     for setting, value in settings.items():
         if value is not None and setting != kind.takes:
             raise InvalidInput(
                 f"--{setting} {value} does not go with the {name} link: leave it out.",
-                code="setting_not_taken",
+                code="options_clash",
             )
     given = settings.get(kind.takes or "")
     if kind.example and given is None:
         raise InvalidInput(
             f"the {name} link needs --{kind.takes}, such as {kind.example}; 0 are given.",
-            code="setting_missing",
+            code="key_missing",
         )
     return kind.make(board, poses, sound_speed, None if given is None else str(given))

@@ -120,7 +120,7 @@ class Player:
             except OSError as error:
                 raise InvalidInput(
                     f"the log {self._set.log} cannot be written (error {error.errno}): {error.strerror}.",
-                    code="file_not_writable",
+                    code="not_writable",
                 ) from None
         self.link.open()
         self._write("opened")

@@ -57,7 +57,7 @@ class SerialLink(Link):
         if self.codec.baud is None:
             raise InvalidInput(
                 f"{board} has no serial line (0 baud): sonicsurface and nano16 have one.",
-                code="unknown_link",
+                code="unknown_name",
             )
         of_kind(port, str, "the port", 'the name of a device, such as "/dev/ttyUSB0"')
         self.port, self.boot = port, boot
@@ -74,7 +74,7 @@ class SerialLink(Link):
                 self.port, self.codec.baud, timeout=0.02, write_timeout=PATIENCE, exclusive=True
             )
         except (OSError, ValueError) as error:
-            raise InvalidInput(_cannot_open(self.port, error), code="link_not_opened") from None
+            raise InvalidInput(_cannot_open(self.port, error), code="link_failed") from None
         try:
             self._deliver(self.zero(), self.boot if self.codec.echo else 0.0)
             self._deliver(self.zero())

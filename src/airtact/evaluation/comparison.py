@@ -71,7 +71,7 @@ class Comparison:
         if name not in self.names:
             raise InvalidInput(
                 f"{name!r} is not one of the {len(self.names)} drives: {', '.join(self.names)}.",
-                code="unknown_drive",
+                code="unknown_name",
             )
         return self.names.index(name) + len(self.names) * phase_only
 
@@ -119,7 +119,7 @@ class Comparison:
             focus = int(np.argmin(pressures[0]))
             raise InvalidInput(
                 f"{self.names[0]!r} gives focus {focus} 0 Pa: put another drive first to compare with.",
-                code="reference_silent",
+                code="all_zero",
             )
         return pressures / pressures[0]
 
@@ -248,7 +248,7 @@ def compare(
         if peak == 0.0:
             raise InvalidInput(
                 f"drive {name!r} is silent: all {len(drives[name])} amplitudes are 0.",
-                code="drive_silent",
+                code="all_zero",
             )
     strongest = [Drive(drive.amplitudes / peaks[name]) for name, drive in drives.items()]
     emitted = [*strongest, *(drive.phase_only() for drive in strongest)]

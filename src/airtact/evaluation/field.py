@@ -58,7 +58,7 @@ def drive_sources(
         if not (array.gains * drive.amplitudes).any():
             raise InvalidInput(
                 f"drive {index} is silent: all {len(drive)} amplitudes are 0 or of dead elements.",
-                code="drive_silent",
+                code="all_zero",
             )
     amplitudes = array.gains[:, None] * np.stack([drive.amplitudes for drive in drives], axis=1)
     full = array.element.sensitivity * (1.0 if scene is None else strength_in(scene, array))

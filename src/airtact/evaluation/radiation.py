@@ -116,7 +116,7 @@ class RadiationMap:
         if not 0 <= body < count:
             raise InvalidInput(
                 f"there is no body {body}; the scene has bodies 0 to {count - 1}.",
-                code="unknown_body",
+                code="unknown_name",
             )
         chosen = np.repeat(self.body, 6) == body
         return -(self.areas * self.radiation_pressure)[chosen] @ self.normals[chosen]
@@ -143,7 +143,7 @@ class RadiationMap:
             raise InvalidInput(
                 f"a pad of {1e3 * radius:.3g} mm round the focus at {in_mm(np.asarray(focus))} holds 0 points of the "
                 f"skin, the nearest being {1e3 * nearest:.3g} mm away; give a larger radius.",
-                code="pad_too_small",
+                code="out_of_range",
             )
         force = float(np.sum((self.areas * self.radiation_pressure)[chosen]))
         return Pad(centre, float(self.areas[chosen].sum()), force)
@@ -213,7 +213,7 @@ def radiation_of(field: RadiatedField, excitation: int) -> RadiationMap:
         raise InvalidInput(
             f"{field.report.solver} returns no pressure or velocity at {lost} of {len(points)} points of the surfaces; "
             "take BoundaryElement for radiation pressure.",
-            code="field_unknown",
+            code="data_missing",
         )
     pushing = radiation_pressure(pressure, velocity, scene.medium)
     surface = panels.quadratic_triangles, panels.body, points, nodes.normals, nodes.weights
@@ -223,11 +223,11 @@ def radiation_of(field: RadiatedField, excitation: int) -> RadiationMap:
 def _check_hard(scene: Scene) -> None:
     if not scene.obstacles:
         raise InvalidInput(
-            "the scene has 0 obstacles, so there is no surface to press on.", code="no_bodies"
+            "the scene has 0 obstacles, so there is no surface to press on.", code="empty"
         )
     for index, obstacle in enumerate(scene.obstacles):
         if obstacle.boundary != "sound_hard":
             raise InvalidInput(
                 f"body {index} is {obstacle.boundary}, but radiation pressure is computed on sound_hard bodies only.",
-                code="boundary_not_taken",
+                code="not_supported",
             )

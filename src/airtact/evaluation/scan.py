@@ -67,7 +67,7 @@ class Scan:
         if not pressures.any():
             raise InvalidInput(
                 f"all {len(pressures)} pressures of the scan are 0; nothing was measured.",
-                code="scan_silent",
+                code="all_zero",
             )
         repeated = np.setdiff1d(
             np.arange(len(points)), np.unique(points, axis=0, return_index=True)[1]
@@ -78,7 +78,7 @@ class Scan:
                 f"{counted(len(repeated), 'position of the scan is', 'positions of the scan are')} repeated, the first "
                 f"at {in_mm(where)}; average them first.",
                 where,
-                code="repeated",
+                code="given_twice",
             )
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "pressures", pressures)
@@ -178,7 +178,7 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
         raise InvalidInput(
             f"only {int(used.sum())} of {len(used)} positions of the scan can be predicted, fewer than {FEWEST}: a "
             "body is in the way of the microphone at the others; is the scan in the scene's frame?",
-            code="scan_blocked",
+            code="signal_unusable",
         )
     model = predicted[used] if scan.phased else np.abs(predicted[used]).astype(np.complex128)
     measured = (
@@ -187,7 +187,7 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
     if not model.any():
         raise InvalidInput(
             f"the prediction is 0 Pa at all {int(used.sum())} positions of the scan.",
-            code="prediction_zero",
+            code="all_zero",
         )
     scale, error = _fitted(measured, model)
     mirrored = _fitted(measured, model.conj())[1] if scan.phased else error
@@ -195,7 +195,7 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
         raise InvalidInput(
             f"the scan's phases are {error:.1%} off the prediction, and {mirrored:.1%} when they are negated: they "
             "seem to be those of e^(+iωt); negate the column phase.",
-            code="phases_negated",
+            code="does_not_match",
         )
     return Overlay(scan, predicted, used, scale, error)
 

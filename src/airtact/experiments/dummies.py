@@ -87,7 +87,7 @@ def dummies(
     if not gap > 0.0:
         raise InvalidInput(
             f"a gap of {1e3 * gap:g} mm leaves no room between the fingers; give more than 0.",
-            code="not_positive",
+            code="out_of_range",
         )
     angle = math.radians(tilt)
     surfaces = []

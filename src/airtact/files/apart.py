@@ -50,7 +50,7 @@ def read_apart(
     Raises
     ------
     InvalidInput
-        What the reader raises; "took_too_long" and "too_little_memory" beyond the limits; "file_unreadable" where its
+        What the reader raises; "file_too_large" and "too_little_memory" beyond the limits; "file_unreadable" where its
         process ended otherwise.
     """
     if sys.platform == "win32" or not sys.executable:
@@ -108,7 +108,7 @@ def _named(path: Path) -> str:
 
 def _too_long(path: Path, seconds: int) -> InvalidInput:
     sentence = f"{_named(path)} is not read within {seconds} s of processor time; make it simpler, or export it anew."
-    return InvalidInput(sentence, code="took_too_long")
+    return InvalidInput(sentence, code="file_too_large")
 
 
 def _main(module: str, name: str, file: str, seconds: str, memory: str, *without: str) -> None:

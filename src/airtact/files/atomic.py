@@ -20,7 +20,7 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 
 def writable_folder(path: Path) -> Path:
-    """Make a folder and prove that files can be written in it, or raise "folder_not_writable"."""
+    """Make a folder and prove that files can be written in it, or raise "not_writable"."""
     try:
         path.mkdir(parents=True, exist_ok=True)
         with whole_file(path / "probe") as probe:
@@ -29,6 +29,6 @@ def writable_folder(path: Path) -> Path:
     except OSError as error:
         raise InvalidInput(
             f"cannot write into the output folder {path}: {error.strerror} (error {error.errno})",
-            code="folder_not_writable",
+            code="not_writable",
         ) from None
     return path

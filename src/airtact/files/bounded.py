@@ -51,12 +51,12 @@ def bytes_of(path: Path, largest: int = LARGEST_DATA) -> bytes:
 
 
 def text_of(path: Path, largest: int = LARGEST_TEXT) -> str:
-    """Read a file as UTF-8 text; raise as ``check_file``, or "not_text"."""
+    """Read a file as UTF-8 text; raise as ``check_file``, or "file_unreadable"."""
     try:
         return bytes_of(path, largest).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         sentence = f"{path.name} is not a text file: byte {error.start} is not UTF-8."
-        raise InvalidInput(sentence, code="not_text") from None
+        raise InvalidInput(sentence, code="file_unreadable") from None
 
 
 def array_of(path: Path) -> Shaped[np.ndarray, "..."]:

@@ -77,7 +77,7 @@ def check_counts(suffix: str, raw: bytes) -> bytes:
     Raises
     ------
     InvalidInput
-        "too_many_triangles", "too_many_lines", "too_many_nodes", "file_too_large", or "file_unreadable".
+        "too_many", "file_too_large", "too_many", "file_too_large", or "file_unreadable".
     """
     if suffix == ".stl":
         _check_stl(raw)
@@ -117,20 +117,20 @@ def is_plain(suffix: str, raw: bytes, needed: bytes) -> bool:
 
 
 def check_triangles(count: int) -> None:
-    """Raise "too_many_triangles" beyond ``MOST_FILE_TRIANGLES``."""
+    """Raise "too_many" beyond ``MOST_FILE_TRIANGLES``."""
     if count > MOST_FILE_TRIANGLES:
         sentence = (
             f"it has {count:,} triangles, more than {MOST_FILE_TRIANGLES:,}; simplify it, as with MeshLab: edges of "
             "1 mm are fine enough for 40 kHz."
         )
-        raise InvalidInput(sentence, code="too_many_triangles")
+        raise InvalidInput(sentence, code="too_many")
 
 
 def _check_lines(raw: bytes) -> None:
     count = sum(raw.count(byte) for byte in BREAKS)
     if count > MOST_MESH_LINES:
         sentence = f"it has {count:,} lines, more than {MOST_MESH_LINES:,}; simplify it, or save it in binary."
-        raise InvalidInput(sentence, code="too_many_lines")
+        raise InvalidInput(sentence, code="file_too_large")
 
 
 def _check_stl(raw: bytes) -> None:
@@ -172,7 +172,7 @@ def _count_of(element: bytes, head: bytes) -> int:
 def _check_pieces(count: int, what: str, most: int = MOST_NODES) -> None:
     if count > most:
         sentence = f"it has {count:,} {what}, more than {most:,}; join them before it is saved."
-        raise InvalidInput(sentence, code="too_many_nodes")
+        raise InvalidInput(sentence, code="too_many")
 
 
 def _plain_obj(raw: bytes) -> bytes:
@@ -266,7 +266,7 @@ def _check_levels(tree: Mapping[str, Any], children: list[list[int]]) -> None:
         if not level:
             return
     sentence = f"its nodes stand more than {MOST_LEVELS} levels deep in each other; flatten them."
-    raise InvalidInput(sentence, code="too_deep")
+    raise InvalidInput(sentence, code="file_too_large")
 
 
 def _check_sizes(tree: Mapping[str, Any]) -> None:

@@ -33,7 +33,7 @@ def arrays_of(path: Path, reader: Callable[[Path], Arrays]) -> Arrays:
     if suffix not in SUFFIXES:
         raise InvalidInput(
             f"{path.name} ends in {path.suffix!r}, but surfaces are read from {', '.join(SUFFIXES)}.",
-            code="unknown_ending",
+            code="unknown_format",
         )
     if not path.is_file():
         raise InvalidInput(f"there is no file {path}; 0 triangles were read.", code="file_missing")
@@ -50,7 +50,7 @@ def mesh_arrays(path: Path) -> Arrays:
     if len(mesh.faces) == 0:
         raise InvalidInput(
             f"{path.name} holds 0 triangles; give a file with a closed triangle surface.",
-            code="no_triangles",
+            code="empty",
         )
     with about(path.name):
         check_triangles(len(mesh.faces))

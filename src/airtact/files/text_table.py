@@ -31,17 +31,17 @@ class TextTable:
     __repr__ = in_short
 
     def require(self, *names: str) -> None:
-        """Raise "column_missing" where the table lacks one of the columns."""
+        """Raise "data_missing" where the table lacks one of the columns."""
         missing = [name for name in names if name not in self.names]
         if missing:
             raise InvalidInput(
                 f"{self.file} has no column {', '.join(missing)}: it needs {', '.join(names)}, and has "
                 f"{counted(len(self.names), 'column', 'columns')}, {', '.join(self.names)}.",
-                code="column_missing",
+                code="data_missing",
             )
 
     def numbers(self, name: str) -> Float64[np.ndarray, "rows"]:
-        """Read a column as real numbers; raise "column_missing", or "cell_unreadable" for NaN or infinity too."""
+        """Read a column as real numbers; raise "data_missing", or "file_unreadable" for NaN or infinity too."""
         found = self.complex_numbers(name)
         for row in np.flatnonzero(np.imag(found)):
             raise self._unreadable(int(row), name, "which is not a real number")
@@ -67,7 +67,7 @@ class TextTable:
         cell = self.rows[row][self.names.index(name)]
         return InvalidInput(
             f"line {self.lines[row]} of {self.file} has {cell!r} for {name}, {why}.",
-            code="cell_unreadable",
+            code="file_unreadable",
         )
 
 
@@ -104,7 +104,7 @@ def read_text_table(path: Path) -> TextTable:
             raise InvalidInput(
                 f"line {line} of {path.name} has {counted(len(cells), 'cell', 'cells')}, but there are "
                 f"{counted(len(names), 'column', 'columns')}, {', '.join(names)}.",
-                code="wrong_cell_count",
+                code="wrong_shape",
             )
     return TextTable(path.name, names, tuple(rows), tuple(lines))
 
@@ -115,7 +115,7 @@ def _check_other_separators(file: str, line: int, words: str) -> None:
         if count and "," not in words:
             raise InvalidInput(
                 f"line {line} of {file} has no comma but {counted(count, name, f'{name}s')}; put commas between cells.",
-                code="wrong_separator",
+                code="unknown_format",
             )
 
 
@@ -123,14 +123,14 @@ def _named(file: str, head: str, rows: int) -> tuple[str, ...]:
     if not head:
         raise InvalidInput(
             f"{file} has {counted(rows, 'row', 'rows')} of numbers, but no line that names its columns.",
-            code="header_missing",
+            code="file_unreadable",
         )
     names = tuple(name.lower() for name in _cells(file, 1, head))
     twice = [name for name in names if names.count(name) > 1]
     if twice:
         raise InvalidInput(
             f"{file} has {names.count(twice[0])} columns of the name {twice[0]!r}; give each its own.",
-            code="column_twice",
+            code="given_twice",
         )
     return names
 
@@ -140,10 +140,10 @@ def _cells(file: str, line: int, words: str) -> tuple[str, ...]:
         cells = tuple(cell.strip() for cell in next(csv.reader([words], skipinitialspace=True)))
     except csv.Error as error:
         sentence = f"line {line} of {file}, of {len(words):,} characters, has a cell that cannot be read: {error}."
-        raise InvalidInput(sentence, code="cell_unreadable") from None
+        raise InvalidInput(sentence, code="file_unreadable") from None
     if len(cells) > MOST_COLUMNS:
         sentence = f"line {line} of {file} has {len(cells):,} cells, more than {MOST_COLUMNS:,}; leave columns out."
-        raise InvalidInput(sentence, code="wrong_cell_count")
+        raise InvalidInput(sentence, code="wrong_shape")
     return cells
 
 

@@ -31,7 +31,7 @@ def nodes_of_vtu(path: Path) -> Nodes:
     Raises
     ------
     InvalidInput
-        As ``check_file``; "extra_not_installed"; "file_unreadable" or "file_too_large" for arrays that are damaged, or
+        As ``check_file``; "extra_missing"; "file_unreadable" or "file_too_large" for arrays that are damaged, or
         have more than ``LARGEST_DATA`` bytes unpacked.
     """
     with extra("formats", f"{path.name} needs meshio to be read"):

@@ -139,7 +139,7 @@ def _cubes(what: Filling, edge: float) -> Int64[np.ndarray, "cubes 3"]:
                 f"the bodies run so close over so large an area that filling in between takes more than {MOST:g} cubes "
                 f"of {size * 1e3:.3g} mm; move them apart, or make one body of them before.",
                 0.5 * (what.low + what.high),
-                code="too_many_cubes",
+                code="too_many",
             )
         if size <= edge * 1.5:
             return cubes

@@ -66,7 +66,7 @@ def check_not_crossed(surface: Surface) -> None:
         raise InvalidInput(
             f"the surface crosses itself: {meet}, the first are {which} near {in_mm(where)}; repair it.",
             where,
-            code="crosses_itself",
+            code="mesh_faulty",
         )
     nested = surface.shape.nested_piece()
     if nested is not None:
@@ -75,7 +75,7 @@ def check_not_crossed(surface: Surface) -> None:
             f"closed piece {inner} of {shells(surface.triangles).max() + 1} lies inside piece {outer}, "
             f"{depth * 1e3:.3g} mm deep near {in_mm(where)}: no sound gets there, so remove it.",
             where,
-            code="piece_inside_piece",
+            code="mesh_faulty",
         )
 
 
@@ -93,7 +93,7 @@ def check_not_thin(surface: Surface) -> None:
             f"the body is {found[0] * 1e3:.3g} mm thick near {in_mm(found[1])}, less than {THINNEST * 1e3:g} mm; make "
             "it thicker there, or cut that part off.",
             found[1],
-            code="too_thin",
+            code="out_of_range",
         )
 
 
@@ -150,7 +150,7 @@ def check_apart(surfaces: Sequence[Surface]) -> None:
                 f"bodies {i} and {j} are {found.distance * 1e3:.3g} mm apart near {in_mm(found.position)}, nearer than "
                 f"{NEAREST * 1e3:g} mm; {APART}.",
                 found.position,
-                code="bodies_too_near",
+                code="bodies_overlap",
             )
 
 

@@ -85,7 +85,7 @@ def covered(mesh: QuadraticMesh, edge: float, away: float = np.inf) -> Quadratic
     raise fault or InvalidInput(
         f"panels with an edge of {1e3 * edge:.3g} mm, and of {2e3 * shorter:.3g} mm, do not enclose the "
         f"{1e6 * mesh.volume:.4g} cm³ of the surface to {100 * VOLUME_OFF:g} %; it is too rough or thin somewhere.",
-        code="not_meshable",
+        code="mesh_faulty",
     )
 
 

@@ -62,7 +62,7 @@ class Pose:
             raise InvalidInput(
                 f"the pose's matrix is not a rotation: it is {skew:.2g} away from orthonormal and its determinant is "
                 f"{determinant:.3g} (a rotation has 0 and 1).",
-                code="not_a_rotation",
+                code="wrong_kind",
             )
         object.__setattr__(self, "rotation", rotation)
         object.__setattr__(self, "translation", translation)
@@ -104,7 +104,7 @@ class Pose:
         if not length > 0.0:
             raise InvalidInput(
                 f"the axis of a rotation has length {length:g}; give a direction.",
-                code="zero_length",
+                code="all_zero",
             )
         x, y, z = along / length
         cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

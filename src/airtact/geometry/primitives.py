@@ -192,18 +192,18 @@ class Capsule(Shape):
             f"an edge of {edge * 1e3:.4g} mm on a radius of {self.radius * 1e3:.4g} mm needs more than {_MOST_RINGS} "
             "rings a cap; ask for a longer edge.",
             self.pose.translation,
-            code="edge_too_short",
+            code="out_of_range",
         )
 
     def _check_count(self, rings: int) -> None:
-        """Raise "too_many_triangles" before a mesh of so many rings is made."""
+        """Raise "too_many" before a mesh of so many rings is made."""
         count = _count(rings, _SECTORS * rings, self.length / self.radius)
         if count > MOST_TRIANGLES:
             raise InvalidInput(
                 f"a capsule of {1e3 * self.radius:.4g} mm radius and {1e3 * self.length:.4g} mm length needs {count:,} "
                 f"triangles, more than {MOST_TRIANGLES:,}: are its lengths in different units? Give metres.",
                 self.pose.translation,
-                code="too_many_triangles",
+                code="too_many",
             )
 
     def _surface(self, vertices: Vertices, triangles: Triangles) -> Surface:

@@ -261,7 +261,7 @@ def _triangles_of(given: np.ndarray) -> Triangles:
     if not np.issubdtype(array.dtype, np.integer):
         raise InvalidInput(
             f"surface triangles are of type {array.dtype}, but vertex indices are integers.",
-            code="not_integers",
+            code="not_a_number",
         )
     triangles = np.array(array, dtype=np.int64, order="C")
     triangles.flags.writeable = False
@@ -277,7 +277,7 @@ def _check_primitive(primitive: Shape, corners: Float64[np.ndarray, "triangles 3
             f"a corner of triangle {worst // 3} lies {off[worst] * 1e3:.3g} mm off the exact shape that the surface is "
             "given as; leave the primitive out or take its own mesh.",
             points[worst],
-            code="not_on_shape",
+            code="not_supported",
         )
 
 
@@ -300,7 +300,7 @@ def _check_midpoints(
             f"share, the first near {in_mm(first)}, {gap[parted[0]] * 1e3:.3g} mm apart; the curved surface would be "
             "open there.",
             first,
-            code="midpoints_not_shared",
+            code="mesh_faulty",
         )
     away = np.linalg.norm(midpoints - (corners + np.roll(corners, -1, axis=1)) / 2.0, axis=2)
     bulge = away / edge_lengths(corners)
@@ -310,5 +310,5 @@ def _check_midpoints(
             f"a midpoint of triangle {triangle} lies {away[triangle, edge] * 1e3:.3g} mm off the middle of its edge, "
             f"{bulge.max():.3g} of the edge's length; it may be half of it at most, so use smaller triangles.",
             midpoints[triangle, edge],
-            code="midpoint_off_edge",
+            code="mesh_faulty",
         )

@@ -185,7 +185,7 @@ def _links(bodies: Sequence[Surface], chosen: list[int], gap: float) -> list[Lin
             f"do not hang together, but only {gap * 1e3:.3g} mm are bridged; move them together, leave one out, or "
             "give a larger gap.",
             where,
-            code="bodies_too_far",
+            code="misplaced",
         )
     return links
 

@@ -56,7 +56,7 @@ def load_hand(path: str | Path, gap: float | None = None) -> Hand:
             order = {name: index for index, name in enumerate(names)}
             if len(order) < len(names):
                 twice = counted(len(names) - len(order), "joint is", "joints are")
-                raise InvalidInput(f"{twice} there twice.", code="joint_twice")
+                raise InvalidInput(f"{twice} there twice.", code="given_twice")
             points = named_joints({name: points[index] for name, index in order.items()})
             radii = None if radii is None else radii[[order[name] for name in NAMES]]
         hand = hand_from_joints(points, radii, side=pose.get("side"))
@@ -84,7 +84,7 @@ def load_landmarks(path: Path) -> tuple[Float64[np.ndarray, "joints 3"], str | N
         points, names = _numbers(pose, "positions_m", (3,)), pose.get("joints")
         if names is not None and tuple(names) != NAMES:
             sentence = f"the {len(names)} joints are not named in the order of WebXR: give them in that order."
-            raise InvalidInput(sentence, code="joint_order")
+            raise InvalidInput(sentence, code="hand_implausible")
         return points, pose.get("side")
 
 
@@ -112,19 +112,21 @@ def _pose_in(path: Path) -> dict[str, Any]:
     except RecursionError:
         raise InvalidInput(
             f"this is no pose of a hand: {path.stat().st_size} bytes of brackets in brackets.",
-            code="not_a_pose",
+            code="wrong_kind",
         ) from None
     except json.JSONDecodeError as error:
         raise InvalidInput(
-            f"this is not JSON: line {error.lineno} is at fault.", code="not_json"
+            f"this is not JSON: line {error.lineno} is at fault.", code="file_unreadable"
         ) from None
     except InvalidInput:
         raise
     except ValueError as error:  # a number of too many digits
-        raise InvalidInput(f"a number of it cannot be read: {error}.", code="not_json") from None
+        raise InvalidInput(
+            f"a number of it cannot be read: {error}.", code="file_unreadable"
+        ) from None
     if not isinstance(pose, dict) or not isinstance(pose.get("positions_m"), list):
         raise InvalidInput(
-            "this is no pose of a hand: it has 0 points under positions_m.", code="not_a_pose"
+            "this is no pose of a hand: it has 0 points under positions_m.", code="wrong_kind"
         )
     unknown = [key for key in pose if key not in KEYS]
     if unknown:
@@ -140,7 +142,7 @@ def _pose_in(path: Path) -> dict[str, Any]:
             sentence = (
                 f"joint {index} is named {name!r}, but names are those of WebXR, such as 'wrist'."
             )
-            raise InvalidInput(sentence, code="unknown_joint")
+            raise InvalidInput(sentence, code="unknown_name")
     return pose
 
 
@@ -165,7 +167,7 @@ def load_cloud(path: Path) -> Float64[np.ndarray, "points 3"]:
         sentence = (
             f"{path} ends in {path.suffix!r}, but clouds are read from {', '.join(CLOUD_ENDINGS)}."
         )
-        raise InvalidInput(sentence, code="unknown_ending")
+        raise InvalidInput(sentence, code="unknown_format")
     if not path.is_file():
         raise InvalidInput(
             f"the file {path} does not exist; 0 points were read.", code="file_missing"

@@ -118,7 +118,7 @@ class Hand:
         if name not in PLACES:
             raise InvalidInput(
                 f"{name!r} is not 1 of the places of a hand: {', '.join(PLACES)}.",
-                code="unknown_place",
+                code="unknown_name",
             )
         return self._palm if name == "palm" else self._pad(PLACES.index(name))
 
@@ -142,7 +142,7 @@ class Hand:
                 f"{name} at {in_mm(point)} lies {1e3 * depth:.2g} mm inside the body, where skins are one"
                 f"{self._freeing(name)}.",
                 point,
-                code="focus_inside_body",
+                code="inside_body",
             )
         return point, normal
 
@@ -165,7 +165,7 @@ class Hand:
             if name not in FINGERS or one == other:
                 raise InvalidInput(
                     f"fingers {one!r} and {other!r} are not 2 of {', '.join(FINGERS)}.",
-                    code="unknown_finger",
+                    code="unknown_name",
                 )
         joints = opened(
             self.joints, self.radii, self.side, (FINGERS.index(one), FINGERS.index(other)), gap

@@ -139,9 +139,7 @@ def named_joints(given: Mapping[str, Real[np.ndarray, "3"]]) -> Float64[np.ndarr
         raise InvalidInput(f"{count} missing, the first is {missing[0]}.", code="joint_missing")
     unknown = [name for name in given if name not in NAMES]
     if unknown:
-        raise InvalidInput(
-            f"{unknown[0]} is not 1 of the 25 joints of WebXR.", code="unknown_joint"
-        )
+        raise InvalidInput(f"{unknown[0]} is not 1 of the 25 joints of WebXR.", code="unknown_name")
     return joints_of(real_numbers(np.array([given[name] for name in NAMES]), "joints of a hand"))
 
 
@@ -201,7 +199,7 @@ def checked_side(
     if side not in ("right", "left", None):
         raise InvalidInput(
             f"the side of a hand is {side!r}, but there are 2: 'right' and 'left'.",
-            code="unknown_side",
+            code="unknown_name",
         )
     evidence = evidence_of(joints)
     seen = "right" if evidence > 0.0 else "left"
@@ -247,7 +245,7 @@ def check_finger_order(joints: Float64[np.ndarray, "25 3"], rough: float = 0.0) 
             f"the knuckle of the {FINGERS[worst + 2]} finger is {-1e3 * steps[worst]:.3g} mm nearer to the index "
             f"finger's than that of the {FINGERS[worst + 1]} finger: are fingers swapped?",
             joints[knuckles[worst]],
-            code="fingers_swapped",
+            code="hand_implausible",
         )
     far = [float(np.linalg.norm(joints[CHAINS[0][1]] - joints[knuckles[end]])) for end in (0, -1)]
     if far[1] < far[0] - ORDERED - 0.5 * rough:
@@ -255,7 +253,7 @@ def check_finger_order(joints: Float64[np.ndarray, "25 3"], rough: float = 0.0) 
             f"the thumb is {1e3 * far[1]:.3g} mm from the little finger's knuckle and {1e3 * far[0]:.3g} mm from the "
             "index finger's: are fingers swapped?",
             joints[CHAINS[0][1]],
-            code="fingers_swapped",
+            code="hand_implausible",
         )
 
 

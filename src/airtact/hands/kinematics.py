@@ -149,5 +149,5 @@ def opened(
         f"the {one} and the {other} cannot be brought {1e3 * gap:g} mm apart: turning their roots leaves them "
         f"{1e3 * (found.min() + gap):.3g} to {1e3 * (found.max() + gap):.3g} mm apart; give such a gap, or "
         "another pose.",
-        code="gap_out_of_reach",
+        code="misplaced",
     )

@@ -101,7 +101,7 @@ def places_on(
                 f"{name} of the joints is {fault}: are joints and mesh of one hand, in one pose and one frame, in "
                 "metres?",
                 point,
-                code="joints_off_surface",
+                code="misplaced",
             )
     return {
         name: (fixed(found[index]), fixed(normals[index])) for index, name in enumerate(hand.places)

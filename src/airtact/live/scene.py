@@ -39,13 +39,13 @@ def live_scene(setup: Setup) -> LiveScene:
         raise InvalidInput(
             f"{setup.path.name}: live needs foci that ride on a hand: {', '.join(PLACES)} of a body with joints, "
             f'and {len(on_hand) if setup.hands else 0} of {len(setup.foci)} do; give [[foci]] at = "thumb.pad".',
-            code="foci_not_on_hand",
+            code="misplaced",
         )
     if len(setup.bodies) != 1 or setup.scene.obstacles[0].boundary != "sound_hard":
         raise InvalidInput(
             f"{setup.path.name}: live follows 1 sound-hard hand, and the scene has "
             f"{counted(len(setup.bodies), 'body', 'bodies')}: leave the others out.",
-            code="bodies_not_live",
+            code="not_supported",
         )
     target = setup.target
     if (
@@ -57,7 +57,7 @@ def live_scene(setup: Setup) -> LiveScene:
         raise InvalidInput(
             f"{setup.path.name}: live makes the weakest of {len(setup.foci)} foci as strong as it can: leave pressure, "
             "share, phase_degrees and suppression out.",
-            code="setting_not_taken",
+            code="options_clash",
         )
     scene = LiveScene(
         medium=setup.medium,
@@ -113,14 +113,14 @@ def moving_foci_of(setup: Setup, scene: LiveScene) -> MovingFoci:
         raise InvalidInput(
             f"{setup.path.name}: live makes at most {MOST_FRAMES} frames of a path anew for each drive, not "
             f"{len(places)}: give frames = {FRAMES}.",
-            code="frame_count",
+            code="sizes_differ",
         )
     turns = motion.turns(paths)
     if turns * len(places) > setup.frequency:
         raise InvalidInput(
             f"{setup.path.name}: {turns:g} rounds of {len(places)} frames are more than the {setup.frequency:g} periods"
             f" of the sound in a second: give {setup.frequency / len(places):.4g} Hz or less.",
-            code="rate_not_possible",
+            code="out_of_range",
         )
     rate = setup.frequency / round(setup.frequency / (turns * len(places)))
     words = f"{words} {rate / len(places):.3g} times a second"

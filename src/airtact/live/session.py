@@ -287,7 +287,7 @@ def recording_of(path: str | Path) -> Recording:
         times, landmarks = file["frames/time"][:], file["frames/landmarks"][:]
         if not len(times):
             raise InvalidInput(
-                "0 frames are in this session: record one with a hand.", code="no_frames"
+                "0 frames are in this session: record one with a hand.", code="empty"
             )
         seen = np.isfinite(landmarks).all(axis=(1, 2))
         frames = [
@@ -311,16 +311,16 @@ def _opened(path: str | Path) -> Iterator[Any]:
                 if version > VERSION:
                     raise InvalidInput(
                         f"its version is {version}, and this airtact reads up to {VERSION}.",
-                        code="newer_version",
+                        code="unsupported_version",
                     )
                 yield file
         except OSError as error:
             if error.errno is not None:
                 raise file_fault(path, error) from None
-            raise InvalidInput(f"this is no HDF5 file: {error}.", code="not_a_session") from None
+            raise InvalidInput(f"this is no HDF5 file: {error}.", code="wrong_kind") from None
         except KeyError as error:
             raise InvalidInput(
-                f"this is no session: 1 entry is missing: {error}.", code="not_a_session"
+                f"this is no session: 1 entry is missing: {error}.", code="wrong_kind"
             ) from None
 
 

@@ -81,7 +81,7 @@ def field(
         if not isinstance(result, Comparison):
             raise InvalidInput(
                 "1 drive cannot be shown over another: give what compare returned.",
-                code="choose_one",
+                code="options_clash",
             )
         shown[over] = pressures[:, result.column(over)]
     surfaces = [one.surface for one in sound.scene.obstacles if one.boundary != "filled"]
@@ -229,7 +229,7 @@ def _sound(result: Evaluation | Comparison | RadiatedField) -> RadiatedField:
     if result.field is None:
         raise InvalidInput(
             "1 evaluation has no field: give what evaluate returned, not a part of it.",
-            code="no_field",
+            code="empty",
         )
     return result.field
 
@@ -243,7 +243,7 @@ def _foci(result: Evaluation | Comparison | RadiatedField, target: Target | None
         return result.sources.refined_positions
     count = counted(len(result.sources.positions), "source", "sources")
     raise InvalidInput(
-        f"a field of {count} does not say where the foci are: give the target.", code="no_target"
+        f"a field of {count} does not say where the foci are: give the target.", code="empty"
     )
 
 
@@ -254,7 +254,7 @@ def _column(result: Evaluation | Comparison | RadiatedField, drive: str | int) -
     if not (isinstance(drive, int) and 0 <= drive < count):
         raise InvalidInput(
             f"drive is {drive!r}, but the field has {counted(count, 'excitation', 'excitations')}, from 0.",
-            code="unknown_drive",
+            code="unknown_name",
         )
     return drive
 

@@ -49,7 +49,7 @@ def array_waves(
     Raises
     ------
     InvalidInput
-        "array_inside_ball": an element stands within the ball about the bodies.
+        "bodies_overlap": an element stands within the ball about the bodies.
     """
     faces, weights = (
         array.face_points - scattering.centre,
@@ -62,7 +62,7 @@ def array_waves(
             f"element {element} of {len(array)} stands {1e3 * nearest[element]:.3g} mm from the middle of the bodies, "
             f"within the ball of {1e3 * scattering.radius:.3g} mm around them, where spherical waves do not hold: move "
             "the bodies away from the array, or leave out parts of them that are far from the foci.",
-            code="array_inside_ball",
+            code="bodies_overlap",
         )
     wavenumber, count = scattering.scene.wavenumber, weights.shape[1]
     parts, at_once = [], max(AT_ONCE // count, 1)

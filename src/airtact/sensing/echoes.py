@@ -69,7 +69,7 @@ class Echoes:
     InvalidInput
         "wrong_shape", "empty", "sizes_differ": shapes that do not fit each other; "not_finite": leave dead receivers
         out of ``receivers``; "over_full_scale"; "out_of_range", "given_twice": of receivers; "silent": a transmission
-        of no element; "not_positive": noise; "nothing_received": no pressure is valid.
+        of no element; "out_of_range": noise; "link_failed": no pressure is valid.
 
     Examples
     --------
@@ -132,7 +132,7 @@ class Echoes:
         Raises
         ------
         InvalidInput
-            "unknown_ending" for another one than .h5, "file_not_writable".
+            "unknown_format" for another one than .h5, "not_writable".
 
         Examples
         --------
@@ -166,7 +166,7 @@ class Echoes:
         except OSError as error:
             reason = error.strerror or str(error)
             raise InvalidInput(
-                f"cannot write {path}: {reason} (error {error.errno}).", code="file_not_writable"
+                f"cannot write {path}: {reason} (error {error.errno}).", code="not_writable"
             ) from None
 
 
@@ -176,7 +176,7 @@ def load_echoes(path: str | Path) -> Echoes:
     Raises
     ------
     InvalidInput
-        "file_missing", "file_unreadable", "unknown_ending", "unknown_version", "dataset_missing", or as ``Echoes``.
+        "file_missing", "file_unreadable", "unknown_format", "unsupported_version", "data_missing", or as ``Echoes``.
     """
     path = _checked_path(path)
     raw = datasets_of(path)
@@ -186,12 +186,12 @@ def load_echoes(path: str | Path) -> Echoes:
             raise InvalidInput(
                 f"its format_version is {version}, but versions {VERSIONS[0]} and {VERSIONS[1]} of echoes are read: "
                 "write it as Echoes.save does.",
-                code="unknown_version",
+                code="unsupported_version",
             )
         if missing := [name for name in ("frequency", *_NUMBERS) if name not in raw]:
             raise InvalidInput(
                 f"{len(missing)} of the 5 datasets of echoes are missing: {', '.join(missing)}.",
-                code="dataset_missing",
+                code="data_missing",
             )
         parts = [real_numbers(np.asarray(raw[name]), name) for name in _NUMBERS]
         for one, other, name in ((*parts[:2], "codes"), (*parts[2:], "pressures")):
@@ -214,12 +214,12 @@ def load_echoes(path: str | Path) -> Echoes:
 
 
 def check_elements(echoes: Echoes, array: PhasedArray, what: str) -> None:
-    """Raise "element_count" where echoes, named in words, are of another array."""
+    """Raise "sizes_differ" where echoes, named in words, are of another array."""
     if len(echoes.codes) != len(array):
         raise InvalidInput(
             f"the {what} are of an array of {counted(len(echoes.codes), 'element', 'elements')}, and this one has "
             f"{len(array)}: give the one that they were measured with.",
-            code="element_count",
+            code="sizes_differ",
         )
 
 
@@ -227,7 +227,7 @@ def _checked_path(path: str | Path) -> Path:
     path = Path(of_kind(path, str | Path, "the file of echoes", 'its path, such as "echoes.h5"'))
     if path.suffix.lower() != ".h5":
         raise InvalidInput(
-            f"{path.name} is no file of echoes: its ending must be .h5.", code="unknown_ending"
+            f"{path.name} is no file of echoes: its ending must be .h5.", code="unknown_format"
         )
     return path
 
@@ -266,7 +266,7 @@ def _check_codes(codes: Complex128[np.ndarray, "elements transmissions"]) -> Non
         raise InvalidInput(
             f"{counted(len(silent), 'transmission is', 'transmissions are')} of no element, first transmission "
             f"{silent[0]}; leave them out.",
-            code="silent",
+            code="all_zero",
         )
 
 
@@ -283,7 +283,7 @@ def _valid(
     if not valid.any():
         raise InvalidInput(
             f"0 of {valid.size} pressures are valid: let a part of the elements emit while the others receive.",
-            code="nothing_received",
+            code="link_failed",
         )
     return valid
 
@@ -296,7 +296,7 @@ def _receivers(
     if numbers.ndim != 1 or numbers.dtype.kind not in "iu":
         raise InvalidInput(
             f"receivers are {numbers.dtype} of shape {numbers.shape}, but they are whole numbers (R,).",
-            code="wrong_shape" if numbers.ndim != 1 else "not_integers",
+            code="wrong_shape" if numbers.ndim != 1 else "not_a_number",
         )
     if len(numbers) != rows:
         raise InvalidInput(

@@ -138,8 +138,8 @@ def scattering_family(
     Raises
     ------
     InvalidInput
-        "out_of_range": of the values; "scenes_differ": the scenes do not belong together; "no_effect": the bodies do
-        not change with the number; "too_few_values": interpolation between them is more than 2 % off; or as
+        "out_of_range": of the values; "does_not_match": the scenes do not belong together; "all_zero": the bodies do
+        not change with the number; "too_few": interpolation between them is more than 2 % off; or as
         ``scattering_matrix``.
 
     Examples
@@ -189,36 +189,34 @@ def _checked_range(
 
 
 def _check_together(scenes: list[Scene]) -> None:
-    """Raise "scenes_differ" where scenes have other media, frequencies or numbers of bodies, or "no_bodies"."""
+    """Raise "does_not_match" where scenes have other media, frequencies or numbers of bodies, or "empty"."""
     first = scenes[0]
     for scene in scenes:
         if not scene.obstacles:
-            raise InvalidInput(
-                "a scene of the family has 0 obstacles; give bodies.", code="no_bodies"
-            )
+            raise InvalidInput("a scene of the family has 0 obstacles; give bodies.", code="empty")
         if scene.wavenumber != first.wavenumber or len(scene.obstacles) != len(first.obstacles):
             raise InvalidInput(
                 f"scenes of one family have {len(first.obstacles)} and {len(scene.obstacles)} bodies at "
                 f"{first.frequency:g} and {scene.frequency:g} Hz, in {first.medium} and {scene.medium}: only the shape "
                 "of the bodies may change.",
-                code="scenes_differ",
+                code="does_not_match",
             )
 
 
 def _checked(family: ScatteringFamily) -> ScatteringFamily:
-    """Return the family, or raise "no_effect" or "too_few_values"."""
+    """Return the family, or raise "all_zero" or "too_few"."""
     reach = 0.5 * (family.high - family.low) * family.effect
     if reach < 1e-7:
         raise InvalidInput(
             f"from {family.low:g} to {family.high:g} the bodies change by no more than if they moved by "
             f"{1e3 * reach:.1g} mm: scene_of must use the number.",
-            code="no_effect",
+            code="all_zero",
         )
     if family.error > INTERPOLATED:
         raise InvalidInput(
             f"{len(family.matrices)} values from {family.low:g} to {family.high:g} are too few: between them the "
             f"scattering matrix is {100 * family.error:.2g} % off, and at most {100 * INTERPOLATED:g} % are taken: "
             "give more values, or a smaller range.",
-            code="too_few_values",
+            code="too_few",
         )
     return family

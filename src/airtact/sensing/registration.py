@@ -168,9 +168,9 @@ def locate(
     Raises
     ------
     InvalidInput
-        "element_count", "other_frequency", "other_scene": of echoes or scattering matrix; "all_noise", "clipped";
-        "array_inside_body", "inside_body", "behind_faces", "array_inside_ball": the start cannot be;
-        "pose_undetermined": the echoes do not determine some motion, such as a turn of a ball, or the opening;
+        "sizes_differ", "does_not_match", "does_not_match": of echoes or scattering matrix; "signal_unusable", "clipped";
+        "bodies_overlap", "inside_body", "behind_faces", "bodies_overlap": the start cannot be;
+        "pose_not_found": the echoes do not determine some motion, such as a turn of a ball, or the opening;
         "given_twice": a family and a scattering matrix; or as ``scattering_matrix``.
 
     Examples
@@ -453,7 +453,7 @@ def _check_determined(
     receivers: int,
     transmissions: int,
 ) -> None:
-    """Raise "pose_undetermined" where a motion of the bodies, or the opening, hardly changes the echoes."""
+    """Raise "pose_not_found" where a motion of the bodies, or the opening, hardly changes the echoes."""
     values, vectors = np.linalg.eigh(units[:, None] * information * units)
     if values[0] > least**2 * values[-1]:
         return
@@ -472,7 +472,7 @@ def _check_determined(
         f"do not determine the {'pose and the opening' if opening > 0.1 else 'pose'}: {' together with '.join(parts)} "
         f"changes the echoes by {effect:.1g} of what other motions do. Give more of them, or bodies without that "
         "symmetry.",
-        code="pose_undetermined",
+        code="pose_not_found",
     )
 
 
@@ -491,7 +491,7 @@ def check_start(echoes: Echoes, scene: Scene, array: PhasedArray, start: Pose) -
         raise InvalidInput(
             f"the echoes are at {echoes.frequency:g} Hz, and the scene at {scene.frequency:g} Hz: give the scene the "
             "frequency of the echoes.",
-            code="other_frequency",
+            code="does_not_match",
         )
     seen = array.seen_from(start)
     check_placement(scene, seen)
@@ -500,7 +500,7 @@ def check_start(echoes: Echoes, scene: Scene, array: PhasedArray, start: Pose) -
 
 
 def _check_pressures(echoes: Echoes) -> None:
-    """Raise "all_noise" or "clipped"."""
+    """Raise "signal_unusable" or "clipped"."""
     pressures = np.asarray(echoes.pressures)[
         () if echoes.valid is None else np.asarray(echoes.valid)
     ]
@@ -510,7 +510,7 @@ def _check_pressures(echoes: Echoes) -> None:
         raise InvalidInput(
             f"the echoes have {rms:.3g} Pa rms, hardly more than the noise of {echoes.noise or 0.0:.3g} Pa: they hold "
             "nothing of the bodies.",
-            code="all_noise",
+            code="signal_unusable",
         )
     parts = np.abs(np.stack([np.real(pressures), np.imag(pressures)]))
     for values in (size, *parts):
@@ -519,5 +519,5 @@ def _check_pressures(echoes: Echoes) -> None:
             raise InvalidInput(
                 f"{equal} of {values.size} pressures have the same largest value of {values.max():.4g} Pa: they were "
                 "clipped; measure again with less gain.",
-                code="clipped",
+                code="signal_unusable",
             )

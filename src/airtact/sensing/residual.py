@@ -30,7 +30,7 @@ def unexplained(
     Raises
     ------
     InvalidInput
-        "element_count": echoes of another array; "array_inside_ball": an element stands among the bodies.
+        "sizes_differ": echoes of another array; "bodies_overlap": an element stands among the bodies.
 
     Examples
     --------

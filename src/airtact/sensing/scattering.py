@@ -207,7 +207,7 @@ def scattering_matrix(
     Raises
     ------
     InvalidInput
-        "no_bodies", "out_of_range", "too_large": bodies that need more than order 80, "field_unknown": the solver
+        "empty", "out_of_range", "too_many": bodies that need more than order 80, "data_missing": the solver
         gives no field around them; or as the solver.
 
     Examples
@@ -222,7 +222,7 @@ def scattering_matrix(
     accuracy = within(accuracy, 1e-4, 0.1, "accuracy", "parts of 1", "1 per cent is 0.01.")
     if not scene.obstacles:
         raise InvalidInput(
-            "the scene has 0 obstacles, so nothing is scattered; give bodies.", code="no_bodies"
+            "the scene has 0 obstacles, so nothing is scattered; give bodies.", code="empty"
         )
     check_no_planes(scene, "a scattering matrix")
     return _about(solver, scene, *(ball_of(scene) if ball is None else ball), accuracy)
@@ -274,25 +274,25 @@ def _symmetric(
 
 
 def check_own(scattering: ScatteringMatrix, scene: Scene) -> None:
-    """Raise "other_scene" where the matrix is not of this very scene."""
+    """Raise "does_not_match" where the matrix is not of this very scene."""
     if scattering.scene is not scene:
         count = counted(len(scattering.scene.obstacles), "body", "bodies")
         raise InvalidInput(
             f"the scattering matrix is of another scene of {count}: give its own, scattering.scene.",
-            code="other_scene",
+            code="does_not_match",
         )
 
 
 def _known(
     scattered: Complex128[np.ndarray, "points waves"], outer: float
 ) -> Complex128[np.ndarray, "points waves"]:
-    """Raise "field_unknown" where a pressure on the sphere is unknown."""
+    """Raise "data_missing" where a pressure on the sphere is unknown."""
     if not np.isfinite(scattered).all():
         unknown = int((~np.isfinite(scattered)).any(axis=1).sum())
         raise InvalidInput(
             f"the field is not known at {unknown} of {len(scattered)} points {1e3 * outer:.3g} mm from the middle of "
             "the bodies; give a solver that knows it all around them.",
-            code="field_unknown",
+            code="data_missing",
         )
     return scattered
 
@@ -309,7 +309,7 @@ def _order(reach: float, accuracy: float) -> int:
         raise InvalidInput(
             f"the bodies need waves up to order {order}, more than {LARGEST_ORDER}: give smaller bodies, such as the "
             "fingers without the hand, or a lower accuracy.",
-            code="too_large",
+            code="too_many",
         )
     return order
 

@@ -121,18 +121,18 @@ class Calibrated:
         Raises
         ------
         InvalidInput
-            "element_count": echoes of another array; "dead_receivers": leave these out of ``receivers`` first.
+            "sizes_differ": echoes of another array; "data_missing": leave these out of ``receivers`` first.
         """
         if len(echoes.codes) != len(self.array):
             raise InvalidInput(
                 f"the echoes are of {len(echoes.codes)} elements, and the array has {len(self.array)}.",
-                code="element_count",
+                code="sizes_differ",
             )
         received = self.reception[echoes.receiving]
         if dead := echoes.receiving[received == 0.0].tolist():
             raise InvalidInput(
                 f"{counted(len(dead), 'receiver is', 'receivers are')} dead, first element {dead[0]}: leave them out.",
-                code="dead_receivers",
+                code="data_missing",
             )
         factor = self.emission[echoes.receiving] / received
         return replace(echoes, pressures=np.asarray(echoes.pressures) * factor[:, None])
@@ -143,7 +143,7 @@ class Calibrated:
         Raises
         ------
         InvalidInput
-            "unknown_ending" for another one than .csv, "file_not_writable".
+            "unknown_format" for another one than .csv, "not_writable".
         """
         motions = np.repeat(np.arange(len(self.motions)), len(self.array) // len(self.motions))
         save_calibration(
@@ -171,8 +171,8 @@ def calibrate(
     Raises
     ------
     InvalidInput
-        "element_count", "unknown_boards": of the array; "codes_alike": codes that do not separate the elements;
-        "facing_none": elements or boards that face no others; "all_noise", "clipped"; "calibration_undetermined": the
+        "sizes_differ", "unknown_name": of the array; "given_twice": codes that do not separate the elements;
+        "misplaced": elements or boards that face no others; "signal_unusable", "clipped"; "pose_not_found": the
         transmissions do not determine some combination, which is named.
 
     Examples
@@ -226,7 +226,7 @@ def _separated(echoes: Echoes) -> tuple[Pairs, float]:
         raise InvalidInput(
             f"{counted(codes.shape[1], 'transmission tells', 'transmissions tell')} {apart} of {len(codes)} elements "
             f"apart, and calibration needs each by itself: transmit the codes hadamard_codes({len(codes)}).",
-            code="codes_alike",
+            code="given_twice",
         )
     inverse = np.diag(1.0 / np.diag(squares)) if orthogonal else np.linalg.inv(squares)
     alone = np.zeros((len(codes), len(codes)), dtype=np.complex128)
@@ -258,7 +258,7 @@ def _check_clipped(size: Float64[np.ndarray, "pressures"]) -> None:
         raise InvalidInput(
             f"{equal} of {len(size)} pressures have the same largest value of {size.max():.4g} Pa: they were clipped; "
             "measure again with less gain.",
-            code="clipped",
+            code="signal_unusable",
         )
 
 
@@ -282,7 +282,7 @@ def _check_heard(
     noise: float,
     dead: Int64[np.ndarray, "dead"],
 ) -> None:
-    """Raise "facing_none" or "all_noise"."""
+    """Raise "misplaced" or "signal_unusable"."""
     by_boards = heard.reshape(boards, -1, boards, len(heard) // boards).any(axis=(1, 3))
     linked, known = (
         np.linalg.matrix_power(np.eye(boards) + by_boards + by_boards.T, boards)[0] > 0,
@@ -294,21 +294,21 @@ def _check_heard(
         raise InvalidInput(
             f"board {board} of {boards} faces no other within 60 degrees, or none of its elements receives or is "
             "received: nothing tells where it is. Leave it out of the array.",
-            code="facing_none",
+            code="misplaced",
         )
     if not known.all():
         silent = np.flatnonzero(~known)
         raise InvalidInput(
             f"{counted(len(silent), 'element faces', 'elements face')} no receiver on another board within 60 degrees, "
             f"first element {silent[0]}: their gains cannot be found.",
-            code="facing_none",
+            code="misplaced",
         )
     rms = float(np.sqrt(np.mean(np.abs(alone[heard]) ** 2)))
     if rms == 0.0 or rms < 1.05 * noise:
         raise InvalidInput(
             f"each element alone arrives with {rms:.3g} Pa rms, hardly more than the noise of {noise:.3g} Pa: no "
             "direct sound is left in the transmissions. Subtract nothing, and transmit more or longer.",
-            code="all_noise",
+            code="signal_unusable",
         )
 
 
@@ -354,7 +354,7 @@ def _calibrated(
 
 
 def _check_determined(equations: Information, variance: float, echoes: Echoes) -> None:
-    """Raise "calibration_undetermined" where a combination of unknowns is not determined."""
+    """Raise "pose_not_found" where a combination of unknowns is not determined."""
     values, vectors = np.linalg.eigh(equations.squares)
     if values[0] > 1e-12 * values[-1] and variance < values[0] * WORST_DEVIATION**2:
         return
@@ -371,7 +371,7 @@ def _check_determined(equations: Information, variance: float, echoes: Echoes) -
         f"{counted(len(echoes.pressures), 'receiver', 'receivers')} of {len(echoes.codes)} elements do not determine "
         f"{' together with '.join(named)}: known to {sure:.2g} mm only. Give more receivers or less noise, or leave "
         "boards out.",
-        code="calibration_undetermined",
+        code="pose_not_found",
     )
 
 

@@ -57,9 +57,9 @@ def simulate_echoes(
     Raises
     ------
     InvalidInput
-        As ``Echoes`` and ``transfer_matrix``; "array_inside_ball"; "element_count": codes of another array;
-        "other_scene": the scattering matrix is of another scene; "out_of_range": of noise, subtraction, dead, ring_down
-        or seed; "nothing_received": all elements ring when the echoes come.
+        As ``Echoes`` and ``transfer_matrix``; "bodies_overlap"; "sizes_differ": codes of another array;
+        "does_not_match": the scattering matrix is of another scene; "out_of_range": of noise, subtraction, dead, ring_down
+        or seed; "link_failed": all elements ring when the echoes come.
 
     Examples
     --------
@@ -128,7 +128,7 @@ def _checked(
     if len(codes) != len(array):
         raise InvalidInput(
             f"the codes are for {len(codes)} elements, and the array has {len(array)}.",
-            code="element_count",
+            code="sizes_differ",
         )
     check_seed(seed)
     count = len(array) if receivers is None else len(receivers)

@@ -57,7 +57,7 @@ def dort(echoes: Echoes, vectors: int = 1) -> TimeReversal:
     Raises
     ------
     InvalidInput
-        "out_of_range": of vectors; "not_received": some pressures are not valid.
+        "out_of_range": of vectors; "link_failed": some pressures are not valid.
 
     Examples
     --------
@@ -81,7 +81,7 @@ def dort(echoes: Echoes, vectors: int = 1) -> TimeReversal:
     if echoes.valid is not None and not echoes.valid.all():
         raise InvalidInput(
             f"{int((~echoes.valid).sum())} of {echoes.valid.size} pressures are not valid: leave their receivers out.",
-            code="not_received",
+            code="link_failed",
         )
     left, values, _ = np.linalg.svd(np.asarray(echoes.pressures), full_matrices=False)
     codes = np.zeros((len(echoes.codes), int(vectors)), dtype=np.complex128)
@@ -110,7 +110,7 @@ def iterate_time_reversal(
     Raises
     ------
     InvalidInput
-        "out_of_range": of iterations; "all_noise": no echo returns.
+        "out_of_range": of iterations; "signal_unusable": no echo returns.
     """
     if (
         isinstance(iterations, bool)
@@ -127,7 +127,7 @@ def iterate_time_reversal(
         if not 0.0 < strongest < np.inf:
             raise InvalidInput(
                 f"the strongest echo has {strongest:g} Pa, so there is nothing to play back.",
-                code="all_noise",
+                code="signal_unusable",
             )
         code = echo.conj() / strongest
     return code

@@ -111,7 +111,7 @@ def boards_of(array: PhasedArray, count: int | None = None) -> list[PhasedArray]
     Raises
     ------
     InvalidInput
-        "unknown_boards".
+        "unknown_name".
     """
     if count is None:
         count = len((kind_of_array(array.positions, array.normals) or (None, ()))[1])
@@ -121,7 +121,7 @@ def boards_of(array: PhasedArray, count: int | None = None) -> list[PhasedArray]
     if count < 2 or len(array) % count:
         raise InvalidInput(
             f"an array is calibrated by 2 or more boards that face each other, but {found}.",
-            code="unknown_boards",
+            code="unknown_name",
         )
     parts = zip(
         *(np.split(part, count) for part in (array.positions, array.normals, array.tangents)),
@@ -164,7 +164,7 @@ def simulate_transmissions(
     Raises
     ------
     InvalidInput
-        As ``Echoes``; "element_count", "unknown_boards", "out_of_range", "piston_too_large".
+        As ``Echoes``; "sizes_differ", "unknown_name", "out_of_range", "out_of_range".
     """
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
     parts, wavenumber = boards_of(array, boards), medium.wavenumber(frequency)
@@ -176,7 +176,7 @@ def simulate_transmissions(
     if len(codes) != len(array) or received.shape != (len(array),):
         raise InvalidInput(
             f"{len(codes)} codes and {len(received)} gains of reception are given for {len(array)} elements.",
-            code="element_count",
+            code="sizes_differ",
         )
     size = len(parts[0])
     pairs = np.zeros((len(array), len(array)), dtype=np.complex128)

@@ -178,7 +178,7 @@ def _distinct(own: NamedPoints, known: NamedPoints, wanted: tuple[str, ...]) -> 
         if name in own and name in known:
             raise InvalidInput(
                 f"{name} is a named point of 2 bodies; give point = [x, y, z] instead of at.",
-                code="place_twice",
+                code="given_twice",
             )
     return own
 

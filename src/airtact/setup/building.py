@@ -141,14 +141,14 @@ def read_scene(
     ------
     InvalidInput
         The file cannot be read, has a wrong key or value, or describes an impossible scene; the message begins with the
-        file's name and the table at fault. "unknown_path": a path of ``changes`` leads nowhere.
+        file's name and the table at fault. "unknown_key": a path of ``changes`` leads nowhere.
     """
     path = Path(path)
     if path.suffix.lower() == ".json":
         raise InvalidInput(
             f"{path.name} is not a scene file (.toml): a pose of a hand stands in one as [[obstacles]] hand = "
             f'"{path.name}", and airtact hand shows it.',
-            code="unknown_ending",
+            code="unknown_format",
         )
     text = text_of(path, LARGEST_SCENE_FILE)
     with about(path.name):
@@ -240,7 +240,7 @@ def _set_up(path: Path, text: str, file: tables.SceneFile, followed: bool) -> Se
 
 
 def check_method(method: str, uncertain: bool) -> str:
-    """Return the name of a method; raise "unknown_name", or "uncertainty_missing" for one that needs samples."""
+    """Return the name of a method; raise "unknown_name", or "data_missing" for one that needs samples."""
     if method not in METHODS:
         raise InvalidInput(
             f'"{method}" is not a method here; {nearest(method, METHODS)}', code="unknown_name"
@@ -249,7 +249,7 @@ def check_method(method: str, uncertain: bool) -> str:
         raise InvalidInput(
             f'method = "{method}" is for what is in doubt, and there are 0 tables [uncertainty]: add one, such as '
             "position = 1e-3 and rotation = 2.0.",
-            code="uncertainty_missing",
+            code="data_missing",
         )
     return method
 
@@ -312,20 +312,20 @@ def _solver(file: tables.SceneFile, scene: Scene) -> Solver:
         count = counted(len(scene.obstacles), "obstacle", "obstacles")
         raise InvalidInput(
             f"the scene has {count}, and free_field is for open air; name boundary_element, or nothing.",
-            code="solver_unsuitable",
+            code="not_supported",
         )
     if name == "free_field":
         return FreeField()
     if not scene.obstacles:
         raise InvalidInput(
             f"the scene has 0 obstacles, and {name} needs one or more; name free_field, or nothing.",
-            code="solver_unsuitable",
+            code="not_supported",
         )
     for index, obstacle in enumerate(scene.obstacles):
         if obstacle.boundary not in SOLVERS[name]:
             raise InvalidInput(
                 f"body {index} is {obstacle.boundary}, but {name} solves {', '.join(SOLVERS[name])} bodies only.",
-                code="solver_unsuitable",
+                code="not_supported",
             )
     if name == "finite_element":
         check_no_planes(scene, name)

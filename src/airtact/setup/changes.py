@@ -30,7 +30,7 @@ def with_changes(data: Mapping[str, Item], changes: Mapping[str, Value]) -> dict
     Raises
     ------
     InvalidInput
-        "unknown_path": a path leads nowhere; the sentence names what is there. "name_twice": two paths are one key.
+        "unknown_key": a path leads nowhere; the sentence names what is there. "given_twice": two paths are one key.
 
     Examples
     --------
@@ -41,7 +41,7 @@ def with_changes(data: Mapping[str, Item], changes: Mapping[str, Value]) -> dict
     for path, value in changes.items():
         steps = _full(_steps(path), changed, path)
         if (other := seen.setdefault(tuple(steps), path)) != path:
-            raise InvalidInput(f"{other} and {path} are 1 key; give it once.", code="name_twice")
+            raise InvalidInput(f"{other} and {path} are 1 key; give it once.", code="given_twice")
         inner = changed
         for index, step in enumerate(steps[:-1]):
             inner = _inside(inner, step, steps[index + 1], path)
@@ -67,7 +67,7 @@ def _steps(path: str) -> list[str | int]:
         raise InvalidInput(
             f"{path!r} is not the path of a key: write its tables, with numbers from 0 in brackets where there are "
             "several, such as foci[0].offset.",
-            code="unknown_path",
+            code="unknown_key",
         )
     return steps
 
@@ -85,7 +85,7 @@ def _full(steps: list[str | int], data: Mapping[str, Any], path: str) -> list[st
         raise InvalidInput(
             f"{path}: {len(found)} bodies here are named {kind!r}; a path begins with {', '.join(sorted(data))}{kinds}"
             ", and obstacles[0] is the first body.",
-            code="unknown_path",
+            code="unknown_key",
         )
     own = isinstance(bodies[found[0]][kind], dict) and (
         len(steps) < 2 or steps[1] not in ("pose", "boundary")
@@ -138,5 +138,5 @@ def _nowhere(inner: Any, step: str | int, path: str) -> InvalidInput:
     else:
         there = f"a single value ({inner!r}) stands there"
     return InvalidInput(
-        f"{path}: {word} is not in the scene file; {there}.".replace("?.", "?"), code="unknown_path"
+        f"{path}: {word} is not in the scene file; {there}.".replace("?.", "?"), code="unknown_key"
     )

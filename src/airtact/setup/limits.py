@@ -37,12 +37,12 @@ _TOKEN = re.compile(
 
 
 def check_text(text: str) -> None:
-    """Raise "file_too_large", "not_text", "too_deep" or "number_too_long" where TOML text goes beyond a limit."""
+    """Raise "file_too_large", "file_unreadable", "file_too_large" or "file_too_large" where TOML text goes beyond a limit."""
     try:
         size = len(text.encode())
     except UnicodeEncodeError as error:
         sentence = f"the text is not Unicode: character {error.start} is half of a pair."
-        raise InvalidInput(sentence, code="not_text") from None
+        raise InvalidInput(sentence, code="file_unreadable") from None
     if size > LARGEST_SCENE_FILE:
         sentence = f"the text has {size:,} bytes, more than {LARGEST_SCENE_FILE:,}."
         raise InvalidInput(sentence, code="file_too_large")
@@ -56,17 +56,17 @@ def check_text(text: str) -> None:
             sentence = (
                 f"line {line} stands more than {MOST_LEVELS} levels deep in lists, tables or keys."
             )
-            raise InvalidInput(sentence, code="too_deep")
+            raise InvalidInput(sentence, code="file_too_large")
         if kind == "number" and len(token[0]) > MOST_DIGITS:
             line = text.count("\n", 0, token.start()) + 1
             sentence = (
                 f"line {line} has a number of {len(token[0])} characters, more than {MOST_DIGITS}."
             )
-            raise InvalidInput(sentence, code="number_too_long")
+            raise InvalidInput(sentence, code="file_too_large")
 
 
 def check_data(data: Mapping[str, str | float | date | time | Sequence | Mapping]) -> None:
-    """Raise "too_deep", "out_of_range" or "too_many_bodies" where decoded TOML goes beyond a limit.
+    """Raise "file_too_large", "out_of_range" or "too_many" where decoded TOML goes beyond a limit.
 
     NaN and infinity pass: where they stand, what is built from them says what it needs.
     """
@@ -85,7 +85,7 @@ def check_data(data: Mapping[str, str | float | date | time | Sequence | Mapping
     bodies = data.get("obstacles")
     if isinstance(bodies, list) and len(bodies) > MOST_BODIES:
         count = counted(len(bodies), "obstacle", "obstacles")
-        raise InvalidInput(f"there are {count}, more than {MOST_BODIES}.", code="too_many_bodies")
+        raise InvalidInput(f"there are {count}, more than {MOST_BODIES}.", code="too_many")
 
 
 def not_finite(file: SceneFile) -> InvalidInput | None:
@@ -99,12 +99,12 @@ def not_finite(file: SceneFile) -> InvalidInput | None:
 
 
 def check_total(count: int, most: int) -> None:
-    """Raise "too_many_points" where there are more foci and suppression points than the scene file allows."""
+    """Raise "too_many" where there are more foci and suppression points than the scene file allows."""
     if count > most:
         raise InvalidInput(
             f"there are {count:,} foci and suppression points or more, but most_points is {most:,}: "
             "give fewer, or a larger most_points at the top of the file.",
-            code="too_many_points",
+            code="too_many",
         )
 
 
@@ -126,7 +126,7 @@ class _Node:
 
 
 def _numbers(data: object) -> Iterator[_Node]:
-    """List the numbers in tables and lists in their order; raise "too_deep"."""
+    """List the numbers in tables and lists in their order; raise "file_too_large"."""
     stack = [_Node(data, "", None, 0)]
     while stack:
         node = stack.pop()
@@ -134,7 +134,7 @@ def _numbers(data: object) -> Iterator[_Node]:
             sentence = (
                 f"{node.path()} stands more than {MOST_LEVELS} levels deep in lists and tables."
             )
-            raise InvalidInput(sentence, code="too_deep")
+            raise InvalidInput(sentence, code="file_too_large")
         inside = []
         if isinstance(node.value, dict):
             inside = [

@@ -36,7 +36,7 @@ def check_ending(path: Path) -> None:
     if path.suffix.lower() not in (CURVED, *FLAT):
         raise InvalidInput(
             f"{path.name} ends in {path.suffix!r}, but panels are written to {', '.join((CURVED, *FLAT))}.",
-            code="unknown_ending",
+            code="unknown_format",
         )
 
 

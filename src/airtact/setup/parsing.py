@@ -37,10 +37,10 @@ def parse_scene(
     Raises
     ------
     InvalidInput
-        "not_toml", "unknown_key" (with the nearest right key), "key_renamed", "key_missing", "key_misplaced" (a key
-        of another choice), "choose_one" (none or several of keys that exclude each other), "unknown_name" or
-        "wrong_value"; or a limit is passed: "file_too_large", "not_text", "too_deep", "number_too_long", "not_finite",
-        "out_of_range" or "too_many_bodies".
+        "file_unreadable", "unknown_key" (with the nearest right key), "unknown_key", "key_missing", "key_misplaced" (a key
+        of another choice), "options_clash" (none or several of keys that exclude each other), "unknown_name" or
+        "out_of_range"; or a limit is passed: "file_too_large", "file_unreadable", "file_too_large", "file_too_large", "not_finite",
+        "out_of_range" or "too_many".
 
     Examples
     --------
@@ -54,7 +54,7 @@ def parse_scene(
         data = msgspec.toml.decode(text.encode())
     except msgspec.DecodeError as error:
         raise InvalidInput(
-            f"this is not TOML: {str(error)[:1].lower()}{str(error)[1:]}.", code="not_toml"
+            f"this is not TOML: {str(error)[:1].lower()}{str(error)[1:]}.", code="file_unreadable"
         ) from None
     data = data if change is None else change(data)
     check_data(data)
@@ -123,7 +123,7 @@ def _check_keys(data: Mapping[str, Any], table: type[Table], path: str) -> None:
         if (table, key) in RENAMED:
             now = RENAMED[table, key]
             raise InvalidInput(
-                f"the key {before}{key} is now called {before}{now}; rename it.", code="key_renamed"
+                f"the key {before}{key} is now called {before}{now}; rename it.", code="unknown_key"
             )
         if key not in known:
             sentence = f"{before}{key} is not a key of a scene file; {nearest(key, known, before)}"
@@ -184,7 +184,7 @@ def _tag_by_key(
     if len(given) != 1:
         choices = [" and ".join(_leading(kind)) for kind in tags.values()]
         sentence = f"{path}: give exactly one of {', '.join(choices)}; {len(given)} given."
-        raise InvalidInput(sentence, code="choose_one")
+        raise InvalidInput(sentence, code="options_clash")
     return given[0]
 
 
@@ -280,7 +280,7 @@ def _converted(data: Any, kind: type[Any], path: str) -> Any:
     if missing := re.fullmatch(r"Object missing required field `(.+)`", what):
         raise InvalidInput(f"the key {_joined(where, missing[1])} is missing.", code="key_missing")
     what = re.sub(r"`([a-z| ]+)`", _plain_types, what)
-    raise InvalidInput(f"{where}: {what[:1].lower()}{what[1:]}.", code="wrong_value")
+    raise InvalidInput(f"{where}: {what[:1].lower()}{what[1:]}.", code="out_of_range")
 
 
 def _plain_types(match: re.Match[str]) -> str:

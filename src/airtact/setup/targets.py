@@ -50,7 +50,7 @@ def target_of(
     """Build the target of a scene file, and a name for each of its foci.
 
     Foci can name the points in ``named`` and the bodies by their names; drawings and pictures are
-    in the folder. Raise "too_many_points" where there are more than ``most_points`` foci and
+    in the folder. Raise "too_many" where there are more than ``most_points`` foci and
     suppression points.
     """
     check_total(len(foci) + len(suppression), most_points)
@@ -98,7 +98,7 @@ def _wanted(
     )
     if pressures is not None and shares is not None:
         sentence = f"{len(foci)} of {len(foci)} have a pressure and a share; give one of the two."
-        raise InvalidInput(sentence, code="choose_one")
+        raise InvalidInput(sentence, code="options_clash")
     size = np.concatenate([np.empty(0), *factors])
     phased = size if degrees is None else size * np.exp(1j * np.radians(degrees))
     if pressures is not None:

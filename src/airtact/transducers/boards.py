@@ -97,14 +97,14 @@ def boards_needed(board: Board, elements: int) -> int:
     Raises
     ------
     InvalidInput
-        "element_count": they do not fill whole boards; "too_many_boards": more than one link takes.
+        "sizes_differ": they do not fill whole boards; "too_many": more than one link takes.
     """
     count = _whole_boards(board, elements)
     if count > board.most:
         raise InvalidInput(
             f"{elements} elements are {count} {board.name} boards, and one link takes at most {board.most}: make a "
             f"drive for {board.most * len(board)} elements or fewer.",
-            code="too_many_boards",
+            code="too_many",
         )
     return count
 
@@ -116,7 +116,7 @@ def _whole_boards(board: Board, elements: int) -> int:
         raise InvalidInput(
             f"{counted(elements, 'element does', 'elements do')} not fill whole {board.name} boards of {len(board)}: "
             f"give a drive for {near} elements.",
-            code="element_count",
+            code="sizes_differ",
         )
     return count
 
@@ -191,7 +191,7 @@ def _pose(
             f"elements {first} to {first + len(board) - 1} are not laid out like board {index} of {board.name}: "
             f"element {first + worst} stands {off[worst] * 1e3:.3g} mm off its position and normals lean by up to "
             f"{np.degrees(lean.max()):.3g} degrees; make the drive for that board's layout.",
-            code="not_a_board",
+            code="wrong_kind",
         )
     return pose
 

@@ -61,7 +61,7 @@ def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, 
             if element in seen:
                 raise InvalidInput(
                     f"element {element} was given in line {seen[element]} already.",
-                    code="element_twice",
+                    code="given_twice",
                 )
             if not 0.0 <= gain <= LARGEST_GAIN:
                 raise InvalidInput(
@@ -131,12 +131,12 @@ def save_calibration(
     Raises
     ------
     InvalidInput
-        "unknown_ending" for another one than .csv, "file_not_writable".
+        "unknown_format" for another one than .csv, "not_writable".
     """
     path = Path(of_kind(path, str | Path, "the calibration", "the path of a .csv file"))
     if path.suffix.lower() != ".csv":
         raise InvalidInput(
-            f"{path.name} is no calibration: its ending must be .csv.", code="unknown_ending"
+            f"{path.name} is no calibration: its ending must be .csv.", code="unknown_format"
         )
     places = np.stack(
         [pose.apply(point) - point for pose, point in zip(off, array.positions, strict=True)]
@@ -154,16 +154,16 @@ def save_calibration(
     except OSError as error:
         raise InvalidInput(
             f"cannot write {path}: {error.strerror} (error {error.errno}).",
-            code="file_not_writable",
+            code="not_writable",
         ) from None
 
 
 def _element(index: float, elements: int) -> int:
     if index != int(index):
-        raise InvalidInput(f"element {index:g} is not a whole number.", code="not_integers")
+        raise InvalidInput(f"element {index:g} is not a whole number.", code="not_a_number")
     if not 0 <= index < elements:
         raise InvalidInput(
             f"there is no element {index:g} among {counted(elements, 'element', 'elements')}.",
-            code="unknown_element",
+            code="unknown_name",
         )
     return int(index)

@@ -135,11 +135,11 @@ class DriveFile:
     modulation: AmplitudeModulation | None = None
 
     def frame_rate(self, given: float | None = None) -> float | None:
-        """Return the given rate, or the file's; None for a drive. Raise "rate_missing" for several frames without."""
+        """Return the given rate, or the file's; None for a drive. Raise "data_missing" for several frames without."""
         rate = self.rate if given is None else given
         if rate is None and len(self.drives) > 1:
             raise InvalidInput(
-                f"{len(self.drives)} frames need a rate, in frames/s.", code="rate_missing"
+                f"{len(self.drives)} frames need a rate, in frames/s.", code="data_missing"
             )
         return rate
 
@@ -195,12 +195,12 @@ def _check_count(there: int, elements: int, what: str) -> None:
     if there != elements:
         raise InvalidInput(
             f"{what} has {there} elements, and the drive {elements}: give the one that it was made for.",
-            code="element_count",
+            code="sizes_differ",
         )
 
 
 def write_drive_file(path: Path, what: DriveFile) -> None:
-    """Write a file in the format of its ending; raise "unknown_ending", "dataset_missing" or "file_not_writable"."""
+    """Write a file in the format of its ending; raise "unknown_format", "data_missing" or "not_writable"."""
     kind = checked_ending(path, ENDINGS, "drive")
     with written(path) as partial:
         if kind == ".csv":
@@ -215,11 +215,11 @@ def write_drive_file(path: Path, what: DriveFile) -> None:
 
 @contextmanager
 def written(path: Path) -> Iterator[Path]:
-    """Write a file as ``whole_file`` does; raise "file_not_writable" where that is impossible."""
+    """Write a file as ``whole_file`` does; raise "not_writable" where that is impossible."""
     if not path.parent.is_dir():
         raise InvalidInput(
             f"{path.name} cannot be written: there is no folder {path.parent}; make it first.",
-            code="file_not_writable",
+            code="not_writable",
         )
     try:
         with whole_file(path) as partial:
@@ -227,18 +227,18 @@ def written(path: Path) -> Iterator[Path]:
     except OSError as error:
         reason = error.strerror or str(error)
         raise InvalidInput(
-            f"cannot write {path}: {reason} (error {error.errno}).", code="file_not_writable"
+            f"cannot write {path}: {reason} (error {error.errno}).", code="not_writable"
         ) from None
 
 
 def checked_ending(path: Path, endings: Sequence[str], kind: str) -> str:
-    """Return the ending of a file of drives or frames in small letters; raise "unknown_ending" for another one."""
+    """Return the ending of a file of drives or frames in small letters; raise "unknown_format" for another one."""
     ending = path.suffix.lower()
     if ending not in endings:
         raise InvalidInput(
             f"{path.name} is none of the {len(endings)} kinds of {kind} files: {', '.join(endings)}; bytes for a board "
             "(.bin) are written by airtact export and emission.FileLink.",
-            code="unknown_ending",
+            code="unknown_format",
         )
     return ending
 
@@ -297,7 +297,7 @@ def _columns(what: DriveFile) -> Iterator[tuple[str, Any]]:
 def _table(what: DriveFile) -> Iterator[tuple[Any, ...]]:
     if what.amplitude_level is None or what.phase_level is None:
         raise InvalidInput(
-            "a table of 0 levels cannot be written: give levels.", code="dataset_missing"
+            "a table of 0 levels cannot be written: give levels.", code="data_missing"
         )
     levels = zip(what.amplitude_level, what.phase_level, strict=True)
     if (
@@ -336,7 +336,7 @@ def read_drive_file(path: Path) -> DriveFile:
     Raises
     ------
     InvalidInput
-        "file_missing", "file_unreadable", "unknown_version", "dataset_missing", "wrong_shape", "not_finite",
+        "file_missing", "file_unreadable", "unsupported_version", "data_missing", "wrong_shape", "not_finite",
         "out_of_range", or as the parts of it.
     """
     kind = checked_ending(path, ENDINGS, "drive")
@@ -348,13 +348,13 @@ def read_drive_file(path: Path) -> DriveFile:
         if not isinstance(version, int | np.integer) or version not in range(VERSION + 1):
             raise InvalidInput(
                 f"the file is of version {version}, and versions 0 to {VERSION} are read: update airtact.",
-                code="unknown_version",
+                code="unsupported_version",
             )
         missing = [name for name in ("amplitude", "phase") if name not in raw]
         if missing:
             raise InvalidInput(
                 f"{len(missing)} of the 2 datasets of a drive are missing: {', '.join(missing)}.",
-                code="dataset_missing",
+                code="data_missing",
             )
         try:
             return _checked(raw, int(version))
@@ -512,7 +512,7 @@ def _read_table(path: Path) -> dict[str, Any]:
         columns = tuple(lines[0].split(","))
         if columns not in (COLUMNS, FRAME_COLUMNS):
             sentence = f"line 1 must be {','.join(COLUMNS)} or {','.join(FRAME_COLUMNS)}."
-            raise InvalidInput(sentence, code="header_missing")
+            raise InvalidInput(sentence, code="file_unreadable")
         return _columns_of(columns, _rows(lines, len(columns)))
 
 
@@ -523,7 +523,7 @@ def _rows(lines: Sequence[str], columns: int) -> Float64[np.ndarray, "rows colum
         for number, line in enumerate(lines[1:], start=2):
             if line and line.count(",") != columns - 1:
                 sentence = f"line {number} has {line.count(',') + 1} cells, and each needs {columns} cells."
-                raise InvalidInput(sentence, code="wrong_cell_count")
+                raise InvalidInput(sentence, code="wrong_shape")
             for cell in line.split(",") if line else ():
                 try:
                     yield float(cell or "nan")
@@ -531,11 +531,11 @@ def _rows(lines: Sequence[str], columns: int) -> Float64[np.ndarray, "rows colum
                     sentence = (
                         f"line {number} has the cell {cell!r}, which cannot be read as a number."
                     )
-                    raise InvalidInput(sentence, code="cell_unreadable") from None
+                    raise InvalidInput(sentence, code="file_unreadable") from None
 
     rows = np.fromiter(cells(), dtype=np.float64).reshape(-1, columns)
     if not len(rows):
-        raise InvalidInput("the table has 0 lines of numbers.", code="wrong_cell_count")
+        raise InvalidInput("the table has 0 lines of numbers.", code="wrong_shape")
     return rows
 
 

@@ -72,7 +72,7 @@ class Element:
         if not abs(self.weights.sum() - 1.0) < 1e-9:
             raise InvalidInput(
                 f"the weights of an element must add up to 1, not {self.weights.sum():g}.",
-                code="weights_sum",
+                code="out_of_range",
             )
         sensitivity = positive(self.sensitivity, "the sensitivity of an element", "Pa·m")
         object.__setattr__(self, "sensitivity", sensitivity)
@@ -243,7 +243,7 @@ def _ring(
 
 
 def check_pattern(element: Element, wavenumber: complex | float) -> None:
-    """Raise "piston_too_large" where k times the radius of the face is too much for its points, k in rad/m."""
+    """Raise "out_of_range" where k times the radius of the face is too much for its points, k in rad/m."""
     size, count = wavenumber.real * element.radius, len(element.points)
     largest = LARGEST_PISTON.get(count, LARGEST_PISTON[19])
     if size > largest:
@@ -252,5 +252,5 @@ def check_pattern(element: Element, wavenumber: complex | float) -> None:
             f"a face of {element.radius * 1e3:.3g} mm radius has ka = {size:.2f}, and its {count} points keep the "
             f"pattern only up to {largest}: take a radius of at most {largest / wavenumber.real * 1e3:.3g} mm{finer} "
             "or a lower frequency.",
-            code="piston_too_large",
+            code="out_of_range",
         )

@@ -90,7 +90,7 @@ class PhasedArray:
             raise InvalidInput(
                 f"the elements span {spread:.4g} m, more than {MAX_ARRAY_EXTENT:g} m: is this in "
                 "millimetres? Give metres.",
-                code="too_wide",
+                code="out_of_range",
             )
         if element is not None:
             of_kind(element, Element, "the element of an array", "monopole() or piston(radius)")
@@ -103,7 +103,7 @@ class PhasedArray:
             first = int(np.argmax(slant))
             raise InvalidInput(
                 f"the tangent of element {first} must be across its normal, but their cosine is {slant[first]:g}.",
-                code="tangent_along_normal",
+                code="all_zero",
             )
         object.__setattr__(self, "positions", positions)
         object.__setattr__(self, "normals", unit_normals)
@@ -170,7 +170,7 @@ class PhasedArray:
             raise InvalidInput(
                 f"the normals of {counted(len(self), 'element', 'elements')} point to all sides, so the array has no "
                 "front: move it by moved(pose).",
-                code="no_front",
+                code="misplaced",
             )
         front = front / np.linalg.norm(front)
         axis = np.cross(front, -outward)
@@ -237,7 +237,7 @@ def _unit(vectors: Real[np.ndarray, "elements 3"], name: str) -> Float64[np.ndar
         count = counted(int(bad.sum()), "element", "elements")
         raise InvalidInput(
             f"the {name}s of {count} have no direction, first that of element {first}: {vectors[first]}.",
-            code="zero_length",
+            code="all_zero",
         )
     return fixed(vectors / lengths[:, None])
 
@@ -267,7 +267,7 @@ def _gains(given: Num[np.ndarray, "gains"], count: int) -> Complex128[np.ndarray
     if not gains.any():
         raise InvalidInput(
             f"all {count} elements are dead: their gains are 0, so nothing is emitted.",
-            code="all_dead",
+            code="all_zero",
         )
     gains.flags.writeable = False
     return gains
@@ -354,7 +354,7 @@ def surrounding_box(element: Element | None = None, board: str | None = None) ->
     ------
     InvalidInput
         If there is no such board ("unknown_name"), or its outline is not known, as for nano16 and openmpd
-        ("outline_unknown").
+        ("unknown_name").
 
     Examples
     --------
@@ -365,7 +365,7 @@ def surrounding_box(element: Element | None = None, board: str | None = None) ->
     if kind.outline is None:
         raise InvalidInput(
             f"{len(kind)} transducers of {kind.name} have no known outline, so no box can be closed.",
-            code="outline_unknown",
+            code="unknown_name",
         )
     distance = 70e-3 if board is None else kind.outline[1] / 2
     flat = _centred(kind, element)
@@ -405,7 +405,7 @@ def flat_boards(rows: int = 2, columns: int = 2, element: Element | None = None)
     for name, count in (("rows", rows), ("columns", columns)):
         if not isinstance(count, int | np.integer):
             raise InvalidInput(
-                f"flat boards need a whole number of {name}, not {count!r}.", code="not_integers"
+                f"flat boards need a whole number of {name}, not {count!r}.", code="not_a_number"
             )
     if rows < 1 or columns < 1:
         raise InvalidInput(
@@ -418,7 +418,7 @@ def flat_boards(rows: int = 2, columns: int = 2, element: Element | None = None)
     if extent > MAX_ARRAY_EXTENT:
         raise InvalidInput(
             f"{rows} by {columns} flat boards span {extent:.4g} m, more than {MAX_ARRAY_EXTENT:g} m; take fewer.",
-            code="too_wide",
+            code="out_of_range",
         )
     board = _centred(autd3, element)
     centres = [
@@ -449,7 +449,7 @@ def join(arrays: Sequence[PhasedArray]) -> PhasedArray:
         if not array.element.same_as(arrays[0].element):
             raise InvalidInput(
                 f"array {index} has another element than array 0: only equal elements can be joined.",
-                code="elements_differ",
+                code="sizes_differ",
             )
     return PhasedArray(
         np.concatenate([array.positions for array in arrays]),

@@ -50,12 +50,12 @@ class Levels:
         if amplitudes.ndim != 1 or not 2 <= len(amplitudes) <= MOST_LEVELS:
             raise InvalidInput(
                 f"levels of amplitude are 2 to {MOST_LEVELS} shares, not of shape {amplitudes.shape}.",
-                code="level_count",
+                code="out_of_range",
             )
         if amplitudes[0] != 0.0 or amplitudes[-1] != 1.0 or not np.all(np.diff(amplitudes) > 0.0):
             raise InvalidInput(
                 f"levels of amplitude must rise from 0 to 1, not from {amplitudes[0]:g} to {amplitudes[-1]:g}.",
-                code="levels_not_rising",
+                code="out_of_range",
             )
         object.__setattr__(self, "phases", _count(self.phases, "phase"))
         object.__setattr__(self, "amplitudes", amplitudes)
@@ -115,7 +115,7 @@ def _count(levels: int, what: str) -> int:
         or not 2 <= levels <= MOST_LEVELS
     ):
         raise InvalidInput(
-            f"there are 2 to {MOST_LEVELS} levels of {what}, not {levels}.", code="level_count"
+            f"there are 2 to {MOST_LEVELS} levels of {what}, not {levels}.", code="out_of_range"
         )
     return int(levels)
 

@@ -70,11 +70,11 @@ class AmplitudeModulation:
 
 
 def check_rate(rate: float, clock: float, slowest: int, board: str) -> None:
-    """Raise "rate_not_possible" unless a rate [frames/s] is a clock [Hz] over a whole number up to ``slowest``."""
+    """Raise "out_of_range" unless a rate [frames/s] is a clock [Hz] over a whole number up to ``slowest``."""
     divide = min(max(round(clock / rate), 1), slowest)
     if abs(clock / divide - rate) > 1e-6 * rate:
         raise InvalidInput(
             f"{rate:g} frames/s are not {clock:g} Hz over a whole number up to {slowest}: the nearest that {board} "
             f"plays is {clock / divide:.7g} frames/s.",
-            code="rate_not_possible",
+            code="out_of_range",
         )

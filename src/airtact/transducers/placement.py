@@ -28,10 +28,10 @@ def check_placement(
     Raises
     ------
     InvalidInput
-        "array_inside_body", "inside_body": an element reaches into a body; "behind_plane": or behind a plane;
+        "bodies_overlap", "inside_body": an element reaches into a body; "behind_plane": or behind a plane;
         "behind_faces": a focus or a body, or its image in a plane, is behind the face of a directional element; bodies
-        may be where the scene has the array's boards, which shade them; "array_off_boards": an element is not in the
-        face of these; "too_far", "piston_too_large", "wrong_kind".
+        may be where the scene has the array's boards, which shade them; "not_supported": an element is not in the
+        face of these; "out_of_range", "out_of_range", "wrong_kind".
     """
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
@@ -109,7 +109,7 @@ def _check_outside_bodies(scene: Scene, array: PhasedArray) -> None:
         raise InvalidInput(
             f"the faces of {len(inside)} of {count} reach into a body: element {deepest} at "
             f"{in_mm(array.positions[deepest])} by {depth[deepest] * 1e3:.3g} mm; move the array or the body away.",
-            code="array_inside_body",
+            code="bodies_overlap",
         )
 
 
@@ -119,12 +119,12 @@ def _check_far(distance: Float64[np.ndarray, "elements"], what: str) -> None:
         raise InvalidInput(
             f"element {farthest} stands {distance[farthest]:.4g} m from {what}, more than "
             f"{MAX_ELEMENT_DISTANCE:g} m: is the array or its pose in millimetres? Give metres.",
-            code="too_far",
+            code="out_of_range",
         )
 
 
 def check_reach(array: PhasedArray, foci: Real[np.ndarray, "foci 3"]) -> None:
-    """Raise "too_far" for a focus (F, 3) over 10 m from an element; as ``check_before_faces`` for directional ones."""
+    """Raise "out_of_range" for a focus (F, 3) over 10 m from an element; as ``check_before_faces`` for directional ones."""
     for index, focus in enumerate(foci):
         offsets = array.positions - focus
         _check_far(np.sqrt(np.einsum("ed,ed->e", offsets, offsets)), f"focus {index}")

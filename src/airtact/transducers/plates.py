@@ -56,7 +56,7 @@ def reflecting_boards(array: PhasedArray, thickness: float = THICKNESS) -> tuple
     Raises
     ------
     InvalidInput
-        "not_a_board": the array does not consist of one kind of board; "outline_unknown": of boards whose outline the
+        "wrong_kind": the array does not consist of one kind of board; "unknown_name": of boards whose outline the
         maker does not state; "out_of_range".
 
     Examples
@@ -80,14 +80,14 @@ def reflecting_boards(array: PhasedArray, thickness: float = THICKNESS) -> tuple
         raise InvalidInput(
             f"{counted(len(array), 'element is', 'elements are')} not laid out like boards of one kind, so no board "
             "reflects: give an array of boards, or the bodies behind the elements as obstacles.",
-            code="not_a_board",
+            code="wrong_kind",
         )
     board, poses = found
     if board.outline is None:
         raise InvalidInput(
             f"{counted(len(poses), 'board', 'boards')} of {board.name} cannot reflect, because its outline is not "
             "stated by its maker: give the plates as obstacles.",
-            code="outline_unknown",
+            code="unknown_name",
         )
     return tuple(
         Obstacle(surface, "sound_hard", board=True) for surface in _bodies(board, poses, thickness)
@@ -100,7 +100,7 @@ def strength_in(scene: Scene, array: PhasedArray) -> float:
     Raises
     ------
     InvalidInput
-        "array_off_boards": the scene has boards, and an element is not in the face of one.
+        "not_supported": the scene has boards, and an element is not in the face of one.
     """
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
     if not scene.boards:
@@ -115,7 +115,7 @@ def strength_in(scene: Scene, array: PhasedArray) -> float:
             f"element {worst} at {in_mm(array.positions[worst])} by {1e3 * off[worst]:.3g} mm: make the boards of the "
             "array as it stands by reflecting_boards(array), and solve again.",
             array.positions[worst],
-            code="array_off_boards",
+            code="not_supported",
         )
     return BAFFLED
 

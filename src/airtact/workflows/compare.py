@@ -158,9 +158,7 @@ def _all_drives(
             notes = (f"{words} made no drive: {fault}",)
         all_notes += notes
     if not drives:
-        raise InvalidInput(
-            f"0 of {len(ways)} methods make a drive; {all_notes[0]}", code="no_drive"
-        )
+        raise InvalidInput(f"0 of {len(ways)} methods make a drive; {all_notes[0]}", code="empty")
     with clock.step(drive_names(setup.bodies)[-1]):
         drives |= with_control(setup, best)
     return drives, clock.seconds, all_notes

@@ -169,18 +169,18 @@ def plan(
         if stored.positions is None or stored.normals is None:
             raise InvalidInput(
                 "the file holds 0 positions of transducers: save the drive with its array.",
-                code="positions_missing",
+                code="data_missing",
             )
         if not stored.drives.any():
             raise InvalidInput(
                 f"the drive is silent: all {stored.drives.size} amplitudes are 0, so nothing would be emitted.",
-                code="drive_silent",
+                code="all_zero",
             )
         if modulation is not None and rate is not None:
             raise InvalidInput(
                 f"a modulation goes with a drive, and the file holds {len(stored.drives)} frames at {rate:g} frames/s, "
                 "which are modulated by themselves: leave it out.",
-                code="setting_not_taken",
+                code="options_clash",
             )
         speed = _sound_speed(stored)
         poses = tuple(poses_of_boards(kind, stored.positions, stored.normals))
@@ -205,14 +205,14 @@ def _check_emits(peak: float, share: float, stored: DriveFile) -> None:
         raise InvalidInput(
             f"at a cap of {share:g} all {stored.drives.shape[1]} elements round to level 0, so nothing would be "
             "emitted: give a larger cap.",
-            code="drive_silent",
+            code="all_zero",
         )
 
 
 def safe_cap(stored: DriveFile, board: str) -> tuple[float, float]:
     """Return the largest cap on a drive that keeps a head under the limit, and the peak level at full scale [dB].
 
-    Raise "level_too_high" for boards that cannot be turned down so far.
+    Raise "out_of_range" for boards that cannot be turned down so far.
     """
     kind = board_named(board)
     head = _Head(
@@ -271,7 +271,7 @@ class _Head:
         raise InvalidInput(
             f"{board.title} boards cannot be turned down to {OCCUPATIONAL_LIMIT:g} dB at a head 0.5 m off the array, "
             f"and at full scale it gets up to {full:.0f} dB: give --full-scale, or a share such as --cap 0.3.",
-            code="level_too_high",
+            code="out_of_range",
         )
 
     def at_foci(self, cap: float) -> tuple[Float64[np.ndarray, "foci"] | None, float | None]:
@@ -302,7 +302,7 @@ def _sound_speed(stored: DriveFile) -> float:
     if stored.frequency is not None and abs(stored.frequency - FREQUENCY) > 1.0:
         raise InvalidInput(
             f"the drive is for {stored.frequency:g} Hz, and boards emit {FREQUENCY:g} Hz: make it for that.",
-            code="wrong_frequency",
+            code="does_not_match",
         )
     return (stored.medium or air()).sound_speed
 

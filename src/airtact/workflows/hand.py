@@ -201,7 +201,7 @@ def hand(
     Raises
     ------
     InvalidInput
-        "options_clash", "landmarks_missing", or as these.
+        "options_clash", "data_missing", or as these.
     """
     of_recordings = bool(frames) or leave_out
     if landmarks is not None:
@@ -223,7 +223,7 @@ def hand(
         sentence = (
             f"{path.name} is a cloud of points, and came with 0 landmarks; give rough --landmarks."
         )
-        raise InvalidInput(sentence, code="landmarks_missing")
+        raise InvalidInput(sentence, code="data_missing")
     if of_recordings:
         sentence = f"{path.name} is 1 pose, no recording; leave --frame and --leave-out out."
         raise InvalidInput(sentence, code="options_clash")

@@ -37,7 +37,7 @@ def listen(
     if file.suffix not in ENDINGS:
         raise InvalidInput(
             f"the ending {file.suffix!r} is not 1 of those of recordings: {', '.join(ENDINGS)}.",
-            code="unknown_ending",
+            code="unknown_format",
         )
     frames: list[HandFrame] = []
     stream = HandStream(on_frame=frames.append, every=True)
@@ -58,7 +58,7 @@ def listen(
         raise InvalidInput(
             f"0 frames were received in {listened:.3g} s ({', '.join(ports)}; {stream.health}): does the tracker send "
             "there?",
-            code="no_frames",
+            code="empty",
         )
     save_recording(file, frames)
     return stream.health

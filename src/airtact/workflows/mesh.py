@@ -145,13 +145,13 @@ def _checked_edge(edge: float, surface: Surface) -> float:
     if edge > extent:
         raise InvalidInput(
             f"edge is {edge:g} m, but the surface spans {1e3 * extent:.3g} mm: is it in millimetres? Give metres.",
-            code="not_metres",
+            code="does_not_match",
         )
     count = surface.area / (math.sqrt(3) / 4 * edge**2)
     if count > MOST_PANELS:
         raise InvalidInput(
             f"edge is {edge:g} m, which makes {count:.2g} panels of this surface, more than {MOST_PANELS:g}; give a "
             "larger one.",
-            code="too_many_panels",
+            code="too_many",
         )
     return edge

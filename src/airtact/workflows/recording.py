@@ -79,7 +79,7 @@ def _chosen(recording: Recording, chosen: Sequence[int]) -> list[HandFrame]:
     if not whole:
         raise InvalidInput(
             f"0 of {len(recording.frames)} frames have landmarks; fit a hand to their clouds first.",
-            code="landmarks_missing",
+            code="data_missing",
         )
     found = [frame for frame in whole if frame.sequence in chosen]
     missing = sorted(set(chosen) - {frame.sequence for frame in found})
@@ -87,6 +87,6 @@ def _chosen(recording: Recording, chosen: Sequence[int]) -> list[HandFrame]:
         first, last = min(one.sequence for one in whole), max(one.sequence for one in whole)
         raise InvalidInput(
             f"there is no frame {missing[0]} with landmarks; those there are lie in {first} to {last}.",
-            code="unknown_frame",
+            code="unknown_name",
         )
     return found or whole[:1]

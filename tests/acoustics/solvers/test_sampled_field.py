@@ -75,7 +75,7 @@ def test_transducers_beyond_the_samples_are_rejected():
     sampled = at.SampledField(SCENE, SOURCES, NODES, EXACT.at(NODES))
     positions = np.array([INNER[0], [0.0, 0.0, 0.05], [0.02, 0.0, 0.03]])
     array = at.PhasedArray(positions, np.tile([0.0, 0.0, -1.0], (3, 1)))
-    with raises_code("field_unknown", "2 of 3 elements", "element 1 at (0.00, 0.00, 50.00)"):
+    with raises_code("data_missing", "2 of 3 elements", "element 1 at (0.00, 0.00, 50.00)"):
         at.transfer_matrix(sampled, array)
 
 
@@ -105,14 +105,14 @@ def test_a_mesh_file_is_read_with_its_cells(tmp_path):
 def test_a_mesh_file_without_its_extra_names_it(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "meshio", None)  # as Python imports what is not installed
     (tmp_path / "ball.vtu").write_text("")
-    with raises_code("extra_not_installed", "ball.vtu", "airtact[formats]"):
+    with raises_code("extra_missing", "ball.vtu", "airtact[formats]"):
         at.acoustics.load_samples(tmp_path / "ball.vtu", SCENE, SOURCES, "e^{-iωt}")
 
 
 def test_the_other_sign_of_time_is_rejected(tmp_path):
     near = nodes_about(0.003, reach=0.006, away=0.016)
     path = as_csv(tmp_path / "ball.csv", near, EXACT.at(near).conj())
-    with raises_code("other_time_sign", "ball.csv", "e^{-iωt}"):
+    with raises_code("does_not_match", "ball.csv", "e^{-iωt}"):
         at.acoustics.load_samples(path, SCENE, SOURCES, "e^{-iωt}", scale=1e-3)
 
 
@@ -123,7 +123,7 @@ def test_a_wrong_unit_of_length_is_rejected(tmp_path, stated, far):
     nodes = nodes_about(0.004, reach=0.02, away=0.09) if far else nodes_about(0.003, away=0.016)
     nodes = nodes[SCENE.depth(nodes) < 0]
     path = as_csv(tmp_path / "ball.csv", nodes, EXACT.at(nodes))
-    with raises_code("other_scale", f"the scale is {stated:.4g} metres", "0.001 (a fit of"):
+    with raises_code("does_not_match", f"the scale is {stated:.4g} metres", "0.001 (a fit of"):
         at.acoustics.load_samples(path, SCENE, SOURCES, "e^{-iωt}", scale=stated)
     assert (
         at.acoustics.load_samples(path, SCENE, SOURCES, "e^{-iωt}", scale=1e-3).report.warnings
@@ -161,7 +161,7 @@ def test_samples_that_do_not_fit_are_rejected():
         )
     twice = np.array(NODES)
     twice[7] = twice[3]
-    with raises_code("repeated", "1 pairs", "nodes 3 and 7"):
+    with raises_code("given_twice", "1 pairs", "nodes 3 and 7"):
         at.SampledField(SCENE, SOURCES, twice, pressures)
     with raises_code("too_few", "3 nodes"):
         at.SampledField(SCENE, SOURCES, NODES[:3], pressures[:3])
@@ -170,25 +170,25 @@ def test_samples_that_do_not_fit_are_rejected():
 @pytest.mark.parametrize(
     ("text", "code", "number"),
     [
-        ("x,y,p\n0,0,1", "column_missing", "3 columns, x, y, p"),
-        ("x,y,z\n0,0,1", "column_missing", "field.csv: it has 0 columns"),
+        ("x,y,p\n0,0,1", "data_missing", "3 columns, x, y, p"),
+        ("x,y,z\n0,0,1", "data_missing", "field.csv: it has 0 columns"),
         (
             "x,y,z,p_real\n0,0,1,2",
-            "column_missing",
+            "data_missing",
             "1 column p_real without its other half, p_imag",
         ),
         (
             "x,y,z,p\n0,0,1",
-            "wrong_cell_count",
+            "wrong_shape",
             "line 2 of field.csv has 3 cells, but there are 4 columns",
         ),
-        ("x,y,z,p\n0,0,1,loud", "cell_unreadable", "line 2 of field.csv has 'loud' for p"),
-        ("% x,y,z,p\n0,0,1,NaN", "cell_unreadable", "line 2 of field.csv has 'NaN' for p"),
-        ("x,y,z,p\n0,0,1+2i,3", "cell_unreadable", "line 2 of field.csv has '1+2i' for z"),
-        ("% x y z p\n0 0 1 2", "wrong_separator", "line 2 of field.csv has no comma but 3 spaces"),
+        ("x,y,z,p\n0,0,1,loud", "file_unreadable", "line 2 of field.csv has 'loud' for p"),
+        ("% x,y,z,p\n0,0,1,NaN", "file_unreadable", "line 2 of field.csv has 'NaN' for p"),
+        ("x,y,z,p\n0,0,1+2i,3", "file_unreadable", "line 2 of field.csv has '1+2i' for z"),
+        ("% x y z p\n0 0 1 2", "unknown_format", "line 2 of field.csv has no comma but 3 spaces"),
         ("x,y,z,p\n0,0,1,0\n0,1,1,0i\n1,0,1,0\n0,0,2,0", "all_zero", "field.csv: all 4 pressures"),
-        ("x,y,z,p,q\n0,0,1,1,1\n0,1,1,1,1\n1,0,1,1,1\n1,1,1,1,1", "nodes_in_plane", "the 4 nodes"),
-        ("1,2,3,4", "header_missing", "field.csv has 1 row"),
+        ("x,y,z,p,q\n0,0,1,1,1\n0,1,1,1,1\n1,0,1,1,1\n1,1,1,1,1", "bodies_overlap", "the 4 nodes"),
+        ("1,2,3,4", "file_unreadable", "field.csv has 1 row"),
     ],
 )
 def test_files_that_cannot_be_read_are_rejected(tmp_path, text, code, number):
@@ -209,5 +209,5 @@ def test_other_faults_of_loading_are_rejected(tmp_path, monkeypatch):
     monkeypatch.setattr(
         "jaxtyping.config.jaxtyping_disable", True
     )  # so that the guard itself answers
-    with raises_code("unknown_setting", "'plus'"):
+    with raises_code("unknown_key", "'plus'"):
         at.acoustics.load_samples(tmp_path / "none.csv", SCENE, SOURCES, "plus")

@@ -185,7 +185,7 @@ def test_samples_that_cannot_be_are_left_out_and_counted() -> None:
     assert repr(some).endswith(f"{some.left_out} left out)")
     away = at.Uncertainty(age=1.0, velocity=(0.0, 0.0, 20.0))
     assert at.ensemble(beacons(), FLAT, away, samples=8).left_out
-    with raises_code("all_left_out", "all 1 samples"):
+    with raises_code("empty", "all 1 samples"):
         at.ensemble(beacons(), at.surrounding_box(), at.Uncertainty(position=0.1), samples=1)
 
 
@@ -197,16 +197,16 @@ def test_wrong_numbers_of_samples_raise(samples, seed) -> None:
 
 def test_doubts_about_what_there_is_not_raise() -> None:
     water = at.Scene(at.Medium(1481.0, 1000.0), [], frequency=40e3)
-    with raises_code("not_air", "1481"):
+    with raises_code("does_not_match", "1481"):
         at.ensemble(
             at.FreeField().radiate(water, at.Target(FOCI).beacons()),
             FLAT,
             at.Uncertainty(temperature=1.0),
         )
-    with raises_code("no_bodies", "1 mm"):
+    with raises_code("empty", "1 mm"):
         at.ensemble(in_open_air(), FLAT, at.Uncertainty(along_skin=1e-3))
     single = at.PhasedArray(np.array([[0.0, 0.0, 0.1]]), np.array([[0.0, 0.0, -1.0]]))
-    with raises_code("no_boards", "1 elements"):
+    with raises_code("empty", "1 elements"):
         at.ensemble(in_open_air(), single, at.Uncertainty(board_position=1e-3))
 
 

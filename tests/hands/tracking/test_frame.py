@@ -24,7 +24,7 @@ LONG = JOINTS + np.where(np.arange(25)[:, None] == 14, [0.0, 0.3, 0.0], 0.0)
 FAULTS = {
     "half_lost": ({"landmarks": HALF}, "7 landmarks"),
     "unknown_count": ({"landmarks": JOINTS[:24]}, "24"),
-    "not_metres": ({"landmarks": 1e3 * JOINTS}, "156.4 m"),
+    "does_not_match": ({"landmarks": 1e3 * JOINTS}, "156.4 m"),
     "impossible": ({"landmarks": LONG}, "mm"),
     "mirrored": (
         {"side": "right"},
@@ -60,7 +60,7 @@ def test_other_parts_that_are_none_are_unreadable(changed, shown):
 
 
 def test_a_cloud_in_millimetres_is_rejected():
-    with raises_code("not_metres", "156.4 m"):
+    with raises_code("does_not_match", "156.4 m"):
         still(0, cloud=1e3 * JOINTS)
 
 
@@ -68,7 +68,7 @@ def test_a_frame_makes_the_hand_of_its_landmarks():
     hand = still(0).hand(RADII)
     assert hand.side == "left"
     np.testing.assert_array_equal(hand.joints, JOINTS)
-    with raises_code("landmarks_missing", "frame 4 has 0 landmarks"):
+    with raises_code("data_missing", "frame 4 has 0 landmarks"):
         still(4, landmarks=None).hand()
 
 

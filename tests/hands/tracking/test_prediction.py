@@ -163,17 +163,17 @@ def test_what_cannot_be_is_rejected():
         with raises_code("out_of_range", shown):
             Predictor(latency)
     for name in ("noise", "agility", "patience"):
-        with raises_code("not_positive", f"{name} is 0 "):
+        with raises_code("out_of_range", f"{name} is 0 "):
             Predictor(0.05, **{name: 0.0})
     predictor = Predictor(0.05)
-    with raises_code("no_frames", "0 frames"):
+    with raises_code("empty", "0 frames"):
         predictor.at(0.0)
-    with raises_code("no_frames", "0 frames"):
+    with raises_code("empty", "0 frames"):
         predictor.spread(0.0)
     predictor.take(still(3, 1.0))
-    with raises_code("backwards", "from 1 to 0.9 s at frame 4"):
+    with raises_code("out_of_range", "from 1 to 0.9 s at frame 4"):
         predictor.take(still(4, 0.9))
-    with raises_code("other_hand", "frame 5"):
+    with raises_code("does_not_match", "frame 5"):
         predictor.take(still(5, 1.1, side="right", landmarks=JOINTS * [-1, 1, 1]))
 
 

@@ -223,7 +223,7 @@ def test_closing_ends_all_connections_and_threads():
 
 @pytest.mark.parametrize("kind", [WebSocketReceiver, OscReceiver])
 def test_a_port_that_is_taken_is_rejected(kind):
-    with kind() as first, raises_code("port_taken", f"127.0.0.1, port {first.port}"):
+    with kind() as first, raises_code("link_in_use", f"127.0.0.1, port {first.port}"):
         kind(port=first.port)
     with raises_code("out_of_range", "70000"):
         kind(port=70000)

@@ -60,7 +60,7 @@ def scaled(line, factor):
 
 BAD = {
     "unreadable": ("rubbish", "line 3"),
-    "not_metres": (scaled(LINES[2], 1000), "line 3: the landmarks span 156.4 m"),
+    "does_not_match": (scaled(LINES[2], 1000), "line 3: the landmarks span 156.4 m"),
     "mirrored": (
         scaled(LINES[2], [-1, 1, 1]),
         "line 3: the landmarks are given as those of a left hand",
@@ -92,10 +92,10 @@ def test_a_fault_is_rejected_with_its_line_or_left_out_and_counted(tmp_path, fau
 @pytest.mark.parametrize(
     ("name", "content", "code", "shown"),
     [
-        ("hand.jsonl", b"", "no_frames", "0 frames"),
+        ("hand.jsonl", b"", "empty", "0 frames"),
         ("hand.npz", b"", "file_unreadable", "bytes"),
         ("hand.npz", b"rubbish", "file_unreadable", "bytes"),
-        ("hand.csv", b"1,2", "unknown_ending", "'.csv'"),
+        ("hand.csv", b"1,2", "unknown_format", "'.csv'"),
     ],
 )
 @pytest.mark.parametrize("leave_out", [True, False])
@@ -114,8 +114,8 @@ def test_files_that_are_not_there_are_rejected(tmp_path, name):
 @pytest.mark.parametrize(
     ("broken", "code", "shown"),
     [
-        ({"format_version": np.int64(2)}, "unknown_version", "version 2"),
-        ({"clouds": None}, "dataset_missing", "clouds"),
+        ({"format_version": np.int64(2)}, "unsupported_version", "version 2"),
+        ({"clouds": None}, "data_missing", "clouds"),
         ({"landmarks": np.zeros((3, 3))}, "wrong_shape", "(100, 3)"),
         ({"sequence": np.zeros(3, dtype=int)}, "wrong_shape", "(3,)"),
         ({"sequence": np.zeros(4)}, "wrong_shape", "float64"),
@@ -175,5 +175,5 @@ def test_replay_gives_no_frame_before_its_time(speed, lasts):
 
 
 def test_a_replay_of_no_speed_is_rejected():
-    with raises_code("not_positive", "0 times"):
+    with raises_code("out_of_range", "0 times"):
         next(replay([still(0)], 0.0))

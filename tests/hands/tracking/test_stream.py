@@ -94,7 +94,7 @@ def test_frames_that_are_no_hand_are_counted_by_kind():
     kinds = {
         "half_lost": 1,
         "unknown_count": 1,
-        "not_metres": 1,
+        "does_not_match": 1,
         "impossible": 1,
         "mirrored": 1,
         "unreadable": 2,
@@ -252,7 +252,7 @@ def test_every_message_that_waited_is_used_where_it_is_to_be():
 
 @pytest.mark.parametrize("setting", ["patience", "silence"])
 def test_waits_must_be_above_zero(setting):
-    with raises_code("not_positive", f"{setting} is -0.1 s"):
+    with raises_code("out_of_range", f"{setting} is -0.1 s"):
         HandStream(**{setting: -0.1})
 
 

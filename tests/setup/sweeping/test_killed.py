@@ -61,7 +61,7 @@ def test_a_process_that_ends_by_itself_is_named(tmp_path) -> None:
 
     with pytest.raises(at.InvalidInput) as fault, processes(1) as pool:
         at.sweep(functions.ends, [{"x": 1}], pool)
-    assert fault.value.code == "process_ended"
+    assert fault.value.code == "link_closed"
 
 
 def alive(process: int) -> bool:

@@ -116,7 +116,7 @@ class FreeField(Solver):
             raise InvalidInput(
                 f"FreeField solves for open air only, and the scene has {bodies}; "
                 "take a solver that scatters, such as BoundaryElement.",
-                code="solver_unsuitable",
+                code="not_supported",
             )
         settings = {PLANES: len(scene.planes)} if scene.planes else {}
         return OpenAirField(scene, sources, SolveReport(solver="FreeField", settings=settings))

@@ -78,7 +78,7 @@ def gmres(
         f"GMRES stopped at a relative residual of {np.max(residuals):.1e} (wanted {tolerance:.0e}) after "
         f"{most_iterations} iterations; likely a gap or a body is much thinner than a panel: ask for a smaller "
         "accuracy, or move the bodies apart.",
-        code="gmres_stalled",
+        code="not_converged",
     )
 
 

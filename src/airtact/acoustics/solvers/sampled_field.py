@@ -234,7 +234,7 @@ def _delaunay(nodes: Float64[np.ndarray, "nodes 3"]) -> Int64[np.ndarray, "tetra
         raise InvalidInput(
             f"the {len(nodes)} nodes lie in one plane, to {1e3 * thin:.2g} mm, and hold no tetrahedron; give nodes "
             "that fill a space.",
-            code="nodes_in_plane",
+            code="bodies_overlap",
         ) from None
 
 
@@ -266,7 +266,7 @@ def load_samples(
     if time_sign not in ("e^{-iωt}", "e^{+jωt}"):
         raise InvalidInput(
             f"time_sign is {time_sign!r}, but it must be 'e^{{-iωt}}', or 'e^{{+jωt}}' as in COMSOL.",
-            code="unknown_setting",
+            code="unknown_key",
         )
     scale = positive(scale, "the scale of the samples", "metres per unit")
     nodes, pressures, cells = _read_vtu(path) if path.suffix.lower() == ".vtu" else _read_csv(path)
@@ -294,7 +294,7 @@ def _check_contradiction(sampled: SampledField, time_sign: str, scale: float) ->
         raise InvalidInput(
             f"time_sign is {time_sign}, but round the sources the pressures fit the other one {other / stated:.2g} "
             "times better; state the other sign, or check where the sources stand and what a unit of length is.",
-            code="other_time_sign",
+            code="does_not_match",
         )
     if stated > LEAST:
         return ()
@@ -306,7 +306,7 @@ def _check_contradiction(sampled: SampledField, time_sign: str, scale: float) ->
             f"the scale is {scale:.4g} metres per unit, but round the sources the phases vary as if it were "
             f"{lengths[best]:.3g} (a fit of {fits[best]:.2f} instead of {stated:.2f}); state that scale, or check the "
             "frequency, the medium and where the sources stand.",
-            code="other_scale",
+            code="does_not_match",
         )
     return (
         f"the samples do not show the sign of time (a fit of {stated:.2g} against {other:.2g}); {time_sign} was stated",
@@ -343,7 +343,7 @@ def _check_repeated(nodes: Float64[np.ndarray, "nodes 3"]) -> None:
             f"{len(pairs)} pairs of nodes have the same position, nodes {one} and {other} at {in_mm(nodes[one])}; "
             "keep one of each, or check the scale.",
             nodes[one],
-            code="repeated",
+            code="given_twice",
         )
 
 
@@ -378,7 +378,7 @@ def _excitations(
             if other not in columns:
                 raise InvalidInput(
                     f"it has 1 column {name} without its other half, {other}.",
-                    code="column_missing",
+                    code="data_missing",
                 )
             found.append(np.real(values) + 1j * np.real(columns[other]))
         else:
@@ -386,6 +386,6 @@ def _excitations(
     if not found:
         raise InvalidInput(
             "it has 0 columns of pressure; name them pressure, or pressure_real and pressure_imag.",
-            code="column_missing",
+            code="data_missing",
         )
     return np.stack(found, axis=1)

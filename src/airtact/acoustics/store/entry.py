@@ -36,7 +36,7 @@ class DamagedError(Exception):
 
 
 def written(field: RadiatedField, key: str) -> bytes:
-    """Return the bytes of a field's file; raises "not_storable" for such as a factorised matrix of another library."""
+    """Return the bytes of a field's file; raises "wrong_kind" for such as a factorised matrix of another library."""
     import h5py
 
     arrays: list[Num[np.ndarray, ...]] = []
@@ -138,7 +138,7 @@ def _taken_apart(
             name: _taken_apart(part, arrays, given) for name, part in kept.items()
         }
         return {"module": kind.__module__, "class": kind.__qualname__, "fields": parts}
-    raise InvalidInput(f"a {kind.__qualname__} cannot be written into a file.", code="not_storable")
+    raise InvalidInput(f"a {kind.__qualname__} cannot be written into a file.", code="wrong_kind")
 
 
 def _put_together(

@@ -171,5 +171,5 @@ def _feed(update: Callable[[bytes], None], value: object, modules: set[str]) -> 
     else:
         raise InvalidInput(
             f"a {kind.__qualname__} cannot be compared with another one: it is no dataclass of numbers.",
-            code="not_comparable",
+            code="does_not_match",
         )

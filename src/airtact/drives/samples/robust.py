@@ -110,7 +110,7 @@ def robust(
     Raises
     ------
     InvalidInput
-        As ``gerchberg_saxton``; "unknown_name": there is no such goal or limit; "suppression_rows_missing".
+        As ``gerchberg_saxton``; "unknown_name": there is no such goal or limit; "data_missing".
 
     Examples
     --------

@@ -157,8 +157,8 @@ def ensemble(
     Raises
     ------
     InvalidInput
-        As ``transfer_matrix``; "out_of_range": of samples or seed; "all_left_out"; "sample_not_solved": a plane needs
-        the solver; "no_boards", "not_air", "no_bodies": what is in doubt is not there.
+        As ``transfer_matrix``; "out_of_range": of samples or seed; "empty"; "not_converged": a plane needs
+        the solver; "empty", "does_not_match", "empty": what is in doubt is not there.
 
     Examples
     --------
@@ -178,7 +178,7 @@ def ensemble(
         raise InvalidInput(
             f"all {samples} samples are left out, in which an element reaches into a body, or something is behind a "
             "face; give smaller deviations or move the array away.",
-            code="all_left_out",
+            code="empty",
         )
     known = {
         name: getattr(nominal, name) for name in ("matrix", "estimated_error", "foci", "wavelength")
@@ -201,7 +201,7 @@ def matrices_at(
 
     ``slower`` scales the wavenumber, for warmer air. It is None where an element would reach into a
     body, or something is behind a face. Before a plane ``solver`` solves each pose that is off
-    another way than along it. Raises as ``transfer_matrix``, and "sample_not_solved".
+    another way than along it. Raises as ``transfer_matrix``, and "not_converged".
     """
     sampled = Sampled.of(
         beacons, array, transfer_matrix(beacons, array).matrix, Uncertainty(), solver
@@ -224,23 +224,23 @@ def check_counts(samples: int, seed: int) -> None:
 
 
 def check_doubts(uncertainty: Uncertainty, scene: Scene, array: PhasedArray) -> None:
-    """Raise "not_air", "no_bodies" or "no_boards": something is in doubt that scene or array do not have."""
+    """Raise "does_not_match", "empty" or "empty": something is in doubt that scene or array do not have."""
     speed = scene.medium.sound_speed
     if (uncertainty.temperature or uncertainty.humidity) and not AIR_SPEEDS[
         0
     ] <= speed <= AIR_SPEEDS[1]:
         raise InvalidInput(
             f"temperature or humidity are in doubt, but a medium with {speed:g} m/s is not air; leave them 0.",
-            code="not_air",
+            code="does_not_match",
         )
     if uncertainty.along_skin and not scene.obstacles:
         raise InvalidInput(
             f"foci are {1e3 * uncertainty.along_skin:g} mm off along the skin, but the scene has 0 bodies; leave it 0.",
-            code="no_bodies",
+            code="empty",
         )
     on_boards = uncertainty.board_position or uncertainty.board_rotation
     if on_boards and kind_of_array(array.positions, array.normals) is None:
         raise InvalidInput(
             f"boards are in doubt, but the {len(array)} elements are not laid out as boards; leave it 0.",
-            code="no_boards",
+            code="empty",
         )

@@ -38,14 +38,10 @@ from airtact.transducers.layout import PhasedArray, join
 from airtact.transducers.placement import check_placement
 
 LEFT_OUT = {
-    "array_inside_body",
+    "bodies_overlap",
     "inside_body",
     "behind_faces",
-    "focus_inside_body",
-    "bodies_overlap",
-    "bodies_too_near",
-    "too_far",
-    "body_behind_plane",
+    "out_of_range",
     "behind_plane",
 }
 """Faults of a sample that cannot be; it is left out."""
@@ -342,7 +338,7 @@ class Sampled:
                 f"a sample before {counted(len(planes), 'plane', 'planes')} in which the hand is lifted or tilted, or "
                 "bodies, foci or air are others, is another scene: give solver=BoundaryElement(), which solves each, "
                 "or leave these doubts out.",
-                code="sample_not_solved",
+                code="not_converged",
             )
         medium = replace(scene.medium, sound_speed=scene.medium.sound_speed / draw.slower)
         there, foci = self._moved(draw, replace(scene, medium=medium, planes=planes))

@@ -112,14 +112,14 @@ def _meshed(
         raise InvalidInput(
             f"the surface of {len(triangles)} triangles cannot be meshed anew with an edge of {1e3 * edge:.3g} mm "
             f"({fault}); repair it, or give a mesh with fewer slivers.",
-            code="not_meshable",
+            code="mesh_faulty",
         ) from fault
     found = np.asarray(mesh.get_triangles(), dtype=np.int64)
     if len(found) < 4 or edge_twins(found).min() < 0:
         raise InvalidInput(
             f"the surface of {len(triangles)} triangles does not stay closed when it is meshed anew with an edge of "
             f"{1e3 * edge:.3g} mm; repair it, or ask for a shorter edge.",
-            code="not_meshable",
+            code="mesh_faulty",
         )
     ridges = np.asarray(mesh.get_edges(), dtype=np.int64).reshape(-1, 2)
     return RidgedMesh(np.array(mesh.get_vertices()) * edge, found, ridges)

@@ -126,13 +126,13 @@ def check_size(extent: float) -> None:
         raise InvalidInput(
             f"the surface spans {extent:.4g} m, more than {LARGEST:g} m: is this in millimetres? Give metres, or "
             "scale it by 1e-3.",
-            code="too_large",
+            code="too_many",
         )
     if extent < SMALLEST * (1.0 - 1e-9):
         raise InvalidInput(
             f"the surface spans {extent * 1e3:.4g} mm, less than {SMALLEST * 1e3:g} mm: is this in millimetres "
             "that were brought to metres twice? Check the scale.",
-            code="too_small",
+            code="out_of_range",
         )
 
 
@@ -144,7 +144,7 @@ def check_indices(count: int, triangles: Int[np.ndarray, "triangles 3"]) -> None
         raise InvalidInput(
             f"{counted(int(wrong.any(axis=1).sum()), 'triangle names', 'triangles name')} vertices that do not exist: "
             f"triangle {int(first[0])} names {int(triangles[tuple(first)])}, but indices run from 0 to {count - 1}.",
-            code="index_out_of_range",
+            code="out_of_range",
         )
 
 
@@ -163,7 +163,7 @@ def check_not_degenerate(
             f"{many} degenerate (no area), the first is triangle {int(thin[0])} near "
             f"{in_mm(where)}; remove them or merge their vertices.",
             where,
-            code="mesh_degenerate",
+            code="mesh_faulty",
         )
 
 
@@ -218,4 +218,4 @@ def check_orientation(
                 f"{len(inward)} of {len(volumes)} closed pieces {'is' if len(inward) == 1 else 'are'} inside out (the "
                 f"first {encloses}); turn their {number} triangles round."
             )
-        raise InvalidInput(sentence, where, code="mesh_inside_out")
+        raise InvalidInput(sentence, where, code="mesh_faulty")

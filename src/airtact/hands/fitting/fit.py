@@ -243,7 +243,7 @@ def _check_explained(
             f"the hand explains {100 * used:.0f} % to {1e3 * CLOSE:g} mm of the {len(cloud)} points within "
             f"{1e3 * AROUND:g} mm of the landmarks: is there a second hand or another body, or are the landmarks of "
             f"another moment{elsewhere}?",
-            code="cloud_not_explained",
+            code="pose_not_found",
         )
     off = np.linalg.norm(fitted.hand.joints - seen.landmarks, axis=1)
     worst = int(np.where(seen.spread > ROUGH, 0.0, off).argmax())
@@ -252,7 +252,7 @@ def _check_explained(
             f"the landmark {NAMES[worst]} is {1e3 * off[worst]:.3g} mm from where the cloud shows that joint, and "
             f"rough ones are within {1e3 * FAULTY:g} mm: are landmarks swapped{elsewhere}?",
             seen.landmarks[worst],
-            code="landmark_off",
+            code="misplaced",
         )
 
 
@@ -277,6 +277,6 @@ def _checked_camera(
             f"the camera stands at {in_mm(eye)}, and {(ahead < BEFORE).sum()} of {len(cloud)} points lie beside it, "
             f"behind it or less than {1e3 * BEFORE:g} mm before it: give the place they were seen from, in metres.",
             eye,
-            code="camera_among_points",
+            code="misplaced",
         )
     return eye

@@ -69,7 +69,7 @@ def checked_cloud(
         raise InvalidInput(
             f"{near.sum()} of {len(cloud)} points lie within {1e3 * AROUND:g} mm of the landmarks, half of them "
             f"{1e3 * usual:.4g} mm off: bring both into one frame.",
-            code="cloud_elsewhere",
+            code="misplaced",
         )
     other = ~near & ~forearm
     if other.mean() > ELSEWHERE:
@@ -77,7 +77,7 @@ def checked_cloud(
             f"{other.sum()} of {len(cloud)} points lie more than {1e3 * AROUND:g} mm from the landmarks, half of them "
             f"around {in_mm(np.median(cloud[other], axis=0))}: a second hand or a background? Cut them away.",
             np.median(cloud[other], axis=0),
-            code="second_body",
+            code="given_twice",
         )
     return cloud[near]
 

@@ -142,7 +142,7 @@ class HandFrame:
         """
         if self.landmarks is None:
             sentence = f"the {self.side} hand of frame {self.sequence} has 0 landmarks; take another frame."
-            raise InvalidInput(sentence, code="landmarks_missing")
+            raise InvalidInput(sentence, code="data_missing")
         return hand_from_joints(self.landmarks, radii, side=self.side)
 
 

@@ -243,10 +243,10 @@ class Predictor:
         last, whole, bent = self._seen or (frame, None, None)
         if frame.side != last.side:
             sentence = f"frame {frame.sequence} is of the {frame.side} hand; make a second predictor for it."
-            raise InvalidInput(sentence, code="other_hand")
+            raise InvalidInput(sentence, code="does_not_match")
         if whole is not None and frame.time <= last.time:
             sentence = f"time goes back from {last.time:g} to {frame.time:g} s at frame {frame.sequence}; leave it out."
-            raise InvalidInput(sentence, code="backwards")
+            raise InvalidInput(sentence, code="out_of_range")
         if frame.landmarks is None:
             return
         middle = frame.landmarks.mean(axis=0, keepdims=True)
@@ -339,7 +339,7 @@ class Predictor:
         if self._seen is None:
             raise InvalidInput(
                 "0 frames with landmarks were taken; take one before a prediction.",
-                code="no_frames",
+                code="empty",
             )
         return self._seen
 

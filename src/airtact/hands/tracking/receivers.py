@@ -60,7 +60,7 @@ class _Receiver(ABC):
             self._socket.close()
             raise InvalidInput(
                 f"the receiver cannot listen at {host}, port {port}: {error.strerror}; take another port.",
-                code="port_taken",
+                code="link_in_use",
             ) from None
         self.port: int = self._socket.getsockname()[1]
         self._closed = False

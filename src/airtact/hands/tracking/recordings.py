@@ -69,7 +69,7 @@ def load_recording(path: Path, leave_out: bool = False) -> Recording:
     """
     if path.suffix not in ENDINGS:
         sentence = f"{path.name}: the ending {path.suffix!r} is not 1 of those of recordings: {', '.join(ENDINGS)}."
-        raise InvalidInput(sentence, code="unknown_ending")
+        raise InvalidInput(sentence, code="unknown_format")
     check_file(path)
     arrays = arrays_of(path) if path.suffix == ".npz" else None
     with about(path.name):
@@ -90,7 +90,7 @@ def load_recording(path: Path, leave_out: bool = False) -> Recording:
         if not frames:
             raise InvalidInput(
                 f"there are 0 frames of a hand that can be used ({stream.health}).",
-                code="no_frames",
+                code="empty",
             )
         return Recording(tuple(frames), stream.health)
 
@@ -187,11 +187,11 @@ def _check_arrays(arrays: Arrays) -> None:
     version = arrays["format_version"].tolist() if "format_version" in arrays else 0
     if version not in range(VERSION + 1):
         sentence = f"the recording is of version {version}, and versions 0 to {VERSION} are read: update airtact."
-        raise InvalidInput(sentence, code="unknown_version")
+        raise InvalidInput(sentence, code="unsupported_version")
     missing = [name for name in ARRAYS if name not in arrays]
     if missing:
         are = counted(len(missing), "array is", "arrays are")
-        raise InvalidInput(f"{are} missing, the first is {missing[0]}.", code="dataset_missing")
+        raise InvalidInput(f"{are} missing, the first is {missing[0]}.", code="data_missing")
     for name in ("landmark_counts", "cloud_counts"):
         counts = arrays[name] if arrays[name].dtype.kind in "iu" else np.zeros(0, dtype=np.int64)
         least, most = int(counts.min(initial=0)), int(counts.max(initial=0))
@@ -278,7 +278,7 @@ def pads_over_time(frames: Iterable[HandFrame], side: Side) -> PadTrack:
     """
     own = [frame for frame in frames if frame.side == side]
     if not own:
-        raise InvalidInput(f"0 frames are of a {side} hand; take the other one.", code="no_frames")
+        raise InvalidInput(f"0 frames are of a {side} hand; take the other one.", code="empty")
     radii, pads = None, np.full((len(own), 5, 3), np.nan)
     for index, frame in enumerate(own):
         if frame.landmarks is not None:

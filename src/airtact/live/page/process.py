@@ -210,7 +210,7 @@ class PageProcess:
             answer = pickle.load(self._back)
         except (OSError, EOFError):
             sentence = f"the page did not start within {PATIENCE:g} s; run without it (--no-page)."
-            raise InvalidInput(sentence, code="page_failed") from None
+            raise InvalidInput(sentence, code="child_failed") from None
         finally:
             too_late.cancel()
         if isinstance(answer, Fault):

@@ -56,7 +56,7 @@ class Guard:
 
 
 def bound_socket(port: int, host: str) -> socket.socket:
-    """Bind a socket; raise "port_taken" where another program listens there."""
+    """Bind a socket; raise "link_in_use" where another program listens there."""
     if not 0 <= port <= 65535:
         raise InvalidInput(
             f"port {port} does not exist; give 1 to 65535, or 0 for any that is free.",
@@ -70,7 +70,7 @@ def bound_socket(port: int, host: str) -> socket.socket:
     except OSError as error:
         bound.close()
         sentence = f"the page cannot listen at {host}, port {port}: {error.strerror or error}; take another port."
-        raise InvalidInput(sentence, code="port_taken") from None
+        raise InvalidInput(sentence, code="link_in_use") from None
     return bound
 
 
@@ -90,7 +90,7 @@ def start_server(port: int, host: str) -> tuple[viser.ViserServer, str]:
         server.stop()
         bound.close()
         sentence = f"viser {viser.__version__} does not let requests be checked: install viser 1.1."
-        raise InvalidInput(sentence, code="extra_not_installed")
+        raise InvalidInput(sentence, code="extra_missing")
     for message in (
         _messages.ShareUrlRequest,
         _messages.ShareUrlDisconnect,

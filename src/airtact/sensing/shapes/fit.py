@@ -123,7 +123,7 @@ def locate_shape(
     Raises
     ------
     InvalidInput
-        "element_count", "other_frequency": of the echoes; "all_noise", "clipped"; "inside_body", "behind_faces": the
+        "sizes_differ", "does_not_match": of the echoes; "signal_unusable", "clipped"; "inside_body", "behind_faces": the
         start cannot be; or as ``bodies.scene_of`` for the expected numbers.
 
     Examples

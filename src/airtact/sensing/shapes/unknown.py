@@ -72,7 +72,7 @@ class UnknownShape:
             if one.boundary != "sound_hard":
                 raise InvalidInput(
                     f"obstacle {index} is {one.kind}, but the shape of sound-hard bodies alone is found from echoes.",
-                    code="solver_unsuitable",
+                    code="not_supported",
                 )
 
     @classmethod

@@ -37,6 +37,6 @@ def example(name: str, endings: tuple[str, ...] = ENDINGS) -> Path:
         meant = f"; did you mean {close[0]}?" if close else "."
         raise InvalidInput(
             f"{name!r} is not 1 of the {len(files)} examples: {names}{meant}",
-            code="unknown_example",
+            code="unknown_name",
         )
     return found

@@ -44,7 +44,7 @@ def _parts(function: Any, modules: set[str]) -> list[Any]:
             raise InvalidInput(
                 f"{function.__qualname__} holds {len(function.__closure__)} values of what surrounds it, which do not "
                 "show in its name: make it a function of a module, and give them by functools.partial.",
-                code="not_comparable",
+                code="does_not_match",
             )
         modules.add(function.__module__)
         defaults = list(function.__defaults__ or ()), dict(function.__kwdefaults__ or {})
@@ -53,7 +53,7 @@ def _parts(function: Any, modules: set[str]) -> list[Any]:
         raise InvalidInput(
             f"a {type(function).__name__} cannot be compared with another one, so that its results cannot be kept: "
             "give a function of a module, or an object of a dataclass.",
-            code="not_comparable",
+            code="does_not_match",
         )
     modules.add(type(function).__module__)
     return [function]

@@ -50,7 +50,7 @@ def attempt(function: Function, point: Row) -> Row:
         if twice:
             raise InvalidInput(
                 f"{len(twice)} columns of the result are taken: {', '.join(twice)}.",
-                code="name_twice",
+                code="given_twice",
             )
     except (InvalidInput, NotConverged) as fault:
         return {ERROR: fault.code, SENTENCE: str(fault)}

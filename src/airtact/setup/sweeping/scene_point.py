@@ -187,7 +187,7 @@ def _hand_key(scene: Path) -> tuple[str, Path]:
         if len(hands) != 1:
             raise InvalidInput(
                 f'{len(hands)} obstacles are a hand = "POSE.json", but a recording moves just 1.',
-                code="unknown_path",
+                code="unknown_key",
             )
     return f"obstacles[{hands[0]}]", scene.parent / data["obstacles"][hands[0]]["hand"]
 
@@ -209,7 +209,7 @@ def _hand_of_frame(
     ]
     if not found:
         raise InvalidInput(
-            f"there is no frame {point[FRAME]} of the {point[SIDE]} hand.", code="unknown_frame"
+            f"there is no frame {point[FRAME]} of the {point[SIDE]} hand.", code="unknown_name"
         )
     frame = found[0].moved(_tracker(scene))
     hand = frame.hand(load_hand(pose).radii)

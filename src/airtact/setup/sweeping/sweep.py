@@ -132,7 +132,7 @@ def _checked(points: Sequence[Mapping[str, Value]]) -> list[Row]:
     if taken:
         raise InvalidInput(
             f"the points have {len(taken)} names that columns of the rows have: {', '.join(taken)}; rename them.",
-            code="name_twice",
+            code="given_twice",
         )
     if not 1 <= len(rows) <= MOST:
         raise InvalidInput(
@@ -161,7 +161,7 @@ def _computed(
             raise InvalidInput(
                 f"a process ended by itself with {len(futures)} of {len(waiting)} points left, as where memory runs "
                 'out, or where a script calls sweep outside of if __name__ == "__main__": what is in the store stays.',
-                code="process_ended",
+                code="link_closed",
             ) from None
         finally:
             for future in futures:
@@ -175,5 +175,5 @@ def _check_passable(function: Function) -> None:
         raise InvalidInput(
             f"the function cannot be passed to a process ({fault}): define it in a module, or give an executor of "
             "1 or more threads.",
-            code="not_passable",
+            code="wrong_kind",
         ) from None

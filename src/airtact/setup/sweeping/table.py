@@ -28,7 +28,7 @@ def write_csv(file: Path, rows: Sequence[Row], varied: Sequence[str]) -> None:
 
 
 def write_parquet(file: Path, rows: Sequence[Row]) -> None:
-    """Write rows as Parquet; raises "extra_not_installed" without PyArrow."""
+    """Write rows as Parquet; raises "extra_missing" without PyArrow."""
     pyarrow, stream = _pyarrow(), io.BytesIO()
     pyarrow.parquet.write_table(
         pyarrow.table({name: [row.get(name) for row in rows] for name in columns_of(rows)}), stream
@@ -37,7 +37,7 @@ def write_parquet(file: Path, rows: Sequence[Row]) -> None:
 
 
 def check_parquet() -> None:
-    """Raise "extra_not_installed" without PyArrow."""
+    """Raise "extra_missing" without PyArrow."""
     _pyarrow()
 
 

@@ -237,18 +237,18 @@ def _output(
         if given is not None:
             raise InvalidInput(
                 f"--{given} {where[given]} goes with boards, and 0 are given: give --board and --link.",
-                code="setting_missing",
+                code="key_missing",
             )
         return Nowhere()
     if link is None or board is None:
         raise InvalidInput(
-            "1 of --board and --link is missing: give both, or none.", code="setting_missing"
+            "1 of --board and --link is missing: give both, or none.", code="key_missing"
         )
     if setup.board != board:
         raise InvalidInput(
             f"the array of {setup.path.name} is made of {setup.board or '0 boards'}, not of {board}: give --board "
             f"{setup.board}.",
-            code="wrong_board",
+            code="does_not_match",
         )
     out = str(folder / "frames.npz") if link == "file" else None
     folder.mkdir(parents=True, exist_ok=True)

@@ -94,7 +94,7 @@ def sense(
     """
     if (echoes_file is None) == (simulation is None):
         raise InvalidInput(
-            "give 1 of 2: a file of echoes (--echoes FILE), or --simulate.", code="echoes_missing"
+            "give 1 of 2: a file of echoes (--echoes FILE), or --simulate.", code="data_missing"
         )
     clock = Clock(report_step)
     with clock.step("scene", f"reading {scene_file.name}"):

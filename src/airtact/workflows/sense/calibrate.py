@@ -47,11 +47,11 @@ def calibrate_array(
     InvalidInput
         A file is at fault, not exactly one kind of transmissions is given, or as ``calibrate``.
     NotConverged
-        "not_calibrated": no positions of the boards explain the transmissions.
+        "pose_not_found": no positions of the boards explain the transmissions.
     """
     if (echoes_file is None) == (noise is None):
         raise InvalidInput(
-            "give 1 of 2: a file of transmissions, or --simulate.", code="echoes_missing"
+            "give 1 of 2: a file of transmissions, or --simulate.", code="data_missing"
         )
     clock = Clock(report_step)
     with clock.step("scene", f"reading {scene_file.name}"):
@@ -74,7 +74,7 @@ def calibrate_array(
             f"no positions of the boards near those of {scene_file.name} explain the transmissions: the best leave "
             f"{found.misfit:.2g} of them unexplained beyond noise. Something stands between the boards, direct sound "
             "was subtracted, the codes or the order of the elements differ, or the boards are more than 2 mm off.",
-            code="not_calibrated",
+            code="pose_not_found",
         )
     found.save(out)
     return found, None if true is None else _errors(found, *true)

@@ -36,16 +36,16 @@ def grid_of(varied: Sequence[str]) -> list[Row]:
             raise InvalidInput(
                 f'--vary "{words}" is not PATH=LOW:HIGH:COUNT with two numbers and a count from 1 to {MOST:,}, such as '
                 '"foci[0].offset=0.0005:0.003:6".',
-                code="wrong_value",
+                code="out_of_range",
             )
         if found is not None and len(values) == 1 and float(found["high"]) != values[0]:
             raise InvalidInput(
                 f'--vary "{words}" has 1 point but two ends, {found["low"]} and {found["high"]}: give a count of 2 or '
                 "more, or one value as both ends.",
-                code="wrong_value",
+                code="out_of_range",
             )
         if path in axes:
-            raise InvalidInput(f"{path} is varied 2 times; give it once.", code="name_twice")
+            raise InvalidInput(f"{path} is varied 2 times; give it once.", code="given_twice")
         axes[path] = values
     if prod(map(len, axes.values())) > MOST:
         total = prod(map(len, axes.values()))

@@ -25,12 +25,12 @@ FILES = ("sweep.csv", "sweep.html", "sweep.parquet")
 """What a sweep writes; the last only where it is asked for."""
 
 OF_A_PATH = (
-    "unknown_path",
     "unknown_key",
-    "wrong_value",
+    "unknown_key",
+    "out_of_range",
     "key_misplaced",
-    "key_renamed",
-    "name_twice",
+    "unknown_key",
+    "given_twice",
 )
 """Faults of what is varied, which no other point mends."""
 
@@ -76,7 +76,7 @@ def sweep(
     for own in {FRAME, SIDE, TIME} & grid[0].keys() if recording else ():
         raise InvalidInput(
             f"{own} is given by the recording, and varied 1 time more; leave it out.",
-            code="name_twice",
+            code="given_twice",
         )
     points = [] if recording is None else frames_of(recording)
     points = [frame | point for frame in points for point in grid] if recording else grid
@@ -150,7 +150,7 @@ def executor_of(dask: str | None, count: int) -> Iterator[Executor]:
         raise InvalidInput(
             f"no Dask scheduler answers at {dask} within 10 s ({fault}): give the address that it prints, such as "
             "tcp://10.0.0.1:8786.",
-            code="cluster_missing",
+            code="child_failed",
         ) from None
     with client:
         yield client.get_executor()

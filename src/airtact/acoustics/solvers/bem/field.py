@@ -80,7 +80,7 @@ class BoundaryField(RadiatedField):
             raise InvalidInput(
                 "the pressure on and near the surface was not solved for (estimate = False): 1 of 2 equations is "
                 "enough for a transfer matrix only; solve with estimate = True.",
-                code="surface_not_solved",
+                code="not_supported",
             )
         return DirectSolution(self._emitting, self.surface, self.pressure)
 

@@ -317,7 +317,7 @@ class BoundaryElement(Solver):
     def direct_solution(self, scene: Scene, sources: Monopoles) -> DirectSolution:
         """Solve for the pressure on the surfaces alone, in half the time of ``radiate`` with its estimate.
 
-        Raises as ``radiate``, and "planes_not_taken" for a scene with planes or boards that
+        Raises as ``radiate``, and "not_supported" for a scene with planes or boards that
         reflect.
         """
         check_sources(scene, sources)
@@ -591,15 +591,13 @@ def _in_block_order(
 
 def _check_bodies(scene: Scene) -> None:
     if not scene.obstacles:
-        raise InvalidInput(
-            "the scene has 0 obstacles; use FreeField for open air.", code="no_bodies"
-        )
+        raise InvalidInput("the scene has 0 obstacles; use FreeField for open air.", code="empty")
     for index, obstacle in enumerate(scene.obstacles):
         if obstacle.boundary == "filled":
             raise InvalidInput(
                 f"obstacle {index} is filled, but BoundaryElement solves sound-hard and impedance bodies only; use "
                 "FiniteElement, or SphereSeries for a single sphere.",
-                code="solver_unsuitable",
+                code="not_supported",
             )
 
 

@@ -153,7 +153,7 @@ class Pardiso(Factor):
             raise NotConverged(
                 f"Pardiso leaves a residual of {worst:.2g} of the right-hand side after {REFINEMENTS} refinements, "
                 f"more than {self._residual:.2g}: the matrix is nearly singular; take factorisation 'sparsecholesky'.",
-                code="refinement_stalled",
+                code="not_converged",
             )
         return solution
 
@@ -259,7 +259,7 @@ def chosen_method(asked: str) -> str:
         raise InvalidInput(
             "the factorisation 'pardiso' was asked for, but the package mkl is not installed (0 files found); "
             "pip install 'airtact[mkl]', or take 'sparsecholesky'.",
-            code="extra_not_installed",
+            code="extra_missing",
         )
     return asked
 

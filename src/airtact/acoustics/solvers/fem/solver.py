@@ -119,24 +119,24 @@ class FiniteElement(Solver):
         ):
             raise InvalidInput(
                 f"symmetry is {self.symmetry!r}, but it must be 'found' or axes such as ('x', 'y').",
-                code="unknown_setting",
+                code="unknown_key",
             )
         if self.domain not in ("tight", "box"):
             raise InvalidInput(
                 f"domain is {self.domain!r}, but it must be 'tight' or 'box'.",
-                code="unknown_setting",
+                code="unknown_key",
             )
         low, high = (np.array(corner, dtype=np.float64) for corner in self.box)
         if not (np.isfinite(low).all() and np.isfinite(high).all() and (high > low).all()):
             raise InvalidInput(
                 f"the workspace goes from {in_mm(low)} to {in_mm(high)}, but its second corner must lie above the "
                 "first along x, y and z.",
-                code="box_inverted",
+                code="mesh_faulty",
             )
         if self.factorisation not in ("found", "sparsecholesky", "pardiso"):
             raise InvalidInput(
                 f"factorisation is {self.factorisation!r}, but it must be 'found', 'sparsecholesky' or 'pardiso'.",
-                code="unknown_setting",
+                code="unknown_key",
             )
 
     @classmethod
@@ -185,7 +185,7 @@ class FiniteElement(Solver):
         check_no_planes(scene, "FiniteElement")
         if not scene.obstacles:
             raise InvalidInput(
-                "the scene has 0 obstacles; use FreeField for open air.", code="no_bodies"
+                "the scene has 0 obstacles; use FreeField for open air.", code="empty"
             )
         fine = (
             np.empty((0, 3)) if refined is None else points_of(refined, "points to refine", least=0)
@@ -249,7 +249,7 @@ class FiniteElement(Solver):
                     f"the workspace is not symmetric about the plane {AXES[mirror.axis]} = "
                     f"{1e3 * mirror.position:.4g} mm as the bodies are; shift the box, or leave that axis out of "
                     "symmetry.",
-                    code="not_symmetric",
+                    code="hand_implausible",
                 )
             low[mirror.axis] = mirror.position
         return Box(low, high, THICKNESS * scene.wavelength, mirrors)
@@ -287,7 +287,7 @@ class FactorisedScene(Solver):
             raise InvalidInput(
                 f"this was factorised for another scene of {counted(len(self.scene.obstacles), 'body', 'bodies')} than "
                 f"the given one of {counted(len(scene.obstacles), 'body', 'bodies')}; factorise that one too.",
-                code="not_factorised",
+                code="not_supported",
             )
         check_sources(scene, sources)
         first, workspace = self.systems[0], self.settings.domain == "box"
@@ -337,7 +337,7 @@ def _check_beyond(
                 f"from {in_mm(low)} to {in_mm(high)}, which must hold all bodies with "
                 f"{1e3 * ROOM * scene.wavelength:.2g} mm to spare; take a larger box.",
                 points[worst],
-                code="outside_box",
+                code="misplaced",
             )
 
 
@@ -353,5 +353,5 @@ def _check_in_layer(box: Box, sources: Monopoles) -> None:
             f"source {worst} at {in_mm(sources.positions[worst])} stands {1e3 * beyond[worst]:.3g} mm outside the "
             "workspace, in the perfectly matched layer that absorbs sound; take a larger box, or domain 'tight'.",
             sources.positions[worst],
-            code="outside_box",
+            code="misplaced",
         )

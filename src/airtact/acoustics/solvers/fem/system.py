@@ -162,14 +162,14 @@ class System:
         return found
 
     def holding(self, points: Points) -> tuple[Indices, Barycentric]:
-        """Tetrahedron of each folded point [λ] and its coordinates there; raises "outside_mesh" where there is none."""
+        """Tetrahedron of each folded point [λ] and its coordinates there; raises "misplaced" where there is none."""
         number, weights = self.tetrahedra.holding(points)
         if (number < 0).any():
             lost = points[int(np.argmax(number < 0))] * self.scene.wavelength
             raise InvalidInput(
                 f"{int((number < 0).sum())} of {len(points)} points lie in no tetrahedron, the first at {in_mm(lost)}; "
                 "ask for more elements_per_wavelength, which follow the surface more closely.",
-                code="outside_mesh",
+                code="misplaced",
             )
         return number, weights
 

@@ -80,7 +80,7 @@ def scattered_gradient(
         f"the gradient of the series of a sphere of radius {1e3 * modes.radius:g} mm did not converge in {_MOST_TERMS} "
         f"terms at a point {1e3 * (float(radii.min()) - modes.radius):.2g} mm and a source "
         f"{1e3 * (float(source_radii.min()) - modes.radius):.2g} mm off the surface; move one of them away from it.",
-        code="series_stalled",
+        code="not_converged",
     )
 
 

@@ -149,7 +149,7 @@ class SphereModes:
                 f"the series of a sphere of radius {1e3 * self.radius:g} mm did not reach {ACCURACY:g} within "
                 f"{_MOST_TERMS} terms at a point {1e3 / float(np.max(scale)):.3g} mm from a source; keep points "
                 "further from sources that touch the surface.",
-                code="series_stalled",
+                code="not_converged",
             )
         return total
 

@@ -233,7 +233,7 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
     if not field.scene.obstacles:
         raise InvalidInput(
             "the scene of the field has 0 obstacles, so nothing is scattered; evaluate it as it is.",
-            code="no_bodies",
+            code="empty",
         )
     alone = _alone(field)
     clock = Clock(progress)
@@ -272,7 +272,7 @@ def _alone(field: RadiatedField) -> RadiatedField:
         raise InvalidInput(
             f"a field by {field.report.solver} before 1 plane is not known without the images of its bodies; solve "
             "with BoundaryElement.",
-            code="planes_not_taken",
+            code="not_supported",
         )
     return alone
 
@@ -310,7 +310,7 @@ def interpolation_spheres(
 ) -> InterpolationSpheres:
     """Expand the field that leaves a sphere around all bodies, and tabulate it on spheres from there to infinity.
 
-    Raises "field_unknown" where the field is not known on all of the sphere.
+    Raises "data_missing" where the field is not known on all of the sphere.
     """
     strengths = _coefficients(field, centre, radius, order)
     shrinkings = 0.5 - 0.5 * np.cos(np.pi * (np.arange(count) + 0.5) / count)
@@ -334,7 +334,7 @@ def _coefficients(
         raise InvalidInput(
             f"the field is not known at {unknown} of {len(flat)} points {1e3 * radius:.3g} mm from the middle of the "
             "bodies; give one that is known all around them.",
-            code="field_unknown",
+            code="data_missing",
         )
     series = (
         2

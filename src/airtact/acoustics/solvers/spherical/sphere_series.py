@@ -246,7 +246,7 @@ def _only_sphere(scene: Scene) -> tuple[Obstacle, Capsule]:
     if len(scene.obstacles) != 1:
         raise InvalidInput(
             f"SphereSeries solves for exactly one sphere, and the scene has {len(scene.obstacles)} obstacles.",
-            code="solver_unsuitable",
+            code="not_supported",
         )
     obstacle = scene.obstacles[0]
     shape = obstacle.surface.primitive
@@ -254,13 +254,13 @@ def _only_sphere(scene: Scene) -> tuple[Obstacle, Capsule]:
         raise InvalidInput(
             f"SphereSeries solves for exact spheres only, and the obstacle is a mesh of "
             f"{len(obstacle.surface.triangles)} triangles; make it with sphere(radius, edge, centre).",
-            code="solver_unsuitable",
+            code="not_supported",
         )
     if shape.length != 0.0:
         raise InvalidInput(
             f"SphereSeries solves for spheres only, and the obstacle is a capsule {1e3 * shape.length:g} mm long; "
             "take BoundaryElement instead.",
-            code="solver_unsuitable",
+            code="not_supported",
         )
     return obstacle, shape
 

@@ -96,7 +96,7 @@ def _check_wide(holes: list[Hole], largest: float) -> None:
             f"the surface is open: {are} wider than {largest * 1e3:g} mm, the largest {widest.width * 1e3:.3g} mm "
             f"across near {in_mm(widest.middle)}; close it in the file, or let wider ones be filled with largest_hole.",
             widest.middle,
-            code="hole_too_wide",
+            code="mesh_faulty",
         )
     long = [hole for hole in holes if len(hole.rim) > MOST_EDGES]
     _check_none(long, f"of more than {MOST_EDGES} edges cannot be filled")
@@ -116,7 +116,7 @@ def _check_none(holes: list[Hole], fault: str) -> None:
             f"the surface is open: {counted(len(holes), 'hole', 'holes')} {fault}, the largest "
             f"{widest.width * 1e3:.3g} mm across near {in_mm(widest.middle)}; close it in the file.",
             widest.middle,
-            code="hole_not_fillable",
+            code="mesh_faulty",
         )
 
 
@@ -165,7 +165,7 @@ def _check_facing(holes: list[Hole], ahead: Float64[np.ndarray, "holes 3"]) -> N
             f"other, the first {gap[first] * 1e3:.2g} mm apart near {in_mm(between)}, so "
             "the bridge between them may be missing; close them in the file.",
             between,
-            code="bridge_missing",
+            code="mesh_faulty",
         )
 
 

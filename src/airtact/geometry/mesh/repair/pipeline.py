@@ -85,7 +85,7 @@ def repaired(
     vertices, triangles = real_numbers(vertices, "surface vertices"), triangles.astype(np.int64)
     check_indices(len(vertices), triangles)
     if len(triangles) == 0:
-        raise InvalidInput("the surface holds 0 triangles; give a closed one.", code="no_triangles")
+        raise InvalidInput("the surface holds 0 triangles; give a closed one.", code="empty")
     notes: list[str] = []
     vertices, triangles = _with_named_vertices(vertices, triangles, notes)
     check_size(float(np.ptp(vertices, axis=0).max()))
@@ -209,7 +209,7 @@ def _with_three_corners(vertices: Vertices, triangles: Triangles, notes: list[st
     if len(triangles) == 0:
         raise InvalidInput(
             "0 triangles of the surface have an area; check its unit and its scale.",
-            code="no_triangles",
+            code="empty",
         )
     return triangles
 

@@ -41,7 +41,7 @@ def wound_alike(vertices: Vertices, triangles: Triangles, notes: list[str]) -> T
             f"{counted(len(one_sided), 'triangle belongs', 'triangles belong')} to a one-sided piece, as a Moebius "
             f"strip is, the first near {in_mm(where)}: it has no inside; remove it.",
             where,
-            code="mesh_one_sided",
+            code="mesh_faulty",
         )
     as_given = np.bincount(plain, minlength=2 * count)
     flip = (as_given[plain] < as_given[turned]) | (
@@ -76,7 +76,7 @@ def _neighbours(
             f"{edges} more than two triangles, the first {int(sizes[(order[starts] == first).argmax()])} of them near "
             f"{in_mm(where)}: bodies meet there or a fin stands out; part them or remove it.",
             where,
-            code="edge_shared_by_many",
+            code="mesh_faulty",
         )
     twice = starts[sizes == 2]
     one, two = order[twice], order[twice + 1]
@@ -97,7 +97,7 @@ def turned_outward(
             f"{counted(len(flat), 'closed piece encloses', 'closed pieces enclose')} 0 cm³, the first near "
             f"{in_mm(where)}; remove it or give it a thickness.",
             where,
-            code="mesh_without_volume",
+            code="mesh_faulty",
         )
     inward = np.flatnonzero(volumes < 0.0)
     if len(inward) == 0:
@@ -128,5 +128,5 @@ def check_no_bow_ties(vertices: Vertices, triangles: Triangles, twins: Twins) ->
             f"{hang} parts of the surface that touch nowhere else, the first near {in_mm(vertices[tied[0]])}: a body "
             "cannot hang by a point; move the parts apart or join them.",
             vertices[tied[0]],
-            code="parts_share_vertex",
+            code="mesh_faulty",
         )

@@ -127,7 +127,7 @@ def test_the_field_is_unknown_near_the_surface_and_inside(factorised):
     points = np.array([[-9e-3, 0, 0], [-9e-3, 0, 6e-3], [-9e-3, 0, 12e-3]])
     assert field.valid(points).tolist() == [False, False, True]
     assert np.isnan(field.at(points)[:, 0]).tolist() == [True, True, False]
-    with raises_code("surface_not_solved", "2 factorised bodies"):
+    with raises_code("not_supported", "2 factorised bodies"):
         _ = field.on_surface
 
 
@@ -154,7 +154,7 @@ def test_other_bodies_are_rejected(factorised):
         (at.Scene(AIR, scene.obstacles, frequency=41e3), "factorised for 40000 Hz"),
         (at.Scene(AIR, [scene.obstacles[0], at.impedance(BALLS[1], 3.0)]), "it is impedance"),
     ):
-        with raises_code("not_factorised", sentence):
+        with raises_code("not_supported", sentence):
             factorised.radiate(other, beacons())
 
 
@@ -163,7 +163,7 @@ def test_a_deformed_body_is_rejected_with_the_deviation_of_its_vertices():
         at.Surface(BALLS[1].vertices * [1, 1, z], BALLS[1].triangles) for z in (1, 1.05)
     )
     factorised = at.BoundaryElement(accuracy=0.05).factorised(scene_of(ball))
-    with raises_code("not_factorised", "body 0", "up to 0.1"):
+    with raises_code("not_supported", "body 0", "up to 0.1"):
         factorised.radiate(scene_of(stretched), beacons())
 
 
@@ -222,7 +222,7 @@ def test_a_focus_beside_coarse_panels_gives_a_warning():
     ids=["a mesh for a closed form", "flat triangles"],
 )
 def test_the_same_triangles_curved_otherwise_are_another_body(factorised, other):
-    with raises_code("not_factorised", "body 1", "curved otherwise"):
+    with raises_code("not_supported", "body 1", "curved otherwise"):
         factorised.radiate(scene_of(BALLS[0], other), beacons())
 
 
@@ -233,13 +233,13 @@ def test_other_middles_of_edges_are_another_body():
         BALLS[1].vertices, BALLS[1].triangles, 0.5 * (corners + np.roll(corners, -1, axis=1))
     )
     factorised = at.BoundaryElement(accuracy=0.05).factorised(scene_of(mesh))
-    with raises_code("not_factorised", "up to 0."):
+    with raises_code("not_supported", "up to 0."):
         factorised.radiate(scene_of(flat), beacons())
 
 
 def test_refined_points_beside_no_body_are_rejected():
     solver, scene = at.BoundaryElement(accuracy=0.05), scene_of(*BALLS)
-    with raises_code("too_far", "point 0", "5 m"):
+    with raises_code("out_of_range", "point 0", "5 m"):
         solver.factorised(scene, np.array([[5.012, 0, 0]]))
     with raises_code("inside_body", "4 mm"):
         solver.factorised(scene, np.array([[-9e-3, 0, 0]]))
@@ -255,14 +255,14 @@ def test_a_mirrored_body_is_no_rigid_motion(factorised):
     body = at.Surface(lump, ball.triangles)
     mirrored = at.Surface(lump * [1, 1, -1], ball.triangles[:, ::-1].copy())
     solver = at.BoundaryElement(accuracy=0.05).factorised(scene_of(body))
-    with raises_code("not_factorised", "body 0"):
+    with raises_code("not_supported", "body 0"):
         solver.radiate(scene_of(mirrored), beacons())
 
 
 def test_a_focus_inside_and_an_empty_scene_are_rejected(factorised):
-    with raises_code("focus_inside_body", "4 mm"):
+    with raises_code("inside_body", "4 mm"):
         factorised.radiate(scene_of(*BALLS), beacons(np.array([[-9e-3, 0, 0]])))
-    with raises_code("no_bodies"):
+    with raises_code("empty"):
         at.BoundaryElement().factorised(scene_of())
     with raises_code("not_finite"):
         at.BoundaryElement().factorised(scene_of(*BALLS), np.full((1, 3), np.nan))

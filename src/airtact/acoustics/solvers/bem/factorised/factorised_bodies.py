@@ -151,13 +151,13 @@ class FactorisedBodies(Solver):
             raise InvalidInput(
                 f"the bodies were factorised for {self.scene.frequency:g} Hz in {self.scene.medium}, but the scene has "
                 f"{scene.frequency:g} Hz in {scene.medium}; factorise them for it.",
-                code="not_factorised",
+                code="not_supported",
             )
         if len(scene.obstacles) != len(self.bodies):
             raise InvalidInput(
                 f"{counted(len(self.bodies), 'body was', 'bodies were')} factorised, but the scene has "
                 f"{len(scene.obstacles)}; factorise those.",
-                code="not_factorised",
+                code="not_supported",
             )
 
     def _where(
@@ -171,7 +171,7 @@ class FactorisedBodies(Solver):
             raise InvalidInput(
                 f"body {index} is not the one that was factorised, moved rigidly: {why}; factorise the scene again, or "
                 "solve it with BoundaryElement.",
-                code="not_factorised",
+                code="not_supported",
             )
         return PlacedBody(body, pose)
 

@@ -167,7 +167,7 @@ class FactorisedField(RadiatedField):
         raise InvalidInput(
             f"the pressure on the surface of {len(self.placed)} factorised bodies is not solved for; solve the scene "
             "with BoundaryElement.",
-            code="surface_not_solved",
+            code="not_supported",
         )
 
     def valid(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:

@@ -57,7 +57,7 @@ def meshed(
             f"body {_nearest(scene, position)} bends too much for tetrahedra of {1e3 * shrunk * size * length:.3g} mm "
             f"at {in_mm(position)}: one is folded; ask for more elements_per_wavelength, or smooth the body there.",
             position,
-            code="not_meshable",
+            code="mesh_faulty",
         )
     assert fault is not None
     raise fault
@@ -113,7 +113,7 @@ def _crossing(surface: SurfaceMesh, edge: float) -> InvalidInput:
             f"Netgen cannot fill the box round the bodies with tetrahedra, their surfaces having "
             f"{len(surface.triangles)} triangles of {1e3 * edge:.3g} mm; give smoother or thicker bodies, or take "
             "BoundaryElement.",
-            code="not_meshable",
+            code="mesh_faulty",
         )
     one, other = surface.body[pairs[0]]
     position = surface.vertices[surface.triangles[pairs[0]]].mean(axis=(0, 1))
@@ -122,7 +122,7 @@ def _crossing(surface: SurfaceMesh, edge: float) -> InvalidInput:
         f"{whom} at {in_mm(position)} when meshed with triangles of {1e3 * edge:.3g} mm ({len(pairs)} pairs of them): "
         "too thin or too near for these; ask for more elements_per_wavelength, thicken the body or move it away.",
         position,
-        code="surfaces_cross",
+        code="bodies_overlap",
     )
 
 

@@ -35,7 +35,7 @@ def mirrors_of(scene: Scene, asked: Sequence[str] | None) -> tuple[Mirror, ...]:
     """Planes across x, y and z, through the middle of the bodies, that the scene is symmetric about.
 
     ``asked`` are the axes of the planes to take, None for all that there are; raises
-    "not_symmetric" where the scene is not symmetric about a plane that was asked for.
+    "hand_implausible" where the scene is not symmetric about a plane that was asked for.
     """
     corners = np.concatenate(
         [obstacle.surface.shape.extreme_points() for obstacle in scene.obstacles]
@@ -55,7 +55,7 @@ def mirrors_of(scene: Scene, asked: Sequence[str] | None) -> tuple[Mirror, ...]:
                 f"symmetry about the plane {AXES[axis]} = {1e3 * mirror.position:.4g} mm was asked for, but "
                 f"{apart if np.isfinite(off) else 'bodies of 2 kinds face each other'}, more than "
                 f"{1e3 * TOLERANCE * scene.wavelength:.2g} mm; leave {AXES[axis]!r} out of symmetry.",
-                code="not_symmetric",
+                code="hand_implausible",
             )
     return tuple(found)
 
