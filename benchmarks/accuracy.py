@@ -12,7 +12,8 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 import airtact as at
-from airtact.benching import fundamental_solutions, scenes
+from airtact.benching import scenes
+from airtact.evaluation import fundamental_solutions
 from references import two_spheres
 
 PAPER_AIR, FREQUENCY = scenes.AIR, scenes.FREQUENCY

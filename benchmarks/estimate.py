@@ -17,7 +17,7 @@ from functools import partial
 import numpy as np
 
 import airtact as at
-from airtact.benching import fundamental_solutions
+from airtact.evaluation import fundamental_solutions
 from airtact.geometry.primitives import Capsule
 from references import axisymmetric
 from references.axisymmetric import Meridian

@@ -1,7 +1,7 @@
 """The pose of two fingers from echoes: how exact, how near to the Cramér-Rao bound, from how far off, how quick.
 
 Run ``PYTHONPATH=. python benchmarks/sensing.py [TRIALS] [ROW ...]``; rows are matrix, noise,
-coarse, few, capture, wrong, between, gap, shape, hand, times and calibrate. Echoes are simulated by
+coarse, few, capture, wrong, between, gap, hand, times and calibrate. Echoes are simulated by
 direct solves of every code at an accuracy of 0.3 % (2 % in the row hand), with smaller panels than
 those of the model (0.5 %; 2 % in the row coarse). The array is the box of 996 monopoles, in the row
 hand four boards; each trial has its own noise and start. What is solved is kept in ``out/sensing``.
@@ -13,11 +13,9 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from scipy.optimize import brentq, least_squares
 from scipy.spatial.transform import Rotation
 
 import airtact as at
-from airtact.hands.pinch_dummy import LENGTH, RADIUS, SPREAD
 from airtact.live.drives.factors import part_of, rigid_part
 from airtact.live.drives.riding import ride
 from airtact.sensing import (
@@ -25,9 +23,7 @@ from airtact.sensing import (
     Located,
     ScatteringFamily,
     ScatteringMatrix,
-    UnknownShape,
     hadamard_codes,
-    locate_shape,
     random_codes,
     scattering_family,
     simulate_transmissions,
@@ -44,8 +40,6 @@ BOX = at.surrounding_box(at.monopole())
 TRUE = at.Pose.turn((1, 2, 3), 0.2, (2e-3, -1e-3, 4e-3))
 STORE = "out/sensing"
 TRUTH = at.Stored(at.BoundaryElement(accuracy=0.003, estimate=False), STORE)
-Capsule = tuple[np.ndarray, np.ndarray, float]
-"""Both ends of an axis and the radius [m]."""
 
 
 @cache
@@ -233,128 +227,6 @@ def gap(count: int) -> None:
         )
 
 
-def other_fingers(seed: int) -> list[Capsule]:
-    """Fingers of a pinch whose radii and ends are off at random, by 1.5 mm rms after the best rigid motion."""
-    random = np.random.default_rng([5, seed])
-    off = random.normal(size=(2, 7)) * np.repeat([2.5, 1.0, 0.7], [3, 3, 1])
-
-    def scaled(size: float) -> list[Capsule]:
-        return [
-            (root + size * by[:3], tip + size * by[3:6], radius + size * by[6])
-            for (root, tip, radius), by in zip(capsules_of_pinch(), off, strict=True)
-        ]
-
-    def left(size: float) -> float:
-        return fitted(scaled(size))[0] - 1.5e-3
-
-    fingers = scaled(float(brentq(left, 2e-4, 6e-3, xtol=1e-6)))  # pyright: ignore[reportArgumentType]
-    motion = fitted(fingers)[1]
-    return [(motion.apply(root), motion.apply(tip), radius) for root, tip, radius in fingers]
-
-
-def capsules_of_pinch(gap: float = 0.012) -> list[Capsule]:
-    side = np.array([-1.0, 1.0])
-    tips = np.outer(side, [gap / 2 + RADIUS, 0, 0])
-    roots = tips + LENGTH * np.stack(
-        [side * np.sin(SPREAD), np.zeros(2), np.full(2, -np.cos(SPREAD))], axis=1
-    )
-    return [(root, tip, RADIUS) for root, tip in zip(roots, tips, strict=True)]
-
-
-def fitted(fingers: list[Capsule]) -> tuple[float, at.Pose]:
-    """Move fingers onto those of the pinch as well as a rigid motion can; return what is left, rms [m], and that."""
-    points = np.concatenate([at.capsule(*one, edge=2.5e-3).vertices for one in fingers])
-    middle = points.mean(axis=0)
-
-    def motion(by: np.ndarray) -> at.Pose:
-        turn = Rotation.from_rotvec(by[3:]).as_matrix()
-        return at.Pose(turn, middle - turn @ middle + 1e-3 * by[:3])
-
-    def off(by: np.ndarray) -> np.ndarray:
-        apart = []
-        for root, tip, radius in capsules_of_pinch():
-            away, axis = motion(by).apply(points) - root, tip - root
-            along = np.clip(away @ axis / (axis @ axis), 0, 1)
-            apart.append(np.linalg.norm(away - along[:, None] * axis, axis=1) - radius)
-        return (
-            1e3 * np.take_along_axis(np.array(apart), np.abs(apart).argmin(axis=0)[None], axis=0)[0]
-        )
-
-    found = least_squares(off, np.zeros(6))
-    return 1e-3 * float(np.sqrt(np.mean(found.fun**2))), motion(found.x)
-
-
-def before_tips(fingers: list[Capsule]) -> np.ndarray:
-    """Return the foci (2, 3) half a millimetre before fingers, on the line between the middles of their tips."""
-    (_, thumb, first), (_, finger, second) = fingers
-    along = (finger - thumb) / np.linalg.norm(finger - thumb)
-    return np.array([thumb + (first + 5e-4) * along, finger - (second + 5e-4) * along])
-
-
-def fingers_of(bodies: at.Scene) -> list[Capsule]:
-    """Both ends and the radius of each capsule."""
-    numbers = UnknownShape.of_capsules(bodies).expected.reshape(-1, 7)
-    return [(one[:3], one[3:6], float(one[6])) for one in numbers]
-
-
-def shape(count: int) -> None:
-    """Find other fingers by the model of the pinch and with their shape, and try drives for what was found on them."""
-
-    def beacons(bodies: at.Scene):
-        foci = before_tips(fingers_of(bodies))
-        return at.multipole_expansion(
-            at.BoundaryElement(accuracy=0.02).radiate(bodies, at.Target(foci).beacons())
-        )
-
-    def weakest(matrix: np.ndarray, drive: np.ndarray) -> float:
-        return float(np.abs(matrix @ drive).min() / np.linalg.norm(drive))
-
-    def drive(bodies: at.Scene, pose: at.Pose) -> np.ndarray:
-        transfer = at.transfer_matrix(beacons(bodies), BOX.seen_from(pose))
-        return at.weighted_gerchberg_saxton(
-            transfer, at.Target(before_tips(fingers_of(bodies)))
-        ).amplitudes
-
-    rows = []
-    for seed in range(count):
-        fingers = other_fingers(seed)
-        bodies = at.Scene(
-            AIR, [at.sound_hard(at.capsule(*one, edge=2.5e-3)) for one in fingers], frequency=40e3
-        )
-        pure = at.simulate_echoes(TRUTH, bodies, BOX.seen_from(TRUE), random_codes(996, 16, seed=1))
-        echoes, from_here = noisy(pure, 30.0, 996, seed), start(2e-3, 3.0, seed)
-        rigid = at.locate(echoes, scene(), BOX, from_here, scattering=model())
-        begun = time.process_time()
-        unknown = UnknownShape.of_capsules(scene(), ends=6e-3, radius=1.5e-3)
-        found = locate_shape(echoes, unknown, BOX, from_here)
-        seconds = time.process_time() - begun
-        matrix = at.transfer_matrix(beacons(bodies), BOX.seen_from(TRUE)).matrix
-        best = weakest(matrix, drive(bodies, TRUE))
-        made = (scene(), from_here), (scene(), rigid.pose), (found.scene, found.pose)
-        kept = [weakest(matrix, drive(*one)) / best for one in made]
-        vertices = np.concatenate([one.surface.vertices for one in bodies.obstacles])
-        off = found.scene.depth(found.pose.inverse().apply(TRUE.apply(vertices)))
-        surfaces = 1e3 * float(np.sqrt(np.mean(off**2))), 1e3 * found.surface_deviation
-        rows.append((*kept, rigid.misfit, found.misfit, *surfaces, seconds, found.converged))
-        print(
-            "  {:.2f} {:.2f} {:.2f} misfit {:.2f}, {:.3f} surfaces off {:.3f} mm, sure to {:.3f}, {:.0f} s, {}".format(
-                *rows[-1]
-            ),
-            flush=True,
-        )
-    before, after, shaped, _, misfit, off, sure, seconds = np.median(
-        np.array(rows, dtype=float)[:, :8], axis=0
-    )
-    worst = min(row[2] for row in rows if row[-1])
-    print(
-        f"fingers of another shape, 1.5 mm rms: pressure kept {before:.2f} from 2 mm, 3°, {after:.2f} after rigid "
-        f"registration, {shaped:.2f} with the shape found (worst of those believed {worst:.2f}) | "
-        f"misfit {misfit:.3f} | surfaces off {off:.3f} mm, sure to {sure:.3f} mm | "
-        f"{sum(row[-1] for row in rows)} of {count} believed | {seconds:.0f} s of processor each",
-        flush=True,
-    )
-
-
 def hand(count: int) -> None:
     """Locate the last phalanges of a hand over four boards by echoes of them alone, and of more and more of the hand.
 
@@ -514,7 +386,6 @@ ROWS = {
     "wrong": wrong,
     "between": between,
     "gap": gap,
-    "shape": shape,
     "hand": hand,
     "times": times,
     "calibrate": calibrate,

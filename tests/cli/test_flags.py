@@ -9,8 +9,8 @@ import pytest
 import trimesh
 
 import airtact as at
-from airtact.benching import self_check
 from airtact.cli import commands, main
+from airtact.evaluation import self_check
 from paths import ROOT, SCENES
 
 BALL = SCENES / "ball.toml"
@@ -113,8 +113,8 @@ def test_check_prints_what_is_in_a_scene_or_a_surface_as_json(capsys, here):
 
 
 def test_known_fields_are_solved_as_accurately_as_asked(capsys, monkeypatch):
-    found = record(capsys, "check", "--physics")
-    assert set(found) == COMMON | documented_keys("check --physics")
+    found = record(capsys, "selfcheck")
+    assert set(found) == COMMON | documented_keys("selfcheck")
     assert found["threads"] >= 1
     assert [one["name"].split(",")[0] for one in found["fields"]] == ["one sphere"] * 2 + [
         "two spheres"
@@ -125,7 +125,7 @@ def test_known_fields_are_solved_as_accurately_as_asked(capsys, monkeypatch):
 
 def test_known_fields_that_are_not_met_end_with_1(capsys, monkeypatch):
     monkeypatch.setattr(self_check, "SOLVER", at.BoundaryElement(accuracy=0.3))
-    code, printed, _ = output(capsys, "check", "--physics", "--json")
+    code, printed, _ = output(capsys, "selfcheck", "--json")
     found = json.loads(printed)
     over = [one["name"] for one in found["fields"] if one["error"] > 0.01]
     assert code == 1
@@ -146,7 +146,6 @@ def test_boards_are_listed_as_json(capsys):
         (("render",), "file_missing"),
         (("rendr",), "wrong_usage"),
         (("check", BALL, "--scale", "1"), "options_clash"),
-        (("check", BALL, "--physics"), "options_clash"),
         (("check",), "wrong_usage"),
     ],
 )

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-from airtact.pose import Pose
-from airtact.scene.medium import Medium
-from airtact.scene.scene import Scene, sound_hard
-from airtact.scene.sources import Monopoles
-from airtact.solvers.spherical.sphere_series import SphereSeries
-from airtact.surfaces.primitives import Capsule
 
-from airtact.benching import fundamental_solutions as capsules
+from airtact.acoustics.medium import Medium
+from airtact.acoustics.scene import Scene, sound_hard
+from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
+from airtact.acoustics.sources import Monopoles
+from airtact.evaluation import fundamental_solutions as capsules
+from airtact.geometry.pose import Pose
+from airtact.geometry.primitives import Capsule
 from references import two_spheres
 
 AIR = Medium(sound_speed=343.1, density=1.293)

@@ -2,15 +2,15 @@
 
 import numpy as np
 import pytest
-from airtact.pose import Pose
-from airtact.scene.medium import Medium
-from airtact.scene.scene import Scene, impedance, sound_hard
-from airtact.scene.sources import Monopoles
-from airtact.solvers.spherical.sphere_series import SphereSeries
-from airtact.surfaces.primitives import Capsule
 
-from airtact.benching import self_check
-from airtact.benching.fundamental_solutions import pressure_at as by_fundamental_solutions
+from airtact.acoustics.medium import Medium
+from airtact.acoustics.scene import Scene, impedance, sound_hard
+from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
+from airtact.acoustics.sources import Monopoles
+from airtact.evaluation import self_check
+from airtact.evaluation.fundamental_solutions import pressure_at as by_fundamental_solutions
+from airtact.geometry.pose import Pose
+from airtact.geometry.primitives import Capsule
 from references.two_spheres import fitted, pressure_at
 
 AIR = Medium(sound_speed=343.1, density=1.293)
@@ -119,13 +119,10 @@ def test_turning_everything_changes_nothing():
 
 
 def test_what_the_self_check_holds_two_spheres_against_is_what_the_multipoles_say():
-    middle = (sum(self_check.RADII) + self_check.GAP, 0.0, 0.0)
-    spheres = [ball((0.0, 0.0, 0.0), self_check.RADII[0]), ball(middle, self_check.RADII[1])]
-    between = np.array(
-        [[self_check.RADII[0] + self_check.GAP / 2, height, 0.0] for height in (0.0, 2e-3, 4e-3)]
-    )
+    spheres = self_check.spheres()
+    between = np.array([[9.5e-3, height, 0.0] for height in (0.0, 2e-3, 4e-3)])
     far = around(10, 0.1, seed=3)
-    known, own = by_fundamental_solutions(spheres, K, far, between, self_check.REFERENCE_ERROR)
+    known, own = by_fundamental_solutions(spheres, K, far, between, 1e-3)
     exact, _ = pressure_at(spheres, K, far, between)
-    assert own < self_check.REFERENCE_ERROR
+    assert own < 1e-3
     assert np.linalg.norm(known - exact) < own * np.linalg.norm(exact)

@@ -12,8 +12,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from airtact.surfaces.primitives import Capsule
 from scipy.special import sph_legendre_p_all, spherical_jn, spherical_yn
+
+from airtact.geometry.primitives import Capsule
 
 MOST_ORDERS = 110
 

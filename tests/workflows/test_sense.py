@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import trimesh
 
 import airtact as at
 from airtact.cli import main
@@ -73,49 +72,6 @@ def test_a_pose_is_found_from_simulated_echoes_and_from_their_file(tmp_path, cap
     assert status == 0
     assert again["error"] is None
     assert np.allclose(again["translation"], found["translation"], atol=1e-9)
-
-
-def test_the_shape_of_bodies_is_found_with_their_pose(tmp_path, capsys) -> None:
-    words = [
-        "--simulate",
-        "--shape",
-        "--offset",
-        "2e-4",
-        "--turn",
-        "0.5",
-        "--noise",
-        "30",
-        "--seed",
-        "1",
-    ]
-    status, found = run(tmp_path, capsys, *words)
-    assert status == 0
-    assert found["surface_off"] < 5e-5
-    assert found["error"] is None
-    assert found["misfit"] < 0.1
-    assert found["corrected"] > found["uncorrected"] > 0
-    radii = np.array(found["numbers"])[3::4]
-    assert not np.allclose(radii, [4e-3, 3e-3, 3.5e-3], atol=5e-5)
-    assert json.loads((tmp_path / "out/pose.json").read_text())["numbers"] == found["numbers"]
-    page = Path(found["files"]["report.html"]).read_text(encoding="utf-8")
-    assert "The shape" in page
-    assert "centre x" in page
-
-
-def test_the_shape_of_what_is_no_capsule_is_refused(tmp_path, capsys) -> None:
-    scene = tmp_path / "hand.toml"
-    scene.write_text(
-        SCENE.replace(
-            "sphere = { radius = 3e-3, centre = [5e-3, 2e-3, 3e-3] }", 'surface = "ball.stl"'
-        )
-    )
-    ball = at.sphere(3e-3, 1e-3, (5e-3, 2e-3, 3e-3))
-    trimesh.Trimesh(ball.vertices, ball.triangles).export(tmp_path / "ball.stl")
-    status = main(
-        ["sense", str(scene), "--json", "--out", str(tmp_path / "out"), "--simulate", "--shape"]
-    )
-    fault = json.loads(capsys.readouterr().out)
-    assert (status, fault["code"]) == (2, "wrong_kind")
 
 
 def test_echoes_that_do_not_fit_are_rejected(tmp_path, capsys) -> None:

@@ -15,12 +15,12 @@ import numpy as np
 from airtact import _kernels
 from airtact.acoustics.solvers.memory import processor_count
 from airtact.benching.contest import ACCURACIES, EDGES, Solved, ours, theirs
-from airtact.benching.fundamental_solutions import reference_pressure
 from airtact.benching.growth import BOARDS, by_elements, by_unknowns
 from airtact.benching.machine import kernels_against_product, memory_over_matrix
 from airtact.benching.performance_page import Bench, draw_contest, draw_growth, page_of
 from airtact.benching.phalanges import Phalanges
 from airtact.benching.real_time import OpenHand, RealTime, Row
+from airtact.benching.references import reference_pressure
 from airtact.benching.scenes import Bodies, two_fingers
 from airtact.errors import InvalidInput
 from airtact.files.atomic import whole_file, writable_folder

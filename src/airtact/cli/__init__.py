@@ -27,6 +27,7 @@ from airtact.cli import (
     mesh,
     render,
     reproduce,
+    selfcheck,
     sense,
     sweep,
 )
@@ -108,6 +109,6 @@ for _command in (
         reproduce.reproduce,
         sense.sense,
     ),
-    *(sweep.sweep, calibrate),
+    *(selfcheck.selfcheck, sweep.sweep, calibrate),
 ):
     commands.add_command(_command)

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
     from airtact.acoustics.planes import Plane
     from airtact.acoustics.scene import Scene
-    from airtact.benching.self_check import SelfCheck
     from airtact.live.session import Session
     from airtact.live.verification import VerifiedSession
     from airtact.setup.building import Setup
@@ -34,42 +33,19 @@ if TYPE_CHECKING:
     short_help="Report what is in a scene, a surface or a session, or what is wrong with it.",
     epilog="Example: airtact check pinch",
 )
-@click.argument("scene", metavar="[SCENE_OR_SURFACE_OR_SESSION]", type=INPUT, required=False)
-@click.option(
-    "--physics",
-    is_flag=True,
-    help="Solve known fields on this machine instead, and print how far off it is.",
-)
+@click.argument("scene", metavar="SCENE_OR_SURFACE_OR_SESSION", type=INPUT)
 @click.option("--drives", type=int, help="Drives of a session that are solved; 10 by default.")
 @click.option("--out", "folder", type=FILE, help="Folder for a picture of the bodies or the fault.")
 @surface_settings
 @as_json
 @quiet
-def check(
-    scene: Path | None,
-    physics: bool,
-    drives: int | None,
-    folder: Path | None,
-    **settings: float | None,
-) -> None:
+def check(scene: Path, drives: int | None, folder: Path | None, **settings: float | None) -> None:
     """Read a scene file or a surface file (STL, PLY, OBJ, GLB) and report what is in it, or what is wrong with it.
 
     Of a session of airtact live (session.h5, or its folder), drives spread over it are held against
     the whole hand that was there when they were in the air, some seconds each. With --out a picture
-    of the bodies is written, or of the position of the fault where the input is rejected. With
-    --physics no file is read: one sphere and two are solved within 10 s and held against known
-    pressures, and the exit code is 1 if they are farther off than asked.
+    of the bodies is written, or of the position of the fault where the input is rejected.
     """
-    if physics:
-        if given(scene=scene, folder=folder, drives=drives, **settings):
-            sentence = "--physics reads no file and writes none, and 1 or more of them, or settings of one, are given."
-            raise at.InvalidInput(f"{sentence} Leave them out.", code="options_clash")
-        _check_physics()
-        return
-    if scene is None:
-        raise click.UsageError(
-            "Missing argument 'SCENE_OR_SURFACE_OR_SESSION'.", click.get_current_context()
-        )
     if _checked_session(scene, drives, **given(folder=folder, **settings)):
         return
     with progress() as report_step:
@@ -116,50 +92,6 @@ def _checked_session(path: Path, drives: int | None, **others: Path | float) -> 
         session, found = check_session(path, **given(drives=drives), report_step=report_step)
     show(*_session_tables(session, found), record=_session_record(session, found))
     return True
-
-
-def _check_physics() -> None:
-    """Solve known fields and print how far off they are; exit with 1 if any is farther off than asked."""
-    with progress() as report_step:
-        report_step("starting")
-        from airtact.workflows.check import self_check
-
-        found = self_check(report_step)
-    warnings = [
-        f"{one.name}: {100 * one.error:.2g} % off, and {100 * found.asked:g} % was asked. Do not trust what is solved "
-        "on this machine; install airtact anew, and report the instruction set if that does not help."
-        for one in found.failed
-    ]
-    show(*_physics_tables(found), warnings=warnings, record=_physics_record(found))
-    if found.failed:
-        click.get_current_context().exit(1)
-
-
-def _physics_tables(found: "SelfCheck") -> "Iterator[Table]":
-    """Tabulate what solved, and how far off the known fields were."""
-    threads = f"{found.threads} {'thread' if found.threads == 1 else 'threads'}"
-    yield facts_table(
-        [
-            ("compiled loops", f"{found.instructions}, {threads}"),
-            ("asked", f"{100 * found.asked:g} %"),
-        ]
-    )
-    table = plain_table("solved", "off", "held against", "off itself")
-    for one in found.fields:
-        table.add_row(one.name, f"{100 * one.error:.2f} %", one.truth, f"{100 * one.own:.1g} %")
-    yield table
-
-
-def _physics_record(found: "SelfCheck") -> dict[str, Any]:
-    """List how far off the known fields were, for ``--json``."""
-    keys = ("name", "truth", "error", "own")
-    fields = [{key: getattr(one, key) for key in keys} for one in found.fields]
-    return {
-        "instructions": found.instructions,
-        "threads": found.threads,
-        "asked": found.asked,
-        "fields": fields,
-    }
 
 
 def _session_tables(session: "Session", found: "VerifiedSession") -> "Iterator[Table]":

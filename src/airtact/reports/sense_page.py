@@ -14,7 +14,6 @@ from airtact.evaluation.metrics import NOT_MODELLED
 from airtact.evaluation.windows import plane_of_scene
 from airtact.files.atomic import whole_file
 from airtact.geometry.pose import Pose
-from airtact.geometry.primitives import Capsule
 from airtact.reports.array_figures import draw_receivers
 from airtact.reports.moved_figure import draw_moved
 from airtact.reports.page import (
@@ -29,16 +28,10 @@ from airtact.reports.page import (
 )
 from airtact.sensing.echoes import Echoes
 from airtact.sensing.registration import Located
-from airtact.sensing.shapes.fit import LocatedShape
-from airtact.sensing.shapes.unknown import UnknownShape
 from airtact.setup.building import Setup
 
 NEARER = 3.0
 """The bodies are cut in a window smaller than a field's by so many wavelengths, to show motions of a millimetre."""
-
-CAPSULE = (*(f"{end} {axis}" for end in ("first end", "second end") for axis in "xyz"), "radius")
-SPHERE = ("centre x", "centre y", "centre z", "radius")
-"""What the numbers of a capsule are, and of one whose ends are one."""
 
 START, FOUND = "start: the scene's pose", "the pose found"
 
@@ -62,8 +55,6 @@ class Sensed:
     gap, true_gap : of the scene file's pinch, and of the simulated one [m]; None where there is
         none. The gap found is ``located.opening``.
     seconds : wall time by step [s].
-    surface_off : rms distance of the simulated surfaces from those found [m]; None unless a shape
-        was simulated.
     """
 
     setup: Setup
@@ -78,7 +69,6 @@ class Sensed:
     gap: float | None
     true_gap: float | None
     seconds: Mapping[str, float]
-    surface_off: float | None = None
 
     @property
     def off(self) -> tuple[float, float]:
@@ -87,15 +77,8 @@ class Sensed:
 
     @property
     def error(self) -> tuple[float, float] | None:
-        """The same from the simulated truth; None for measured echoes, and where a shape takes up motions."""
-        return (
-            None if self.true is None or self.shape is not None else _size(self._shift(self.true))
-        )
-
-    @property
-    def shape(self) -> LocatedShape | None:
-        """The shape that was found; None where a pose was."""
-        return self.located if isinstance(self.located, LocatedShape) else None
+        """The same from the simulated truth; None for measured echoes."""
+        return None if self.true is None else _size(self._shift(self.true))
 
     @property
     def uncorrected(self) -> float:
@@ -109,8 +92,7 @@ class Sensed:
 
     def shifts(self) -> list[Float64[np.ndarray, "6"]]:
         """Return translation [m] and turn [rad] from the scene file's pose and, where known, from the true one."""
-        true = None if self.shape is not None else self.true
-        return [self._shift(one) for one in (Pose.identity(), true) if one is not None]
+        return [self._shift(one) for one in (Pose.identity(), self.true) if one is not None]
 
     def _shift(self, other: Pose) -> Float64[np.ndarray, "6"]:
         pose, centre = self.located.pose, self.centre[None]
@@ -142,11 +124,6 @@ def _pieces(sensed: Sensed) -> list[Markup]:
         f"{1e3 * sure:.2g} mm, {np.degrees(sure_turn):.2g}°",
         "standard deviation of the pose found",
     )
-    if sensed.shape is not None:
-        doubt = (
-            f"{1e3 * sensed.shape.surface_deviation:.2g} mm",
-            "standard deviation of where the surfaces are",
-        )
     return [
         heading(f"{_name(sensed)}: where the hand is"),
         paragraph(
@@ -170,7 +147,6 @@ def _pieces(sensed: Sensed) -> list[Markup]:
         ),
         section("The pose"),
         _pose_table(sensed),
-        *_shape(sensed),
         section("What correcting it brings"),
         _foci_table(sensed),
         _moved(sensed),
@@ -220,37 +196,6 @@ def _pose_table(sensed: Sensed) -> Markup:
         )
     )
     return table([*header, *true], rows, caption)
-
-
-def _shape(sensed: Sensed) -> list[Markup]:
-    """List ends and radii of capsules, where they were found."""
-    shape = sensed.shape
-    if shape is None:
-        return []
-    expected = UnknownShape.of_capsules(sensed.setup.scene).expected
-    deviations = np.sqrt(np.diag(shape.covariance))[6:]
-    rows = []
-    whats = [
-        f"{name}, {what}"
-        for name, one in zip(sensed.setup.bodies, sensed.setup.scene.obstacles, strict=True)
-        for what in (
-            SPHERE
-            if isinstance(one.surface.shape, Capsule) and one.surface.shape.length == 0
-            else CAPSULE
-        )
-    ]
-    for what, *values in zip(whats, expected, shape.numbers, deviations, strict=True):
-        rows.append([what, *(f"{1e3 * value:.3f} mm".replace("-", "−") for value in values)])
-    caption = (
-        "Ends and radii of the capsules in the frame of the scene file, to be moved by the pose above. A motion of all "
-        "of them is one of the pose or one of these, so each of these is less sure than where the surfaces are."
-    )
-    if sensed.surface_off is not None:
-        caption += (
-            f" The simulated surfaces are {1e3 * sensed.surface_off:.3f} mm (rms) from those found."
-        )
-    header = ["", "in the scene file", "found", "standard deviation"]
-    return [section("The shape"), table(header, rows, caption)]
 
 
 def _foci_table(sensed: Sensed) -> Markup:
@@ -316,9 +261,9 @@ def _residuals(sensed: Sensed) -> list[Markup]:
 
 
 def _method(sensed: Sensed) -> str:
-    what = "The pose is the one" if sensed.shape is None else "Pose and shape are those"
     made = (
-        f"{what} whose echoes are nearest to those received, by least squares from the scene's own."
+        "The pose is the one whose echoes are nearest to those received, by least squares from the "
+        "scene's own."
     )
     if sensed.true is not None:
         made += " The echoes were simulated with smaller panels than the model's, and noise."

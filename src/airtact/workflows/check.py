@@ -11,7 +11,6 @@ from airtact.acoustics.medium import air
 from airtact.acoustics.scene import Scene, sound_hard
 from airtact.acoustics.solvers.bem.solver import ROUNDED, BoundaryElement
 from airtact.acoustics.sources import Monopoles
-from airtact.benching.self_check import self_check as self_check
 from airtact.errors import InvalidInput, about
 from airtact.files.atomic import writable_folder
 from airtact.files.mesh_reading import SUFFIXES

@@ -47,11 +47,6 @@ if TYPE_CHECKING:
 @click.option(
     "--seed", type=int, default=0, show_default=True, help="Of the simulated noise and directions."
 )
-@click.option(
-    "--shape",
-    is_flag=True,
-    help="Find ends and radii of the scene's capsules, too; takes a minute.",
-)
 @results
 @store
 @pictures
@@ -67,16 +62,12 @@ def sense(
     turn: float,
     wider: float,
     seed: int,
-    shape: bool,
     folder: Path,
     store: Path | None,
     pictures: bool,
     opened: bool,
 ) -> None:
     """Find the pose of the hand of SCENE from echoes, starting at the scene's own, and the gap of a pinch.
-
-    With --shape the ends and radii of fingers are found, too, where all bodies are capsules, as
-    those of a pinch are.
 
     No board that airtact drives today can receive: --echoes reads what a laboratory's own receivers
     measured. Writes pose.json, report.html, and echoes.h5 where they were simulated.
@@ -86,9 +77,7 @@ def sense(
         from airtact.workflows import sense as workflow
 
         simulation = workflow.Simulation(noise, offset, turn, seed, wider) if simulate else None
-        sensed = workflow.sense(
-            scene, echoes, simulation, folder, report_step, store, pictures, shape
-        )
+        sensed = workflow.sense(scene, echoes, simulation, folder, report_step, store, pictures)
     pose, page, measured = (folder / name for name in workflow.FILES)
     files = [pose, *([page] if pictures else []), *([measured] if simulate else [])]
     lines = [f"Report: {page}" if pictures else f"Pose: {pose}"]
@@ -108,8 +97,6 @@ def _facts(sensed: "Sensed") -> list[tuple[str, str]]:
     located, (sure, sure_turn) = sensed.located, sensed.located.deviation
     (off, turn), share = sensed.off, sensed.uncorrected / sensed.corrected
     doubt = f"{1e3 * sure:.3f} mm and {np.degrees(sure_turn):.3f}°"
-    if sensed.shape is not None:
-        doubt = f"{1e3 * sensed.shape.surface_deviation:.3f} mm, of where the surfaces are"
     facts = [
         ("the hand is off the scene's pose by", f"{1e3 * off:.3f} mm and {np.degrees(turn):.3f}°"),
         ("standard deviation", doubt),
@@ -126,8 +113,6 @@ def _facts(sensed: "Sensed") -> list[tuple[str, str]]:
     ]
     if len(located.left_out):
         facts.append(("receivers left out", ", ".join(str(one) for one in located.left_out[:20])))
-    if sensed.surface_off is not None:
-        facts.append(("surfaces off the simulated truth by", f"{1e3 * sensed.surface_off:.3f} mm"))
     if sensed.error is not None:
         error, wrong_turn = sensed.error
         facts.append(
@@ -169,8 +154,6 @@ def _record(sensed: "Sensed") -> dict[str, Any]:
         "error": None if sensed.error is None else list(sensed.error),
         "opening": located.opening,
         "true_gap": sensed.true_gap,
-        "numbers": None if sensed.shape is None else sensed.shape.numbers.tolist(),
-        "surface_off": sensed.surface_off,
         "residual": located.residual,
         "misfit": located.misfit,
         "left_out": located.left_out.tolist(),

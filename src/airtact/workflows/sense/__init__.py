@@ -25,15 +25,12 @@ from airtact.sensing.family import ScatteringFamily, scattering_family
 from airtact.sensing.registration import Located, locate
 from airtact.sensing.residual import unexplained
 from airtact.sensing.scattering import ScatteringMatrix, scattering_matrix
-from airtact.sensing.shapes.fit import LocatedShape, locate_shape
-from airtact.sensing.shapes.unknown import UnknownShape
 from airtact.sensing.simulation import simulate_echoes
 from airtact.setup import tables
 from airtact.setup.building import Setup, read_scene
 from airtact.setup.parsing import parse_scene
 from airtact.setup.steps import stored, synthesise
 from airtact.timing import Clock, Progress, no_progress
-from airtact.workflows.sense.shape import reshaped, surface_off, unknown_shape, with_bodies
 
 FILES = ("pose.json", "report.html", "echoes.h5")
 """What sensing writes; the last only where echoes were simulated."""
@@ -77,13 +74,12 @@ def sense(
     report_step: Progress = no_progress,
     store: Path | None = None,
     pictures: bool = True,
-    shape: bool = False,
 ) -> Sensed:
     """Locate the hand of a scene file by measured or simulated echoes, and compare the drives for both poses.
 
-    The pose of the scene file is the start. Where the body is a pinch, its gap is found, too; with
-    ``shape``, the ends and radii of all its capsules instead. ``FILES`` go into the folder, which
-    is made if it is not there; without ``pictures`` there is no page.
+    The pose of the scene file is the start. Where the body is a pinch, its gap is found, too.
+    ``FILES`` go into the folder, which is made if it is not there; without ``pictures`` there is no
+    page.
 
     Raises
     ------
@@ -102,20 +98,22 @@ def sense(
         writable_folder(folder)
     for name in FILES[:2]:  # an older run's must not stand beside this run's echoes
         (folder / name).unlink(missing_ok=True)
-    gap, unknown = (None, unknown_shape(setup)) if shape else (_gap_of(setup), None)
+    gap = _gap_of(setup)
     with clock.step("scattering", "solving the bodies for spherical waves"):
         model = _model(scene_file, setup, gap, stored(MODEL, store).reporting(report_step))
     scattering = model if isinstance(model, ScatteringMatrix) else model.at(model.start)
     true = None if simulation is None else _off(scattering, simulation)
-    really, true_gap = _really(scene_file, setup, gap, unknown, simulation)
+    true_gap = None if simulation is None else _opened(gap, simulation)
+    really = setup if true_gap is None else _with_gap(scene_file, true_gap)
     echoes = _received(echoes_file, simulation, really, true, clock)
     if simulation is not None:
         echoes.save(folder / FILES[2])
     with clock.step("locate", "fitting the pose to the echoes"):
-        located = _located(echoes, setup, unknown or model, report_step)
+        located = _located(echoes, setup, model)
     _check_found(located, model, scene_file)
     with clock.step("drives", "making the drives for both poses"):
-        found = _as_found(scene_file, setup, located)
+        opening = located.opening
+        found = setup if opening is None else _with_gap(scene_file, opening)
         pairs = (setup, Pose.identity()), (found, located.pose)
         before, after = _brought(
             pairs, (found, located.pose) if true is None else (really, true), store
@@ -123,8 +121,7 @@ def sense(
     with clock.step("residual", "comparing echoes at each receiver"):
         left = _unexplained(echoes, setup, model, located)
     _write(folder / FILES[0], located)
-    off = None if true is None else surface_off(located, really.scene, true)
-    known = gap, true_gap, clock.seconds, off
+    known = gap, true_gap, clock.seconds
     sensed = Sensed(
         setup, found, located, echoes, true, scattering.centre, before, after, left, *known
     )
@@ -155,37 +152,11 @@ def _received(
         )
 
 
-def _really(
-    scene_file: Path,
-    setup: Setup,
-    gap: float | None,
-    unknown: UnknownShape | None,
-    simulation: Simulation | None,
-) -> tuple[Setup, float | None]:
-    """Return the hand that is simulated, and its gap; the scene file's and None where none is."""
-    if simulation is None:
-        return setup, None
-    if unknown is not None:
-        return reshaped(setup, unknown, simulation.seed), None
-    opened = _opened(gap, simulation)
-    return (setup if opened is None else _with_gap(scene_file, opened)), opened
-
-
-def _as_found(scene_file: Path, setup: Setup, located: Located) -> Setup:
-    """Return the scene file with the gap or the shape that was found."""
-    if isinstance(located, LocatedShape):
-        return with_bodies(setup, located.scene)
-    return setup if located.opening is None else _with_gap(scene_file, located.opening)
-
-
 def _located(
     echoes: Echoes,
     setup: Setup,
-    model: ScatteringMatrix | ScatteringFamily | UnknownShape,
-    report_step: Progress,
+    model: ScatteringMatrix | ScatteringFamily,
 ) -> Located:
-    if isinstance(model, UnknownShape):
-        return locate_shape(echoes, model, setup.array, Pose.identity(), progress=report_step)
     if isinstance(model, ScatteringFamily):
         return locate(echoes, model, setup.array, Pose.identity())
     return locate(echoes, setup.scene, setup.array, Pose.identity(), scattering=model)
@@ -195,9 +166,7 @@ def _unexplained(
     echoes: Echoes, setup: Setup, model: ScatteringMatrix | ScatteringFamily, located: Located
 ) -> Float64[np.ndarray, "2 receivers"]:
     """Return what the scene file's pose and the one found leave at each receiver, over the rms of all echoes."""
-    if isinstance(located, LocatedShape) and isinstance(model, ScatteringMatrix):
-        matrices = model, scattering_matrix(MODEL, located.scene)
-    elif isinstance(model, ScatteringMatrix):
+    if isinstance(model, ScatteringMatrix):
         matrices = model, model
     else:
         assert located.opening is not None  # that of a family is found
@@ -252,8 +221,6 @@ def _check_found(
     if located.converged:
         return
     words = "or more than 5 mm away"
-    if isinstance(located, LocatedShape):
-        words = "has another body, or its pose or shape is farther from the scene's than 3 mm"
     if isinstance(model, ScatteringFamily):
         words += f", or its gap is not between {1e3 * model.low:.3g} and {1e3 * model.high:.3g} mm"
     raise NotConverged(
@@ -301,9 +268,7 @@ def _brought(
     pairs: tuple[tuple[Setup, Pose], ...], there: tuple[Setup, Pose], store: Path | None
 ) -> list[Float64[np.ndarray, "foci"]]:
     """Return the pressures of the foci of the hand that is there, of the drives for hands and their poses [Pa]."""
-    solved = cache(
-        partial(_waves, store=store)
-    )  # all are one scene where there is neither gap nor shape
+    solved = cache(partial(_waves, store=store))  # all are one scene where there is no gap
     matrix = _transfer(solved, *there)
     return [_pressures(matrix, one, _transfer(solved, one, pose)) for one, pose in pairs]
 
@@ -328,7 +293,6 @@ def _write(path: Path, located: Located) -> None:
         "residual": located.residual,
         "misfit": located.misfit,
         "left_out": located.left_out.tolist(),
-        **({"numbers": located.numbers.tolist()} if isinstance(located, LocatedShape) else {}),
     }
     with whole_file(path) as partial:
         partial.write_text(json.dumps(found, indent=1), encoding="utf-8")

@@ -1,0 +1,49 @@
+"""``airtact selfcheck``: the errors of the solver on this machine."""
+
+import click
+
+from airtact.cli.console import facts_table, plain_table, progress, show
+from airtact.cli.options import as_json, quiet
+
+
+@click.command(
+    short_help="Solve known fields on this machine and print the errors.",
+    epilog="Example: airtact selfcheck",
+)
+@as_json
+@quiet
+def selfcheck() -> None:
+    """Solve one sphere and two within 10 s, and compare the pressures with references.
+
+    The exit code is 1 if any error is larger than the 1 % asked.
+    """
+    with progress() as report_step:
+        report_step("starting")
+        from airtact.evaluation.self_check import self_check
+
+        checked = self_check(report_step)
+    threads = f"{checked.threads} {'thread' if checked.threads == 1 else 'threads'}"
+    facts = [
+        ("compiled loops", f"{checked.instructions}, {threads}"),
+        ("asked", f"{100 * checked.asked:g} %"),
+    ]
+    table = plain_table("solved", "error", "reference", "error of the reference")
+    for field in checked.fields:
+        error, own = f"{100 * field.error:.2f} %", f"{100 * field.own:.1g} %"
+        table.add_row(field.name, error, field.truth, own)
+    warnings = [
+        f"{field.name}: the error is {100 * field.error:.2g} %, and {100 * checked.asked:g} % was "
+        "asked. Do not trust solutions on this machine; install airtact anew, and report the "
+        "instruction set if that does not help."
+        for field in checked.failed
+    ]
+    keys = ("name", "truth", "error", "own")
+    record = {
+        "instructions": checked.instructions,
+        "threads": checked.threads,
+        "asked": checked.asked,
+        "fields": [{key: getattr(field, key) for key in keys} for field in checked.fields],
+    }
+    show(facts_table(facts), table, warnings=warnings, record=record)
+    if checked.failed:
+        click.get_current_context().exit(1)

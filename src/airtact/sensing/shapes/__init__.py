@@ -1,1 +1,0 @@
-"""The shape of bodies, found with their pose from echoes."""
