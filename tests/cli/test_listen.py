@@ -95,22 +95,22 @@ def test_what_trackers_send_is_recorded_and_kept_on_ctrl_c(tmp_path):
         sys.executable,
         "-m",
         "airtact",
-        "listen",
+        "live",
+        "--from",
+        "websocket:0",
         "--seconds",
         "600",
-        "--websocket",
-        "0",
-        "--osc",
-        "0",
+        "--record",
     ]
     file = tmp_path / "recorded.jsonl"
     with subprocess.Popen(
-        [*command, "--out", file], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [*command, file], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as listening:
         assert listening.stdout is not None
         assert listening.stderr is not None
-        address = re.search(r"(ws://[\d.:]+), OSC at 127\.0\.0\.1:\d+", listening.stderr.readline())
-        assert address
+        address = None
+        while address is None:
+            address = re.search(r"(ws://[\d.:]+)", listening.stderr.readline())
         with connect(address[1]) as tracker:
             for index in range(3):
                 tracker.send(to_json(still(index)))
@@ -123,26 +123,27 @@ def test_what_trackers_send_is_recorded_and_kept_on_ctrl_c(tmp_path):
     assert [frame.sequence for frame in at.hands.load_recording(file).frames] == [0, 1, 2]
 
 
-def test_a_silent_tracker_is_reported(capsys, tmp_path):
-    arguments = ["listen", "--websocket", 0, "--out", tmp_path / "none.npz"]
-    code, _, said = output(capsys, *arguments, "--seconds", 0.01)
-    assert code == 2
-    assert said.endswith(" [no_frames]\n")
-    code, _, said = output(capsys, *arguments, "--seconds", -1)
-    assert code == 2
-    assert "-1 s" in said
-    assert said.endswith(" [not_positive]\n")
-    code, _, said = output(capsys, "listen", "--seconds", 1, "--out", tmp_path / "none.csv")
-    assert code == 2
-    assert "'.csv'" in said
-    assert said.endswith(" [unknown_ending]\n")
+@pytest.mark.parametrize(
+    ("source", "seconds", "file", "code"),
+    [
+        ("websocket:0", 0.01, "none.npz", "empty"),
+        ("osc:0", 0.01, "none.jsonl", "empty"),
+        ("websocket:0", -1, "none.npz", "out_of_range"),
+        ("websocket:0", 1, "none.csv", "unknown_format"),
+        ("page", 1, "none.npz", "unknown_name"),
+    ],
+)
+def test_nothing_to_record_is_reported(capsys, tmp_path, source, seconds, file, code):
+    words = ["live", "--from", source, "--seconds", seconds, "--record", tmp_path / file]
+    status, _, said = output(capsys, *words)
+    assert status == 2
+    assert said.endswith(f" [{code}]\n")
 
 
-@pytest.mark.parametrize("command", ["hand", "listen"])
-def test_help_has_an_example(capsys, command):
-    code, said, _ = output(capsys, command, "--help")
+def test_help_has_an_example(capsys):
+    code, said, _ = output(capsys, "hand", "--help")
     assert code == 0
-    assert f"Example: airtact {command} " in said
+    assert "Example: airtact hand " in said
 
 
 def test_the_example_is_what_it_is_said_to_be():

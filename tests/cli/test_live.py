@@ -15,7 +15,8 @@ from websockets.sync.client import connect
 
 import airtact as at
 from airtact.cli import main
-from airtact.hands.tracking import save_recording, to_json
+from airtact.hands.tracking.messages import to_json
+from airtact.hands.tracking.recordings import save_recording
 from airtact.live.session import read_session
 from emission.receivers import Nano16, wired
 from hands.tracking.motions import reaching_recording, still
@@ -268,7 +269,7 @@ def test_a_port_in_use_is_named(capsys, tmp_path, where):
         said = capsys.readouterr().err
         assert code == 2
         assert str(port) in said
-        assert said.endswith(" [port_taken]\n")
+        assert said.endswith(" [link_in_use]\n")
 
 
 def test_a_killed_loop_leaves_a_session_that_can_be_read(tmp_path):
@@ -377,7 +378,7 @@ def test_without_viser_it_says_what_to_install(tmp_path, monkeypatch):
     code, _, said = done("live_pinch", "--page-port", 0, "--out", tmp_path)
     assert code == 2
     assert "airtact[live]" in said
-    assert "[extra_not_installed]" in said
+    assert "[extra_missing]" in said
 
 
 def test_only_recordings_are_named_where_hands_come_from_none(tmp_path):

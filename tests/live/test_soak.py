@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from websockets.sync.client import connect
 
-from airtact.hands.tracking import load_recording, to_json
+from airtact.hands.tracking.messages import to_json
+from airtact.hands.tracking.recordings import load_recording
 from airtact.live.session import read_session
 from paths import EXAMPLES
 

@@ -22,7 +22,6 @@ from airtact.cli import (
     export,
     hand,
     init,
-    listen,
     live,
     mesh,
     render,
@@ -102,7 +101,6 @@ for _command in (
     *(
         hand.hand,
         init.init,
-        listen.listen,
         live.live,
         mesh.mesh,
         render.render,

@@ -22,6 +22,11 @@ from .parts import (
 from .parts import (
     MovingFoci as MovingFoci,
 )
+from .running import drive_at_rest as drive_at_rest
+from .running import hands_from as hands_from
+from .running import output_to as output_to
+from .running import record as record
+from .running import run as run
 from .scene import live_scene as live_scene
 from .session import (
     Session as Session,

@@ -121,6 +121,7 @@ class ReceivedHands(HandSource):
     kind : "websocket" or "osc".
     port : to listen at; 0 takes a free one.
     tracker : where the tracker stands, from its frame to the scene's.
+    every : whether frames that are overtaken while they wait are used too, as for a recording.
 
     Raises
     ------
@@ -128,7 +129,9 @@ class ReceivedHands(HandSource):
         The port is taken, or the extra is not installed.
     """
 
-    def __init__(self, kind: str, port: int, tracker: Pose | None = None) -> None:
+    def __init__(
+        self, kind: str, port: int, tracker: Pose | None = None, every: bool = False
+    ) -> None:
         receivers = {"websocket": WebSocketReceiver, "osc": OscReceiver}
         if kind not in receivers:
             raise InvalidInput(
@@ -138,7 +141,7 @@ class ReceivedHands(HandSource):
         self._early: deque[tuple[HandFrame, float]] = deque(maxlen=EARLY)
         self._on_frame: Callable[[HandFrame, float], None] | None = None
         self._lock = Lock()
-        self._stream = _MovedStream(tracker, self._arrived)
+        self._stream = _MovedStream(tracker, self._arrived, every)
         self._receiver = receivers[kind](self._stream, port)
         scheme = "ws://" if kind == "websocket" else "OSC at "
         self.words: str = f"{scheme}127.0.0.1:{self._receiver.port}"
@@ -189,8 +192,10 @@ class PageHands(HandSource):
 class _MovedStream(HandStream):
     """A stream whose frames are moved from the tracker's frame to the scene's."""
 
-    def __init__(self, pose: Pose | None, on_frame: Callable[[HandFrame], None]) -> None:
-        super().__init__(on_frame=on_frame)
+    def __init__(
+        self, pose: Pose | None, on_frame: Callable[[HandFrame], None], every: bool
+    ) -> None:
+        super().__init__(on_frame=on_frame, every=every)
         self._pose = pose
 
     def feed(self, frame):

@@ -6,6 +6,7 @@ from typing import Any
 import click
 
 from airtact.cli.console import facts_table, progress, show, status_line
+from airtact.cli.options import FILE as OUT_FILE
 from airtact.cli.options import (
     INPUT,
     Names,
@@ -36,6 +37,12 @@ EXAMPLE = "live_pinch"
 )
 @click.option(
     "--seconds", type=float, help="How long; until Ctrl-C, or the end of the recording, by default."
+)
+@click.option(
+    "--record",
+    "recording",
+    type=OUT_FILE,
+    help="Make no drives; record what trackers send to --from websocket or osc: .jsonl or .npz.",
 )
 @click.option(
     "--latency",
@@ -74,6 +81,7 @@ EXAMPLE = "live_pinch"
 def live(
     scene: Path,
     folder: Path,
+    recording: Path | None,
     seconds: float | None,
     latency: float,
     ignore_hand: bool,
@@ -90,28 +98,49 @@ def live(
     SCENE is the example live_pinch by default. Its foci must ride on a hand (at = "thumb.pad"). A
     hand that is lost, leaves the workspace or is not seen for 150 ms fades to silence. Without
     --cap and --full-scale the level half a metre off the array is kept to 110 dB. Ctrl-C ends it in
-    silence.
+    silence. --record writes the frames of trackers to a recording instead; SCENE is not read then.
     """
     from airtact.checks import positive
 
     share = level_of(cap, full_scale)
     if seconds is not None:
         positive(seconds, "how long to go on", "s")
+    if recording is not None:
+        from airtact.live.running import record
+
+        with progress() as report_step:
+            health = record(recording, settings["source"] or "websocket", seconds, report_step)
+        show(lines=[f"Messages: {health}", f"Recording: {recording}"])
+        return
     with progress() as report_step:
         report_step("starting")
         from airtact.evaluation.thresholds import NO_SAFETY_ASSESSMENT
+        from airtact.live.running import run
+        from airtact.live.session import FILE
         from airtact.workflows import live as workflow
 
         made = workflow.prepare(scene, folder, cap=share, report_step=report_step, **settings)
-    if made.board is not None:
-        show(lines=[NO_SAFETY_ASSESSMENT, *made.notes()])
+    if settings["board"] is not None:
+        show(lines=[NO_SAFETY_ASSESSMENT, *made.notes])
         if not yes:
             agreed(f"Let the sound follow {made.hands.words}, {made.output.words}?")
     with status_line() as report:
-        at_page = (page_port, host) if page else None
-        done = workflow.live(made, seconds, latency, ignore_hand, at_page, report, report)
+        done = run(
+            made.setup,
+            made.hands,
+            made.output,
+            folder=folder,
+            seconds=seconds,
+            latency=latency,
+            cap=made.cap,
+            ignore_hand=ignore_hand,
+            page=(page_port, host) if page else None,
+            report_step=report,
+            report=report,
+        )
+    session = str(folder / FILE)
     show(
         facts_table(done.facts()),
-        lines=[f"Session: {made.session}"],
-        record={**done.record(), "files": {"session": str(made.session)}},
+        lines=[f"Session: {session}"],
+        record={**done.record(), "files": {"session": session}},
     )

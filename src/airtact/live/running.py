@@ -1,0 +1,268 @@
+"""Start the live loop from a scene file: where the hand comes from, where drives go, the page and the session."""
+
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+
+from airtact.drives.transfer import focus_by_distance
+from airtact.emission.links import link_to
+from airtact.errors import InvalidInput
+from airtact.hands.tracking.frame import HandFrame
+from airtact.hands.tracking.recordings import ENDINGS, load_recording, save_recording
+from airtact.hands.tracking.stream import StreamHealth
+from airtact.live.clock import checked_latency
+from airtact.live.drives.maker import HandAware
+from airtact.live.loop import Followed, Status, follow
+from airtact.live.output import Boards, Nowhere, Output
+from airtact.live.page.process import PageProcess
+from airtact.live.parts import Controls
+from airtact.live.scene import live_scene
+from airtact.live.session import FILE, SessionWriter, recording_of
+from airtact.live.sources import (
+    HandSource,
+    PageHands,
+    ReceivedHands,
+    RecordedHands,
+    checked_seconds,
+    moved_to,
+)
+from airtact.setup.building import Setup
+from airtact.setup.examples import example
+from airtact.timing import Progress, no_progress
+from airtact.transducers.drive_file import DriveFile
+
+PORTS = {"websocket": 8765, "osc": 9000}
+"""Default ports that trackers send to."""
+
+
+def run(
+    setup: Setup,
+    hands: HandSource,
+    output: Output | None = None,
+    *,
+    folder: Path,
+    seconds: float | None = None,
+    latency: float = 0.0,
+    cap: float = 1.0,
+    ignore_hand: bool = False,
+    page: tuple[int, str] | None = None,
+    report_step: Progress = no_progress,
+    report: Callable[[Status], None] = lambda status: None,
+) -> Followed:
+    """Let the sound follow a hand, and record the session.
+
+    Parameters
+    ----------
+    setup : scene whose foci ride on a hand, see ``live_scene``.
+    hands : source of the frames, as of ``hands_from``.
+    output : where drives go, as of ``output_to``; nowhere by default.
+    folder : where ``session.h5`` is written.
+    seconds : duration; to the end of a recording, or until Ctrl-C, by default.
+    latency : least time from the picture to the frame's arrival, for trackers with their own clock
+        [s].
+    cap : largest amplitude of an element, a share of full scale.
+    ignore_hand : whether drives are made from distances alone.
+    page : port and host of the page; no page by default.
+    report_step, report : called with each step of the start, and twice a second with the status.
+
+    Raises
+    ------
+    InvalidInput
+        An argument is at fault; nothing was emitted then.
+    LinkFailed
+        The boards failed.
+    """
+    checked_seconds(seconds)
+    checked_latency(latency)
+    scene = live_scene(setup)
+    output = output or Nowhere()
+    controls = Controls(ignore_hand=ignore_hand)
+    with ExitStack() as closing:
+        shown = None
+        if page is not None:
+            report_step("starting the page")
+            port, host = page
+            # Only where the hand comes from the page is there one to drag.
+            stream = hands.stream if isinstance(hands, PageHands) else None
+            joints = None if stream is None else setup.hands[0].joints
+            shown = PageProcess(scene, port, host, joints, stream, controls, output.stop)
+            closing.enter_context(shown)
+        address = "" if shown is None else f"; page: {shown.address}"
+        report_step(f"following {hands.words}; sound to {output.words}{address}")
+        session = SessionWriter(folder / FILE, scene, setup.text)
+        return follow(
+            scene,
+            hands,
+            HandAware(scene),
+            output=output,
+            seconds=seconds,
+            session=session,
+            latency=latency,
+            cap=cap,
+            controls=controls,
+            page=shown,
+            report=report,
+        )
+
+
+def record(
+    file: Path, source: str, seconds: float | None = None, report_step: Progress = no_progress
+) -> StreamHealth:
+    """Record the frames that trackers send, without making drives.
+
+    Parameters
+    ----------
+    file : recording to write, ``.jsonl`` or ``.npz``, in the tracker's frame.
+    source : "websocket" or "osc", with ":PORT" for another port and 0 for a free one.
+    seconds : duration; until Ctrl-C by default.
+    report_step : called with the address once it listens.
+
+    Raises
+    ------
+    InvalidInput
+        An argument is at fault, the port is taken, or no frame came.
+    """
+    duration = checked_seconds(seconds)
+    if file.suffix not in ENDINGS:
+        raise InvalidInput(
+            f"the ending {file.suffix!r} is not that of a recording: {', '.join(ENDINGS)}.",
+            code="unknown_format",
+        )
+    hands = _received(source, None, every=True)
+    if hands is None:
+        raise InvalidInput(
+            f"only frames from trackers are recorded, not {source}: give {' or '.join(PORTS)}.",
+            code="unknown_name",
+        )
+    frames: list[HandFrame] = []
+    stream = hands.begin(lambda frame, arrived: frames.append(frame))
+    end = time.monotonic() + duration
+    try:
+        report_step(f"listening at {hands.words}")
+        while time.monotonic() < end:
+            time.sleep(min(0.1, max(end - time.monotonic(), 0.0)))
+    except KeyboardInterrupt:
+        report_step("interrupted; the frames received so far are recorded")
+    finally:
+        hands.close()
+    if not frames:
+        raise InvalidInput(
+            f"no frame was received ({hands.words}; {stream.health}): does the tracker send there?",
+            code="empty",
+        )
+    save_recording(file, frames)
+    return stream.health
+
+
+def hands_from(setup: Setup, source: str | None, folder: Path) -> HandSource:
+    """Open the source of the frames that a run is to follow.
+
+    Parameters
+    ----------
+    setup : its tracker pose moves the frames of recordings and trackers to the scene.
+    source : a recording, a session or its folder, "websocket" or "osc", with ":PORT" for another
+        port and 0 for a free one; "page" for the hand on the page; by default an example motion,
+        again and again.
+    folder : where the session of the run is written, which cannot be its source.
+
+    Raises
+    ------
+    InvalidInput
+        The source does not exist, cannot be read, or its port is taken.
+    """
+    if source is None:
+        motion = load_recording(example("reaching.jsonl"))
+        return RecordedHands(moved_to(motion, setup.hands[0]), loop=True)
+    if source == "page":
+        return PageHands()
+    received = _received(source, setup)
+    if received is not None:
+        return received
+    path = Path(source)
+    path = path / FILE if path.is_dir() else path
+    if path.suffix == Path(FILE).suffix:
+        if path.resolve() == (folder / FILE).resolve():
+            raise InvalidInput(
+                f"--from {source} is the session that this run would write over: give another --out.",
+                code="options_clash",
+            )
+        return RecordedHands(recording_of(path))  # its frames are in the scene's frame
+    if not path.is_file() and path.name == source:
+        path = example(source, (".jsonl",))
+    recording = load_recording(path, leave_out=True)
+    frames = tuple(frame.moved(setup.tracker) for frame in recording.frames)
+    return RecordedHands(replace(recording, frames=frames))
+
+
+def _received(source: str, setup: Setup | None, every: bool = False) -> ReceivedHands | None:
+    """Open the socket that a source names; None where it names none."""
+    kind, colon, port = source.partition(":")
+    if kind not in PORTS:
+        return None
+    if colon and not port.isdecimal():
+        raise InvalidInput(
+            f"--from {source} has no port number: give one such as {kind}:{PORTS[kind]}.",
+            code="not_a_number",
+        )
+    tracker = None if setup is None else setup.tracker
+    return ReceivedHands(kind, int(port) if colon else PORTS[kind], tracker, every)
+
+
+def output_to(
+    setup: Setup, folder: Path, board: str | None, link: str | None, **settings: str | None
+) -> Output:
+    """Return where the drives of a run go: boards behind a link, or nowhere without both.
+
+    Parameters
+    ----------
+    setup : its array must be made of these boards.
+    folder : where the link's files are written.
+    board, link, settings : as for ``link_to``.
+
+    Raises
+    ------
+    InvalidInput
+        The scene cannot be followed, or the link does not fit.
+    """
+    scene = live_scene(setup)
+    if link is None and board is None:
+        name = next((name for name, value in settings.items() if value is not None), None)
+        if name is not None:
+            raise InvalidInput(
+                f"--{name} {settings[name]} needs boards: give --board and --link too.",
+                code="key_missing",
+            )
+        return Nowhere()
+    if link is None or board is None:
+        raise InvalidInput(
+            "--board and --link go together: give both, or none.", code="key_missing"
+        )
+    if setup.board != board:
+        raise InvalidInput(
+            f"the array of {setup.path.name} is made of {setup.board or 'no boards'}, not of "
+            f"{board}: give --board {setup.board}.",
+            code="does_not_match",
+        )
+    folder.mkdir(parents=True, exist_ok=True)
+    out = str(folder / "frames.npz") if link == "file" else None
+    opened = link_to(link, board, setup.poses, setup.medium.sound_speed, **settings, out=out)
+    if scene.moving is not None:
+        opened.check_sequence(len(scene.moving.places), scene.moving.rate)
+    return Boards(opened, folder / "link.log")
+
+
+def drive_at_rest(setup: Setup) -> DriveFile:
+    """Return the drive from distances for the hand of the scene file, from which a safe level follows."""
+    scene = live_scene(setup)
+    drive = focus_by_distance(scene.array, setup.target, scene.medium, scene.frequency)
+    return DriveFile(
+        drive.amplitudes[None],
+        frequency=scene.frequency,
+        medium=scene.medium,
+        positions=scene.array.positions,
+        normals=scene.array.normals,
+        sensitivity=scene.array.element.sensitivity,
+        modulation=scene.modulation,
+    )
