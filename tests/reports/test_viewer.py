@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import airtact as at
+from airtact.reports.report import evaluate_fields
 from airtact.reports.viewer import three_js, viewer_values
-from airtact.workflows.compare import compare
-from airtact.workflows.render import render
+from airtact.timing import Clock
 from paths import SCENES
 
 BALL = SCENES / "ball.toml"
@@ -18,7 +19,9 @@ BALL = SCENES / "ball.toml"
 @pytest.fixture(scope="module")
 def rendered(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
-    return folder / "report.html", render(BALL, folder)
+    result = at.render(at.read_scene(BALL))
+    at.write_report(result, folder)
+    return folder / "report.html", result
 
 
 def opened_page(browser, path, width=1200, **settings):
@@ -33,6 +36,11 @@ def opened_page(browser, path, width=1200, **settings):
     page.goto(path.as_uri())
     page.wait_for_selector("#viewer[data-first-picture]")
     return page
+
+
+@pytest.fixture(scope="module")
+def view(rendered):
+    return evaluate_fields(rendered[1], Clock()).view
 
 
 @pytest.fixture
@@ -98,14 +106,14 @@ def test_keys_and_controls_change_the_scene(report):
     assert len(set(pictures)) == len(pictures)
 
 
-def test_the_values_under_the_pointer_are_those_of_the_field(report, rendered):
+def test_the_values_under_the_pointer_are_those_of_the_field(report, rendered, view):
     run = rendered[1]
     ring = report.locator("svg circle").nth(1).bounding_box()
     report.mouse.move(ring["x"] + ring["width"] / 2, ring["y"] + ring["height"] / 2)
     words = report.inner_text("output")
-    assert run.foci[0] in words
+    assert run.setup.foci[0] in words
     assert "asked: 900 Pa" in words
-    assert f"object-aware: {run.reached[0]:,.0f} Pa" in words
+    assert f"object-aware: {run.pressures[0]:,.0f} Pa" in words
     report.uncheck("[name=surfaces]")
     box = report.locator(".stage").bounding_box()
     shown = []
@@ -125,8 +133,8 @@ def test_the_values_under_the_pointer_are_those_of_the_field(report, rendered):
     scale = np.abs(run.drive.amplitudes).max()
     np.testing.assert_allclose(
         pressures[away],
-        scale * np.abs(run.comparison.at(points[away])["object-aware"]),
-        atol=0.02 * run.view.most,
+        scale * np.abs(run.verification.at(points[away])["object-aware"]),
+        atol=0.02 * view.most,
     )
 
 
@@ -166,7 +174,8 @@ def test_still_pictures_stand_in_on_paper_and_where_the_scene_fails(browser, ren
 
 
 def test_a_comparison_shows_the_field_of_each_method(browser, tmp_path):
-    contest = compare(BALL, tmp_path)
+    contest = at.compare(at.read_scene(BALL))
+    at.write_report(contest, tmp_path)
     page = opened_page(browser, tmp_path / "methods.html")
     names = page.locator("[name=drive] option").all_inner_texts()
     assert names == [one.name for one in contest.contenders]
@@ -179,20 +188,19 @@ def test_a_comparison_shows_the_field_of_each_method(browser, tmp_path):
     page.close()
 
 
-def test_three_js_is_found_whole_with_its_licence(rendered):
+def test_three_js_is_found_whole_with_its_licence(view):
     script = three_js()
     assert "SPDX-License-Identifier: MIT" in script
     assert script.rstrip().endswith("}));")
-    values = viewer_values(rendered[1].view, "ball")
+    values = viewer_values(view, "ball")
     assert "Three.js Authors" in values["notice"]
     assert "249 transducers" in values["alternative"]
 
 
-def test_the_first_slice_hides_no_focus(rendered):
+def test_the_first_slice_hides_no_focus(view):
     """It goes through the focus farthest from the viewer, to half a step."""
-    whole = rendered[1].view
-    view = replace(whole, points=whole.points + np.outer([0.0, 4e-3], whole.slices.axes[2]))
-    facts = json.loads(viewer_values(view, "ball")["facts"])
+    seen = replace(view, points=view.points + np.outer([0.0, 4e-3], view.slices.axes[2]))
+    facts = json.loads(viewer_values(seen, "ball")["facts"])
     azimuth, elevation = facts["seen"]
     towards = np.array(
         [
@@ -203,7 +211,7 @@ def test_the_first_slice_hides_no_focus(rendered):
     )
     normal, corner = np.array(facts["slices"]["axes"][2]), facts["slices"]["corner"][2]
     height = corner + facts["slices"]["start"][2] * facts["slices"]["steps"][2]
-    before = (1e3 * view.points @ normal - height) * np.sign(normal @ towards)
+    before = (1e3 * seen.points @ normal - height) * np.sign(normal @ towards)
     assert np.ptp(before) == pytest.approx(4.0)
     assert before.min() == pytest.approx(0.0, abs=0.5 * facts["slices"]["steps"][2])
 
@@ -214,7 +222,7 @@ def test_a_plane_is_a_sheet_seen_from_its_front(browser, tmp_path):
     text = BALL.read_text(encoding="utf-8")
     plane = "[[planes]]\npoint = [0.0, 0.0, -0.07]\nnormal = [0.0, 0.0, 1.0]\n"
     scene.write_text(f"{text}\n{plane}", encoding="utf-8")
-    render(scene, tmp_path / "out")
+    at.write_report(at.render(at.read_scene(scene)), tmp_path / "out")
     page = opened_page(browser, tmp_path / "out" / "report.html")
     (sheet,) = page.evaluate(
         "JSON.parse(document.getElementById('viewer-facts').textContent).sheets"

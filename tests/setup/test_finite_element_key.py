@@ -6,7 +6,7 @@ import pytest
 
 import airtact as at
 from airtact.setup.building import read_scene
-from airtact.setup.steps import verification_solver
+from airtact.setup.solving import verification_solver
 from faults import raises_code
 
 TEXT = """

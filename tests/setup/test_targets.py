@@ -8,7 +8,8 @@ from airtact.acoustics.drawings import svg_path, text
 from airtact.acoustics.target import Target
 from airtact.acoustics.target_points import circle, polyline, segment, sphere_shell, surface_points
 from airtact.hands.pinch_dummy import pinch
-from airtact.setup.building import Setup, read_scene
+from airtact.setup.building import read_scene
+from airtact.setup.setup import Setup
 from faults import raises_code
 
 HEAD = '[medium]\nsound_speed = 343.1\ndensity = 1.293\n[array]\nlayout = "surrounding_box"\n'

@@ -53,31 +53,28 @@ def test_a_drive_for_samples_needs_what_is_in_doubt(read) -> None:
 
 
 @pytest.mark.slow
-def test_a_run_says_what_is_kept_nine_of_ten_times(read, tmp_path) -> None:
-    from airtact.workflows.compare import compare
-    from airtact.workflows.render import render
-
-    path = read('[drive]\nmethod = "robust"\n[uncertainty]\nposition = 2e-3\nrotation = 3.0\n').path
-    run = render(path, tmp_path / "out")
-    doubt = run.doubt
-    assert doubt is not None
-    assert doubt.names == ("robust", "time reversal")
-    assert doubt.pressures.shape == (2, 256)
-    assert doubt.lowest_tenth[0] > doubt.lowest_tenth[1]
-    assert np.quantile(doubt.pressures[0], 0.1) == pytest.approx(doubt.lowest_tenth[0])
-    assert doubt.sentence() in run.remarks
-    assert [one.pressures.shape for one in doubt.maps] == [(2, 17 * 17)] * 2
+def test_a_rendering_reports_what_is_kept_nine_of_ten_times(read, tmp_path) -> None:
+    setup = read('[drive]\nmethod = "robust"\n[uncertainty]\nposition = 2e-3\nrotation = 3.0\n')
+    result = at.render(setup)
+    kept = result.robustness
+    assert kept is not None
+    assert kept.names == ("robust", "time reversal")
+    assert kept.pressures.shape == (2, 256)
+    assert kept.lowest_tenth[0] > kept.lowest_tenth[1]
+    assert np.quantile(kept.pressures[0], 0.1) == pytest.approx(kept.lowest_tenth[0])
+    assert kept.sentence() in result.remarks
+    assert [shift_map.pressures.shape for shift_map in kept.maps] == [(2, 17 * 17)] * 2
     # With no shift at all, which is the middle, a drive gives what is expected.
     np.testing.assert_allclose(
-        [one.pressures[:, 17 * 8 + 8] for one in doubt.maps], [doubt.expected] * 2, rtol=1e-6
+        [shift_map.pressures[:, 17 * 8 + 8] for shift_map in kept.maps],
+        [kept.expected] * 2,
+        rtol=1e-6,
     )
-    assert "not as expected" in (tmp_path / "out/report.html").read_text(encoding="utf-8")
-    contenders = compare(path, tmp_path / "all", pictures=False).contenders
-    kept = {one.name: one.kept for one in contenders if one.kept is not None}
-    assert len(kept) == len(contenders)
-    assert kept["robust"] == pytest.approx(doubt.lowest_tenth[0], rel=0.02)  # but for rounding
-    assert kept["robust phase only"] == max(kept.values())
-    certain = path.with_name("certain.toml")
-    certain.write_text(SCENE)
-    with raises_code("data_missing", "robust"):
-        render(certain, tmp_path / "other", method="robust")
+    at.write_report(result, tmp_path)
+    assert "not as expected" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    contenders = at.compare(setup).contenders
+    nine_of_ten = {one.name: one.kept for one in contenders if one.kept is not None}
+    assert len(nine_of_ten) == len(contenders)
+    # Contenders are rounded to levels.
+    assert nine_of_ten["robust"] == pytest.approx(kept.lowest_tenth[0], rel=0.02)
+    assert nine_of_ten["robust phase only"] == max(nine_of_ten.values())

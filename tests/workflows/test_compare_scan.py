@@ -14,7 +14,7 @@ from airtact.evaluation.field import drive_sources
 from airtact.evaluation.microphone import Microphone
 from airtact.evaluation.scan import load_scan
 from airtact.setup.building import read_scene
-from airtact.setup.steps import solve_foci
+from airtact.setup.solving import solve_foci
 from airtact.timing import Clock
 from airtact.workflows.compare_scan import FILES, compare_scan
 from paths import SCENES

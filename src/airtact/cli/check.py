@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from airtact.acoustics.scene import Scene
     from airtact.live.session import Session
     from airtact.live.verification import VerifiedSession
-    from airtact.setup.building import Setup
+    from airtact.setup.setup import Setup
 
 
 @click.command(

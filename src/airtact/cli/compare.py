@@ -11,7 +11,7 @@ from airtact.cli.options import as_json, open_result, pictures, quiet, results, 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from airtact.reports.methods_page import Ranked
+    from airtact.setup.comparing import MethodComparison
 
 
 @click.command(
@@ -31,67 +31,72 @@ def compare(scene: Path, folder: Path, store: Path | None, pictures: bool, opene
     All drives come from one transfer matrix and are verified by one more accurate solution.
     """
     with progress() as report_step:
-        report_step("starting")
-        from airtact.workflows import compare as workflow
+        report_step(f"reading {scene.name}")
+        import airtact as at
+        from airtact.files.atomic import writable_folder
 
-        contest = workflow.compare(scene, folder, report_step, store, pictures=pictures)
-    written = {
-        name: str(folder / name) for name in (workflow.FILES if pictures else workflow.FILES[:1])
-    }
-    line = (
-        f"Report: {folder / workflow.FILES[1]}"
-        if pictures
-        else f"Methods: {folder / workflow.FILES[0]}"
-    )
+        setup = at.read_scene(scene)
+        writable_folder(folder)
+        for name in ("methods.csv", "methods.html"):
+            (folder / name).unlink(missing_ok=True)  # of an older run
+        result = at.compare(setup, store=store, progress=report_step)
+        files = [result.save(folder)]
+        if pictures:
+            files += at.write_report(result, folder, progress=report_step)
     show(
-        _table(contest),
-        warnings=contest.notes,
-        lines=[line],
-        record={**_record(contest), "files": written},
+        _table(result),
+        warnings=result.warnings,
+        lines=[f"{'Report' if pictures else 'Methods'}: {files[-1]}"],
+        record={**_record(result), "files": {file.name: str(file) for file in files}},
     )
     if opened:
-        open_page(folder / workflow.FILES[1])
+        open_page(files[-1])
 
 
-def _record(contest: "Ranked") -> dict[str, Any]:
-    """List what each method reached, best first, for ``--json``."""
-    methods = [
-        {
-            "name": one.name,
-            "pressures": one.pressures.tolist(),
-            "of_the_bound": float(contest.of_the_bound(one)),
-            "seconds": one.seconds,
-            "kept": one.kept,
-            "suppression_level": one.suppression_level,
-        }
-        for one in sorted(contest.contenders, key=contest.of_the_bound, reverse=True)
-    ]
-    error = contest.report.estimated_error
-    facts = {"foci": list(contest.foci), "default": contest.default, "methods": methods}
-    return {**facts, "bound": contest.bound, "estimated_error": error}
+def _record(result: "MethodComparison") -> dict[str, Any]:
+    """Return the result for ``--json``, the best method first."""
+    return {
+        "foci": list(result.setup.foci),
+        "default": result.default,
+        "methods": [
+            {
+                "name": contender.name,
+                "pressures": contender.pressures.tolist(),
+                "of_the_bound": float(result.of_the_bound(contender)),
+                "seconds": contender.seconds,
+                "kept": contender.kept,
+                "suppression_level": contender.suppression_level,
+            }
+            for contender in result.ranked
+        ],
+        "bound": result.bound,
+        "estimated_error": result.report.estimated_error,
+    }
 
 
-def _table(contest: "Ranked") -> "Table":
-    """Tabulate what the worst focus gets by each method, best first."""
-    suppressed = ["suppression points"] if len(contest.target.suppression_points) else []
-    doubted = ["9 of 10 times"] if contest.contenders[0].kept is not None else []
-    table = plain_table(
-        "method", "worst focus", *doubted, "of the bound", "mean", "time", *suppressed
-    )
-    table.title = "What the foci get; of the bound: at full scale, over what no drive exceeds"
-    for one in sorted(contest.contenders, key=contest.of_the_bound, reverse=True):
-        worst, mean = one.pressures.min(), one.pressures.mean()
-        share = contest.of_the_bound(one)
-        level = [f"{one.suppression_level:+.1f} dB"] if suppressed else []
-        time = f"{1e3 * one.seconds:,.3g} ms" if one.seconds < 1.0 else f"{one.seconds:.1f} s"
-        kept = [] if one.kept is None else [f"{one.kept:,.0f} Pa"]
-        table.add_row(
-            contest.label(one),
-            f"{worst:,.0f} Pa",
-            *kept,
-            f"{share:.0%}",
-            f"{mean:,.0f} Pa",
-            time,
-            *level,
-        )
+def _table(result: "MethodComparison") -> "Table":
+    """Tabulate the pressure at the worst focus by each method, the best first."""
+    uncertain = result.contenders[0].kept is not None
+    suppressed = len(result.setup.target.suppression_points) > 0
+    columns = ["method", "worst focus", "of the bound", "mean", "time"]
+    if uncertain:
+        columns.insert(2, "9 of 10 times")
+    if suppressed:
+        columns.append("suppression points")
+    table = plain_table(*columns)
+    table.title = "Pressure at the foci; of the bound: at full scale, over what no drive exceeds"
+    for contender in result.ranked:
+        seconds = contender.seconds
+        row = [
+            result.label(contender),
+            f"{contender.pressures.min():,.0f} Pa",
+            f"{result.of_the_bound(contender):.0%}",
+            f"{contender.pressures.mean():,.0f} Pa",
+            f"{1e3 * seconds:,.3g} ms" if seconds < 1.0 else f"{seconds:.1f} s",
+        ]
+        if uncertain:
+            row.insert(2, f"{contender.kept:,.0f} Pa")
+        if suppressed:
+            row.append(f"{contender.suppression_level:+.1f} dB")
+        table.add_row(*row)
     return table

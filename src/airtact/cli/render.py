@@ -1,5 +1,6 @@
 """``airtact render``: from a scene file to the drive, the field and a page."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,10 @@ from airtact.cli.options import Names, as_json, open_result, pictures, quiet, re
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from airtact.reports.run_page import Rendered
+    from airtact.setup.rendering import Rendering
+
+FILES = ("drive.csv", "drive.h5", "sequence.h5", "field.vtkhdf", "report.html")
+"""Files of a rendering; the sequence only where foci move, the last two with pictures only."""
 
 
 @click.command(
@@ -43,65 +47,71 @@ def render(
     scene, are in sequence.h5.
     """
     with progress() as report_step:
-        report_step("starting")
-        from airtact.workflows import render as workflow
+        report_step(f"reading {scene.name}")
+        import airtact as at
+        from airtact.files.atomic import writable_folder
 
+        setup = at.read_scene(scene)
+        if method is not None:
+            setup = replace(setup, method=method)
+        writable_folder(folder)
+        saved = False
         try:
-            run = workflow.render(
-                scene, folder, report_step, store, method=method, pictures=pictures
-            )
+            result = at.render(setup, store=store, progress=report_step)
+            for name in FILES:
+                (folder / name).unlink(missing_ok=True)  # of an older run
+            saved = True
+            result.save(folder)
+            if pictures:
+                at.write_report(result, folder, progress=report_step)
         except KeyboardInterrupt:
-            kept = (
-                ", ".join(name for name in workflow.FILES if (folder / name).exists()) or "0 files"
-            )
-            raise KeyboardInterrupt(f"{kept} in {folder} kept, each complete") from None
-    written = {
-        name: str(folder / name) for name in (workflow.FILES if pictures else workflow.FILES[:2])
-    }
-    last = folder / list(written)[-1]
-    line = f"Report: {last}" if pictures else f"Drive: {last}"
+            kept = [name for name in FILES if saved and (folder / name).exists()]
+            words = ", ".join(kept) if kept else "no files of this run"
+            raise KeyboardInterrupt(f"{words} in {folder}, each complete") from None
+    written = {name: str(folder / name) for name in FILES if (folder / name).exists()}
+    last = folder / ("report.html" if pictures else "drive.h5")
     show(
-        _table(run),
-        first=[run.headline, *run.remarks],
-        warnings=run.notes,
-        lines=[*run.sensation, line],
-        record={**_record(run), "files": written},
+        _table(result),
+        first=[result.headline, *result.remarks],
+        warnings=result.warnings,
+        lines=[*result.sensation, f"Report: {last}" if pictures else f"Drive: {last}"],
+        record={**_record(result), "files": written},
     )
     if opened:
         open_page(folder / "report.html")
 
 
-def _record(run: "Rendered") -> dict[str, Any]:
-    """List what a run found, for ``--json``."""
-    asked = run.target.pressures
-    wanted = [None] * len(run.foci) if asked is None else asked.tolist()
+def _record(result: "Rendering") -> dict[str, Any]:
+    """Return the result for ``--json``."""
+    setup = result.setup
+    asked = setup.target.pressures
+    wanted = [None] * len(setup.foci) if asked is None else asked.tolist()
     foci = [
-        {"name": name, "position": point.tolist(), "pressure": float(got), "asked": pressure}
-        for name, point, got, pressure in zip(
-            run.foci, run.target.points, run.reached, wanted, strict=True
+        {"name": name, "position": point.tolist(), "pressure": float(pressure), "asked": asked}
+        for name, point, pressure, asked in zip(
+            setup.foci, setup.target.points, result.pressures, wanted, strict=True
         )
     ]
     return {
-        "method": run.method,
-        "headline": run.headline,
-        "remarks": list(run.remarks),
+        "method": result.method,
+        "headline": result.headline,
+        "remarks": list(result.remarks),
         "foci": foci,
-        "sensation": list(run.sensation),
-        "estimated_error": run.comparison.report.estimated_error,
-        "seconds": dict(run.seconds),
+        "sensation": list(result.sensation),
+        "estimated_error": result.estimated_error,
+        "seconds": dict(result.seconds),
     }
 
 
-def _table(run: "Rendered") -> "Table":
-    """Tabulate what each focus gets, beside the control where there is one."""
-    asked, names = run.target.pressures, run.comparison.names
-    table = plain_table("focus", "pressure", *([] if asked is None else ["asked"]), *names[1:])
-    scale = run.reached / run.comparison.pressures["equal energy"][0]
-    for index, name in enumerate(run.foci):
-        wanted = [] if asked is None else [f"{asked[index]:,.0f} Pa"]
-        others = [
-            f"{scale[index] * got[index]:,.0f} Pa"
-            for got in run.comparison.pressures["equal energy"][1:]
-        ]
-        table.add_row(escape(name), f"{run.reached[index]:,.0f} Pa", *wanted, *others)
+def _table(result: "Rendering") -> "Table":
+    """Tabulate the pressure at each focus, beside the control if there is one."""
+    asked = result.setup.target.pressures
+    columns = {"pressure": result.pressures}
+    if asked is not None:
+        columns["asked"] = asked
+    if result.control_pressures is not None:
+        columns[result.verification.names[1]] = result.control_pressures
+    table = plain_table("focus", *columns)
+    for name, *pressures in zip(result.setup.foci, *columns.values(), strict=True):
+        table.add_row(escape(name), *(f"{pressure:,.0f} Pa" for pressure in pressures))
     return table

@@ -1,5 +1,6 @@
 from .comparison import HELD_EQUAL as HELD_EQUAL
 from .comparison import Comparison as Comparison
+from .comparison import compare as compare
 from .field import drive_sources as drive_sources
 from .metrics import Evaluation as Evaluation
 from .microphone import Microphone as Microphone

@@ -28,8 +28,8 @@ from airtact.live.sources import (
     checked_seconds,
     moved_to,
 )
-from airtact.setup.building import Setup
 from airtact.setup.examples import example
+from airtact.setup.setup import Setup
 from airtact.timing import Progress, no_progress
 from airtact.transducers.drive_file import DriveFile
 

@@ -12,7 +12,7 @@ from airtact.errors import InvalidInput
 from airtact.hands.hand import PLACES
 from airtact.live.drives.riding import ride
 from airtact.live.parts import LiveScene, MovingFoci
-from airtact.setup.building import Setup
+from airtact.setup.setup import Setup
 from airtact.transducers.modulation import AmplitudeModulation
 
 MOST_FRAMES = 64

@@ -1,151 +1,55 @@
 """The page that compares ways to make a drive: a table, bars against the bound, and each field on one scale."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float64
 
-from airtact.acoustics.solvers.problem import SolveReport
-from airtact.acoustics.target import Target
 from airtact.checks import counted
-from airtact.drives.transfer import Drive, TransferMatrix
 from airtact.evaluation.metrics import not_modelled
 from airtact.files.atomic import whole_file
 from airtact.reports.field_figure import Cut, draw_field
 from airtact.reports.page import page_from, picture
 from airtact.reports.plots import draw_bars
 from airtact.reports.viewer import SceneView, viewer_values
+from airtact.setup.comparing import MethodComparison
 
 
-@dataclass(frozen=True, eq=False)
-class Contender:
-    """One way to make a drive, and what came of it.
+def write_methods_page(
+    path: Path,
+    contest: MethodComparison,
+    cut: Cut,
+    view: SceneView,
+    seconds: Mapping[str, float],
+) -> None:
+    """Write the comparison of all methods as one self-contained HTML file.
 
-    Attributes
+    Parameters
     ----------
-    name : of the method.
-    drive : what it gave.
-    emitted : the same in the scene's levels, which is what is verified.
-    pressures : (F,) peak pressure at the foci, by the verification solve [Pa].
-    suppression_points : (Q,) peak pressure at the suppression points [Pa].
-    seconds : how long it took [s].
-    kept : what the worst focus gets 9 of 10 times with what is in doubt [Pa]; None where nothing
-        is.
-    """
-
-    name: str
-    drive: Drive
-    emitted: Drive
-    pressures: Float64[np.ndarray, "foci"]
-    suppression_points: Float64[np.ndarray, "suppressed"]
-    seconds: float
-    kept: float | None = None
-
-    @property
-    def energy(self) -> float:
-        """Mean of |d|² over the elements: 1 when all are at full scale."""
-        return float(np.mean(np.abs(self.drive.amplitudes) ** 2))
-
-    @property
-    def suppression_level(self) -> float:
-        """Mean of p² in the suppression points against that in the foci [dB]; NaN without suppression points."""
-        if not len(self.suppression_points):
-            return float("nan")
-        return float(
-            10.0 * np.log10(np.mean(self.suppression_points**2) / np.mean(self.pressures**2))
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class Ranked:
-    """What each method reached.
-
-    Attributes
-    ----------
-    title : name of the scene.
-    text : the scene file.
-    target : the foci.
-    foci : a name for each.
-    bodies : a name for each body.
-    default : the method that a drive is made by where the scene names none.
-    contenders : the methods that made a drive, and the control last.
-    notes : warnings of the scene, of methods that made no drive or stalled, and of the verification
-        solve.
-    transfer : what the drives were made from.
-    bound : no drive of amplitudes up to 1 gives every focus more than this times its weight [Pa].
-    report : how the verification solve came to the pressures.
+    cut : field of each drive in the plane of the foci.
+    view : the scene in space, with the field of each drive.
     seconds : wall time by step [s].
     """
-
-    title: str
-    text: str
-    target: Target
-    foci: Sequence[str]
-    bodies: Sequence[str]
-    default: str
-    contenders: Sequence[Contender]
-    notes: Sequence[str]
-    transfer: TransferMatrix
-    bound: float
-    report: SolveReport
-    seconds: Mapping[str, float]
-
-    def worst(self, one: Contender) -> float:
-        """Least pressure over weight of a method, over the foci that ask for any [Pa]."""
-        asked = self.target.weights > 0.0
-        return float((one.pressures[asked] / self.target.weights[asked]).min())
-
-    def of_the_bound(self, one: Contender) -> float:
-        """Divide what a method's worst focus would get at full scale by the bound."""
-        return self.worst(one) / float(np.abs(one.emitted.amplitudes).max()) / self.bound
-
-    def label(self, one: Contender) -> str:
-        """Name a method, and mark the default."""
-        return f"{one.name} (default)" if one.name == self.default else one.name
-
-    @property
-    def best(self) -> Contender:
-        """The method whose worst focus gets most at full scale."""
-        return max(self.contenders, key=self.of_the_bound)
-
-
-@dataclass(frozen=True, eq=False)
-class Contest(Ranked):
-    """All that the page shows.
-
-    Attributes
-    ----------
-    cut : the field of each drive in one plane.
-    view : the scene in space, with the field of each drive.
-    """
-
-    cut: Cut
-    view: SceneView
-
-
-def write_methods_page(path: Path, contest: Contest) -> None:
-    """Write the comparison as one HTML file that needs nothing else; it appears only once it is complete."""
-    values = {**_summary(contest), **_tables(contest), **_pictures(contest)}
-    values["space"] = viewer_values(
-        contest.view,
-        contest.title,
-        (contest.contenders.index(contest.best), len(contest.contenders) - 1),
-    )
-    title = f"airtact: methods for {contest.title}"
+    shown = contest.contenders.index(contest.best), len(contest.contenders) - 1
+    values = {
+        **_summary(contest, seconds),
+        **_tables(contest),
+        **_pictures(contest, cut, view),
+        "space": viewer_values(view, contest.setup.title, shown),
+    }
+    title = f"airtact: methods for {contest.setup.title}"
     with whole_file(path) as partial:
         partial.write_text(
             page_from("methods.html.j2", title=title, contest=contest, **values), "utf-8"
         )
 
 
-def _summary(contest: Contest) -> dict[str, Any]:
+def _summary(contest: MethodComparison, seconds: Mapping[str, float]) -> dict[str, Any]:
     best = contest.best
     return {
         "drives": counted(len(contest.contenders), "drive", "drives"),
-        "foci": counted(len(contest.foci), "focus", "foci"),
+        "foci": counted(len(contest.setup.foci), "focus", "foci"),
         "facts": [
             (best.name, "gives its worst focus most"),
             (_digits(contest.worst(best)), f"{_unit(contest)} at that focus"),
@@ -155,17 +59,17 @@ def _summary(contest: Contest) -> dict[str, Any]:
             ),
             (f"{1e3 * best.seconds:.3g} ms", "to make that drive"),
         ],
-        "warnings": contest.notes,
+        "warnings": contest.warnings,
         "not_modelled": not_modelled(contest.report),
-        "steps": [[name, f"{seconds:.2f} s"] for name, seconds in contest.seconds.items()],
+        "steps": [[name, f"{time:.2f} s"] for name, time in seconds.items()],
     }
 
 
-def _unit(contest: Contest) -> str:
+def _unit(contest: MethodComparison) -> str:
     """Name the unit of a pressure over its weight."""
-    if contest.target.pressures is not None:
+    if contest.setup.target.pressures is not None:
         return "times the pressure asked"
-    return "Pa" if contest.target.shares is None else "Pa over the share asked"
+    return "Pa" if contest.setup.target.shares is None else "Pa over the share asked"
 
 
 def _digits(pressure: float) -> str:
@@ -173,11 +77,11 @@ def _digits(pressure: float) -> str:
     return f"{pressure:,.0f}" if pressure >= 1e3 else f"{pressure:.4g}"
 
 
-def _tables(contest: Contest) -> dict[str, Any]:
+def _tables(contest: MethodComparison) -> dict[str, Any]:
     rows = []
-    for one in sorted(contest.contenders, key=contest.of_the_bound, reverse=True):
+    for one in contest.ranked:
         exact, rounded = (
-            np.abs(contest.transfer.pressure(drive))[: len(contest.foci)]
+            np.abs(contest.transfer.pressure(drive))[: len(contest.setup.foci)]
             for drive in (one.drive, one.emitted)
         )
         rows.append(
@@ -195,7 +99,7 @@ def _tables(contest: Contest) -> dict[str, Any]:
             ]
         )
     columns = ["mean [Pa]", "weakest / strongest", "energy", "rounding", "time [ms]"]
-    suppressed = ["suppression points [dB]"] if len(contest.target.suppression_points) else []
+    suppressed = ["suppression points [dB]"] if len(contest.setup.target.suppression_points) else []
     doubted = (
         ["9 of 10 times, with what is in doubt [Pa]"]
         if contest.contenders[0].kept is not None
@@ -205,7 +109,7 @@ def _tables(contest: Contest) -> dict[str, Any]:
     return {
         "header": [*first, *columns, *suppressed, *doubted],
         "rows": rows,
-        "focus_header": ["peak pressure [Pa]", *contest.foci],
+        "focus_header": ["peak pressure [Pa]", *contest.setup.foci],
         "focus_rows": [
             [one.name, *(f"{pressure:,.0f}" for pressure in one.pressures)]
             for one in contest.contenders
@@ -213,7 +117,7 @@ def _tables(contest: Contest) -> dict[str, Any]:
     }
 
 
-def _pictures(contest: Contest) -> dict[str, Any]:
+def _pictures(contest: MethodComparison, cut: Cut, view: SceneView) -> dict[str, Any]:
     names = [one.name for one in contest.contenders]
     strengths = np.array([contest.of_the_bound(one) * contest.bound for one in contest.contenders])
     bars = picture(
@@ -222,13 +126,13 @@ def _pictures(contest: Contest) -> dict[str, Any]:
         f"Bars of the pressure at the worst focus for each method, from {_digits(strengths.min())} to "
         f"{_digits(strengths.max())}, and a line at the bound of {_digits(contest.bound)}",
     )
-    most, points = contest.view.most, contest.target.points
+    most, points = view.most, contest.setup.target.points
     fields = [
         picture(
-            draw_field(contest.cut, one.name, most, points),
+            draw_field(cut, one.name, most, points),
             one.name,
             f"Map of pressure by {one.name}: {one.pressures.min():,.0f} to {one.pressures.max():,.0f} Pa at the foci",
         )
-        for one in sorted(contest.contenders, key=contest.of_the_bound, reverse=True)
+        for one in contest.ranked
     ]
     return {"bars": bars, "fields": fields}

@@ -6,20 +6,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float64
 from markupsafe import Markup
 
 from airtact.acoustics.planes import Plane
-from airtact.acoustics.scene import Obstacle, Scene
+from airtact.acoustics.scene import Obstacle
 from airtact.acoustics.solvers.problem import SolveReport
-from airtact.acoustics.target import Target
 from airtact.checks import counted, in_mm
-from airtact.drives.frame import Frame
 from airtact.drives.sampling.ensemble import TransferEnsemble
-from airtact.drives.transfer import Drive, TransferMatrix
-from airtact.evaluation.comparison import HELD_EQUAL, Comparison
+from airtact.evaluation.comparison import HELD_EQUAL
 from airtact.evaluation.headline import pascals
-from airtact.evaluation.held_out import HeldOut
 from airtact.evaluation.metrics import not_modelled
 from airtact.files.atomic import whole_file
 from airtact.reports.array_figures import draw_phases, draw_scene
@@ -27,7 +22,7 @@ from airtact.reports.field_figure import FAINT, Cut, draw_close_ups, draw_differ
 from airtact.reports.page import page_from, picture
 from airtact.reports.plots import draw_shares, draw_shifts
 from airtact.reports.viewer import SceneView, viewer_alternative, viewer_values
-from airtact.transducers.layout import PhasedArray
+from airtact.setup.rendering import Rendering
 
 CITATION = (
     "S. Inoue, Y. Makino, H. Shinoda, Producing Airborne Ultrasonic 3D Tactile Image by Time Reversal Field Rendering, "
@@ -36,64 +31,12 @@ CITATION = (
 
 
 @dataclass(frozen=True, eq=False)
-class Rendered:
-    """What a run found.
+class Fields:
+    """The fields that a page shows.
 
     Attributes
     ----------
-    title : name of the scene.
-    text : the scene file.
-    scene : what was in the air.
-    bodies : a name for each body.
-    array : the transducers, in the obstacles' frame.
-    target : the foci.
-    foci : a name for each focus.
-    method : how the drive was made.
-    drive : what the transducers emit.
-    frame : the same in levels.
-    transfer : what the drive was made from.
-    beacons : how the transfer matrix was solved.
-    reached : (F,) peak pressure at the foci under the drive, by the verification solve [Pa].
-    comparison : the drive against its control, which the same method makes without the bodies;
-        alone in open air.
-    headline : what the weakest focus gets, in a sentence.
-    remarks : what was asked and not reached, and how near the drive comes to the certified bound.
-    notes : warnings.
-    sensation : how far the foci are above the threshold of detection, with its source.
-    seconds : wall time by step of the run [s].
-    doubt : what the drive keeps where hand, air and transducers are not as expected; None where
-        nothing is in doubt.
-    """
-
-    title: str
-    text: str
-    scene: Scene
-    bodies: Sequence[str]
-    array: PhasedArray
-    target: Target
-    foci: Sequence[str]
-    method: str
-    drive: Drive
-    frame: Frame
-    transfer: TransferMatrix
-    beacons: SolveReport
-    reached: Float64[np.ndarray, "foci"]
-    comparison: Comparison
-    headline: str
-    remarks: Sequence[str]
-    notes: Sequence[str]
-    sensation: Sequence[str]
-    seconds: Mapping[str, float]
-    doubt: HeldOut | None
-
-
-@dataclass(frozen=True, eq=False)
-class Run(Rendered):
-    """All that the page of a run shows.
-
-    Attributes
-    ----------
-    plane : pressures of both, the second at the energy of the first, in the plane through the foci.
+    plane : pressures under drive and control, at equal energy, in the plane through the foci.
     close_ups : the same across each focus; may be none.
     view : the scene in space.
     """
@@ -103,48 +46,50 @@ class Run(Rendered):
     view: SceneView
 
 
-def write_page(path: Path, run: Run) -> None:
-    """Write the run as one HTML file that needs nothing else; it appears only once it is complete."""
+def write_page(path: Path, run: Rendering, fields: Fields, seconds: Mapping[str, float]) -> None:
+    """Write a rendering as one self-contained HTML file; ``seconds`` is the wall time by step [s]."""
     values = {
         **_summary(run),
-        **_pictures(run),
+        **_pictures(run, fields),
         **_foci(run),
-        **_how(run),
-        "space": viewer_values(run.view, run.title),
+        **_how(run, seconds),
+        "space": viewer_values(fields.view, run.setup.title),
     }
+    title = f"airtact: {run.setup.title}"
     with whole_file(path) as partial:
-        partial.write_text(
-            page_from("report.html.j2", title=f"airtact: {run.title}", run=run, **values), "utf-8"
-        )
+        partial.write_text(page_from("report.html.j2", title=title, run=run, **values), "utf-8")
 
 
-def _summary(run: Run) -> dict[str, Any]:
+def _summary(run: Rendering) -> dict[str, Any]:
     solve = sum(run.seconds[step] for step in ("beacons", "transfer", "drive"))
-    scatter = "scatters" if len(run.bodies) == 1 else "scatter"
+    scatter = "scatters" if len(run.setup.bodies) == 1 else "scatter"
     return {
         "transducers": _transducers(run),
-        "frequency": f"{run.scene.frequency / 1e3:g} kHz",
-        "foci": counted(len(run.foci), "focus", "foci"),
-        "stand": "stands" if len(run.foci) == 1 else "stand",
-        "where": f"beside {_and(run.bodies)}, which {scatter} the sound"
-        if run.bodies
+        "frequency": f"{run.setup.scene.frequency / 1e3:g} kHz",
+        "foci": counted(len(run.setup.foci), "focus", "foci"),
+        "stand": "stands" if len(run.setup.foci) == 1 else "stand",
+        "where": f"beside {_and(run.setup.bodies)}, which {scatter} the sound"
+        if run.setup.bodies
         else "in open air",
         "facts": [
-            (f"{pascals(run.reached.min())}", "at the weakest focus"),
+            (f"{pascals(run.pressures.min())}", "at the weakest focus"),
             (f"{solve:.2f} s", "to solve and make the drive"),
-            (_percent(run.comparison.report.estimated_error), "estimated error of these pressures"),
+            (
+                _percent(run.verification.report.estimated_error),
+                "estimated error of these pressures",
+            ),
         ],
-        "warnings": list(dict.fromkeys(run.notes)),
+        "warnings": list(dict.fromkeys(run.warnings)),
     }
 
 
-def _transducers(run: Run) -> str:
-    return counted(len(run.array), "transducer", "transducers")
+def _transducers(run: Rendering) -> str:
+    return counted(len(run.setup.array), "transducer", "transducers")
 
 
-def _pictures(run: Run) -> dict[str, Any]:
+def _pictures(run: Rendering, fields: Fields) -> dict[str, Any]:
     phases = picture(
-        draw_phases(run.array.positions, run.array.normals, run.drive.amplitudes),
+        draw_phases(run.setup.array.positions, run.setup.array.normals, run.drive.amplitudes),
         f"Phase and amplitude, of full scale, of each transducer by {run.method}, each face as seen from the side that "
         "it radiates to, in the order in which a viewer inside who turns to the right sees them (compare Fig. 5 of the "
         "paper). Phases "
@@ -154,26 +99,26 @@ def _pictures(run: Run) -> dict[str, Any]:
         f"Phases and amplitudes of all {_transducers(run)}, face by face",
         wide=True,
     )
-    bodies = [obstacle.surface for obstacle in run.scene.obstacles]
+    bodies = [obstacle.surface for obstacle in run.setup.scene.obstacles]
     still = picture(
         draw_scene(
-            run.array.positions,
-            run.array.normals,
+            run.setup.array.positions,
+            run.setup.array.normals,
             run.drive.amplitudes,
             bodies,
-            run.target.points,
-            run.scene.planes,
+            run.setup.target.points,
+            run.setup.scene.planes,
         ),
         "Transducers coloured by phase, bodies in grey, foci in orange. Transducers that face away from the viewer are "
         "faint rings.",
-        viewer_alternative(run.view),
+        viewer_alternative(fields.view),
     )
-    return {"fields": _fields(run), "phases": phases, "still": still, "doubt": _doubt(run)}
+    return {"fields": _fields(run, fields), "phases": phases, "still": still, "doubt": _doubt(run)}
 
 
-def _doubt(run: Run) -> list[Markup]:
+def _doubt(run: Rendering) -> list[Markup]:
     """Draw what the drive keeps where the hand is not as expected: over samples, and by shifts of the hand."""
-    doubt = run.doubt
+    doubt = run.robustness
     if doubt is None or not isinstance(run.transfer, TransferEnsemble):
         return []
     off = run.transfer.uncertainty.shift
@@ -209,32 +154,32 @@ def _doubt(run: Run) -> list[Markup]:
     return [shares, shifts]
 
 
-def _fields(run: Run) -> list[Markup]:
+def _fields(run: Rendering, fields: Fields) -> list[Markup]:
     """Draw both drives and their difference: in the plane through the foci, or across each focus of a hand."""
-    names = run.comparison.names
-    most, points, got = run.view.most, run.target.points, run.view.reached
-    error = max(cut.error for cut in (run.close_ups or [run.plane]))
+    names = run.verification.names
+    most, points, got = fields.view.most, run.setup.target.points, fields.view.reached
+    error = max(cut.error for cut in (fields.close_ups or [fields.plane]))
     estimate = (
         f" The pressures there are estimated to be {100 * error:.1g} % off." if error > 0.0 else ""
     )
-    if run.close_ups:
-        changes = zip(run.foci, 20.0 * np.log10(got[:, 0] / got[:, 1]), strict=True)
+    if fields.close_ups:
+        changes = zip(run.setup.foci, 20.0 * np.log10(got[:, 0] / got[:, 1]), strict=True)
         return [
             picture(
-                draw_close_ups(run.close_ups, run.foci, most),
+                draw_close_ups(fields.close_ups, run.setup.foci, most),
                 f"Across each focus, at right angles to the surface, which lies below it.{estimate}",
                 f"Maps around each focus, up to {_rounded(most)} Pa; {names[0]} over {names[1]} in dB: "
                 + ", ".join(f"{name} {change:+.1f}" for name, change in changes),
                 wide=True,
             )
         ]
-    off = 1e3 * np.abs(run.plane.window.height_of(points)).max()
+    off = 1e3 * np.abs(fields.plane.window.height_of(points)).max()
     plane = "Plane through the foci."
     if off >= 0.5:
         plane = f"Plane nearest to the foci, which are up to {off:.1f} mm off it; those off it are dashed."
     panels = [
         picture(
-            draw_field(run.plane, name, most, points, run.foci),
+            draw_field(fields.plane, name, most, points, run.setup.foci),
             f"{name.capitalize()}. {plane}{estimate}",
             f"Map of pressure, {name}: {_rounded(some.min())} to {_rounded(some.max())} Pa at the foci",
         )
@@ -244,28 +189,28 @@ def _fields(run: Run) -> list[Markup]:
         return panels
     change = 20.0 * np.log10(got[:, 0] / got[:, 1])
     difference = picture(
-        draw_difference(run.plane, (names[0], names[1]), most, points, run.foci),
+        draw_difference(fields.plane, (names[0], names[1]), most, points, run.setup.foci),
         f"Red: more with {names[0]}. Grey: less than {FAINT:.0%} of the largest pressure in both.",
         f"Map of the difference in dB: {change.min():+.1f} to {change.max():+.1f} dB at the foci",
     )
     return [*panels, difference]
 
 
-def _rounding(run: Run) -> float:
+def _rounding(run: Rendering) -> float:
     """Largest relative change of the pressure at a focus that rounding to levels makes."""
     exact, rounded = (
-        np.abs(run.transfer.pressure(drive))[: len(run.foci)]
+        np.abs(run.transfer.pressure(drive))[: len(run.setup.foci)]
         for drive in (run.drive, run.frame.drive())
     )
     return float(np.max(np.abs(rounded / exact - 1)))
 
 
-def _foci(run: Run) -> dict[str, Any]:
-    depths = -1e3 * run.scene.depth(run.target.points)
-    asked = run.target.pressures
+def _foci(run: Rendering) -> dict[str, Any]:
+    depths = -1e3 * run.setup.scene.depth(run.setup.target.points)
+    asked = run.setup.target.pressures
     rows = []
     for index, (name, point, got) in enumerate(
-        zip(run.foci, 1e3 * run.target.points, run.reached, strict=True)
+        zip(run.setup.foci, 1e3 * run.setup.target.points, run.pressures, strict=True)
     ):
         wanted = (
             ["as strong as possible", "–"]
@@ -299,16 +244,16 @@ def _foci(run: Run) -> dict[str, Any]:
         "comparisons": [
             (f"{held_equal.capitalize()}: {meaning}", *_comparison(run, held_equal))
             for held_equal, meaning in HELD_EQUAL.items()
-            if run.bodies
+            if run.setup.bodies
         ],
     }
 
 
-def _comparison(run: Run, held_equal: str) -> tuple[list[str], list[list[str]]]:
+def _comparison(run: Rendering, held_equal: str) -> tuple[list[str], list[list[str]]]:
     """Header and rows of what each focus gets from both drives, and how many times as much from the first."""
-    pressures, ratios = run.comparison.pressures[held_equal], run.comparison.ratios(held_equal)
+    pressures, ratios = run.verification.pressures[held_equal], run.verification.ratios(held_equal)
     rows = []
-    for index, name in enumerate(run.foci):
+    for index, name in enumerate(run.setup.foci):
         first, second = pressures[:, index]
         squares = _kilopascal_squared(first), _kilopascal_squared(second)
         with np.errstate(divide="ignore"):  # the second may give it nothing
@@ -317,16 +262,16 @@ def _comparison(run: Run, held_equal: str) -> tuple[list[str], list[list[str]]]:
             [name, _pascal(first), _pascal(second), f"{times:.3f}", *squares, f"{times**2:.3f}"]
         )
     pressure, squared = (
-        [quantity.format(name) for name in run.comparison.names]
+        [quantity.format(name) for name in run.verification.names]
         for quantity in ("p {} [Pa]", "p² {} [kPa²]")
     )
     return ["focus", *pressure, "times p", *squared, "times p²"], rows
 
 
-def _how(run: Run) -> dict[str, Any]:
-    medium, scene = run.scene.medium, run.scene
-    reports = (run.beacons, run.comparison.report)
-    pairs = list(zip(run.bodies, scene.obstacles, strict=True))
+def _how(run: Rendering, seconds: Mapping[str, float]) -> dict[str, Any]:
+    medium, scene = run.setup.scene.medium, run.setup.scene
+    reports = (run.beacons, run.verification.report)
+    pairs = list(zip(run.setup.bodies, scene.obstacles, strict=True))
     repairs = " ".join(
         f"{name}: {note}" for name, obstacle in pairs for note in obstacle.surface.repairs
     )
@@ -364,14 +309,14 @@ def _how(run: Run) -> dict[str, Any]:
             ["repaired", repairs or "nothing"],
             [
                 "array",
-                f"{_transducers(run)} of {run.array.element.sensitivity:g} Pa·m (peak, uncalibrated)",
+                f"{_transducers(run)} of {run.setup.array.element.sensitivity:g} Pa·m (peak, uncalibrated)",
             ],
-            ["pattern", run.array.element.pattern_in_words(scene.wavenumber.real)],
-            ["not in the model", not_modelled(run.comparison.report)],
-            ["wall time", _listed({name: f"{time:.2f} s" for name, time in run.seconds.items()})],
+            ["pattern", run.setup.array.element.pattern_in_words(scene.wavenumber.real)],
+            ["not in the model", not_modelled(run.verification.report)],
+            ["wall time", _listed({name: f"{time:.2f} s" for name, time in seconds.items()})],
         ],
         "citations": list(
-            dict.fromkeys([CITATION, *run.beacons.citations, *run.comparison.report.citations])
+            dict.fromkeys([CITATION, *run.beacons.citations, *run.verification.report.citations])
         ),
     }
 

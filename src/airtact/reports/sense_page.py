@@ -28,7 +28,7 @@ from airtact.reports.page import (
 )
 from airtact.sensing.echoes import Echoes
 from airtact.sensing.registration import Located
-from airtact.setup.building import Setup
+from airtact.setup.setup import Setup
 
 NEARER = 3.0
 """The bodies are cut in a window smaller than a field's by so many wavelengths, to show motions of a millimetre."""

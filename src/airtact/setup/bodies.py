@@ -28,7 +28,6 @@ from airtact.hands.joints import NAMES
 from airtact.hands.pinch_dummy import pinch
 from airtact.hands.scans import load_rigged_hand, places_on
 from airtact.setup import tables
-from airtact.setup.limits import not_finite
 from airtact.setup.parsing import parse_scene
 
 Made = TypeVar("Made")
@@ -257,7 +256,7 @@ def drawable_bodies(path: Path) -> list[Triangles]:
     """
     found = []
     file = parse_scene(text_of(path, LARGEST_SCENE_FILE))
-    for table in () if not_finite(file) else file.obstacles:
+    for table in file.obstacles:
         try:
             found += [
                 (body.vertices, body.triangles)

@@ -1,39 +1,34 @@
 """From a scene file to the scene, the array, the target and the way to make the drive."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from airtact.acoustics.medium import Medium, air
 from airtact.acoustics.planes import plane
-from airtact.acoustics.scene import Scene, check_no_planes, check_outside
+from airtact.acoustics.scene import Scene, check_no_planes
 from airtact.acoustics.solvers.bem.solver import BoundaryElement
 from airtact.acoustics.solvers.fem.solver import FiniteElement
 from airtact.acoustics.solvers.free_field import FreeField
 from airtact.acoustics.solvers.problem import Solver
-from airtact.acoustics.target import Target
 from airtact.acoustics.uncertainty import Uncertainty
 from airtact.checks import counted
-from airtact.drives.methods import FOR_SAMPLES, METHODS
 from airtact.drives.motion import ALONG, PATHS, Motion
-from airtact.drives.sampling.ensemble import check_counts, check_doubts
-from airtact.drives.transfer import Drive, TransferMatrix
 from airtact.errors import LARGEST_SCENE_FILE, InvalidInput, about
 from airtact.files.bounded import text_of
 from airtact.files.text_table import read_text_table
 from airtact.geometry.pose import Pose
-from airtact.hands.hand import Hand
 from airtact.setup import tables
 from airtact.setup.bodies import bodies_of, built, pose_of
 from airtact.setup.changes import Value, with_changes
-from airtact.setup.limits import not_finite
 from airtact.setup.parsing import nearest, parse_scene
+from airtact.setup.setup import Setup
 from airtact.setup.targets import riding_of, target_of
-from airtact.transducers.boards import MURATA_RADIUS, board_named, poses_of_boards
+from airtact.transducers.boards import MURATA_RADIUS, board_named
 from airtact.transducers.calibration import calibrated_by
 from airtact.transducers.element import (
     DEFAULT_SENSITIVITY,
@@ -45,7 +40,6 @@ from airtact.transducers.element import (
 from airtact.transducers.layout import PhasedArray, board_array, flat_boards, surrounding_box
 from airtact.transducers.levels import Levels
 from airtact.transducers.modulation import AmplitudeModulation
-from airtact.transducers.placement import check_placement
 from airtact.transducers.plates import reflecting_boards
 
 SOLVERS = {
@@ -57,69 +51,6 @@ SOLVERS = {
 
 SOURCES = ("piston", "monopole")
 """What a file can name as the kind of transducer."""
-
-
-@dataclass(frozen=True, eq=False)
-class Setup:
-    """What a scene file describes, ready to be solved.
-
-    Attributes
-    ----------
-    path : the file.
-    text : its contents.
-    scene : the bodies in their medium.
-    bodies : a name for each body.
-    array : the transducers, in the obstacles' frame.
-    board : name of the kind of board that the array is made of; None for transducers from a .csv
-        file.
-    poses : of each board, from the board's frame to the obstacles'; none without boards.
-    target : the foci.
-    foci : a name for each focus.
-    solver : computes the fields.
-    accuracy : relative error that the file asks of it.
-    method : name of the method that makes the drive.
-    synthesise : that method.
-    levels : what the drive is rounded to.
-    modulation : what makes the drive perceptible; None for a constant one.
-    uncertainty : what is in doubt, or None.
-    samples, seed : number of samples of it, and their seed.
-    hands : those that bodies are made of or that name points on them, in the obstacles' frame.
-    riding : for each focus the named point that it is before and its distance from the surface [m],
-        or None.
-    tracker : where the tracker of a live hand stands, from its frame to the obstacles'.
-    """
-
-    path: Path
-    text: str
-    scene: Scene
-    bodies: tuple[str, ...]
-    array: PhasedArray
-    board: str | None
-    poses: tuple[Pose, ...]
-    target: Target
-    foci: tuple[str, ...]
-    solver: Solver
-    accuracy: float
-    method: str
-    synthesise: Callable[[TransferMatrix, Target], Drive]
-    levels: Levels
-    modulation: AmplitudeModulation | Motion | None
-    hands: tuple[Hand, ...]
-    riding: tuple[tuple[str, float] | None, ...]
-    tracker: Pose
-    uncertainty: Uncertainty | None = None
-    samples: int = 64
-    seed: int = 0
-
-    @property
-    def frequency(self) -> float:
-        """Frequency of the sound [Hz]."""
-        return self.scene.frequency
-
-    @property
-    def medium(self) -> Medium:
-        """What the sound travels in."""
-        return self.scene.medium
 
 
 def read_scene(
@@ -153,17 +84,7 @@ def read_scene(
     text = text_of(path, LARGEST_SCENE_FILE)
     with about(path.name):
         file = parse_scene(text, partial(with_changes, changes=changes) if changes else None)
-        fault = not_finite(file)
-        if fault is None:
-            return _set_up(path, text, file, followed)
-        try:
-            with np.errstate(all="raise"):
-                _set_up(path, text, file, followed)
-        except InvalidInput:
-            raise
-        except (ArithmeticError, ValueError):
-            raise fault from None
-        raise fault
+        return _set_up(path, text, file, followed)
 
 
 def _set_up(path: Path, text: str, file: tables.SceneFile, followed: bool) -> Setup:
@@ -190,89 +111,53 @@ def _set_up(path: Path, text: str, file: tables.SceneFile, followed: bool) -> Se
     )
     with about("solver"):
         solver = _solver(file, scene)
-    with about("foci"):
-        check_outside(scene, target.points, "focus")
-    with about("suppression"):
-        if len(target.suppression_points):
-            check_outside(scene, target.suppression_points, "suppression point")
-    with about("array"):
-        check_placement(scene, array, target.points)
-        poses = (
-            () if board is None else tuple(poses_of_boards(board, array.positions, array.normals))
-        )
     with about("tracker"):
         tracker = Pose.identity() if file.tracker is None else pose_of(file.tracker)
     with about("drive"):
-        method = check_method(file.drive.method, followed or file.uncertainty is not None)
         count = file.drive.levels
-        levels = (
-            Levels.even(count, count)
-            if isinstance(count, int)
-            else Levels.even(count.amplitude, count.phase)
-        )
+        if isinstance(count, int):
+            count = tables.LevelsTable(amplitude=count, phase=count)
+        levels = Levels.even(count.amplitude, count.phase)
         with about("modulation"):
-            modulation = (
-                None
-                if file.drive.modulation is None
-                else _modulation(file.drive.modulation, len(foci))
-            )
+            modulation = _modulation(file.drive.modulation, len(foci))
     return Setup(
-        path=path,
-        text=text,
-        scene=scene,
-        bodies=tuple(bodies),
-        array=array,
-        board=board,
-        poses=poses,
-        target=target,
-        foci=foci,
+        scene,
+        array,
+        target,
         solver=solver,
         accuracy=file.solver.accuracy,
-        method=method,
-        synthesise=METHODS[method],
+        method=file.drive.method,
         levels=levels,
         modulation=modulation,
+        bodies=tuple(bodies),
+        foci=foci,
+        board=board,
         hands=tuple(hands),
         riding=riding_of(file.foci, len(foci)),
         tracker=tracker,
-        **_uncertainty(file.uncertainty, scene, array),
+        followed=followed,
+        path=path,
+        text=text,
+        **_uncertainty(file.uncertainty),
     )
 
 
-def check_method(method: str, uncertain: bool) -> str:
-    """Return the name of a method; raise "unknown_name", or "data_missing" for one that needs samples."""
-    if method not in METHODS:
-        raise InvalidInput(
-            f'"{method}" is not a method here; {nearest(method, METHODS)}', code="unknown_name"
-        )
-    if method in FOR_SAMPLES and not uncertain:
-        raise InvalidInput(
-            f'method = "{method}" is for what is in doubt, and there are 0 tables [uncertainty]: add one, such as '
-            "position = 1e-3 and rotation = 2.0.",
-            code="data_missing",
-        )
-    return method
-
-
-def _uncertainty(
-    table: tables.UncertaintyTable | None, scene: Scene, array: PhasedArray
-) -> dict[str, Any]:
-    """Return what is in doubt, and how many samples of it are drawn from which seed."""
+def _uncertainty(table: tables.UncertaintyTable | None) -> dict[str, Any]:
+    """Return the uncertainty, the number of samples and their seed."""
     if table is None:
         return {}
+    values = msgspec.structs.asdict(table)
+    samples = values.pop("samples")
+    seed = values.pop("seed")
     with about("uncertainty"):
-        check_counts(table.samples, table.seed)
-        given = {
-            name: getattr(table, name)
-            for name in table.__struct_fields__
-            if name not in ("samples", "seed")
-        }
-        uncertainty = Uncertainty(**given)
-        check_doubts(uncertainty, scene, array)
-        return {"uncertainty": uncertainty, "samples": table.samples, "seed": table.seed}
+        return {"uncertainty": Uncertainty(**values), "samples": samples, "seed": seed}
 
 
-def _modulation(table: tables.ModulationTable, foci: int) -> AmplitudeModulation | Motion:
+def _modulation(
+    table: tables.ModulationTable | None, foci: int
+) -> AmplitudeModulation | Motion | None:
+    if table is None:
+        return None
     kind = table.kind
     if isinstance(kind, tables.AmplitudeTable):
         return AmplitudeModulation(kind.frequency, kind.depth)

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from datetime import date, time
 from typing import Any
 
-import msgspec
-
 from airtact.checks import counted
 from airtact.errors import (
     LARGEST_NUMBER,
@@ -19,7 +17,6 @@ from airtact.errors import (
     SMALLEST_NUMBER,
     InvalidInput,
 )
-from airtact.setup.tables import SceneFile
 
 _TOKEN = re.compile(
     r"""
@@ -66,17 +63,14 @@ def check_text(text: str) -> None:
 
 
 def check_data(data: Mapping[str, str | float | date | time | Sequence | Mapping]) -> None:
-    """Raise "file_too_large", "out_of_range" or "too_many" where decoded TOML goes beyond a limit.
-
-    NaN and infinity pass: where they stand, what is built from them says what it needs.
-    """
+    """Raise "file_too_large", "out_of_range" or "too_many" where decoded TOML goes beyond a limit."""
     for node in _numbers(data):
         size = abs(node.value)
-        if (
-            math.isfinite(node.value)
-            and size != 0
-            and not SMALLEST_NUMBER <= size <= LARGEST_NUMBER
-        ):
+        if not math.isfinite(size):
+            raise InvalidInput(
+                f"{node.path()} is {node.value}, but it must be finite.", code="not_finite"
+            )
+        if size != 0 and not SMALLEST_NUMBER <= size <= LARGEST_NUMBER:
             raise InvalidInput(
                 f"{node.path()} is {node.value:.3g}, but its size must be 0, or lie between {SMALLEST_NUMBER:g} and "
                 f"{LARGEST_NUMBER:g}.",
@@ -86,16 +80,6 @@ def check_data(data: Mapping[str, str | float | date | time | Sequence | Mapping
     if isinstance(bodies, list) and len(bodies) > MOST_BODIES:
         count = counted(len(bodies), "obstacle", "obstacles")
         raise InvalidInput(f"there are {count}, more than {MOST_BODIES}.", code="too_many")
-
-
-def not_finite(file: SceneFile) -> InvalidInput | None:
-    """Make the fault "not_finite" of a file that holds NaN or infinity, with the first of them; else None."""
-    for node in _numbers(msgspec.to_builtins(file)):
-        if not math.isfinite(node.value):
-            return InvalidInput(
-                f"{node.path()} is {node.value}, but it must be finite.", code="not_finite"
-            )
-    return None
 
 
 def check_total(count: int, most: int) -> None:

@@ -9,8 +9,7 @@ from jaxtyping import Float64
 
 from airtact.acoustics.medium import air
 from airtact.acoustics.scene import Scene, sound_hard
-from airtact.acoustics.solvers.bem.solver import ROUNDED, BoundaryElement
-from airtact.acoustics.sources import Monopoles
+from airtact.acoustics.solvers.bem.solver import BoundaryElement
 from airtact.errors import InvalidInput, about
 from airtact.files.atomic import writable_folder
 from airtact.files.mesh_reading import SUFFIXES
@@ -20,24 +19,18 @@ from airtact.live.verification import VerifiedSession, verify_session
 from airtact.reports.body_figure import draw_bodies, draw_fault
 from airtact.reports.picture_file import write_picture
 from airtact.setup.bodies import Triangles, bare_triangles, drawable_bodies
-from airtact.setup.building import Setup, read_scene
-from airtact.setup.steps import reach_cautions as reach_cautions
+from airtact.setup.building import read_scene
+from airtact.setup.sentences import reach_cautions as reach_cautions
+from airtact.setup.setup import Setup
+from airtact.setup.solving import memory_of_a_solve as memory_of_a_solve
+from airtact.setup.solving import unknowns_of
 from airtact.timing import Progress, no_progress
 
 BODIES, FAULT = "bodies.png", "fault.png"
 """What is written, one or the other."""
 
-PROCESS = 1.2e8
-"""Memory of the process before a solve, the bodies included [bytes]."""
-
 DRIVES = 10
 """Drives of a session that are held against the hand that was there, unless another number is given."""
-
-MOST_COUNTED = 50_000
-"""Unknowns above which a check estimates them and makes no panels."""
-
-LOW_RANK, GROWTH = 193.0, 1.434
-"""Bytes of a solve over the unknowns to this power, with the matrix in bfloat16; 1.9 times that in single."""
 
 
 def check(
@@ -117,31 +110,6 @@ def check_session(
     session = read_session(path)
     every = max(1, -(-int(session.playing.sum()) // drives))
     return session, verify_session(session, every, report_step=report_step)
-
-
-def memory_of_a_solve(unknowns: float, accuracy: float) -> float:
-    """Estimate the memory that the process takes at its peak to solve for a few foci by boundary elements [bytes].
-
-    The matrix is mostly low-rank, so that it grows far slower than the square of the unknowns. The
-    law is fitted to 10 solves of the examples, 2,244 to 23,058 unknowns, which it meets within 20
-    %.
-    """
-    return PROCESS + (LOW_RANK if accuracy >= ROUNDED else 1.9 * LOW_RANK) * unknowns**GROWTH
-
-
-def unknowns_of(
-    solver: BoundaryElement, scene: Scene, points: Float64[np.ndarray, "points 3"]
-) -> int:
-    """Count the unknowns of a solve for sources at points (P, 3) [m], or estimate them where there are many.
-
-    Above ``MOST_COUNTED`` the estimate from the area of the bodies is returned: making the panels
-    would take longer and more memory than a check should.
-    """
-    area = sum(one.surface.area for one in scene.obstacles)
-    estimate = round(solver.nodes_per_square_wavelength * area / scene.wavelength**2)
-    if estimate > MOST_COUNTED:
-        return estimate
-    return solver.unknowns(scene, Monopoles(points, np.ones(len(points))))
 
 
 def unknowns_of_scene(setup: Setup) -> int | None:

@@ -16,7 +16,7 @@ from airtact.files.atomic import whole_file, writable_folder
 from airtact.reports.picture_file import write_picture
 from airtact.reports.plots import draw_overlay
 from airtact.setup.building import read_scene
-from airtact.setup.steps import solve_foci, synthesise, verification_solver
+from airtact.setup.solving import solve_foci, synthesise, verification_solver
 from airtact.timing import Clock, Progress, no_progress
 
 FILES = ("overlay.csv", "overlay.png")

@@ -19,7 +19,7 @@ from airtact.acoustics.store.fingerprint import fingerprint
 from airtact.acoustics.store.stored import ABANDONED, SUFFIX
 from airtact.cli import main
 from airtact.setup.building import read_scene
-from airtact.setup.steps import solve_foci
+from airtact.setup.solving import solve_foci
 from airtact.timing import Clock
 from faults import raises_code
 from paths import SCENES

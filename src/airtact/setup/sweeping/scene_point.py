@@ -22,10 +22,11 @@ from airtact.hands.files import load_hand
 from airtact.hands.tracking.recordings import Recording, load_recording
 from airtact.setup import tables
 from airtact.setup.bodies import pose_of
-from airtact.setup.building import Setup, read_scene
+from airtact.setup.building import read_scene
 from airtact.setup.changes import Value
 from airtact.setup.parsing import parse_scene
-from airtact.setup.steps import named, solve_foci, synthesise, with_control
+from airtact.setup.setup import Setup
+from airtact.setup.solving import control_drive, named, solve_foci, synthesise
 from airtact.setup.sweeping.rows import Row
 from airtact.timing import Clock
 
@@ -121,8 +122,8 @@ def _gain(setup: Setup, transfer: TransferMatrix, drive: Drive) -> float | None:
     At full scale both drives have their strongest element there; below, where no more is asked,
     they have one energy.
     """
-    control = list(with_control(setup, setup.synthesise).values())
-    if not control:
+    control = control_drive(setup, setup.synthesise)
+    if control is None:
         return None
     peak = float(np.abs(drive.amplitudes).max())
 
@@ -132,7 +133,7 @@ def _gain(setup: Setup, transfer: TransferMatrix, drive: Drive) -> float | None:
         size = np.abs(one.amplitudes).max() if peak >= FULL else np.linalg.norm(one.amplitudes)
         return float((pressures[asked] / weights[asked]).min() / size)
 
-    return weakest(drive) / weakest(control[0])
+    return weakest(drive) / weakest(control)
 
 
 def _distinct(names: tuple[str, ...]) -> list[str]:

@@ -6,7 +6,8 @@ from pathlib import Path
 from airtact import live
 from airtact.drives.amplitudes import check_cap
 from airtact.evaluation.thresholds import OCCUPATIONAL_LIMIT
-from airtact.setup.building import Setup, read_scene
+from airtact.setup.building import read_scene
+from airtact.setup.setup import Setup
 from airtact.timing import Progress, no_progress
 from airtact.workflows.emit import FULL, safe_cap
 

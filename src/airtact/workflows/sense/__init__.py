@@ -27,9 +27,10 @@ from airtact.sensing.residual import unexplained
 from airtact.sensing.scattering import ScatteringMatrix, scattering_matrix
 from airtact.sensing.simulation import simulate_echoes
 from airtact.setup import tables
-from airtact.setup.building import Setup, read_scene
+from airtact.setup.building import read_scene
 from airtact.setup.parsing import parse_scene
-from airtact.setup.steps import stored, synthesise
+from airtact.setup.setup import Setup
+from airtact.setup.solving import stored, synthesise
 from airtact.timing import Clock, Progress, no_progress
 
 FILES = ("pose.json", "report.html", "echoes.h5")

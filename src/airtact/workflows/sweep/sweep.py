@@ -12,13 +12,13 @@ from airtact.errors import InvalidInput, NotConverged, extra
 from airtact.files.atomic import writable_folder
 from airtact.reports.sweep_page import Swept, write_sweep_page
 from airtact.setup.building import read_scene
+from airtact.setup.solving import memory_of_a_solve, unknowns_of
 from airtact.setup.sweeping.processes import PROCESS, process_count, processes
 from airtact.setup.sweeping.rows import Row
 from airtact.setup.sweeping.scene_point import FRAME, SIDE, TIME, ScenePoint, frames_of, scene_point
 from airtact.setup.sweeping.sweep import MOST, Count
 from airtact.setup.sweeping.sweep import sweep as swept_rows
 from airtact.setup.sweeping.table import check_parquet, write_csv, write_parquet
-from airtact.workflows.check import memory_of_a_solve, unknowns_of
 from airtact.workflows.sweep.grid import grid_of
 
 FILES = ("sweep.csv", "sweep.html", "sweep.parquet")

@@ -6,14 +6,13 @@ import h5py
 import numpy as np
 import pytest
 
+import airtact as at
 from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
-from airtact.cli import main
-from airtact.drives.methods import METHODS
+from airtact.drives.methods import FOR_SAMPLES, METHODS
 from airtact.drives.transfer import Drive
 from airtact.errors import InvalidInput
 from airtact.evaluation.field import drive_sources
-from airtact.setup.building import read_scene
-from airtact.workflows.compare import FILES, WAYS, compare
+from faults import raises_code
 from paths import SCENES
 
 BALL = SCENES / "ball.toml"
@@ -22,16 +21,21 @@ CONTROL = "without the object"
 
 @pytest.fixture(scope="module")
 def compared(tmp_path_factory):
-    """One comparison on the small scene: its folder and what it returned."""
+    """One comparison on the small scene: its folder and its result."""
     folder = tmp_path_factory.mktemp("methods")
-    return folder, compare(BALL, folder)
+    result = at.compare(at.read_scene(BALL))
+    result.save(folder)
+    at.write_report(result, folder)
+    return folder, result
 
 
 def test_every_method_and_the_control_are_there(compared):
     folder, contest = compared
     names = [one.name for one in contest.contenders]
-    assert sorted(names) == sorted([*(name.replace("_", " ") for name in WAYS), CONTROL])
-    assert sorted(entry.name for entry in folder.iterdir()) == sorted([*FILES, "drives"])
+    methods = [name for name in METHODS if name != "best" and name not in FOR_SAMPLES]
+    assert sorted(names) == sorted([*(name.replace("_", " ") for name in methods), CONTROL])
+    files = ["drives", "methods.csv", "methods.html"]
+    assert sorted(entry.name for entry in folder.iterdir()) == files
     written = sorted(entry.stem for entry in (folder / "drives").iterdir())
     assert written == sorted(name.replace(" ", "_") for name in names)
 
@@ -40,11 +44,11 @@ def test_the_default_is_marked(compared):
     folder, contest = compared
     labels = [contest.label(one) for one in contest.contenders]
     assert [label for label in labels if label.endswith(" (default)")] == ["max min (default)"]
-    assert "max min (default)" in (folder / FILES[1]).read_text(encoding="utf-8")
+    assert "max min (default)" in (folder / "methods.html").read_text(encoding="utf-8")
 
 
 def test_the_series_agrees_with_the_verification(compared):
-    contest, setup = compared[1], read_scene(BALL)
+    contest, setup = compared[1], compared[1].setup
     sources = drive_sources(setup.array, [one.emitted for one in contest.contenders])
     true = np.abs(SphereSeries().radiate(setup.scene, sources).at(setup.target.points)).T
     for one, pressures in zip(contest.contenders, true, strict=True):
@@ -55,8 +59,8 @@ def test_no_method_passes_the_bound(compared):
     contest = compared[1]
     for one in contest.contenders:
         assert contest.of_the_bound(one) <= 1.05  # the scene asks for 5 %
-        foci = len(contest.foci)
-        exact = np.abs(contest.transfer.pressure(one.emitted))[:foci] / contest.target.weights
+        foci = len(contest.setup.foci)
+        exact = np.abs(contest.transfer.pressure(one.emitted))[:foci] / contest.setup.target.weights
         assert exact.min() <= contest.bound * (1.0 + 1e-12)
 
 
@@ -70,12 +74,12 @@ def test_the_table_has_the_pressures(compared):
     folder, contest = compared
     with (folder / "methods.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == len(contest.contenders) * len(contest.foci)
+    assert len(rows) == len(contest.contenders) * len(contest.setup.foci)
     for row in rows:
         one = next(one for one in contest.contenders if one.name == row["method"])
-        index = contest.foci.index(row["focus"])
+        index = contest.setup.foci.index(row["focus"])
         assert float(row["pressure_Pa"]) == pytest.approx(one.pressures[index], rel=1e-5)
-        assert float(row["weight"]) == contest.target.weights[index]
+        assert float(row["weight"]) == contest.setup.target.weights[index]
 
 
 def test_a_drive_file_holds_the_drive(compared):
@@ -95,26 +99,19 @@ def test_the_page_needs_nothing_else_and_names_every_method(compared):
         assert one.name in page
 
 
-def test_a_method_that_raises_is_reported_and_the_others_stand(tmp_path, capsys, monkeypatch):
-    def reject(transfer, target):
-        raise InvalidInput("2 foci are 0.1 mm apart; part them.", code="foci_too_close")
+def reject(transfer, target):
+    raise InvalidInput("the foci are 0.1 mm apart; part them.", code="too_close")
 
+
+def test_a_method_that_raises_is_reported_and_the_others_stand(monkeypatch):
     monkeypatch.setitem(METHODS, "inverse_filter", reject)
-    assert main(["compare", str(BALL), "--out", str(tmp_path)]) == 0
-    said = capsys.readouterr()
-    assert "inverse filter made no drive: 2 foci are 0.1 mm apart; part them." in said.out
-    assert "time reversal" in said.out
-    assert "2 foci are 0.1 mm apart" in (tmp_path / "methods.html").read_text(encoding="utf-8")
+    result = at.compare(at.read_scene(BALL))
+    assert "0.1 mm" in next(words for words in result.warnings if "inverse filter" in words)
+    assert "time reversal" in [one.name for one in result.contenders]
 
 
-def test_when_all_raise_nothing_is_written_but_the_folder(tmp_path, capsys, monkeypatch):
-    def reject(transfer, target):
-        raise InvalidInput("2 foci are 0.1 mm apart; part them.", code="foci_too_close")
-
+def test_when_all_raise_there_is_no_result(monkeypatch):
     for name in METHODS:
         monkeypatch.setitem(METHODS, name, reject)
-    assert main(["compare", str(BALL), "--out", str(tmp_path)]) == 2
-    errors = capsys.readouterr().err
-    assert f"0 of {len(WAYS)} methods" in errors
-    assert errors.endswith(" [no_drive]\n")
-    assert list((tmp_path / "drives").iterdir()) == []
+    with raises_code("empty", "0.1 mm"):
+        at.compare(at.read_scene(BALL))

@@ -1,0 +1,297 @@
+"""Comparisons: given drives on an array, or all methods for a setup, by one solve that verifies them all."""
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import overload
+
+import numpy as np
+from jaxtyping import Float64
+
+from airtact.acoustics.scene import Scene
+from airtact.acoustics.solvers.problem import RadiatedField, Solver, SolveReport
+from airtact.acoustics.target import Target
+from airtact.drives.bounds import upper_bound
+from airtact.drives.default_method import best, method_for
+from airtact.drives.methods import FOR_SAMPLES, METHODS
+from airtact.drives.rounding import quantise
+from airtact.drives.transfer import Drive, TransferMatrix
+from airtact.errors import InvalidInput
+from airtact.evaluation.comparison import Comparison
+from airtact.evaluation.comparison import compare as compare_drives
+from airtact.evaluation.metrics import radiate_drives
+from airtact.files.atomic import whole_file, writable_folder
+from airtact.printing import one_line
+from airtact.setup.rendering import save_drive
+from airtact.setup.sentences import reach_cautions
+from airtact.setup.setup import Setup
+from airtact.setup.solving import (
+    control_drive,
+    drive_names,
+    named,
+    solve_beacons,
+    stored,
+    synthesise,
+    transfer_to_array,
+    verification_solver,
+)
+from airtact.timing import Clock, Progress
+from airtact.transducers.layout import PhasedArray
+
+
+@dataclass(frozen=True, eq=False)
+class Contender:
+    """One method and its drive.
+
+    Attributes
+    ----------
+    name : of the method.
+    drive : made by the method.
+    emitted : the drive rounded to the levels of the setup, which is what is verified.
+    pressures : (F,) peak pressure at the foci [Pa].
+    suppression_points : (Q,) peak pressure at the suppression points [Pa].
+    seconds : time that the method took [s].
+    kept : pressure that the weakest focus exceeds in 9 of 10 samples of the uncertainty [Pa]; None
+        without any.
+    """
+
+    name: str
+    drive: Drive
+    emitted: Drive
+    pressures: Float64[np.ndarray, "foci"]
+    suppression_points: Float64[np.ndarray, "suppressed"]
+    seconds: float
+    kept: float | None = None
+
+    @property
+    def energy(self) -> float:
+        """Mean of |d|² over the elements: 1 when all are at full scale."""
+        return float(np.mean(np.abs(self.drive.amplitudes) ** 2))
+
+    @property
+    def suppression_level(self) -> float:
+        """Mean of p² in the suppression points against that in the foci [dB]; NaN without suppression points."""
+        if not len(self.suppression_points):
+            return float("nan")
+        ratio = np.mean(self.suppression_points**2) / np.mean(self.pressures**2)
+        return float(10.0 * np.log10(ratio))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MethodComparison:
+    """All methods for a setup, on one transfer matrix.
+
+    Attributes
+    ----------
+    setup : the scene, array and target.
+    default : name of the method that is taken by default.
+    contenders : the methods that made a drive, and the control last.
+    warnings : of the setup, of methods that made no drive or stopped early, and of the
+        verification.
+    transfer : transfer matrix that the drives were made from.
+    beacons : report of the solve behind it.
+    bound : no drive within full scale gives every focus more than this times its weight [Pa].
+    field : verification solve, one excitation for each contender.
+    seconds : wall time by step [s].
+    """
+
+    setup: Setup
+    default: str
+    contenders: Sequence[Contender]
+    warnings: Sequence[str]
+    transfer: TransferMatrix
+    beacons: SolveReport
+    bound: float
+    field: RadiatedField
+    seconds: Mapping[str, float]
+
+    def __repr__(self) -> str:
+        best = self.best
+        return one_line(self, *self.setup.bodies, f"best {best.name}, {self.worst(best):,.0f} Pa")
+
+    @property
+    def report(self) -> SolveReport:
+        """Report of the verification solve."""
+        return self.field.report
+
+    @property
+    def best(self) -> Contender:
+        """The method whose worst focus gets most at full scale."""
+        return max(self.contenders, key=self.of_the_bound)
+
+    @property
+    def ranked(self) -> list[Contender]:
+        """The contenders, best first."""
+        return sorted(self.contenders, key=self.of_the_bound, reverse=True)
+
+    def worst(self, contender: Contender) -> float:
+        """Return the least pressure over weight, over the foci that ask for any [Pa]."""
+        weights = self.setup.target.weights
+        asked = weights > 0.0
+        return float((contender.pressures[asked] / weights[asked]).min())
+
+    def of_the_bound(self, contender: Contender) -> float:
+        """Return the pressure at the worst focus at full scale over the bound."""
+        peak = float(np.abs(contender.emitted.amplitudes).max())
+        return self.worst(contender) / peak / self.bound
+
+    def label(self, contender: Contender) -> str:
+        """Name a method, and mark the default."""
+        return f"{contender.name} (default)" if contender.name == self.default else contender.name
+
+    def save(self, folder: str | Path) -> Path:
+        """Write methods.csv into a folder, and a file for each drive into its folder drives; return the table."""
+        folder = Path(folder)
+        drives = writable_folder(folder / "drives")
+        for contender in self.contenders:
+            file = drives / f"{contender.name.replace(' ', '_')}.h5"
+            save_drive(file, contender.drive, self.setup, self.transfer, self.beacons)
+        table = folder / "methods.csv"
+        with whole_file(table) as partial, partial.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(["method", "focus", "pressure_Pa", "weight", "energy", "seconds"])
+            for contender in self.contenders:
+                for focus, pressure, weight in zip(
+                    self.setup.foci, contender.pressures, self.setup.target.weights, strict=True
+                ):
+                    writer.writerow(
+                        [
+                            contender.name,
+                            focus,
+                            f"{pressure:.6g}",
+                            f"{weight:.6g}",
+                            f"{contender.energy:.6g}",
+                            f"{contender.seconds:.3g}",
+                        ]
+                    )
+        return table
+
+
+@overload
+def compare(
+    scene: Setup, *, store: str | Path | None = None, progress: Progress | None = None
+) -> MethodComparison: ...
+
+
+@overload
+def compare(
+    scene: Scene,
+    array: PhasedArray,
+    drives: Mapping[str, Drive],
+    target: Target,
+    *,
+    solver: Solver,
+    progress: Progress | None = None,
+) -> Comparison: ...
+
+
+def compare(
+    scene: Setup | Scene,
+    array: PhasedArray | None = None,
+    drives: Mapping[str, Drive] | None = None,
+    target: Target | None = None,
+    *,
+    solver: Solver | None = None,
+    store: str | Path | None = None,
+    progress: Progress | None = None,
+) -> MethodComparison | Comparison:
+    """Compare all methods for a setup; or given drives on an array, as ``evaluation.compare`` does.
+
+    The drives of the methods come from one transfer matrix and are verified by one more accurate
+    solve. The method of the setup has no influence.
+
+    Parameters
+    ----------
+    scene : a setup; or a scene, together with the next four.
+    array, drives, target, solver : as for ``evaluation.compare``.
+    store : folder in which the solved fields of a setup are stored and found again.
+    progress : is called with each step in words as it begins.
+
+    Raises
+    ------
+    InvalidInput
+        No method makes a drive for the setup; or as ``evaluation.compare``.
+    NotConverged
+        A solver stopped early.
+    """
+    if isinstance(scene, Setup):
+        return _compare_methods(scene, None if store is None else Path(store), Clock(progress))
+    return compare_drives(scene, array, drives, target, solver=solver, progress=progress)  # pyright: ignore[reportArgumentType]
+
+
+def _compare_methods(setup: Setup, store: Path | None, clock: Clock) -> MethodComparison:
+    beacons = solve_beacons(setup, clock, store)
+    transfer, report = transfer_to_array(setup, beacons, clock)
+    methods = [
+        name
+        for name in METHODS
+        if name != "best" and (name not in FOR_SAMPLES or setup.uncertainty is not None)
+    ]
+    drives: dict[str, Drive] = {}
+    warnings: list[str] = []
+    times = Clock()
+    with clock.step("drives", f"making the drive by {len(methods)} methods"):
+        for method in methods:
+            words = method.replace("_", " ")
+            try:
+                with times.step(words):
+                    drives[words], stalled = synthesise(METHODS[method], transfer, setup.target)
+                warnings += stalled
+            except InvalidInput as fault:
+                warnings.append(f"{words} made no drive: {fault}")
+        if not drives:
+            raise InvalidInput(f"no method makes a drive; {warnings[0]}", code="empty")
+        name = drive_names(setup.bodies)[-1]
+        with times.step(name):
+            control = control_drive(setup, best)
+        if control is not None:
+            drives[name] = control
+        bound = upper_bound(transfer, setup.target).worst
+    emitted = {name: quantise(drive, setup.levels).drive() for name, drive in drives.items()}
+    with clock.step(
+        "verify",
+        f"verifying {len(drives)} drives by a more accurate solve with all transducers as sources",
+    ):
+        field = radiate_drives(
+            setup.scene,
+            setup.array,
+            list(emitted.values()),
+            setup.target,
+            stored(verification_solver(setup), store),
+        )
+        at_foci = np.abs(field.at(setup.target.points).T)
+        suppressed = np.abs(field.at(setup.target.suppression_points).T)
+    kept: dict[str, float] = {}
+    if setup.uncertainty is not None:
+        from airtact.setup.robustness import weakest_nine_of_ten
+
+        with clock.step("doubt", "trying them on other samples of the uncertainty"):
+            kept = weakest_nine_of_ten(setup, beacons, emitted)
+    contenders = [
+        Contender(
+            name,
+            drives[name],
+            emitted[name],
+            pressures,
+            suppression_points,
+            times.seconds[name],
+            kept.get(name),
+        )
+        for name, pressures, suppression_points in zip(emitted, at_foci, suppressed, strict=True)
+    ]
+    return MethodComparison(
+        setup=setup,
+        default=method_for(setup.target).__name__.replace("_", " "),
+        contenders=contenders,
+        warnings=[
+            *reach_cautions(setup),
+            *warnings,
+            *named(field.report.warnings, setup.bodies),
+        ],
+        transfer=transfer,
+        beacons=report,
+        bound=bound,
+        field=field,
+        seconds=clock.seconds,
+    )

@@ -1,0 +1,251 @@
+"""From a setup to its drive: solve, make the drive, verify it by a more accurate solve, and save it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import msgspec
+import numpy as np
+from jaxtyping import Float64
+
+from airtact.acoustics.solvers.problem import SolveReport
+from airtact.checks import of_kind
+from airtact.drives.frame import Frame
+from airtact.drives.motion import Motion
+from airtact.drives.reach import fraction
+from airtact.drives.rounding import quantise
+from airtact.drives.transfer import Drive, TransferMatrix
+from airtact.evaluation.comparison import Comparison
+from airtact.evaluation.comparison import compare as compare_drives
+from airtact.evaluation.headline import beyond_linear, body_word, headline, shortfalls
+from airtact.files.atomic import writable_folder
+from airtact.printing import one_line
+from airtact.setup.sentences import disagreement, reach_cautions, sensations, share_of_bound
+from airtact.setup.setup import Setup
+from airtact.setup.solving import (
+    control_drive,
+    drive_names,
+    method_words,
+    named,
+    solve_beacons,
+    stored,
+    synthesise,
+    transfer_to_array,
+    verification_solver,
+)
+from airtact.timing import Clock, Progress
+from airtact.transducers.drive_file import SEQUENCE_FILE
+from airtact.transducers.modulation import AmplitudeModulation
+
+if TYPE_CHECKING:
+    from airtact.evaluation.held_out import HeldOut
+    from airtact.setup.sequences import MovingDrive
+
+DRIVE_FILES = ("drive.csv", "drive.h5")
+"""Files of a drive."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Rendering:
+    """The drive of a setup, verified by a more accurate solve.
+
+    Attributes
+    ----------
+    setup : the drive's scene, array, target and settings.
+    transfer : transfer matrix that the drive was made from.
+    beacons : report of the solve behind the transfer matrix.
+    drive : amplitude and phase of each transducer.
+    pressures : (F,) peak pressure at each focus under the drive, by the verification [Pa].
+    verification : the drive compared with its control, which the same method makes without the
+        bodies; the drive alone in open air.
+    drives : the drives of the verification, their strongest element at full scale.
+    sequence : the drives of foci that move, or None.
+    robustness : what the drive keeps on other samples of the uncertainty, or None without any.
+    headline : pressure at the weakest focus, with and without the hand, in a sentence.
+    remarks : what was asked and not reached, and how near the drive comes to the upper bound.
+    sensation : the foci against the tactile threshold.
+    warnings : of the setup, of the method and of both solves.
+    seconds : wall time by step [s].
+    """
+
+    setup: Setup
+    transfer: TransferMatrix
+    beacons: SolveReport
+    drive: Drive
+    pressures: Float64[np.ndarray, "foci"]
+    verification: Comparison
+    drives: Mapping[str, Drive]
+    sequence: "MovingDrive | None"
+    robustness: "HeldOut | None"
+    headline: str
+    remarks: tuple[str, ...]
+    sensation: tuple[str, ...]
+    warnings: tuple[str, ...]
+    seconds: Mapping[str, float]
+
+    def __repr__(self) -> str:
+        return one_line(
+            self,
+            f"weakest focus {self.pressures.min():,.0f} Pa",
+            f"estimated error {self.estimated_error:.2g}",
+        )
+
+    @property
+    def method(self) -> str:
+        """Name of the method in words."""
+        return method_words(self.setup)
+
+    @property
+    def frame(self) -> Frame:
+        """The drive rounded to the levels of the setup."""
+        return quantise(self.drive, self.setup.levels)
+
+    @property
+    def estimated_error(self) -> float:
+        """Relative error of the pressures, as the verification solve estimates it."""
+        return self.verification.report.estimated_error
+
+    @property
+    def control_pressures(self) -> Float64[np.ndarray, "foci"] | None:
+        """(F,) peak pressure at each focus under the control at the drive's energy [Pa]; None in open air."""
+        if len(self.drives) == 1:
+            return None
+        drive, control = self.verification.pressures["equal energy"]
+        return control * self.pressures / drive
+
+    def save(self, folder: str | Path) -> tuple[Path, ...]:
+        """Write drive.csv and drive.h5 into a folder, and sequence.h5 where foci move; return the files."""
+        folder = writable_folder(Path(folder))
+        sequence = folder / SEQUENCE_FILE
+        sequence.unlink(missing_ok=True)  # an older run's
+        files = [folder / name for name in DRIVE_FILES]
+        for file in files:
+            save_drive(file, self.drive, self.setup, self.transfer, self.beacons)
+        if self.sequence is not None:
+            self.sequence.save(sequence, self.setup)
+            files.append(sequence)
+        return tuple(files)
+
+
+def save_drive(
+    file: Path, drive: Drive, setup: Setup, transfer: TransferMatrix, report: SolveReport
+) -> None:
+    """Write a drive to a file, with all that its emission needs and what it was made from."""
+    modulation = setup.modulation
+    drive.save(
+        file,
+        setup.array,
+        setup.scene,
+        transfer,
+        setup.target,
+        setup.levels,
+        {"scene": setup.text, "report": msgspec.json.encode(report).decode()},
+        modulation if isinstance(modulation, AmplitudeModulation) else None,
+    )
+
+
+def render(
+    setup: Setup, *, store: str | Path | None = None, progress: Progress | None = None
+) -> Rendering:
+    """Compute the drive of a setup and verify it by a more accurate solve.
+
+    Parameters
+    ----------
+    setup : scene, array, target and settings.
+    store : folder in which solved fields are stored and found again.
+    progress : is called with each step in words as it begins.
+
+    Raises
+    ------
+    InvalidInput
+        The setup is impossible, or the method makes no drive for it.
+    NotConverged
+        A solver stopped early.
+
+    Examples
+    --------
+    >>> import airtact as at
+    >>> target = at.Target([[0.0, 0.0, 0.15]])
+    >>> result = render(at.Setup(at.Scene(at.air(), []), at.autd3_board(), target))
+    >>> result.headline
+    'Drive: 5.62 kPa at the weakest focus.'
+    """
+    of_kind(setup, Setup, "the setup", "read_scene(path) or Setup(scene, array, target)")
+    clock = Clock(progress)
+    store = None if store is None else Path(store)
+    field = solve_beacons(setup, clock, store)
+    transfer, beacons = transfer_to_array(setup, field, clock)
+    with clock.step("drive", f"making the drive by {method_words(setup)}"):
+        drive, notes = synthesise(setup.synthesise, transfer, setup.target)
+    sequence = None
+    if isinstance(setup.modulation, Motion):
+        from airtact.setup.sequences import moving_drive
+
+        sequence = moving_drive(setup, setup.modulation, transfer, clock, store)
+        notes += sequence.warnings
+
+    names = drive_names(setup.bodies)
+    drives = {names[0]: drive}
+    control = control_drive(setup, setup.synthesise)
+    if control is not None:
+        drives[names[1]] = control
+    with clock.step(
+        "verify", "verifying it by a more accurate solve with all transducers as sources"
+    ):
+        comparison = compare_drives(
+            setup.scene,
+            setup.array,
+            drives,
+            setup.target,
+            solver=stored(verification_solver(setup), store),
+        )
+    at_full_scale = comparison.pressures["equal peak"][0]
+    drive = _scaled(setup, drive, at_full_scale)
+    peak = float(np.abs(drive.amplitudes).max())
+    pressures = peak * at_full_scale
+
+    robustness = None
+    remarks = shortfalls(setup.target, setup.foci, pressures, peak)
+    if setup.uncertainty is not None:
+        from airtact.setup.robustness import kept_by_drive
+
+        with clock.step("doubt", "trying the drive on other samples of the uncertainty"):
+            robustness = kept_by_drive(setup, field, transfer, drive)
+        remarks = (*remarks, robustness.sentence())
+    return Rendering(
+        setup=setup,
+        transfer=transfer,
+        beacons=beacons,
+        drive=drive,
+        pressures=pressures,
+        verification=comparison,
+        drives={
+            name: Drive(emitted.amplitudes / np.abs(emitted.amplitudes).max())
+            for name, emitted in drives.items()
+        },
+        sequence=sequence,
+        robustness=robustness,
+        headline=headline(comparison, peak, body_word(setup.bodies)),
+        remarks=(*remarks, share_of_bound(setup, transfer, drive)),
+        sensation=sensations(setup, pressures, None if sequence is None else sequence.weakest),
+        warnings=(
+            *reach_cautions(setup),
+            *notes,
+            *beyond_linear(pressures),
+            *disagreement(setup, transfer, drive, pressures),
+            *named(comparison.report.warnings, setup.bodies),
+        ),
+        seconds=clock.seconds,
+    )
+
+
+def _scaled(setup: Setup, drive: Drive, at_full_scale: Float64[np.ndarray, "foci"]) -> Drive:
+    """Scale the drive so that the verification gives the weakest focus what it asks, as far as full scale allows."""
+    peak = float(np.abs(drive.amplitudes).max())
+    if peak >= 1.0:
+        return drive
+    share = 1.0
+    if setup.target.pressures is not None:
+        share = float(np.nanmin(fraction(peak * at_full_scale, setup.target)))
+    return Drive(drive.amplitudes / max(share, peak))

@@ -1,0 +1,83 @@
+"""What a drive keeps where hand, air and transducers are not as expected: samples and shifts that it was not made for."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float64
+
+from airtact.acoustics.planes import Plane
+from airtact.acoustics.solvers.problem import RadiatedField
+from airtact.drives.conjugation import time_reversal
+from airtact.drives.methods import FOR_SAMPLES
+from airtact.drives.samples.robust import robust
+from airtact.drives.sampling.ensemble import TransferEnsemble, ensemble
+from airtact.drives.transfer import Drive, TransferMatrix
+from airtact.evaluation.held_out import SAMPLES, SOLVED_SAMPLES, HeldOut, held_out, shift_map
+from airtact.evaluation.windows import Window, plane_of_scene
+from airtact.setup.setup import Setup
+from airtact.setup.solving import solver_of_samples
+
+
+def other_samples(setup: Setup, beacons: RadiatedField) -> TransferEnsemble:
+    """Sample the uncertainty with another seed, for hands that no drive of the setup was made for."""
+    assert setup.uncertainty is not None
+    solver = solver_of_samples(setup)
+    count = SAMPLES if solver is None else SOLVED_SAMPLES
+    return ensemble(beacons, setup.array, setup.uncertainty, count, setup.seed + 1, solver=solver)
+
+
+def kept_by_drive(
+    setup: Setup, beacons: RadiatedField, transfer: TransferMatrix, drive: Drive
+) -> HeldOut:
+    """Evaluate a drive, the robust one and time reversal on other samples and for a shifted hand."""
+    assert setup.uncertainty is not None
+    drives = {setup.method.replace("_", " "): drive}
+    if setup.method not in FOR_SAMPLES:
+        drives["robust"] = robust(transfer, setup.target)
+    if setup.method != "time_reversal":
+        drives["time reversal"] = time_reversal(transfer, setup.target)
+    solver = solver_of_samples(setup)
+    maps = [
+        shift_map(beacons, setup.array, setup.target, drives, window, solver=solver)
+        for window in _shifts(setup, setup.uncertainty.shift)
+    ]
+    return replace(held_out(other_samples(setup, beacons), setup.target, drives), maps=tuple(maps))
+
+
+def weakest_nine_of_ten(
+    setup: Setup, beacons: RadiatedField, drives: Mapping[str, Drive]
+) -> dict[str, float]:
+    """Return for each drive the pressure that the weakest focus exceeds in 9 of 10 other samples [Pa]."""
+    asked = np.flatnonzero(setup.target.weights > 0.0)
+    samples = other_samples(setup, beacons)
+    weakest = {
+        name: np.abs(samples.pressures(drive)[:, asked]).min(axis=1)
+        for name, drive in drives.items()
+    }
+    return {name: float(np.quantile(values, 0.1)) for name, values in weakest.items()}
+
+
+def _shifts(setup: Setup, deviation: float) -> list[Window]:
+    """Return shifts of the hand in the plane of the foci and across it, up to three standard deviations.
+
+    Beside a rigid plane the shifts are along it, which one solve serves, and towards it.
+    """
+    window = plane_of_scene(setup.scene, setup.target.points)
+    wavelength = setup.scene.wavelength
+    reach = 2.0 * float(np.clip(3.0 * deviation, 0.25 * wavelength, 2.0 * wavelength))
+    axes = np.stack([window.right, window.up, window.normal])
+    if setup.scene.planes:
+        axes = _along(setup.scene.planes[0], axes)
+    right, up, normal = axes
+    across = normal * np.sign(normal[np.argmax(np.abs(normal))])
+    return [Window(np.zeros(3), right, axis, reach, reach, reach / 16) for axis in (up, across)]
+
+
+def _along(plane: Plane, axes: Float64[np.ndarray, "3 3"]) -> Float64[np.ndarray, "3 3"]:
+    """Return right, up and normal, the first two in a plane; the axis that lies best in it keeps its direction."""
+    flat = axes - np.outer(axes @ plane.normal, plane.normal)
+    # Rounding makes the choice among equally good axes independent of the last bits.
+    right = flat[np.argmax(np.linalg.norm(flat, axis=1).round(3))]
+    right = right / np.linalg.norm(right)
+    return np.stack([right, np.cross(plane.normal, right), plane.normal])

@@ -1,0 +1,165 @@
+"""Sentences about a setup and its drive: cautions before the solve, remarks and warnings after it."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Bool, Float64
+
+from airtact.checks import counted
+from airtact.drives.bounds import upper_bound
+from airtact.drives.motion import Motion
+from airtact.drives.reach import NEAREST, nearest_foci
+from airtact.drives.rounding import quantise
+from airtact.drives.transfer import Drive, TransferMatrix
+from airtact.evaluation.headline import FULL
+from airtact.evaluation.thresholds import sensation
+from airtact.setup.setup import Setup
+from airtact.transducers.modulation import AmplitudeModulation
+from airtact.transducers.reach import open_air_bound, strongest_open_air
+
+MAX_SKIN_DISTANCE = 10e-3
+"""Largest distance of a focus from a body at which skin can feel it [m], a wavelength and more."""
+
+
+def with_skin(setup: Setup) -> Bool[np.ndarray, "foci"]:
+    """Return for each focus whether a body is near enough to feel it; in open air any may be felt."""
+    if not setup.scene.obstacles:
+        return np.ones(len(setup.target.points), dtype=bool)
+    return np.asarray(-setup.scene.depth(setup.target.points) <= MAX_SKIN_DISTANCE)
+
+
+def reach_cautions(setup: Setup) -> tuple[str, ...]:
+    """Warn of foci that are hard to reach, to separate or to feel, before anything is solved."""
+    return (
+        *_path_cautions(setup),
+        *_skin_cautions(setup),
+        *_separation_cautions(setup),
+        *_pressure_cautions(setup),
+    )
+
+
+def _path_cautions(setup: Setup) -> Iterator[str]:
+    """Name the foci whose paths leave the bodies."""
+    motion = setup.modulation
+    if not isinstance(motion, Motion) or motion.through_points(len(setup.foci)):
+        return
+    strayed = motion.strayed(setup.scene, setup.target, setup.array.positions.mean(axis=0))
+    for name, off in zip(setup.foci, strayed, strict=True):
+        count = int((off > setup.scene.wavelength / 2.0).sum())
+        if count:
+            yield (
+                f"the path around {name} leaves the body: {count} of {len(off)} positions lie up to "
+                f"{1e3 * off.max():.2g} mm farther from it than the focus, over half a wavelength; give a smaller "
+                "radius or length."
+            )
+
+
+def _skin_cautions(setup: Setup) -> Iterator[str]:
+    bare = ~with_skin(setup)
+    if not bare.any():
+        return
+    away = -setup.scene.depth(setup.target.points)
+    others = int(np.count_nonzero(bare)) - 1
+    beside = ""
+    if others:
+        beside = f", and {counted(others, 'other focus', 'other foci')} over {1e3 * MAX_SKIN_DISTANCE:g} mm"
+    yield (
+        f"{setup.foci[int(away.argmax())]} is {1e3 * away.max():.2g} mm from the nearest body{beside}: no skin is "
+        "modelled there, so its level above the tactile threshold is meaningless."
+    )
+
+
+def _separation_cautions(setup: Setup) -> Iterator[str]:
+    if len(setup.target.points) < 2:
+        return
+    first, second, apart = nearest_foci(setup.target.points)
+    if apart < NEAREST * setup.scene.wavelength:
+        yield (
+            f"{setup.foci[first]} and {setup.foci[second]} are {1e3 * apart:.2g} mm apart, under a tenth of the "
+            "wavelength: most methods cannot separate them and make no drive; leave one out."
+        )
+
+
+def _pressure_cautions(setup: Setup) -> Iterator[str]:
+    """Name foci out of reach, and pressures beyond full scale."""
+    target = setup.target
+    wavenumber = setup.scene.wavenumber.real
+    bounds = open_air_bound(setup.array, target.points, wavenumber)
+    strongest = strongest_open_air(setup.array, wavenumber)
+    # A hard surface doubles the pressure of a plane wave, and so does a plane. Between reflecting
+    # boards there is no such bound.
+    gain = (2.0 if setup.scene.obstacles else 1.0) * (2.0 if setup.scene.planes else 1.0)
+    gain = np.inf if setup.scene.boards else gain
+    asked = np.zeros(len(bounds)) if target.pressures is None else np.abs(target.pressures)
+    for name, bound, pressure in zip(setup.foci, bounds, asked, strict=True):
+        if bound < 0.1 * strongest:  # a tenth of the pressure is a hundredth of the force
+            yield (
+                f"{name} is out of the array's reach: it gets {bound / strongest:.1%} of the {strongest:,.0f} Pa that "
+                "the elements bring to their strongest point in open air, under 10%; move the focus or the array."
+            )
+        if pressure > gain * bound:
+            words = {1.0: "", 2.0: ", and at most about twice that on a hard surface"}.get(
+                gain, ", and at most about four times that on a hard surface beside a plane"
+            )
+            yield (
+                f"{name} asks for {pressure:,.0f} Pa, and all elements at full scale bring {bound:,.0f} Pa to it in "
+                f"open air{words}: ask for less, or take more boards."
+            )
+
+
+def sensations(
+    setup: Setup,
+    pressures: Float64[np.ndarray, "foci"],
+    moving: Float64[np.ndarray, "frames"] | None = None,
+) -> tuple[str, ...]:
+    """Compare the foci with the tactile threshold: foci that stand still, or the weakest in each frame.
+
+    Foci away from every body are ignored. If all are, the sentence says so.
+    """
+    skin = with_skin(setup)
+    if not skin.any():
+        return (
+            f"No body is within {1e3 * MAX_SKIN_DISTANCE:g} mm of a focus: nobody is modelled there who could feel it.",
+        )
+    if moving is not None:
+        return (
+            f"The foci move: {len(moving)} frames, the weakest focus of which gets {moving.min():,.0f} Pa.",
+            sensation(float(moving.min()), "spatiotemporal"),
+        )
+    weakest = float(pressures[skin].min())
+    if isinstance(setup.modulation, AmplitudeModulation):
+        return (sensation(weakest, "amplitude", setup.modulation.depth),)
+    return (sensation(weakest, None),)
+
+
+def share_of_bound(setup: Setup, transfer: TransferMatrix, drive: Drive) -> str:
+    """Compare the drive with the certified upper bound, before and after rounding."""
+    frame = quantise(drive, setup.levels)
+    bound = upper_bound(transfer, setup.target, tolerance=1e-2)
+    exact = bound.reached(transfer, setup.target, drive)
+    rounded = bound.reached(transfer, setup.target, frame.drive())
+    levels = (
+        f"{len(frame.levels.amplitudes)} levels of amplitude and {frame.levels.phases} of phase"
+    )
+    if np.abs(drive.amplitudes).max() < FULL:
+        words = (
+            f"At full scale no drive exceeds {1.0 / exact:.1f} times that; rounded to {levels} it is "
+            f"{rounded / exact:.1%} of it."
+        )
+    else:
+        words = f"That is {exact:.0%} of the upper bound for any drive, {rounded:.0%} rounded to {levels}."
+    return words.replace("%", " %")
+
+
+def disagreement(
+    setup: Setup, transfer: TransferMatrix, drive: Drive, pressures: Float64[np.ndarray, "foci"]
+) -> Iterator[str]:
+    """Warn where the two solutions differ by over 1.5 times the accuracy asked for."""
+    predicted = np.abs(transfer.pressure(drive))[: len(pressures)]
+    apart = np.abs(predicted / pressures - 1.0)
+    worst = int(np.argmax(apart))
+    if apart[worst] > 1.5 * setup.accuracy:
+        yield (
+            f"the solution that the drive is made from and the one that verifies it differ by {apart[worst]:.1%} at "
+            f"{setup.foci[worst]}, and {setup.accuracy:.1%} was asked: give a smaller accuracy under [solver]."
+        )

@@ -1,0 +1,92 @@
+"""The sequence of drives of a setup whose foci move."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64
+
+from airtact.acoustics.target import Target
+from airtact.drives.methods import FOR_SAMPLES
+from airtact.drives.motion import Motion, moving_foci, moving_target
+from airtact.drives.sequence import Sequence
+from airtact.drives.transfer import Drive, TransferMatrix
+from airtact.setup.setup import Setup
+from airtact.setup.solving import solve_foci, synthesise
+from airtact.timing import Clock
+
+
+@dataclass(frozen=True, eq=False)
+class MovingDrive:
+    """A sequence for foci that move.
+
+    Attributes
+    ----------
+    sequence : the drives.
+    transfer, target : of all positions of the foci.
+    weakest : (frames,) pressure at the weakest focus in each frame [Pa].
+    warnings : of a method that stopped early.
+    """
+
+    sequence: Sequence
+    transfer: TransferMatrix
+    target: Target
+    weakest: Float64[np.ndarray, "frames"]
+    warnings: tuple[str, ...]
+
+    def save(self, path: Path, setup: Setup) -> None:
+        """Write the sequence to a file, with all that its emission needs."""
+        self.sequence.save(
+            path,
+            setup.array,
+            setup.scene,
+            self.transfer,
+            self.target,
+            setup.levels,
+            {"scene": setup.text},
+        )
+
+
+def moving_drive(
+    setup: Setup, motion: Motion, transfer: TransferMatrix, clock: Clock, store: Path | None
+) -> MovingDrive:
+    """Make the sequence of a setup whose foci move; ``transfer`` is the matrix of the foci at rest."""
+    target = setup.target
+    paths = paths_of(setup)
+    turns = motion.turns(paths)
+    together = 1
+    if not motion.through_points(len(target.points)):
+        together = len(target.points)
+        target = moving_target(target, paths)
+        uncertainty = setup.uncertainty if setup.method in FOR_SAMPLES else None
+        moved = replace(setup, target=target, uncertainty=uncertainty, foci=(), riding=())
+        transfer, _ = solve_foci(moved, clock, store)
+    stalled: list[str] = []
+
+    def method(rows: TransferMatrix, alone: Target) -> Drive:
+        drive, notes = synthesise(setup.synthesise, rows, alone)
+        stalled.extend(notes)
+        return drive
+
+    points = len(target.points)
+    with clock.step("sequence", f"making the drives of foci at {points} positions"):
+        sequence = moving_foci(transfer, target, together, turns, method, clock=setup.frequency)
+    pressures = np.abs(sequence.pressure(transfer))[:, :points]
+    # Frame i asks for the foci of position i, `together` neighbouring columns.
+    positions = np.arange(len(sequence)) * (points // together) // len(sequence)
+    weakest = [
+        row[position * together : (position + 1) * together].min()
+        for row, position in zip(pressures, positions, strict=True)
+    ]
+    return MovingDrive(sequence, transfer, target, np.array(weakest), tuple(dict.fromkeys(stalled)))
+
+
+def paths_of(setup: Setup) -> Float64[np.ndarray, "paths frames 3"]:
+    """Return the paths of the foci [m]; none where the foci stand still."""
+    motion = setup.modulation
+    foci = setup.target.points
+    if not isinstance(motion, Motion):
+        return np.empty((0, 0, 3))
+    if motion.through_points(len(foci)):
+        return foci[None]
+    return motion.paths(setup.scene, setup.target, setup.array.positions.mean(axis=0))

@@ -1,0 +1,197 @@
+"""A setup: what is in the air, the array, the target, and how the drive is made."""
+
+from collections.abc import Callable
+from dataclasses import KW_ONLY, dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+from airtact.acoustics.medium import Medium
+from airtact.acoustics.scene import Scene, check_outside
+from airtact.acoustics.solvers.problem import Solver
+from airtact.acoustics.target import Target
+from airtact.acoustics.uncertainty import Uncertainty
+from airtact.checks import counted, of_kind
+from airtact.drives.methods import FOR_SAMPLES, METHODS
+from airtact.drives.motion import Motion
+from airtact.drives.transfer import Drive, TransferMatrix
+from airtact.errors import InvalidInput, about
+from airtact.geometry.pose import Pose
+from airtact.hands.hand import Hand
+from airtact.printing import one_line
+from airtact.setup.parsing import nearest
+from airtact.transducers.boards import poses_of_boards
+from airtact.transducers.layout import PhasedArray
+from airtact.transducers.levels import EIGHT_BITS, Levels
+from airtact.transducers.modulation import AmplitudeModulation
+from airtact.transducers.placement import check_placement
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Setup:
+    """A scene, an array and a target, with all that decides how the drive is made.
+
+    ``read_scene`` reads one from a scene file; the defaults are those of a scene file.
+
+    Attributes
+    ----------
+    scene : the bodies in their medium.
+    array : the transducers, in the obstacles' frame.
+    target : the foci.
+    solver : computes the fields; by default boundary elements, or the closed form in open air.
+    accuracy : relative error asked for; by default that of the solver, or 0.01.
+    method : name of the method that makes the drive, a key of ``drives.METHODS``.
+    levels : amplitudes and phases that the drive is rounded to.
+    modulation : makes the drive perceptible; None for a constant drive.
+    uncertainty : of hand, air and transducers, or None.
+    samples, seed : number of samples of the uncertainty that the drive is made for, and their seed.
+    bodies, foci : a name for each body and each focus.
+    board : kind of board that the array consists of, or None.
+    hands : hands that are bodies or that name points on bodies, in the obstacles' frame.
+    riding : for each focus the named point in front of which it lies and its distance from the
+        surface [m], or None.
+    tracker : pose of the tracker of a live hand, from its frame to the obstacles'.
+    followed : whether the hand is followed live. Its prediction then supplies the uncertainty that
+        some methods need.
+    path, text : the scene file and its content, if there is one.
+
+    Raises
+    ------
+    InvalidInput
+        If a focus is inside a body, the array reaches into a body, the method is unknown, or a setting does not fit
+        the others.
+
+    Examples
+    --------
+    >>> import airtact as at
+    >>> target = at.Target([[0.0, 0.0, 0.15]])
+    >>> at.Setup(at.Scene(at.air(), []), at.autd3_board(), target)
+    Setup(no bodies, 249 transducers, 1 focus, method best)
+    """
+
+    scene: Scene
+    array: PhasedArray
+    target: Target
+    _: KW_ONLY
+    solver: Solver = None  # pyright: ignore[reportAssignmentType]
+    accuracy: float = None  # pyright: ignore[reportAssignmentType]
+    method: str = "best"
+    levels: Levels = EIGHT_BITS
+    modulation: AmplitudeModulation | Motion | None = None
+    uncertainty: Uncertainty | None = None
+    samples: int = 64
+    seed: int = 0
+    bodies: tuple[str, ...] = ()
+    foci: tuple[str, ...] = ()
+    board: str | None = None
+    hands: tuple[Hand, ...] = ()
+    riding: tuple[tuple[str, float] | None, ...] = ()
+    tracker: Pose = field(default_factory=Pose.identity)
+    followed: bool = False
+    path: Path | None = None
+    text: str = ""
+
+    def __post_init__(self) -> None:
+        of_kind(self.scene, Scene, "the scene", "Scene(medium, obstacles)")
+        of_kind(self.array, PhasedArray, "the array", "one such as surrounding_box()")
+        of_kind(self.target, Target, "the target", "Target(points, pressures)")
+        accuracy = self.accuracy
+        if accuracy is None:
+            accuracy = getattr(self.solver, "accuracy", 0.01)
+        # Fields are set through `object`, as the class is frozen for its users.
+        object.__setattr__(self, "accuracy", accuracy)
+        if self.solver is None:
+            object.__setattr__(self, "solver", default_solver(self.scene, accuracy))
+        if not self.bodies:
+            count = len(self.scene.obstacles)
+            object.__setattr__(self, "bodies", tuple(f"body {index}" for index in range(count)))
+        count = len(self.target.points)
+        if not self.foci:
+            object.__setattr__(self, "foci", tuple(f"focus {index + 1}" for index in range(count)))
+        if not self.riding:
+            object.__setattr__(self, "riding", (None,) * count)
+        self._check()
+
+    def _check(self) -> None:
+        for name, things in (("bodies", self.scene.obstacles), ("foci", self.target.points)):
+            if len(getattr(self, name)) != len(things):
+                raise InvalidInput(
+                    f"{name} has {len(getattr(self, name))} names for {len(things)}: give a name for each.",
+                    code="sizes_differ",
+                )
+        with about("foci"):
+            check_outside(self.scene, self.target.points, "focus")
+        if len(self.target.suppression_points):
+            with about("suppression"):
+                check_outside(self.scene, self.target.suppression_points, "suppression point")
+        with about("array"):
+            check_placement(self.scene, self.array, self.target.points)
+            self.poses  # noqa: B018 (raises where the array is not made of such boards)
+        with about("drive"):
+            check_method(self.method, self.followed or self.uncertainty is not None)
+        if self.uncertainty is not None:
+            from airtact.drives.sampling.ensemble import check_counts, check_doubts
+
+            with about("uncertainty"):
+                check_counts(self.samples, self.seed)
+                check_doubts(self.uncertainty, self.scene, self.array)
+
+    def __repr__(self) -> str:
+        return one_line(
+            self,
+            ", ".join(self.bodies) or "no bodies",
+            counted(len(self.array), "transducer", "transducers"),
+            counted(len(self.foci), "focus", "foci"),
+            f"method {self.method}",
+        )
+
+    @property
+    def title(self) -> str:
+        """Name of the scene file in words."""
+        return "scene" if self.path is None else self.path.stem.replace("_", " ")
+
+    @property
+    def frequency(self) -> float:
+        """Frequency of the sound [Hz]."""
+        return self.scene.frequency
+
+    @property
+    def medium(self) -> Medium:
+        """Fluid that the sound travels in."""
+        return self.scene.medium
+
+    @cached_property
+    def poses(self) -> tuple[Pose, ...]:
+        """Pose of each board, from the board's frame to the obstacles'; none without boards."""
+        if self.board is None:
+            return ()
+        return tuple(poses_of_boards(self.board, self.array.positions, self.array.normals))
+
+    @property
+    def synthesise(self) -> Callable[[TransferMatrix, Target], Drive]:
+        """Function that makes the drive."""
+        return METHODS[self.method]
+
+
+def default_solver(scene: Scene, accuracy: float) -> Solver:
+    """Return boundary elements of an accuracy, or the closed form where nothing scatters."""
+    if not scene.obstacles:
+        from airtact.acoustics.solvers.free_field import FreeField
+
+        return FreeField()
+    from airtact.acoustics.solvers.bem.solver import BoundaryElement
+
+    return BoundaryElement(accuracy=accuracy)
+
+
+def check_method(method: str, uncertain: bool) -> None:
+    """Raise "unknown_name", or "data_missing" for a method that needs samples where there are none."""
+    if method not in METHODS:
+        raise InvalidInput(
+            f'"{method}" is not a method here; {nearest(method, METHODS)}', code="unknown_name"
+        )
+    if method in FOR_SAMPLES and not uncertain:
+        raise InvalidInput(
+            f'method = "{method}" needs an uncertainty: add a table [uncertainty], such as position = 1e-3 and '
+            "rotation = 2.0.",
+            code="data_missing",
+        )

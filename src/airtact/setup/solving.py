@@ -1,0 +1,228 @@
+"""Solving a setup: the fields of the beacons, the transfer matrix, the drive, its control, and what verifies it."""
+
+import re
+import warnings
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64
+
+from airtact.acoustics.scene import Scene
+from airtact.acoustics.solvers.bem.solver import OF_THE_DIRECT, ROUNDED, BoundaryElement
+from airtact.acoustics.solvers.free_field import FreeField
+from airtact.acoustics.solvers.problem import RadiatedField, Solver, SolveReport
+from airtact.acoustics.sources import Monopoles
+from airtact.acoustics.target import Target
+from airtact.checks import counted
+from airtact.drives.default_method import method_for
+from airtact.drives.methods import FOR_SAMPLES
+from airtact.drives.transfer import Drive, TransferMatrix, open_air_matrix, transfer_matrix
+from airtact.drives.weakest_focus import Stalled
+from airtact.evaluation.headline import body_word
+from airtact.setup.setup import Setup
+from airtact.timing import Clock
+
+MOST_UNKNOWNS = 19_000
+"""Unknowns above which the verification solve is refined no further: its matrix would pass 3 GB."""
+
+
+def stored(solver: Solver, store: Path | None) -> Solver:
+    """Let a solver store what it solves in a folder; without a folder return the solver itself."""
+    if store is None:
+        return solver
+    from airtact.acoustics.store.stored import Stored
+
+    return Stored(solver, store)
+
+
+def solve_beacons(setup: Setup, clock: Clock, store: Path | None = None) -> RadiatedField:
+    """Solve for a beacon in each focus and suppression point; as multipoles where there is uncertainty."""
+    target = setup.target
+    foci = f"focus ({len(target.points)})"
+    if len(target.suppression_points):
+        foci += f" and {counted(len(target.suppression_points), 'suppression point', 'suppression points')}"
+    around = ", ".join(setup.bodies) or "nothing"
+    with clock.step("beacons", f"solving for a beacon in each {foci} around {around}"):
+        beacons = stored(setup.solver, store).radiate(setup.scene, target.beacons(suppression=True))
+        if setup.uncertainty is None or not setup.scene.obstacles:
+            return beacons
+        from airtact.acoustics.solvers.spherical.multipole_field import multipole_expansion
+
+        return multipole_expansion(beacons)
+
+
+def transfer_to_array(
+    setup: Setup, beacons: RadiatedField, clock: Clock
+) -> tuple[TransferMatrix, SolveReport]:
+    """Evaluate the fields of ``solve_beacons`` at the transducers.
+
+    Where there is uncertainty the matrix is an ensemble of samples.
+    """
+    transducers = counted(len(setup.array), "transducer", "transducers")
+    with clock.step("transfer", f"evaluating the beacons at {transducers}"):
+        transfer = transfer_matrix(beacons, setup.array)
+        # The matrix is evaluated from the transposed solution, so a warning about the direct one
+        # does not concern it.
+        warned = tuple(
+            text for text in beacons.report.warnings if not text.startswith(OF_THE_DIRECT)
+        )
+        report = replace(beacons.report, warnings=warned)
+    if setup.uncertainty is not None:
+        from airtact.drives.sampling.ensemble import ensemble
+
+        with clock.step(
+            "samples", f"evaluating them at {setup.samples} samples of the uncertainty"
+        ):
+            transfer = ensemble(
+                beacons,
+                setup.array,
+                setup.uncertainty,
+                setup.samples,
+                setup.seed,
+                solver=solver_of_samples(setup),
+            )
+    return transfer, report
+
+
+def solve_foci(
+    setup: Setup, clock: Clock, store: Path | None = None
+) -> tuple[TransferMatrix, SolveReport]:
+    """Return the transfer matrix of a setup, and the report of the solve that it comes from."""
+    return transfer_to_array(setup, solve_beacons(setup, clock, store), clock)
+
+
+def solver_of_samples(setup: Setup) -> Solver | None:
+    """Return the solver of the samples: beside a plane each sample is another scene, elsewhere none is solved."""
+    if not (setup.scene.planes and isinstance(setup.solver, BoundaryElement)):
+        return None
+    return replace(setup.solver, estimate=False)
+
+
+def synthesise(
+    method: Callable[[TransferMatrix, Target], Drive], transfer: TransferMatrix, target: Target
+) -> tuple[Drive, tuple[str, ...]]:
+    """Make a drive, and collect the warnings of a method that stopped early."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", Stalled)
+        drive = method(transfer, target)
+    stalled = []
+    for warning in caught:
+        if isinstance(warning.message, Stalled):
+            stalled.append(str(warning.message))
+        else:
+            warnings.warn_explicit(
+                warning.message, warning.category, warning.filename, warning.lineno
+            )
+    return drive, tuple(stalled)
+
+
+def method_words(setup: Setup) -> str:
+    """Name the method in words, and the one that the default chooses."""
+    words = setup.method.replace("_", " ")
+    if setup.method != "best":
+        return words
+    return f"{words} ({method_for(setup.target).__name__.replace('_', ' ')})"
+
+
+def drive_names(bodies: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of a drive and its control; in open air there is no control."""
+    if not bodies:
+        return ("drive",)
+    word = body_word(bodies)
+    return f"{word}-aware", f"without the {word}"
+
+
+def control_drive(setup: Setup, method: Callable[[TransferMatrix, Target], Drive]) -> Drive | None:
+    """Make the drive by the same method from a matrix without the bodies; None in open air.
+
+    A method for samples gets samples of the same uncertainty in open air.
+    """
+    if not setup.scene.obstacles:
+        return None
+    open_air = open_air_matrix(setup.scene, setup.array, setup.target)
+    if setup.uncertainty is not None and setup.method in FOR_SAMPLES:
+        from airtact.drives.sampling.ensemble import ensemble
+
+        empty = replace(setup.scene, obstacles=[])
+        beacons = FreeField().radiate(empty, setup.target.beacons(suppression=True))
+        uncertainty = replace(setup.uncertainty, along_skin=0.0)
+        open_air = ensemble(beacons, setup.array, uncertainty, setup.samples, setup.seed)
+    return synthesise(method, open_air, setup.target)[0]
+
+
+def named(sentences: Iterable[str], bodies: Sequence[str]) -> list[str]:
+    """Put the names of bodies into the sentences of a solver, which numbers them."""
+
+    def name(match: re.Match[str]) -> str:
+        return bodies[int(match[1])]
+
+    return [re.sub(r"\bbody (\d+)\b", name, sentence) for sentence in sentences]
+
+
+def verification_solver(setup: Setup) -> Solver:
+    """Choose a solver of higher accuracy than the one that makes the drive, to verify the drive.
+
+    Filled bodies get finite elements of the next order, other bodies boundary elements, open air
+    the closed form. The solver warns where its error exceeds the accuracy of the setup.
+    """
+    if not setup.scene.obstacles:
+        return FreeField()
+    if any(obstacle.boundary == "filled" for obstacle in setup.scene.obstacles):
+        from airtact.acoustics.solvers.fem.solver import FiniteElement
+
+        if isinstance(setup.solver, FiniteElement):
+            return replace(setup.solver, order=setup.solver.order + 1)
+    return BoundaryElement(accuracy=_verification_accuracy(setup), enough=setup.accuracy)
+
+
+def _verification_accuracy(setup: Setup) -> float:
+    """Find the accuracy that takes 1.8 times the unknowns of the setup's own, or as many as fit.
+
+    Panels beside foci do not count: in the verification solve the transducers emit, which are far
+    from the bodies.
+    """
+    finest = 1e-4  # boundary elements take no better accuracy
+    emitting = Monopoles(setup.array.positions, np.ones(len(setup.array)))
+
+    @cache
+    def unknowns(accuracy: float) -> int:
+        return BoundaryElement(accuracy=accuracy).unknowns(setup.scene, emitting)
+
+    trials = [max(setup.accuracy / 1.2, finest)]
+    while trials[-1] / 1.2 > finest:
+        trials.append(trials[-1] / 1.2)
+    unrefined = unknowns(setup.accuracy)
+    if unrefined > MOST_UNKNOWNS:
+        return trials[0]
+    enough = min(1.8 * unrefined, MOST_UNKNOWNS + 1)
+    # Each count makes the panels of all bodies. Unknowns go as accuracy^(−2/3) or slower, so the
+    # sixth trial is usually right: start there and try as few others as possible.
+    index = min(5, len(trials) - 1)
+    while index > 0 and unknowns(trials[index - 1]) >= enough:
+        index -= 1
+    while index < len(trials) - 1 and unknowns(trials[index]) < enough:
+        index += 1
+    return trials[max(index - 1, 0)] if unknowns(trials[index]) > MOST_UNKNOWNS else trials[index]
+
+
+def unknowns_of(
+    solver: BoundaryElement, scene: Scene, points: Float64[np.ndarray, "points 3"]
+) -> int:
+    """Count the unknowns of a solve for sources at points [m]; above 50,000 estimate them by the area of the bodies."""
+    area = sum(obstacle.surface.area for obstacle in scene.obstacles)
+    estimate = round(solver.nodes_per_square_wavelength * area / scene.wavelength**2)
+    if estimate > 50_000:  # making the panels would take longer than a check should
+        return estimate
+    return solver.unknowns(scene, Monopoles(points, np.ones(len(points))))
+
+
+def memory_of_a_solve(unknowns: float, accuracy: float) -> float:
+    """Estimate the peak memory of a process that solves for a few foci by boundary elements [bytes]."""
+    # The matrix is mostly low-rank, so memory grows far slower than the square of the unknowns.
+    # The power law fits 10 solves of the examples, 2,244 to 23,058 unknowns, within 20 %. With the
+    # matrix in single precision instead of bfloat16 it takes 1.9 times as much.
+    per_unknown = 193.0 if accuracy >= ROUNDED else 1.9 * 193.0
+    return 1.2e8 + per_unknown * unknowns**1.434

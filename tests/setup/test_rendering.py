@@ -1,0 +1,298 @@
+"""A rendering is the drive of a setup, saved and reported; the series for a sphere agrees with it."""
+
+import csv
+import re
+from base64 import b64decode
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+from scipy.special import j1
+
+import airtact as at
+from airtact.drives.sequence import Sequence
+from airtact.evaluation.field import drive_sources
+from airtact.reports.report import evaluate_fields
+from airtact.timing import Clock
+from airtact.transducers.drive_file import read_drive_file
+from airtact.transducers.levels import Levels
+from airtact.transducers.modulation import AmplitudeModulation
+from faults import raises_code
+from paths import SCENES
+
+BALL = SCENES / "ball.toml"
+NO_OBSTACLE = ("[[obstacles]]\nsphere = { radius = 5e-3 }\n", "")
+
+
+def ball(folder, *changes, extra=""):
+    """Read the scene of the ball with some of its text replaced."""
+    text = BALL.read_text(encoding="utf-8")
+    for old, new in changes:
+        text = text.replace(old, new)
+    (folder / "ball.toml").write_text(text + extra, encoding="utf-8")
+    return at.read_scene(folder / "ball.toml")
+
+
+@pytest.fixture(scope="module")
+def rendered(tmp_path_factory):
+    """One rendering of the small scene: its folder, the result and the steps it reported."""
+    folder, steps = tmp_path_factory.mktemp("run") / "new", []
+    result = at.render(at.read_scene(BALL), progress=steps.append)
+    result.save(folder)
+    at.write_report(result, folder, progress=steps.append)
+    return folder, result, steps
+
+
+@pytest.fixture(scope="module")
+def result(rendered):
+    return rendered[1]
+
+
+@pytest.fixture(scope="module")
+def page(rendered):
+    return (rendered[0] / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def plane(result):
+    return evaluate_fields(result, Clock()).plane
+
+
+@pytest.fixture(scope="module")
+def exact(result):
+    """Pressure of the drive anywhere, by the series for a sphere."""
+    sources = drive_sources(result.setup.array, [result.drive])
+    field = at.SphereSeries().radiate(result.setup.scene, sources)
+    return lambda points: field.at(points)[:, 0]
+
+
+def test_a_result_and_its_report_are_four_files(rendered):
+    folder, _, steps = rendered
+    names = ["drive.csv", "drive.h5", "field.vtkhdf", "report.html"]
+    assert sorted(entry.name for entry in folder.iterdir()) == names
+    starts = ["solving", "evaluating", "making", "verifying", *["computing"] * 3, "drawing"]
+    assert [step.split()[0] for step in steps] == starts
+
+
+def test_a_setup_made_in_python_gives_the_drive_of_the_scene_file(result):
+    setup = result.setup
+    made = at.Setup(setup.scene, setup.array, setup.target, accuracy=0.05)
+    assert made.solver == setup.solver
+    again = at.render(made)
+    np.testing.assert_array_equal(again.drive.amplitudes, result.drive.amplitudes)
+    assert (made.bodies, made.foci) == (("body 0",), ("focus 1", "focus 2"))
+
+
+def test_the_worst_focus_gets_what_it_asked_by_the_series(result, exact):
+    target = result.setup.target
+    got = np.abs(exact(target.points))
+    better = 0.05 / 3  # error of the verification solve, by which the drive is scaled
+    np.testing.assert_allclose(np.min(got / target.pressures), 1.0, atol=better)
+    np.testing.assert_allclose(np.min(result.pressures / target.pressures), 1.0, rtol=1e-9)
+    np.testing.assert_allclose(result.pressures, got, rtol=better)
+
+
+def test_the_report_states_the_error_of_the_pictured_pressures(page, plane):
+    assert f"estimated to be {100 * plane.error:.1g} % off" in page
+
+
+@pytest.mark.slow
+def test_the_estimated_error_of_a_picture_is_that_against_the_series(plane, exact):
+    pressures = next(iter(plane.pressures.values()))
+    outside = np.isfinite(pressures)
+    true = exact(plane.window.points[outside])
+    error = np.linalg.norm(pressures[outside] - true) / np.linalg.norm(true)
+    assert 0.3 < plane.error / error < 10.0
+
+
+def control_in_closed_form(setup) -> at.Drive:
+    """The best drive on the matrix of baffled pistons in open air, 2 J1(x)/x with x = k a sin(angle)."""
+    array = setup.array
+    away = setup.target.points[:, None] - array.positions[None]
+    distance = np.linalg.norm(away, axis=-1)
+    wavenumber = 2.0 * np.pi * setup.frequency / setup.medium.sound_speed
+    cosine = np.einsum("fec,ec->fe", away, array.normals) / distance
+    argument = wavenumber * array.element.radius * np.sqrt(1.0 - cosine**2)
+    pattern = np.where(cosine > 0.0, 2.0 * j1(argument) / argument, 0.0)
+    wave = pattern * np.exp(1j * wavenumber * distance) / distance
+    return at.best(at.TransferMatrix(array.element.sensitivity * wave, 0.0), setup.target)
+
+
+def test_the_control_is_that_of_the_series(result):
+    setup = result.setup
+    assert result.verification.names == ("object-aware", "without the object")
+    control = control_in_closed_form(setup)
+    sources = drive_sources(setup.array, [result.drive, control])
+    ours, theirs = np.abs(at.SphereSeries().radiate(setup.scene, sources).at(setup.target.points)).T
+    energy = [np.sum(np.abs(drive.amplitudes) ** 2) for drive in (result.drive, control)]
+    ratio = theirs / ours * np.sqrt(energy[0] / energy[1])
+    np.testing.assert_allclose(result.verification.ratios("equal energy")[1], ratio, rtol=0.03)
+    np.testing.assert_allclose(result.control_pressures, ratio * result.pressures, rtol=0.03)
+
+
+def test_the_verification_is_more_accurate_than_the_drive(result):
+    report = result.verification.report
+    assert report.settings["accuracy"] < 0.05 / 2.95  # six steps of 1.2 are 2.986
+    assert report.nodes > result.beacons.nodes
+
+
+def test_the_field_file_is_the_field_of_the_series(rendered, exact):
+    with h5py.File(rendered[0] / "field.vtkhdf") as file:
+        image = file["VTKHDF/field"]
+        pressure = image["PointData/pressure_real"][:] + 1j * image["PointData/pressure_imag"][:]
+        origin, step = image.attrs["Origin"], image.attrs["Spacing"]
+    random = np.random.default_rng(0)
+    index = np.stack([random.integers(0, count, 300) for count in pressure.shape], axis=1)
+    points = origin + step * index[:, ::-1]
+    drawn = pressure[tuple(index.T)]
+    outside = np.linalg.norm(points, axis=1) > 5e-3
+    np.testing.assert_array_equal(np.isnan(drawn), ~outside)
+    expected = exact(points[outside])
+    assert np.linalg.norm(drawn[outside] - expected) < 0.02 * np.linalg.norm(expected)
+
+
+def test_the_pictures_show_the_drive_as_it_is_and_the_control_at_its_energy(result, plane, exact):
+    setup = result.setup
+    outside = np.linalg.norm(plane.window.points, axis=1) > 5.1e-3
+    points = plane.window.points[np.flatnonzero(outside)[::200]]
+    drawn, control_drawn = (values[outside][::200] for values in plane.pressures.values())
+    expected = exact(points)
+    assert np.linalg.norm(drawn - expected) < 0.02 * np.linalg.norm(expected)
+    control = control_in_closed_form(setup).amplitudes
+    energies = [np.sum(np.abs(values) ** 2) for values in (result.drive.amplitudes, control)]
+    emitted = at.Drive(np.sqrt(energies[0] / energies[1]) * control)
+    sources = drive_sources(setup.array, [emitted])
+    expected = at.SphereSeries().radiate(setup.scene, sources).at(points)[:, 0]
+    common = np.vdot(expected, control_drawn)  # a phase that all elements share is free
+    expected *= common / abs(common)
+    assert np.linalg.norm(control_drawn - expected) < 0.02 * np.linalg.norm(expected)
+    assert tuple(plane.pressures) == result.verification.names
+
+
+def test_the_drive_files_hold_the_drive(rendered):
+    folder, result, _ = rendered
+    with (folder / "drive.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    amplitudes = [float(row["amplitude"]) * np.exp(1j * float(row["phase"])) for row in rows]
+    np.testing.assert_allclose(amplitudes, result.drive.amplitudes, atol=1e-8)
+    with h5py.File(folder / "drive.h5") as file:
+        stored = file["amplitude"][:] * np.exp(1j * file["phase"][:])
+        pressure = file["transfer_matrix"][:] @ stored
+        assert file["scene"].asstr()[()] == BALL.read_text()
+        assert '"solver":"BoundaryElement"' in file["report"].asstr()[()]
+    np.testing.assert_allclose(pressure, result.transfer.pressure(result.drive), rtol=1e-9)
+
+
+def test_the_page_is_self_contained(page):
+    sources = re.findall(r'(?:src|href)="([^"]*)"', page)
+    assert len(sources) == 5
+    for source in sources:
+        kind, data = source.split(",", 1)
+        assert kind == "data:image/webp;base64"
+        assert b64decode(data).startswith(b"RIFF")
+    assert not re.search(r"https?://|@import|url\((?!#)|<script src|<link", page)
+
+
+def test_the_page_has_the_numbers(result, page):
+    for number in (
+        "343.1 m/s",
+        "south pole",
+        f"{result.pressures[0]:,.0f}",
+        f"<td>{1.0 / result.verification.ratios('equal energy')[1, 0]:.3f}</td>",
+        f"{result.beacons.nodes:,}",
+    ):
+        assert number in page
+
+
+def test_below_full_scale_the_remark_has_the_share_of_the_bound(result):
+    bound = at.upper_bound(result.transfer, result.setup.target)
+    times = 1.0 / bound.reached(result.transfer, result.setup.target, result.drive)
+    assert f"{times:.1f} times" in result.remarks[-1]
+
+
+def test_the_headline_has_both_drives_and_the_remarks_what_is_missing(tmp_path):
+    setup = ball(tmp_path, ("00.0\n", "0000.0\n"))
+    result = at.render(setup)
+    at_peak = result.verification.pressures["equal peak"] / setup.target.pressures
+    weakest = at_peak.min(axis=1)
+    gain = f"{weakest[0] / weakest[1] - 1.0:+.0%}".replace("%", " %").replace("-", "−")
+    assert f"{weakest[0]:.0%}".replace("%", " %") in result.headline
+    assert gain in result.headline or "does not matter" in result.headline
+    assert "90.0 kPa" in result.remarks[0]
+    assert "60.0 kPa" in result.remarks[0]
+
+
+def test_in_open_air_there_is_no_control(tmp_path):
+    setup = ball(tmp_path, NO_OBSTACLE, ("[solver]\naccuracy = 0.05\n", ""))
+    result = at.render(setup)
+    assert setup.solver == at.FreeField()
+    assert result.verification.names == ("drive",)
+    assert result.control_pressures is None
+    np.testing.assert_allclose(np.min(result.pressures / setup.target.pressures), 1.0)
+    at.write_report(result, tmp_path)
+    assert "Without" not in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+def test_markup_in_names_stays_text(tmp_path):
+    setup = ball(tmp_path, ("south pole", "<i>&"))
+    at.write_report(at.render(replace(setup, path=tmp_path / "a<b>.toml")), tmp_path)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "<i>" not in page
+    assert "<b>" not in page.replace('<div class="number"><b>', "")
+    assert "&lt;i&gt;&amp;" in page
+
+
+def test_a_drive_is_rounded_to_the_levels_of_its_scene(tmp_path):
+    setup = ball(
+        tmp_path,
+        ("00.0\n", "000.0\n"),
+        extra="\n[drive]\nlevels = { amplitude = 5, phase = 16 }\n",
+    )
+    result = at.render(setup)
+    result.save(tmp_path)
+    stored = read_drive_file(tmp_path / "drive.h5")
+    assert stored.levels is not None
+    assert stored.levels.same_as(Levels.even(amplitudes=5, phases=16))
+    np.testing.assert_array_equal(stored.amplitude_level[0], result.frame.amplitude)
+    assert set(result.frame.amplitude) <= set(range(5))
+    assert 4 < len(set(result.frame.phase)) <= 16
+    assert result.frame.phase.max() < 16
+
+
+def test_moving_foci_are_saved_as_a_sequence_and_an_older_one_goes(tmp_path):
+    """By the series of the sphere each frame puts the foci where the circle leads."""
+    moving = '\n[drive.modulation]\nkind = "lm"\nframes = 4\nradius = 1e-3\nfrequency = 100\n'
+    setup = ball(tmp_path, extra=moving)
+    result = at.render(setup)
+    result.save(tmp_path)
+    sequence = at.load_drive(tmp_path / "sequence.h5")
+    stored = read_drive_file(tmp_path / "sequence.h5")
+    assert isinstance(sequence, Sequence)
+    assert (len(sequence), sequence.rate) == (4, 400.0)
+    assert "spatiotemporal" in result.sensation[1]
+    sources = drive_sources(setup.array, [sequence.drive(frame) for frame in range(4)])
+    field = at.SphereSeries().radiate(setup.scene, sources)
+    foci = stored.foci.reshape(4, 2, 3)
+    view = evaluate_fields(result, Clock()).view
+    np.testing.assert_array_equal(view.paths, foci.swapaxes(0, 1))
+    np.testing.assert_allclose(np.linalg.norm(foci - setup.target.points, axis=2), 1e-3, rtol=0.1)
+    for frame in range(4):
+        got = np.abs(field.at(foci[frame])[:, frame])
+        assert np.min(got / setup.target.pressures) == pytest.approx(1.0, abs=0.06)
+    result = at.render(ball(tmp_path, extra='\n[drive.modulation]\nkind = "am"\n'))
+    result.save(tmp_path)
+    assert not (tmp_path / "sequence.h5").exists()
+    assert read_drive_file(tmp_path / "drive.h5").modulation == AmplitudeModulation()
+    assert "557 Pa" in result.sensation[0]
+
+
+def test_a_setup_rejects_parts_that_do_not_fit(result):
+    setup = result.setup
+    inside = at.Target(np.zeros((1, 3)))
+    with raises_code("inside_body"):
+        at.Setup(setup.scene, setup.array, inside)
+    with raises_code("unknown_name"):
+        replace(setup, method="bst")
+    with raises_code("sizes_differ"):
+        replace(setup, foci=("only one",))
