@@ -149,7 +149,7 @@ def test_suppression_zones_stand_beside_the_foci(read) -> None:
             (POINT, "share = 1.0\npressure = 3.0"),
             ("foci: 1 of 1 have a pressure and a share",),
         ),
-        ("negative", (POINT, "share = -1.0"), ("foci: a target share is -1",)),
+        ("out_of_range", (POINT, "share = -1.0"), ("foci: a target share is -1",)),
         (
             "options_clash",
             ("[[foci]]\nsvg = { width = 0.02, spacing = 3e-3 }",),
