@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.reports.report import evaluate_fields
+from airtact.reports.result_fields import evaluate_fields
 from airtact.reports.viewer import three_js, viewer_values
 from airtact.timing import Clock
 from paths import SCENES

@@ -13,7 +13,7 @@ from scipy.special import j1
 import airtact as at
 from airtact.drives.sequence import Sequence
 from airtact.evaluation.field import drive_sources
-from airtact.reports.report import evaluate_fields
+from airtact.reports.result_fields import evaluate_fields
 from airtact.timing import Clock
 from airtact.transducers.drive_file import read_drive_file
 from airtact.transducers.levels import Levels

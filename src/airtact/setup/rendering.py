@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
@@ -19,9 +18,11 @@ from airtact.drives.transfer import Drive, TransferMatrix
 from airtact.evaluation.comparison import Comparison
 from airtact.evaluation.comparison import compare as compare_drives
 from airtact.evaluation.headline import beyond_linear, body_word, headline, shortfalls
+from airtact.evaluation.held_out import HeldOut
 from airtact.files.atomic import writable_folder
 from airtact.printing import one_line
 from airtact.setup.sentences import disagreement, reach_cautions, sensations, share_of_bound
+from airtact.setup.sequences import MovingDrive, moving_drive
 from airtact.setup.setup import Setup
 from airtact.setup.solving import (
     control_drive,
@@ -37,10 +38,6 @@ from airtact.setup.solving import (
 from airtact.timing import Clock, Progress
 from airtact.transducers.drive_file import SEQUENCE_FILE
 from airtact.transducers.modulation import AmplitudeModulation
-
-if TYPE_CHECKING:
-    from airtact.evaluation.held_out import HeldOut
-    from airtact.setup.sequences import MovingDrive
 
 DRIVE_FILES = ("drive.csv", "drive.h5")
 """Files of a drive."""
@@ -76,8 +73,8 @@ class Rendering:
     pressures: Float64[np.ndarray, "foci"]
     verification: Comparison
     drives: Mapping[str, Drive]
-    sequence: "MovingDrive | None"
-    robustness: "HeldOut | None"
+    sequence: MovingDrive | None
+    robustness: HeldOut | None
     headline: str
     remarks: tuple[str, ...]
     sensation: tuple[str, ...]
@@ -180,8 +177,6 @@ def render(
         drive, notes = synthesise(setup.synthesise, transfer, setup.target)
     sequence = None
     if isinstance(setup.modulation, Motion):
-        from airtact.setup.sequences import moving_drive
-
         sequence = moving_drive(setup, setup.modulation, transfer, clock, store)
         notes += sequence.warnings
 
