@@ -1,6 +1,6 @@
 # `make run` shows the main job, `make test` proves it. Everything is installed into .venv.
 .DEFAULT_GOAL := help
-.PHONY: help run live test slow check format docs bench bench-compare wheels clean
+.PHONY: help run live test slow check format docs reproduce reproduce-quick bench bench-compare wheels clean
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -15,6 +15,7 @@ help:
 	@echo "make format rewrite the sources in the house's format"
 	@echo "make docs   the documentation site in build/docs; a warning or a broken link fails it"
 	@echo "make wheels wheels for every Python from 3.11 on that is here, in dist/, each proven without a compiler"
+	@echo "make reproduce  the experiment of Inoue and others 2014 into out/inoue2014, in 20 minutes; make reproduce-quick in 3"
 	@echo "make bench  the measured table of docs/performance.md"
 	@echo "make bench-compare  the rows of airtact bench beside the last tag's; red and failed where 20 % slower"
 
@@ -68,6 +69,12 @@ $(VENV)/installed-for-docs: $(VENV)/installed
 docs: $(VENV)/installed-for-docs
 	$(BIN)/sphinx-build --quiet --fresh-env --fail-on-warning --keep-going docs build/docs
 	@echo "Look at build/docs/index.html."
+
+reproduce: $(VENV)/installed
+	$(BIN)/python examples/inoue2014/reproduce.py --out out/inoue2014
+
+reproduce-quick: $(VENV)/installed
+	$(BIN)/python examples/inoue2014/reproduce.py --quick --out out/inoue2014
 
 bench: $(VENV)/installed-for-tests
 	PYTHONPATH=.:tests $(BIN)/python benchmarks/accuracy.py

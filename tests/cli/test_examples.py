@@ -8,7 +8,7 @@ import pytest
 
 from airtact.cli import commands, main
 
-PARSED = {"bench", "reproduce"}
+PARSED = {"bench"}
 """Their examples take minutes, and have tests of their own; here they are only parsed."""
 
 SECONDS = {"calibrate", "compare", "compare-scan", "emit", "export", "render", "sense"}

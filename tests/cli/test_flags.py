@@ -174,7 +174,7 @@ def test_open_shows_the_page_in_the_browser(capsys, here, monkeypatch):
 
 @pytest.mark.parametrize(
     ("line", "nearest"),
-    [("rendr", "render"), ("render x.toml --stor y", "--store"), ("reproduce inoue", "inoue2014")],
+    [("rendr", "render"), ("render x.toml --stor y", "--store"), ("init --board autd", "autd3")],
 )
 def test_a_mistyped_command_option_or_name_suggests_the_nearest(capsys, line, nearest):
     code, printed, errors = output(capsys, *line.split())

@@ -13,6 +13,7 @@ from airtact.reports.field_figure import (
     draw_close_ups,
     draw_difference,
     draw_field,
+    past_the_surface,
 )
 
 UPRIGHT = Window(np.array([0.01, 0.0, 0.02]), AXES["x"], AXES["z"], 0.06, 0.04, 1e-3)
@@ -124,3 +125,10 @@ def test_close_ups_are_a_grid_of_foci_and_drives_around_zero():
         middle = np.unravel_index(np.argmax(image.get_array()), image.get_array().shape)
         assert middle == (image.get_array().shape[0] // 2, image.get_array().shape[1] // 2)
     assert [axes.get_title() for axes in figure.axes[:3]] == ["a", "b", "c"]
+
+
+def test_values_are_carried_two_points_past_the_surface() -> None:
+    window = Window(np.zeros(3), AXES["x"], AXES["z"], 9e-3, 1e-3, 1e-3)
+    values = np.tile([1.0, 2, 3, 4, *[np.nan] * 6], 2)
+    carried = past_the_surface(window, values, 2)[:7]
+    assert np.array_equal(carried, [1, 2, 3, 4, 4, 4, np.nan], equal_nan=True)

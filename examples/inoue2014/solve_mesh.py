@@ -1,0 +1,51 @@
+"""Solve for the paper's beacons with one mesh, and print its cost and the pressures as JSON.
+
+``reproduce.py`` runs this in a process of its own, whose peak memory is that of the solve.
+"""
+
+import json
+import math
+import sys
+import time
+from pathlib import Path
+
+from reproduce import ARRAY, Fingers
+
+import airtact as at
+
+
+def peak_memory() -> float:
+    """Return the peak memory of this process [bytes]; NaN where it is unknown."""
+    status = Path("/proc/self/status")  # ru_maxrss would count the parent's memory, too
+    if not status.exists():
+        return math.nan
+    lines = status.read_text(encoding="ascii").splitlines()
+    return 1024.0 * next(int(line.split()[1]) for line in lines if line.startswith("VmHWM:"))
+
+
+def main() -> None:
+    """Solve with the order, the elements per wavelength and the domain given as JSON."""
+    order, elements_per_wavelength, domain = json.loads(sys.argv[1])
+    # The workspace reaches 0.5 mm past the transducers, so that they lie in the mesh.
+    box = ((-0.0705, -0.0705, -0.0905), (0.0705, 0.0705, 0.0905))
+    solver = at.FiniteElement(order, elements_per_wavelength, domain=domain, box=box, graded=False)
+    fingers = Fingers()
+    at.FiniteElement(1, 1.0, graded=False).radiate(
+        fingers.scene, fingers.beacons
+    )  # loads libraries
+    begun = time.perf_counter()
+    field = solver.radiate(fingers.scene, fingers.beacons)
+    received = field.at(ARRAY.positions)[:, 0]
+    answer = {
+        "tetrahedra": field.report.settings["tetrahedra"],
+        "unknowns": field.report.nodes,
+        "seconds": time.perf_counter() - begun,
+        "memory": peak_memory(),
+        "real": received.real.tolist(),
+        "imaginary": received.imag.tolist(),
+    }
+    print(json.dumps(answer))
+
+
+if __name__ == "__main__":
+    main()
