@@ -16,9 +16,9 @@ import sys
 import numpy as np
 
 import airtact as at
-from airtact.hands.fitting.size_prior import LEARNED
 from hands.rigged_hand import BUILDS, Rigged, posed, rough, seen, turned_to_camera
 
+LEARNED_FRAMES = 8  # later frames keep the sizes
 OFF = 0.5e-3
 WIDER = 1.6
 """How many times as far off as in the paper's box the boards stand, so that the whole hand fits."""
@@ -43,8 +43,8 @@ def pressures(transfer: np.ndarray, reference: np.ndarray) -> np.ndarray:
 def fits(build: str, view: int, palm: bool) -> tuple[Rigged, list[at.hands.FittedHand]]:
     """Find the true hand, and the ones fitted to one frame and to a sequence that ends with it."""
     before = None
-    for frame in range(LEARNED + 1):
-        share = frame / LEARNED
+    for frame in range(LEARNED_FRAMES + 1):
+        share = frame / LEARNED_FRAMES
         true = turned_to_camera(posed("pinch", share, build), view, 15.0 + 20.0 * share, palm)
         cloud, landmarks = seen(true, 100 * view + frame), rough(true.joints, 100 * view + frame)
         before = at.fit_hand(cloud, landmarks, "right", CAMERA, before)

@@ -14,12 +14,11 @@ import numpy as np
 
 from airtact.acoustics.solvers.bem.solver import BoundaryElement
 from airtact.geometry.mesh.topology import cone_volumes, edge_twins, shells
-from airtact.hands.anatomy_parts import hand_hulls
+from airtact.hands.body import Hulls, hand_hulls
 from airtact.hands.hand import hand_from_joints
 from airtact.hands.joints import joints_of
 from airtact.hands.shape import deformed
 from airtact.hands.skin_mesh import HandMesh, even_skin
-from airtact.hands.sphere_mesh import Hulls
 from hands.hand_poses import example, random_pose
 
 WAVELENGTH = 343.1 / 40e3

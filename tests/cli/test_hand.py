@@ -9,7 +9,7 @@ import trimesh
 
 import airtact as at
 from airtact.cli import main
-from airtact.hands.fitting.skin_offset import EDGES
+from airtact.hands.fitting.fit import EDGES
 from airtact.workflows.hand import fit
 from hands.rigged_hand import posed, rough, seen, turned_to_camera
 from paths import HANDS

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from airtact.geometry.mesh.curving import SHARP_DEGREES, curved
 from airtact.geometry.mesh.topology import edge_twins
-from airtact.hands.anatomy_parts import OWNER, PARTS
+from airtact.hands.body import OWNER, PARTS
 from airtact.hands.hand import Hand
 from airtact.hands.joints import CHAINS
 from airtact.hands.kinematics import bending_axis

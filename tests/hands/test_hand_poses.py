@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from airtact.geometry.mesh.topology import edge_twins, shells
-from airtact.hands.anatomy_parts import hand_hulls
+from airtact.hands.body import Hulls, hand_hulls
 from airtact.hands.joints import joints_of
 from airtact.hands.skin_mesh import HandMesh, even_skin
-from airtact.hands.sphere_mesh import Hulls
 from hands.hand_poses import example, random_pose
 
 EDGE = 7e-3

@@ -5,10 +5,9 @@ import pytest
 from scipy.special import roots_legendre
 
 import airtact as at
-from airtact.hands.anatomy_parts import hand_hulls, part_name
+from airtact.hands.body import Hulls, hand_hulls, part_name
 from airtact.hands.shape import HandShape
 from airtact.hands.skin_mesh import even_skin, midpoints
-from airtact.hands.sphere_mesh import Hulls
 from benchmarks.accuracy import PAPER_AIR, directions, far_points, one_each, relative
 from hands.hand_poses import example
 

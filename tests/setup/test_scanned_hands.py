@@ -7,8 +7,9 @@ import pytest
 import trimesh
 
 from airtact.geometry.files import load_surface
+from airtact.hands.files import load_rigged_hand
+from airtact.hands.hand import places_on
 from airtact.hands.joints import NAMES
-from airtact.hands.scans import load_rigged_hand, places_on
 from airtact.setup.building import read_scene
 from faults import raises_code
 from paths import EXAMPLES, GENERIC_HAND

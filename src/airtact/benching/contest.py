@@ -16,8 +16,8 @@ from airtact.benching.timing import Timed, relative_error
 from airtact.errors import InvalidInput
 from airtact.geometry.mesh.topology import cone_volumes
 from airtact.geometry.primitives import Capsule
+from airtact.hands.body import Hulls
 from airtact.hands.skin_mesh import even_skin
-from airtact.hands.sphere_mesh import Hulls
 from airtact.printing import in_short
 from airtact.timing import Progress, no_progress
 

@@ -14,9 +14,9 @@ from airtact.drives.conjugation import time_reversal
 from airtact.drives.transfer import transfer_matrix
 from airtact.geometry.pose import Pose
 from airtact.geometry.surface import Surface
+from airtact.hands.body import Hulls
 from airtact.hands.shape import HandShape
 from airtact.hands.skin_mesh import midpoints
-from airtact.hands.sphere_mesh import Hulls
 from airtact.timing import Progress, no_progress
 from airtact.transducers.element import monopole
 from airtact.transducers.layout import flat_boards

@@ -1,11 +1,11 @@
-from .anatomy_parts import Touch as Touch
+from .body import Touch as Touch
 from .files import load_cloud as load_cloud
 from .files import load_landmarks as load_landmarks
+from .files import load_rigged_hand as load_rigged_hand
 from .fitting.fit import FittedHand as FittedHand
-from .fitting.size_prior import HandAnatomy as HandAnatomy
+from .fitting.priors import HandAnatomy as HandAnatomy
+from .hand import places_on as places_on
 from .pinch_dummy import Pinch as Pinch
-from .scans import load_rigged_hand as load_rigged_hand
-from .scans import places_on as places_on
 from .tracking.frame import FaultyFrame as FaultyFrame
 from .tracking.frame import HandFrame as HandFrame
 from .tracking.messages import (

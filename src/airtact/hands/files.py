@@ -1,4 +1,4 @@
-"""Read hands and landmarks from JSON files, and point clouds."""
+"""Read hands from JSON poses and from the rigs of mesh files, landmarks of trackers, and point clouds."""
 
 import io
 import json
@@ -9,18 +9,18 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.checks import counted, points_of
+from airtact.checks import of_kind, points_of, positive
 from airtact.errors import LARGEST_POSE, InvalidInput, about
 from airtact.files.bounded import array_of, text_of
-from airtact.geometry.files import bare_vertices
+from airtact.geometry.files import bare_vertices, node_positions
 from airtact.hands.hand import Hand, hand_from_joints
-from airtact.hands.joints import NAMES, named_joints
-
-KEYS = ("joints", "positions_m", "radii_m", "side")
-"""Keys of a pose: names of joints, their positions and radii [m], "left" or "right"."""
+from airtact.hands.joints import NAMES, Points, Side, named_joints
 
 ROOM = 0.2
 """Largest distance of a focus from a place of a hand [m]."""
+
+CLOUD_ENDINGS = (".ply", ".xyz", ".npy")
+"""Endings of the names of files that clouds are read from."""
 
 
 def load_hand(path: str | Path, gap: float | None = None) -> Hand:
@@ -42,23 +42,20 @@ def load_hand(path: str | Path, gap: float | None = None) -> Hand:
     """
     path = Path(path)
     with about(path.name or str(path)):
-        pose = _pose_in(path)
+        pose = _read_pose(path)
+        points = _numbers(pose, "positions_m", (3,))
         radii = _numbers(pose, "radii_m", ()) if "radii_m" in pose else None
         names = pose.get("joints")
-        points = _numbers(pose, "positions_m", (3,))
-        if radii is not None and len(radii) != len(points):
-            sentence = f"{len(radii)} joints have radii and {len(points)} have positions; give one for one."
-            raise InvalidInput(sentence, code="sizes_differ")
+        if radii is not None:
+            _check_count(radii, points, "radii")
         if names is not None and tuple(names) != NAMES:
-            if len(names) != len(points):
-                sentence = f"{len(names)} joints have names and {len(points)} have positions; give one for one."
-                raise InvalidInput(sentence, code="sizes_differ")
+            _check_count(names, points, "names")
             order = {name: index for index, name in enumerate(names)}
             if len(order) < len(names):
-                twice = counted(len(names) - len(order), "joint is", "joints are")
-                raise InvalidInput(f"{twice} there twice.", code="given_twice")
+                raise InvalidInput("joints are given twice.", code="given_twice")
             points = named_joints({name: points[index] for name, index in order.items()})
-            radii = None if radii is None else radii[[order[name] for name in NAMES]]
+            if radii is not None:
+                radii = radii[[order[name] for name in NAMES]]
         hand = hand_from_joints(points, radii, side=pose.get("side"))
         return hand if gap is None else hand.open_to(gap)
 
@@ -80,77 +77,109 @@ def load_landmarks(path: Path) -> tuple[Float64[np.ndarray, "joints 3"], str | N
         The file cannot be read or is no pose; the sentence begins with the file's name.
     """
     with about(path.name or str(path)):
-        pose = _pose_in(path)
-        points, names = _numbers(pose, "positions_m", (3,)), pose.get("joints")
+        pose = _read_pose(path)
+        points = _numbers(pose, "positions_m", (3,))
+        names = pose.get("joints")
         if names is not None and tuple(names) != NAMES:
-            sentence = f"the {len(names)} joints are not named in the order of WebXR: give them in that order."
-            raise InvalidInput(sentence, code="hand_implausible")
+            raise InvalidInput(
+                f"the {len(names)} joints are not named in the order of WebXR; give them in it.",
+                code="hand_implausible",
+            )
         return points, pose.get("side")
 
 
-def _numbers(
-    pose: dict[str, Any], key: str, each: tuple[int, ...]
-) -> Float64[np.ndarray, "joints *each"]:
-    """Return the numbers under a key, an array of shape ``each`` for each joint."""
-    count, what = len(pose[key]), "3 numbers" if each else "number"
-    try:
-        numbers = np.array(pose[key], dtype=np.float64)
-    except (TypeError, ValueError):
-        numbers = np.zeros(0)
-    if numbers.shape != (count, *each):
-        sentence = (
-            f"{key} holds no {what} for each of its {count} joints; give [x, y, z] in metres."
-        )
-        raise InvalidInput(sentence, code="not_a_number")
-    return numbers
-
-
-def _pose_in(path: Path) -> dict[str, Any]:
+def _read_pose(path: Path) -> dict[str, Any]:
     """Read a JSON file, and raise where it holds no pose."""
+    text = text_of(path, LARGEST_POSE)
     try:
-        pose = json.loads(text_of(path, LARGEST_POSE))
+        pose = json.loads(text)
     except RecursionError:
         raise InvalidInput(
-            f"this is no pose of a hand: {path.stat().st_size} bytes of brackets in brackets.",
-            code="wrong_kind",
+            "this is no pose of a hand: its brackets are nested too deep.", code="wrong_kind"
         ) from None
     except json.JSONDecodeError as error:
         raise InvalidInput(
             f"this is not JSON: line {error.lineno} is at fault.", code="file_unreadable"
         ) from None
-    except InvalidInput:
-        raise
     except ValueError as error:  # a number of too many digits
-        raise InvalidInput(
-            f"a number of it cannot be read: {error}.", code="file_unreadable"
-        ) from None
+        raise InvalidInput(f"a number cannot be read: {error}.", code="file_unreadable") from None
     if not isinstance(pose, dict) or not isinstance(pose.get("positions_m"), list):
         raise InvalidInput(
-            "this is no pose of a hand: it has 0 points under positions_m.", code="wrong_kind"
+            "this is no pose of a hand; give a list of points as positions_m.", code="wrong_kind"
         )
-    unknown = [key for key in pose if key not in KEYS]
+    keys = ("joints", "positions_m", "radii_m", "side")
+    unknown = [key for key in pose if key not in keys]
     if unknown:
         raise InvalidInput(
-            f"{unknown[0]} is not 1 of the keys of a pose: {', '.join(KEYS)}.", code="unknown_key"
+            f"{unknown[0]} is no key of a pose; the keys are {', '.join(keys)}.",
+            code="unknown_key",
         )
     for key in ("joints", "radii_m"):
         if key in pose and not isinstance(pose[key], list):
-            sentence = f"{key} is {pose[key]!r}, but it must be a list, one for each of the joints."
-            raise InvalidInput(sentence, code="wrong_kind")
+            raise InvalidInput(
+                f"{key} is {pose[key]!r}; give a list with an entry for each joint.",
+                code="wrong_kind",
+            )
     for index, name in enumerate(pose.get("joints", ())):
         if not isinstance(name, str):
-            sentence = (
-                f"joint {index} is named {name!r}, but names are those of WebXR, such as 'wrist'."
+            raise InvalidInput(
+                f"joint {index} is named {name!r}; give a name of WebXR, such as 'wrist'.",
+                code="unknown_name",
             )
-            raise InvalidInput(sentence, code="unknown_name")
     return pose
 
 
-CLOUD_ENDINGS = (".ply", ".xyz", ".npy")
-"""Endings of the names of files that clouds are read from."""
+def _numbers(
+    pose: dict[str, Any], key: str, shape: tuple[int, ...]
+) -> Float64[np.ndarray, "joints *shape"]:
+    """Return the numbers under a key, an array of ``shape`` for each joint."""
+    try:
+        numbers = np.array(pose[key], dtype=np.float64)
+    except (TypeError, ValueError):
+        numbers = np.zeros(0)
+    if numbers.shape != (len(pose[key]), *shape):
+        form = "[x, y, z] in metres" if shape else "one number in metres"
+        raise InvalidInput(
+            f"{key} must hold {form} for each of its {len(pose[key])} joints.",
+            code="not_a_number",
+        )
+    return numbers
 
 
-def load_cloud(path: Path) -> Float64[np.ndarray, "points 3"]:
+def _check_count(values: Any, points: Float64[np.ndarray, "joints 3"], what: str) -> None:
+    if len(values) != len(points):
+        raise InvalidInput(
+            f"there are {len(values)} {what} for {len(points)} positions; give one for each.",
+            code="sizes_differ",
+        )
+
+
+def load_rigged_hand(path: str | Path, scale: float = 1.0, side: Side | None = None) -> Hand:
+    """Read the hand of the joints that the rig of a mesh file has.
+
+    The nodes and their transforms are those of *glTF 2.0* (Khronos Group), section 3.5.
+
+    Parameters
+    ----------
+    path : a GLB file whose nodes have the 25 names of WebXR, at rest where its mesh is.
+    scale : metres per unit of the file, as for ``load_surface``.
+    side : ``"right"`` or ``"left"``; found from the bends of the fingers unless given.
+
+    Raises
+    ------
+    InvalidInput
+        The file cannot be read, its rig lacks joints (how many, and the first names), or no hand has these joints.
+    """
+    of_kind(path, str | Path, "the path of a hand", "the name of a file")
+    path = Path(path)
+    scale = positive(scale, "scale", "m per unit of the file")
+    nodes = node_positions(path)
+    with about(path.name):
+        joints = {name: scale * nodes[name] for name in NAMES if name in nodes}
+        return hand_from_joints(named_joints(joints), side=side)
+
+
+def load_cloud(path: Path) -> Points:
     """Read a point cloud.
 
     Parameters
@@ -163,37 +192,31 @@ def load_cloud(path: Path) -> Float64[np.ndarray, "points 3"]:
     InvalidInput
         The file does not exist, cannot be read or holds no points.
     """
-    if path.suffix.lower() not in CLOUD_ENDINGS:
-        sentence = (
-            f"{path} ends in {path.suffix!r}, but clouds are read from {', '.join(CLOUD_ENDINGS)}."
-        )
-        raise InvalidInput(sentence, code="unknown_format")
-    if not path.is_file():
-        raise InvalidInput(
-            f"the file {path} does not exist; 0 points were read.", code="file_missing"
-        )
     suffix = path.suffix.lower()
-    points = (
-        array_of(path)
-        if suffix == ".npy"
-        else bare_vertices(path)
-        if suffix == ".ply"
-        else _points_in_text(path)
-    )
+    if suffix not in CLOUD_ENDINGS:
+        raise InvalidInput(
+            f"{path} ends in {path.suffix!r}, but clouds are read from {', '.join(CLOUD_ENDINGS)}.",
+            code="unknown_format",
+        )
+    if suffix == ".npy":
+        points = array_of(path)
+    elif suffix == ".ply":
+        points = bare_vertices(path)
+    else:
+        points = _points_in_text(path)
     with about(path.name):
         return points_of(points, "points of a cloud")
 
 
-def _points_in_text(path: Path) -> Float64[np.ndarray, "points 3"]:
+def _points_in_text(path: Path) -> Points:
     """Read the first three numbers of each line, between spaces or commas."""
     text = text_of(path).replace(",", " ")
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore"
-            )  # of a file without a line, which is said by who asks for points
+            # A file without a line gives no points, which load_cloud reports.
+            warnings.simplefilter("ignore")
             return np.loadtxt(io.StringIO(text), usecols=(0, 1, 2), ndmin=2)
     except ValueError as fault:
         raise InvalidInput(
-            f"{path.name} cannot be read as x, y, z in 1 line: {fault}.", code="file_unreadable"
+            f"{path.name} does not hold x, y, z in each line: {fault}.", code="file_unreadable"
         ) from None

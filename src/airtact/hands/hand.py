@@ -1,4 +1,4 @@
-"""A hand in a pose: the joints of a tracker give its closed skin, which solvers take, and its pads."""
+"""A hand in a pose: joints of a tracker give its closed skin, which solvers take, and its pads."""
 
 import math
 from collections.abc import Mapping
@@ -8,13 +8,17 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float64, Real
 
-from airtact.checks import fixed, in_mm, within
+from airtact.acoustics.target_points import outward
+from airtact.checks import fixed, in_mm, of_kind, within
 from airtact.errors import InvalidInput
 from airtact.geometry.surface import Surface
-from airtact.hands.anatomy_parts import Touch, hand_hulls
+from airtact.hands.body import Hulls, Touch, hand_hulls
 from airtact.hands.joints import (
     CHAINS,
     FINGERS,
+    Joints,
+    Place,
+    Radii,
     Side,
     check_finger_order,
     checked_side,
@@ -26,23 +30,10 @@ from airtact.hands.joints import (
 from airtact.hands.kinematics import bending_axis, opened
 from airtact.hands.shape import HandShape
 from airtact.hands.skin_mesh import even_skin, graded, midpoints
-from airtact.hands.sphere_mesh import Hulls
 from airtact.printing import html_table, one_line, sides_in_mm
-
-COARSE, FINE = 7e-3, 2.5e-3
-"""Edges of the triangles of ``Hand.surface`` far from the pads and beside them [m]; solvers make their own panels."""
-
-PAD = 0.55
-"""Position of the pad along the last bone, over its length."""
 
 PLACES = (*(f"{finger}.pad" for finger in FINGERS), "palm")
 """Named positions on the skin of a hand."""
-
-WIDEST = 0.15
-"""Widest gap that a hand is opened to [m]."""
-
-TRIED = (0.5e-3, 1e-3, 2e-3, 3e-3, 4e-3, 6e-3, 8e-3, 12e-3, 16e-3, 20e-3)
-"""Gaps that are tried to free a pad [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,8 +49,8 @@ class Hand:
         else None.
     """
 
-    joints: Float64[np.ndarray, "25 3"]
-    radii: Float64[np.ndarray, "25"]
+    joints: Joints
+    radii: Radii
     side: Side
     follows: HandShape | None = None
 
@@ -68,30 +59,37 @@ class Hand:
 
     def _repr_html_(self) -> str:
         rows = [
-            [name, *(f"{1e3 * number:.1f}" for number in point)]
+            [name, *(f"{1e3 * coordinate:.1f}" for coordinate in point)]
             for name, (point, _) in self.places.items()
         ]
         title = f"Hand: {self.side}, joints within {sides_in_mm(self.joints)}"
         return html_table(title, ["place", "x [mm]", "y [mm]", "z [mm]"], rows)
 
     @cached_property
+    def _body(self) -> tuple[Hulls, tuple[Touch, ...]]:
+        return hand_hulls(self.joints, self.radii)
+
+    @cached_property
     def shape(self) -> HandShape:
         """The exact body: blended hulls of balls along the bones."""
-        return HandShape.following(self._built[0], self.follows)
+        return HandShape.following(self._body[0], self.follows)
 
     @property
     def touches(self) -> tuple[Touch, ...]:
-        """Where the skins of parts that stand apart in an open hand are nearer than 0.3 mm and therefore one."""
-        return self._built[1]
+        """Where skins that stand apart in an open hand are nearer than 0.3 mm and therefore one."""
+        return self._body[1]
 
     @cached_property
     def surface(self) -> Surface:
-        """The closed skin, with exact points over the middles of edges; fine at the pads, coarse elsewhere."""
-        hulls, notes = self.shape.hulls, tuple(touch.note for touch in self.touches)
-        skin = graded(hulls, even_skin(hulls, COARSE), COARSE, FINE, self.pads)
-        return Surface(
-            skin.vertices, skin.triangles, midpoints(hulls, skin), self.shape, repairs=notes
-        )
+        """The closed skin, with exact points over the middles of edges; fine at the pads, coarse elsewhere.
+
+        Edges are 7 mm long, 2.5 mm beside the pads; solvers make their own panels.
+        """
+        hulls = self.shape.hulls
+        skin = graded(hulls, even_skin(hulls, 7e-3), 7e-3, 2.5e-3, self.pads)
+        notes = tuple(touch.note for touch in self.touches)
+        middles = midpoints(hulls, skin)
+        return Surface(skin.vertices, skin.triangles, middles, self.shape, repairs=notes)
 
     @cached_property
     def pads(self) -> Float64[np.ndarray, "5 3"]:
@@ -99,7 +97,7 @@ class Hand:
         return fixed(np.array([self._pad(finger)[0] for finger in range(5)]))
 
     @cached_property
-    def places(self) -> Mapping[str, tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]]:
+    def places(self) -> Mapping[str, Place]:
         """Positions on the skin (3,) [m] that a target can name, and the outward unit normals there (3,).
 
         The names are ``"thumb.pad"``, ``"index.pad"``, ``"middle.pad"``, ``"ring.pad"``,
@@ -107,8 +105,8 @@ class Hand:
         """
         return {name: self.position(name) for name in PLACES}
 
-    def position(self, name: str) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
-        """Find one of ``places`` alone (3,) [m] and its outward unit normal (3,), even where it lies inside the body.
+    def position(self, name: str) -> Place:
+        """Find one of ``places`` (3,) [m] and its outward unit normal (3,), even where it lies inside the body.
 
         Raises
         ------
@@ -117,12 +115,12 @@ class Hand:
         """
         if name not in PLACES:
             raise InvalidInput(
-                f"{name!r} is not 1 of the places of a hand: {', '.join(PLACES)}.",
+                f"{name!r} is no place of a hand; give one of {', '.join(PLACES)}.",
                 code="unknown_name",
             )
         return self._palm if name == "palm" else self._pad(PLACES.index(name))
 
-    def place(self, name: str) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
+    def place(self, name: str) -> Place:
         """Find a named position on the skin (3,) [m] and the outward unit normal there (3,).
 
         Parameters
@@ -139,20 +137,34 @@ class Hand:
         depth = float(self.shape.depth(point[None])[0])
         if depth > 1e-6:
             raise InvalidInput(
-                f"{name} at {in_mm(point)} lies {1e3 * depth:.2g} mm inside the body, where skins are one"
-                f"{self._freeing(name)}.",
+                f"{name} at {in_mm(point)} lies {1e3 * depth:.2g} mm inside the body, where skins "
+                f"are one; {self._advice_to_free(name)}.",
                 point,
                 code="inside_body",
             )
         return point, normal
 
-    def open_to(self, gap: float, one: str = "thumb", other: str = "index") -> "Hand":
+    def _advice_to_free(self, name: str) -> str:
+        finger = name.removesuffix(".pad")
+        partner = "index" if finger == "thumb" else "thumb"
+        gaps = (0.5e-3, 1e-3, 2e-3, 3e-3, 4e-3, 6e-3, 8e-3, 12e-3, 16e-3, 20e-3)
+        for gap in gaps if finger in FINGERS else ():
+            try:
+                opened_hand = self.open_to(gap, finger, partner)
+            except InvalidInput:
+                continue
+            if float(opened_hand.shape.depth(opened_hand.position(name)[0][None])[0]) <= 1e-6:
+                call = f"open_to({gap:g}, {finger!r}, {partner!r})"
+                return f"{call}, a gap of {1e3 * gap:g} mm, would free it"
+        return "move the fingers away from it"
+
+    def open_to(self, gap: float, first: str = "thumb", second: str = "index") -> "Hand":
         """Turn two fingers about their roots until the skins of their last phalanges are a gap apart.
 
         Parameters
         ----------
-        gap : the distance wanted, above zero and at most 0.15 [m].
-        one, other : "thumb", "index", "middle", "ring" or "pinky".
+        gap : distance of the skins, above zero and at most 0.15 [m].
+        first, second : "thumb", "index", "middle", "ring" or "pinky".
 
         Raises
         ------
@@ -160,16 +172,14 @@ class Hand:
             The gap is out of range, a finger is unknown, or no turn gives the gap; the sentence has the gaps that turns
             give.
         """
-        gap = within(gap, 0.0, WIDEST, "gap", "m", "is it in millimetres? Give metres.")
-        for name in (one, other):
-            if name not in FINGERS or one == other:
-                raise InvalidInput(
-                    f"fingers {one!r} and {other!r} are not 2 of {', '.join(FINGERS)}.",
-                    code="unknown_name",
-                )
-        joints = opened(
-            self.joints, self.radii, self.side, (FINGERS.index(one), FINGERS.index(other)), gap
-        )
+        gap = within(gap, 0.0, 0.15, "gap", "m", "is it in millimetres? Give metres.")
+        if first not in FINGERS or second not in FINGERS or first == second:
+            raise InvalidInput(
+                f"{first!r} and {second!r} are not two fingers; give two of {', '.join(FINGERS)}.",
+                code="unknown_name",
+            )
+        pair = (FINGERS.index(first), FINGERS.index(second))
+        joints = opened(self.joints, self.radii, self.side, pair, gap)
         return hand_from_joints(joints, self.radii, side=self.side)
 
     def posed(self, joints: Real[np.ndarray, "joints 3"]) -> "Hand":
@@ -190,51 +200,29 @@ class Hand:
         new = hand_from_joints(joints, self.radii, side=self.side)
         return Hand(new.joints, new.radii, new.side, self.shape.keyframe)
 
-    @cached_property
-    def _built(self) -> tuple[Hulls, tuple[Touch, ...]]:
-        return hand_hulls(self.joints, self.radii)
-
-    def _pad(self, finger: int) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
+    def _pad(self, finger: int) -> Place:
+        share = 0.55  # position of the pad along the last bone
         root, tip = CHAINS[finger][-2:]
-        bone = unit(self.joints[tip] - self.joints[root])
+        along = self.joints[tip] - self.joints[root]
+        bone = unit(along)
         out = unit(cross(bending_axis(self.joints, self.side, finger), bone))
-        start = self.joints[root] + PAD * (self.joints[tip] - self.joints[root])
-        taper = (self.radii[root] - self.radii[tip]) / float(
-            np.linalg.norm(self.joints[tip] - self.joints[root])
-        )
+        taper = (self.radii[root] - self.radii[tip]) / float(np.linalg.norm(along))
         normal = math.sqrt(max(1.0 - taper**2, 0.0)) * out + taper * bone
-        radius = (1.0 - PAD) * self.radii[root] + PAD * self.radii[tip]
-        return fixed(start + radius * normal), fixed(normal)
+        radius = (1.0 - share) * self.radii[root] + share * self.radii[tip]
+        return fixed(self.joints[root] + share * along + radius * normal), fixed(normal)
 
     @cached_property
-    def _palm(self) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
-        back = cross(self.joints[11] - self.joints[0], self.joints[6] - self.joints[21])
-        back = unit(back) if self.side == "right" else -unit(back)
-        middle = self.joints[[5, 6, 10, 11, 15, 16, 20, 21]].mean(axis=0)
-        start = middle - 0.03 * back
-        for _ in range(
-            60
-        ):  # sphere tracing: no step is longer than the distance, so that it ends at the first skin
-            distance = float(self.shape.hulls.look(start[None]).distance[0])
+    def _palm(self) -> Place:
+        back = unit(cross(self.joints[11] - self.joints[0], self.joints[6] - self.joints[21]))
+        inwards = back if self.side == "right" else -back
+        point = self.joints[[5, 6, 10, 11, 15, 16, 20, 21]].mean(axis=0) - 0.03 * inwards
+        # Sphere tracing: no step is longer than the distance, so it ends at the first skin.
+        for _ in range(60):
+            distance = float(self.shape.hulls.look(point[None]).distance[0])
             if distance < 1e-9:
                 break
-            start = start + 0.8 * distance * back
-        normal = unit(self.shape.hulls.look(start[None]).gradient[0])
-        return fixed(start), fixed(normal)
-
-    def _freeing(self, name: str) -> str:
-        finger = name.removesuffix(".pad")
-        other = "index" if finger == "thumb" else "thumb"
-        if finger not in FINGERS:
-            return "; move the fingers away from it"
-        for gap in TRIED:
-            try:
-                free = self.open_to(gap, finger, other)
-            except InvalidInput:
-                continue
-            if float(free.shape.depth(free.places[name][0][None])[0]) <= 1e-6:
-                return f"; open_to({gap:g}, {finger!r}, {other!r}), a gap of {1e3 * gap:g} mm, would free it"
-        return "; move the fingers away from it"
+            point = point + 0.8 * distance * inwards
+        return fixed(point), fixed(unit(self.shape.hulls.look(point[None]).gradient[0]))
 
 
 def hand_from_joints(
@@ -262,5 +250,52 @@ def hand_from_joints(
     """
     joints = joints_of(positions)
     check_finger_order(joints)
-    sizes = radii_of(radii, length, joints)
-    return Hand(joints, sizes, checked_side(joints, side))
+    skin_radii = radii_of(radii, length, joints)
+    return Hand(joints, skin_radii, checked_side(joints, side))
+
+
+def places_on(surface: Surface, hand: Hand) -> Mapping[str, Place]:
+    """Find the pads and the palm of a hand on another surface of the same hand, such as a scan.
+
+    Parameters
+    ----------
+    surface : of the hand, in the frame of the joints.
+    hand : built from the joints.
+
+    Returns
+    -------
+    The point of the surface (3,) [m] nearest to each of ``hand.places``, and the outward unit normal there (3,).
+
+    Raises
+    ------
+    InvalidInput
+        A pad or the palm is farther than 10 mm from the surface, or faces another way by more than 60 degrees, as where
+        the joints are of another frame or another pose, or fingers touch there.
+    """
+    of_kind(surface, Surface, "the surface", "one Surface, such as load_surface(path)")
+    of_kind(hand, Hand, "the hand", "one Hand, such as load_rigged_hand(path)")
+    points = np.array([point for point, _ in hand.places.values()])
+    expected = np.array([normal for _, normal in hand.places.values()])
+    nearest = surface.shape.project(points)
+    normals = outward(surface.depth, nearest)
+    distances = np.linalg.norm(nearest - points, axis=1)
+    cosines = np.einsum("pi,pi->p", normals, expected)
+    angles = np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0)))
+    for index, name in enumerate(hand.places):
+        # In four scanned hands in five poses, places are within 5 mm and 12 degrees.
+        if distances[index] > 10e-3:
+            fault = f"{1e3 * distances[index]:.3g} mm from the surface, more than 10 mm"
+        elif angles[index] > 60.0:
+            fault = f"turned from the surface by {angles[index]:.0f} degrees, more than 60"
+        else:
+            continue
+        raise InvalidInput(
+            f"{name} of the joints is {fault}: are joints and mesh of one hand, in one pose and "
+            "one frame, in metres?",
+            points[index],
+            code="misplaced",
+        )
+    return {
+        name: (fixed(nearest[index]), fixed(normals[index]))
+        for index, name in enumerate(hand.places)
+    }

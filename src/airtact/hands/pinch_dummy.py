@@ -20,8 +20,6 @@ RADIUS = 8e-3
 """Radius of a finger [m]."""
 LENGTH = 44e-3
 """Length of a finger's axis [m]."""
-WIDEST = 0.2
-"""Widest gap of a pinch [m]."""
 SPREAD = math.radians(20.0)
 """Angle between each finger and the vertical [rad]."""
 
@@ -60,8 +58,8 @@ class Pinch:
         offset = number(offset, "the offset of the foci", "m")
         if not 0.0 <= offset < self.gap:
             raise InvalidInput(
-                f"foci {offset * 1e3:g} mm off the pads do not lie in the gap of {self.gap * 1e3:g} mm; give an offset "
-                "from 0 to less than the gap.",
+                f"foci {offset * 1e3:g} mm off the pads do not lie in the gap of "
+                f"{self.gap * 1e3:g} mm; give an offset from 0 to less than the gap.",
                 code="out_of_range",
             )
         return self.pads + offset * self.normals
@@ -85,13 +83,15 @@ def pinch(gap: float = 0.012, edge: float = 2.5e-3) -> Pinch:
     >>> pinch(gap=0.012).pads.tolist()
     [[-0.006, 0.0, 0.0], [0.006, 0.0, 0.0]]
     """
-    gap = within(gap, 0.0, WIDEST, "gap", "m", "is it in millimetres? Give metres.")
+    gap = within(gap, 0.0, 0.2, "gap", "m", "is it in millimetres? Give metres.")
     side = np.array([-1.0, 1.0])
     tips = np.outer(side, [gap / 2.0 + RADIUS, 0.0, 0.0])
     roots = tips + LENGTH * np.stack(
         [side * math.sin(SPREAD), np.zeros(2), np.full(2, -math.cos(SPREAD))], axis=1
     )
-    thumb, finger = (capsule(roots[i], tips[i], RADIUS, edge) for i in (0, 1))
+    thumb = capsule(roots[0], tips[0], RADIUS, edge)
+    finger = capsule(roots[1], tips[1], RADIUS, edge)
+    # adding zero turns -0.0 into 0.0
     normals = np.outer(-side, [1.0, 0.0, 0.0]) + 0.0
     pads = np.outer(side, [gap / 2.0, 0.0, 0.0]) + 0.0
     return Pinch((thumb, finger), fixed(pads), fixed(normals), gap)

@@ -22,11 +22,10 @@ from airtact.geometry.pose import Pose
 from airtact.geometry.primitives import capsule, sphere
 from airtact.geometry.surface import Surface
 from airtact.geometry.union import merged
-from airtact.hands.files import ROOM, load_hand
-from airtact.hands.hand import PLACES, Hand
+from airtact.hands.files import ROOM, load_hand, load_rigged_hand
+from airtact.hands.hand import PLACES, Hand, places_on
 from airtact.hands.joints import NAMES
 from airtact.hands.pinch_dummy import pinch
-from airtact.hands.scans import load_rigged_hand, places_on
 from airtact.setup import tables
 from airtact.setup.parsing import parse_scene
 

@@ -8,8 +8,13 @@ from scipy.spatial.transform import Rotation
 
 from airtact.geometry.mesh.topology import edge_twins
 from airtact.hands.fitting.fit import FittedHand, fit_hand
-from airtact.hands.fitting.size_prior import LEARNED, HandAnatomy, population_prior
-from airtact.hands.fitting.unknowns import SIZE_LENGTHS, SIZE_RADII, SPANS
+from airtact.hands.fitting.priors import (
+    SIZE_LENGTHS,
+    SIZE_RADII,
+    SPANS,
+    HandAnatomy,
+    population_prior,
+)
 from airtact.hands.hand import Hand
 from airtact.hands.joints import FINGERS
 from faults import raises_code
@@ -18,6 +23,7 @@ from hands.hand_poses import example, random_pose
 from hands.rigged_hand import Rigged, off_each_other, posed, rough, seen, turned_to_camera
 
 CAMERA = np.zeros(3)
+LEARNED = 8
 
 
 @pytest.fixture(scope="module")

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from airtact.hands.fitting import skin_offset
-from airtact.hands.fitting.fit import FittedHand, fit_hand
-from airtact.hands.fitting.skin_offset import MOST, NEAR, WIDE, WIDTH, with_offset
+from airtact.hands.body import Hulls
+from airtact.hands.fitting import fit
+from airtact.hands.fitting.fit import FittedHand, fit_hand, with_offset
 from airtact.hands.hand import hand_from_joints
-from airtact.hands.sphere_mesh import Hulls
 from geometry.mesh.meshes import flat_mesh
 from hands.hand_poses import example
 from hands.rigged_hand import Rigged, posed, rough, seen, turned_to_camera
@@ -61,7 +60,7 @@ def test_skin_moves_as_far_as_points_are_off_and_stays_where_there_are_none(hull
     facing = look.gradient[:, 1]
     free = (look.facing > 8e-3) & (np.abs(look.bend) > 5e-3)
     assert np.median(look.distance[(facing > 0.8) & free]) == pytest.approx(0.8e-3, rel=0.1)
-    away = KDTree(points).query(skin.vertices)[0] > WIDE * WIDTH
+    away = KDTree(points).query(skin.vertices)[0] > 2.5 * 5e-3
     assert away.any()
     assert np.abs(look.distance[away]).max() < 1e-6
 
@@ -69,27 +68,21 @@ def test_skin_moves_as_far_as_points_are_off_and_stays_where_there_are_none(hull
 def test_points_far_off_are_not_followed(hulls: Hulls) -> None:
     points = shown(hulls, 4e-3)
     points = points[
-        hulls.look(points).distance > 1.05 * NEAR
+        hulls.look(points).distance > 1.05 * 3e-3
     ]  # in creases they are near other parts
     far, some = with_offset(hulls, points), with_offset(hulls, shown(hulls, 2.5e-3))
 
     assert far is not None
     assert some is not None
     assert np.abs(hulls.look(far.vertices).distance).max() < 1e-6
-    assert np.abs(hulls.look(some.vertices).distance).max() < 1.01 * MOST
+    assert np.abs(hulls.look(some.vertices).distance).max() < 1.01 * 1.5e-3
 
 
 def test_where_the_moved_skin_would_cross_itself_it_stays(
     hulls: Hulls, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(skin_offset, "ROOM", 100.0)
-    monkeypatch.setattr(skin_offset, "MOST", 9e-3)
-    monkeypatch.setattr(skin_offset, "NEAR", 9e-3)
-    monkeypatch.setattr(
-        skin_offset,
-        "_offset",
-        lambda hulls, points, positions, normals: np.full(len(positions), 8e-3),
-    )
+    # Every vertex stays within the limit, but its normal is turned so that triangles cross.
+    monkeypatch.setattr(fit, "_unit_rows", lambda vectors: 6.0 * vectors)
     wide = with_offset(hulls, shown(hulls, 0.0))
 
     assert wide is None or len(wide.crossings) == 0
@@ -99,5 +92,5 @@ def test_places_are_on_the_moved_skin(fitted: FittedHand) -> None:
     point, normal = fitted.place("index.pad")
 
     assert abs(fitted.surface.depth(point[None])[0]) < 1e-6
-    assert np.linalg.norm(point - fitted.hand.place("index.pad")[0]) < 1.2 * MOST
+    assert np.linalg.norm(point - fitted.hand.place("index.pad")[0]) < 1.2 * 1.5e-3
     assert np.linalg.norm(normal) == pytest.approx(1.0)

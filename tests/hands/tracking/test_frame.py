@@ -24,7 +24,7 @@ LONG = JOINTS + np.where(np.arange(25)[:, None] == 14, [0.0, 0.3, 0.0], 0.0)
 FAULTS = {
     "half_lost": ({"landmarks": HALF}, "7 landmarks"),
     "unknown_count": ({"landmarks": JOINTS[:24]}, "24"),
-    "does_not_match": ({"landmarks": 1e3 * JOINTS}, "156.4 m"),
+    "not_metres": ({"landmarks": 1e3 * JOINTS}, "156.4 m"),
     "impossible": ({"landmarks": LONG}, "mm"),
     "mirrored": (
         {"side": "right"},
@@ -60,7 +60,7 @@ def test_other_parts_that_are_none_are_unreadable(changed, shown):
 
 
 def test_a_cloud_in_millimetres_is_rejected():
-    with raises_code("does_not_match", "156.4 m"):
+    with raises_code("not_metres", "156.4 m"):
         still(0, cloud=1e3 * JOINTS)
 
 

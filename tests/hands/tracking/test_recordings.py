@@ -60,7 +60,7 @@ def scaled(line, factor):
 
 BAD = {
     "unreadable": ("rubbish", "line 3"),
-    "does_not_match": (scaled(LINES[2], 1000), "line 3: the landmarks span 156.4 m"),
+    "not_metres": (scaled(LINES[2], 1000), "line 3: the landmarks span 156.4 m"),
     "mirrored": (
         scaled(LINES[2], [-1, 1, 1]),
         "line 3: the landmarks are given as those of a left hand",

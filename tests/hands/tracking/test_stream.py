@@ -94,7 +94,7 @@ def test_frames_that_are_no_hand_are_counted_by_kind():
     kinds = {
         "half_lost": 1,
         "unknown_count": 1,
-        "does_not_match": 1,
+        "not_metres": 1,
         "impossible": 1,
         "mirrored": 1,
         "unreadable": 2,

@@ -3,36 +3,64 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float64, Real
+from scipy.spatial import KDTree
 
 from airtact.acoustics.uncertainty import Uncertainty
-from airtact.checks import check_finite, counted, fixed, in_mm, of_kind, real_numbers
+from airtact.checks import counted, fixed, in_mm, of_kind, point_of, points_of
 from airtact.errors import InvalidInput
 from airtact.geometry.pose import nearest_motion
 from airtact.geometry.surface import Surface
-from airtact.hands.anatomy_parts import OWNER, PARTS
-from airtact.hands.fitting.gauss_newton import HandEstimate, best_hand, next_hand, skin_spread
-from airtact.hands.fitting.normal_equations import Observation, skin_residuals
-from airtact.hands.fitting.point_cloud import AROUND, cell_means, checked_cloud
+from airtact.hands.body import FREE, OWNER, PARTS, Hulls
+from airtact.hands.fitting.gauss_newton import (
+    HandEstimate,
+    Observation,
+    best_hand,
+    next_hand,
+    skin_residuals,
+    skin_spread,
+)
+from airtact.hands.fitting.priors import JOINTS, SIZES, HandAnatomy, Sizes, population_prior
 from airtact.hands.fitting.silhouette import silhouette_of
-from airtact.hands.fitting.size_prior import HandAnatomy, population_prior
-from airtact.hands.fitting.skin_offset import EDGES, with_offset
-from airtact.hands.fitting.unknowns import JOINTS, SIZES
 from airtact.hands.hand import Hand
 from airtact.hands.joints import (
     BONES,
+    CHAINS,
     FINGERS,
     NAMES,
+    Joints,
+    PerPoint,
+    Place,
+    Point,
+    Points,
     Side,
     check_finger_order,
     checked_side,
     joints_of,
+    unit,
 )
 from airtact.hands.kinematics import evenly_bent
+from airtact.hands.skin_mesh import even_skin
 from airtact.printing import in_short
 from airtact.timing import Progress, no_progress, one_thread
+
+EDGES = (3.5e-3, 2.5e-3)
+"""Edges of the fitted skin that are tried in turn [m]: flat triangles may cross where fingers all but touch."""
+
+LANDMARK_SPREAD = 6e-3
+"""Standard deviation of each coordinate of a landmark [m]."""
+
+LANDMARK_TOLERANCE = 20e-3
+"""By which bones between rough landmarks may be longer or shorter than any [m]."""
+
+MIN_POINTS = 200
+"""Smallest number of points that a hand is fitted to."""
+
+HAND_RADIUS = 45e-3
+"""Points farther than this from all bones do not belong to the hand [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,8 +83,8 @@ class FittedHand:
     anatomy: HandAnatomy
     joint_errors: Float64[np.ndarray, "25"]
     part_errors: Mapping[str, float]
-    points: Float64[np.ndarray, "points 3"]
-    distances: Float64[np.ndarray, "points"]
+    points: Points
+    distances: PerPoint
     outliers: Bool[np.ndarray, "points"]
     misfit: float
 
@@ -70,33 +98,17 @@ class FittedHand:
     @cached_property
     def surface(self) -> Surface:
         """The closed skin of the hand, moved to the points of the cloud; ``hand.surface`` is not moved."""
-        return self._with_offset(EDGES)
+        return self.skin(*EDGES)
 
-    def skin(self, edge: float) -> Surface:
-        """Make that skin of triangles of another edge [m]; where it would cross itself, it is ``hand.surface``."""
-        return self._with_offset((edge,))
-
-    def _with_offset(self, edges: tuple[float, ...]) -> Surface:
+    def skin(self, *edges: float) -> Surface:
+        """Make that skin of triangles of an edge [m]; where it would cross itself, of the next one, or ``hand.surface``."""
         moved = with_offset(self.hand.shape.hulls, self.points[~self.outliers], edges)
         return self.hand.surface if moved is None else moved
 
-    def place(self, name: str) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
+    def place(self, name: str) -> Place:
         """Find one of ``hand.places`` on ``surface`` (3,) [m] and the outward unit normal there, as ``Hand.place``."""
         point, normal = self.hand.place(name)
         return fixed(self.surface.shape.project(point[None])[0]), normal
-
-
-ROUGH = 6e-3
-"""Standard deviation of each coordinate of a landmark [m]."""
-
-BASE = 20e-3
-"""That of the bases of the metacarpals where a tracker does not give them [m]."""
-
-CLEAR = 1.5
-"""Sum of the sines of bends from which rough landmarks distinguish a left hand from a right one."""
-
-SLACK = 20e-3
-"""By so much may the bones between rough landmarks be longer or shorter than any are [m]."""
 
 
 def fit_hand(
@@ -137,146 +149,255 @@ def fit_hand(
         If landmarks are missing, NaN, in millimetres, swapped or impossible; the side is unclear; the cloud is tiny, in
         millimetres, far off or holds another body; the camera is among the points; or the hand does not match them.
     """
-    joints = joints_of(landmarks, SLACK)
-    check_finger_order(joints, SLACK)
-    side = checked_side(joints, side, "landmarks", CLEAR)
+    joints = joints_of(landmarks, LANDMARK_TOLERANCE)
+    check_finger_order(joints, LANDMARK_TOLERANCE)
+    # rough landmarks distinguish a left hand from a right one where fingers bend clearly
+    side = checked_side(joints, side, "landmarks", min_evidence=1.5)
     if before is not None:
         of_kind(before, FittedHand, "the frame before", "what fit_hand gave")
-    cloud = checked_cloud(points, joints)
+    cloud = _checked_cloud(points, joints)
     eye = None if camera is None else _checked_camera(camera, cloud)
-    person = anatomy or (before.anatomy if before is not None else None)
-    known = person if person is not None and person.settled else population_prior(joints)
-    spread = np.full(25, ROUGH)
+    person = anatomy or (None if before is None else before.anatomy)
+    prior = person if person is not None and person.settled else population_prior(joints)
+    spread = np.full(25, LANDMARK_SPREAD)
     if len(landmarks) == 21:
-        spread[[5, 10, 15, 20]] = BASE
+        spread[[5, 10, 15, 20]] = 20e-3  # bases of the metacarpals, which were not tracked
     silhouette = None if eye is None else silhouette_of(cloud, eye)
-    seen = Observation(cell_means(cloud), joints, spread, side, known, eye, silhouette)
-    start = _carried(before, joints) if before is not None and before.hand.side == side else None
-    sizes = known.mean if person is None else person.mean
+    seen = Observation(cell_means(cloud), joints, spread, side, prior, eye, silhouette)
+    start = _start_from(before, joints) if before is not None and before.hand.side == side else None
+    sizes = prior.mean if person is None else person.mean
     with one_thread():  # threads would wait for each other, the matrices being small
-        found = _found(seen, start, sizes, progress or no_progress)
-        fitted = _fitted(seen, found, before, person or known)
+        estimate = _best_estimate(seen, start, sizes, progress or no_progress)
+        fitted = _fitted(seen, estimate, before, person or prior)
         _check_explained(seen, fitted, cloud)
         return fitted
 
 
-def _found(
-    seen: Observation,
-    start: Float64[np.ndarray, "25 3"] | None,
-    sizes: Float64[np.ndarray, "62"],
-    report_step: Progress,
-) -> HandEstimate:
-    """Find the hand of a cloud from the frame before, or, where that gives no start, from the landmarks alone."""
-    known, cloud = seen.anatomy, counted(len(seen.points), "point", "points")
-    if start is not None:
-        report_step(f"moving the hand of the frame before to {cloud}")
-        return next_hand(seen, start, sizes, hold=known.settled)
-    report_step("fitting a hand to the landmarks")
-    nothing = replace(seen, points=np.zeros((0, 3)), camera=None, silhouette=None)
-    bent = evenly_bent(seen.landmarks, np.exp(known.mean[: len(BONES)]), seen.side)
-    starts = (best_hand(nothing, (bent,), known.mean, hold=known.settled).joints, seen.landmarks)
-    report_step(f"fitting it to {cloud}")
-    return best_hand(seen, starts, sizes, hold=known.settled)
-
-
-DEEP = 1e-3
-"""Standard deviation of each coordinate of a joint under skin, however well that is known [m]."""
-
-
-def _fitted(
-    seen: Observation, found: HandEstimate, before: FittedHand | None, person: HandAnatomy
-) -> FittedHand:
-    anatomy = (
-        person if person.settled else person.learned(found.sizes, found.covariance[SIZES, SIZES])
-    )
-    keyframe = None if before is None else before.hand.shape.keyframe
-    hand = Hand(fixed(found.joints), fixed(found.radii), seen.side, keyframe)
-    by_joint = np.diag(found.covariance)[JOINTS].reshape(25, 3).sum(axis=1)
-    spread = skin_spread(found)
-    owner = np.r_[OWNER, np.full(len(PARTS) - len(OWNER), len(FINGERS))]
-    parts = (*FINGERS, "palm")
-    part_errors = {
-        name: float(np.sqrt(np.mean(spread[owner == index] ** 2)))
-        for index, name in enumerate(parts)
-    }
-    joint_errors = fixed(np.sqrt(by_joint + 3.0 * DEEP**2))
-    distances, outliers = fixed(found.residuals.distance), found.weights == 0.0
-    misfit = float(np.sqrt(np.mean(distances[~outliers] ** 2)))
-    return FittedHand(
-        hand, anatomy, joint_errors, part_errors, fixed(seen.points), distances, outliers, misfit
-    )
-
-
-JUMP = 25e-3
-"""A hand that has moved farther since the frame before starts anew from its landmarks [m]."""
-
-
-def _carried(
-    before: FittedHand, joints: Float64[np.ndarray, "25 3"]
-) -> Float64[np.ndarray, "25 3"] | None:
+def _start_from(before: FittedHand, joints: Joints) -> Joints | None:
     """Move the hand of the frame before rigidly to new landmarks; None where these have another pose."""
     turn, shift = nearest_motion(before.hand.joints, joints)
     moved = before.hand.joints @ turn.T + shift
-    return moved if np.linalg.norm(moved - joints, axis=1).max() < JUMP else None
+    return moved if np.linalg.norm(moved - joints, axis=1).max() < 25e-3 else None
 
 
-EXPLAINED, CLOSE = 0.8, 6e-3
-"""Share of the points around a hand that must lie on its skin, within this distance [m]."""
+def _best_estimate(
+    seen: Observation, start: Joints | None, sizes: Sizes, report_step: Progress
+) -> HandEstimate:
+    """Find the hand of a cloud from the frame before, or, where that gives no start, from the landmarks alone."""
+    prior = seen.anatomy
+    cloud = counted(len(seen.points), "point", "points")
+    if start is not None:
+        report_step(f"moving the hand of the frame before to {cloud}")
+        return next_hand(seen, start, sizes, hold=prior.settled)
+    report_step("fitting a hand to the landmarks")
+    no_points = replace(seen, points=np.zeros((0, 3)), camera=None, silhouette=None)
+    bent = evenly_bent(seen.landmarks, np.exp(prior.mean[: len(BONES)]), seen.side)
+    by_landmarks = best_hand(no_points, (bent,), prior.mean, hold=prior.settled).joints
+    report_step(f"fitting it to {cloud}")
+    return best_hand(seen, (by_landmarks, seen.landmarks), sizes, hold=prior.settled)
 
-ASKED = 2000
-"""About so many of them are evaluated."""
 
-FAULTY = 30e-3
-"""Landmarks farther than this from the joints that the cloud shows are faulty and not rough [m]."""
-
-
-def _check_explained(
-    seen: Observation, fitted: FittedHand, cloud: Float64[np.ndarray, "near 3"]
-) -> None:
-    some = cloud[:: max(len(cloud) // ASKED, 1)]
-    used = float(
-        (np.abs(skin_residuals(some, fitted.hand.shape.hulls, seen.camera).distance) < CLOSE).mean()
+def _fitted(
+    seen: Observation, estimate: HandEstimate, before: FittedHand | None, person: HandAnatomy
+) -> FittedHand:
+    anatomy = person
+    if not person.settled:
+        anatomy = person.learned(estimate.sizes, estimate.covariance[SIZES, SIZES])
+    keyframe = None if before is None else before.hand.shape.keyframe
+    hand = Hand(fixed(estimate.joints), fixed(estimate.radii), seen.side, keyframe)
+    # a joint under skin is known to 1 mm in each coordinate at best
+    variance = np.diag(estimate.covariance)[JOINTS].reshape(25, 3).sum(axis=1) + 3.0 * 1e-3**2
+    spread = skin_spread(estimate)
+    owner = np.r_[OWNER, np.full(len(PARTS) - FREE, len(FINGERS))]
+    part_errors = {
+        name: float(np.sqrt(np.mean(spread[owner == index] ** 2)))
+        for index, name in enumerate((*FINGERS, "palm"))
+    }
+    distances = fixed(estimate.residuals.distance)
+    outliers = estimate.weights == 0.0
+    return FittedHand(
+        hand,
+        anatomy,
+        joint_errors=fixed(np.sqrt(variance)),
+        part_errors=part_errors,
+        points=fixed(seen.points),
+        distances=distances,
+        outliers=outliers,
+        misfit=float(np.sqrt(np.mean(distances[~outliers] ** 2))),
     )
-    elsewhere = "" if seen.camera is None else ", or does the camera stand elsewhere"
-    if used < EXPLAINED:
+
+
+def _check_explained(seen: Observation, fitted: FittedHand, cloud: Points) -> None:
+    """Raise where the hand leaves many points unexplained or is far from a landmark."""
+    sampled = cloud[:: max(len(cloud) // 2000, 1)]
+    residuals = skin_residuals(sampled, fitted.hand.shape.hulls, seen.camera)
+    explained = float((np.abs(residuals.distance) < 6e-3).mean())
+    hint = "" if seen.camera is None else ", or does the camera stand elsewhere"
+    if explained < 0.8:
         raise InvalidInput(
-            f"the hand explains {100 * used:.0f} % to {1e3 * CLOSE:g} mm of the {len(cloud)} points within "
-            f"{1e3 * AROUND:g} mm of the landmarks: is there a second hand or another body, or are the landmarks of "
-            f"another moment{elsewhere}?",
+            f"the hand explains {100 * explained:.0f} % to 6 mm of the {len(cloud)} points within "
+            f"{1e3 * HAND_RADIUS:g} mm of the landmarks: is there a second hand or another body, or "
+            f"are the landmarks of another moment{hint}?",
             code="pose_not_found",
         )
     off = np.linalg.norm(fitted.hand.joints - seen.landmarks, axis=1)
-    worst = int(np.where(seen.spread > ROUGH, 0.0, off).argmax())
-    if off[worst] > FAULTY and seen.spread[worst] <= ROUGH:
+    off[seen.spread > LANDMARK_SPREAD] = 0.0
+    worst = int(off.argmax())
+    if off[worst] > 30e-3:
         raise InvalidInput(
-            f"the landmark {NAMES[worst]} is {1e3 * off[worst]:.3g} mm from where the cloud shows that joint, and "
-            f"rough ones are within {1e3 * FAULTY:g} mm: are landmarks swapped{elsewhere}?",
+            f"the landmark {NAMES[worst]} is {1e3 * off[worst]:.3g} mm from where the cloud shows "
+            f"that joint, and rough ones are within 30 mm: are landmarks swapped{hint}?",
             seen.landmarks[worst],
             code="misplaced",
         )
 
 
-BEFORE = 30e-3
-"""A camera stands farther than this before what it sees [m]."""
-
-
-def _checked_camera(
-    camera: Real[np.ndarray, "3"], cloud: Float64[np.ndarray, "near 3"]
-) -> Float64[np.ndarray, "3"]:
-    what = "the position of the camera"
-    eye = real_numbers(camera, what)
-    if eye.shape != (3,):
-        raise InvalidInput(
-            f"{what} has shape {eye.shape}, but it is 3 numbers, in metres.", code="wrong_shape"
-        )
-    check_finite(eye, what)
+def _checked_camera(camera: Real[np.ndarray, "3"], cloud: Points) -> Point:
+    eye = point_of(camera, "the position of the camera")
     sight = np.median(cloud, axis=0) - eye
-    ahead = (cloud - eye) @ sight / max(float(np.linalg.norm(sight)), BEFORE)
-    if ahead.min() < BEFORE:
+    ahead = (cloud - eye) @ sight / max(float(np.linalg.norm(sight)), 30e-3)
+    if ahead.min() < 30e-3:
         raise InvalidInput(
-            f"the camera stands at {in_mm(eye)}, and {(ahead < BEFORE).sum()} of {len(cloud)} points lie beside it, "
-            f"behind it or less than {1e3 * BEFORE:g} mm before it: give the place they were seen from, in metres.",
+            f"the camera stands at {in_mm(eye)}, and {(ahead < 30e-3).sum()} of {len(cloud)} points "
+            "lie beside it, behind it or less than 30 mm before it: give the place they were seen "
+            "from, in metres.",
             eye,
             code="misplaced",
         )
     return eye
+
+
+# --- the cloud --------------------------------------------------------------------------------
+
+
+def _checked_cloud(
+    points: Real[np.ndarray, "points 3"], joints: Joints
+) -> Float64[np.ndarray, "near 3"]:
+    """Return the points of a cloud (N, 3) [m] that lie around the rough joints of a hand."""
+    cloud = points_of(points, "points of a cloud", least=0)
+    if len(cloud) < MIN_POINTS:
+        raise InvalidInput(
+            f"the cloud has {counted(len(cloud), 'point', 'points')}; give at least {MIN_POINTS} "
+            "of a hand.",
+            code="too_few",
+        )
+    largest = np.abs(cloud).max(axis=1)
+    if largest.max() > 1e6:
+        raise InvalidInput(
+            f"point {largest.argmax()} of the cloud has a coordinate of {largest.max():.3g} m: "
+            "give metres, and leave out what the camera did not see.",
+            code="out_of_range",
+        )
+    distance = _distance_to_bones(cloud, joints)
+    along = unit(joints[0] - joints[[6, 11, 16, 21]].mean(axis=0))
+    behind = (cloud - joints[0]) @ along
+    beside = np.linalg.norm(cloud - joints[0] - behind[:, None] * along, axis=1)
+    forearm = (behind > 8e-3) & (beside < 70e-3)
+    near = (distance < HAND_RADIUS) & ~forearm
+    if near.sum() < MIN_POINTS:
+        usual = float(np.median(distance))
+        if (_distance_to_bones(1e-3 * cloud, joints) < HAND_RADIUS).mean() > 0.5:
+            raise InvalidInput(
+                f"the cloud lies {usual:.4g} m from the landmarks: is it in millimetres? Give "
+                "metres.",
+                code="not_in_metres",
+            )
+        raise InvalidInput(
+            f"{near.sum()} of {len(cloud)} points lie within {1e3 * HAND_RADIUS:g} mm of the "
+            f"landmarks, half of them {1e3 * usual:.4g} mm off: bring both into one frame.",
+            code="misplaced",
+        )
+    elsewhere = ~near & ~forearm
+    if elsewhere.mean() > 0.3:  # more than outliers
+        middle = np.median(cloud[elsewhere], axis=0)
+        raise InvalidInput(
+            f"{elsewhere.sum()} of {len(cloud)} points lie more than {1e3 * HAND_RADIUS:g} mm from "
+            f"the landmarks, half of them around {in_mm(middle)}: a second hand or a background? "
+            "Cut them away.",
+            middle,
+            code="given_twice",
+        )
+    return cloud[near]
+
+
+def _distance_to_bones(points: Points, joints: Joints) -> PerPoint:
+    """Distance of points from the nearest bone, or line across the palm [m]."""
+    lines = np.array([(*ends, -1) for ends in (*BONES, *pairwise(chain[1] for chain in CHAINS))])
+    return Hulls.unblended(np.column_stack([joints, np.zeros(25)]), lines).look(points).distance
+
+
+def cell_means(points: Points, cell: float = 4e-3) -> Float64[np.ndarray, "fewer 3"]:
+    """Mean of the points (N, 3) in each cube [m]; sparse cubes hold outliers and have none.
+
+    The mean is of the points near the one nearest to the mean of all, so that outliers weigh less.
+    """
+    cubes = np.floor((points - points.min(axis=0)) / cell).astype(np.int64)
+    wide = cubes.max(axis=0) + 1
+    keys = (cubes[:, 0] * wide[1] + cubes[:, 1]) * wide[2] + cubes[:, 2]
+    _, cube, count = np.unique(keys, return_inverse=True, return_counts=True)
+    mean = np.column_stack([np.bincount(cube, column) / count for column in points.T])
+    off = np.linalg.norm(points - mean[cube], axis=1)
+    first = np.lexsort((off, cube))[np.r_[0, np.cumsum(count)[:-1]]]
+    close = np.linalg.norm(points - points[first][cube], axis=1) < 3e-3
+    sums = [np.bincount(cube[close], column, len(first)) for column in points[close].T]
+    mean = np.column_stack(sums) / np.bincount(cube[close], minlength=len(first))[:, None]
+    return mean[count >= 0.2 * np.median(count)]
+
+
+# --- the skin ---------------------------------------------------------------------------------
+
+
+def with_offset(hulls: Hulls, points: Points, edges: tuple[float, ...] = EDGES) -> Surface | None:
+    """Move the skin of a body to the points (N, 3) of the true skin [m]; None where its triangles would cross.
+
+    Between a body of balls and a hand of flesh lie half a millimetre to two, which matters to sound
+    of 8.6 mm.
+    """
+    for edge in edges:
+        skin = even_skin(hulls, edge)
+        look = hulls.look(skin.vertices)
+        normals = _unit_rows(look.gradient)
+        # The offset is a small share of the gap to other parts, and of the radius of bends.
+        room = 0.3 * np.minimum(look.facing, np.abs(look.bend))
+        limit = np.minimum(1.5e-3, np.maximum(room, 0.0))
+        move = np.clip(_mean_offset(hulls, points, skin.vertices, normals), -limit, limit)
+        for _ in range(3):
+            surface = Surface(skin.vertices + move[:, None] * normals, skin.triangles)
+            if len(surface.crossings) == 0:
+                return surface
+            # around crossings the skin stays where it is
+            crossed = skin.vertices[skin.triangles[surface.crossings.ravel()].ravel()]
+            move[KDTree(crossed).query(skin.vertices)[0] < 8e-3] = 0.0
+    return None
+
+
+def _mean_offset(
+    hulls: Hulls,
+    points: Points,
+    vertices: Float64[np.ndarray, "vertices 3"],
+    normals: Float64[np.ndarray, "vertices 3"],
+) -> Float64[np.ndarray, "vertices"]:
+    """Average the distances of the points from the body around vertices on its skin [m].
+
+    Neighbours whose skin faces the same way are averaged (E. A. Nadaraya, Theory Probab. Appl. 9,
+    141 (1964)), with the body's own skin at the weight of one point; where no point is near, the
+    offset is zero.
+    """
+    width = 5e-3  # standard deviation of the weights
+    look = hulls.look(points)
+    near = np.flatnonzero(np.abs(look.distance) < 3e-3)
+    outward = _unit_rows(look.gradient[near])
+    pairs = KDTree(vertices).sparse_distance_matrix(
+        KDTree(points[near]), 2.5 * width, output_type="ndarray"
+    )
+    vertex = pairs["i"]
+    point = pairs["j"]
+    alike = np.maximum(np.einsum("pi,pi->p", normals[vertex], outward[point]), 0.0) ** 2
+    weight = alike * np.exp(-0.5 * (pairs["v"] / width) ** 2)
+    total = np.bincount(vertex, weight, len(vertices)) + 1.0
+    distance = look.distance[near][point]
+    return np.bincount(vertex, weight * distance, len(vertices)) / total
+
+
+def _unit_rows(vectors: Float64[np.ndarray, "rows 3"]) -> Float64[np.ndarray, "rows 3"]:
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)

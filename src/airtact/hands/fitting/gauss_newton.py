@@ -1,39 +1,241 @@
-"""The hand that explains a cloud best: Gauss-Newton steps with exact derivatives, outliers weighted down."""
+"""The hand that explains a cloud best: Gauss-Newton steps with exact derivatives, outliers weighted down.
+
+Sources
+-------
+- A. E. Beaton, J. W. Tukey, Technometrics 16, 147 (1974): the weights of points that are far off.
+- F. R. Hampel, J. Am. Stat. Assoc. 69, 383 (1974): the scale of the misfit from its median.
+- A. Tkach, M. Pauly, A. Tagliasacchi, ACM Trans. Graph. 35, 222 (2016): the distance of a point x
+  to a hull of balls is the least of |x - c(w)| - r(w) over the weights w of its balls; its
+  derivatives there are -w n by the centres and -w by the radii, n pointing from c(w) to x. Section
+  4.2: a point that a camera has seen belongs to skin that faces it, so that where the nearest skin
+  of a hull faces away, the distance is taken from the front or the rim.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float64, Int64
 from scipy.linalg import cho_factor, cho_solve
 
-from airtact.hands.anatomy_parts import FREE, PARTS, hand_hulls
-from airtact.hands.fitting.normal_equations import (
-    FEW,
-    KIND,
-    MOST,
-    NormalEquations,
-    Observation,
-    SkinResiduals,
-    normal_equations,
-    of_points,
-    without_points,
-)
-from airtact.hands.fitting.unknowns import (
-    BALLS,
+from airtact import _kernels
+from airtact.hands.body import FREE, PARTS, Hulls, hand_hulls
+from airtact.hands.fitting.priors import (
+    BODY,
     BODY_BLOCK,
-    COUNT,
     JOINTS,
     RADII,
-    SIZE_COUNT,
     SIZE_RADII,
     SIZES,
+    HandAnatomy,
+    Sizes,
+    SizesMatrix,
+    Unknowns,
+    UnknownsMatrix,
+    balls_at,
+    bend_rules,
+    bending_axes,
     by_body,
-    joined,
     joints_in,
+    landmark_pull,
+    length_rules,
+    usual_last_bones,
 )
-from airtact.hands.sphere_mesh import Hulls
+from airtact.hands.fitting.silhouette import Silhouette
+from airtact.hands.joints import Joints, PerPoint, Point, Points, Radii, Side
+
+HullIndices = Int64[np.ndarray, "points"]
+FingersAndPalm = Float64[np.ndarray, "2"]
+"""A number for the fingers and one for the palm."""
+
+KIND = (np.arange(len(PARTS)) >= FREE).astype(np.int64)
+"""0 for the hulls of fingers, 1 for those of the palm."""
+
+TUKEY = 4.685
+"""Points off by more than this over the scale of the misfit have no weight."""
+
+MAX_SCALE = 4e-3
+"""Largest scale of the misfit [m]."""
+
+MIN_POINTS = 20
+"""Fewer points of fingers, or of the palm, give no scale of their own misfit."""
+
+# Points of fingers and of the palm that count as one: neighbouring misfits are alike, more so at
+# the palm, which is farther from hulls of balls.
+POINTS_AS_ONE = np.array([4.0, 12.0])
+
+
+# --- normal equations -------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """What is known of a hand in one frame.
+
+    Attributes
+    ----------
+    points : (N, 3) of its skin, averaged in cells [m].
+    landmarks : (25, 3) rough joints [m].
+    spread : (25,) standard deviation of each of their coordinates [m].
+    side : "right" or "left".
+    anatomy : what its sizes may be.
+    camera : (3,) that saw the points [m], or None.
+    silhouette : what that camera saw of the hand, or None.
+    each : number of points that each of these stands for.
+    """
+
+    points: Points
+    landmarks: Joints
+    spread: Float64[np.ndarray, "25"]
+    side: Side
+    anatomy: HandAnatomy
+    camera: Point | None
+    silhouette: Silhouette | None
+    each: int = 1
+
+    @cached_property
+    def precision(self) -> SizesMatrix:
+        """Inverse of the covariance of the sizes."""
+        return np.linalg.inv(self.anatomy.covariance)
+
+
+class SkinResiduals(NamedTuple):
+    """Signed distances of points (N,) from the skin that they belong to, and their derivatives.
+
+    Attributes
+    ----------
+    distance : (N,) [m].
+    by_balls : (N, 104) derivatives by centre and radius of each ball.
+    hull : (N,) the hull that each belongs to.
+    """
+
+    distance: PerPoint
+    by_balls: Float64[np.ndarray, "points numbers"]
+    hull: HullIndices
+
+
+def skin_residuals(points: Points, hulls: Hulls, camera: Point | None = None) -> SkinResiduals:
+    """Distances of points from the skin of a body, by the three nearest hulls, and their derivatives.
+
+    Points that a ``camera`` (3,) [m] saw belong to skin that faces it.
+    """
+    count = len(points)
+    distance = np.empty(count)
+    by_balls = np.empty((count, hulls.balls.size))
+    hull = np.empty(count, dtype=np.int64)
+    residuals = SkinResiduals(distance, by_balls, hull)
+    eye = np.zeros(0) if camera is None else np.ascontiguousarray(camera, dtype=np.float64)
+    points = np.ascontiguousarray(points)
+    facing = -0.05  # cosine to the line of sight below which skin faces away from the camera
+    _kernels.hull_gaps(points, hulls.balls, hulls.parts, hulls.blend, eye, facing, *residuals)
+    return residuals
+
+
+@dataclass(frozen=True, eq=False)
+class NormalEquations:
+    """The normal equations of a step, and the parts of the cost.
+
+    Attributes
+    ----------
+    unknowns : (137,) where they hold.
+    matrix, gradient : (137, 137) and (137,).
+    squares : sum of squares of the rules.
+    residuals : of the points.
+    weights : (N,) of the points, 0 for outliers.
+    scale : (2,) of the misfit at fingers and at the palm [m].
+    each : number of points that each of them stands for.
+    """
+
+    unknowns: Unknowns
+    matrix: UnknownsMatrix
+    gradient: Unknowns
+    squares: float
+    residuals: SkinResiduals
+    weights: PerPoint
+    scale: FingersAndPalm
+    each: int
+
+    def cost(self, scale: FingersAndPalm, rules_weight: float = 1.0) -> float:
+        """Half the sum of squares of the rules, weighted, and Tukey's function of the points."""
+        kind = KIND[self.residuals.hull]
+        share = np.minimum((self.residuals.distance / (TUKEY * scale[kind])) ** 2, 1.0)
+        points = float(((1.0 - (1.0 - share) ** 3) / POINTS_AS_ONE[kind]).sum())
+        return 0.5 * rules_weight * self.squares + self.each * TUKEY**2 / 6.0 * points
+
+
+def normal_equations(
+    seen: Observation, joined_as: Hulls, unknowns: Unknowns, min_scale: float
+) -> NormalEquations:
+    """Set up the normal equations at some unknowns; ``min_scale`` is the least scale of the misfit [m]."""
+    matrix, gradient, squares = equations_of_rules(seen, unknowns)
+    hulls = replace(joined_as, balls=balls_at(unknowns))
+    residuals = skin_residuals(seen.points, hulls, seen.camera)
+    kind = KIND[residuals.hull]
+    off = np.abs(residuals.distance)
+    scale = np.full(2, MAX_SCALE)
+    for index in range(2):
+        near = off[(off < 15e-3) & (kind == index)]
+        if len(near) < MIN_POINTS:
+            near = off[off < 15e-3]
+        if len(near):
+            # 1.4826 is the standard deviation of normal numbers over the median of their magnitudes
+            scale[index] = np.clip(1.4826 * np.median(near), max(min_scale, 0.02e-3), MAX_SCALE)
+    weights = np.maximum(1.0 - (off / (TUKEY * scale[kind])) ** 2, 0.0) ** 2
+    by_variance = seen.each * weights / (POINTS_AS_ONE * scale**2)[kind]
+    block, pull = _equations_of_points(residuals, by_variance, unknowns[SIZES])
+    matrix[BODY_BLOCK] += block
+    gradient[BODY] += pull
+    return NormalEquations(
+        unknowns, matrix, gradient, squares, residuals, weights, scale, seen.each
+    )
+
+
+def equations_of_rules(
+    seen: Observation, unknowns: Unknowns
+) -> tuple[UnknownsMatrix, Unknowns, float]:
+    """Set up the normal equations of all but the points: matrix, gradient, and twice the cost."""
+    joints = joints_in(unknowns)
+    sizes = unknowns[SIZES]
+    axes = bending_axes(joints, seen.side)
+    lengths = length_rules(joints, sizes)
+    bends = bend_rules(joints, axes, usual_last_bones(joints, axes))
+    residuals = np.concatenate([lengths.residuals, bends.residuals])
+    gradients = np.concatenate([lengths.gradients, bends.gradients])
+    matrix = gradients.T @ gradients
+    gradient = gradients.T @ residuals
+    off = joints - seen.landmarks
+    weights, squares = landmark_pull(off, seen.spread)
+    weights = np.repeat(weights**2, 3)
+    matrix[JOINTS, JOINTS][np.diag_indices(len(weights))] += weights
+    gradient[JOINTS] += weights * off.ravel()
+    from_mean = sizes - seen.anatomy.mean
+    matrix[SIZES, SIZES] += seen.precision
+    gradient[SIZES] += seen.precision @ from_mean
+    squares += float(residuals @ residuals + from_mean @ seen.precision @ from_mean)
+    if seen.silhouette is not None:
+        beyond, by_balls, cost = seen.silhouette.beyond(balls_at(unknowns))
+        rows = by_body(by_balls, sizes)
+        matrix[BODY_BLOCK] += rows.T @ rows
+        gradient[BODY] += rows.T @ beyond
+        squares += cost
+    return matrix, gradient, squares
+
+
+def _equations_of_points(
+    residuals: SkinResiduals, weights: PerPoint, sizes: Sizes
+) -> tuple[Float64[np.ndarray, "100 100"], Float64[np.ndarray, "100"]]:
+    """Set up the normal equations of points with some weights [1/m²], for the unknowns of the body."""
+    used = np.flatnonzero(weights)
+    root = np.sqrt(weights[used])
+    rows = residuals.by_balls[used] * root[:, None]
+    pull = (root * residuals.distance[used]) @ rows
+    both = by_body(np.vstack([rows.T @ rows, pull]), sizes)
+    return by_body(np.ascontiguousarray(both[:-1].T), sizes), both[-1]
+
+
+# --- the search -------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,217 +253,174 @@ class HandEstimate:
         fingers and at the palm [m].
     """
 
-    joints: Float64[np.ndarray, "25 3"]
-    sizes: Float64[np.ndarray, "62"]
-    covariance: Float64[np.ndarray, "137 137"]
+    joints: Joints
+    sizes: Sizes
+    covariance: UnknownsMatrix
     residuals: SkinResiduals
-    weights: Float64[np.ndarray, "points"]
-    common: Float64[np.ndarray, "2"]
+    weights: PerPoint
+    common: FingersAndPalm
 
     @property
-    def radii(self) -> Float64[np.ndarray, "25"]:
+    def radii(self) -> Radii:
         """Radii of the skin round the joints (25,) [m]."""
         return np.exp(self.sizes[SIZE_RADII])
 
 
-# --- the search -----------------------------------------------------------------------------------------------------
-
-WIDEST, SHARPER = 3e-3, 0.7
-"""The scale of the misfit is at least the first in the first step [m], and that share of it in each later one, so that
-a finger that is off may come."""
-
-STEPS = 40
-"""Steps at most in a first frame."""
-
-LATER = ((6, 8), (1, 4))
-"""In later frames, one point stands for so many, with so many steps at most: few points first, then all."""
-
-AGREED = 0.3
-"""Weight of the rules where two ends of the search are compared: a pose that joints and landmarks hardly allow is
-likelier than points that nothing explains."""
+# The scale of the misfit is at least this in the first step [m], so that a finger that is off may
+# come, and a smaller share of it in each later one.
+FIRST_SCALE = 3e-3
 
 
 def best_hand(
-    seen: Observation,
-    starts: Sequence[Float64[np.ndarray, "25 3"]],
-    sizes: Float64[np.ndarray, "62"],
-    hold: bool,
+    seen: Observation, starts: Sequence[Joints], sizes: Sizes, hold: bool
 ) -> HandEstimate:
-    """Find the hand that explains a cloud best, from some joints [m] and once more from the best end.
+    """Find the hand that explains a cloud best, from several joints [m] and once more from the best end.
 
     ``sizes`` are logarithms to start with; ``hold`` keeps them as they are.
     """
-    ends = [_descended(seen, joined(joints, sizes), WIDEST, STEPS, hold) for joints in starts]
+
+    def search(unknowns: Unknowns) -> NormalEquations:
+        return _descended(seen, unknowns, FIRST_SCALE, 40, hold)[0]
+
+    ends = [search(np.concatenate([joints.ravel(), sizes])) for joints in starts]
     best = ends[0]
     for end in ends[1:]:
         best = _better(best, end)
     if len(starts) > 1:
-        best = _better(best, _descended(seen, best.here.unknowns, WIDEST, STEPS, hold))
-    return _estimate(seen, best.here, hold)
+        best = _better(best, search(best.unknowns))
+    return _estimate(seen, best, hold)
 
 
-def next_hand(
-    seen: Observation,
-    joints: Float64[np.ndarray, "25 3"],
-    sizes: Float64[np.ndarray, "62"],
-    hold: bool,
-) -> HandEstimate:
-    """Find the hand that explains a cloud best near the joints of the frame before [m], first with few points."""
-    unknowns, hulls, floor = (
-        joined(joints, sizes),
-        hand_hulls(joints, np.exp(sizes[SIZE_RADII]))[0],
-        WIDEST,
-    )
-    for each, most in LATER:
+def next_hand(seen: Observation, joints: Joints, sizes: Sizes, hold: bool) -> HandEstimate:
+    """Find the hand that explains a cloud best near the joints of the frame before [m]."""
+    unknowns = np.concatenate([joints.ravel(), sizes])
+    hulls, _ = hand_hulls(joints, np.exp(sizes[SIZE_RADII]))
+    min_scale = FIRST_SCALE
+    # First every sixth point for up to 8 steps, then all for up to 4.
+    for each, max_steps in ((6, 8), (1, 4)):
         few = replace(seen, points=np.ascontiguousarray(seen.points[::each]), each=each)
-        end = _descended(few, unknowns, floor, most, hold, hulls)
-        unknowns, floor = end.here.unknowns, end.floor
-    return _estimate(seen, normal_equations(seen, hulls, unknowns, floor), hold)
+        end, min_scale = _descended(few, unknowns, min_scale, max_steps, hold, hulls)
+        unknowns = end.unknowns
+    return _estimate(seen, normal_equations(seen, hulls, unknowns, min_scale), hold)
 
 
-class _End(NamedTuple):
-    """Where a search ended, and the least scale by then [m]."""
+def _better(first: NormalEquations, second: NormalEquations) -> NormalEquations:
+    """Choose the end of a search that explains the points better, by the smaller scale of the two.
 
-    here: NormalEquations
-    floor: float
-
-
-def _better(one: _End, other: _End) -> _End:
-    """Choose the end that explains the points better, by the smaller scale of the two."""
-    scale = np.minimum(one.here.scale, other.here.scale)
-    return other if other.here.cost(scale, AGREED) < one.here.cost(scale, AGREED) else one
-
-
-STEP, SIZE_STEP = 10e-3, 0.1
-"""Longest step of a joint [m], and of the logarithm of a size."""
-
-FIRST, EASIER, HARDER = 1e-3, 5.0, 10.0
-"""Damping of the first step, and its divisor and factor after steps that help and that do not."""
-
-ENOUGH, WASTED = 1e-3, 1e-2
-"""The search ends with a step that promises a smaller share of half the sum of squares, and with one that does not
-keep a promise of a smaller share: points have changed from one part of the hand to another."""
+    Rules count less than in the search: a pose that joints and landmarks hardly allow is likelier
+    than points that nothing explains.
+    """
+    scale = np.minimum(first.scale, second.scale)
+    return second if second.cost(scale, 0.3) < first.cost(scale, 0.3) else first
 
 
 def _descended(
     seen: Observation,
-    unknowns: Float64[np.ndarray, "137"],
-    floor: float,
-    most: int,
+    unknowns: Unknowns,
+    min_scale: float,
+    max_steps: int,
     hold: bool,
     hulls: Hulls | None = None,
-) -> _End:
-    """Take damped steps until they promise little, with the hulls joined as they are at the start, or as these are."""
-    free = JOINTS.stop if hold else COUNT
-    damping, steps = FIRST, 0
+) -> tuple[NormalEquations, float]:
+    """Take damped steps until they promise little; return the end and the least scale by then [m].
+
+    Hulls stay joined as they are at the start, or as the given ``hulls`` are.
+    """
+    free = JOINTS.stop if hold else SIZES.stop
+    damping = 1e-3
     hulls = hulls or hand_hulls(joints_in(unknowns), np.exp(unknowns[RADII]))[0]
-    here = normal_equations(seen, hulls, unknowns, floor)
-    while steps < most:
-        steps += 1
+    here = normal_equations(seen, hulls, unknowns, min_scale)
+    for _ in range(max_steps):
         matrix = here.matrix[:free, :free].copy()
         matrix[np.diag_indices(free)] *= 1.0 + damping
-        move = -cho_solve(cho_factor(matrix), here.gradient[:free])
-        gain = -0.5 * float(here.gradient[:free] @ move)  # what the step promises
-        length = float(np.linalg.norm(joints_in(move), axis=1).max())
-        move *= min(
-            1.0,
-            STEP / max(length, 1e-12),
-            SIZE_STEP / max(float(np.abs(move[SIZES]).max(initial=0.0)), 1e-12),
-        )
-        tried = here.unknowns.copy()
-        tried[:free] += move
-        floor *= SHARPER
-        there = normal_equations(seen, hulls, tried, floor)
+        step = -cho_solve(cho_factor(matrix), here.gradient[:free])
+        promised = -0.5 * float(here.gradient[:free] @ step)
+        # No joint moves by more than 10 mm, and no logarithm of a size by more than 0.1.
+        joint_step = float(np.linalg.norm(joints_in(step), axis=1).max())
+        size_step = float(np.abs(step[SIZES]).max(initial=0.0))
+        step *= min(1.0, 10e-3 / max(joint_step, 1e-12), 0.1 / max(size_step, 1e-12))
+        moved = here.unknowns.copy()
+        moved[:free] += step
+        min_scale *= 0.7
+        there = normal_equations(seen, hulls, moved, min_scale)
         better = there.cost(here.scale) < here.cost(here.scale)
-        damping = damping / EASIER if better else damping * HARDER
         if better:
             here = there
-        enough = (ENOUGH if better else WASTED) * (1.0 + here.cost(here.scale))
-        if gain < enough and floor < here.scale.min():
+        damping = damping / 5.0 if better else damping * 10.0
+        # A step may break its promise because points change from one part of the hand to another:
+        # then the search ends at a larger share of the cost.
+        enough = (1e-3 if better else 1e-2) * (1.0 + here.cost(here.scale))
+        if promised < enough and min_scale < here.scale.min():
             break
-    return _End(here, floor)
+    return here, min_scale
 
 
-# --- what is uncertain ----------------------------------------------------------------------------------------------
-
-SHAPE = np.r_[np.full(FREE, 1.0e-3), np.full(len(PARTS) - FREE, 2.5e-3)]
-"""Distance of skin from hulls of balls at best, those of fingers and of the palm, by the example's GLB hand [m]."""
-
-SEEN, UNSEEN = 5, 2.5e-3
-"""A hull of a finger with fewer points than the first is as far off as a hull of the palm [m]: 11 such hulls of that
-hand in 20 views are 4.1 mm off (rms), 2.6 mm beyond what the covariance explains."""
+# --- uncertainty ------------------------------------------------------------------------------
 
 
-def skin_spread(found: HandEstimate) -> Float64[np.ndarray, "hulls"]:
+def skin_spread(estimate: HandEstimate) -> Float64[np.ndarray, "hulls"]:
     """Return the standard deviation of the skin of each hull (H,) along its normal, averaged all round [m].
 
     It includes what the shape of the body cannot follow, at least as much as the misfit that
     neighbouring points share.
     """
-    ways = np.vstack([np.eye(3), -np.eye(3)])
-    own = found.covariance[BODY_BLOCK]
-    spread = np.zeros(len(PARTS))
+    normals = np.vstack([np.eye(3), -np.eye(3)])
+    by_numbers = np.column_stack([normals, np.ones(len(normals))])
+    covariance = estimate.covariance[BODY_BLOCK]
+    variance = np.zeros(len(PARTS))
     for hull, part in enumerate(PARTS.tolist()):
         balls = [ball for ball in part if ball >= 0]
         shares = np.vstack([np.eye(len(balls)), np.full((1, len(balls)), 1.0 / len(balls))])
-        by_balls = np.zeros((len(shares), len(ways), BALLS, 4))
-        by_balls[:, :, balls] = (
-            shares[:, None, :, None] * np.column_stack([ways, np.ones(len(ways))])[None, :, None]
-        )
-        rows = by_body(by_balls.reshape(-1, 4 * BALLS), found.sizes)
-        spread[hull] = ((rows @ own) * rows).sum(axis=1).mean()
-    points = np.bincount(found.residuals.hull[found.weights > 0.0], minlength=len(PARTS))
-    shape = np.where(points < SEEN, np.maximum(SHAPE, UNSEEN), SHAPE)
-    return np.sqrt(spread + np.maximum(shape, found.common[KIND]) ** 2)
+        by_balls = np.zeros((len(shares), len(normals), 26, 4))
+        by_balls[:, :, balls] = shares[:, None, :, None] * by_numbers[None, :, None]
+        rows = by_body(by_balls.reshape(-1, 104), estimate.sizes)
+        variance[hull] = ((rows @ covariance) * rows).sum(axis=1).mean()
+    # Distance of skin from hulls of balls at best, by the example's GLB hand: 1 mm at fingers and
+    # 2.5 mm at the palm. Fingers with fewer than 5 points are as far off as the palm: 11 such hulls
+    # of that hand in 20 views are 4.1 mm off (rms), 2.6 mm beyond what the covariance explains.
+    points = np.bincount(estimate.residuals.hull[estimate.weights > 0.0], minlength=len(PARTS))
+    shape = np.where((KIND == 1) | (points < 5), 2.5e-3, 1.0e-3)
+    return np.sqrt(variance + np.maximum(shape, estimate.common[KIND]) ** 2)
 
 
 def _estimate(seen: Observation, here: NormalEquations, hold: bool) -> HandEstimate:
     """Find the covariance, in which neighbouring points that share their misfit count as one."""
-    sizes, common, alike = here.unknowns[SIZES], np.zeros(2), np.ones(2)
+    sizes = here.unknowns[SIZES]
     kinds = KIND[here.residuals.hull]
+    alike = np.ones(2)
+    common = np.zeros(2)
     for kind in range(2):
-        own = np.flatnonzero((here.weights > 0.0) & (kinds == kind))
-        alike[kind], common[kind] = _alike(
-            seen.points[own], here.residuals.distance[own], here.residuals.hull[own]
+        used = np.flatnonzero((here.weights > 0.0) & (kinds == kind))
+        alike[kind], common[kind] = _shared_misfit(
+            seen.points[used], here.residuals.distance[used], here.residuals.hull[used]
         )
-    matrix = without_points(seen, here.unknowns)[0]
-    matrix[BODY_BLOCK] += of_points(
-        here.residuals, here.weights / (alike * here.scale**2)[kinds], sizes
-    )[0]
+    matrix = equations_of_rules(seen, here.unknowns)[0]
+    by_variance = here.weights / (alike * here.scale**2)[kinds]
+    matrix[BODY_BLOCK] += _equations_of_points(here.residuals, by_variance, sizes)[0]
     if hold:  # the sizes keep their covariance, whatever this frame shows of them
-        follow = np.vstack(
-            [-np.linalg.solve(matrix[JOINTS, JOINTS], matrix[JOINTS, SIZES]), np.eye(SIZE_COUNT)]
-        )
+        by_sizes = -np.linalg.solve(matrix[JOINTS, JOINTS], matrix[JOINTS, SIZES])
+        follow = np.vstack([by_sizes, np.eye(62)])
         covariance = follow @ seen.anatomy.covariance @ follow.T
         covariance[JOINTS, JOINTS] += np.linalg.inv(matrix[JOINTS, JOINTS])
     else:
-        covariance = cho_solve(cho_factor(matrix), np.eye(COUNT))
-    return HandEstimate(
-        joints_in(here.unknowns), sizes, covariance, here.residuals, here.weights, common
-    )
+        covariance = cho_solve(cho_factor(matrix), np.eye(137))
+    joints = joints_in(here.unknowns)
+    return HandEstimate(joints, sizes, covariance, here.residuals, here.weights, common)
 
 
-CELL = 25e-3
-"""Points nearer than this share their misfit, by the same fault of the shape [m]."""
+def _shared_misfit(points: Points, off: PerPoint, hull: HullIndices) -> tuple[float, float]:
+    """Return the number of neighbouring points that count as one, and the misfit that they share [m].
 
-MOST_ALIKE = 80.0
-"""Points that count as one at most."""
-
-
-def _alike(
-    points: Float64[np.ndarray, "points 3"],
-    off: Float64[np.ndarray, "points"],
-    hull: Int64[np.ndarray, "points"],
-) -> tuple[float, float]:
-    """How many neighbouring points count as one, and how large the misfit is that they share [m]."""
-    if len(points) < FEW:
-        return 1.0, MOST
-    cells = np.column_stack([np.floor(points / CELL).astype(np.int64), hull])
+    Points of a hull in a cube of 25 mm share their misfit, by the same fault of the shape.
+    """
+    if len(points) < MIN_POINTS:
+        return 1.0, MAX_SCALE
+    cells = np.column_stack([np.floor(points / 25e-3).astype(np.int64), hull])
     _, cell, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
     mean = np.bincount(cell, off) / count
-    spread = float(np.var(off))
+    total = float(np.var(off))
     within = float(np.sum((off - mean[cell]) ** 2) / max(len(off) - len(count), 1))
-    common = max(spread - within, 0.0)
-    usual = float((count**2).sum() / count.sum())
-    alike = 1.0 + (usual - 1.0) * common / max(spread, 1e-18)
-    return min(alike, MOST_ALIKE), float(np.sqrt(common))
+    common = max(total - within, 0.0)
+    usual_count = float((count**2).sum() / count.sum())
+    alike = 1.0 + (usual_count - 1.0) * common / max(total, 1e-18)
+    return min(alike, 80.0), float(np.sqrt(common))

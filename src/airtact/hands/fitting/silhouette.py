@@ -1,4 +1,4 @@
-"""The silhouette that a camera saw: beside it the camera looked past the hand, so that no part of the hand is there."""
+"""The silhouette that a camera saw. Beside it the camera looked past the hand, so no part of the hand is there."""
 
 from dataclasses import dataclass
 from itertools import combinations
@@ -9,48 +9,23 @@ from jaxtyping import Bool, Float64, Int32
 from scipy import ndimage
 from scipy.spatial import KDTree
 
-from airtact.hands.anatomy_parts import PARTS
-from airtact.hands.fitting.unknowns import BALLS
-
-PIXEL = 1e-3
-"""Least side of the pixels of a silhouette, at the distance of the hand [m]."""
-
-SPACING = 1.2
-"""Side of the pixels over the usual distance of neighbouring points."""
-
-MARGIN = 30e-3
-"""How far the silhouette extends around the hand [m]."""
-
-HOLE = 2e-4
-"""Smaller holes of the silhouette are missing points and no free air [m²]."""
-
-SPECK = 0.004
-"""Specks smaller than this share of the hand are outliers."""
-
-SPARE, LOOSE = 0.2e-3, 1.0e-3
-"""Distance that a hand may reach out of the silhouette, and the standard deviation of what is more [m]."""
-
-FAR = 12e-3
-"""Parts that reach out farther were not seen for other reasons, and have no weight [m]."""
-
-RIM = 8
-"""Points on the rim of each ball that are evaluated."""
-
-ANGLES = 2.0 * np.pi * np.arange(RIM) / RIM
+from airtact.hands.body import PARTS
+from airtact.hands.fitting.priors import Balls
+from airtact.hands.joints import Point, Points
 
 
-def _samples() -> Float64[np.ndarray, "samples balls"]:
+def _sample_weights() -> Float64[np.ndarray, "samples 26"]:
     """Weights of the balls at both ends and in the middle of all rods."""
     rods = sorted(
         {pair for part in PARTS.tolist() for pair in combinations(sorted(set(part) - {-1}), 2)}
     )
-    rows = np.vstack([np.eye(BALLS), np.zeros((len(rods), BALLS))])
+    middles = np.zeros((len(rods), 26))
     for row, pair in enumerate(rods):
-        rows[BALLS + row, list(pair)] = 0.5
-    return rows
+        middles[row, list(pair)] = 0.5
+    return np.vstack([np.eye(26), middles])
 
 
-SAMPLES = _samples()
+_SAMPLES = _sample_weights()
 """Balls that are compared with the silhouette, as weights of the balls of a hand."""
 
 
@@ -68,7 +43,7 @@ class Silhouette:
     outside : (W, H) distance of each from the silhouette, 0 in it [m].
     """
 
-    camera: Float64[np.ndarray, "3"]
+    camera: Point
     frame: Float64[np.ndarray, "3 3"]
     far: float
     corner: Float64[np.ndarray, "2"]
@@ -76,36 +51,39 @@ class Silhouette:
     outside: Float64[np.ndarray, "width height"]
 
     def beyond(
-        self, balls: Float64[np.ndarray, "balls 4"]
-    ) -> tuple[Float64[np.ndarray, "rims"], Float64[np.ndarray, "rims numbers"], float]:
+        self, balls: Balls
+    ) -> tuple[Float64[np.ndarray, "rims"], Float64[np.ndarray, "rims 104"], float]:
         """Find how far the rims of a hand's balls (26, 4) [m] reach out of the silhouette.
 
         Returns the distances (R,) of those that do over their standard deviation, weighted; their
         derivatives (R, 104) by the balls, weights held fixed; and twice the cost.
         """
-        ball = SAMPLES @ balls
+        tolerated = 0.2e-3
+        deviation = 1.0e-3  # of what is more [m]
+        # Parts that reach out farther were not seen for other reasons, and have no weight.
+        farthest = 12e-3
+        rim_count = 8  # positions on the rim of each ball
+        angles = 2.0 * np.pi * np.arange(rim_count) / rim_count
+        rim = np.column_stack([np.cos(angles), np.sin(angles)])
+        ball = _SAMPLES @ balls
         seen = (ball[:, :3] - self.camera) @ self.frame.T
         scale = self.far / seen[:, 2]
-        rim = np.column_stack([np.cos(ANGLES), np.sin(ANGLES)])
         flat = scale[:, None] * seen[:, :2]
         positions = (flat[:, None] + (scale * ball[:, 3])[:, None, None] * rim).reshape(-1, 2)
         value, gradient = self._at(positions)
-        over = value - SPARE
-        out = np.flatnonzero((over > 0.0) & (over < FAR))
-        weight = (1.0 - (over[out] / FAR) ** 2) / LOOSE  # Tukey's
-        sample, way = out // RIM, rim[out % RIM]
+        over = value - tolerated
+        out = np.flatnonzero((over > 0.0) & (over < farthest))
+        weight = (1.0 - (over[out] / farthest) ** 2) / deviation  # Tukey's
+        sample = out // rim_count
         by_position = gradient[out] * (weight * scale[sample])[:, None]
         by_ball = np.zeros((len(out), 4))
-        fall = -np.einsum("ri,ri->r", by_position, positions[out]) / self.far
-        by_ball[:, :3] = by_position @ self.frame[:2] + fall[:, None] * self.frame[2]
-        by_ball[:, 3] = np.einsum("ri,ri->r", by_position, way)
-        cost = (
-            (FAR / LOOSE) ** 2
-            / 3.0
-            * float((1.0 - (1.0 - np.clip(over / FAR, 0.0, 1.0) ** 2) ** 3).sum())
-        )
-        by_balls = (SAMPLES[sample][:, :, None] * by_ball[:, None]).reshape(len(out), 4 * BALLS)
-        return over[out] * weight, by_balls, cost
+        by_depth = -np.einsum("ri,ri->r", by_position, positions[out]) / self.far
+        by_ball[:, :3] = by_position @ self.frame[:2] + by_depth[:, None] * self.frame[2]
+        by_ball[:, 3] = np.einsum("ri,ri->r", by_position, rim[out % rim_count])
+        by_balls = (_SAMPLES[sample][:, :, None] * by_ball[:, None]).reshape(len(out), 104)
+        share = np.clip(over / farthest, 0.0, 1.0)
+        tukey = float((1.0 - (1.0 - share**2) ** 3).sum())
+        return over[out] * weight, by_balls, (farthest / deviation) ** 2 / 3.0 * tukey
 
     def _at(
         self, positions: Float64[np.ndarray, "positions 2"]
@@ -116,17 +94,17 @@ class Silhouette:
         low = cell.astype(np.int64)
         s, t = (cell - low).T
         i, j = low.T
-        a, b, c, d = (self.outside[i + m, j + n] for m, n in ((0, 0), (1, 0), (0, 1), (1, 1)))
+        a = self.outside[i, j]
+        b = self.outside[i + 1, j]
+        c = self.outside[i, j + 1]
+        d = self.outside[i + 1, j + 1]
         value = (1 - s) * (1 - t) * a + s * (1 - t) * b + (1 - s) * t * c + s * t * d
-        gradient = np.column_stack(
-            [(1 - t) * (b - a) + t * (d - c), (1 - s) * (c - a) + s * (d - b)]
-        )
-        return value, gradient / self.pixel
+        by_s = (1 - t) * (b - a) + t * (d - c)
+        by_t = (1 - s) * (c - a) + s * (d - b)
+        return value, np.column_stack([by_s, by_t]) / self.pixel
 
 
-def silhouette_of(
-    points: Float64[np.ndarray, "points 3"], camera: Float64[np.ndarray, "3"]
-) -> Silhouette:
+def silhouette_of(points: Points, camera: Point) -> Silhouette:
     """Find the silhouette of a hand, points (N, 3) [m], that a camera (3,) [m] saw."""
     sight = np.median(points, axis=0) - camera
     far = float(np.linalg.norm(sight))
@@ -136,15 +114,17 @@ def silhouette_of(
     frame = np.stack([right, np.cross(sight, right), sight])
     seen = (points - camera) @ frame.T
     flat = far * seen[:, :2] / seen[:, 2:]
-    tree = KDTree(flat, balanced_tree=False, compact_nodes=False)  # made in half the time
+    tree = KDTree(flat, balanced_tree=False, compact_nodes=False)  # built in half the time
     spacing = float(np.median(tree.query(flat[:: max(len(flat) // 500, 1)], k=2)[0][:, 1]))
-    pixel = max(PIXEL, SPACING * spacing)
-    corner = flat.min(axis=0) - MARGIN
-    shape = np.ceil((flat.max(axis=0) + MARGIN - corner) / pixel).astype(np.int64) + 1
+    pixel = max(1e-3, 1.2 * spacing)
+    margin = 30e-3
+    corner = flat.min(axis=0) - margin
+    shape = np.ceil((flat.max(axis=0) + margin - corner) / pixel).astype(np.int64) + 1
     hit = np.zeros(tuple(shape.tolist()), dtype=bool)
     hit[tuple(((flat - corner) / pixel).astype(np.int64).T)] = True
-    outside = np.asarray(ndimage.distance_transform_edt(~_closed(hit, pixel)))
-    return Silhouette(camera, frame, far, corner, pixel, pixel * np.maximum(outside - 0.5, 0.0))
+    distance = np.asarray(ndimage.distance_transform_edt(~_closed(hit, pixel)))
+    outside = pixel * np.maximum(distance - 0.5, 0.0)
+    return Silhouette(camera, frame, far, corner, pixel, outside)
 
 
 def _closed(
@@ -156,9 +136,10 @@ def _closed(
     parts, count = cast("tuple[Int32[np.ndarray, 'width height'], int]", ndimage.label(hit))
     if count > 1:
         sizes = np.bincount(parts.ravel())
-        large = sizes >= SPECK * sizes[1:].sum()
+        large = sizes >= 0.004 * sizes[1:].sum()  # smaller specks are outliers
         large[0] = False
         hit = large[parts]
     holes, _ = cast("tuple[Int32[np.ndarray, 'width height'], int]", ndimage.label(~hit))
-    small = np.bincount(holes.ravel()) * pixel**2 < HOLE
+    # smaller holes are missing points and no free air [m²]
+    small = np.bincount(holes.ravel()) * pixel**2 < 2e-4
     return hit | small[holes]

@@ -19,11 +19,10 @@ from airtact.acoustics.target import Target
 from airtact.errors import InvalidInput
 from airtact.geometry.pose import Pose
 from airtact.geometry.surface import Surface
-from airtact.hands.anatomy_parts import FREE, OWNER, PARTS
+from airtact.hands.body import FREE, OWNER, PARTS, Hulls
 from airtact.hands.hand import PLACES, Hand
 from airtact.hands.shape import HandShape
 from airtact.hands.skin_mesh import midpoints
-from airtact.hands.sphere_mesh import Hulls
 from airtact.live.drives.moving import moving_points
 from airtact.live.drives.riding import Riding, bone_of, ride
 from airtact.live.parts import LiveScene, Rule

@@ -3,11 +3,10 @@
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.hands.anatomy_parts import hand_hulls
+from airtact.hands.body import Hulls, hand_hulls
 from airtact.hands.joints import hand_length, radii_of
 from airtact.hands.shape import hull_weights, moved_with_hulls
 from airtact.hands.skin_mesh import HandMesh, even_skin
-from airtact.hands.sphere_mesh import Hulls
 
 EDGE = 5e-3
 """Edge of the triangles [m], over half a wavelength at 40 kHz: a processor that draws them feels each."""

@@ -6,8 +6,8 @@ import pytest
 import airtact as at
 from airtact.acoustics.solvers.bem.quadrature import place_nodes, thickness
 from airtact.geometry.panels import panels_of
+from airtact.hands.body import Hulls
 from airtact.hands.shape import HandShape
-from airtact.hands.sphere_mesh import Hulls
 from hands.hand_poses import example
 
 LARGEST = 60e-3

@@ -1,0 +1,287 @@
+"""The body of a hand: blended hulls of two or three balls each, and which of them are one.
+
+Source: A. Tkach, M. Pauly, A. Tagliasacchi, "Sphere-meshes for real-time hand modeling and
+tracking", ACM Trans. Graph. 35, 222 (2016): the hull of balls is all points nearer to some point
+of their simplex than the radius interpolated there.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int64, Real
+
+from airtact import _kernels
+from airtact.checks import fixed, in_mm
+from airtact.hands.joints import (
+    CHAINS,
+    FINGERS,
+    GENERIC_LENGTH,
+    Joints,
+    PerPoint,
+    Point,
+    Points,
+    Radii,
+    hand_length,
+)
+from airtact.printing import in_short
+
+HullPairs = Float64[np.ndarray, "hulls hulls"]
+
+
+class Look(NamedTuple):
+    """Distance from the skin and surroundings of points (P, 3).
+
+    Attributes
+    ----------
+    distance : (P,) to the skin [m], negative inside.
+    gradient : (P, 3) of the distance, with the blend radius held fixed.
+    bend : (P,) radius of curvature of the skin there [m].
+    facing : (P,) distance to the nearest hull that stands apart from the nearest one [m].
+    nearest : (P,) index of the nearest hull.
+    """
+
+    distance: PerPoint
+    gradient: Points
+    bend: PerPoint
+    facing: PerPoint
+    nearest: Int64[np.ndarray, "points"]
+
+
+@dataclass(frozen=True, eq=False)
+class Hulls:
+    """Hulls of balls and how they are joined.
+
+    Two hulls with outward normals n, m are joined by the smooth minimum of their distances with a
+    blend radius of ``blend`` (1 - n·m)/2: skins that face each other are one where nearer than half
+    of ``blend``, a right angle has half that radius, and hulls that share a ball join without a
+    swelling.
+
+    Attributes
+    ----------
+    balls : (B, 4) centres and radii [m].
+    parts : (H, 3) the two or three balls of each hull; the third is -1 for two.
+    blend : (H, H) blend radius of skins that face each other [m]; 0 for none.
+    apart : (H, H) 1 where two hulls stand apart, else 0.
+    """
+
+    balls: Float64[np.ndarray, "balls 4"]
+    parts: Int64[np.ndarray, "hulls 3"]
+    blend: HullPairs
+    apart: HullPairs
+
+    __repr__ = in_short
+
+    @classmethod
+    def unblended(
+        cls, balls: Float64[np.ndarray, "balls 4"], parts: Int64[np.ndarray, "hulls 3"]
+    ) -> "Hulls":
+        """Hulls that are not blended and of which none stands apart."""
+        none = np.zeros((len(parts), len(parts)))
+        return cls(balls, parts, none, none)
+
+    def look(
+        self, points: Real[np.ndarray, "points 3"], carve: float = 0.0, reach: float = 0.0
+    ) -> Look:
+        """Evaluate distance, gradient and surroundings of points (P, 3) [m].
+
+        Hulls that stand apart are carved out to a distance ``carve`` round each other [m]. Hulls
+        farther than the nearest by more than ``reach`` [m], and by more than the largest blend
+        radius, are left out.
+        """
+        points = np.ascontiguousarray(points, dtype=np.float64)
+        count = len(points)
+        distance = np.empty(count)
+        gradient = np.empty((count, 3))
+        bend = np.empty(count)
+        facing = np.empty(count)
+        nearest = np.empty(count, np.int64)
+        look = Look(distance, gradient, bend, facing, nearest)
+        reach = max(reach, carve, float(self.blend.max()))
+        _kernels.blended_distance(
+            points, self.balls, self.parts, self.blend, self.apart, carve, reach, *look
+        )
+        return look
+
+    def each(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points hulls"]:
+        """Distance of points (P, 3) [m] to each hull by itself (P, H) [m]."""
+        points = np.ascontiguousarray(points, dtype=np.float64)
+        distances = np.empty((len(points), len(self.parts)))
+        _kernels.hull_distances(points, self.balls, self.parts, distances)
+        return distances
+
+    def project(self, points: Real[np.ndarray, "points 3"]) -> Points:
+        """Project points (P, 3) [m] near the skin onto it, along the gradient of the distance."""
+        points = np.array(points, dtype=np.float64, order="C")
+        _kernels.project_on_hulls(
+            points,
+            self.balls,
+            self.parts,
+            self.blend,
+            self.apart,
+            float(self.blend.max()),
+            12,  # Newton iterations at most
+            2e-3,  # longest step of an iteration [m]
+            1e-9,  # a point is on the skin within this distance [m]
+            0.5e-3,  # how far a point is searched for where the iteration does not settle [m]
+            24,  # halvings of that search
+        )
+        return points
+
+
+WEB_BALL = 25
+"""Index of the ball in the middle of the thumb's metacarpal, from which skin spans to the index finger."""
+
+
+def _parts() -> Int64[np.ndarray, "hulls 3"]:
+    phalanges = [(start, end, -1) for chain in CHAINS for start, end in pairwise(chain[1:])]
+    palm = [(1, 2, -1), (1, WEB_BALL, 6), (1, 5, 6), (0, 1, 5)]
+    for base in (5, 10, 15):
+        palm += [(base, base + 1, base + 6), (base, base + 5, base + 6), (0, base, base + 5)]
+    parts = np.array([*phalanges, *palm])
+    parts.flags.writeable = False
+    return parts
+
+
+PARTS = _parts()
+"""Balls of each hull: the phalanges of all fingers first, then the palm."""
+
+FREE = 14
+"""Number of hulls that are phalanges."""
+
+OWNER = np.array([0, 0, 1, 1, 1, 2, 2, 2, 3, 3, 3, 4, 4, 4])
+"""Index of the finger of each phalanx."""
+
+
+@dataclass(frozen=True, eq=False)
+class Touch:
+    """A position where two parts of a hand are so near that their skins are one.
+
+    Attributes
+    ----------
+    first, second : names of the parts.
+    gap : between their skins, negative where they overlap [m].
+    place : (3,) between them [m].
+    """
+
+    first: str
+    second: str
+    gap: float
+    place: Point
+
+    __repr__ = in_short
+
+    @property
+    def note(self) -> str:
+        """One sentence: which parts are one, where, and the gap or overlap of their skins."""
+        apart = "apart" if self.gap > 0.0 else "in each other"
+        return (
+            f"the {self.first} and the {self.second} are one near {in_mm(self.place)}, their skins "
+            f"being {1e3 * abs(self.gap):.2g} mm {apart}"
+        )
+
+
+def hand_hulls(joints: Joints, radii: Radii) -> tuple[Hulls, tuple[Touch, ...]]:
+    """Build the body of a hand, and find where parts that stand apart in an open hand are one."""
+    scale = hand_length(joints) / GENERIC_LENGTH
+    thumb = np.append(0.5 * (joints[1] + joints[2]), 0.4 * (radii[1] + radii[2]))
+    balls = np.ascontiguousarray(np.vstack([np.column_stack([joints, radii]), thumb]))
+    blend = scale * _open_hand_blend()
+    apart = blend == 0.0
+    np.fill_diagonal(apart, False)
+    open_hulls = Hulls(balls, PARTS, blend, apart.astype(np.float64))
+    touches = []
+    for i, j, gap, place in _joined_skins(open_hulls, apart):
+        touches.append(Touch(part_name(i), part_name(j), gap, place))
+        # skins that overlap are blended over a wider radius, by up to 3 mm
+        width = scale * (5e-3 + min(max(-gap, 0.0), 3e-3))
+        blend[i, j] = blend[j, i] = max(width, blend[i, j])
+        apart[i, j] = apart[j, i] = False
+    hulls = Hulls(fixed(balls), PARTS, fixed(blend), fixed(apart.astype(np.float64)))
+    return hulls, tuple(touches)
+
+
+def part_name(part: int) -> str:
+    """Name the part of the hand that a hull belongs to."""
+    if part >= FREE:
+        return "palm"
+    finger = FINGERS[OWNER[part]]
+    bones = ("first", "last") if finger == "thumb" else ("first", "middle", "last")
+    bone = bones[part - int(np.argmax(OWNER[part] == OWNER))]
+    return f"{bone} phalanx of the {finger if finger == 'thumb' else f'{finger} finger'}"
+
+
+@cache
+def _open_hand_blend() -> HullPairs:
+    """Blend radii of a hand of usual length between the parts that are one in every pose [m]."""
+    count = len(PARTS)
+    blend = np.zeros((count, count))
+    balls = [set(part.tolist()) - {-1} for part in PARTS]
+    roots = [int(np.argmax(finger == OWNER)) for finger in range(5)]  # first phalanges
+    neighbours = [{2, 1, WEB_BALL}, {1, 6, 11}, {6, 11, 16}, {11, 16, 21}, {16, 21}]
+    for i in range(count):
+        for j in range(i):
+            if i >= FREE and j >= FREE:
+                blend[i, j] = 8e-3  # within the palm
+            elif balls[i] & balls[j]:
+                blend[i, j] = 6e-3  # at a joint
+            elif j in roots and i >= FREE and balls[i] & neighbours[roots.index(j)]:
+                blend[i, j] = 5e-3  # where a finger meets the palm
+    for i, j in pairwise(roots[1:]):
+        blend[j, i] = 5e-3  # the web between neighbouring fingers
+    return fixed(blend + blend.T)
+
+
+def _joined_skins(
+    hulls: Hulls, apart: Bool[np.ndarray, "hulls hulls"]
+) -> list[tuple[int, int, float, Point]]:
+    """Find phalanges whose skin is one with that of a hull that stands apart, nearest pairs first.
+
+    Skins nearer than 0.3 mm are one. Beside such a pair, neighbouring hulls are one where nearer
+    than 2 mm, or tiny tunnels would be left between them.
+    """
+    samples = 25
+    starts = hulls.balls[PARTS[:FREE, 0]]
+    bones = hulls.balls[PARTS[:FREE, 1]] - starts
+    shares = np.linspace(0.0, 1.0, samples)
+    spheres = starts[:, None] + shares[:, None] * bones[:, None]
+    gaps = hulls.each(spheres[..., :3].reshape(-1, 3)).reshape(FREE, samples, -1)
+    gaps -= spheres[..., 3:]
+    phalanx, hull = np.nonzero((gaps.min(axis=1) < 1.2 * 2e-3) & apart[:FREE])
+    if len(phalanx) == 0:
+        return []
+    # Refine the nearest sphere along each phalanx, on ever finer grids about the best one.
+    middle = shares[gaps.argmin(axis=1)[phalanx, hull]]
+    width = 1.0 / (samples - 1)
+    rows = np.arange(len(phalanx))
+    gap = np.zeros(len(phalanx))
+    sphere = np.zeros((len(phalanx), 4))
+    for _ in range(3):
+        share = np.clip(middle[:, None] + width * np.linspace(-1.0, 1.0, 9), 0.0, 1.0)
+        spheres = starts[phalanx, None] + share[..., None] * bones[phalanx, None]
+        distance = hulls.each(spheres[..., :3].reshape(-1, 3)).reshape(len(phalanx), 9, -1)
+        gaps = np.take_along_axis(distance, hull[:, None, None], axis=2)[..., 0] - spheres[..., 3]
+        best = gaps.argmin(axis=1)
+        middle = share[rows, best]
+        gap = gaps[rows, best]
+        sphere = spheres[rows, best]
+        width /= 4.0
+    pairs = np.sort(np.stack([phalanx, hull], axis=1), axis=1)
+    near = gap < 0.3e-3
+    touching = np.zeros(hulls.blend.shape, dtype=bool)
+    touching[tuple(pairs[near].T)] = True
+    joined = (hulls.blend > 0.0).astype(np.int64) + np.eye(len(PARTS), dtype=np.int64)
+    beside = joined @ (touching | touching.T).astype(np.int64) @ joined > 0
+    order = np.argsort(gap, kind="stable")
+    order = order[(near | (beside[tuple(pairs.T)] & (gap < 2e-3)))[order]]
+    # Two phalanges are found from both sides; keep the nearer of the two.
+    order = order[np.sort(np.unique(pairs[order], axis=0, return_index=True)[1])]
+    joints = []
+    for index in order:
+        towards = Hulls.unblended(hulls.balls, PARTS[hull[index], None])
+        away = towards.look(sphere[index, None, :3]).gradient[0]
+        place = sphere[index, :3] - (sphere[index, 3] + 0.5 * gap[index]) * away
+        joints.append((int(pairs[index, 0]), int(pairs[index, 1]), float(gap[index]), place))
+    return joints

@@ -1,0 +1,344 @@
+"""The unknowns of the fit, and what is known of hands before: sizes, limits of joints, rough landmarks.
+
+The 137 unknowns are the 75 coordinates of the joints [m], then the logarithms of 62 sizes: 37
+lengths [m], as ``SPANS`` orders them, and the radii at 25 joints [m]. The 100 unknowns of the body
+are joints and radii. Each rule is a residual over its standard deviation, with its exact
+derivatives by the unknowns.
+
+Sources
+-------
+- Meta Platforms, iwer 2.5.0 (MIT): proportions of a generic hand, from
+  ``examples/hands/relaxed.json``.
+- A. Buryanov, V. Kotiuk, "Proportions of hand segments", Int. J. Morphol. 28, 755 (2010): hands
+  differ from the mean proportions by about a tenth.
+- E. Y. S. Chao, K.-N. An, W. P. Cooney, R. L. Linscheid, *Biomechanics of the Hand*, World
+  Scientific (1989): ranges of motion of the joints.
+- H. Rijpkema, M. Girard, SIGGRAPH Comput. Graph. 25, 339 (1991): the last joint of a finger bends
+  by two thirds of what its middle one does.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+from airtact.checks import fixed
+from airtact.hands.body import WEB_BALL
+from airtact.hands.joints import BONES, CHAINS, GENERIC_RADII, NAMES, Joints, Radii, unit
+from airtact.hands.kinematics import LAST_BEND_SHARE, bending_axis
+from airtact.printing import in_short
+
+Unknowns = Float64[np.ndarray, "137"]
+UnknownsMatrix = Float64[np.ndarray, "137 137"]
+Sizes = Float64[np.ndarray, "62"]
+SizesMatrix = Float64[np.ndarray, "62 62"]
+Balls = Float64[np.ndarray, "26 4"]
+Axes = Float64[np.ndarray, "5 3"]
+Rows = Float64[np.ndarray, "rows 3"]
+
+# --- the unknowns -----------------------------------------------------------------------------
+
+SPANS = (
+    *BONES,
+    # joints of the palm between which no bone runs, but that keep their distance
+    *((5, 10), (10, 15), (15, 20), (6, 11), (11, 16), (16, 21), (1, 5)),
+    *((5, 11), (10, 6), (10, 16), (15, 11), (15, 21), (20, 16)),
+)
+"""Joints at both ends of the 37 lengths that a hand keeps."""
+
+JOINTS = slice(0, 75)
+SIZES = slice(75, 137)
+RADII = slice(112, 137)
+"""Coordinates of joints, logarithms of sizes and those of radii among the unknowns."""
+
+SIZE_LENGTHS = slice(0, 37)
+SIZE_RADII = slice(37, 62)
+"""Lengths and radii among the sizes."""
+
+BODY = np.r_[JOINTS, RADII]
+BODY_BLOCK = np.ix_(BODY, BODY)
+"""Unknowns that the body depends on, and their block in a matrix of all unknowns."""
+
+
+def _balls_by_body() -> Float64[np.ndarray, "104 100"]:
+    """Return the derivatives of centres and radii of the 26 balls by joints and radii."""
+    rows = np.zeros((26, 4, 100))
+    for ball in range(25):
+        rows[ball, range(3), range(3 * ball, 3 * ball + 3)] = 1.0
+        rows[ball, 3, 75 + ball] = 1.0
+    rows[WEB_BALL] = 0.5 * (rows[1] + rows[2])
+    rows[WEB_BALL, 3] = 0.4 * (rows[1, 3] + rows[2, 3])
+    return rows.reshape(104, 100)
+
+
+_BALLS_BY_BODY = _balls_by_body()
+
+
+def joints_in(unknowns: Unknowns) -> Joints:
+    """Return the joints [m] in a vector of unknowns."""
+    return unknowns[JOINTS].reshape(25, 3)
+
+
+def balls_at(unknowns: Unknowns) -> Balls:
+    """Centres and radii of the balls of a hand [m]."""
+    body = np.concatenate([unknowns[JOINTS], np.exp(unknowns[RADII])])
+    return (_BALLS_BY_BODY @ body).reshape(26, 4)
+
+
+def by_body(
+    by_balls: Float64[np.ndarray, "rows 104"], sizes: Sizes
+) -> Float64[np.ndarray, "rows 100"]:
+    """Turn derivatives by centres and radii of the balls into those by the unknowns of the body."""
+    derivatives = by_balls @ _BALLS_BY_BODY
+    derivatives[:, 75:] *= np.exp(sizes[SIZE_RADII])
+    return derivatives
+
+
+# --- sizes of a person ------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class HandAnatomy:
+    """Sizes of one person's hand, as a normal distribution of their logarithms.
+
+    Attributes
+    ----------
+    mean : (62,) logarithms of 37 lengths [m], as ``SPANS`` orders them, and of the radii at 25
+        joints [m].
+    covariance : (62, 62) of these.
+    frames : number of frames that they were learned from.
+    """
+
+    mean: Sizes
+    covariance: SizesMatrix
+    frames: int
+
+    __repr__ = in_short
+
+    @property
+    def lengths(self) -> dict[str, float]:
+        """Length of each bone [m], by the joints at its ends."""
+        lengths = np.exp(self.mean[: len(BONES)]).tolist()
+        names = [f"{NAMES[start]} to {NAMES[end]}" for start, end in BONES]
+        return dict(zip(names, lengths, strict=True))
+
+    @property
+    def radii(self) -> Radii:
+        """Radius of the skin round each joint (25,) [m]."""
+        return np.exp(self.mean[SIZE_RADII])
+
+    @property
+    def settled(self) -> bool:
+        """Whether the sizes were learned from 8 frames; later frames keep them."""
+        return self.frames >= 8
+
+    def learned(self, sizes: Sizes, covariance: SizesMatrix) -> "HandAnatomy":
+        """Add the sizes (62,) of a frame, with their ``covariance``, to the mean over frames.
+
+        The covariance stays that of one frame: the body's shape is wrong in the same way in every
+        frame, so that more frames do not make the sizes surer.
+        """
+        share = 1.0 / (self.frames + 1)
+        mean = (1.0 - share) * self.mean + share * sizes
+        mixed = (1.0 - share) * self.covariance + share * covariance
+        return HandAnatomy(fixed(mean), fixed(mixed), self.frames + 1)
+
+
+_GENERIC_LENGTHS = 1e-3 * np.array(
+    [49.4, 43.2, 35.9, 39.0, 42.8, 33.0, 34.3, 25.0, 60.6, 38.5, 24.7, 22.7, 62.6, 43.6]
+    + [28.0, 25.4, 54.8, 39.6, 27.0, 24.8, 46.4, 31.2, 20.6, 22.3]
+    + [16.7, 19.0, 8.9, 22.7, 21.1, 22.2, 12.7, 63.5, 65.9, 59.3, 64.2, 48.9, 55.8]
+)
+"""Lengths of ``SPANS`` of the generic hand [m]."""
+
+
+def population_prior(joints: Joints) -> HandAnatomy:
+    """Sizes of people's hands, scaled to the palm of rough joints (25, 3) [m], from wrist to knuckles."""
+    knuckles = [chain[1] for chain in CHAINS[1:]]
+    metacarpals = [SPANS.index((chain[0], chain[1])) for chain in CHAINS[1:]]
+    generic = _GENERIC_LENGTHS[1:5] + _GENERIC_LENGTHS[metacarpals]
+    scale = float(np.linalg.norm(joints[knuckles] - joints[0], axis=1).sum() / generic.sum())
+    # Standard deviations of the logarithm of each size by itself. Last bones vary most, since
+    # every tracker ends them elsewhere. Radii at the wrist and the bases of the metacarpals are
+    # held firmly, because a palm is no row of balls: free radii would follow its flat side.
+    alone = np.full(62, 0.08)  # bones
+    alone[:5] = 0.15  # bones at the wrist
+    alone[[SPANS.index((chain[-2], chain[-1])) for chain in CHAINS]] = 0.3  # last bones
+    alone[len(BONES) : len(SPANS)] = 0.2  # across the palm
+    alone[SIZE_RADII] = 0.05
+    alone[SIZE_RADII.start + np.array([0, *(chain[0] for chain in CHAINS)])] = 0.02
+    # Long hands are slender: radii grow with the power 0.6 of the length.
+    growth = np.ones(62)
+    growth[SIZE_RADII] = 0.6
+    # What sizes have in common: all of them, all radii, the radii of one finger.
+    covariance = np.diag(alone**2) + 0.15**2 * np.outer(growth, growth)
+    covariance[SIZE_RADII, SIZE_RADII] += 0.05**2
+    for chain in CHAINS:
+        rows = SIZE_RADII.start + np.array(chain[1:])
+        covariance[np.ix_(rows, rows)] += 0.03**2
+    mean = np.log(np.r_[_GENERIC_LENGTHS, GENERIC_RADII]) + np.log(scale) * growth
+    return HandAnatomy(fixed(mean), fixed(covariance), 0)
+
+
+# --- rules of lengths and bends ---------------------------------------------------------------
+
+
+class Rules(NamedTuple):
+    """Residuals over their standard deviations, and their derivatives.
+
+    Attributes
+    ----------
+    residuals : (R,).
+    gradients : (R, 137) derivatives by joints [1/m] and logarithms of sizes.
+    """
+
+    residuals: Float64[np.ndarray, "rules"]
+    gradients: Float64[np.ndarray, "rules 137"]
+
+
+_SPAN_ENDS = np.array(SPANS)
+
+# Standard deviations of the lengths of SPANS from frame to frame [m]: bones at the wrist, other
+# bones, and distances across the palm.
+_SPAN_SPREAD = np.repeat([1.0e-3, 0.5e-3, 2.0e-3], [5, len(BONES) - 5, len(SPANS) - len(BONES)])
+
+# Joints at both ends of the 19 bones of the fingers, the thumb's three first; first phalanges
+# among them, without the thumb's; bones on both sides of the 14 joints that bend.
+_FINGER_BONES = np.array([pair for chain in CHAINS for pair in pairwise(chain)])
+_FIRST = np.array([4, 8, 12, 16])
+_BENDS = np.array(
+    [(0, 1), (1, 2), *((bone + k - 1, bone + k) for bone in _FIRST for k in range(3))]
+)
+
+# Smallest sines and cosines of those bends: two of the thumb, then knuckle, middle and last joint
+# of each finger. A negative sine is a bend backwards.
+_MIN_SINES = np.array([-0.5, -0.3, *(4 * [-0.5, -0.15, -0.25])])
+_MIN_COSINES = np.array([0.2, 0.0, *(4 * [-0.35, -0.35, 0.0])])
+
+
+def crossed(a: Rows, b: Rows) -> Rows:
+    """Cross products of short tables, several times as fast as ``np.cross``."""
+    ahead = [1, 2, 0]
+    back = [2, 0, 1]
+    return a[:, ahead] * b[:, back] - a[:, back] * b[:, ahead]
+
+
+def length_rules(joints: Joints, sizes: Sizes) -> Rules:
+    """Hold the lengths of bones and across the palm to the logarithms of sizes (62,)."""
+    starts, ends = _SPAN_ENDS.T
+    along = joints[ends] - joints[starts]
+    length = np.sqrt((along**2).sum(axis=1))
+    wanted = np.exp(sizes[SIZE_LENGTHS])
+    rows = np.arange(len(SPANS))
+    gradients = np.zeros((len(SPANS), 137))
+    by_joint = gradients[:, JOINTS].reshape(-1, 25, 3)
+    way = along / (length * _SPAN_SPREAD)[:, None]
+    by_joint[rows, ends] += way
+    by_joint[rows, starts] -= way
+    gradients[rows, SIZES.start + rows] = -wanted / _SPAN_SPREAD
+    return Rules((length - wanted) / _SPAN_SPREAD, gradients)
+
+
+def bending_axes(joints: Joints, side: str) -> Axes:
+    """Find the unit axes (5, 3) about which the fingers of a right or left hand bend."""
+    across = unit(joints[6] - joints[21]) * (1.0 if side == "right" else -1.0)
+    palm = joints[[chain[1] for chain in CHAINS[1:]]] - joints[0]
+    aside = across - (palm @ across / (palm**2).sum(axis=1))[:, None] * palm
+    axes = aside / np.sqrt((aside**2).sum(axis=1))[:, None]
+    return np.vstack([bending_axis(joints, side, 0), axes])
+
+
+def usual_last_bones(joints: Joints, axes: Axes) -> Float64[np.ndarray, "4 3"]:
+    """Find the usual unit directions (4, 3) of the last bones of fingers that bend about axes (5, 3)."""
+    along = joints[_FINGER_BONES[:, 1]] - joints[_FINGER_BONES[:, 0]]
+    ways = along / np.sqrt((along**2).sum(axis=1))[:, None]
+    first = ways[_FIRST]
+    middle = ways[_FIRST + 1]
+    axis = axes[1:]
+    sine = np.einsum("fi,fi->f", crossed(first, middle), axis)
+    bend = np.arctan2(sine, np.einsum("fi,fi->f", first, middle))
+    # beyond these bends of the middle joint the last one turns no farther
+    turn = LAST_BEND_SHARE * np.clip(bend, -0.3, 2.0)[:, None]
+    return np.cos(turn) * middle + np.sin(turn) * crossed(axis, middle)
+
+
+def bend_rules(joints: Joints, axes: Axes, usual: Float64[np.ndarray, "4 3"]) -> Rules:
+    """Hold fingers in their planes, bends within the limits of joints, and last bones near their usual directions.
+
+    The 52 residuals are those of 14 bends backwards, 14 bends too far, 8 middle and last phalanges
+    out of the plane of the first, 4 turns to a side, and 4 last bones (3 each). The axes (5, 3) and
+    the usual directions (4, 3) are held fixed in the derivatives.
+    """
+    beyond_limit = 0.05  # standard deviation of sines and cosines beyond their limits
+    out_of_plane = 0.08
+    off_usual = 0.3  # [rad]
+    along = joints[_FINGER_BONES[:, 1]] - joints[_FINGER_BONES[:, 0]]
+    length = np.sqrt((along**2).sum(axis=1))
+    ways = along / length[:, None]
+    u = ways[_BENDS[:, 0]]
+    v = ways[_BENDS[:, 1]]
+    axis = np.repeat(axes, [2, 3, 3, 3, 3], axis=0)
+    sines = np.einsum("bi,bi->b", crossed(u, v), axis)
+    backwards = np.maximum(_MIN_SINES - sines, 0.0) / beyond_limit
+    too_far = np.maximum(_MIN_COSINES - np.einsum("bi,bi->b", u, v), 0.0) / beyond_limit
+    first = np.repeat(_FIRST, 2)
+    outer = first + np.tile([1, 2], 4)
+    plane = np.repeat(axes[1:], 2, axis=0)
+    twist = np.einsum("hi,hi->h", ways[outer] - ways[first], plane) / out_of_plane
+    turn = np.einsum("fi,fi->f", ways[_FIRST], axes[1:])
+    aside = np.sign(turn) * np.maximum(np.abs(turn) - 0.45, 0.0) / beyond_limit
+    last = (ways[_FIRST + 2] - usual) / off_usual
+    residuals = np.concatenate([backwards, too_far, twist, aside, last.ravel()])
+
+    bends_back = -(backwards != 0.0).astype(np.float64)[:, None] / beyond_limit
+    bends_far = -(too_far != 0.0).astype(np.float64)[:, None] / beyond_limit
+    turns_aside = (aside != 0.0)[:, None] * axes[1:] / beyond_limit
+    by_last = np.tile(np.eye(3) / off_usual, (4, 1))
+    gradients = [
+        _by_joints(
+            ways,
+            length,
+            (_BENDS[:, 0], bends_back * crossed(v, axis)),
+            (_BENDS[:, 1], bends_back * crossed(axis, u)),
+        ),
+        _by_joints(ways, length, (_BENDS[:, 0], bends_far * v), (_BENDS[:, 1], bends_far * u)),
+        _by_joints(ways, length, (first, -plane / out_of_plane), (outer, plane / out_of_plane)),
+        _by_joints(ways, length, (_FIRST, turns_aside)),
+        _by_joints(ways, length, (np.repeat(_FIRST + 2, 3), by_last)),
+    ]
+    return Rules(residuals, np.concatenate(gradients))
+
+
+def _by_joints(
+    ways: Float64[np.ndarray, "19 3"],
+    length: Float64[np.ndarray, "19"],
+    *parts: tuple[Int64[np.ndarray, "rules"], Float64[np.ndarray, "rules 3"]],
+) -> Float64[np.ndarray, "rules 137"]:
+    """Turn derivatives by the unit directions of bones into those by joints.
+
+    Each of the ``parts`` has a bone for each rule and the derivatives by its direction.
+    """
+    rows = np.arange(len(parts[0][0]))
+    gradients = np.zeros((len(rows), 137))
+    by_joint = gradients[:, JOINTS].reshape(-1, 25, 3)
+    for bone, gradient in parts:
+        # a direction changes with the joints at both ends of its bone, across the bone only
+        way = ways[bone]
+        across = gradient - np.einsum("ri,ri->r", gradient, way)[:, None] * way
+        moved = across / length[bone, None]
+        by_joint[rows, _FINGER_BONES[bone, 1]] += moved
+        by_joint[rows, _FINGER_BONES[bone, 0]] -= moved
+    return gradients
+
+
+def landmark_pull(
+    off: Joints, spread: Float64[np.ndarray, "25"]
+) -> tuple[Float64[np.ndarray, "25"], float]:
+    """Weight landmarks [1/m] that are ``off`` [m] by the density of Cauchy's distribution of a ``spread`` [m].
+
+    Also returns twice their cost, whose gradient is twice the squares of the weights times ``off``.
+    """
+    far = np.linalg.norm(off, axis=1) / (3.0 * spread)
+    return 1.0 / (spread * np.sqrt(1.0 + far**2)), 9.0 * float(np.log1p(far**2).sum())
