@@ -84,7 +84,7 @@ def test_a_scan_without_joints_is_named_with_what_to_give(read, bare) -> None:
     lacking = (
         "foci[0]: ",
         'at = "index.pad"',
-        "scan.stl: its nodes lack 25 of the 25",
+        "scan.stl: 25 of the 25",
         "wrist",
         'joints = "FILE.json"',
     )

@@ -336,7 +336,7 @@ def _descended(
         step = -cho_solve(cho_factor(matrix), here.gradient[:free])
         promised = -0.5 * float(here.gradient[:free] @ step)
         # No joint moves by more than 10 mm, and no logarithm of a size by more than 0.1.
-        joint_step = float(np.linalg.norm(joints_in(step), axis=1).max())
+        joint_step = float(np.linalg.norm(step[JOINTS].reshape(25, 3), axis=1).max())
         size_step = float(np.abs(step[SIZES]).max(initial=0.0))
         step *= min(1.0, 10e-3 / max(joint_step, 1e-12), 0.1 / max(size_step, 1e-12))
         moved = here.unknowns.copy()
