@@ -24,7 +24,7 @@ from airtact.acoustics.solvers.bem.solver import BoundaryElement
 from airtact.acoustics.solvers.problem import RadiatedField
 from airtact.acoustics.target import Target
 from airtact.acoustics.target_points import surface_points
-from airtact.drives.conjugation import time_reversal
+from airtact.drives.linear_methods import time_reversal
 from airtact.drives.transfer import focus_by_distance, transfer_matrix
 from airtact.geometry.pose import Pose
 from airtact.geometry.surface import Surface

@@ -184,20 +184,6 @@ def certificate() -> None:
     row("largest eigenvalue of its certificates", "1", f"{max(eigenvalues):.12f}")
 
 
-def iterated() -> None:
-    worst = 0.0
-    for transfer, target in sets(2, 10, 40, apart=2.0):
-        inverse = at.drives.inverse_filter(transfer, target, weight=0.0).amplitudes
-        passes = at.drives.iterated_time_reversal(transfer, target, passes=5).amplitudes
-        passes = passes * np.vdot(passes, inverse) / np.vdot(passes, passes)
-        worst = max(worst, float(np.linalg.norm(passes - inverse) / np.linalg.norm(inverse)))
-    row(
-        "iterated time reversal, 5 passes, against the inverse filter, 2 λ apart, 40 sets",
-        "1 %",
-        f"{worst:.2%}",
-    )
-
-
 def another_solver() -> None:
     """Drives made with boundary elements, verified by the series of a sphere."""
     random = np.random.default_rng(3)
@@ -318,6 +304,6 @@ if __name__ == "__main__":
     )
     options = parser.parse_args()
     print("| figure | asked | measured |\n|---|---|---|")
-    for figure in (single_focus, against_bound, certificate, iterated, another_solver, speed):
+    for figure in (single_focus, against_bound, certificate, another_solver, speed):
         figure()
     against_acoustools(options.acoustools)

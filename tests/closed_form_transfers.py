@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from airtact.drives.transfer import Drive, TransferMatrix
+from airtact.drives.drive import Drive
+from airtact.drives.transfer import TransferMatrix
 from airtact.transducers.layout import surrounding_box
 
 WAVELENGTH = 343.1 / 40e3

@@ -34,10 +34,10 @@ from .acoustics.store.stored import Stored as Stored
 from .acoustics.target import Target as Target
 from .acoustics.uncertainty import Uncertainty as Uncertainty
 from .drives.bounds import upper_bound as upper_bound
-from .drives.conjugation import time_reversal as time_reversal
-from .drives.default_method import best as best
+from .drives.drive import quantise as quantise
 from .drives.gerchberg_saxton import weighted_gerchberg_saxton as weighted_gerchberg_saxton
-from .drives.rounding import quantise as quantise
+from .drives.linear_methods import time_reversal as time_reversal
+from .drives.methods import best as best
 from .drives.samples.robust import robust as robust
 from .drives.sampling.ensemble import ensemble as ensemble
 from .drives.transfer import (
@@ -58,6 +58,7 @@ from .drives.transfer import (
 from .drives.weakest_focus import max_min as max_min
 from .emission.autd3_link import AUTD3Link as AUTD3Link
 from .emission.emission import Emission as Emission
+from .emission.file_link import load_drive as load_drive
 from .errors import InvalidInput as InvalidInput
 from .errors import NotConverged as NotConverged
 from .evaluation.field import field_map as field_map
@@ -85,7 +86,6 @@ from .setup.comparing import compare as compare
 from .setup.examples import example as example
 from .setup.rendering import Rendering as Rendering
 from .setup.rendering import render as render
-from .setup.saved_drives import load_drive as load_drive
 from .setup.setup import Setup as Setup
 from .setup.sweeping.sweep import sweep as sweep
 from .transducers.element import monopole as monopole

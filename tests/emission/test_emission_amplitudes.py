@@ -4,8 +4,8 @@ import jaxtyping
 import numpy as np
 import pytest
 
+from airtact.drives.drive import Drive
 from airtact.drives.sequence import Sequence, amplitude_modulation
-from airtact.drives.transfer import Drive
 from airtact.emission.amplitudes import faded
 from airtact.emission.autd3_link import AUTD3Link
 from airtact.emission.codecs import codec_of

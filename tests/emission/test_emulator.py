@@ -13,8 +13,9 @@ from airtact.acoustics.medium import Medium
 from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.free_field import FreeField
 from airtact.acoustics.target import Target
-from airtact.drives.conjugation import time_reversal
-from airtact.drives.rounding import Frame, quantise
+from airtact.drives.drive import quantise
+from airtact.drives.frame import Frame
+from airtact.drives.linear_methods import time_reversal
 from airtact.drives.transfer import transfer_matrix
 from airtact.emission import autd3_link
 from airtact.emission.autd3_link import AUTD3Link

@@ -7,14 +7,13 @@ import time
 import numpy as np
 import pytest
 
-from airtact.drives.rounding import quantise
+from airtact.drives.drive import quantise
 from airtact.drives.sequence import Sequence
 from airtact.emission import feeding
 from airtact.emission.codecs import codec_of
 from airtact.emission.emission import Emission
-from airtact.emission.file_link import FileLink, write_frames
+from airtact.emission.file_link import FileLink, load_drive, write_frames
 from airtact.emission.link import RecordingLink
-from airtact.setup.saved_drives import load_drive
 from emission.receivers import OpenMPD
 from emission.sounds import tone
 from emission.test_codecs import random_frame

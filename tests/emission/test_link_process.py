@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from airtact.drives.rounding import quantise
-from airtact.drives.transfer import Drive
+from airtact.drives.drive import Drive, quantise
 from airtact.emission.autd3_link import AUTD3Link
 from airtact.emission.channel import Channel
 from airtact.emission.emission import Emission

@@ -8,7 +8,7 @@ import jaxtyping
 import numpy as np
 import pytest
 
-from airtact.drives.rounding import Frame
+from airtact.drives.frame import Frame
 from airtact.emission.codecs import codec_of
 from airtact.emission.link import LinkFailed
 from airtact.emission.serial_link import SerialLink

@@ -7,7 +7,7 @@ from airtact.acoustics.medium import Medium
 from airtact.acoustics.scene import Scene, sound_hard
 from airtact.acoustics.solvers.free_field import FreeField
 from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
-from airtact.drives.transfer import Drive
+from airtact.drives.drive import Drive
 from airtact.evaluation.field import drive_sources, field_map
 from airtact.geometry.pose import Pose
 from airtact.geometry.primitives import sphere
@@ -73,7 +73,7 @@ def test_a_map_is_linear_in_the_drive_and_not_a_number_inside_a_body() -> None:
 
 def test_drives_that_do_not_fit_raise() -> None:
     array = autd3_board()
-    with raises_code("sizes_differ", "1 element", "249"):
+    with raises_code("sizes_differ"):
         field_map(Scene(AIR, []), array, FULL, FORWARD, solver=FreeField())
-    with raises_code("too_few", "not 0"):
+    with raises_code("too_few"):
         drive_sources(array, [])

@@ -7,8 +7,9 @@ from airtact.acoustics.medium import Medium
 from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.free_field import FreeField
 from airtact.acoustics.target import Target
-from airtact.drives.default_method import best
-from airtact.drives.transfer import Drive, open_air_matrix
+from airtact.drives.drive import Drive
+from airtact.drives.methods import best
+from airtact.drives.transfer import open_air_matrix
 from airtact.evaluation.comparison import compare
 from airtact.evaluation.headline import beyond_linear, body_word, headline, pascals, shortfalls
 from airtact.transducers.layout import flat_boards
@@ -16,6 +17,13 @@ from airtact.transducers.layout import flat_boards
 SCENE = Scene(Medium(343.1, 1.293), [])
 ARRAY = flat_boards(1, 1)
 POINTS = np.array([[0.02, 0.0, 0.06], [-0.03, 0.01, 0.08]])
+
+
+def emitted(peak: float) -> Drive:
+    return Drive(np.full(3, peak, dtype=np.complex128))
+
+
+AT_FULL_SCALE = emitted(1.0)
 
 
 def compared(target: Target, weaker: float = 1.0):
@@ -29,14 +37,14 @@ def compared(target: Target, weaker: float = 1.0):
 def test_the_gain_is_that_of_the_weakest_foci() -> None:
     result = compared(Target(POINTS), weaker=0.7)
     first, second = result.pressures["equal peak"].min(axis=1)
-    assert headline(result, 1.0) == (
+    assert headline(result, AT_FULL_SCALE) == (
         f"Hand-aware: {first / 1e3:.2f} kPa at the weakest focus. Without the hand: {second / 1e3:.2f} kPa. Same "
         f"hardware: {first / second - 1.0:+.0%}."
     ).replace("%", " %")
 
 
 def test_where_the_hand_does_not_matter_the_sentence_says_so() -> None:
-    said = headline(compared(Target(POINTS)), 1.0, "object")
+    said = headline(compared(Target(POINTS)), AT_FULL_SCALE, "object")
     assert said.endswith(
         "The object does not matter here: the solution distinguishes no less than 1.0%."
     )
@@ -45,15 +53,15 @@ def test_where_the_hand_does_not_matter_the_sentence_says_so() -> None:
 def test_below_full_scale_the_energies_are_equal() -> None:
     result = compared(Target(POINTS, 500.0), weaker=0.7)
     first, second = result.pressures["equal energy"].min(axis=1)
-    said = headline(result, 500.0 / result.pressures["equal peak"][0].min())
+    said = headline(result, emitted(500.0 / result.pressures["equal peak"][0].min()))
     assert said.startswith("Hand-aware: 500 Pa at the weakest focus.")
     assert said.endswith(f"Same energy: {first / second - 1.0:+.0%}.".replace("%", " %"))
 
 
 def test_unequal_requests_are_counted_as_shares() -> None:
     result = compared(Target(POINTS, np.array([400.0, 200.0])))
-    assert headline(result, 0.1).startswith("Hand-aware: ")
-    assert " % of what was asked at the weakest focus." in headline(result, 0.1)
+    assert headline(result, emitted(0.1)).startswith("Hand-aware: ")
+    assert " % of what was asked at the weakest focus." in headline(result, emitted(0.1))
 
 
 @pytest.mark.parametrize(
@@ -71,11 +79,11 @@ def test_bodies_are_called_what_they_are(bodies, word) -> None:
 
 def test_what_was_asked_and_not_reached_is_listed() -> None:
     target = Target(POINTS, np.array([200e3, 500.0]))
-    assert shortfalls(target, ["a", "b"], np.array([21.53e3, 495.0]), 1.0) == (
+    assert shortfalls(target, ["a", "b"], np.array([21.53e3, 495.0]), AT_FULL_SCALE) == (
         "Asked and not reached: a 21.5 kPa of 200 kPa: the transducers are at full scale.",
     )
-    assert shortfalls(target, ["a", "b"], np.array([200e3, 500.0]), 0.5) == ()
-    assert shortfalls(Target(POINTS), ["a", "b"], np.array([1.0, 1.0]), 1.0) == ()
+    assert shortfalls(target, ["a", "b"], np.array([200e3, 500.0]), emitted(0.5)) == ()
+    assert shortfalls(Target(POINTS), ["a", "b"], np.array([1.0, 1.0]), AT_FULL_SCALE) == ()
 
 
 def test_sound_too_strong_for_the_linear_model_is_warned_of() -> None:

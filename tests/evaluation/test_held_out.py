@@ -49,7 +49,7 @@ def test_samples_give_what_the_sentence_says(beacons, drives) -> None:
     lowest = np.quantile(np.abs(others.pressures(usual)).min(axis=1), 0.1)
     assert found.lowest_tenth[1] == pytest.approx(scale * lowest)
     assert f"{found.lowest_tenth[0]:.0f} Pa" in found.sentence() or "kPa" in found.sentence()
-    with raises_code("empty", "0 drives"):
+    with raises_code("empty"):
         held_out(others, TARGET, {})
 
 

@@ -11,9 +11,10 @@ from airtact.acoustics.solvers.free_field import FreeField
 from airtact.acoustics.solvers.problem import SolveReport
 from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
 from airtact.acoustics.target import Target
-from airtact.drives.conjugation import time_reversal
+from airtact.drives.drive import Drive
+from airtact.drives.linear_methods import time_reversal
 from airtact.drives.reach import achieved_fraction
-from airtact.drives.transfer import Drive, transfer_matrix
+from airtact.drives.transfer import transfer_matrix
 from airtact.evaluation.metrics import Evaluation, evaluate
 from airtact.geometry.primitives import sphere
 from airtact.transducers.element import piston
@@ -95,8 +96,8 @@ def test_a_focus_in_a_body_or_behind_a_face_raises() -> None:
     array = flat_boards(1, 1, piston(4.5e-3))
     drive = Drive(np.ones(249, dtype=np.complex128))
     behind = Target(np.array([[0.0, 0.0, -0.01]]))
-    with raises_code("behind_faces", "focus 0", "249 elements", "10 mm"):
+    with raises_code("behind_faces"):
         evaluate(Scene(AIR, []), array, drive, behind, solver=FreeField())
     scene = Scene(AIR, [sound_hard(sphere(0.010, edge=4e-3, centre=(0.0, 0.0, 0.1)))])
-    with raises_code("inside_body", "focus 0", "7 mm deep"):
+    with raises_code("inside_body"):
         evaluate(scene, array, drive, Target(np.array([[0.0, 0.0, 0.103]])), solver=SphereSeries())

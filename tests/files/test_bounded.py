@@ -9,12 +9,12 @@ import h5py
 import numpy as np
 import pytest
 
+from airtact.emission.file_link import load_drive
 from airtact.errors import LARGEST_DATA, MOST_COLUMNS
 from airtact.files.bounded import array_of, arrays_of, bytes_of, datasets_of, text_of
 from airtact.files.text_table import read_text_table
 from airtact.hands.files import load_cloud, load_hand
 from airtact.hands.tracking.recordings import load_recording
-from airtact.setup.saved_drives import load_drive
 from faults import raises_code
 
 

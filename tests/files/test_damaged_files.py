@@ -17,10 +17,10 @@ from airtact.acoustics.solvers.sampled_field import load_samples
 from airtact.acoustics.store.entry import DamagedError, read, written
 from airtact.acoustics.store.fingerprint import fingerprint
 from airtact.drives.sequence import Sequence
+from airtact.emission.file_link import load_drive
 from airtact.evaluation.scan import load_scan
 from airtact.hands.files import load_cloud, load_hand
 from airtact.hands.tracking.recordings import load_recording, save_recording
-from airtact.setup.saved_drives import load_drive
 from airtact.transducers.calibration import load_calibration
 from airtact.transducers.layout import board_array
 from airtact.transducers.modulation import AmplitudeModulation

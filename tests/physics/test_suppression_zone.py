@@ -11,8 +11,9 @@ from airtact.acoustics.solvers.problem import Solver
 from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
 from airtact.acoustics.target import Target
 from airtact.acoustics.target_points import surface_points
+from airtact.drives.drive import Drive
 from airtact.drives.gradient_descent import gradient
-from airtact.drives.transfer import Drive, TransferMatrix, transfer_matrix
+from airtact.drives.transfer import TransferMatrix, transfer_matrix
 from airtact.drives.weakest_focus import max_min
 from airtact.evaluation.field import drive_sources
 from airtact.geometry.panels import panels_of

@@ -8,8 +8,8 @@ import pytest
 
 import airtact as at
 from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
+from airtact.drives.drive import Drive
 from airtact.drives.methods import FOR_SAMPLES, METHODS
-from airtact.drives.transfer import Drive
 from airtact.errors import InvalidInput
 from airtact.evaluation.field import drive_sources
 from faults import raises_code

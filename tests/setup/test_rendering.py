@@ -11,11 +11,11 @@ import pytest
 from scipy.special import j1
 
 import airtact as at
+from airtact.drives.drive_file import read_drive_file
 from airtact.drives.sequence import Sequence
 from airtact.evaluation.field import drive_sources
 from airtact.reports.result_fields import evaluate_fields
 from airtact.timing import Clock
-from airtact.transducers.drive_file import read_drive_file
 from airtact.transducers.levels import Levels
 from airtact.transducers.modulation import AmplitudeModulation
 from faults import raises_code

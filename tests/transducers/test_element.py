@@ -109,11 +109,11 @@ def test_bad_elements_are_rejected(
     make, code: str, number: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
-    with raises_code(code, number):
+    with raises_code(code):
         make()
 
 
 def test_a_piston_too_large_for_its_points_is_rejected() -> None:
     check_pattern(piston(6.5e-3), 732.5)
-    with raises_code("out_of_range", "10 mm radius has ka = 7.33", "at most 6.55 mm"):
+    with raises_code("out_of_range"):
         check_pattern(piston(10e-3), 733.0 + 0.1j)

@@ -139,9 +139,9 @@ def test_join_keeps_order_and_rejects_other_elements() -> None:
     left, right = autd3_board(Pose(np.eye(3), np.array([-0.2, 0.0, 0.0]))), autd3_board()
     both = join([left, right])
     np.testing.assert_array_equal(both.positions, np.concatenate([left.positions, right.positions]))
-    with raises_code("sizes_differ", "array 1 has another element"):
+    with raises_code("sizes_differ"):
         join([left, autd3_board(element=monopole(sensitivity=1.0))])
-    with raises_code("empty", "not 0"):
+    with raises_code("empty"):
         join([])
 
 
@@ -197,9 +197,9 @@ def test_a_board_faces_a_point_from_any_side(direction) -> None:
 
 
 def test_an_array_without_a_front_faces_nothing() -> None:
-    with raises_code("misplaced", "996 elements"):
+    with raises_code("misplaced"):
         surrounding_box().facing((0, 0, 0), (0, 0, 1), 0.2)
-    with raises_code("all_zero", "1 element"):
+    with raises_code("all_zero"):
         autd3_board().facing((0, 0, 0), (0, 0, 0), 0.2)
-    with raises_code("out_of_range", "-0.2"):
+    with raises_code("out_of_range"):
         autd3_board().facing((0, 0, 0), (0, 0, 1), -0.2)

@@ -22,15 +22,15 @@ def test_a_board_in_the_plane_or_facing_it_is_right():
 
 
 def test_an_element_behind_the_plane_is_rejected():
-    with raises_code("behind_plane", "face", "1 mm"):
+    with raises_code("behind_plane"):
         check_placement(SCENE, at_height(-1e-3), FOCUS)
 
 
 def test_a_board_over_the_plane_that_turns_its_back_to_it_is_rejected():
     """Its elements radiate forwards only, and the image of its back would sound."""
-    with raises_code("behind_faces", "the image of focus 0 in the plane stands"):
+    with raises_code("behind_faces"):
         check_placement(SCENE, at_height(0.02), FOCUS)
     ball = at.sound_hard(at.sphere(5e-3, 2e-3, centre=(0.08, 0.06, 0.15)))
     body = at.Scene(AIR, [ball], planes=SCENE.planes)
-    with raises_code("behind_faces", "the image of body 0 in the plane reaches"):
+    with raises_code("behind_faces"):
         check_placement(body, at_height(0.02))

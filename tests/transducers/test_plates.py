@@ -144,21 +144,21 @@ def test_what_a_drive_makes_is_what_its_transfer_matrix_says():
 def test_what_does_not_go_together_is_rejected():
     array = board_array()
     boards = at.reflecting_boards(array)
-    with raises_code("wrong_kind", "3 elements"):
+    with raises_code("wrong_kind"):
         at.reflecting_boards(few(array, slice(0, 3)))
-    with raises_code("unknown_name", "1 board of openmpd"):
+    with raises_code("unknown_name"):
         at.reflecting_boards(board_array("openmpd"))
-    with raises_code("out_of_range", "thickness"):
+    with raises_code("out_of_range"):
         at.reflecting_boards(array, thickness=1.6)
-    with raises_code("bodies_overlap", "body 0 cuts into"):
+    with raises_code("bodies_overlap"):
         at.Scene(AIR, [at.sound_hard(at.sphere(6e-3, 3e-3, centre=(0.09, 0.07, 0.003))), *boards])
-    with raises_code("bodies_overlap", "0.1 mm off"):
+    with raises_code("bodies_overlap"):
         at.Scene(AIR, [at.sound_hard(at.sphere(6e-3, 3e-3, centre=(0.09, 0.07, 6.1e-3))), *boards])
-    with raises_code("bodies_overlap", "body 0 reaches"):
+    with raises_code("bodies_overlap"):
         at.Scene(AIR, boards, planes=[at.plane((0, 0, -2e-3), (0, 0, 1))])
     scene, target = at.Scene(AIR, boards), at.Target(np.array([[0.086, 0.066, 0.1]]))
     lifted = array.moved(at.Pose(np.eye(3), np.array([0, 0, 2e-3])))
-    with raises_code("not_supported", "249 of 249 elements", "2 mm"):
+    with raises_code("not_supported"):
         check_placement(scene, lifted, target.points)
-    with raises_code("not_supported", "1 body"):
+    with raises_code("not_supported"):
         at.FiniteElement().radiate(scene, target.beacons())

@@ -9,7 +9,7 @@ import pytest
 
 from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
 from airtact.cli import main
-from airtact.drives.rounding import quantise
+from airtact.drives.drive import quantise
 from airtact.evaluation.field import drive_sources
 from airtact.evaluation.microphone import Microphone
 from airtact.evaluation.scan import load_scan

@@ -1,7 +1,6 @@
 """Drives to boards through the real command line: what it says, what it refuses, and how it ends."""
 
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -18,12 +17,12 @@ from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.free_field import FreeField
 from airtact.acoustics.target import Target
 from airtact.cli import main
-from airtact.drives.conjugation import time_reversal
-from airtact.drives.rounding import quantise
+from airtact.drives.drive import Drive, quantise
+from airtact.drives.linear_methods import time_reversal
 from airtact.drives.sequence import Sequence
-from airtact.drives.transfer import Drive, transfer_matrix
+from airtact.drives.transfer import transfer_matrix
 from airtact.emission.codecs import codec_of
-from airtact.setup.saved_drives import load_drive
+from airtact.emission.file_link import load_drive
 from airtact.transducers.layout import PhasedArray, board_array, flat_boards, surrounding_box
 from airtact.transducers.modulation import AmplitudeModulation
 from emission.receivers import Nano16, SonicSurface, TwoSonicSurfaces, first_harmonic, wired
@@ -328,22 +327,6 @@ def test_a_drive_file_needs_no_scene(capsys, drive) -> None:
     assert code == 0, errors
 
 
-@pytest.mark.parametrize("renamed", [False, True])
-def test_a_drive_of_an_older_version_is_emitted(capsys, tmp_path, renamed: bool) -> None:
-    """One of the four boards of a drive.h5 of the example pinch, written before files had versions."""
-    path = Path(
-        shutil.copy(Path(__file__).parent.parent / "files" / "old_drive.h5", tmp_path / "old.h5")
-    )
-    if renamed:
-        with h5py.File(path) as file:
-            text = file["scene"].asstr()[()]
-        change(path, scene=text.replace("[solver]", "[solution]").replace("layout", "arrangement"))
-    code, printed, errors = output(capsys, "emit", path, *AUDIT, "--seconds", "0.05")
-    assert code == 0, errors
-    assert "1 AUTD3, 249 transducers" in printed
-    assert "rounding" in printed
-
-
 # --- what it refuses ------------------------------------------------------------------------------------------------
 
 AUDIT = ("--board", "autd3", "--link", "audit", "--yes")
@@ -381,7 +364,7 @@ FAULTS = {
         lambda path: change(path, phase=None),
         AUDIT,
         "data_missing",
-        "drive.h5: 1 of the 2 datasets",
+        "drive.h5: the file lacks phase",
     ),
     "words": (
         lambda path: change(path, amplitude="loud"),

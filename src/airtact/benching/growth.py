@@ -10,7 +10,7 @@ from airtact.acoustics.solvers.bem.solver import BoundaryElement
 from airtact.acoustics.target import Target
 from airtact.benching.scenes import Bodies, two_fingers
 from airtact.benching.timing import Timed, timed
-from airtact.drives.conjugation import time_reversal
+from airtact.drives.linear_methods import time_reversal
 from airtact.drives.transfer import transfer_matrix
 from airtact.geometry.pose import Pose
 from airtact.geometry.surface import Surface

@@ -13,7 +13,7 @@ from airtact.acoustics.solvers.bem.solver import BoundaryElement
 from airtact.acoustics.target import Target
 from airtact.benching.real_time import Row
 from airtact.benching.timing import correlation, timed
-from airtact.drives.conjugation import time_reversal
+from airtact.drives.linear_methods import time_reversal
 from airtact.drives.transfer import TransferMatrix
 from airtact.hands.files import load_hand
 from airtact.hands.hand import Hand

@@ -26,8 +26,9 @@ from airtact.benching.scenes import (
     whole_motion,
 )
 from airtact.benching.timing import Timed, correlation, relative_error, timed
-from airtact.drives.conjugation import time_reversal
-from airtact.drives.transfer import Drive, TransferMatrix, transfer_matrix
+from airtact.drives.drive import Drive
+from airtact.drives.linear_methods import time_reversal
+from airtact.drives.transfer import TransferMatrix, transfer_matrix
 from airtact.evaluation.field import drive_sources
 from airtact.hands.hand import Hand, hand_from_joints
 from airtact.printing import in_short

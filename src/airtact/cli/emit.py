@@ -53,7 +53,7 @@ def emit(
     process, a process of the link's own sends a frame of zeros, confirmed as far as the boards can.
     """
     from airtact.checks import counted, positive
-    from airtact.evaluation.thresholds import NO_SAFETY_ASSESSMENT
+    from airtact.evaluation.head_level import NO_SAFETY_ASSESSMENT
     from airtact.workflows import emit as workflow
 
     positive(seconds, "how long to emit", "s")

@@ -1,4 +1,11 @@
-"""A pressure at the worst focus that no drive exceeds, with a certificate that anyone can check."""
+"""A pressure at the worst focus that no drive exceeds, with a certificate that anyone can check.
+
+Inoue, Makino and Shinoda (IEEE World Haptics 2015) relax the choice of drive to a semidefinite
+matrix X = V Vᴴ. Row V_e of the factor, of length at most 1, holds the emission of element e in each
+of R time intervals, and the pressure of a focus is the root of its mean square. Alternating
+projections as in weighted Gerchberg-Saxton, with vectors in place of numbers, converge to the
+optimum, and their weights converge to those of its dual, which bounds every drive.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -7,18 +14,15 @@ from jaxtyping import Complex128, Float64
 
 from airtact.acoustics.target import Target
 from airtact.checks import counted, positive
-from airtact.drives.reach import asked_rows
-from airtact.drives.relaxation import Relaxed, iterated, starting_point
-from airtact.drives.transfer import Drive, TransferMatrix
+from airtact.drives.drive import Drive
+from airtact.drives.reach import FociRows, asked_rows
+from airtact.drives.transfer import TransferMatrix
 from airtact.printing import one_line
-
-MOST_ITERATIONS = 1000
-BETWEEN_CHECKS = 10
 
 
 @dataclass(frozen=True, eq=False)
 class UpperBound:
-    """A bound on the worst focus under any drive of amplitudes at most 1, with its dual certificate.
+    """A bound on the worst focus under any drive of amplitudes at most 1, with its certificate.
 
     For multipliers μ_f ≥ 0 that add up to 1, and y_e > 0 with diag(y) − Σ_f μ_f h_fᴴ h_f positive
     semidefinite, h_f being the row of focus f over what it asks, every drive has min_f |h_f d|² ≤
@@ -28,8 +32,8 @@ class UpperBound:
     ----------
     worst : √Σ_e y_e: an upper bound of the smallest fraction of the pressures asked, or of the
         smallest pressure [Pa] where the foci ask for shares or for as much as possible.
-    relaxed : what drives that share their time reach, so that no other multipliers bring ``worst``
-        below it.
+    relaxed : what drives that share their time reach: no other multipliers bring ``worst`` below
+        it.
     multipliers : (F,) μ_f, 0 for foci that ask for nothing.
     elements : (E,) y_e.
     """
@@ -48,17 +52,17 @@ class UpperBound:
         )
 
     def eigenvalue(self, transfer: TransferMatrix, target: Target) -> float:
-        """Largest eigenvalue of √μ H diag(1/y) Hᴴ √μ (F, F): the bound is proved where it is at most 1.
+        """Largest eigenvalue of √μ H diag(1/y) Hᴴ √μ (F, F); at most 1 proves the bound.
 
         By Schur's complement that is equivalent to diag(y) − Hᴴ diag(μ) H being positive
         semidefinite.
         """
-        matrix, _ = asked_rows(transfer, target)
-        weights = self.multipliers[target.weights > 0.0] / target.weights[target.weights > 0.0] ** 2
-        return _eigenvalue(matrix, weights, self.elements)
+        matrix, wanted = asked_rows(transfer, target)
+        multipliers = self.multipliers[target.weights > 0.0] / wanted**2
+        return _largest_eigenvalue(matrix, multipliers, self.elements)
 
     def reached(self, transfer: TransferMatrix, target: Target, drive: Drive) -> float:
-        """Return the smallest fraction or pressure under a drive over the bound: 1 is the best possible."""
+        """Smallest fraction or pressure under a drive over the bound; 1 is the best possible."""
         matrix, wanted = asked_rows(transfer, target)
         return float((np.abs(matrix @ drive.amplitudes) / wanted).min() / self.worst)
 
@@ -79,12 +83,13 @@ def upper_bound(transfer: TransferMatrix, target: Target, *, tolerance: float = 
 
     Returns
     -------
-    The bound and its certificate: a fraction of the pressures asked for, or a pressure [Pa] if none are.
+    The bound and its certificate: a fraction of the pressures asked for, or a pressure [Pa] if none
+    are.
 
     Raises
     ------
     InvalidInput
-        As ``gerchberg_saxton``, or the tolerance is not above zero.
+        As ``weighted_gerchberg_saxton``, or the tolerance is not above zero.
     """
     matrix, wanted = asked_rows(transfer, target)
     positive(tolerance, "the tolerance", "of the bound")
@@ -94,41 +99,112 @@ def upper_bound(transfer: TransferMatrix, target: Target, *, tolerance: float = 
     return replace(bound, multipliers=multipliers)
 
 
-def relaxed_bound(
-    matrix: Complex128[np.ndarray, "foci elements"], tolerance: float
-) -> tuple[UpperBound, Relaxed]:
-    """Return the bound and the end of the relaxation, for rows over what each focus asks."""
-    relaxed, bound, reached = starting_point(matrix), None, 0.0
-    for _ in range(0, MOST_ITERATIONS, BETWEEN_CHECKS):
-        before = iterated(matrix, relaxed, BETWEEN_CHECKS - 1)
-        relaxed = iterated(matrix, before, 1)
+@dataclass(frozen=True, eq=False)
+class Relaxed:
+    """The state of the alternating projections with vectors.
+
+    Attributes
+    ----------
+    directions : unit vectors: amplitude and phase of each focus over the R time intervals.
+    weights : of the foci; they add up to F.
+    norms : lengths of Σ_f conj(H_fe) weight_f direction_f before scaling to 1.
+    pressures : over what each focus asks.
+    """
+
+    directions: Complex128[np.ndarray, "foci rank"]
+    weights: Float64[np.ndarray, "foci"]
+    norms: Float64[np.ndarray, "elements"]
+    pressures: Float64[np.ndarray, "foci"]
+
+
+def relaxed_bound(matrix: FociRows, tolerance: float) -> tuple[UpperBound, Relaxed]:
+    """Return the bound and the solved relaxation, for rows over what each focus asks."""
+    relaxed = _starting_point(matrix)
+    bound = None
+    reached = 0.0
+    for _ in range(100):
+        # Ten iterations between checks. The dual takes the weights before the last one and the
+        # norms after it, which belong together.
+        before = _iterated(matrix, relaxed, 9)
+        relaxed = _iterated(matrix, before, 1)
         reached = max(reached, float(relaxed.pressures.min()))
-        found = _certified(matrix, before.weights, relaxed.norms)
-        if bound is None or found.worst < bound.worst:
-            bound = found
+        candidate = _certified(matrix, before.weights, relaxed.norms)
+        if bound is None or candidate.worst < bound.worst:
+            bound = candidate
         if bound.worst <= (1.0 + tolerance) * reached:
             break
     assert bound is not None
     return replace(bound, relaxed=reached), relaxed
 
 
+def to_rank_one(matrix: FociRows, relaxed: Relaxed) -> Complex128[np.ndarray, "foci"]:
+    """Reduce a relaxation to one time interval; return the sources at the foci.
+
+    The weakest directions are dropped, a few at a time with iterations in between.
+    """
+    rank = relaxed.directions.shape[1]
+    while rank > 1:
+        rank = max(1, min(rank - 1, int(0.7 * rank)))
+        # The principal directions over the foci, each counted by its weight.
+        left, strengths, _ = np.linalg.svd(
+            np.sqrt(relaxed.weights)[:, None] * relaxed.directions, full_matrices=False
+        )
+        strongest = _unit(left[:, :rank] * strengths[:rank])
+        relaxed = _iterated(matrix, replace(relaxed, directions=strongest), 10)
+    return relaxed.weights * relaxed.directions[:, 0]
+
+
+def _starting_point(matrix: FociRows) -> Relaxed:
+    """Give each focus a time interval of its own, up to a rank of 32.
+
+    A larger rank is not needed: the optimum has less with that many foci.
+    """
+    foci, elements = matrix.shape
+    directions = np.eye(foci, dtype=np.complex128)
+    if foci > 32:
+        random = np.random.default_rng(0).normal(size=(2, foci, 32))
+        directions = _unit(random[0] + 1j * random[1])
+    return Relaxed(directions, np.ones(foci), np.ones(elements), np.zeros(foci))
+
+
+def _iterated(matrix: FociRows, start: Relaxed, iterations: int) -> Relaxed:
+    """Alternate between elements and foci, with more weight on foci that lag."""
+    back = np.ascontiguousarray(matrix.conj().T)
+    directions = start.directions
+    weights = start.weights
+    norms = start.norms
+    pressures = start.pressures
+    for _ in range(iterations):
+        sent = back @ (weights[:, None] * directions)
+        norms = np.linalg.norm(sent, axis=1)
+        received = matrix @ (sent / np.maximum(norms, np.finfo(float).tiny)[:, None])
+        pressures = np.linalg.norm(received, axis=1)
+        directions = received / pressures[:, None]
+        weights = weights * pressures.mean() / pressures
+        weights = weights / weights.mean()
+    return Relaxed(directions, weights, norms, pressures)
+
+
 def _certified(
-    matrix: Complex128[np.ndarray, "foci elements"],
-    weights: Float64[np.ndarray, "foci"],
-    norms: Float64[np.ndarray, "elements"],
+    matrix: FociRows, weights: Float64[np.ndarray, "foci"], norms: Float64[np.ndarray, "elements"]
 ) -> UpperBound:
-    """Make a feasible point of the dual from any weights and norms: scale y until the eigenvalue is 1."""
+    """Make a feasible point of the dual from weights and norms: scale y until the eigenvalue is 1."""
     multipliers = weights / weights.sum()
     # An element that reaches no focus needs no y, but a little keeps 1/y finite.
     elements = np.maximum(norms, 1e-12 * norms.max())
-    elements = elements * (_eigenvalue(matrix, multipliers, elements) * (1.0 + 1e-12))
+    elements = elements * (_largest_eigenvalue(matrix, multipliers, elements) * (1.0 + 1e-12))
     return UpperBound(float(np.sqrt(elements.sum())), 0.0, multipliers, elements)
 
 
-def _eigenvalue(
-    matrix: Complex128[np.ndarray, "foci elements"],
+def _largest_eigenvalue(
+    matrix: FociRows,
     multipliers: Float64[np.ndarray, "foci"],
     elements: Float64[np.ndarray, "elements"],
 ) -> float:
     half = np.sqrt(multipliers)[:, None] * matrix / np.sqrt(elements)
     return float(np.linalg.eigvalsh(half @ half.conj().T)[-1])
+
+
+def _unit(vectors: Complex128[np.ndarray, "foci rank"]) -> Complex128[np.ndarray, "foci rank"]:
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return vectors / np.maximum(lengths, np.finfo(float).tiny)

@@ -1,12 +1,12 @@
-"""What every element of a board emits, in levels."""
+"""The level of amplitude and phase of every element of a board, and amplitudes under a cap."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Complex, UInt8
 
 import airtact
-from airtact.checks import counted
+from airtact.checks import number
 from airtact.errors import InvalidInput
 from airtact.printing import in_short
 from airtact.transducers.levels import EIGHT_BITS, Levels
@@ -14,19 +14,20 @@ from airtact.transducers.levels import EIGHT_BITS, Levels
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """What every element emits, in levels.
+    """The emission of every element, in levels.
 
     Attributes
     ----------
     amplitude : (E,) uint8; with eight bits 255 is full scale, and pressure is linear in it.
     phase : (E,) uint8; levels of a turn in the phasor Re[d e^{−iωt}]: with eight bits +64 delays
         the wave by a quarter of a period.
-    levels : what the numbers stand for; eight bits of each unless given.
+    levels : the amplitudes and phases that the numbers stand for.
 
     Raises
     ------
     InvalidInput
-        If an array is not a row of uint8, there is no element, the two differ in length, or a level does not exist.
+        If an array is not a row of uint8, there is no element, the two differ in length, or a level
+        does not exist.
     """
 
     amplitude: UInt8[np.ndarray, "elements"]
@@ -37,25 +38,25 @@ class Frame:
 
     def __post_init__(self) -> None:
         counts = {"amplitude": len(self.levels.amplitudes), "phase": self.levels.phases}
-        for name, given in (("amplitude", self.amplitude), ("phase", self.phase)):
-            levels = np.asarray(given)
+        for name, count in counts.items():
+            levels = np.array(getattr(self, name))
             if levels.dtype != np.uint8 or levels.ndim != 1 or len(levels) == 0:
                 raise InvalidInput(
-                    f"the {name} of a frame is one uint8 per element, not {levels.dtype} of shape {levels.shape}.",
+                    f"the {name} of a frame is one uint8 per element, not {levels.dtype} of shape "
+                    f"{levels.shape}.",
                     code="wrong_shape",
                 )
-            if levels.max() >= counts[name]:
+            if levels.max() >= count:
                 raise InvalidInput(
-                    f"the {name} of a frame is below {counts[name]}, but one is {levels.max()}.",
+                    f"levels of {name} are below {count}, but one is {levels.max()}.",
                     code="out_of_range",
                 )
-            fixed = levels.copy()
-            fixed.flags.writeable = False
-            object.__setattr__(self, name, fixed)
+            levels.flags.writeable = False
+            object.__setattr__(self, name, levels)
         if len(self.amplitude) != len(self.phase):
             raise InvalidInput(
-                f"a frame of {counted(len(self.amplitude), 'amplitude', 'amplitudes')} has "
-                f"{counted(len(self.phase), 'phase', 'phases')}; give one of each per element.",
+                f"a frame needs one amplitude and one phase per element, not "
+                f"{len(self.amplitude)} and {len(self.phase)}.",
                 code="sizes_differ",
             )
 
@@ -73,9 +74,52 @@ class Frame:
             self.phase, other.phase
         )
 
-    def drive(self) -> "airtact.drives.transfer.Drive":
-        """Return the drive that the levels stand for: with eight bits amplitude/255 · exp(2πi phase/256)."""
-        from airtact.drives.transfer import Drive
+    def drive(self) -> "airtact.drives.drive.Drive":
+        """Return the drive of these levels: with eight bits amplitude/255 · exp(2πi phase/256)."""
+        # Imported here because a process that drives boards imports this module and must start
+        # quickly.
+        from airtact.drives.drive import Drive
 
         turns = self.phase / self.levels.phases
         return Drive(self.levels.amplitudes[self.amplitude] * np.exp(2j * np.pi * turns))
+
+
+def frame_at(amplitudes: Complex[np.ndarray, "elements"], levels: Levels, share: float) -> Frame:
+    """Round a share of the amplitudes of a drive to levels.
+
+    Boards with levels of amplitude reduce every element. Boards without switch on that share of
+    their elements, spread evenly over the order of the elements: the pressure at a focus is
+    proportional to their number.
+    """
+    if not levels.phase_only:
+        return Frame(*levels.rounded(share * amplitudes), levels)
+    # Multiples of the golden ratio's fraction spread evenly over 0 to 1, for any number of them.
+    golden = (np.sqrt(5.0) - 1.0) / 2.0
+    order = (np.arange(len(amplitudes)) + 0.5) * golden % 1.0
+    return Frame(*levels.rounded(np.where(order < share, amplitudes, 0.0)), levels)
+
+
+def share_under_cap(
+    drives: Complex[np.ndarray, "frames elements"], levels: Levels, cap: float
+) -> float:
+    """Return the factor that brings the largest amplitude of drives under a cap.
+
+    The cap is a share of full scale; for boards without levels of amplitude it is the share of
+    elements that are on. Raise as ``check_cap``.
+    """
+    cap = check_cap(cap)
+    if levels.phase_only:
+        return cap
+    return min(1.0, cap / max(float(np.abs(drives).max()), 1e-12))
+
+
+def check_cap(cap: float) -> float:
+    """Return a cap on amplitudes; raise "out_of_range" unless above 0 and at most 1."""
+    cap = number(cap, "the cap", "shares of full scale")
+    if not 0.0 < cap <= 1.0:
+        percent = f": for {cap:g} per cent give {cap / 100.0:g}" if 1.0 < cap <= 100.0 else ""
+        raise InvalidInput(
+            f"the cap is {cap:g}, but it is a share of full scale, above 0 and at most 1{percent}.",
+            code="out_of_range",
+        )
+    return cap

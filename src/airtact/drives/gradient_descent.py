@@ -1,50 +1,37 @@
-"""Drives by gradient descent: amplitudes and phases for the worst focus, and for silence at suppression points."""
-
-from collections.abc import Callable
+"""Gradient descent on amplitudes and phases, for the worst focus and for suppression points."""
 
 import numpy as np
 from jaxtyping import Complex128, Float64
 
 from airtact.acoustics.target import Target
 from airtact.checks import counted
-from airtact.drives.constraint import AT_MOST_ONE, Constraint
+from airtact.drives.drive import Amplitudes, Drive
 from airtact.drives.gerchberg_saxton import check_iterations, phase
-from airtact.drives.reach import asked_rows, scaled_to_target, suppression_rows
-from airtact.drives.transfer import Drive, TransferMatrix
+from airtact.drives.reach import FociRows, asked_rows, scaled_to_target, suppression_rows
+from airtact.drives.transfer import TransferMatrix
 from airtact.drives.weakest_focus import smallest_pressure, strongest_sources, warn_stalled
 from airtact.errors import InvalidInput
 
-SOFTNESS = 200.0
-"""Power of the mean that approximates the smallest pressure: 16 equal ones count 1.4 % less than one."""
+SHARPNESS = 200.0
+"""Minus the exponent of the power mean that approximates the smallest pressure.
 
-SILENT = 1e-3
-"""Suppression points below this fraction of the weakest focus, 60 dB, are silent enough."""
+With 16 foci alike, the mean is 1.4 % above the smallest."""
 
-PENALTIES = (1e2, 1e3, 1e4, 1e5)
-"""Penalty on passing the allowed loss, per squared neper, in one descent after another."""
-
-Objective = Callable[
-    [Complex128[np.ndarray, "elements"]], tuple[float, Complex128[np.ndarray, "elements"]]
-]
-"""From amplitudes to a value to be minimised and its gradient g, which changes it by Re Σ conj(g_e) δd_e."""
+Suppressed = Complex128[np.ndarray, "suppressed elements"]
+"""Rows of the transfer matrix at the suppression points."""
 
 
 def gradient(
-    transfer: TransferMatrix,
-    target: Target,
-    *,
-    loss: float = 0.1,
-    iterations: int = 500,
-    constraint: Constraint = AT_MOST_ONE,
+    transfer: TransferMatrix, target: Target, *, loss: float = 0.1, iterations: int = 500
 ) -> Drive:
-    """Improve the amplitudes and phases of the drive of ``max_min``, and silence the suppression points.
+    """Improve the drive of ``max_min`` and silence the suppression points.
 
     Without suppression points the method divides each focus's pressure by what it asks, maximises
-    the power mean of exponent −``SOFTNESS``, which is close to the smallest, and returns the better
-    of start and end. With suppression points it minimises their mean squared pressure, with a
-    penalty where the power mean falls below 1 − ``loss`` of its start. The descent is L-BFGS-B
-    (Byrd, Lu, Nocedal and Zhu, SIAM J. Sci. Comput. 16 (1995) 1190) on amplitudes between 0 and 1
-    and phases, or on phases alone. It ignores the phases that the target asks for.
+    the power mean of exponent −200, which is close to the smallest, and returns the better of start
+    and end. With suppression points it minimises their mean squared pressure, with a penalty where
+    the power mean falls below 1 − ``loss`` of its start. The descent is L-BFGS-B (Byrd, Lu, Nocedal
+    and Zhu, SIAM J. Sci. Comput. 16 (1995) 1190) on amplitudes between 0 and 1 and phases. It
+    ignores the phases that the target asks for.
 
     Parameters
     ----------
@@ -54,17 +41,16 @@ def gradient(
     loss : fraction of the starting pressure at the foci that may be lost to the suppression points,
         at least 0 and below 1; the limit is soft.
     iterations : largest number of steps of one descent.
-    constraint : the amplitudes and phases that an element can emit; levels are rounded to at the
-        end.
 
     Returns
     -------
-    The drive, scaled as ``time_reversal`` scales it and rounded to the levels of the constraint.
+    The drive, scaled as by ``time_reversal``.
 
     Raises
     ------
     InvalidInput
-        As ``gerchberg_saxton``, the suppression points are not those of the matrix, or the loss is out of its range.
+        As ``weighted_gerchberg_saxton``, the suppression points are not those of the matrix, or the
+        loss is out of its range.
 
     Warns
     -----
@@ -81,92 +67,87 @@ def gradient(
         )
     matrix = matrix / wanted[:, None]
     start = phase(matrix.conj().T @ strongest_sources(matrix, 300))
-    silenced = suppressed / (SILENT * smallest_pressure(matrix * wanted[:, None], start))
-    least, found, done = _soft_smallest(matrix, start)[0] + np.log1p(-loss), start, True
-    for penalty in PENALTIES if len(suppressed) else PENALTIES[:1]:
-        objective = _objective(matrix, silenced, least, penalty)
-        found, done = _descend(objective, found, iterations, constraint.phase_only)
-    if not len(suppressed) and smallest_pressure(matrix, found) < smallest_pressure(matrix, start):
-        found = start
-    if not done:
+    if len(suppressed):
+        # Suppression points 60 dB below the weakest focus are silent enough. The penalty grows from
+        # one descent to the next, so that the first ones can pass the limit.
+        silenced = suppressed / (1e-3 * smallest_pressure(matrix * wanted[:, None], start))
+        lowest = _soft_smallest(matrix, start)[0] + np.log1p(-loss)
+        drive = start
+        converged = True
+        for penalty in (1e2, 1e3, 1e4, 1e5):
+            drive, converged = _descend(matrix, silenced, lowest, penalty, drive, iterations)
+    else:
+        drive, converged = _descend(matrix, suppressed, 0.0, 0.0, start, iterations)
+        if smallest_pressure(matrix, drive) < smallest_pressure(matrix, start):
+            drive = start
+    if not converged:
         steps = f"after {counted(iterations, 'step', 'steps')}, still improving"
-        warn_stalled("gradient", matrix, smallest_pressure(matrix, found), steps)
-    return scaled_to_target(transfer, target, found, constraint)
+        warn_stalled("gradient", matrix, smallest_pressure(matrix, drive), steps)
+    return scaled_to_target(transfer, target, drive)
 
 
-def _objective(
-    matrix: Complex128[np.ndarray, "foci elements"],
-    suppressed: Complex128[np.ndarray, "suppressed elements"],
-    least: float,
+def _descend(
+    matrix: FociRows,
+    suppressed: Suppressed,
+    lowest: float,
     penalty: float,
-) -> Objective:
-    """Minimise minus the smallest pressure, or the suppressed level with the smallest pressure above ``least``."""
+    start: Amplitudes,
+    iterations: int,
+) -> tuple[Amplitudes, bool]:
+    """Minimise −smallest, or level + penalty · max(lowest − smallest, 0)² with suppression points.
 
-    def objective(
-        amplitudes: Complex128[np.ndarray, "elements"],
-    ) -> tuple[float, Complex128[np.ndarray, "elements"]]:
+    ``smallest`` is the logarithm of the smallest pressure, ``level`` that of the suppressed
+    pressure. Return the amplitudes, and whether the descent converged.
+    """
+    from scipy.optimize import minimize
+
+    count = len(start)
+
+    def objective(amplitudes: Amplitudes) -> tuple[float, Amplitudes]:
+        """Value and gradient g: it changes by Re Σ conj(g_e) δd_e."""
         smallest, smallest_gradient = _soft_smallest(matrix, amplitudes)
         if not len(suppressed):
             return -smallest, -smallest_gradient
         level, level_gradient = _suppressed_level(suppressed, amplitudes)
-        missing = max(least - smallest, 0.0)
-        return (
-            level + penalty * missing**2,
-            level_gradient - 2.0 * penalty * missing * smallest_gradient,
-        )
+        missing = max(lowest - smallest, 0.0)
+        gradient = level_gradient - 2.0 * penalty * missing * smallest_gradient
+        return level + penalty * missing**2, gradient
 
-    return objective
+    def by_coordinates(
+        coordinates: Float64[np.ndarray, "coordinates"],
+    ) -> tuple[float, Float64[np.ndarray, "coordinates"]]:
+        """Value and gradient by the phases, then the magnitudes, of all elements."""
+        turns = np.exp(1j * coordinates[:count])
+        amplitudes = coordinates[count:] * turns
+        value, gradient = objective(amplitudes)
+        by_phase = np.real(np.conj(gradient) * 1j * amplitudes)
+        by_magnitude = np.real(np.conj(gradient) * turns)
+        return value, np.concatenate([by_phase, by_magnitude])
+
+    end = minimize(
+        by_coordinates,
+        np.concatenate([np.angle(start), np.abs(start)]),
+        jac=True,
+        method="L-BFGS-B",
+        bounds=[(None, None)] * count + [(0.0, 1.0)] * count,
+        options={"maxiter": iterations, "maxfun": 2 * iterations, "ftol": 1e-4},
+    )
+    return end.x[count:] * np.exp(1j * end.x[:count]), end.status == 0
 
 
-def _soft_smallest(
-    matrix: Complex128[np.ndarray, "foci elements"], amplitudes: Complex128[np.ndarray, "elements"]
-) -> tuple[float, Complex128[np.ndarray, "elements"]]:
-    """Logarithm of the mean of the power −``SOFTNESS`` of the pressures over what is asked, and its gradient."""
+def _soft_smallest(matrix: FociRows, amplitudes: Amplitudes) -> tuple[float, Amplitudes]:
+    """Logarithm of the power mean of the pressures over what is asked, and its gradient."""
     pressure = matrix @ amplitudes
     logs = np.log(np.maximum(np.abs(pressure), np.finfo(float).tiny))
-    weights = np.exp(SOFTNESS * (logs.min() - logs))
-    smallest = logs.min() - np.log(weights.mean()) / SOFTNESS
+    # Relative to the smallest, so that no power overflows.
+    weights = np.exp(SHARPNESS * (logs.min() - logs))
+    smallest = logs.min() - np.log(weights.mean()) / SHARPNESS
     shares = weights / weights.sum()
     return float(smallest), matrix.conj().T @ (shares * pressure / np.exp(2.0 * logs))
 
 
-def _suppressed_level(
-    suppressed: Complex128[np.ndarray, "suppressed elements"],
-    amplitudes: Complex128[np.ndarray, "elements"],
-) -> tuple[float, Complex128[np.ndarray, "elements"]]:
-    """Logarithm of the root of 1 and the mean squared pressure in the suppression points, and its gradient."""
+def _suppressed_level(suppressed: Suppressed, amplitudes: Amplitudes) -> tuple[float, Amplitudes]:
+    """Logarithm of √(1 + mean squared pressure) at the suppression points, and its gradient."""
     pressure = suppressed @ amplitudes
     energy = float(np.vdot(pressure, pressure).real) + len(suppressed)
     return 0.5 * np.log(energy / len(suppressed)), suppressed.conj().T @ pressure / energy
-
-
-def _descend(
-    objective: Objective,
-    start: Complex128[np.ndarray, "elements"],
-    iterations: int,
-    phase_only: bool,
-) -> tuple[Complex128[np.ndarray, "elements"], bool]:
-    """Return the amplitudes at the end of the descent, and whether it converged."""
-    from scipy.optimize import minimize
-
-    count, full = len(start), np.abs(start)
-
-    def amplitudes_of(
-        numbers: Float64[np.ndarray, "numbers"],
-    ) -> Complex128[np.ndarray, "elements"]:
-        return (full if phase_only else numbers[count:]) * np.exp(1j * numbers[:count])
-
-    def value(
-        numbers: Float64[np.ndarray, "numbers"],
-    ) -> tuple[float, Float64[np.ndarray, "numbers"]]:
-        amplitudes = amplitudes_of(numbers)
-        least, derivative = objective(amplitudes)
-        by_phase = np.real(np.conj(derivative) * 1j * amplitudes)
-        by_amplitude = np.real(np.conj(derivative) * np.exp(1j * numbers[:count]))
-        return least, by_phase if phase_only else np.concatenate([by_phase, by_amplitude])
-
-    numbers = np.angle(start) if phase_only else np.concatenate([np.angle(start), full])
-    bounds = [(None, None)] * count + [(0.0, 1.0)] * (len(numbers) - count)
-    options = {"maxiter": iterations, "maxfun": 2 * iterations, "ftol": 1e-4}
-    found = minimize(value, numbers, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
-    return amplitudes_of(found.x), found.status == 0

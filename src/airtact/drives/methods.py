@@ -1,35 +1,121 @@
-"""The registry of drive synthesis methods: name, function, description, and which requests of a target each heeds."""
+"""The drive methods by name (``METHODS``), and the default that chooses among them (``best``)."""
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
 from airtact.acoustics.target import Target
-from airtact.drives.conjugation import phase_conjugate, time_reversal
-from airtact.drives.default_method import best
-from airtact.drives.gerchberg_saxton import gerchberg_saxton, gs_pat, weighted_gerchberg_saxton
+from airtact.drives.drive import Drive
+from airtact.drives.gerchberg_saxton import gs_pat, weighted_gerchberg_saxton
 from airtact.drives.gradient_descent import gradient
-from airtact.drives.least_squares import eigenvector, inverse_filter, iterated_time_reversal
-from airtact.drives.peak_limited import least_peak
+from airtact.drives.linear_methods import (
+    exact_amplitudes,
+    inverse_filter,
+    least_peak,
+    phase_conjugate,
+    time_reversal,
+)
+from airtact.drives.reach import asked_rows, check_foci
 from airtact.drives.samples.robust import robust, robust_phase_only
-from airtact.drives.transfer import Drive, TransferMatrix
-from airtact.drives.weakest_focus import max_min
+from airtact.drives.transfer import TransferMatrix
+from airtact.drives.weakest_focus import Stalled, max_min
+from airtact.transducers.levels import FULL_SCALE
+
+MakeDrive = Callable[[TransferMatrix, Target], Drive]
+"""A function that makes a drive, such as ``phase_conjugate``."""
+
+
+def best(transfer: TransferMatrix, target: Target) -> Drive:
+    """Make the drive by the method that gives the weakest focus most.
+
+    ================================== ============================================================
+    the target asks for                method
+    ================================== ============================================================
+    one focus                          ``phase_conjugate``, at full scale the attainable maximum
+    several foci                       ``max_min``, continued by ``gradient`` where it stalls
+    phases at several foci             ``least_peak``
+    suppression points                 ``gradient``; the foci lose at most a tenth of their pressure
+    suppression points and phases      ``inverse_filter``
+    ================================== ============================================================
+
+    Where pressures are asked without suppression points and full scale is enough, each focus gets
+    exactly what it asks: the drive keeps the phases at the foci, and its energy is the least where
+    that leaves every element within full scale. Where full scale is not enough, the weakest focus
+    gets as large a part as it can.
+
+    Parameters
+    ----------
+    transfer : the transfer matrix of the foci, and of the suppression points where the target has
+        some.
+    target : the foci, the pressures asked there, and the suppression points.
+
+    Returns
+    -------
+    The drive, scaled as by ``time_reversal``. ``achieved_fraction`` gives the pressure of each
+    focus over the pressure asked, and ``upper_bound`` the pressure that no drive exceeds.
+
+    Raises
+    ------
+    InvalidInput
+        As the method that is chosen, or an argument is of another kind.
+
+    Warns
+    -----
+    Stalled
+        If the iterations were too few; the best drive is returned.
+
+    Examples
+    --------
+    >>> transfer = TransferMatrix(np.array([[3.0 + 0j, 4j]]), 0.0)
+    >>> transfer.pressure(best(transfer, Target(np.zeros((1, 3))))).real.round(9).tolist()
+    [7.0]
+    """
+    check_foci(transfer, target)
+    method = method_for(target)
+    if method is max_min:
+        with warnings.catch_warnings(record=True) as stalled:
+            warnings.simplefilter("always", Stalled)
+            drive = max_min(transfer, target)
+        if stalled:
+            drive = gradient(transfer, target)
+    else:
+        drive = method(transfer, target)
+    if target.pressures is None or len(target.suppression_points):
+        return drive
+    # Exactly the pressures asked, with the phases that the method chose, if full scale is enough.
+    matrix, wanted = asked_rows(transfer, target)
+    phases = np.exp(1j * np.angle(matrix @ drive.amplitudes))
+    amplitudes = exact_amplitudes(matrix, wanted * phases, sufficient_peak=1.0)
+    return Drive(amplitudes) if np.abs(amplitudes).max() <= FULL_SCALE else drive
+
+
+def method_for(target: Target) -> MakeDrive:
+    """Return the method by which ``best`` makes the drive for a target."""
+    phases = target.phases is not None
+    if len(target.suppression_points):
+        return inverse_filter if phases else gradient
+    if np.count_nonzero(target.weights) == 1:
+        return phase_conjugate
+    return least_peak if phases else max_min
 
 
 @dataclass(frozen=True)
 class Method:
-    """One way to make a drive; call it with a transfer matrix and a target, its other settings keep their defaults.
+    """One way to make a drive; call it with a transfer matrix and a target.
 
     Attributes
     ----------
     make : the function.
-    description : what it does, in one line.
+    description : one line.
     heeds_phases : whether it gives the foci the phases that the target asks for; else it ignores or
         chooses them.
     heeds_suppression_points : whether it lowers the pressure there; it then needs a transfer matrix
         from ``target.beacons(suppression=True)``.
     """
 
-    make: Callable[[TransferMatrix, Target], Drive]
+    make: MakeDrive
     description: str
     heeds_phases: bool = False
     heeds_suppression_points: bool = False
@@ -56,19 +142,12 @@ _ALL = (
         "the phases of time reversal, all elements at one amplitude",
         heeds_phases=True,
     ),
-    Method(
-        iterated_time_reversal,
-        "time reversal of the missing pressure, pass after pass",
-        heeds_phases=True,
-    ),
     Method(inverse_filter, "regularised least squares for the pressures wanted", True, True),
     Method(
         least_peak,
         "exactly the pressures and phases wanted, the peak amplitude least",
         heeds_phases=True,
     ),
-    Method(eigenvector, "least squares with phases at which the foci reinforce each other"),
-    Method(gerchberg_saxton, "phases alone, by alternating projections"),
     Method(weighted_gerchberg_saxton, "alternating projections with more weight on foci that lag"),
     Method(gs_pat, "alternating projections between the foci alone"),
     Method(max_min, "the strongest worst focus, from a semidefinite relaxation"),
@@ -90,7 +169,7 @@ _ALL = (
 )
 
 FOR_SAMPLES = ("robust", "robust_phase_only")
-"""Methods whose drives are for all samples of an ensemble; on a matrix without samples nothing is in doubt."""
+"""Methods whose drives serve all samples of an ensemble; without samples nothing is uncertain."""
 
 METHODS: dict[str, Method] = {method.name: method for method in _ALL}
 """All methods by name, the default first."""

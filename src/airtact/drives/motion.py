@@ -17,8 +17,8 @@ from airtact.acoustics.scene import Scene
 from airtact.acoustics.target import Target
 from airtact.acoustics.target_points import MAX_OFFSET, frame_of, onto_surface, outward
 from airtact.checks import counted, of_kind, positive
-from airtact.drives.default_method import best
-from airtact.drives.sequence import FEWEST, Make, Sequence, led
+from airtact.drives.methods import MakeDrive, best
+from airtact.drives.sequence import FEWEST, Sequence, sequence_through
 from airtact.drives.transfer import TransferMatrix
 from airtact.errors import InvalidInput
 
@@ -238,7 +238,7 @@ def moving_foci(
     target: Target,
     foci: int,
     turns: float,
-    method: Make = best,
+    method: MakeDrive = best,
     *,
     clock: float = 40e3,
 ) -> Sequence:
@@ -281,4 +281,4 @@ def moving_foci(
             code="out_of_range",
         )
     periods = round(clock / (turns * len(places)))
-    return led(transfer, target, places, clock / periods, method)
+    return sequence_through(transfer, target, places, clock / periods, method)

@@ -6,7 +6,7 @@ Shinoda, IEEE Trans. Haptics 13, 334, 2020) or from leading it along a path (spa
 modulation; W. Frier et al., EuroHaptics 2018).
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,23 +16,22 @@ from jaxtyping import Complex128, Float64, Int64
 from airtact.acoustics.scene import Scene
 from airtact.acoustics.target import Target
 from airtact.checks import check_finite, complex_numbers, counted, of_kind, positive
-from airtact.drives.conjugation import phase_conjugate
+from airtact.drives.drive import Drive, check_drive
+from airtact.drives.drive_file import save_drives
+from airtact.drives.linear_methods import phase_conjugate
+from airtact.drives.methods import MakeDrive
 from airtact.drives.reach import check_foci
-from airtact.drives.transfer import Drive, TransferMatrix, check_drive
+from airtact.drives.transfer import TransferMatrix
 from airtact.errors import InvalidInput
 from airtact.printing import in_short
-from airtact.transducers.drive_file import save_drives
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.levels import EIGHT_BITS, FULL_SCALE, Levels
-from airtact.transducers.modulation import FREQUENCY, AmplitudeModulation, check_rate
+from airtact.transducers.modulation import FREQUENCY, AmplitudeModulation
 
 FEWEST = 4
 """Frames that one period of a modulation takes at least."""
 
 Amplitudes = Complex128[np.ndarray, "elements"]
-
-Make = Callable[[TransferMatrix, Target], Drive]
-"""A way to make a drive, such as ``phase_conjugate``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +109,7 @@ class Sequence:
         scene: Scene | None = None,
         transfer: TransferMatrix | None = None,
         target: Target | None = None,
+        *,
         levels: Levels = EIGHT_BITS,
         texts: Mapping[str, str] | None = None,
     ) -> None:
@@ -118,8 +118,17 @@ class Sequence:
         Parameters and errors are those of ``Drive.save``. A .csv has one line for each element in
         each frame, and its times give the rate where there are 2 frames or more.
         """
-        matrix = None if transfer is None else transfer.matrix
-        save_drives(path, self.drives, self.rate, array, scene, matrix, target, levels, texts)
+        save_drives(
+            path,
+            self.drives,
+            self.rate,
+            array=array,
+            scene=scene,
+            transfer=transfer,
+            target=target,
+            levels=levels,
+            texts=texts,
+        )
 
     @property
     def slew(self) -> Float64[np.ndarray, "frames"]:
@@ -129,29 +138,6 @@ class Sequence:
         large ones.
         """
         return np.abs(np.roll(self.drives, -1, axis=0) - self.drives).max(axis=1)
-
-
-def check_playable(sequence: Sequence, *, clock: float, most: int, slowest: int = 65535) -> None:
-    """Check that a board can play a sequence.
-
-    Parameters
-    ----------
-    sequence : the frames.
-    clock : the board plays this rate over whole numbers [Hz].
-    most : frames that it keeps.
-    slowest : largest of the whole numbers.
-
-    Raises
-    ------
-    InvalidInput
-        Too many frames, or a rate that is no such fraction: the nearest that is.
-    """
-    if len(sequence) > most:
-        raise InvalidInput(
-            f"the sequence has {len(sequence)} frames, and the board keeps {most}; lower its rate.",
-            code="sizes_differ",
-        )
-    check_rate(sequence.rate, clock, slowest, "the board")
 
 
 def amplitude_modulation(
@@ -182,39 +168,8 @@ def amplitude_modulation(
     [1.0, 0.5, 0.0, 0.5]
     """
     check_drive(drive, "the drive")
-    envelope = AmplitudeModulation(frequency, depth).envelope(_frames(frequency, rate))
+    envelope = AmplitudeModulation(frequency, depth).envelope(_frames_of_period(frequency, rate))
     return Sequence(envelope[:, None] * drive.amplitudes, rate)
-
-
-def lateral_modulation(
-    transfer: TransferMatrix,
-    target: Target,
-    frequency: float = 10.0,
-    rate: float = 1000.0,
-    method: Make = phase_conjugate,
-) -> Sequence:
-    """Move a focus back and forth along the points of a target, from the first to the last and back, once a period.
-
-    Parameters
-    ----------
-    transfer : of all the points.
-    target : points of a line in their order, such as ``segment`` gives, one focus at a time.
-    frequency : of the motion [Hz].
-    rate : frames a second, a whole number of times the frequency.
-    method : makes the drive of each point from its row of the matrix.
-
-    Raises
-    ------
-    InvalidInput
-        As ``amplitude_modulation``, the target does not fit the matrix, it has 1 point, or a period has too few frames
-        to stop at every point (how many it needs).
-    """
-    last = _line_of(target, "lateral modulation") - 1
-    count = _frames(frequency, rate, least=2 * last)
-    way = 2.0 * last * np.arange(count) / count
-    return led(
-        transfer, target, np.rint(last - np.abs(way - last)).astype(np.int64)[:, None], rate, method
-    )
 
 
 def spatiotemporal_modulation(
@@ -222,39 +177,43 @@ def spatiotemporal_modulation(
     target: Target,
     frequency: float = 100.0,
     rate: float = 4000.0,
-    method: Make = phase_conjugate,
+    method: MakeDrive = phase_conjugate,
 ) -> Sequence:
     """Lead a focus along the points of a closed path, such as ``circle`` gives, once a period.
 
-    Parameters and errors are those of ``lateral_modulation``; the frequency is that of the rounds.
+    Parameters
+    ----------
+    transfer : of all the points.
+    target : points of the path in their order, one focus at a time.
+    frequency : rounds a second [Hz].
+    rate : frames a second, a whole number of times the frequency.
+    method : makes the drive of each point from its row of the matrix.
+
+    Raises
+    ------
+    InvalidInput
+        As ``amplitude_modulation``, the target does not fit the matrix, it has 1 point, or a period
+        has too few frames to stop at every point.
     """
-    points = _line_of(target, "spatiotemporal modulation")
-    count = _frames(frequency, rate, least=points)
-    return led(
-        transfer,
-        target,
-        (points * np.arange(count, dtype=np.int64) // count)[:, None],
-        rate,
-        method,
-    )
-
-
-def _line_of(target: Target, what: str) -> int:
     of_kind(target, Target, "the target", "Target(points, pressures)")
-    if len(target.points) < 2:
+    points = len(target.points)
+    if points < 2:
         raise InvalidInput(
-            f"{what} leads a focus along points, and the target has {len(target.points)}; give 2 or more.",
+            "spatiotemporal modulation leads a focus along points, and the target has one; give 2 "
+            "or more.",
             code="too_few",
         )
-    return len(target.points)
+    count = _frames_of_period(frequency, rate, least=points)
+    chosen = points * np.arange(count, dtype=np.int64) // count
+    return sequence_through(transfer, target, chosen[:, None], rate, method)
 
 
-def led(
+def sequence_through(
     transfer: TransferMatrix,
     target: Target,
     places: Int64[np.ndarray, "frames foci"],
     rate: float,
-    method: Make = phase_conjugate,
+    method: MakeDrive = phase_conjugate,
 ) -> Sequence:
     """Focus on some points of a target after others, on those of each row at the same time.
 
@@ -289,7 +248,7 @@ def led(
 
 
 def _frame(
-    transfer: TransferMatrix, target: Target, chosen: Int64[np.ndarray, "foci"], method: Make
+    transfer: TransferMatrix, target: Target, chosen: Int64[np.ndarray, "foci"], method: MakeDrive
 ) -> Amplitudes:
     """Make the drive of one frame; a frame of which nothing is asked is silent."""
     phases = 1.0 if target.phases is None else np.exp(1j * target.phases[chosen])
@@ -317,7 +276,7 @@ def _frame(
     )
 
 
-def _frames(frequency: float, rate: float, least: int = FEWEST) -> int:
+def _frames_of_period(frequency: float, rate: float, least: int = FEWEST) -> int:
     """Count the frames of a period, and check that the rate fits the frequency."""
     frequency = positive(frequency, "the frequency of the modulation", "Hz")
     rate = positive(rate, "the rate of a sequence", "frames/s")

@@ -1,8 +1,6 @@
 """The transfer matrix H from a drive d to the pressures at the foci, p = H d, and drives by distance alone."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Complex128, Float64, Int64
@@ -13,134 +11,14 @@ from airtact.acoustics.solvers.free_field import FreeField
 from airtact.acoustics.solvers.problem import RadiatedField
 from airtact.acoustics.target import Target
 from airtact.checks import check_finite, check_frequency, complex_numbers, counted, in_mm, of_kind
+from airtact.drives.drive import Drive, check_drive
+from airtact.drives.frame import Frame
 from airtact.errors import InvalidInput
 from airtact.printing import html_table, one_line
-from airtact.transducers.drive_file import save_drives
 from airtact.transducers.element import check_pattern
 from airtact.transducers.layout import PhasedArray
-from airtact.transducers.levels import EIGHT_BITS, FULL_SCALE, Levels
-from airtact.transducers.modulation import AmplitudeModulation
 from airtact.transducers.placement import check_placement, check_reach
 from airtact.transducers.plates import strength_in
-
-
-@dataclass(frozen=True, eq=False)
-class Drive:
-    """The amplitude and phase of every element of an array.
-
-    Attributes
-    ----------
-    amplitudes : (E,) complex amplitudes d of E elements, |d| = 1 at full scale; an element emits
-        Re[d e^{−iωt}].
-
-    Raises
-    ------
-    InvalidInput
-        If there is no element, a number is not finite, or a magnitude exceeds 1.
-    """
-
-    amplitudes: Complex128[np.ndarray, "elements"]
-
-    def __repr__(self) -> str:
-        return one_line(self, *(f"{name} {value}" for name, value in self._facts().items()))
-
-    def _repr_html_(self) -> str:
-        return html_table("Drive", [], self._facts().items())
-
-    def _facts(self) -> dict[str, str]:
-        """Return the few numbers that tell drives apart."""
-        magnitudes = np.abs(self.amplitudes)
-        return {
-            "elements": str(len(self)),
-            "largest amplitude": f"{magnitudes.max():.3g}",
-            "mean": f"{magnitudes.mean():.3g}",
-            "energy": f"{np.sum(magnitudes**2):.4g}",
-        }
-
-    def __post_init__(self) -> None:
-        amplitudes = complex_numbers(self.amplitudes, "the drive's amplitudes")
-        if amplitudes.ndim != 1 or len(amplitudes) == 0:
-            words = f"a drive needs one amplitude per element, not an array of shape {amplitudes.shape}."
-            raise InvalidInput(words, code="wrong_shape")
-        check_finite(amplitudes, "the drive's amplitudes")
-        magnitude = np.abs(amplitudes)
-        if magnitude.max() > FULL_SCALE:
-            count = counted(int(np.sum(magnitude > FULL_SCALE)), "element is", "elements are")
-            raise InvalidInput(
-                f"{count} driven over full scale, the largest at {magnitude.max():.4g}: divide the drive by that.",
-                code="over_full_scale",
-            )
-        amplitudes.flags.writeable = False
-        object.__setattr__(self, "amplitudes", amplitudes)
-
-    def __len__(self) -> int:
-        return len(self.amplitudes)
-
-    def phase_only(self) -> "Drive":
-        """Return the drive with its phases and full scale everywhere; an element of amplitude 0 stays silent."""
-        return Drive(np.sign(self.amplitudes))
-
-    def save(
-        self,
-        path: str | Path,
-        array: PhasedArray | None = None,
-        scene: Scene | None = None,
-        transfer: "TransferMatrix | None" = None,
-        target: Target | None = None,
-        levels: Levels = EIGHT_BITS,
-        texts: Mapping[str, str] | None = None,
-        modulation: AmplitudeModulation | None = None,
-    ) -> None:
-        """Write the drive to a file, which ``load_drive`` reads and ``airtact emit`` sends to boards.
-
-        Parameters
-        ----------
-        path : ends in .h5 or .npz (everything) or in .csv (a table of the elements); it appears
-            once it is whole.
-        array : the transducers that the drive is for; boards need it.
-        scene : gives the frequency and the medium.
-        transfer : pressure at the foci per unit drive, for what rounding costs.
-        target : the foci.
-        levels : the amplitudes and phases that the drive is also written in, rounded.
-        texts : further texts by name, such as the scene file's.
-        modulation : how the amplitude varies when the drive is emitted; a constant one unless
-            given. A .csv has none.
-
-        Raises
-        ------
-        InvalidInput
-            If array or matrix are for another number of elements, the ending is another one, or the file cannot be
-            written.
-
-        Examples
-        --------
-        >>> import tempfile
-        >>> import airtact as at
-        >>> drive = Drive(np.array([1.0, 0.5j]))
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     drive.save(f"{folder}/drive.h5")
-        ...     back = at.load_drive(f"{folder}/drive.h5")
-        >>> bool(np.allclose(back.amplitudes, drive.amplitudes, rtol=0, atol=1e-15))
-        True
-        """
-        matrix = None if transfer is None else transfer.matrix
-        save_drives(
-            path,
-            self.amplitudes[None],
-            None,
-            array,
-            scene,
-            matrix,
-            target,
-            levels,
-            texts,
-            modulation,
-        )
-
-
-def check_drive(drive: Drive, what: str) -> None:
-    """Raise ``InvalidInput`` for what is no drive, such as a frame; ``what`` names it in the sentence."""
-    of_kind(drive, Drive, what, "frame.drive()" if hasattr(drive, "drive") else "Drive(amplitudes)")
 
 
 @dataclass(frozen=True, eq=False)
@@ -372,3 +250,40 @@ def _by_distance(
     check_reach(array, target.points)
     distance = np.linalg.norm(array.positions[:, None, :] - target.points[None, :, :], axis=-1)
     return np.exp(-1j * medium.wavenumber(frequency).real * distance).sum(axis=1)
+
+
+def rounding_error(
+    transfer: TransferMatrix, drive: Drive, frame: Frame
+) -> Float64[np.ndarray, "foci"]:
+    """Return the cost of rounding at each focus: the relative change of its pressure.
+
+    Boards with two levels of amplitude raise weak elements to full scale, so for them both drives
+    are compared at equal energy Σ|d|²; for all others as they are.
+
+    Parameters
+    ----------
+    transfer : pressure at the foci per unit drive.
+    drive : the computed drive.
+    frame : the emitted levels.
+
+    Returns
+    -------
+    (F,) |p emitted| / |p computed| − 1; NaN where the drive gives no pressure.
+
+    Raises
+    ------
+    InvalidInput
+        If one is for another number of elements, or the frame is silent.
+    """
+    of_kind(transfer, TransferMatrix, "the transfer matrix", "transfer_matrix(beacons, array)")
+    of_kind(frame, Frame, "the emitted frame", "quantise(drive, levels)")
+    if frame.silent:
+        raise InvalidInput(
+            "all elements of the frame are off, so nothing can be compared.", code="all_zero"
+        )
+    rounded = frame.drive()
+    exact = np.abs(transfer.pressure(drive))
+    emitted = np.abs(transfer.pressure(rounded))
+    if frame.levels.phase_only:
+        emitted = emitted * rounded.factor_to_match(drive)
+    return np.where(exact > 0.0, emitted / np.where(exact > 0.0, exact, 1.0) - 1.0, np.nan)

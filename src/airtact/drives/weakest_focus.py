@@ -1,34 +1,26 @@
-"""The strongest worst focus: from the relaxation to one drive; and the warning of a method that stalls."""
+"""The strongest worst focus (``max_min``), and the warning of a method that stalls."""
 
 import warnings
 
 import numpy as np
-from jaxtyping import Complex128
 
 from airtact.acoustics.target import Target
 from airtact.checks import counted
-from airtact.drives.bounds import relaxed_bound
-from airtact.drives.constraint import AT_MOST_ONE, Constraint
+from airtact.drives.bounds import relaxed_bound, to_rank_one
+from airtact.drives.drive import Amplitudes, Drive
 from airtact.drives.gerchberg_saxton import (
+    Sources,
     best_sources,
     check_iterations,
     phase,
-    quantised_projections,
     starting_sources,
 )
-from airtact.drives.reach import asked_rows, scaled_to_target
-from airtact.drives.relaxation import to_rank_one
-from airtact.drives.transfer import Drive, TransferMatrix
-
-RELAXED_TO = 1e-2
-"""Relative gap to which the relaxation is solved before its rank is reduced; a smaller gap changes nothing."""
-
-STALLED_FROM = 0.03
-"""A method stalled where more iterations would still bring more than this part of the pressure."""
+from airtact.drives.reach import FociRows, asked_rows, scaled_to_target
+from airtact.drives.transfer import TransferMatrix
 
 
 class Stalled(UserWarning):
-    """A method stopped before it converged and returned its best drive; the sentence has the gap to the bound.
+    """A method stopped before it converged and returned its best drive; the message has the gap.
 
     Attributes
     ----------
@@ -40,13 +32,7 @@ class Stalled(UserWarning):
         self.reached = reached
 
 
-def max_min(
-    transfer: TransferMatrix,
-    target: Target,
-    *,
-    iterations: int = 300,
-    constraint: Constraint = AT_MOST_ONE,
-) -> Drive:
+def max_min(transfer: TransferMatrix, target: Target, *, iterations: int = 300) -> Drive:
     """Make the worst focus as strong as possible, with phases at the foci that the method chooses.
 
     The method first solves the semidefinite relaxation of ``upper_bound`` (Inoue, Makino and
@@ -62,87 +48,69 @@ def max_min(
     transfer : the (F, E) transfer matrix of F foci and E elements.
     target : the foci and the pressures asked there.
     iterations : number of weighted Gerchberg-Saxton steps at the end.
-    constraint : the amplitudes and phases that an element can emit.
 
     Returns
     -------
-    The drive. All elements have the same amplitude: full scale, or less if the worst focus asks for less. It is rounded
-    to the levels of the constraint.
+    The drive. All elements have the same amplitude: full scale, or less if the worst focus asks for
+    less.
 
     Raises
     ------
     InvalidInput
-        As ``gerchberg_saxton``.
+        As ``weighted_gerchberg_saxton``.
 
     Warns
     -----
     Stalled
-        If the worst focus stays more than 3 % below what the same phases allow; the best drive is returned.
+        If the worst focus stays more than 3 % below what the same phases allow; the best drive is
+        returned.
     """
     matrix, wanted = asked_rows(transfer, target)
     check_iterations(iterations)
     sources = strongest_sources(matrix / wanted[:, None], iterations)
     _warn_if_stalled(matrix / wanted[:, None], sources, iterations)
-    if constraint.phase_bits is None:
-        amplitudes = phase(matrix.conj().T @ (sources / wanted))
-    else:
-        amplitudes = quantised_projections(matrix, wanted, sources / wanted, iterations, constraint)
-    return scaled_to_target(transfer, target, amplitudes, constraint)
+    return scaled_to_target(transfer, target, phase(matrix.conj().T @ (sources / wanted)))
 
 
-def strongest_sources(
-    matrix: Complex128[np.ndarray, "foci elements"], iterations: int
-) -> Complex128[np.ndarray, "foci"]:
-    """Return sources s (F,) such that the drive has the phases of Hᴴ s; ``matrix`` has rows over what each asks."""
+def strongest_sources(matrix: FociRows, iterations: int) -> Sources:
+    """Return the sources s of the drive phase(Hᴴ s); ``matrix`` has rows over what each asks."""
     alike = np.ones(len(matrix))
-    reduced = to_rank_one(matrix, relaxed_bound(matrix, RELAXED_TO)[1])
+    # A smaller gap than 1e-2 of the relaxation changes nothing after the rank is reduced.
+    reduced = to_rank_one(matrix, relaxed_bound(matrix, 1e-2)[1])
     starts = np.concatenate([reduced[None], starting_sources(matrix, alike)])
     return best_sources(matrix, alike, starts, iterations)
 
 
-def _warn_if_stalled(
-    matrix: Complex128[np.ndarray, "foci elements"],
-    sources: Complex128[np.ndarray, "foci"],
-    iterations: int,
-) -> None:
-    """Warn with ``Stalled`` where more iterations with the same phases at the foci would bring over ``STALLED_FROM``.
+def _warn_if_stalled(matrix: FociRows, sources: Sources, iterations: int) -> None:
+    """Warn with ``Stalled`` where the same phases at the foci allow over 3 % more pressure.
 
-    With the phases c_f fixed the best drive is a convex problem, whose dual bounds what is left: no
+    With the phases c_f fixed the best drive is a convex problem, whose dual bounds the rest: no
     drive has min_f Re(conj(c_f) h_f d) above Σ_e |Σ_f s_f conj(h_fe)| / Σ_f |s_f| for sources s_f
     of those phases. ``matrix`` has rows over what each focus asks; the elements emit the phases of
     Hᴴ s.
     """
     sent = matrix.conj().T @ sources
-    magnitudes = np.abs(sent)
-    worst = smallest_pressure(matrix, sent / np.maximum(magnitudes, np.finfo(float).tiny))
-    left = 1.0 - worst * np.abs(sources).sum() / magnitudes.sum()
-    if left > STALLED_FROM:
+    worst = smallest_pressure(matrix, phase(sent))
+    missing = 1.0 - worst * np.abs(sources).sum() / np.abs(sent).sum()
+    if missing > 0.03:
         after = counted(iterations, "iteration", "iterations")
-        warn_stalled(
-            "max_min",
-            matrix,
-            worst,
-            f"after {after}, {left:.1%} of the pressure short of where they lead",
-        )
+        warn_stalled("max_min", matrix, worst, f"after {after}, {missing:.1%} below its limit")
 
 
-def warn_stalled(
-    method: str, matrix: Complex128[np.ndarray, "foci elements"], worst: float, where: str
-) -> None:
-    """Warn that a method stalled ``where``, its best drive giving ``worst``; rows and pressures over what is asked."""
+def warn_stalled(method: str, matrix: FociRows, worst: float, where: str) -> None:
+    """Warn that a method stalled; ``matrix`` and the pressure ``worst`` are over what is asked."""
     reached = worst / relaxed_bound(matrix, 1e-2)[0].worst
     warnings.warn(
         Stalled(
-            f"{method} stalled {where}; its best drive gives the worst focus {reached:.1%} of the certified bound, a "
-            f"gap of {1.0 - reached:.1%}: allow more iterations, or continue with gradient.",
+            f"{method} stalled {where}; its best drive gives the worst focus {reached:.1%} of the "
+            f"certified bound, a gap of {1.0 - reached:.1%}: allow more iterations, or continue "
+            "with gradient.",
             reached,
         ),
         stacklevel=4,
     )
 
 
-def smallest_pressure(
-    matrix: Complex128[np.ndarray, "foci elements"], amplitudes: Complex128[np.ndarray, "elements"]
-) -> float:
+def smallest_pressure(matrix: FociRows, amplitudes: Amplitudes) -> float:
     """Smallest |h_f d| over the rows."""
     return float(np.abs(matrix @ amplitudes).min())

@@ -3,9 +3,8 @@
 import numpy as np
 from jaxtyping import Complex, Float64, Real
 
-from airtact.drives.amplitudes import frame_at
-from airtact.drives.frame import Frame
-from airtact.drives.transfer import Drive
+from airtact.drives.drive import Drive
+from airtact.drives.frame import Frame, frame_at
 from airtact.errors import InvalidInput
 from airtact.transducers.levels import Levels
 from airtact.transducers.modulation import AmplitudeModulation

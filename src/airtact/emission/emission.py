@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 
 from airtact.checks import number, of_kind, positive
-from airtact.drives.amplitudes import check_cap
-from airtact.drives.frame import Frame
+from airtact.drives.drive import Drive, check_drive
+from airtact.drives.frame import Frame, check_cap
 from airtact.drives.sequence import Sequence
-from airtact.drives.transfer import Drive, check_drive
 from airtact.emission.amplitudes import frames_of_period
 from airtact.emission.feeding import LinkProcess
 from airtact.emission.link import Link, LinkFailed

@@ -7,13 +7,21 @@ import numpy as np
 from jaxtyping import Complex128
 
 from airtact.checks import of_kind
+from airtact.drives.drive import Drive
+from airtact.drives.drive_file import ENDINGS as DRIVE_ENDINGS
+from airtact.drives.drive_file import (
+    DriveFile,
+    checked_ending,
+    read_drive_file,
+    write_drive_file,
+    written,
+)
 from airtact.drives.frame import Frame
+from airtact.drives.sequence import Sequence as Drives
 from airtact.emission.codecs import codec_of
 from airtact.emission.link import Link
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, about
 from airtact.files.bounded import bytes_of
-from airtact.transducers.drive_file import ENDINGS as DRIVE_ENDINGS
-from airtact.transducers.drive_file import DriveFile, checked_ending, write_drive_file, written
 
 ENDINGS = (*DRIVE_ENDINGS, ".bin")
 """Kinds of files: those of drives, and the very bytes that the boards are sent."""
@@ -79,6 +87,41 @@ def read_messages(
     return np.stack(
         [codec.decode(message[start : start + size]).drive().amplitudes for start in starts]
     )
+
+
+def load_drive(
+    path: str | Path, *, rate: float | None = None, board: str | None = None, boards: int = 1
+) -> Drive | Drives:
+    """Read a drive or a sequence from a file.
+
+    It reads what ``Drive.save``, ``Sequence.save`` and ``FileLink`` write. Amplitudes and phases
+    are those that were computed, to 1e-15 (in a table to nine digits), not the levels that they
+    were rounded to; the frames of a ``FileLink`` are rounded already.
+
+    Parameters
+    ----------
+    path : ends in .h5, .npz, .csv or .bin.
+    rate : frames a second, where the file does not hold it.
+    board, boards : name of the kind of board and number of boards, for .bin only.
+
+    Returns
+    -------
+    A ``Sequence`` where the file holds a rate or one is given, else a ``Drive``.
+
+    Raises
+    ------
+    InvalidInput
+        If the file cannot be read, has a later format, holds numbers that no drive has, or holds
+        several frames and no rate.
+    """
+    path = Path(of_kind(path, str | Path, "the file of a drive", "its path"))
+    if path.suffix.lower() == ".bin":
+        contents = DriveFile(read_messages(path, board, boards))
+    else:
+        contents = read_drive_file(path)
+    with about(path.name):
+        rate = contents.frame_rate(rate)
+    return Drive(contents.drives[0]) if rate is None else Drives(contents.drives, rate)
 
 
 class FileLink(Link):

@@ -9,8 +9,7 @@ from typing import TextIO
 import numpy as np
 from jaxtyping import Complex128, Float64
 
-from airtact.drives.amplitudes import frame_at, share_under_cap
-from airtact.drives.frame import Frame
+from airtact.drives.frame import Frame, frame_at, share_under_cap
 from airtact.emission.link import Link, LinkFailed
 from airtact.errors import InvalidInput
 

@@ -2,6 +2,7 @@ from .comparison import HELD_EQUAL as HELD_EQUAL
 from .comparison import Comparison as Comparison
 from .comparison import compare as compare
 from .field import drive_sources as drive_sources
+from .head_level import sound_pressure_level as sound_pressure_level
 from .metrics import Evaluation as Evaluation
 from .microphone import Microphone as Microphone
 from .radiation import (
@@ -28,7 +29,6 @@ from .scan import (
 from .scan import (
     overlay_scan as overlay_scan,
 )
-from .thresholds import sound_pressure_level as sound_pressure_level
 from .verification import (
     SideLobe as SideLobe,
 )

@@ -10,7 +10,7 @@ from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.problem import RadiatedField, Solver, SolveReport
 from airtact.acoustics.target import Target
 from airtact.checks import counted, of_kind
-from airtact.drives.transfer import Drive, check_drive
+from airtact.drives.drive import Drive, check_drive
 from airtact.errors import InvalidInput
 from airtact.evaluation.metrics import not_modelled, radiate_drives
 from airtact.printing import html_table, one_line
@@ -243,19 +243,18 @@ def compare(
     of_kind(drives, Mapping, "the drives", 'a dict of drives by name, {"hand considered": drive}')
     for name, drive in drives.items():
         check_drive(drive, f"drive {name!r}")
-    peaks = {name: np.abs(drive.amplitudes).max() for name, drive in drives.items()}
-    for name, peak in peaks.items():
-        if peak == 0.0:
+        if drive.peak == 0.0:
             raise InvalidInput(
                 f"drive {name!r} is silent: all {len(drives[name])} amplitudes are 0.",
                 code="all_zero",
             )
-    strongest = [Drive(drive.amplitudes / peaks[name]) for name, drive in drives.items()]
+    strongest = [drive.at_full_scale() for drive in drives.values()]
     emitted = [*strongest, *(drive.phase_only() for drive in strongest)]
     field = radiate_drives(scene, array, emitted, target, solver, progress=progress)
     at_foci = np.ascontiguousarray(field.at(target.points).T)
     equal_peak, phase_only = np.abs(at_foci[: len(drives)]), np.abs(at_foci[len(drives) :])
-    energy = np.array([np.sum(np.abs(drive.amplitudes) ** 2) for drive in strongest])
-    equal_energy = equal_peak * np.sqrt(energy.min() / energy)[:, None]
+    weakest = min(strongest, key=lambda drive: drive.energy)
+    factors = np.array([drive.factor_to_match(weakest) for drive in strongest])
+    equal_energy = equal_peak * factors[:, None]
     pressures = dict(zip(HELD_EQUAL, (equal_peak, equal_energy, phase_only), strict=True))
     return Comparison(tuple(drives), target, pressures, field)

@@ -9,7 +9,7 @@ from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.problem import Solver
 from airtact.acoustics.sources import Monopoles, check_off_sources
 from airtact.checks import counted, of_kind, points_of
-from airtact.drives.transfer import Drive, check_drive
+from airtact.drives.drive import Drive, check_drive
 from airtact.errors import InvalidInput
 from airtact.timing import Progress, no_progress
 from airtact.transducers.layout import PhasedArray

@@ -1,4 +1,4 @@
-"""What a run says first, in a sentence each: what the weakest focus gets, and what was asked and not reached."""
+"""The sentences that a run prints first: pressure at the weakest focus, and requests not reached."""
 
 from collections.abc import Sequence
 
@@ -6,89 +6,83 @@ import numpy as np
 from jaxtyping import Float64
 
 from airtact.acoustics.target import Target
+from airtact.drives.drive import Drive
 from airtact.evaluation.comparison import Comparison
-
-FULL = 0.99
-"""Largest amplitude from which on a drive counts as one at full scale."""
-
-MET = 0.98
-"""Share of the pressure asked of a focus above which it counts as reached."""
-
-LEAST_DIFFERENCE = 0.01
-"""Smaller differences between two drives are never called one."""
-
-NONLINEAR = 5e3
-"""Peak pressure from which a run warns that air is no longer linear [Pa]: a Mach number above 3 %."""
-
-HANDS = ("hand", "finger", "thumb", "palm")
-"""Bodies with one of these in their name are a hand; others are objects."""
 
 
 def body_word(bodies: Sequence[str]) -> str:
-    """Return what sentences call the bodies of these names: hand or object."""
-    return "hand" if any(word in name.lower() for name in bodies for word in HANDS) else "object"
+    """Return the word for bodies of these names: hand or object."""
+    parts = ("hand", "finger", "thumb", "palm")
+    return "hand" if any(part in name.lower() for name in bodies for part in parts) else "object"
 
 
-def headline(comparison: Comparison, peak: float, word: str = "hand") -> str:
-    """Say in a sentence what the weakest focus gets, from the first drive and from the second if there is one.
+def headline(comparison: Comparison, drive: Drive, word: str = "hand") -> str:
+    """State the pressure at the weakest focus, under the first drive and under the second.
 
     Parameters
     ----------
     comparison : of the drive that considers the bodies, and the one by the same method that ignores
-        them.
-    peak : largest amplitude that the first drive is emitted with. At full scale the second is too;
-        below, where the target asks for no more, it has the same energy.
-    word : what the bodies are called.
+        them, if there is one.
+    drive : the first drive as it is emitted. If it is at full scale, so is the second; else the
+        second has the same energy.
+    word : the word for the bodies.
     """
-    held_equal = "equal peak" if peak >= FULL else "equal energy"
+    held_equal = "equal peak" if drive.is_full_scale else "equal energy"
     weakest = _weakest(comparison, held_equal)
-    first = peak * _weakest(comparison, "equal peak")[0]
-    said = f"{_capital(comparison.names[0])}: {_amount(first, comparison.target)} at the weakest focus."
+    first = drive.peak * _weakest(comparison, "equal peak")[0]
+    amount = _amount(first, comparison.target)
+    sentence = f"{_capital(comparison.names[0])}: {amount} at the weakest focus."
     if len(weakest) == 1:
-        return said
+        return sentence
     ratio = weakest[1] / weakest[0]
-    said += f" {_capital(comparison.names[1])}: {_amount(first * ratio, comparison.target)}."
-    error = max(comparison.report.estimated_error, LEAST_DIFFERENCE)
+    amount = _amount(first * ratio, comparison.target)
+    sentence += f" {_capital(comparison.names[1])}: {amount}."
+    # Differences below 1 % are never claimed, however small the estimated error is.
+    error = max(comparison.report.estimated_error, 0.01)
     if abs(1.0 / ratio - 1.0) <= error:
-        return f"{said} The {word} does not matter here: the solution distinguishes no less than {error:.1%}."
+        return (
+            f"{sentence} The {word} does not matter here: the solution distinguishes no less than "
+            f"{error:.1%}."
+        )
     gain = f"{1.0 / ratio - 1.0:+.0%}".replace("%", " %").replace("-", "−")
-    return f"{said} {'Same hardware' if peak >= FULL else 'Same energy'}: {gain}."
+    same = "hardware" if drive.is_full_scale else "energy"
+    return f"{sentence} Same {same}: {gain}."
 
 
 def shortfalls(
-    target: Target, foci: Sequence[str], reached: Float64[np.ndarray, "foci"], peak: float
+    target: Target, foci: Sequence[str], reached: Float64[np.ndarray, "foci"], drive: Drive
 ) -> tuple[str, ...]:
-    """Say which foci get less than was asked of them, if any.
+    """List the foci that get less than 98 % of the pressure asked of them, in one sentence if any.
 
     Parameters
     ----------
-    target : what was asked.
+    target : the pressures asked.
     foci : a name for each focus.
     reached : (F,) peak pressure at the foci [Pa].
-    peak : largest amplitude of the drive.
+    drive : the drive as it is emitted.
     """
     if target.pressures is None:
         return ()
-    pairs = zip(foci, reached, target.pressures, strict=True)
     short = [
         f"{name} {pascals(got)} of {pascals(asked)}"
-        for name, got, asked in pairs
-        if got < MET * asked
+        for name, got, asked in zip(foci, reached, target.pressures, strict=True)
+        if got < 0.98 * asked
     ]
     if not short:
         return ()
-    full = ": the transducers are at full scale" if peak >= FULL else ""
+    full = ": the transducers are at full scale" if drive.is_full_scale else ""
     return (f"Asked and not reached: {', '.join(short)}{full}.",)
 
 
 def beyond_linear(reached: Float64[np.ndarray, "foci"]) -> tuple[str, ...]:
-    """Warn of the strongest of some foci [Pa] where its sound is too strong for the linear model."""
-    most = float(reached.max())
-    if most <= NONLINEAR:
+    """Warn where the strongest of some foci [Pa] is too strong for the linear model."""
+    limit = 5e3  # a Mach number above 3 %
+    strongest = float(reached.max())
+    if strongest <= limit:
         return ()
     return (
-        f"the computation is linear: above some {pascals(NONLINEAR)} real air steepens the wave, and a real focus is "
-        f"weaker than the {pascals(most)} computed.",
+        f"the computation is linear: above some {pascals(limit)} real air steepens the wave, and a "
+        f"real focus is weaker than the {pascals(strongest)} computed.",
     )
 
 
@@ -107,7 +101,7 @@ def _weakest(comparison: Comparison, held_equal: str) -> Float64[np.ndarray, "dr
 
 
 def _amount(weakest: float, target: Target) -> str:
-    """Write the pressure at the weakest focus; its part of what was asked, where the foci ask for different ones."""
+    """Write a pressure, or its part of the request where the foci ask for different pressures."""
     weights = target.weights[target.weights > 0.0]
     if target.pressures is not None and not np.allclose(weights, weights[0]):
         return f"{weakest:.0%} of what was asked".replace("%", " %")

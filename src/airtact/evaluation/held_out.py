@@ -1,6 +1,6 @@
 """What drives keep where hand, air and transducers are not as expected: samples that no drive was made for."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,8 +8,8 @@ from jaxtyping import Float64
 
 from airtact.acoustics.solvers.problem import RadiatedField, Solver
 from airtact.acoustics.target import Target
+from airtact.drives.drive import Drive
 from airtact.drives.sampling.ensemble import TransferEnsemble, matrices_at
-from airtact.drives.transfer import Drive
 from airtact.errors import InvalidInput
 from airtact.evaluation.headline import pascals
 from airtact.evaluation.windows import Window
@@ -101,13 +101,13 @@ def held_out(samples: TransferEnsemble, target: Target, drives: Mapping[str, Dri
     if not drives:
         raise InvalidInput("there are 0 drives to try; give one or more by name.", code="empty")
     asked = np.flatnonzero(target.weights > 0.0)
-    scales = _scales(list(drives.values()))
+    factors = _factors(drives)
     found = [np.abs(samples.pressures(drive))[:, asked].min(axis=1) for drive in drives.values()]
     nominal = [np.abs(samples.pressure(drive))[asked].min() for drive in drives.values()]
     return HeldOut(
         tuple(drives),
-        scales[:, None] * np.stack(found),
-        scales * np.array(nominal),
+        factors[:, None] * np.stack(found),
+        factors * np.array(nominal),
         samples.left_out,
     )
 
@@ -142,10 +142,10 @@ def shift_map(
         ],
         axis=1,
     )
-    return ShiftMap(shifts, _scales(list(drives.values()))[:, None] * found)
+    return ShiftMap(shifts, _factors(drives)[:, None] * found)
 
 
-def _scales(drives: Sequence[Drive]) -> Float64[np.ndarray, "drives"]:
-    """Return factors that bring drives to the energy of the first."""
-    energies = np.array([np.sum(np.abs(drive.amplitudes) ** 2) for drive in drives])
-    return np.sqrt(energies[0] / energies)
+def _factors(drives: Mapping[str, Drive]) -> Float64[np.ndarray, "drives"]:
+    """Return the factors that bring drives to the energy of the first."""
+    first = next(iter(drives.values()))
+    return np.array([drive.factor_to_match(first) for drive in drives.values()])

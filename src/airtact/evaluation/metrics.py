@@ -11,8 +11,8 @@ from airtact.acoustics.solvers.problem import BOARDS, PLANES, RadiatedField, Sol
 from airtact.acoustics.sources import check_off_sources
 from airtact.acoustics.target import Target
 from airtact.checks import counted, of_kind
+from airtact.drives.drive import Drive
 from airtact.drives.reach import fraction
-from airtact.drives.transfer import Drive
 from airtact.evaluation.field import check_solver, drive_sources
 from airtact.printing import html_table, one_line
 from airtact.timing import Progress

@@ -10,7 +10,7 @@ from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.bem.quadrature import place_nodes
 from airtact.acoustics.solvers.problem import RadiatedField, Solver, SolveReport
 from airtact.checks import in_mm, positive
-from airtact.drives.transfer import Drive
+from airtact.drives.drive import Drive
 from airtact.errors import InvalidInput
 from airtact.evaluation.field import check_solver, drive_sources
 from airtact.geometry.mesh.quadratic_triangles import QuadraticTriangles

@@ -11,13 +11,14 @@ from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.problem import RadiatedField, Solver
 from airtact.acoustics.target import Target
 from airtact.checks import counted, in_mm, of_kind, points_of
+from airtact.drives.drive import Drive, quantise
 from airtact.drives.reach import check_foci
-from airtact.drives.rounding import quantise
-from airtact.drives.transfer import Drive, TransferMatrix, transfer_matrix
+from airtact.drives.transfer import TransferMatrix, transfer_matrix
 from airtact.errors import InvalidInput, Vector
+from airtact.evaluation.head_level import NO_SAFETY_ASSESSMENT, sound_pressure_level
 from airtact.evaluation.metrics import Evaluation, radiate_drives
 from airtact.evaluation.radiation import PAD_RADIUS, Pad, RadiationMap, radiation_of
-from airtact.evaluation.thresholds import NO_SAFETY_ASSESSMENT, sound_pressure_level, thresholds_of
+from airtact.evaluation.tactile_thresholds import thresholds_of
 from airtact.printing import one_line
 from airtact.timing import Progress, no_progress
 from airtact.transducers.layout import PhasedArray

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Complex128
 from threadpoolctl import threadpool_limits
 
-from airtact.drives.amplitudes import check_cap
+from airtact.drives.frame import check_cap
 from airtact.emission.link import LinkFailed
 from airtact.errors import InvalidInput
 from airtact.hands.hand import Hand

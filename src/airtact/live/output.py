@@ -7,8 +7,8 @@ from types import TracebackType
 import numpy as np
 from jaxtyping import Complex128
 
+from airtact.drives.drive import Drive
 from airtact.drives.sequence import Sequence
-from airtact.drives.transfer import Drive
 from airtact.emission.emission import Emission
 from airtact.emission.link import Link, LinkFailed
 from airtact.transducers.modulation import AmplitudeModulation

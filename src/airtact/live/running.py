@@ -6,6 +6,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
+from airtact.drives.drive_file import DriveFile
 from airtact.drives.transfer import focus_by_distance
 from airtact.emission.links import link_to
 from airtact.errors import InvalidInput
@@ -31,7 +32,6 @@ from airtact.live.sources import (
 from airtact.setup.examples import example
 from airtact.setup.setup import Setup
 from airtact.timing import Progress, no_progress
-from airtact.transducers.drive_file import DriveFile
 
 PORTS = {"websocket": 8765, "osc": 9000}
 """Default ports that trackers send to."""

@@ -10,7 +10,7 @@ from airtact.acoustics.scene import Scene, sound_hard
 from airtact.acoustics.solvers.bem.solver import BoundaryElement
 from airtact.acoustics.target import Target
 from airtact.checks import fixed
-from airtact.drives.default_method import best
+from airtact.drives.methods import best
 from airtact.drives.transfer import transfer_matrix
 from airtact.errors import InvalidInput
 from airtact.hands.hand import hand_from_joints

@@ -15,7 +15,7 @@ from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.problem import RadiatedField
 from airtact.acoustics.target import Beacons, Target
 from airtact.checks import counted, of_kind, positive
-from airtact.drives.transfer import Drive, check_drive
+from airtact.drives.drive import Drive, check_drive
 from airtact.errors import InvalidInput
 from airtact.evaluation.comparison import Comparison
 from airtact.evaluation.metrics import Evaluation

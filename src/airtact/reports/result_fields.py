@@ -9,7 +9,7 @@ from jaxtyping import Float64
 
 from airtact.acoustics.solvers.problem import RadiatedField
 from airtact.acoustics.target_points import outward
-from airtact.drives.transfer import Drive
+from airtact.drives.drive import Drive
 from airtact.evaluation.slices import slices_around, surface_pressure
 from airtact.evaluation.windows import Window, box_around, close_up, plane_of_scene
 from airtact.reports.field_figure import Cut, cut_bodies
@@ -34,7 +34,7 @@ def report_rendering(result: Rendering, folder: Path, progress: Progress) -> tup
     files = folder / "field.vtkhdf", folder / "report.html"
     for file in files:
         file.unlink(missing_ok=True)  # an older run's
-    peak = float(np.abs(result.drive.amplitudes).max())
+    peak = result.drive.peak
     with clock.step("field", "computing the field around the foci"):
         box = box_around(setup.target.points, scene.wavelength)
         pressure = peak * comparison.at(box.points)[comparison.names[0]]
@@ -47,9 +47,7 @@ def report_rendering(result: Rendering, folder: Path, progress: Progress) -> tup
 
 def evaluate_fields(result: Rendering, clock: Clock) -> Fields:
     """Evaluate the fields on the page of a rendering: all drives at the energy of the first, as it is emitted."""
-    peak = float(np.abs(result.drive.amplitudes).max())
-    energies = [np.sum(np.abs(drive.amplitudes) ** 2) for drive in result.drives.values()]
-    scales = peak * np.sqrt(energies[0] / np.array(energies))
+    scales = np.array([drive.factor_to_match(result.drive) for drive in result.drives.values()])
     with clock.step("cuts", "computing the field in the pictures"):
         plane, close_ups = _cuts(result, scales)
     with clock.step("scene in space", "computing the field in the scene to turn"):

@@ -240,7 +240,7 @@ def _foci(run: Rendering) -> dict[str, Any]:
             "p² [kPa²]",
         ],
         "focus_rows": rows,
-        "amplitude": f"{np.abs(run.drive.amplitudes).max():.2f}",
+        "amplitude": f"{run.drive.peak:.2f}",
         "comparisons": [
             (f"{held_equal.capitalize()}: {meaning}", *_comparison(run, held_equal))
             for held_equal, meaning in HELD_EQUAL.items()

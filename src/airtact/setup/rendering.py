@@ -10,11 +10,12 @@ from jaxtyping import Float64
 
 from airtact.acoustics.solvers.problem import SolveReport
 from airtact.checks import of_kind
+from airtact.drives.drive import Drive, quantise
+from airtact.drives.drive_file import SEQUENCE_FILE
 from airtact.drives.frame import Frame
 from airtact.drives.motion import Motion
 from airtact.drives.reach import fraction
-from airtact.drives.rounding import quantise
-from airtact.drives.transfer import Drive, TransferMatrix
+from airtact.drives.transfer import TransferMatrix
 from airtact.evaluation.comparison import Comparison
 from airtact.evaluation.comparison import compare as compare_drives
 from airtact.evaluation.headline import beyond_linear, body_word, headline, shortfalls
@@ -36,7 +37,6 @@ from airtact.setup.solving import (
     verification_solver,
 )
 from airtact.timing import Clock, Progress
-from airtact.transducers.drive_file import SEQUENCE_FILE
 from airtact.transducers.modulation import AmplitudeModulation
 
 DRIVE_FILES = ("drive.csv", "drive.h5")
@@ -108,8 +108,9 @@ class Rendering:
         """(F,) peak pressure at each focus under the control at the drive's energy [Pa]; None in open air."""
         if len(self.drives) == 1:
             return None
-        drive, control = self.verification.pressures["equal energy"]
-        return control * self.pressures / drive
+        _, control = self.drives.values()
+        at_full_scale = self.verification.pressures["equal peak"][1]
+        return at_full_scale * control.factor_to_match(self.drive)
 
     def save(self, folder: str | Path) -> tuple[Path, ...]:
         """Write drive.csv and drive.h5 into a folder, and sequence.h5 where foci move; return the files."""
@@ -136,9 +137,9 @@ def save_drive(
         setup.scene,
         transfer,
         setup.target,
-        setup.levels,
-        {"scene": setup.text, "report": msgspec.json.encode(report).decode()},
-        modulation if isinstance(modulation, AmplitudeModulation) else None,
+        levels=setup.levels,
+        modulation=modulation if isinstance(modulation, AmplitudeModulation) else None,
+        texts={"scene": setup.text, "report": msgspec.json.encode(report).decode()},
     )
 
 
@@ -197,11 +198,10 @@ def render(
         )
     at_full_scale = comparison.pressures["equal peak"][0]
     drive = _scaled(setup, drive, at_full_scale)
-    peak = float(np.abs(drive.amplitudes).max())
-    pressures = peak * at_full_scale
+    pressures = drive.peak * at_full_scale
 
     robustness = None
-    remarks = shortfalls(setup.target, setup.foci, pressures, peak)
+    remarks = shortfalls(setup.target, setup.foci, pressures, drive)
     if setup.uncertainty is not None:
         from airtact.setup.robustness import kept_by_drive
 
@@ -215,13 +215,10 @@ def render(
         drive=drive,
         pressures=pressures,
         verification=comparison,
-        drives={
-            name: Drive(emitted.amplitudes / np.abs(emitted.amplitudes).max())
-            for name, emitted in drives.items()
-        },
+        drives={name: emitted.at_full_scale() for name, emitted in drives.items()},
         sequence=sequence,
         robustness=robustness,
-        headline=headline(comparison, peak, body_word(setup.bodies)),
+        headline=headline(comparison, drive, body_word(setup.bodies)),
         remarks=(*remarks, share_of_bound(setup, transfer, drive)),
         sensation=sensations(setup, pressures, None if sequence is None else sequence.weakest),
         warnings=(
@@ -237,7 +234,7 @@ def render(
 
 def _scaled(setup: Setup, drive: Drive, at_full_scale: Float64[np.ndarray, "foci"]) -> Drive:
     """Scale the drive so that the verification gives the weakest focus what it asks, as far as full scale allows."""
-    peak = float(np.abs(drive.amplitudes).max())
+    peak = drive.peak
     if peak >= 1.0:
         return drive
     share = 1.0

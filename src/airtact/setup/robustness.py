@@ -8,11 +8,12 @@ from jaxtyping import Float64
 
 from airtact.acoustics.planes import Plane
 from airtact.acoustics.solvers.problem import RadiatedField
-from airtact.drives.conjugation import time_reversal
+from airtact.drives.drive import Drive
+from airtact.drives.linear_methods import time_reversal
 from airtact.drives.methods import FOR_SAMPLES
 from airtact.drives.samples.robust import robust
 from airtact.drives.sampling.ensemble import TransferEnsemble, ensemble
-from airtact.drives.transfer import Drive, TransferMatrix
+from airtact.drives.transfer import TransferMatrix
 from airtact.evaluation.held_out import SAMPLES, SOLVED_SAMPLES, HeldOut, held_out, shift_map
 from airtact.evaluation.windows import Window, plane_of_scene
 from airtact.setup.setup import Setup

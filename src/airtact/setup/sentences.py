@@ -7,12 +7,11 @@ from jaxtyping import Bool, Float64
 
 from airtact.checks import counted
 from airtact.drives.bounds import upper_bound
+from airtact.drives.drive import Drive, quantise
 from airtact.drives.motion import Motion
-from airtact.drives.reach import NEAREST, nearest_foci
-from airtact.drives.rounding import quantise
-from airtact.drives.transfer import Drive, TransferMatrix
-from airtact.evaluation.headline import FULL
-from airtact.evaluation.thresholds import sensation
+from airtact.drives.reach import MIN_FOCUS_DISTANCE, nearest_foci
+from airtact.drives.transfer import TransferMatrix
+from airtact.evaluation.tactile_thresholds import sensation
 from airtact.setup.setup import Setup
 from airtact.transducers.modulation import AmplitudeModulation
 from airtact.transducers.reach import open_air_bound, strongest_open_air
@@ -73,7 +72,7 @@ def _separation_cautions(setup: Setup) -> Iterator[str]:
     if len(setup.target.points) < 2:
         return
     first, second, apart = nearest_foci(setup.target.points)
-    if apart < NEAREST * setup.scene.wavelength:
+    if apart < MIN_FOCUS_DISTANCE * setup.scene.wavelength:
         yield (
             f"{setup.foci[first]} and {setup.foci[second]} are {1e3 * apart:.2g} mm apart, under a tenth of the "
             "wavelength: most methods cannot separate them and make no drive; leave one out."
@@ -141,7 +140,7 @@ def share_of_bound(setup: Setup, transfer: TransferMatrix, drive: Drive) -> str:
     levels = (
         f"{len(frame.levels.amplitudes)} levels of amplitude and {frame.levels.phases} of phase"
     )
-    if np.abs(drive.amplitudes).max() < FULL:
+    if not drive.is_full_scale:
         words = (
             f"At full scale no drive exceeds {1.0 / exact:.1f} times that; rounded to {levels} it is "
             f"{rounded / exact:.1%} of it."

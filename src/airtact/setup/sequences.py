@@ -7,10 +7,11 @@ import numpy as np
 from jaxtyping import Float64
 
 from airtact.acoustics.target import Target
+from airtact.drives.drive import Drive
 from airtact.drives.methods import FOR_SAMPLES
 from airtact.drives.motion import Motion, moving_foci, moving_target
 from airtact.drives.sequence import Sequence
-from airtact.drives.transfer import Drive, TransferMatrix
+from airtact.drives.transfer import TransferMatrix
 from airtact.setup.setup import Setup
 from airtact.setup.solving import solve_foci, synthesise
 from airtact.timing import Clock
@@ -42,8 +43,8 @@ class MovingDrive:
             setup.scene,
             self.transfer,
             self.target,
-            setup.levels,
-            {"scene": setup.text},
+            levels=setup.levels,
+            texts={"scene": setup.text},
         )
 
 

@@ -11,9 +11,10 @@ from airtact.acoustics.solvers.problem import Solver
 from airtact.acoustics.target import Target
 from airtact.acoustics.uncertainty import Uncertainty
 from airtact.checks import counted, of_kind
+from airtact.drives.drive import Drive
 from airtact.drives.methods import FOR_SAMPLES, METHODS
 from airtact.drives.motion import Motion
-from airtact.drives.transfer import Drive, TransferMatrix
+from airtact.drives.transfer import TransferMatrix
 from airtact.errors import InvalidInput, about
 from airtact.geometry.pose import Pose
 from airtact.hands.hand import Hand

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from airtact.acoustics.solvers.problem import SolveReport
-from airtact.drives.rounding import quantise
+from airtact.drives.drive import quantise
 from airtact.errors import about
 from airtact.evaluation.field import drive_sources
 from airtact.evaluation.microphone import Microphone

@@ -8,27 +8,22 @@ from jaxtyping import Complex128, Float64
 
 from airtact.acoustics.medium import air
 from airtact.checks import positive
-from airtact.drives.amplitudes import share_under_cap
-from airtact.drives.frame import Frame
-from airtact.drives.rounding import rounding_error
+from airtact.drives.drive import Drive
+from airtact.drives.drive_file import SEQUENCE_FILE, DriveFile, read_drive_file
+from airtact.drives.frame import Frame, share_under_cap
 from airtact.drives.sequence import Sequence
-from airtact.drives.transfer import Drive, TransferMatrix
+from airtact.drives.transfer import TransferMatrix, rounding_error
 from airtact.emission.amplitudes import faded, frames_of_period, modulated, pressures_around
 from airtact.emission.codecs import Codec, codec_of
 from airtact.emission.emission import Emission, Played
 from airtact.emission.link import Link
 from airtact.emission.links import link_to
 from airtact.errors import InvalidInput, about
-from airtact.evaluation.thresholds import (
-    CONSTANT,
-    OCCUPATIONAL_LIMIT,
-    sensation,
-    sound_pressure_level,
-)
+from airtact.evaluation.head_level import MAX_HEAD_LEVEL, sound_pressure_level
+from airtact.evaluation.tactile_thresholds import CONSTANT_FORCE_NOTE, sensation
 from airtact.geometry.pose import Pose
 from airtact.timing import Progress, no_progress
 from airtact.transducers.boards import Board, board_named, boards_needed, poses_of_boards
-from airtact.transducers.drive_file import SEQUENCE_FILE, DriveFile, read_drive_file
 from airtact.transducers.element import DEFAULT_SENSITIVITY
 from airtact.transducers.modulation import AmplitudeModulation
 
@@ -122,7 +117,7 @@ class Plan:
         notes = []
         if self.limited:
             notes.append(
-                f"The cap of {self.cap:g} keeps a head to {OCCUPATIONAL_LIMIT:g} dB; --full-scale emits all, up to "
+                f"The cap of {self.cap:g} keeps a head to {MAX_HEAD_LEVEL:g} dB; --full-scale emits all, up to "
                 f"{self.full:.0f} dB there, and --cap another share."
             )
         if self.moving is not None:
@@ -130,7 +125,7 @@ class Plan:
                 f"These foci stand still: the moving ones are in {self.moving}; emit that."
             )
         elif self.constant:
-            notes.append(CONSTANT)
+            notes.append(CONSTANT_FORCE_NOTE)
         if self.focus is not None and self.modulation is not None:
             notes.append(sensation(self.focus, "amplitude", self.modulation.depth))
         return notes
@@ -187,7 +182,7 @@ def plan(
     chosen = None if constant or rate is not None else modulation or stored.modulation
     head = _Head(stored, codec_of(kind), chosen, 2 * np.pi * FREQUENCY / speed)
     full, *_ = head.levels(FULL)
-    limited = cap is None and full > OCCUPATIONAL_LIMIT
+    limited = cap is None and full > MAX_HEAD_LEVEL
     share = head.cap_under_limit(full, kind) if limited else FULL if cap is None else cap
     peak, average = head.levels(share)
     _check_emits(peak, share, stored)
@@ -219,7 +214,7 @@ def safe_cap(stored: DriveFile, board: str) -> tuple[float, float]:
         stored, codec_of(kind), stored.modulation, 2 * np.pi * FREQUENCY / _sound_speed(stored)
     )
     full, *_ = head.levels(FULL)
-    return head.cap_under_limit(full, kind) if full > OCCUPATIONAL_LIMIT else FULL, full
+    return head.cap_under_limit(full, kind) if full > MAX_HEAD_LEVEL else FULL, full
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,16 +255,16 @@ class _Head:
     def cap_under_limit(self, full: float, board: Board) -> float:
         """Return the largest cap whose peak level is under the limit, or ask for a level."""
         cap = min(1.0, float(np.abs(self.stored.drives).max())) * 10.0 ** (
-            (OCCUPATIONAL_LIMIT - full) / 20.0
+            (MAX_HEAD_LEVEL - full) / 20.0
         )
         if not self.codec.levels.phase_only:
             for _ in range(TRIES):  # rounding to levels may add to the level
                 cap = float(f"{0.9 * cap:.2g}")
                 peak, _ = self.levels(cap)
-                if np.isfinite(peak) and peak <= OCCUPATIONAL_LIMIT:
+                if np.isfinite(peak) and peak <= MAX_HEAD_LEVEL:
                     return cap
         raise InvalidInput(
-            f"{board.title} boards cannot be turned down to {OCCUPATIONAL_LIMIT:g} dB at a head 0.5 m off the array, "
+            f"{board.title} boards cannot be turned down to {MAX_HEAD_LEVEL:g} dB at a head 0.5 m off the array, "
             f"and at full scale it gets up to {full:.0f} dB: give --full-scale, or a share such as --cap 0.3.",
             code="out_of_range",
         )

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from airtact.checks import counted
-from airtact.drives.amplitudes import share_under_cap
-from airtact.drives.transfer import Drive
+from airtact.drives.drive import Drive
+from airtact.drives.frame import share_under_cap
 from airtact.emission.amplitudes import faded, modulated
 from airtact.emission.file_link import FileLink, write_frames
 from airtact.transducers.modulation import AmplitudeModulation

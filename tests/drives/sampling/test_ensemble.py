@@ -185,7 +185,7 @@ def test_samples_that_cannot_be_are_left_out_and_counted() -> None:
     assert repr(some).endswith(f"{some.left_out} left out)")
     away = at.Uncertainty(age=1.0, velocity=(0.0, 0.0, 20.0))
     assert at.ensemble(beacons(), FLAT, away, samples=8).left_out
-    with raises_code("empty", "all 1 samples"):
+    with raises_code("empty"):
         at.ensemble(beacons(), at.surrounding_box(), at.Uncertainty(position=0.1), samples=1)
 
 
@@ -197,23 +197,23 @@ def test_wrong_numbers_of_samples_raise(samples, seed) -> None:
 
 def test_doubts_about_what_there_is_not_raise() -> None:
     water = at.Scene(at.Medium(1481.0, 1000.0), [], frequency=40e3)
-    with raises_code("does_not_match", "1481"):
+    with raises_code("does_not_match"):
         at.ensemble(
             at.FreeField().radiate(water, at.Target(FOCI).beacons()),
             FLAT,
             at.Uncertainty(temperature=1.0),
         )
-    with raises_code("empty", "1 mm"):
+    with raises_code("empty"):
         at.ensemble(in_open_air(), FLAT, at.Uncertainty(along_skin=1e-3))
     single = at.PhasedArray(np.array([[0.0, 0.0, 0.1]]), np.array([[0.0, 0.0, -1.0]]))
-    with raises_code("empty", "1 elements"):
+    with raises_code("empty"):
         at.ensemble(in_open_air(), single, at.Uncertainty(board_position=1e-3))
 
 
 def test_an_ensemble_is_a_transfer_matrix_with_samples_of_its_shape() -> None:
     samples = at.ensemble(in_open_air(), FLAT, at.Uncertainty(position=1e-3), samples=4)
     assert isinstance(samples, at.TransferMatrix)
-    with raises_code("sizes_differ", "498", "249"):
+    with raises_code("sizes_differ"):
         samples.pressures(at.focus_by_distance(at.autd3_board(), at.Target(FOCI), MEDIUM, 40e3))
-    with raises_code("wrong_shape", "(0, 2, 498)"):
+    with raises_code("wrong_shape"):
         TransferEnsemble(matrix=samples.matrix, estimated_error=0.0, geometry=samples.geometry[:0])

@@ -114,7 +114,7 @@ def live(
         return
     with progress() as report_step:
         report_step("starting")
-        from airtact.evaluation.thresholds import NO_SAFETY_ASSESSMENT
+        from airtact.evaluation.head_level import NO_SAFETY_ASSESSMENT
         from airtact.live.running import run
         from airtact.live.session import FILE
         from airtact.workflows import live as workflow

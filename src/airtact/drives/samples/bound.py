@@ -7,8 +7,9 @@ import numpy as np
 from jaxtyping import Complex128, Float64
 
 from airtact.acoustics.target import Target
+from airtact.drives.drive import Drive
 from airtact.drives.samples.robust import robust, sampled_rows
-from airtact.drives.transfer import Drive, TransferMatrix
+from airtact.drives.transfer import TransferMatrix
 from airtact.errors import InvalidInput
 from airtact.printing import one_line
 

@@ -19,9 +19,10 @@ from jaxtyping import Complex128, Float64
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
 from airtact.acoustics.target import Target
+from airtact.drives.drive import Drive
 from airtact.drives.reach import asked_rows, suppression_rows
 from airtact.drives.sampling.ensemble import TransferEnsemble
-from airtact.drives.transfer import Drive, TransferMatrix
+from airtact.drives.transfer import TransferMatrix
 from airtact.drives.weakest_focus import strongest_sources
 from airtact.errors import InvalidInput
 from airtact.timing import one_thread

@@ -26,9 +26,10 @@ from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.problem import RadiatedField, Solver
 from airtact.acoustics.uncertainty import Uncertainty
 from airtact.checks import check_seed, counted, of_kind
+from airtact.drives.drive import Drive, check_drive
 from airtact.drives.sampling.draws import gains
 from airtact.drives.sampling.evaluation import Sampled
-from airtact.drives.transfer import Drive, TransferMatrix, check_drive, transfer_matrix
+from airtact.drives.transfer import TransferMatrix, transfer_matrix
 from airtact.errors import InvalidInput
 from airtact.geometry.pose import Pose
 from airtact.printing import one_line

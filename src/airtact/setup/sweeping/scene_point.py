@@ -13,9 +13,9 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from airtact.drives.transfer import Drive, TransferMatrix
+from airtact.drives.drive import Drive
+from airtact.drives.transfer import TransferMatrix
 from airtact.errors import LARGEST_MESH_FILE, LARGEST_SCENE_FILE, InvalidInput, about
-from airtact.evaluation.headline import FULL
 from airtact.files.bounded import bytes_of, text_of
 from airtact.geometry.pose import Pose
 from airtact.hands.files import load_hand
@@ -125,15 +125,15 @@ def _gain(setup: Setup, transfer: TransferMatrix, drive: Drive) -> float | None:
     control = control_drive(setup, setup.synthesise)
     if control is None:
         return None
-    peak = float(np.abs(drive.amplitudes).max())
+    weights = setup.target.weights
+    asked = weights > 0.0
 
-    def weakest(one: Drive) -> float:
-        weights = setup.target.weights
-        pressures, asked = np.abs(transfer.pressure(one))[: len(weights)], weights > 0.0
-        size = np.abs(one.amplitudes).max() if peak >= FULL else np.linalg.norm(one.amplitudes)
-        return float((pressures[asked] / weights[asked]).min() / size)
+    def weakest(emitted: Drive) -> float:
+        pressures = np.abs(transfer.pressure(emitted))[: len(weights)]
+        return float((pressures[asked] / weights[asked]).min())
 
-    return weakest(drive) / weakest(control)
+    held_equal = "peak" if drive.is_full_scale else "energy"
+    return weakest(drive) / (weakest(control) * control.factor_to_match(drive, held_equal))
 
 
 def _distinct(names: tuple[str, ...]) -> list[str]:

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from airtact import live
-from airtact.drives.amplitudes import check_cap
-from airtact.evaluation.thresholds import OCCUPATIONAL_LIMIT
+from airtact.drives.frame import check_cap
+from airtact.evaluation.head_level import MAX_HEAD_LEVEL
 from airtact.setup.building import read_scene
 from airtact.setup.setup import Setup
 from airtact.timing import Progress, no_progress
@@ -53,7 +53,7 @@ def prepare(
         cap, full = safe_cap(live.drive_at_rest(setup), board)
         if cap != FULL:
             notes.append(
-                f"The cap of {cap:g} keeps a head to {OCCUPATIONAL_LIMIT:g} dB for the hand at rest; --full-scale "
+                f"The cap of {cap:g} keeps a head to {MAX_HEAD_LEVEL:g} dB for the hand at rest; --full-scale "
                 f"emits all, up to {full:.0f} dB there, and --cap another share."
             )
     hands = live.hands_from(setup, source, folder)

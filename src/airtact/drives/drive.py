@@ -1,0 +1,204 @@
+"""A drive: the amplitude and phase of every element of an array."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Complex128
+
+import airtact
+from airtact.acoustics.scene import Scene
+from airtact.acoustics.target import Target
+from airtact.checks import check_finite, complex_numbers, counted, of_kind
+from airtact.drives.frame import Frame
+from airtact.errors import InvalidInput
+from airtact.printing import html_table, one_line
+from airtact.transducers.layout import PhasedArray
+from airtact.transducers.levels import EIGHT_BITS, FULL_SCALE, Levels
+from airtact.transducers.modulation import AmplitudeModulation
+
+Amplitudes = Complex128[np.ndarray, "elements"]
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """The amplitude and phase of every element of an array.
+
+    Attributes
+    ----------
+    amplitudes : (E,) complex amplitudes d of E elements, |d| = 1 at full scale; an element emits
+        Re[d e^{−iωt}].
+
+    Raises
+    ------
+    InvalidInput
+        If there is no element, a number is not finite, or a magnitude exceeds 1.
+    """
+
+    amplitudes: Amplitudes
+
+    def __repr__(self) -> str:
+        return one_line(self, *(f"{name} {value}" for name, value in self._facts().items()))
+
+    def _repr_html_(self) -> str:
+        return html_table("Drive", [], self._facts().items())
+
+    def _facts(self) -> dict[str, str]:
+        return {
+            "elements": str(len(self)),
+            "largest amplitude": f"{self.peak:.3g}",
+            "mean": f"{np.abs(self.amplitudes).mean():.3g}",
+            "energy": f"{self.energy:.4g}",
+        }
+
+    def __post_init__(self) -> None:
+        amplitudes = complex_numbers(self.amplitudes, "the drive's amplitudes")
+        if amplitudes.ndim != 1 or len(amplitudes) == 0:
+            raise InvalidInput(
+                f"a drive needs one amplitude per element, not an array of shape "
+                f"{amplitudes.shape}.",
+                code="wrong_shape",
+            )
+        check_finite(amplitudes, "the drive's amplitudes")
+        magnitudes = np.abs(amplitudes)
+        if magnitudes.max() > FULL_SCALE:
+            count = counted(int(np.sum(magnitudes > FULL_SCALE)), "element is", "elements are")
+            raise InvalidInput(
+                f"{count} driven over full scale, the largest at {magnitudes.max():.4g}: "
+                "divide the drive by that.",
+                code="over_full_scale",
+            )
+        amplitudes.flags.writeable = False
+        object.__setattr__(self, "amplitudes", amplitudes)
+
+    def __len__(self) -> int:
+        return len(self.amplitudes)
+
+    @property
+    def peak(self) -> float:
+        """Largest amplitude of an element; 1 is full scale."""
+        return float(np.abs(self.amplitudes).max())
+
+    @property
+    def energy(self) -> float:
+        """Σ|d|² over the elements."""
+        return float(np.sum(np.abs(self.amplitudes) ** 2))
+
+    @property
+    def is_full_scale(self) -> bool:
+        """Whether the strongest element is within 1 % of full scale.
+
+        Drives at full scale are compared at equal peak, weaker ones at equal energy.
+        """
+        return self.peak >= 0.99
+
+    def at_full_scale(self) -> "Drive":
+        """Return the drive scaled so that its strongest element is at full scale."""
+        return Drive(self.amplitudes / self.peak)
+
+    def factor_to_match(
+        self, reference: "Drive", held_equal: Literal["energy", "peak"] = "energy"
+    ) -> float:
+        """Return the factor that gives this drive the energy or the peak of another.
+
+        Parameters
+        ----------
+        reference : the other drive.
+        held_equal : "energy", Σ|d|², or "peak", the largest amplitude of an element.
+        """
+        if held_equal == "peak":
+            return reference.peak / self.peak
+        return float(np.sqrt(reference.energy / self.energy))
+
+    def phase_only(self) -> "Drive":
+        """Return the drive with every element that emits at full scale, phases kept."""
+        return Drive(np.sign(self.amplitudes))
+
+    def save(
+        self,
+        path: str | Path,
+        array: PhasedArray | None = None,
+        scene: Scene | None = None,
+        transfer: "airtact.drives.transfer.TransferMatrix | None" = None,
+        target: Target | None = None,
+        *,
+        levels: Levels = EIGHT_BITS,
+        modulation: AmplitudeModulation | None = None,
+        texts: Mapping[str, str] | None = None,
+    ) -> None:
+        """Write the drive to a file, which ``load_drive`` reads and ``airtact emit`` sends.
+
+        Parameters
+        ----------
+        path : ends in .h5 or .npz (everything) or in .csv (a table of the elements). The file
+            appears only when it is complete.
+        array : the transducers that the drive is for; boards need it.
+        scene : gives the frequency and the medium.
+        transfer : pressure at the foci per unit drive, from which ``emit`` states the cost of
+            rounding.
+        target : the foci.
+        levels : the drive is also written rounded to these amplitudes and phases.
+        modulation : amplitude modulation to emit the drive with; not stored in a .csv.
+        texts : further texts by name, such as that of the scene file.
+
+        Raises
+        ------
+        InvalidInput
+            If array or matrix have another number of elements, the ending is unknown, or the file
+            cannot be written.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> import airtact as at
+        >>> drive = Drive(np.array([1.0, 0.5j]))
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     drive.save(f"{folder}/drive.h5")
+        ...     back = at.load_drive(f"{folder}/drive.h5")
+        >>> bool(np.allclose(back.amplitudes, drive.amplitudes, rtol=0, atol=1e-15))
+        True
+        """
+        from airtact.drives.drive_file import save_drives  # which imports this module
+
+        save_drives(
+            path,
+            self.amplitudes[None],
+            array=array,
+            scene=scene,
+            transfer=transfer,
+            target=target,
+            levels=levels,
+            texts=texts,
+            modulation=modulation,
+        )
+
+
+def check_drive(drive: Drive, what: str) -> None:
+    """Raise ``InvalidInput`` unless given a drive; ``what`` names it in the sentence."""
+    of_kind(drive, Drive, what, "frame.drive()" if hasattr(drive, "drive") else "Drive(amplitudes)")
+
+
+def quantise(drive: Drive, levels: Levels = EIGHT_BITS) -> Frame:
+    """Round every element to a level of amplitude and one of phase (section 3.4 of the paper).
+
+    With 256 levels of each, the amplitude byte is round(255 |d|) and the phase byte round(256
+    arg(d) / 2π) modulo 256. An element whose amplitude level is 0 is off and gets phase level 0, so
+    ``quantise(frame.drive(), frame.levels)`` returns the same frame. With only two amplitudes,
+    every element above a thousandth of full scale is at full scale, as in ``drive.phase_only()``.
+
+    Parameters
+    ----------
+    drive : the drive to round.
+    levels : the amplitudes and phases that the board can emit.
+
+    Examples
+    --------
+    >>> frame = quantise(Drive(np.array([1.0, 0.5j, -1.0, 0.0])))
+    >>> frame.amplitude.tolist(), frame.phase.tolist()
+    ([255, 128, 255, 0], [0, 64, 128, 0])
+    """
+    check_drive(drive, "the drive to round")
+    of_kind(levels, Levels, "the levels of a frame", "Levels(amplitudes, phases)")
+    return Frame(*levels.rounded(drive.amplitudes), levels)

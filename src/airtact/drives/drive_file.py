@@ -1,0 +1,503 @@
+"""Files of drives and sequences that hold all that emitting them needs: .h5, .npz, or a .csv table.
+
+Version 1 holds these datasets; those in brackets only where they are known:
+
+- ``format_version``; ``modulation``: "none" where the frames are emitted as they are, "am" for a
+  drive whose amplitude varies with ``modulation_frequency`` [Hz] and ``modulation_depth``, as in
+  ``AmplitudeModulation``.
+- ``amplitude`` [share of full scale] and ``phase`` [rad, of Re[d e^{−iωt}]]: (E,) for a drive, (N,
+  E) for a sequence, and the same in levels as ``amplitude_level`` and ``phase_level``, which count
+  in ``shares_of_levels`` (A,) and ``levels_of_a_turn``. A sequence has its ``rate`` [frames/s].
+- (``frequency`` [Hz], ``sound_speed`` [m/s], ``density`` [kg/m³], ``absorption`` [Np/m])
+- (``positions`` and ``normals`` (E, 3) in the obstacles' frame [m], ``sensitivity`` [Pa m],
+  ``element_radius`` [m])
+- (``board``, the name of the kind of board; ``board_positions`` (B, 3) [m] and ``board_rotations``
+  (B, 3, 3) from the frame of each board to the obstacles')
+- (``foci`` (F, 3) [m], ``wanted_pressures`` (F,) [Pa], ``transfer_matrix`` (F, E) [Pa per unit
+  drive])
+- further texts, such as ``scene`` and ``report``.
+"""
+
+import csv
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Complex128, Float64, Real, UInt8
+
+from airtact.acoustics.medium import Medium
+from airtact.acoustics.scene import Scene
+from airtact.acoustics.target import Target
+from airtact.checks import check_finite, of_kind, points_of, positive, real_numbers
+from airtact.drives.transfer import TransferMatrix
+from airtact.errors import LARGEST_DATA, InvalidInput, about
+from airtact.files.atomic import whole_file
+from airtact.files.bounded import arrays_of, datasets_of, text_of
+from airtact.geometry.pose import Pose
+from airtact.transducers.boards import kind_of_array
+from airtact.transducers.layout import PhasedArray
+from airtact.transducers.levels import FULL_SCALE, Levels
+from airtact.transducers.modulation import AmplitudeModulation
+
+VERSION = 1
+"""Version of the format."""
+
+ENDINGS = (".h5", ".npz", ".csv")
+
+SEQUENCE_FILE = "sequence.h5"
+"""What a run writes beside its drive where the foci move."""
+
+COLUMNS = (
+    *("index", "x", "y", "z", "nx", "ny", "nz"),
+    *("amplitude", "phase", "amplitude_level", "phase_level"),
+)
+"""Columns of a drive's table: positions in metres, otherwise in the units of the datasets."""
+
+FRAME_COLUMNS = (
+    *("frame", "seconds", "element"),
+    *("amplitude_level", "phase_level", "amplitude", "phase"),
+)
+"""Columns of a sequence's table, a line per element and frame; ``seconds`` is empty without a rate."""
+
+UNITS = {
+    "positions": "m",
+    "amplitude": "share of full scale",
+    "phase": "rad, of Re[u exp(-i omega t)]",
+    "rate": "frames/s",
+    "transfer_matrix": "Pa per unit drive; first axis foci, second elements",
+    "foci": "m",
+    "wanted_pressures": "Pa, peak",
+    "modulation_frequency": "Hz",
+    "modulation_depth": "share of the force",
+    "sensitivity": "Pa m, uncalibrated",
+    "element_radius": "m",
+    "frequency": "Hz",
+    "sound_speed": "m/s",
+    "density": "kg/m3",
+    "absorption": "Np/m",
+    "board_positions": "m",
+    "amplitude_level": "index into shares_of_levels",
+    "phase_level": "levels_of_a_turn is a turn",
+    "shares_of_levels": "share of full scale",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class DriveFile:
+    """The contents of a file of a drive or a sequence; None where the file does not have them.
+
+    Attributes
+    ----------
+    drives : (N, E) amplitude of each element in each frame; one frame for a drive.
+    rate : frames a second of a sequence; None for a drive.
+    sensitivity : peak pressure of a transducer at full scale, 1 m away on its axis [Pa·m].
+    modulation : how the amplitude of a drive varies when it is emitted.
+    """
+
+    drives: Complex128[np.ndarray, "frames elements"]
+    rate: float | None = None
+    amplitude_level: UInt8[np.ndarray, "frames elements"] | None = None
+    phase_level: UInt8[np.ndarray, "frames elements"] | None = None
+    levels: Levels | None = None
+    frequency: float | None = None
+    medium: Medium | None = None
+    positions: Float64[np.ndarray, "elements 3"] | None = None
+    normals: Float64[np.ndarray, "elements 3"] | None = None
+    sensitivity: float | None = None
+    element_radius: float | None = None
+    board: str | None = None
+    poses: tuple[Pose, ...] | None = None
+    foci: Float64[np.ndarray, "foci 3"] | None = None
+    wanted_pressures: Float64[np.ndarray, "foci"] | None = None
+    matrix: Complex128[np.ndarray, "foci elements"] | None = None
+    texts: Mapping[str, str] = field(default_factory=dict)
+    modulation: AmplitudeModulation | None = None
+
+    def frame_rate(self, rate: float | None = None) -> float | None:
+        """Return the rate if given, else the file's; None for a drive.
+
+        Raise "data_missing" for several frames without a rate.
+        """
+        rate = self.rate if rate is None else rate
+        if rate is None and len(self.drives) > 1:
+            raise InvalidInput(
+                f"{len(self.drives)} frames need a rate, in frames/s.", code="data_missing"
+            )
+        return rate
+
+
+def save_drives(
+    path: str | Path,
+    drives: Complex128[np.ndarray, "frames elements"],
+    rate: float | None = None,
+    *,
+    array: PhasedArray | None,
+    scene: Scene | None,
+    transfer: TransferMatrix | None,
+    target: Target | None,
+    levels: Levels,
+    texts: Mapping[str, str] | None,
+    modulation: AmplitudeModulation | None = None,
+) -> None:
+    """Write the arguments of ``Drive.save`` or ``Sequence.save``; a drive has one frame, no rate."""
+    of_kind(path, str | Path, "the file of a drive", 'its path, such as "drive.h5"')
+    of_kind(levels, Levels, "the levels of a drive", "Levels.even(256, 256)")
+    of_kind(modulation, AmplitudeModulation | None, "the modulation", "AmplitudeModulation(200.0)")
+    contents: dict[str, Any] = {"modulation": modulation, "texts": texts or {}}
+    if array is not None:
+        of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
+        _check_count(len(array), drives.shape[1], "the array")
+        contents |= {
+            "positions": array.positions,
+            "normals": array.normals,
+            "sensitivity": array.element.sensitivity,
+            "element_radius": array.element.radius,
+        }
+        if boards := kind_of_array(array.positions, array.normals):
+            contents |= {"board": boards[0].name, "poses": tuple(boards[1])}
+    if scene is not None:
+        of_kind(scene, Scene, "the scene", "Scene(medium, obstacles)")
+        contents |= {"frequency": scene.frequency, "medium": scene.medium}
+    if transfer is not None:
+        _check_count(transfer.matrix.shape[1], drives.shape[1], "the transfer matrix")
+        contents["matrix"] = transfer.matrix
+    if target is not None:
+        of_kind(target, Target, "the target", "Target(points, pressures)")
+        contents |= {"foci": target.points, "wanted_pressures": target.pressures}
+    amplitude, phase = levels.rounded(drives)
+    write_drive_file(Path(path), DriveFile(drives, rate, amplitude, phase, levels, **contents))
+
+
+def _check_count(count: int, elements: int, what: str) -> None:
+    if count != elements:
+        raise InvalidInput(
+            f"{what} has {count} elements, and the drive {elements}: give the one that it was "
+            "made for.",
+            code="sizes_differ",
+        )
+
+
+def write_drive_file(path: Path, contents: DriveFile) -> None:
+    """Write a file in the format of its ending.
+
+    Raise "unknown_format", "data_missing" or "not_writable".
+    """
+    ending = checked_ending(path, ENDINGS, "drive")
+    with written(path) as partial:
+        if ending == ".csv":
+            with partial.open("w", newline="", encoding="utf-8") as file:
+                csv.writer(file).writerows(_table(contents))
+        elif ending == ".npz":
+            with partial.open("wb") as file:
+                np.savez_compressed(file, allow_pickle=False, **_datasets(contents))
+        else:
+            import h5py
+
+            with h5py.File(partial, "w") as file:
+                for name, values in _datasets(contents).items():
+                    file[name] = values
+                    if name in UNITS:
+                        file[name].attrs["unit"] = UNITS[name]
+
+
+@contextmanager
+def written(path: Path) -> Iterator[Path]:
+    """Write a file as ``whole_file`` does; raise "not_writable" where that is impossible."""
+    if not path.parent.is_dir():
+        raise InvalidInput(
+            f"{path.name} cannot be written: there is no folder {path.parent}; make it first.",
+            code="not_writable",
+        )
+    try:
+        with whole_file(path) as partial:
+            yield partial
+    except OSError as error:
+        raise InvalidInput(
+            f"cannot write {path}: {error.strerror or error} (error {error.errno}).",
+            code="not_writable",
+        ) from None
+
+
+def checked_ending(path: Path, endings: Sequence[str], kind: str) -> str:
+    """Return the ending of a file in lower case; raise "unknown_format" unless it is allowed."""
+    ending = path.suffix.lower()
+    if ending not in endings:
+        raise InvalidInput(
+            f"{path.name} is no {kind} file, which ends in {', '.join(endings)}; bytes for a board "
+            "(.bin) are written by emission.FileLink.",
+            code="unknown_format",
+        )
+    return ending
+
+
+def _datasets(contents: DriveFile) -> dict[str, Any]:
+    """Return the datasets of a file by name, without those that are not known."""
+    drives = contents.drives
+    if contents.rate is None and len(drives) == 1:
+        drives = drives[0]
+    datasets = {
+        "format_version": VERSION,
+        "modulation": "none",
+        "amplitude": np.abs(drives),
+        "phase": np.angle(drives),
+        "rate": contents.rate,
+        "frequency": contents.frequency,
+        "positions": contents.positions,
+        "normals": contents.normals,
+        "sensitivity": contents.sensitivity,
+        "element_radius": contents.element_radius,
+        "board": contents.board,
+        "foci": contents.foci,
+        "wanted_pressures": contents.wanted_pressures,
+        "transfer_matrix": contents.matrix,
+    }
+    for name in ("amplitude_level", "phase_level"):
+        if (levels := getattr(contents, name)) is not None:
+            datasets[name] = levels.reshape(drives.shape)
+    if (modulation := contents.modulation) is not None:
+        datasets |= {
+            "modulation": "am",
+            "modulation_frequency": modulation.frequency,
+            "modulation_depth": modulation.depth,
+        }
+    if (levels := contents.levels) is not None:
+        datasets |= {"shares_of_levels": levels.amplitudes, "levels_of_a_turn": levels.phases}
+    if (medium := contents.medium) is not None:
+        datasets |= {
+            "sound_speed": medium.sound_speed,
+            "density": medium.density,
+            "absorption": medium.absorption,
+        }
+    if (poses := contents.poses) is not None:
+        datasets["board_positions"] = np.stack([pose.translation for pose in poses])
+        datasets["board_rotations"] = np.stack([pose.rotation for pose in poses])
+    datasets |= contents.texts
+    return {name: values for name, values in datasets.items() if values is not None}
+
+
+def _table(contents: DriveFile) -> Iterator[tuple[Any, ...]]:
+    """Yield the lines of a table: of the elements of a drive, or of each frame of a sequence."""
+    if contents.amplitude_level is None or contents.phase_level is None:
+        raise InvalidInput("a table needs levels: give them.", code="data_missing")
+    positions, normals = contents.positions, contents.normals
+    of_elements = contents.rate is None and len(contents.drives) == 1
+    if of_elements and positions is not None and normals is not None:
+        yield COLUMNS
+        for index, drive in enumerate(contents.drives[0]):
+            place = [f"{number:.9g}" for number in (*positions[index], *normals[index])]
+            levels = contents.amplitude_level[0, index], contents.phase_level[0, index]
+            yield index, *place, f"{np.abs(drive):.9g}", f"{np.angle(drive):.9g}", *levels
+        return
+    yield FRAME_COLUMNS
+    for frame, drives in enumerate(contents.drives):
+        seconds = "" if contents.rate is None else repr(frame / contents.rate)
+        for element, drive in enumerate(drives):
+            levels = contents.amplitude_level[frame, element], contents.phase_level[frame, element]
+            exact = f"{np.abs(drive):.9g}", f"{np.angle(drive):.9g}"
+            yield frame, seconds, element, *levels, *exact
+
+
+def read_drive_file(path: Path) -> DriveFile:
+    """Read a drive or a sequence; only ``amplitude`` and ``phase`` must be in the file.
+
+    Raises
+    ------
+    InvalidInput
+        "file_missing", "file_unreadable", "unsupported_version", "data_missing", "wrong_shape",
+        "not_finite", "out_of_range", or as the parts of it.
+    """
+    ending = checked_ending(path, ENDINGS, "drive")
+    if not path.is_file():
+        raise InvalidInput(f"cannot read {path}: there is no such file.", code="file_missing")
+    if ending == ".h5":
+        raw = datasets_of(path)
+    elif ending == ".npz":
+        arrays = arrays_of(path).items()
+        raw = {name: array.item() if array.ndim == 0 else array for name, array in arrays}
+    else:
+        raw = _read_table(path)
+    with about(path.name):
+        version = raw.get("format_version", VERSION)
+        if version != VERSION:
+            raise InvalidInput(
+                f"the file has format version {version}, and this airtact reads version "
+                f"{VERSION}: update airtact.",
+                code="unsupported_version",
+            )
+        missing = [name for name in ("amplitude", "phase") if name not in raw]
+        if missing:
+            raise InvalidInput(f"the file lacks {' and '.join(missing)}.", code="data_missing")
+        try:
+            return _parsed(raw)
+        except InvalidInput:
+            raise
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+            raise InvalidInput(
+                f"its datasets do not fit each other ({error}).", code="wrong_shape"
+            ) from None
+
+
+def _parsed(raw: Mapping[str, Any]) -> DriveFile:
+    """Build the contents from datasets, checked one by one and against each other."""
+    points = {
+        name: points_of(raw[name], name) for name in ("positions", "normals", "foci") if name in raw
+    }
+    count = len(points.get("positions", ()))
+    if count != len(points.get("normals", ())):
+        raise InvalidInput("positions and normals differ in number.", code="sizes_differ")
+    drives = _drives(raw, count)
+    numbers = {
+        name: positive(raw[name], what, unit)
+        for name, what, unit in (
+            ("rate", "the rate", "frames/s"),
+            ("frequency", "the frequency", "Hz"),
+            ("sensitivity", "the sensitivity of an element", "Pa·m"),
+        )
+        if name in raw
+    }
+    medium = [float(raw[name]) for name in ("sound_speed", "density", "absorption") if name in raw]
+    levels = None
+    if "shares_of_levels" in raw:
+        levels = Levels(raw["shares_of_levels"], int(raw["levels_of_a_turn"]))
+    poses = None
+    if "board_positions" in raw:
+        pairs = zip(raw["board_rotations"], raw["board_positions"], strict=True)
+        poses = tuple(Pose(rotation, translation) for rotation, translation in pairs)
+    matrix = raw.get("transfer_matrix")
+    return DriveFile(
+        drives,
+        amplitude_level=_levels(raw, "amplitude_level", drives.shape),
+        phase_level=_levels(raw, "phase_level", drives.shape),
+        levels=levels,
+        medium=Medium(*medium) if len(medium) > 1 else None,
+        element_radius=float(raw["element_radius"]) if "element_radius" in raw else None,
+        board=raw.get("board"),
+        poses=poses,
+        wanted_pressures=raw.get("wanted_pressures"),
+        matrix=None if matrix is None else np.asarray(matrix, dtype=np.complex128),
+        texts={name: raw[name] for name in ("scene", "report") if name in raw},
+        modulation=_modulation(raw),
+        **points,
+        **numbers,
+    )
+
+
+def _levels(
+    raw: Mapping[str, Any], name: str, shape: tuple[int, ...]
+) -> UInt8[np.ndarray, "frames elements"] | None:
+    if name not in raw:
+        return None
+    levels = real_numbers(np.asarray(raw[name]), name).reshape(shape)
+    wrong = ~((levels >= 0.0) & (levels <= 255.0) & (levels == np.trunc(levels)))
+    if wrong.any():
+        raise InvalidInput(
+            f"{name} holds {levels[wrong][0]:g}, but levels are whole numbers from 0 to 255.",
+            code="out_of_range",
+        )
+    return levels.astype(np.uint8)
+
+
+def _modulation(raw: Mapping[str, Any]) -> AmplitudeModulation | None:
+    kind = raw.get("modulation", "none")
+    if kind == "none":
+        return None
+    if kind != "am":
+        raise InvalidInput(f"the modulation {kind!r} is neither none nor am.", code="unknown_name")
+    return AmplitudeModulation(float(raw["modulation_frequency"]), float(raw["modulation_depth"]))
+
+
+def _drives(raw: Mapping[str, Any], elements: int) -> Complex128[np.ndarray, "frames elements"]:
+    """Return the drives, one row per frame; ``elements`` is 0 where the file has no positions."""
+    amplitude = real_numbers(np.asarray(raw["amplitude"]), "amplitude")
+    phase = real_numbers(np.asarray(raw["phase"]), "phase")
+    if (
+        amplitude.shape != phase.shape
+        or amplitude.ndim not in (1, 2)
+        or amplitude.shape[-1] != (elements or amplitude.shape[-1])
+    ):
+        raise InvalidInput(
+            f"amplitude of shape {amplitude.shape} and phase of shape {phase.shape} do not fit "
+            f"{f'{elements} elements' if elements else 'each other'}.",
+            code="wrong_shape",
+        )
+    if amplitude.size == 0:
+        raise InvalidInput("the sequence has no frame.", code="empty")
+    amplitude = np.atleast_2d(amplitude)
+    check_finite(amplitude, "amplitude")
+    check_finite(phase, "phase")
+    wrong = np.argwhere((amplitude < 0.0) | (amplitude > FULL_SCALE))
+    if len(wrong):
+        frame, element = wrong[0].tolist()
+        raise InvalidInput(
+            f"amplitudes must be 0 to 1, but {len(wrong)} are not, the first "
+            f"{amplitude[frame, element]:g} of element {element} in frame {frame}.",
+            code="out_of_range",
+        )
+    return amplitude * np.exp(1j * np.atleast_2d(phase))
+
+
+def _read_table(path: Path) -> dict[str, Any]:
+    lines = text_of(path, LARGEST_DATA).splitlines() or [""]
+    with about(path.name):
+        columns = tuple(lines[0].split(","))
+        if columns not in (COLUMNS, FRAME_COLUMNS):
+            raise InvalidInput(
+                f"line 1 must be {','.join(COLUMNS)} or {','.join(FRAME_COLUMNS)}.",
+                code="file_unreadable",
+            )
+        return _table_datasets(columns, _rows(lines, len(columns)))
+
+
+def _rows(lines: Sequence[str], columns: int) -> Float64[np.ndarray, "rows columns"]:
+    """Read the numbers in all lines but the first; empty cells are NaN."""
+
+    def cells() -> Iterator[float]:
+        for number, line in enumerate(lines[1:], start=2):
+            if not line:
+                continue
+            words = line.split(",")
+            if len(words) != columns:
+                raise InvalidInput(
+                    f"line {number} has {len(words)} cells, and each needs {columns} cells.",
+                    code="wrong_shape",
+                )
+            for word in words:
+                try:
+                    yield float(word or "nan")
+                except ValueError:
+                    raise InvalidInput(
+                        f"line {number} has the cell {word!r}, which cannot be read as a number.",
+                        code="file_unreadable",
+                    ) from None
+
+    rows = np.fromiter(cells(), dtype=np.float64).reshape(-1, columns)
+    if not len(rows):
+        raise InvalidInput("the table has no lines of numbers.", code="wrong_shape")
+    return rows
+
+
+def _table_datasets(
+    columns: tuple[str, ...], rows: Real[np.ndarray, "rows columns"]
+) -> dict[str, Any]:
+    by_name = dict(zip(columns, rows.T, strict=True))
+    names = ("amplitude", "phase", "amplitude_level", "phase_level")
+    if columns == COLUMNS:
+        datasets = {name: by_name[name] for name in names}
+        return datasets | {"positions": rows[:, 1:4], "normals": rows[:, 4:7]}
+    last = float(by_name["frame"].max())
+    count = int(last) + 1 if 0.0 <= last < len(rows) else 0
+    if count == 0 or len(rows) % count:
+        raise InvalidInput(
+            f"{len(rows)} lines are not whole frames up to frame {last:g}.", code="wrong_shape"
+        )
+    if count == 1:
+        return {name: by_name[name] for name in names}
+    datasets = {name: by_name[name].reshape(count, -1) for name in names}
+    end = by_name["seconds"].reshape(count, -1)[-1, 0]
+    if end > 0.0:
+        # The rate is not in the table; twelve digits undo the rounding of the division.
+        datasets["rate"] = float(f"{(count - 1) / end:.12g}")
+    return datasets

@@ -1,0 +1,187 @@
+"""Drives by linear algebra: time reversal, the inverse filter, and the least peak amplitude."""
+
+import numpy as np
+from jaxtyping import Complex128, Float64
+
+from airtact.acoustics.target import Target
+from airtact.checks import positive
+from airtact.drives.drive import Amplitudes, Drive
+from airtact.drives.gerchberg_saxton import check_iterations
+from airtact.drives.reach import (
+    FociRows,
+    check_solvable,
+    foci_rows,
+    scaled_to_target,
+    suppression_rows,
+)
+from airtact.drives.transfer import TransferMatrix
+
+
+def time_reversal(transfer: TransferMatrix, target: Target) -> Drive:
+    """Make the time reversal drive d = Hᴴ w, amplitudes and phases, H being the transfer matrix.
+
+    Each element emits, reversed in time, the sound that it would receive from sources at the foci:
+    equations 9 and 10 of the paper, with its equation 5 for several foci. w_f is the pressure or
+    share that focus f asks for (1 where the target asks for none), with the phase that it asks for,
+    or phase 0 as in the paper. For one focus no drive of equal energy Σ|d|² gives more pressure
+    (Cauchy-Schwarz). With several foci, each also receives the sound meant for the others, so their
+    shares differ from those asked. The method ignores suppression points.
+
+    Parameters
+    ----------
+    transfer : the (F, E) transfer matrix of F foci and E elements.
+    target : the foci and the pressures asked there.
+
+    Returns
+    -------
+    The drive of E elements, scaled so that the worst focus gets the pressure it asked for. If that
+    takes more than full scale, or no pressure is asked, the largest amplitude is 1.
+    ``achieved_fraction`` gives the pressure of each focus over the pressure asked.
+
+    Raises
+    ------
+    InvalidInput
+        If the foci of the target are not those of the matrix, or the contributions of the foci
+        cancel at every element.
+    """
+    return scaled_to_target(transfer, target, _reversed(transfer, target))
+
+
+def phase_conjugate(transfer: TransferMatrix, target: Target) -> Drive:
+    """Keep the phases of ``time_reversal`` and give every element the same amplitude.
+
+    At equal peak amplitude, one focus gets more pressure from this than from any other drive: the
+    sound of every element arrives in phase, and every element is at full scale, or all are scaled
+    down alike where the worst focus asks for less. The pressures or shares asked weigh the foci
+    before the amplitudes are dropped. The method ignores suppression points. Parameters and errors
+    are those of ``time_reversal``.
+    """
+    return scaled_to_target(transfer, target, np.sign(_reversed(transfer, target)))
+
+
+def _reversed(transfer: TransferMatrix, target: Target) -> Amplitudes:
+    return foci_rows(transfer, target).conj().T @ target.wanted
+
+
+def inverse_filter(
+    transfer: TransferMatrix, target: Target, *, weight: float | None = None
+) -> Drive:
+    """Solve least squares with Tikhonov regularisation: d = Hᴴ (H Hᴴ + weight ‖H‖² I)⁻¹ w.
+
+    With weight 0 every focus gets the pressure w_f that it asks for, phase included, by the drive
+    of least energy that can give it. Tanter, Thomas and Fink, J. Acoust. Soc. Am. 108 (2000) 223;
+    with the transfer matrix of open air this is the least-squares method of Hasegawa and Shinoda
+    (IEEE World Haptics 2013). Suppression points are rows of H with w = 0.
+
+    Parameters
+    ----------
+    transfer : the transfer matrix of the foci, and of the suppression points where the target has
+        some.
+    target : the foci and the pressures asked there; a focus that asks for no phase gets phase 0.
+    weight : Tikhonov's weight over the largest eigenvalue ‖H‖² of H Hᴴ; None for the corner of the
+        L-curve (Hansen and O'Leary, SIAM J. Sci. Comput. 14 (1993) 1487).
+
+    Returns
+    -------
+    The drive, scaled as by ``time_reversal``.
+
+    Raises
+    ------
+    InvalidInput
+        As ``weighted_gerchberg_saxton``, the suppression points are not those of the matrix, or the
+        weight is negative.
+    """
+    check_solvable(transfer, target)
+    matrix = np.concatenate([foci_rows(transfer, target), suppression_rows(transfer, target)])
+    wanted = np.concatenate([target.wanted, np.zeros(len(matrix) - len(target.points))])
+    eigenvalues, modes = np.linalg.eigh(matrix @ matrix.conj().T)
+    asked = modes.conj().T @ wanted
+    if weight is None:
+        weight = _l_curve_corner(eigenvalues, np.abs(asked) ** 2)
+    if weight != 0.0:
+        weight = positive(weight, "Tikhonov's weight", "of ‖H‖²")
+    # Eigenvalues below rounding are noise.
+    floor = max(weight, np.finfo(float).eps * len(eigenvalues)) * eigenvalues[-1]
+    damped = np.maximum(eigenvalues, 0.0) + floor
+    return scaled_to_target(transfer, target, matrix.conj().T @ (modes @ (asked / damped)))
+
+
+def _l_curve_corner(
+    eigenvalues: Float64[np.ndarray, "rows"], asked: Float64[np.ndarray, "rows"]
+) -> float:
+    """Tikhonov's weight at the largest curvature of log ‖d‖ over log ‖H d − w‖."""
+    weights = np.geomspace(1e-10, 1.0, 121)
+    relative = np.maximum(eigenvalues / eigenvalues[-1], 0.0)
+    damped = relative + weights[:, None]
+    missing = 0.5 * np.log(np.sum(asked * (weights[:, None] / damped) ** 2, axis=1))
+    norm = 0.5 * np.log(np.sum(asked * relative / damped**2, axis=1))
+    step = np.log(weights[1] / weights[0])
+    x1 = np.gradient(missing, step)
+    y1 = np.gradient(norm, step)
+    x2 = np.gradient(x1, step)
+    y2 = np.gradient(y1, step)
+    return float(weights[np.argmax((x1 * y2 - x2 * y1) / (x1**2 + y1**2) ** 1.5)])
+
+
+def least_peak(transfer: TransferMatrix, target: Target, *, iterations: int = 50) -> Drive:
+    """Give every focus exactly the pressure and phase asked for, with the least peak amplitude.
+
+    The method minimises max_e |d_e| over all drives with H d = w. The dual, Σ_e |h_eᴴ λ| at least
+    with Re wᴴ λ = 1, is solved by iteratively reweighted least squares (Daubechies, DeVore,
+    Fornasier and Güntürk, Comm. Pure Appl. Math. 63 (2010) 1), of which every step gives a drive
+    with H d = w; the one of least peak is returned. Nearly all elements then have the same
+    amplitude, so at full scale the foci get more than by ``inverse_filter``. The method ignores
+    suppression points.
+
+    Parameters
+    ----------
+    transfer : the (F, E) transfer matrix of F foci and E elements.
+    target : the foci and the pressures asked there; a focus that asks for no phase gets phase 0.
+    iterations : number of steps.
+
+    Returns
+    -------
+    The drive, scaled as by ``time_reversal``; its pressures have the ratios and phases asked at any
+    scale.
+
+    Raises
+    ------
+    InvalidInput
+        As ``weighted_gerchberg_saxton``.
+    """
+    check_solvable(transfer, target)
+    check_iterations(iterations)
+    amplitudes = exact_amplitudes(foci_rows(transfer, target), target.wanted, iterations)
+    return scaled_to_target(transfer, target, amplitudes)
+
+
+def exact_amplitudes(
+    matrix: FociRows,
+    wanted: Complex128[np.ndarray, "foci"],
+    iterations: int = 50,
+    sufficient_peak: float = 0.0,
+) -> Amplitudes:
+    """Return the amplitudes of least peak with H d = w.
+
+    The iteration starts at those of least energy and stops early at ``sufficient_peak``.
+    """
+    norms = np.linalg.norm(matrix, axis=1)
+    matrix = matrix / norms[:, None]
+    wanted = wanted / norms
+    back = matrix.conj().T
+    weights = np.ones(len(back))
+    best = np.zeros(len(back), dtype=np.complex128)
+    least = np.inf
+    for _ in range(iterations):
+        sources = np.linalg.lstsq(matrix @ (weights[:, None] * back), wanted, rcond=None)[0]
+        sent = back @ sources
+        amplitudes = weights * sent
+        peak = float(np.abs(amplitudes).max())
+        if peak < least:
+            best = amplitudes
+            least = peak
+        if least <= sufficient_peak:
+            break
+        # Elements that barely matter keep a finite weight.
+        weights = 1.0 / np.maximum(np.abs(sent) / np.abs(sent).mean(), 1e-6)
+    return best
