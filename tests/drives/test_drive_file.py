@@ -141,27 +141,23 @@ def changed(path: Path, **columns) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("columns", "code", "shown"),
+    ("columns", "code"),
     [
-        ({"format_version": 2}, "unsupported_version", "version 2"),
-        ({"format_version": 0}, "unsupported_version", "version 0"),
-        ({"format_version": "new"}, "unsupported_version", "version new"),
-        ({"amplitude": None}, "data_missing", "amplitude"),
-        ({"normals": None}, "sizes_differ", "normals"),
-        ({"amplitude": np.ones(3)}, "wrong_shape", "(3,)"),
-        ({"amplitude": np.ones((0, 249)), "phase": np.ones((0, 249))}, "empty", "no frame"),
-        (
-            {"amplitude": np.full(249, 1.5)},
-            "out_of_range",
-            "249 are not, the first 1.5 of element 0",
-        ),
-        ({"phase": np.full(249, np.nan)}, "not_finite", "249"),
-        ({"rate": -1.0}, "out_of_range", "-1"),
-        ({"phase_level": np.zeros(3, dtype=np.uint8)}, "wrong_shape", "249"),
-        ({"board_rotations": None}, "wrong_shape", "board_rotations"),
+        ({"format_version": 2}, "unsupported_version"),
+        ({"format_version": 0}, "unsupported_version"),
+        ({"format_version": "new"}, "unsupported_version"),
+        ({"amplitude": None}, "data_missing"),
+        ({"normals": None}, "sizes_differ"),
+        ({"amplitude": np.ones(3)}, "wrong_shape"),
+        ({"amplitude": np.ones((0, 249)), "phase": np.ones((0, 249))}, "empty"),
+        ({"amplitude": np.full(249, 1.5)}, "out_of_range"),
+        ({"phase": np.full(249, np.nan)}, "not_finite"),
+        ({"rate": -1.0}, "out_of_range"),
+        ({"phase_level": np.zeros(3, dtype=np.uint8)}, "wrong_shape"),
+        ({"board_rotations": None}, "wrong_shape"),
     ],
 )
-def test_what_no_drive_is_has_a_code(path, columns, code: str, shown: str) -> None:
+def test_what_no_drive_is_has_a_code(path, columns, code: str) -> None:
     with raises_code(code):
         read_drive_file(changed(path, **columns))
 

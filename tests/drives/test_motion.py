@@ -135,24 +135,24 @@ def test_suppression_points_stay_suppressed() -> None:
 
 
 @pytest.mark.parametrize(
-    ("make", "code", "shown"),
+    ("make", "code"),
     [
-        (lambda: Motion("am"), "unknown_name", "'am'"),
-        (lambda: Motion("lm", "square"), "unknown_name", "one of 3"),
-        (lambda: Motion("lm", "points"), "unknown_name", "one of 2"),
-        (lambda: Motion("stm", "points", size=0.01), "options_clash", "0.01"),
-        (lambda: Motion("lm", size=-1.0), "out_of_range", "-1 m"),
-        (lambda: Motion("lm", frequency=0.0), "out_of_range", "0 Hz"),
-        (lambda: Motion("stm", "circle", size=3.0), "out_of_range", "3 m"),
-        (lambda: AmplitudeModulation(20e3), "out_of_range", "20000 Hz"),
-        (lambda: Motion("lm", frames=3), "sizes_differ", "4 to 1024 frames, not 3"),
-        (lambda: Motion("lm", along="skin").paths(OPEN, ALONE, MIDDLE), "misplaced", "20 mm"),
-        (lambda: moving_foci(matrix_of(ALONE), ALONE, 2, 50.0), "sizes_differ", "1 point is"),
-        (lambda: moving_foci(matrix_of(ALONE), ALONE, 1, 20e3), "out_of_range", "1e+04 Hz"),
+        (lambda: Motion("am"), "unknown_name"),
+        (lambda: Motion("lm", "square"), "unknown_name"),
+        (lambda: Motion("lm", "points"), "unknown_name"),
+        (lambda: Motion("stm", "points", size=0.01), "options_clash"),
+        (lambda: Motion("lm", size=-1.0), "out_of_range"),
+        (lambda: Motion("lm", frequency=0.0), "out_of_range"),
+        (lambda: Motion("stm", "circle", size=3.0), "out_of_range"),
+        (lambda: AmplitudeModulation(20000.0), "out_of_range"),
+        (lambda: Motion("lm", frames=3), "sizes_differ"),
+        (lambda: Motion("lm", along="skin").paths(OPEN, ALONE, MIDDLE), "misplaced"),
+        (lambda: moving_foci(matrix_of(ALONE), ALONE, 2, 50.0), "sizes_differ"),
+        (lambda: moving_foci(matrix_of(ALONE), ALONE, 1, 20000.0), "out_of_range"),
     ],
 )
 def test_motions_that_cannot_be_are_rejected(
-    make, code: str, shown: str, monkeypatch: pytest.MonkeyPatch
+    make, code: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import jaxtyping
 

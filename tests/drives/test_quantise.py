@@ -77,17 +77,15 @@ LEVELS = np.zeros(3, dtype=np.uint8)
 
 
 @pytest.mark.parametrize(
-    ("amplitude", "phase", "code", "shown"),
+    ("amplitude", "phase", "code"),
     [
-        (LEVELS, LEVELS[:2], "sizes_differ", "3 amplitudes has 2 phases"),
-        (LEVELS, LEVELS.astype(np.int64) + 300, "wrong_shape", "int64"),
-        (LEVELS[:0], LEVELS[:0], "wrong_shape", "(0,)"),
-        (LEVELS[None], LEVELS[None], "wrong_shape", "(1, 3)"),
+        (LEVELS, LEVELS[:2], "sizes_differ"),
+        (LEVELS, LEVELS.astype(np.int64) + 300, "wrong_shape"),
+        (LEVELS[:0], LEVELS[:0], "wrong_shape"),
+        (LEVELS[None], LEVELS[None], "wrong_shape"),
     ],
 )
-def test_bad_frames_are_rejected(
-    amplitude, phase, code, shown, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_bad_frames_are_rejected(amplitude, phase, code, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
     with raises_code(code):
         Frame(amplitude, phase)

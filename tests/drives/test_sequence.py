@@ -97,32 +97,20 @@ def test_frames_are_drives() -> None:
 
 
 @pytest.mark.parametrize(
-    ("make", "code", "shown"),
+    ("make", "code"),
     [
-        (lambda: Sequence(np.zeros((0, 3), complex), 1.0), "wrong_shape", "(0, 3)"),
-        (
-            lambda: Sequence(np.array([[0.5], [1.2j]]), 1.0),
-            "over_full_scale",
-            "frame 1 of a sequence drives an element at 1.2",
-        ),
-        (lambda: Sequence(np.array([[0.5j], [np.nan]]), 1.0), "not_finite", "[1, 0]"),
-        (lambda: Sequence(np.ones((2, 2), complex), 0.0), "out_of_range", "0 frames/s"),
-        (lambda: amplitude_modulation(DRIVE).drive(20), "out_of_range", "frames 0 to 19"),
-        (
-            lambda: amplitude_modulation(DRIVE, 200.0, 600.0),
-            "out_of_range",
-            "3 frames a period of 200 Hz, and 4",
-        ),
-        (
-            lambda: amplitude_modulation(DRIVE, 150.0, 1000.0),
-            "out_of_range",
-            "150 Hz: the nearest is 1050",
-        ),
-        (lambda: amplitude_modulation(DRIVE, depth=1.5), "out_of_range", "1.5"),
-        (lambda: amplitude_modulation(DRIVE, frequency=-1.0), "out_of_range", "-1 Hz"),
+        (lambda: Sequence(np.zeros((0, 3), complex), 1.0), "wrong_shape"),
+        (lambda: Sequence(np.array([[0.5], [1.2j]]), 1.0), "over_full_scale"),
+        (lambda: Sequence(np.array([[0.5j], [np.nan]]), 1.0), "not_finite"),
+        (lambda: Sequence(np.ones((2, 2), complex), 0.0), "out_of_range"),
+        (lambda: amplitude_modulation(DRIVE).drive(20), "out_of_range"),
+        (lambda: amplitude_modulation(DRIVE, 200.0, 600.0), "out_of_range"),
+        (lambda: amplitude_modulation(DRIVE, 150.0, 1000.0), "out_of_range"),
+        (lambda: amplitude_modulation(DRIVE, depth=1.5), "out_of_range"),
+        (lambda: amplitude_modulation(DRIVE, frequency=-1.0), "out_of_range"),
     ],
 )
-def test_faults_are_rejected_with_the_number(make, code, shown) -> None:
+def test_faults_are_rejected_with_the_number(make, code) -> None:
     with raises_code(code):
         make()
 

@@ -147,12 +147,8 @@ def unit_beacons(scene: Scene, points: np.ndarray):
 
 def test_sources_that_are_not_unit_beacons_raise() -> None:
     scene = Scene(AIR, [])
-    for strengths, number in (
-        (np.ones((3, 1), dtype=np.complex128), "(3, 1) with the largest 1"),
-        (2.0 * np.eye(3, dtype=np.complex128), "(3, 3) with the largest 2"),
-        (np.ones((3, 3), dtype=np.complex128), "(3, 3)"),
-    ):
-        field = FreeField().radiate(scene, Monopoles(FOCI, strengths))
+    for strengths in (np.ones((3, 1)), 2.0 * np.eye(3), np.ones((3, 3))):
+        field = FreeField().radiate(scene, Monopoles(FOCI, strengths + 0j))
         with raises_code("wrong_kind"):
             transfer_matrix(field, autd3_board())
 
@@ -220,28 +216,18 @@ ONES = np.ones((2, 3), dtype=np.complex128)
 
 
 @pytest.mark.parametrize(
-    ("make", "code", "number"),
+    ("make", "code"),
     [
-        (lambda: TransferMatrix(0.0 * ONES, 0.0), "all_zero", "all 6 entries"),
-        (lambda: TransferMatrix(ONES[0], 0.0), "wrong_shape", "not (3,)"),
-        (lambda: TransferMatrix(ONES[:0], 0.0), "wrong_shape", "not (0, 3)"),
-        (
-            lambda: TransferMatrix(ONES, 0.0).pressure(Drive(np.ones(4) + 0j)),
-            "sizes_differ",
-            "4 elements",
-        ),
-        (
-            lambda: Drive(1.2 * ONES[0]),
-            "over_full_scale",
-            "3 elements are driven over full scale, the largest at 1.2",
-        ),
-        (lambda: Drive(ONES), "wrong_shape", "(2, 3)"),
-        (lambda: Drive(ONES[0, :0]), "wrong_shape", "(0,)"),
+        (lambda: TransferMatrix(0.0 * ONES, 0.0), "all_zero"),
+        (lambda: TransferMatrix(ONES[0], 0.0), "wrong_shape"),
+        (lambda: TransferMatrix(ONES[:0], 0.0), "wrong_shape"),
+        (lambda: TransferMatrix(ONES, 0.0).pressure(Drive(np.ones(4) + 0j)), "sizes_differ"),
+        (lambda: Drive(1.2 * ONES[0]), "over_full_scale"),
+        (lambda: Drive(ONES), "wrong_shape"),
+        (lambda: Drive(ONES[0, :0]), "wrong_shape"),
     ],
 )
-def test_bad_matrices_and_drives_raise(
-    make, code: str, number: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_bad_matrices_and_drives_raise(make, code: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
     with raises_code(code):
         make()

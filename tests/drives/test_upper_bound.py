@@ -154,8 +154,6 @@ def test_foci_a_tenth_of_the_wavelength_apart_are_taken():
 def test_a_shadowed_focus_raises_with_its_pressure_and_that_of_the_others():
     matrix = random_matrix(4, 4).matrix.copy()
     matrix[2] *= 0.01
-    attainable = np.abs(matrix).sum(axis=1)
-    others = np.median(attainable[[0, 1, 3]])
     with raises_code("foci_unreachable"):
         at.max_min(TransferMatrix(matrix, 0.0), Target(any_points(4)))
     modest = Target(any_points(4), shares=np.array([1.0, 1.0, 0.01, 1.0]))

@@ -63,15 +63,15 @@ def test_blocked_positions_read_nothing():
 
 
 @pytest.mark.parametrize(
-    ("given", "code", "number"),
+    ("given", "code"),
     [
-        ({"diameter": 6.35}, "out_of_range", "6.35 m"),
-        ({"diameter": -1e-3}, "out_of_range", "-0.001"),
-        ({"axis": (0.0, 0.0, 0.0)}, "wrong_shape", "[0.0, 0.0, 0.0]"),
-        ({"housing": -0.1}, "out_of_range", "-0.1 m"),
-        ({"diameter": float("nan")}, "out_of_range", "nan"),
+        ({"diameter": 6.35}, "out_of_range"),
+        ({"diameter": -0.001}, "out_of_range"),
+        ({"axis": (0.0, 0.0, 0.0)}, "wrong_shape"),
+        ({"housing": -0.1}, "out_of_range"),
+        ({"diameter": float("nan")}, "out_of_range"),
     ],
 )
-def test_impossible_microphones_raise(given, code, number):
+def test_impossible_microphones_raise(given, code):
     with raises_code(code):
         Microphone(**given)

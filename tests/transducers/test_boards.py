@@ -146,61 +146,23 @@ def mirrored():
 
 
 @pytest.mark.parametrize(
-    ("make", "code", "sentence"),
+    ("make", "code"),
     [
-        (
-            lambda: board_named("ultrahaptics"),
-            "unknown_name",
-            "'ultrahaptics' is none of the 4 boards: there is autd3, sonicsurface",
-        ),
-        (
-            lambda: boards_needed(board_named("autd3"), 248),
-            "sizes_differ",
-            "248 elements do not fill whole autd3 boards of 249: ... 249",
-        ),
-        (
-            lambda: boards_needed(board_named("autd3"), 1000),
-            "sizes_differ",
-            "1000 elements do not fill ... give a drive for 996 elements",
-        ),
-        (
-            lambda: boards_needed(board_named("sonicsurface"), 996),
-            "sizes_differ",
-            "996 elements ... give a drive for 512 elements",
-        ),
-        (
-            lambda: boards_needed(board_named("sonicsurface"), 768),
-            "too_many",
-            "768 elements are 3 ... at most 2: ... 512 elements",
-        ),
-        (
-            lambda: shifted(300),
-            "wrong_kind",
-            "elements 249 to 497 are not laid out like board 1 of autd3: element 300 stands 0.99",
-        ),
-        (
-            mirrored,
-            "wrong_kind",
-            "elements 0 to 248 are not laid out like board 0 of autd3: ... mm off",
-        ),
-        (
-            lambda: board_array("autd3", Pose.identity()),
-            "wrong_kind",
-            "the list of poses is a Pose",
-        ),
-        (lambda: board_array("autd3", []), "empty", "at least 1 array, not 0"),
-        (
-            lambda: surrounding_box(board="openmpd"),
-            "unknown_name",
-            "256 transducers of openmpd have no known outline",
-        ),
+        (lambda: board_named("ultrahaptics"), "unknown_name"),
+        (lambda: boards_needed(board_named("autd3"), 248), "sizes_differ"),
+        (lambda: boards_needed(board_named("autd3"), 1000), "sizes_differ"),
+        (lambda: boards_needed(board_named("sonicsurface"), 996), "sizes_differ"),
+        (lambda: boards_needed(board_named("sonicsurface"), 768), "too_many"),
+        (lambda: shifted(300), "wrong_kind"),
+        (mirrored, "wrong_kind"),
+        (lambda: board_array("autd3", Pose.identity()), "wrong_kind"),
+        (lambda: board_array("autd3", []), "empty"),
+        (lambda: surrounding_box(board="openmpd"), "unknown_name"),
     ],
 )
-def test_what_is_no_board_is_rejected(
-    make, code: str, sentence: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_no_board_is_rejected(make, code: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
-    with raises_code(code, *sentence.split(" ... ")):
+    with raises_code(code):
         make()
 
 

@@ -66,54 +66,22 @@ def test_gains_ride_with_the_array() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "code", "sentence"),
+    ("text", "code"),
     [
-        (
-            "index,gain\n0,1\n",
-            "data_missing",
-            "gains.csv has no column element, phase: it needs element, gain, phase",
-        ),
-        (
-            "element,gain,phase\n0,1\n",
-            "wrong_shape",
-            "line 2 of gains.csv has 2 cells, but there are 3 columns",
-        ),
-        (
-            "element,gain,phase\n1.5,1,0\n",
-            "not_a_number",
-            "line 2 of gains.csv: element 1.5 is not a whole number",
-        ),
-        (
-            "element,gain,phase\n0,1,0\n12,1,0\n",
-            "unknown_name",
-            "line 3 of gains.csv: there is no element 12 among 12 elements",
-        ),
-        (
-            "element,gain,phase\n0,1,0\n0,1,0\n",
-            "given_twice",
-            "line 3 of gains.csv: element 0 was given in line 2 already",
-        ),
-        (
-            "element,gain,phase\n0,-1,0\n",
-            "out_of_range",
-            "line 2 of gains.csv: gain -1 of element 0 must be 0 to 10",
-        ),
-        ("element,gain,phase\n0,95,0\n", "out_of_range", "gain 95 ... must be 0 to 10"),
-        (
-            "element,gain,phase\n0,nan,0\n",
-            "file_unreadable",
-            "line 2 of gains.csv has 'nan' for gain, which is not finite",
-        ),
-        (
-            "element,gain,phase\n0,1,inf\n",
-            "file_unreadable",
-            "line 2 of gains.csv has 'inf' for phase, which is not finite",
-        ),
+        ("index,gain\n0,1\n", "data_missing"),
+        ("element,gain,phase\n0,1\n", "wrong_shape"),
+        ("element,gain,phase\n1.5,1,0\n", "not_a_number"),
+        ("element,gain,phase\n0,1,0\n12,1,0\n", "unknown_name"),
+        ("element,gain,phase\n0,1,0\n0,1,0\n", "given_twice"),
+        ("element,gain,phase\n0,-1,0\n", "out_of_range"),
+        ("element,gain,phase\n0,95,0\n", "out_of_range"),
+        ("element,gain,phase\n0,nan,0\n", "file_unreadable"),
+        ("element,gain,phase\n0,1,inf\n", "file_unreadable"),
     ],
 )
-def test_bad_tables_are_rejected(tmp_path, text: str, code: str, sentence: str) -> None:
+def test_bad_tables_are_rejected(tmp_path, text: str, code: str) -> None:
     (tmp_path / "gains.csv").write_text(text)
-    with raises_code(code, *sentence.split(" ... ")):
+    with raises_code(code):
         load_calibration(tmp_path / "gains.csv", 12)
 
 
@@ -126,16 +94,14 @@ def test_a_table_that_cannot_be_read_is_rejected(tmp_path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("gains", "code", "sentence"),
+    ("gains", "code"),
     [
-        (np.ones(3), "wrong_shape", "249 elements need as many gains, not an array of shape (3,)"),
-        (np.zeros(249), "all_zero", "all 249 elements are dead"),
-        (np.full(249, np.nan), "not_finite", "element gains hold 249 NaN"),
+        (np.ones(3), "wrong_shape"),
+        (np.zeros(249), "all_zero"),
+        (np.full(249, np.nan), "not_finite"),
     ],
 )
-def test_bad_gains_are_rejected(
-    gains, code: str, sentence: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_bad_gains_are_rejected(gains, code: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
     with raises_code(code):
         board_array("autd3").calibrated(gains)

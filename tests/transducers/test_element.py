@@ -90,24 +90,22 @@ def test_sameness_looks_at_every_number() -> None:
 
 
 @pytest.mark.parametrize(
-    ("make", "code", "number"),
+    ("make", "code"),
     [
-        (lambda: piston(-1e-3), "out_of_range", "-0.001 m"),
-        (lambda: piston(float("nan")), "out_of_range", "nan m"),
-        (lambda: monopole(sensitivity=0.0), "out_of_range", "0 Pa·m"),
-        (lambda: monopole(sensitivity=float("inf")), "out_of_range", "inf Pa·m"),
-        (lambda: Element(np.zeros((2, 3)), np.array([0.5, 0.4])), "out_of_range", "not 0.9"),
-        (lambda: Element(np.zeros((2, 3)), np.ones(3) / 3), "wrong_shape", "2 face points"),
-        (lambda: Element(np.zeros((0, 3)), np.zeros(0)), "empty", "0 points"),
-        (lambda: Element(np.zeros((2, 2)), np.ones(2) / 2), "wrong_shape", "(2, 2)"),
-        (lambda: Element(np.full((2, 3), np.nan), np.ones(2) / 2), "not_finite", "6 NaN"),
-        (lambda: Element(np.zeros((1, 3)), np.array([np.nan])), "out_of_range", "not nan"),
-        (lambda: Element(np.zeros((1, 3)), np.ones(1), radius=-1.0), "out_of_range", "-1 m"),
+        (lambda: piston(-0.001), "out_of_range"),
+        (lambda: piston(float("nan")), "out_of_range"),
+        (lambda: monopole(sensitivity=0.0), "out_of_range"),
+        (lambda: monopole(sensitivity=float("inf")), "out_of_range"),
+        (lambda: Element(np.zeros((2, 3)), np.array([0.5, 0.4])), "out_of_range"),
+        (lambda: Element(np.zeros((2, 3)), np.ones(3) / 3), "wrong_shape"),
+        (lambda: Element(np.zeros((0, 3)), np.zeros(0)), "empty"),
+        (lambda: Element(np.zeros((2, 2)), np.ones(2) / 2), "wrong_shape"),
+        (lambda: Element(np.full((2, 3), np.nan), np.ones(2) / 2), "not_finite"),
+        (lambda: Element(np.zeros((1, 3)), np.array([np.nan])), "out_of_range"),
+        (lambda: Element(np.zeros((1, 3)), np.ones(1), radius=-1.0), "out_of_range"),
     ],
 )
-def test_bad_elements_are_rejected(
-    make, code: str, number: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_bad_elements_are_rejected(make, code: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
     with raises_code(code):
         make()

@@ -149,39 +149,21 @@ POINT, UP = np.zeros((2, 3)), np.tile([0.0, 0.0, 1.0], (2, 1))
 
 
 @pytest.mark.parametrize(
-    ("make", "code", "number"),
+    ("make", "code"),
     [
-        (lambda: PhasedArray(np.zeros((0, 3)), np.zeros((0, 3))), "empty", "0 points"),
-        (
-            lambda: PhasedArray(POINT, UP[:1]),
-            "sizes_differ",
-            "2 positions need as many normals, not 1",
-        ),
-        (
-            lambda: PhasedArray(POINT, UP, None, UP[:1]),
-            "sizes_differ",
-            "2 positions need as many tangents, not 1",
-        ),
-        (lambda: PhasedArray(POINT + [[0], [np.inf]], UP), "not_finite", "3 NaN or infinite"),
-        (
-            lambda: PhasedArray(POINT, UP * [[1.0], [0.0]]),
-            "all_zero",
-            "normals of 1 element have no direction, first that of element 1",
-        ),
-        (lambda: PhasedArray(POINT, UP * np.nan), "all_zero", "normals of 2 elements"),
-        (
-            lambda: PhasedArray(POINT, UP, None, UP + [0.0, 1.0, 0.0]),
-            "all_zero",
-            "tangent of element 0 ... cosine is 0.707",
-        ),
-        (lambda: flat_boards(0, 2), "too_few", "not 0 and 2"),
+        (lambda: PhasedArray(np.zeros((0, 3)), np.zeros((0, 3))), "empty"),
+        (lambda: PhasedArray(POINT, UP[:1]), "sizes_differ"),
+        (lambda: PhasedArray(POINT, UP, None, UP[:1]), "sizes_differ"),
+        (lambda: PhasedArray(POINT + [[0], [np.inf]], UP), "not_finite"),
+        (lambda: PhasedArray(POINT, UP * [[1.0], [0.0]]), "all_zero"),
+        (lambda: PhasedArray(POINT, UP * np.nan), "all_zero"),
+        (lambda: PhasedArray(POINT, UP, None, UP + [0.0, 1.0, 0.0]), "all_zero"),
+        (lambda: flat_boards(0, 2), "too_few"),
     ],
 )
-def test_bad_arrays_are_rejected(
-    make, code: str, number: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_bad_arrays_are_rejected(make, code: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
-    with raises_code(code, *number.split(" ... ")):
+    with raises_code(code):
         make()
 
 

@@ -37,20 +37,18 @@ def test_eight_bits_are_256_even_levels() -> None:
 
 
 @pytest.mark.parametrize(
-    ("make", "code", "shown"),
+    ("make", "code"),
     [
-        (lambda: Levels.even(1, 16), "out_of_range", "amplitude, not 1"),
-        (lambda: Levels.even(257, 16), "out_of_range", "amplitude, not 257"),
-        (lambda: Levels.even(16, 1), "out_of_range", "phase, not 1"),
-        (lambda: Levels.even(16.5, 16), "out_of_range", "16.5"),
-        (lambda: Levels(np.zeros(1), 16), "out_of_range", "(1,)"),
-        (lambda: Levels(np.array([0.0, 0.5, 0.9]), 16), "out_of_range", "0.9"),
-        (lambda: Levels(np.array([0.0, 0.5, 0.5, 1.0]), 16), "out_of_range", "0 to 1"),
+        (lambda: Levels.even(1, 16), "out_of_range"),
+        (lambda: Levels.even(257, 16), "out_of_range"),
+        (lambda: Levels.even(16, 1), "out_of_range"),
+        (lambda: Levels.even(16.5, 16), "out_of_range"),
+        (lambda: Levels(np.zeros(1), 16), "out_of_range"),
+        (lambda: Levels(np.array([0.0, 0.5, 0.9]), 16), "out_of_range"),
+        (lambda: Levels(np.array([0.0, 0.5, 0.5, 1.0]), 16), "out_of_range"),
     ],
 )
-def test_levels_that_cannot_be_are_rejected(
-    make, code, shown, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_levels_that_cannot_be_are_rejected(make, code, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
     with raises_code(code):
         make()
