@@ -150,7 +150,7 @@ def test_boards_that_cannot_be_turned_down_ask_for_full_scale(capsys, tmp_path) 
     )
     assert code == 2
     assert "140 dB: give --full-scale" in errors
-    assert errors.endswith("[level_too_high]\n")
+    assert errors.endswith("[out_of_range]\n")
 
 
 def test_an_export_of_a_modulated_drive_is_one_period(capsys, tmp_path) -> None:
