@@ -143,7 +143,7 @@ class HandAware(DriveMaker):
         if frame.landmarks is None:
             return None, np.zeros((25, 3))
         joints = joints_of(frame.landmarks)
-        later = joints_of(frame.landmarks + STEP * self._predictor.velocities(), rough=1.0)
+        later = joints_of(frame.landmarks + STEP * self._predictor.velocities(), tolerance=1.0)
         return joints, (later - joints) / STEP
 
     def _drive(
