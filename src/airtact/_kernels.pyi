@@ -10,169 +10,159 @@ lanes: int
 sharing: int
 word_of_element: int
 
-def dual_blocks_bfloat16(
+class Layer:
+    """A double layer with the single layer of yielding surfaces, or monopoles without normals."""
+
+    def __init__(
+        self,
+        points: np.ndarray,
+        normals: np.ndarray | None,
+        single: np.ndarray,
+        wavenumber: complex,
+    ) -> None: ...
+
+class Panels:
+    """Curved panels, and the distance below which a point counts as lying on each."""
+
+    def __init__(self, quadratic_triangles: np.ndarray, contact: np.ndarray) -> None: ...
+
+class NearQuadrature:
+    """Gauss-Legendre rules of 1 to ``largest`` points on [0, 1], one after another."""
+
+    def __init__(
+        self, nodes: np.ndarray, weights: np.ndarray, largest: int, angular: int, radial: int
+    ) -> None: ...
+
+class NearRows:
+    """Near panels of each target, and the corrections to the entries of their six nodes."""
+
+    first: np.ndarray
+    panel: np.ndarray
+    excess: np.ndarray
+    def __init__(self, first: np.ndarray, panel: np.ndarray, excess: np.ndarray) -> None: ...
+
+class Pairs:
+    """Pairs of blocks of a matrix."""
+
+    first: np.ndarray
+    column: np.ndarray
+    def __init__(self, first: np.ndarray, column: np.ndarray) -> None: ...
+
+class FarBlocks(Pairs):
+    """Blocks that are low-rank: their ranks, and where their factors begin."""
+
+    ranks: np.ndarray
+    begin: np.ndarray
+    def __init__(
+        self, first: np.ndarray, column: np.ndarray, ranks: np.ndarray, begin: np.ndarray
+    ) -> None: ...
+
+class Cells:
+    """Points sorted into cells, and the distance from a cell's centre that is near."""
+
+    def __init__(
+        self, points: np.ndarray, first: np.ndarray, centres: np.ndarray, reach: float
+    ) -> None: ...
+
+class KrylovSpaces:
+    """The state of GMRES for several right-hand sides."""
+
+    right: np.ndarray
+    triangles: np.ndarray
+    weights: np.ndarray
+    squares: np.ndarray
+    def __init__(
+        self,
+        rotations: np.ndarray,
+        right: np.ndarray,
+        triangles: np.ndarray,
+        inverses: np.ndarray,
+        weights: np.ndarray,
+        squares: np.ndarray,
+    ) -> None: ...
+
+def dual_blocks(
     targets: np.ndarray,
     shifted: np.ndarray,
-    points: np.ndarray,
-    normals: np.ndarray,
-    single: np.ndarray,
-    k: complex,
+    layer: Layer,
     diagonal: float,
-    first: np.ndarray,
-    panel: np.ndarray,
-    excess: np.ndarray,
-    first_shifted: np.ndarray,
-    panel_shifted: np.ndarray,
-    excess_shifted: np.ndarray,
-    whole_first: np.ndarray,
-    whole_column: np.ndarray,
+    near: NearRows,
+    near_shifted: NearRows,
+    whole: Pairs,
     out: np.ndarray,
 ) -> None: ...
-def dual_low_rank_bfloat16(
+def dual_low_rank(
     targets: np.ndarray,
     shifted: np.ndarray,
-    points: np.ndarray,
-    normals: np.ndarray,
-    single: np.ndarray,
-    k: complex,
-    far_first: np.ndarray,
-    far_column: np.ndarray,
+    layer: Layer,
+    far: FarBlocks,
     tolerance: float,
-    count: np.ndarray,
-    begin: np.ndarray,
-    out: np.ndarray,
+    factors: np.ndarray,
 ) -> int: ...
-def dual_product_bfloat16(
-    whole_first: np.ndarray,
-    whole_column: np.ndarray,
+def dual_product(
+    whole: Pairs,
     blocks: np.ndarray,
-    far_first: np.ndarray,
-    far_column: np.ndarray,
-    count: np.ndarray,
-    begin: np.ndarray,
-    terms: np.ndarray,
-    v: np.ndarray,
+    far: FarBlocks,
+    factors: np.ndarray,
+    vectors: np.ndarray,
     transposed: bool,
     out: np.ndarray,
 ) -> None: ...
-
-dual_blocks_float32 = dual_blocks_bfloat16
-dual_low_rank_float32 = dual_low_rank_bfloat16
-dual_product_float32 = dual_product_bfloat16
-dual_blocks_float64 = dual_blocks_bfloat16
-dual_low_rank_float64 = dual_low_rank_bfloat16
-dual_product_float64 = dual_product_bfloat16
-
-def double_layer_matrix_float32(
+def double_layer_matrix(targets: np.ndarray, layer: Layer, out: np.ndarray) -> None: ...
+def dual_matrix(targets: np.ndarray, inside: np.ndarray, layer: Layer, out: np.ndarray) -> None: ...
+def apply_transposed(
+    targets: np.ndarray, layer: Layer, strengths: np.ndarray, precision: str, out: np.ndarray
+) -> None: ...
+def apply_double_layer(
     targets: np.ndarray,
-    sources: np.ndarray,
-    normals: np.ndarray,
-    single: np.ndarray,
-    k: complex,
+    layer: Layer,
+    density: np.ndarray,
+    least: float,
+    precision: str,
     out: np.ndarray,
 ) -> None: ...
-
-double_layer_matrix_float64 = double_layer_matrix_float32
-
-def apply_transposed_float32(
+def apply_monopoles(
     targets: np.ndarray,
     sources: np.ndarray,
-    normals: np.ndarray,
-    single: np.ndarray,
-    strength: np.ndarray,
-    k: complex,
+    strengths: np.ndarray,
+    wavenumber: complex,
+    precision: str,
     out: np.ndarray,
 ) -> None: ...
-
-apply_transposed_float64 = apply_transposed_float32
-
-def dual_matrix_float32(
-    targets: np.ndarray,
-    inside: np.ndarray,
-    sources: np.ndarray,
-    normals: np.ndarray,
-    single: np.ndarray,
-    k: complex,
-    out: np.ndarray,
+def apply_in_cells(
+    cells: Cells, inside: bool, layer: Layer, density: np.ndarray, least: float, out: np.ndarray
 ) -> None: ...
-
-dual_matrix_float64 = dual_matrix_float32
-
-def few_products_float32(
+def few_products(
     matrix: np.ndarray, vectors: np.ndarray, transposed: bool, out: np.ndarray
 ) -> None: ...
-
-few_products_float64 = few_products_float32
-
 def few_rounded_products(
     matrix: np.ndarray, scales: np.ndarray, vectors: np.ndarray, transposed: bool, out: np.ndarray
 ) -> None: ...
-def krylov_step_float32(
-    bases: np.ndarray,
-    rotations: np.ndarray,
-    right: np.ndarray,
-    triangles: np.ndarray,
-    inverses: np.ndarray,
-    weights: np.ndarray,
-    squares: np.ndarray,
-) -> None: ...
-
-krylov_step_float64 = krylov_step_float32
-
-def apply_double_layer_float32(
+def krylov_step(bases: np.ndarray, spaces: KrylovSpaces) -> None: ...
+def near_excess(
     targets: np.ndarray,
-    sources: np.ndarray,
-    normals: np.ndarray,
-    single: np.ndarray,
-    density: np.ndarray,
-    k: complex,
-    least: float,
-    out: np.ndarray,
-) -> None: ...
-
-apply_double_layer_float64 = apply_double_layer_float32
-
-def apply_monopoles_float32(
-    targets: np.ndarray, sources: np.ndarray, strength: np.ndarray, k: complex, out: np.ndarray
-) -> None: ...
-
-apply_monopoles_float64 = apply_monopoles_float32
-
-def near_excess_float32(
-    targets: np.ndarray,
-    first: np.ndarray,
-    panel: np.ndarray,
-    quadratic_triangles: np.ndarray,
-    contact: np.ndarray,
-    sources: np.ndarray,
-    normals: np.ndarray,
-    single: np.ndarray,
+    rows: NearRows,
+    panels: Panels,
+    layer: Layer,
     nodal: np.ndarray,
-    k: complex,
     least: float,
-    gauss_nodes: np.ndarray,
-    gauss_weights: np.ndarray,
-    largest: int,
-    angular: int,
-    radial: int,
-    out: np.ndarray,
+    quadrature: NearQuadrature,
+    precision: str,
 ) -> None: ...
-
-near_excess_float64 = near_excess_float32
-
-def apply_in_cells(
+def near_integrals(
+    single_layer: bool,
     targets: np.ndarray,
-    first: np.ndarray,
-    centres: np.ndarray,
-    reach: float,
-    inside: bool,
-    sources: np.ndarray,
-    normals: np.ndarray | None,
-    single: np.ndarray,
-    density: np.ndarray,
+    pair_target: np.ndarray,
+    pair_panel: np.ndarray,
+    panels: Panels,
     wavenumber: complex,
-    least: float,
+    quadrature: NearQuadrature,
     out: np.ndarray,
+    distance: np.ndarray,
+    reference: np.ndarray,
+) -> None: ...
+def chebyshev_sum(
+    values: np.ndarray, columns: np.ndarray, rows: np.ndarray, factors: np.ndarray, x: np.ndarray
 ) -> None: ...
 def surface_integral(
     points: np.ndarray,
@@ -209,12 +199,6 @@ def interpolate(
     w: np.ndarray,
     out: np.ndarray,
 ) -> None: ...
-def chebyshev_sum_float32(
-    values: np.ndarray, columns: np.ndarray, rows: np.ndarray, factors: np.ndarray, x: np.ndarray
-) -> None: ...
-
-chebyshev_sum_float64 = chebyshev_sum_float32
-
 def near_pairs(
     targets: np.ndarray, centres: np.ndarray, reach: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]: ...
@@ -256,23 +240,6 @@ def gerchberg_saxton(
     sources: np.ndarray,
     worst: np.ndarray,
     drives: np.ndarray,
-) -> None: ...
-def near_integrals(
-    single_layer: bool,
-    targets: np.ndarray,
-    pair_target: np.ndarray,
-    pair_panel: np.ndarray,
-    panels: np.ndarray,
-    contact: np.ndarray,
-    k: complex,
-    nodes: np.ndarray,
-    weights: np.ndarray,
-    largest: int,
-    angular: int,
-    radial: int,
-    out: np.ndarray,
-    distance: np.ndarray,
-    reference: np.ndarray,
 ) -> None: ...
 def hull_distances(
     points: np.ndarray, balls: np.ndarray, parts: np.ndarray, out: np.ndarray

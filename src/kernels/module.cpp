@@ -112,59 +112,172 @@ static void use(const std::string &name) {
     throw nb::value_error(("this machine does not run the variant " + name).c_str());
 }
 
-template <class T, int... n> using Read = nb::ndarray<const T, nb::shape<n...>, nb::c_contig, nb::device::cpu>;
-template <class T, int... n> using Write = nb::ndarray<T, nb::shape<n...>, nb::c_contig, nb::device::cpu>;
-using Points = Read<double, -1, 3>;
+// Arrays as Python passes them. No output is converted: a copy of another type would be filled and thrown away.
+template <class T, int... n> using Read = nb::ndarray<nb::numpy, const T, nb::shape<n...>, nb::c_contig, nb::device::cpu>;
+template <class T, int... n> using Write = nb::ndarray<nb::numpy, T, nb::shape<n...>, nb::c_contig, nb::device::cpu>;
 using Complex = std::complex<double>;
+using Points = Read<double, -1, 3>;
+using Index = Read<std::int64_t, -1>;
+using Line = Read<double, -1>;
+using Triangles = Read<double, -1, 6, 3>;  // quadratic: three corners, three middles of edges
 
 static void same(std::size_t a, std::size_t b) {
     if (a != b) throw nb::value_error("arrays of different lengths");
 }
 
-using Single = Read<Complex, -1>;
-
-static const Complex *single_of(Single given, std::size_t nodes) {  // none if empty
-    if (given.shape(0) == 0) return nullptr;
-    same(given.shape(0), nodes);
-    return given.data();
-}
-
 static Wavenumber wave(Complex k) { return {k.real(), k.imag()}; }
 
-using Index = Read<std::int64_t, -1>;
-using Line = Read<double, -1>;
-using Near = Read<Complex, -1, 6>;
-
-static NearRows near_rows(Points x, std::size_t nodes, Index first, Index panel, Near excess) {
-    same(first.shape(0), x.shape(0) + 1), same(panel.shape(0), excess.shape(0));
-    same(panel.shape(0), std::size_t(first.data()[x.shape(0)]));
-    for (std::size_t e = 0; e < panel.shape(0); e++)
-        if (panel.data()[e] < 0 || 6 * panel.data()[e] + 6 > std::int64_t(nodes))
-            throw nb::index_error("a near panel does not exist");
-    for (std::size_t i = 0; i < x.shape(0); i++)
-        if (first.data()[i] < 0 || first.data()[i] > first.data()[i + 1] || !std::is_sorted(panel.data() + first.data()[i], panel.data() + first.data()[i + 1]))
-            throw nb::value_error("near panels out of order");
-    return {first.data(), panel.data(), excess.data()};
+static bool in_single(const std::string &precision) {
+    if (precision != "float32" && precision != "float64") throw nb::value_error("the precision is neither float32 nor float64");
+    return precision == "float32";
 }
+
+// Groups of arrays that belong together, which Python binds once; each checks its own lengths.
+namespace bound {
+
+struct Layer {
+    Points points;
+    std::optional<Points> normals;
+    Read<Complex, -1> single;
+    Wavenumber k;
+
+    Layer(Points points, std::optional<Points> normals, Read<Complex, -1> single, Complex k)
+        : points(points), normals(normals), single(single), k(wave(k)) {
+        if (normals) same(normals->shape(0), size());
+        if (single.shape(0) != 0) same(single.shape(0), size());
+    }
+    std::size_t size() const { return points.shape(0); }
+    const double *double_layer() const {
+        if (!normals) throw nb::value_error("a double layer has no normals");
+        return normals->data();
+    }
+    const Complex *single_layer() const { return single.shape(0) ? single.data() : nullptr; }
+};
+
+struct Panels {
+    Triangles triangles;
+    Line contact;
+
+    Panels(Triangles triangles, Line contact) : triangles(triangles), contact(contact) { same(triangles.shape(0), contact.shape(0)); }
+};
+
+struct NearQuadrature {
+    Line nodes, weights;
+    int largest, angular, radial;
+
+    NearQuadrature(Line nodes, Line weights, int largest, int angular, int radial)
+        : nodes(nodes), weights(weights), largest(largest), angular(angular), radial(radial) {
+        same(nodes.shape(0), std::size_t(largest * (largest + 1) / 2)), same(weights.shape(0), nodes.shape(0));
+    }
+    NearRule rule() const { return {nodes.data(), weights.data(), largest, angular, radial}; }
+};
+
+struct NearRows {
+    Index first, panel;
+    Write<Complex, -1, 6> excess;
+
+    NearRows(Index first, Index panel, Write<Complex, -1, 6> excess) : first(first), panel(panel), excess(excess) {
+        if (first.shape(0) == 0) throw nb::value_error("the near panels of no target do not end");
+        same(panel.shape(0), excess.shape(0)), same(panel.shape(0), std::size_t(first.data()[targets()]));
+    }
+    std::size_t targets() const { return first.shape(0) - 1; }
+
+    airtact::NearRows checked(std::size_t nodes) const {
+        for (std::size_t e = 0; e < panel.shape(0); e++)
+            if (panel.data()[e] < 0 || 6 * panel.data()[e] + 6 > std::int64_t(nodes))
+                throw nb::index_error("a near panel does not exist");
+        for (std::size_t i = 0; i < targets(); i++) {
+            const std::int64_t from = first.data()[i], to = first.data()[i + 1];
+            if (from < 0 || from > to || !std::is_sorted(panel.data() + from, panel.data() + to))
+                throw nb::value_error("near panels out of order");
+        }
+        return {first.data(), panel.data(), excess.data()};
+    }
+};
+
+struct Pairs {
+    Index first, column;
+
+    Pairs(Index first, Index column) : first(first), column(column) {
+        const std::int64_t *from = first.data(), blocks = std::int64_t(first.shape(0)) - 1;
+        if (blocks < 0) throw nb::value_error("the pairs of no block do not end");
+        same(column.shape(0), std::size_t(from[blocks]));
+        for (std::int64_t t = 0; t < blocks; t++)
+            if (from[t] < 0 || from[t] > from[t + 1] || !std::is_sorted(column.data() + from[t], column.data() + from[t + 1]))
+                throw nb::value_error("blocks out of order");
+        for (std::size_t e = 0; e < column.shape(0); e++)
+            if (column.data()[e] < 0 || column.data()[e] >= blocks) throw nb::index_error("a block does not exist");
+    }
+    airtact::Pairs of(std::size_t unknowns) const {
+        same(first.shape(0), (unknowns + lanes - 1) / lanes + 1);
+        return {std::int64_t(first.shape(0)) - 1, first.data(), column.data()};
+    }
+};
+
+struct FarBlocks : Pairs {
+    Write<std::int64_t, -1> ranks, begin;
+
+    FarBlocks(Index first, Index column, Write<std::int64_t, -1> ranks, Write<std::int64_t, -1> begin)
+        : Pairs(first, column), ranks(ranks), begin(begin) {
+        same(ranks.shape(0), column.shape(0)), same(begin.shape(0), column.shape(0));
+    }
+    template <class Store> LowRank<Store> checked(const Store *factors, std::size_t room) const {
+        for (std::size_t e = 0; e < ranks.shape(0); e++) {
+            const std::int64_t rank = ranks.data()[e], from = begin.data()[e];
+            if (rank < 0 || rank > lanes || from < 0 || from + 2 * rank > std::int64_t(room))
+                throw nb::index_error("a low-rank term does not exist");
+        }
+        return {ranks.data(), begin.data(), factors};
+    }
+};
+
+struct Cells {
+    Points points;
+    Index first;
+    Points centres;
+    double reach;
+
+    Cells(Points points, Index first, Points centres, double reach)
+        : points(points), first(first), centres(centres), reach(reach) {
+        const std::size_t cells = centres.shape(0);
+        same(first.shape(0), cells + 1);
+        for (std::size_t c = 0; c < cells; c++)
+            if (first.data()[c] > first.data()[c + 1]) throw nb::index_error("a cell ends before it begins");
+        same(first.data()[0], 0), same(std::size_t(first.data()[cells]), points.shape(0));
+    }
+};
+
+struct KrylovSpaces {
+    Write<Complex, -1, -1, 2> rotations;
+    Write<Complex, -1, -1> right, triangles, inverses, weights;
+    Write<double, -1> squares;
+
+    KrylovSpaces(Write<Complex, -1, -1, 2> rotations, Write<Complex, -1, -1> right, Write<Complex, -1, -1> triangles,
+                 Write<Complex, -1, -1> inverses, Write<Complex, -1, -1> weights, Write<double, -1> squares)
+        : rotations(rotations), right(right), triangles(triangles), inverses(inverses), weights(weights), squares(squares) {
+        const std::size_t packed = most() * (most() + 1) / 2;
+        same(right.shape(0), sides()), same(right.shape(1), most() + 1);
+        same(triangles.shape(0), sides()), same(triangles.shape(1), packed);
+        same(inverses.shape(0), sides()), same(inverses.shape(1), packed);
+        same(weights.shape(0), sides()), same(weights.shape(1), most()), same(squares.shape(0), sides());
+    }
+    std::size_t sides() const { return rotations.shape(0); }
+    std::size_t most() const { return rotations.shape(1); }
+    Krylov krylov() const {
+        return {std::int64_t(most()), rotations.data(), right.data(), triangles.data(), inverses.data(), weights.data(), squares.data()};
+    }
+};
+
+}  // namespace bound
 
 template <class Store>  // two bfloat16 are one word
 constexpr int words = std::is_same_v<std::remove_const_t<Store>, std::uint32_t> ? lanes / 2 : lanes;
 template <class Store>
-using Blocks = nb::ndarray<Store, nb::shape<-1, lanes, 2, words<Store>>, nb::c_contig, nb::device::cpu>;
-template <class Store> using Rows = nb::ndarray<Store, nb::shape<-1, 2, words<Store>>, nb::c_contig, nb::device::cpu>;
-
-static Pairs pairs(Index first, Index column, std::size_t m) {
-    const std::size_t blocks = (m + lanes - 1) / lanes;
-    same(first.shape(0), blocks + 1);
-    const std::int64_t *from = first.data();
-    same(column.shape(0), std::size_t(from[blocks]));
-    for (std::size_t t = 0; t < blocks; t++)
-        if (from[t] < 0 || from[t] > from[t + 1] || !std::is_sorted(column.data() + from[t], column.data() + from[t + 1]))
-            throw nb::value_error("blocks out of order");
-    for (std::size_t e = 0; e < column.shape(0); e++)
-        if (column.data()[e] < 0 || column.data()[e] >= std::int64_t(blocks)) throw nb::index_error("a block does not exist");
-    return {std::int64_t(blocks), from, column.data()};
-}
+using Blocks = nb::ndarray<nb::numpy, Store, nb::shape<-1, lanes, 2, words<Store>>, nb::c_contig, nb::device::cpu>;
+template <class Store>
+using Rows = nb::ndarray<nb::numpy, Store, nb::shape<-1, 2, words<Store>>, nb::c_contig, nb::device::cpu>;
+template <class Store> using Vectors = Read<std::complex<typename Arithmetic<Store>::Real>, -1, -1>;
+template <class Store> using Products = Write<std::complex<typename Arithmetic<Store>::Real>, -1, -1>;
 
 static void all_in(const NearRows &near, std::size_t targets, std::int64_t each, const Pairs &whole) {
     for (std::size_t i = 0; i < targets; i++) {
@@ -177,89 +290,105 @@ static void all_in(const NearRows &near, std::size_t targets, std::int64_t each,
 }
 
 template <class Store>
-void dual_blocks(Points x, Points x2, Points y, Points a, Single single, Complex k, double diagonal, Index first, Index panel, Near excess,
-                Index first_shifted, Index panel_shifted, Near excess_shifted, Index whole_first, Index whole_column,
-                Blocks<Store> out) {
-    const std::size_t m = y.shape(0);
-    same(m, x.shape(0)), same(m, sharing * x2.shape(0)), same(m, a.shape(0));
-    const Pairs whole = pairs(whole_first, whole_column, m);
-    same(out.shape(0), whole_column.shape(0));
-    const NearRows near = near_rows(x, m, first, panel, excess);
-    const NearRows near_shifted = near_rows(x2, m, first_shifted, panel_shifted, excess_shifted);
-    all_in(near, m, 1, whole), all_in(near_shifted, m / sharing, sharing, whole);
-    const Complex *of = single_of(single, m);
+void dual_blocks(Points targets, Points shifted, const bound::Layer &layer, double diagonal, const bound::NearRows &near,
+                 const bound::NearRows &near_shifted, const bound::Pairs &whole, Blocks<Store> out) {
+    const std::size_t m = layer.size();
+    same(m, targets.shape(0)), same(m, sharing * shifted.shape(0)), same(out.shape(0), whole.column.shape(0));
+    same(near.targets(), m), same(sharing * near_shifted.targets(), m);
+    const Pairs pairs = whole.of(m);
+    const NearRows rows = near.checked(m), rows_shifted = near_shifted.checked(m);
+    all_in(rows, m, 1, pairs), all_in(rows_shifted, m / sharing, sharing, pairs);
+    const double *normals = layer.double_layer();
     nb::gil_scoped_release release;
     std::get<Dual<Store>>(active->dual)
-        .blocks(x.data(), x2.data(), y.data(), a.data(), of, std::int64_t(m), wave(k), diagonal, near, near_shifted, whole,
-                out.data());
+        .blocks(targets.data(), shifted.data(), layer.points.data(), normals, layer.single_layer(), std::int64_t(m), layer.k,
+                diagonal, rows, rows_shifted, pairs, out.data());
 }
 
 template <class Store>
-std::int64_t dual_low_rank(Points x, Points x2, Points y, Points a, Single single, Complex k, Index far_first, Index far_column,
-                          double tolerance, Write<std::int64_t, -1> count, Write<std::int64_t, -1> begin,
-                          Rows<Store> out) {
-    const std::size_t m = y.shape(0);
-    same(m, x.shape(0)), same(m, sharing * x2.shape(0)), same(m, a.shape(0));
-    const Pairs far = pairs(far_first, far_column, m);
-    const Complex *of = single_of(single, m);
-    same(count.shape(0), far_column.shape(0)), same(begin.shape(0), far_column.shape(0));
+std::int64_t dual_low_rank(Points targets, Points shifted, const bound::Layer &layer, const bound::FarBlocks &far, double tolerance,
+                           Rows<Store> factors) {
+    const std::size_t m = layer.size();
+    same(m, targets.shape(0)), same(m, sharing * shifted.shape(0));
+    const Pairs pairs = far.of(m);
+    const double *normals = layer.double_layer();
     nb::gil_scoped_release release;
     return std::get<Dual<Store>>(active->dual)
-        .terms(x.data(), x2.data(), y.data(), a.data(), of, std::int64_t(m), wave(k), far, tolerance,
-                 std::int64_t(out.shape(0)), count.data(), begin.data(), out.data());
+        .terms(targets.data(), shifted.data(), layer.points.data(), normals, layer.single_layer(), std::int64_t(m), layer.k, pairs,
+               tolerance, std::int64_t(factors.shape(0)), far.ranks.data(), far.begin.data(), factors.data());
 }
 
 template <class Store>
-void product(Index whole_first, Index whole_column, Blocks<const Store> blocks, Index far_first, Index far_column,
-             Index count, Index begin, Rows<const Store> terms,
-             Read<std::complex<typename Arithmetic<Store>::Real>, -1, -1> v, bool transposed,
-             Write<std::complex<typename Arithmetic<Store>::Real>, -1, -1> out) {
-    const std::size_t m = v.shape(1);
-    const Pairs whole = pairs(whole_first, whole_column, m), far = pairs(far_first, far_column, m);
-    same(blocks.shape(0), whole_column.shape(0));
-    same(count.shape(0), far_column.shape(0)), same(begin.shape(0), far_column.shape(0));
-    for (std::size_t e = 0; e < count.shape(0); e++)
-        if (count.data()[e] < 0 || count.data()[e] > lanes || begin.data()[e] < 0 ||
-            begin.data()[e] + 2 * count.data()[e] > std::int64_t(terms.shape(0)))
-            throw nb::index_error("a low-rank term does not exist");
-    same(v.shape(0), out.shape(0)), same(m, out.shape(1));
+void dual_product(const bound::Pairs &whole, Blocks<const Store> blocks, const bound::FarBlocks &far, Rows<const Store> factors,
+                  Vectors<Store> vectors, bool transposed, Products<Store> out) {
+    const std::size_t m = vectors.shape(1);
+    same(blocks.shape(0), whole.column.shape(0)), same(vectors.shape(0), out.shape(0)), same(m, out.shape(1));
+    const Pairs pairs = whole.of(m), far_pairs = far.of(m);
+    const LowRank<Store> terms = far.checked(factors.data(), factors.shape(0));
     nb::gil_scoped_release release;
     std::get<Dual<Store>>(active->dual)
-        .product(whole, blocks.data(), far, {count.data(), begin.data(), terms.data()}, std::int64_t(m), v.data(),
-                 v.shape(0), transposed, out.data());
+        .product(pairs, blocks.data(), far_pairs, terms, std::int64_t(m), vectors.data(), vectors.shape(0), transposed, out.data());
 }
 
 template <class Real>
-void layer_matrix(Points x, Points y, Points a, Single single, Complex k, Write<std::complex<Real>, -1, -1> out) {
-    same(y.shape(0), a.shape(0)), same(out.shape(0), x.shape(0)), same(out.shape(1), y.shape(0));
-    const Complex *of = single_of(single, y.shape(0));
+void double_layer_matrix(Points targets, const bound::Layer &layer, Write<std::complex<Real>, -1, -1> out) {
+    same(out.shape(0), targets.shape(0)), same(out.shape(1), layer.size());
+    const double *normals = layer.double_layer();
     nb::gil_scoped_release release;
-    far<Real>().double_layer_matrix(x.data(), x.shape(0), y.data(), a.data(), of, y.shape(0), wave(k), out.data());
+    far<Real>().double_layer_matrix(targets.data(), targets.shape(0), layer.points.data(), normals, layer.single_layer(),
+                                    layer.size(), layer.k, out.data());
 }
 
 template <class Real>
-void transposed_layer(Points x, Points y, Points a, Single single, Read<Complex, -1, -1> strength, Complex k,
-                      Write<Complex, -1, -1> out) {
-    same(y.shape(0), a.shape(0)), same(strength.shape(0), x.shape(0));
-    same(out.shape(0), y.shape(0)), same(out.shape(1), strength.shape(1));
-    const Complex *of = single_of(single, y.shape(0));
+void dual_matrix(Points targets, Points inside, const bound::Layer &layer, Write<std::complex<Real>, -1, -1> out) {
+    same(targets.shape(0), inside.shape(0)), same(out.shape(0), targets.shape(0)), same(out.shape(1), layer.size());
+    const double *normals = layer.double_layer();
     nb::gil_scoped_release release;
-    far<Real>().apply_transposed(x.data(), x.shape(0), y.data(), a.data(), of, y.shape(0), strength.data(), strength.shape(1),
-                                 wave(k), out.data());
+    far<Real>().dual_matrix(targets.data(), inside.data(), targets.shape(0), layer.points.data(), normals, layer.single_layer(),
+                            layer.size(), layer.k, out.data());
 }
 
-template <class Real>
-void both_layers(Points x, Points x2, Points y, Points a, Single single, Complex k, Write<std::complex<Real>, -1, -1> out) {
-    same(x.shape(0), x2.shape(0)), same(y.shape(0), a.shape(0));
-    same(out.shape(0), x.shape(0)), same(out.shape(1), y.shape(0));
-    const Complex *of = single_of(single, y.shape(0));
+static void apply_transposed(Points targets, const bound::Layer &layer, Read<Complex, -1, -1> strengths,
+                             const std::string &precision, Write<Complex, -1, -1> out) {
+    same(strengths.shape(0), targets.shape(0)), same(out.shape(0), layer.size()), same(out.shape(1), strengths.shape(1));
+    const double *normals = layer.double_layer();
+    const auto loop = in_single(precision) ? far<float>().apply_transposed : far<double>().apply_transposed;
     nb::gil_scoped_release release;
-    far<Real>().dual_matrix(x.data(), x2.data(), x.shape(0), y.data(), a.data(), of, y.shape(0), wave(k), out.data());
+    loop(targets.data(), targets.shape(0), layer.points.data(), normals, layer.single_layer(), layer.size(), strengths.data(),
+         strengths.shape(1), layer.k, out.data());
+}
+
+static void apply_double_layer(Points targets, const bound::Layer &layer, Read<Complex, -1, -1> density, double least,
+                               const std::string &precision, Write<Complex, -1, -1> out) {
+    same(density.shape(0), layer.size()), same(out.shape(0), targets.shape(0)), same(out.shape(1), density.shape(1));
+    const double *normals = layer.double_layer();
+    const auto loop = in_single(precision) ? far<float>().apply_double_layer : far<double>().apply_double_layer;
+    nb::gil_scoped_release release;
+    loop(targets.data(), targets.shape(0), layer.points.data(), normals, layer.single_layer(), layer.size(), density.data(),
+         density.shape(1), layer.k, least, out.data());
+}
+
+static void apply_monopoles(Points targets, Points sources, Read<Complex, -1, -1> strengths, Complex k, const std::string &precision,
+                            Write<Complex, -1, -1> out) {
+    same(strengths.shape(0), sources.shape(0)), same(out.shape(0), targets.shape(0)), same(out.shape(1), strengths.shape(1));
+    const auto loop = in_single(precision) ? far<float>().apply_monopoles : far<double>().apply_monopoles;
+    nb::gil_scoped_release release;
+    loop(targets.data(), targets.shape(0), sources.data(), sources.shape(0), strengths.data(), strengths.shape(1), wave(k),
+         out.data());
+}
+
+static void apply_in_cells(const bound::Cells &cells, bool inside, const bound::Layer &layer, Read<Complex, -1, -1> density,
+                           double least, Write<Complex, -1, -1> out) {
+    same(density.shape(0), layer.size()), same(out.shape(0), cells.points.shape(0)), same(out.shape(1), density.shape(1));
+    nb::gil_scoped_release release;
+    active->apply_in_cells(cells.points.data(), cells.first.data(), cells.centres.shape(0), cells.centres.data(), cells.reach, inside,
+                           layer.points.data(), layer.normals ? layer.normals->data() : nullptr, layer.single_layer(), layer.size(),
+                           density.data(), density.shape(1), layer.k, least, out.data());
 }
 
 template <class Real>
-void few(Read<std::complex<Real>, -1, -1> matrix, Read<std::complex<Real>, -1, -1> vectors, bool transposed,
-         Write<std::complex<Real>, -1, -1> out) {
+void few_products(Read<std::complex<Real>, -1, -1> matrix, Read<std::complex<Real>, -1, -1> vectors, bool transposed,
+                  Write<std::complex<Real>, -1, -1> out) {
     same(vectors.shape(0), out.shape(0));
     same(vectors.shape(1), matrix.shape(transposed ? 0 : 1)), same(out.shape(1), matrix.shape(transposed ? 1 : 0));
     nb::gil_scoped_release release;
@@ -267,8 +396,8 @@ void few(Read<std::complex<Real>, -1, -1> matrix, Read<std::complex<Real>, -1, -
                              out.data());
 }
 
-static void few_rounded(Read<std::int16_t, -1, -1, 2> matrix, Read<float, -1> scales, Read<std::complex<float>, -1, -1> vectors,
-                        bool transposed, Write<std::complex<float>, -1, -1> out) {
+static void few_rounded_products(Read<std::int16_t, -1, -1, 2> matrix, Read<float, -1> scales, Read<std::complex<float>, -1, -1> vectors,
+                                 bool transposed, Write<std::complex<float>, -1, -1> out) {
     same(vectors.shape(0), out.shape(0)), same(scales.shape(0), matrix.shape(0));
     same(vectors.shape(1), matrix.shape(transposed ? 0 : 1)), same(out.shape(1), matrix.shape(transposed ? 1 : 0));
     nb::gil_scoped_release release;
@@ -276,38 +405,12 @@ static void few_rounded(Read<std::int16_t, -1, -1, 2> matrix, Read<float, -1> sc
                                  transposed, out.data());
 }
 
-template <class Real>
-void krylov(Write<std::complex<Real>, -1, -1, -1> bases, Write<Complex, -1, -1, 2> rotations, Write<Complex, -1, -1> right,
-            Write<Complex, -1, -1> triangles, Write<Complex, -1, -1> inverses, Write<Complex, -1, -1> weights, Write<double, -1> squares) {
-    const std::size_t sides = bases.shape(1), most = rotations.shape(1), vectors = bases.shape(0), packed = most * (most + 1) / 2;
-    same(rotations.shape(0), sides), same(squares.shape(0), sides);
-    same(right.shape(0), sides), same(right.shape(1), most + 1), same(weights.shape(0), sides), same(weights.shape(1), most);
-    same(triangles.shape(0), sides), same(triangles.shape(1), packed), same(inverses.shape(0), sides), same(inverses.shape(1), packed);
-    if (vectors < 2 || vectors > most + 1) throw nb::value_error("no room for the step");
+template <class Real> void krylov_step(Write<std::complex<Real>, -1, -1, -1> bases, const bound::KrylovSpaces &spaces) {
+    const std::size_t vectors = bases.shape(0);
+    same(bases.shape(1), spaces.sides());
+    if (vectors < 2 || vectors > spaces.most() + 1) throw nb::value_error("no room for the step");
     nb::gil_scoped_release release;
-    far<Real>().krylov_step(bases.data(), sides, bases.shape(2), std::int64_t(vectors) - 2,
-                            {std::int64_t(most), rotations.data(), right.data(), triangles.data(), inverses.data(), weights.data(),
-                             squares.data()});
-}
-
-template <class Real>
-void layer(Points x, Points y, Points a, Single single, Read<Complex, -1, -1> density, Complex k, double least,
-           Write<Complex, -1, -1> out) {
-    same(y.shape(0), a.shape(0)), same(density.shape(0), y.shape(0));
-    same(out.shape(0), x.shape(0)), same(out.shape(1), density.shape(1));
-    const Complex *of = single_of(single, y.shape(0));
-    nb::gil_scoped_release release;
-    far<Real>().apply_double_layer(x.data(), x.shape(0), y.data(), a.data(), of, y.shape(0), density.data(), density.shape(1),
-                             wave(k), least, out.data());
-}
-
-template <class Real>
-void monopoles(Points x, Points y, Read<Complex, -1, -1> strength, Complex k, Write<Complex, -1, -1> out) {
-    same(strength.shape(0), y.shape(0));
-    same(out.shape(0), x.shape(0)), same(out.shape(1), strength.shape(1));
-    nb::gil_scoped_release release;
-    far<Real>().apply_monopoles(x.data(), x.shape(0), y.data(), y.shape(0), strength.data(), strength.shape(1), wave(k),
-                          out.data());
+    far<Real>().krylov_step(bases.data(), spaces.sides(), bases.shape(2), std::int64_t(vectors) - 2, spaces.krylov());
 }
 
 static void detoured(Read<double, -1, -1, 3> centres, Points foci, Points elements, Line straight,
@@ -336,21 +439,6 @@ static void along_normals(Points x, Points a, Points y, Read<Complex, -1, -1> st
     nb::gil_scoped_release release;
     active->normal_derivative(x.data(), a.data(), x.shape(0), y.data(), y.shape(0), strength.data(), out.shape(1),
                               wave(k), out.data());
-}
-
-static void in_cells(Points x, Index first, Points centres, double reach, bool inside, Points y, std::optional<Points> a,
-              Single single, Read<Complex, -1, -1> density, Complex k, double least, Write<Complex, -1, -1> out) {
-    const std::int64_t cells = std::int64_t(centres.shape(0));
-    same(first.shape(0), centres.shape(0) + 1), same(density.shape(0), y.shape(0));
-    same(out.shape(0), x.shape(0)), same(out.shape(1), density.shape(1)), same(a ? a->shape(0) : y.shape(0), y.shape(0));
-    for (std::int64_t c = 0; c < cells; c++)
-        if (first.data()[c] > first.data()[c + 1]) throw nb::index_error("a cell ends before it begins");
-    same(first.data()[0], 0), same(std::size_t(first.data()[cells]), x.shape(0));
-    const Complex *of = single_of(single, y.shape(0));
-    nb::gil_scoped_release release;
-    active->apply_in_cells(x.data(), first.data(), cells, centres.data(), reach, inside, y.data(),
-                           a ? a->data() : nullptr, of, y.shape(0), density.data(), density.shape(1), wave(k), least,
-                           out.data());
 }
 
 static void interpolated(Read<std::complex<float>, -1> table, Index first, Read<std::int64_t, 2> steps,
@@ -404,7 +492,7 @@ static std::pair<Numbers, Numbers> near_pairs(Points x, Points centres, Line rea
     return {array_of(std::move(first)), array_of(std::move(panel))};
 }
 
-static void panel_distances(Read<double, -1, 6, 3> panels, Points points, double within, Write<double, -1> distance) {
+static void panel_distances(Triangles panels, Points points, double within, Write<double, -1> distance) {
     same(panels.shape(0), distance.shape(0));
     nb::gil_scoped_release release;
     active->panel_distances(panels.data(), panels.shape(0), points.data(), points.shape(0), within, distance.data());
@@ -422,7 +510,7 @@ static void mark_blocks(Index first, Index panel, std::int64_t targets, std::int
     active->mark_blocks(first.data(), n, panel.data(), targets, panels, columns, met.data());
 }
 
-static void place_nodes(Read<double, -1, 6, 3> panels, Read<double, 19, 6> rule, Read<double, 6> weights, Write<double, -1, 3> points,
+static void place_nodes(Triangles panels, Read<double, 19, 6> rule, Read<double, 6> weights, Write<double, -1, 3> points,
                         Write<double, -1, 3> normals, Write<double, -1> areas, Write<double, -1, 3> centres,
                         Write<double, -1> radii) {
     const std::size_t n = panels.shape(0);
@@ -440,37 +528,29 @@ static void block_order(Points points, std::int64_t each, Write<std::int64_t, -1
     active->block_order(points.data(), points.shape(0), each, order.data());
 }
 
-static void near(bool single_layer, Points targets, Index pair_target, Index pair_panel, Read<double, -1, 6, 3> panels,
-                 Line contact, Complex k, Line nodes, Line weights, int largest, int angular, int radial, Write<Complex, -1, 6> out,
-                 Write<double, -1> distance, Write<double, -1, 2> reference) {
+static void near_integrals(bool single_layer, Points targets, Index pair_target, Index pair_panel, const bound::Panels &panels,
+                           Complex k, const bound::NearQuadrature &quadrature, Write<Complex, -1, 6> out,
+                           Write<double, -1> distance, Write<double, -1, 2> reference) {
     const std::size_t pairs = pair_target.shape(0);
-    same(pairs, pair_panel.shape(0)), same(pairs, out.shape(0)), same(pairs, distance.shape(0));
-    same(panels.shape(0), contact.shape(0));
-    same(pairs, reference.shape(0)), same(nodes.shape(0), std::size_t(largest * (largest + 1) / 2));
-    same(nodes.shape(0), weights.shape(0));
+    same(pairs, pair_panel.shape(0)), same(pairs, out.shape(0)), same(pairs, distance.shape(0)), same(pairs, reference.shape(0));
     nb::gil_scoped_release release;
     active->near_integrals(single_layer, targets.data(), pair_target.data(), pair_panel.data(), std::int64_t(pairs),
-                   panels.data(), contact.data(), wave(k), {nodes.data(), weights.data(), largest, angular, radial}, out.data(),
-                   distance.data(), reference.data());
+                           panels.triangles.data(), panels.contact.data(), wave(k), quadrature.rule(), out.data(), distance.data(),
+                           reference.data());
 }
 
-template <class Real>
-void excess(Points targets, Index first, Index panel, Read<double, -1, 6, 3> panels, Line contact, Points sources,
-            Points normals, Single single, Read<double, 6, 6> nodal, Complex k, double least, Line nodes, Line weights, int largest,
-            int angular, int radial, Write<Complex, -1, 6> out) {
-    same(first.shape(0), targets.shape(0) + 1), same(panel.shape(0), out.shape(0));
-    same(panel.shape(0), std::size_t(first.data()[targets.shape(0)]));
-    same(panels.shape(0), contact.shape(0)), same(6 * panels.shape(0), sources.shape(0));
-    same(sources.shape(0), normals.shape(0)), same(nodes.shape(0), std::size_t(largest * (largest + 1) / 2));
-    same(nodes.shape(0), weights.shape(0));
-    const Complex *of = single_of(single, sources.shape(0));
+static void near_excess(Points targets, const bound::NearRows &rows, const bound::Panels &panels, const bound::Layer &layer,
+                        Read<double, 6, 6> nodal, double least, const bound::NearQuadrature &quadrature,
+                        const std::string &precision) {
+    same(rows.targets(), targets.shape(0)), same(6 * panels.triangles.shape(0), layer.size());
+    const double *normals = layer.double_layer();
+    const auto loop = in_single(precision) ? far<float>().near_excess : far<double>().near_excess;
     nb::gil_scoped_release release;
-    far<Real>().near_excess(targets.data(), targets.shape(0), first.data(), panel.data(), panels.data(), contact.data(),
-                            sources.data(), normals.data(), of, nodal.data(), wave(k), least,
-                            {nodes.data(), weights.data(), largest, angular, radial}, out.data());
+    loop(targets.data(), targets.shape(0), rows.first.data(), rows.panel.data(), panels.triangles.data(), panels.contact.data(),
+         layer.points.data(), normals, layer.single_layer(), nodal.data(), layer.k, least, quadrature.rule(), rows.excess.data());
 }
 
-static void closest(Points targets, Read<double, -1, 6, 3> panels, Index order, Points lower, Points upper,
+static void closest(Points targets, Triangles panels, Index order, Points lower, Points upper,
                     Write<std::int64_t, -1> panel, Write<double, -1, 2> reference, Write<double, -1> distance) {
     same(panels.shape(0), order.shape(0)), same(lower.shape(0), upper.shape(0));
     same(targets.shape(0), panel.shape(0)), same(targets.shape(0), reference.shape(0));
@@ -551,7 +631,7 @@ static void on_hulls(Write<double, -1, 3> x, Read<double, -1, 4> balls, Hulls pa
                              apart.data(), reach, {most, longest, on_surface, stride, halvings});
 }
 
-template <class Triangles> static void right_vertices(Triangles triangles, std::int64_t used, std::size_t vertices) {
+template <class Array> static void right_vertices(Array triangles, std::int64_t used, std::size_t vertices) {
     for (std::int64_t i = 0; i < 3 * used; i++)
         if (triangles.data()[i] < 0 || triangles.data()[i] >= std::int64_t(vertices))
             throw nb::index_error("a triangle has a vertex that does not exist");
@@ -598,48 +678,81 @@ NB_MODULE(_kernels, m) {
     m.attr("lanes") = lanes;
     m.attr("sharing") = sharing;
     m.attr("word_of_element") = reinterpret_cast<std::uintptr_t>(&word_of_element);
-    m.def("dual_blocks_bfloat16", &dual_blocks<std::uint32_t>);
-    m.def("dual_low_rank_bfloat16", &dual_low_rank<std::uint32_t>);
-    m.def("dual_blocks_float32", &dual_blocks<float>);
-    m.def("dual_low_rank_float32", &dual_low_rank<float>);
-    m.def("dual_blocks_float64", &dual_blocks<double>);
-    m.def("dual_low_rank_float64", &dual_low_rank<double>);
-    m.def("dual_product_bfloat16", &product<std::uint32_t>);
-    m.def("dual_product_float32", &product<float>);
-    m.def("dual_product_float64", &product<double>);
-    m.def("double_layer_matrix_float32", &layer_matrix<float>);
-    m.def("double_layer_matrix_float64", &layer_matrix<double>);
-    m.def("apply_transposed_float32", &transposed_layer<float>);
-    m.def("apply_transposed_float64", &transposed_layer<double>);
-    m.def("dual_matrix_float32", &both_layers<float>);
-    m.def("dual_matrix_float64", &both_layers<double>);
-    m.def("few_products_float32", &few<float>);
-    m.def("few_products_float64", &few<double>);
-    m.def("few_rounded_products", &few_rounded);
-    m.def("krylov_step_float32", &krylov<float>);
-    m.def("krylov_step_float64", &krylov<double>);
-    m.def("apply_double_layer_float32", &layer<float>);
-    m.def("apply_double_layer_float64", &layer<double>);
-    m.def("apply_monopoles_float32", &monopoles<float>);
-    m.def("apply_monopoles_float64", &monopoles<double>);
+
+    using namespace nb::literals;
+    const auto out = "out"_a.noconvert();
+    nb::class_<bound::Layer>(m, "Layer")
+        .def(nb::init<Points, std::optional<Points>, Read<Complex, -1>, Complex>(), "points"_a, "normals"_a.none(), "single"_a,
+             "wavenumber"_a);
+    nb::class_<bound::Panels>(m, "Panels").def(nb::init<Triangles, Line>(), "quadratic_triangles"_a, "contact"_a);
+    nb::class_<bound::NearQuadrature>(m, "NearQuadrature")
+        .def(nb::init<Line, Line, int, int, int>(), "nodes"_a, "weights"_a, "largest"_a, "angular"_a, "radial"_a);
+    nb::class_<bound::NearRows>(m, "NearRows")
+        .def(nb::init<Index, Index, Write<Complex, -1, 6>>(), "first"_a, "panel"_a, "excess"_a.noconvert())
+        .def_prop_ro("first", [](const bound::NearRows &self) { return self.first; })
+        .def_prop_ro("panel", [](const bound::NearRows &self) { return self.panel; })
+        .def_prop_ro("excess", [](const bound::NearRows &self) { return self.excess; });
+    nb::class_<bound::Pairs>(m, "Pairs")
+        .def(nb::init<Index, Index>(), "first"_a, "column"_a)
+        .def_prop_ro("first", [](const bound::Pairs &self) { return self.first; })
+        .def_prop_ro("column", [](const bound::Pairs &self) { return self.column; });
+    nb::class_<bound::FarBlocks, bound::Pairs>(m, "FarBlocks")
+        .def(nb::init<Index, Index, Write<std::int64_t, -1>, Write<std::int64_t, -1>>(), "first"_a, "column"_a,
+             "ranks"_a.noconvert(), "begin"_a.noconvert())
+        .def_prop_ro("ranks", [](const bound::FarBlocks &self) { return self.ranks; })
+        .def_prop_ro("begin", [](const bound::FarBlocks &self) { return self.begin; });
+    nb::class_<bound::Cells>(m, "Cells")
+        .def(nb::init<Points, Index, Points, double>(), "points"_a, "first"_a, "centres"_a, "reach"_a);
+    nb::class_<bound::KrylovSpaces>(m, "KrylovSpaces")
+        .def(nb::init<Write<Complex, -1, -1, 2>, Write<Complex, -1, -1>, Write<Complex, -1, -1>, Write<Complex, -1, -1>,
+                      Write<Complex, -1, -1>, Write<double, -1>>(),
+             "rotations"_a.noconvert(), "right"_a.noconvert(), "triangles"_a.noconvert(), "inverses"_a.noconvert(),
+             "weights"_a.noconvert(), "squares"_a.noconvert())
+        .def_prop_ro("right", [](const bound::KrylovSpaces &self) { return self.right; })
+        .def_prop_ro("triangles", [](const bound::KrylovSpaces &self) { return self.triangles; })
+        .def_prop_ro("weights", [](const bound::KrylovSpaces &self) { return self.weights; })
+        .def_prop_ro("squares", [](const bound::KrylovSpaces &self) { return self.squares; });
+
+    // one name for all number formats: the output's own says which
+    const auto dual = [&](auto store) {
+        using Store = decltype(store);
+        m.def("dual_blocks", &dual_blocks<Store>, "targets"_a, "shifted"_a, "layer"_a, "diagonal"_a, "near"_a, "near_shifted"_a,
+              "whole"_a, out);
+        m.def("dual_low_rank", &dual_low_rank<Store>, "targets"_a, "shifted"_a, "layer"_a, "far"_a, "tolerance"_a,
+              "factors"_a.noconvert());
+        m.def("dual_product", &dual_product<Store>, "whole"_a, "blocks"_a.noconvert(), "far"_a, "factors"_a.noconvert(),
+              "vectors"_a.noconvert(), "transposed"_a, out);
+    };
+    dual(std::uint32_t()), dual(float()), dual(double());
+    const auto both = [&](auto real) {
+        using Real = decltype(real);
+        m.def("double_layer_matrix", &double_layer_matrix<Real>, "targets"_a, "layer"_a, out);
+        m.def("dual_matrix", &dual_matrix<Real>, "targets"_a, "inside"_a, "layer"_a, out);
+        m.def("few_products", &few_products<Real>, "matrix"_a.noconvert(), "vectors"_a.noconvert(), "transposed"_a, out);
+        m.def("krylov_step", &krylov_step<Real>, "bases"_a.noconvert(), "spaces"_a);
+        m.def("chebyshev_sum", &chebyshev<Real>, "values"_a.noconvert(), "columns"_a, "rows"_a, "factors"_a.noconvert(),
+              "x"_a.noconvert());
+    };
+    both(float()), both(double());
+    m.def("few_rounded_products", &few_rounded_products, "matrix"_a, "scales"_a, "vectors"_a, "transposed"_a, out);
+    m.def("apply_transposed", &apply_transposed, "targets"_a, "layer"_a, "strengths"_a, "precision"_a, out);
+    m.def("apply_double_layer", &apply_double_layer, "targets"_a, "layer"_a, "density"_a, "least"_a, "precision"_a, out);
+    m.def("apply_monopoles", &apply_monopoles, "targets"_a, "sources"_a, "strengths"_a, "wavenumber"_a, "precision"_a, out);
+    m.def("apply_in_cells", &apply_in_cells, "cells"_a, "inside"_a, "layer"_a, "density"_a, "least"_a, out);
+    m.def("near_excess", &near_excess, "targets"_a, "rows"_a, "panels"_a, "layer"_a, "nodal"_a, "least"_a, "quadrature"_a,
+          "precision"_a);
+    m.def("near_integrals", &near_integrals, "single_layer"_a, "targets"_a, "pair_target"_a, "pair_panel"_a, "panels"_a,
+          "wavenumber"_a, "quadrature"_a, out, "distance"_a.noconvert(), "reference"_a.noconvert());
     m.def("surface_integral", &whole_surface);
     m.def("normal_derivative", &along_normals);
-    m.def("apply_in_cells", &in_cells, nb::arg("targets"), nb::arg("first"), nb::arg("centres"), nb::arg("reach"),
-          nb::arg("inside"), nb::arg("sources"), nb::arg("normals").none(), nb::arg("single"), nb::arg("density"), nb::arg("wavenumber"),
-          nb::arg("least"), nb::arg("out"));
-    m.def("near_excess_float32", &excess<float>);
-    m.def("near_excess_float64", &excess<double>);
     m.def("interpolate", &interpolated);
     m.def("detoured_waves", &detoured);
-    m.def("chebyshev_sum_float32", &chebyshev<float>);
-    m.def("chebyshev_sum_float64", &chebyshev<double>);
     m.def("near_pairs", &near_pairs);
     m.def("block_order", &block_order);
     m.def("mark_blocks", &mark_blocks);
     m.def("place_nodes", &place_nodes);
     m.def("panel_distances", &panel_distances);
     m.def("closest_on_panels", &closest);
-    m.def("near_integrals", &near);
     m.def("hull_distances", &apart_from_hulls);
     m.def("blended_distance", &blended);
     m.def("hull_gaps", &gaps);

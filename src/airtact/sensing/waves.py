@@ -21,7 +21,7 @@ from jaxtyping import Complex, Complex128, Float, Float64, Int, Real, Shaped
 from scipy.sparse import csr_matrix, diags
 from scipy.special import jv, spherical_jn
 
-from airtact.acoustics.solvers.loops import loop
+from airtact import _kernels
 
 Waves = Complex[np.ndarray, "waves columns"]
 """Coefficients of waves, in single or double precision."""
@@ -217,8 +217,13 @@ def moved(twist: Real[np.ndarray, "6"], waves: Waves, wavenumber: float) -> Wave
     bessel[1:] *= 2.0
     parts = np.concatenate([wavenumber * np.asarray(twist[:3]), twist[3:]]) / size
     values, columns, rows = _together(order)
-    sums = loop("chebyshev_sum", total.dtype.name)
-    sums((2 * parts @ values).astype(total.dtype), columns, rows, bessel.astype(total.dtype), total)
+    _kernels.chebyshev_sum(
+        values=(2 * parts @ values).astype(total.dtype),
+        columns=columns,
+        rows=rows,
+        factors=bessel.astype(total.dtype),
+        x=total,
+    )
     return total.view(waves.dtype)
 
 

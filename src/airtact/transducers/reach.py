@@ -42,7 +42,9 @@ def open_air_bound(
         np.empty((len(targets), 1), dtype=np.complex128),
     )
     for index, point in enumerate(np.asarray(points, dtype=np.float64)):
-        _kernels.apply_monopoles_float64(targets, point[None], unit, complex(wavenumber), received)
+        _kernels.apply_monopoles(
+            targets, point[None], unit, complex(wavenumber), "float64", received
+        )
         waves = np.abs(received.reshape(len(array), -1) @ element.weights)
         before = np.einsum("ed,ed->e", point - array.positions, array.normals) > 0.0
         found[index] = strengths @ np.where(before | (not element.directional), waves, 0.0)

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from airtact.acoustics.solvers.loops import loop
 from scipy.integrate import dblquad
 from scipy.sparse import csr_matrix
 
 from airtact import _kernels
 from airtact.acoustics.solvers.bem.quadrature import RULE, RULE_WEIGHTS
-from airtact.acoustics.solvers.loops import loop
 
 PRECISIONS = [("float32", np.complex64, 2e-5), ("float64", np.complex128, 1e-13)]
 WAVENUMBERS = [732.5 + 0j, 732.5 + 3.1j, 0j]

@@ -1,4 +1,4 @@
-"""The arrays of the solvers by what they hold; an axis of the same name has the same length within a signature."""
+"""Array types of the solvers. Axes of one name have one length within a signature."""
 
 import numpy as np
 from jaxtyping import Bool, Complex128, Float64, Int64, Real
@@ -23,3 +23,19 @@ Coefficients = Complex128[np.ndarray, "unknowns excitations"]
 Pairs = Float64[np.ndarray, "points sources"]
 ComplexPairs = Complex128[np.ndarray, "points sources"]
 """A number for each point and source, as for unit monopoles."""
+
+NodePoints = Float64[np.ndarray, "nodes 3"]
+"""Also normals."""
+
+GroupPoints = Float64[np.ndarray, "groups 3"]
+"""Second collocation points, each shared by three neighbouring nodes of a panel."""
+
+NodeValues = Complex128[np.ndarray, "nodes excitations"]
+PanelPoints = Float64[np.ndarray, "panels 3"]
+PanelLengths = Float64[np.ndarray, "panels"]
+Admittances = Complex128[np.ndarray, "panels"]
+SingleLayer = Complex128[np.ndarray, "_"]
+"""ikρc/Z times area [m] of each node; empty if all are sound-hard."""
+
+NearLists = tuple[Int64[np.ndarray, "bounds"], Int64[np.ndarray, "pairs"]]
+"""Bounds of each point's panels, and the panels."""

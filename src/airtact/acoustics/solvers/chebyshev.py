@@ -7,7 +7,7 @@ from jaxtyping import Float, Float32
 def chebyshev_weights(
     coordinates: Float[np.ndarray, "points"], count: int
 ) -> Float32[np.ndarray, "points count"]:
-    """Weights of the points cos(π (j + 1/2)/count) for coordinates in [-1, 1], in their own precision.
+    """Weights of the points cos(π (j + 1/2)/count) for coordinates in [-1, 1].
 
     By the barycentric formula (J.-P. Berrut, L. N. Trefethen, SIAM Review 46 (2004) 501).
     """

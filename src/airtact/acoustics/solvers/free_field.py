@@ -27,7 +27,8 @@ from airtact.acoustics.sources import STANDS_ON, Monopoles, nearest_source
 from airtact.checks import counted, points_of
 from airtact.errors import InvalidInput
 
-_PAIRS_AT_ONCE = 1 << 20
+MAX_PAIRS = 1 << 20
+"""Pairs of points and sources that are evaluated at once."""
 
 
 def unit_monopoles(points: Points, positions: SourcePoints, wavenumber: complex) -> ComplexPairs:
@@ -37,8 +38,8 @@ def unit_monopoles(points: Points, positions: SourcePoints, wavenumber: complex)
 
 
 def open_air_pressure(points: Points, sources: Monopoles, wavenumber: complex) -> Pressures:
-    """Pressure of ``sources`` in open air at points (P, 3) [m]: (P, S) [Pa], in blocks that bound the memory."""
-    rows = max(1, _PAIRS_AT_ONCE // max(1, len(sources.positions)))
+    """Pressure of ``sources`` in open air [Pa] of each excitation at points (P, 3) [m]."""
+    rows = max(1, MAX_PAIRS // max(1, len(sources.positions)))
     pressure = np.zeros((len(points), sources.strengths.shape[1]), dtype=np.complex128)
     for first in range(0, len(points), rows):
         block = slice(first, first + rows)
@@ -50,7 +51,7 @@ def open_air_pressure(points: Points, sources: Monopoles, wavenumber: complex) -
 
 @dataclass(frozen=True, eq=False)
 class OpenAirField(RadiatedField):
-    """The field of monopoles in a scene without obstacles: that of the monopoles and their images in a plane."""
+    """The field of monopoles, and of their images in a plane, in a scene without obstacles."""
 
     scene: Scene
     sources: Monopoles
@@ -64,18 +65,18 @@ class OpenAirField(RadiatedField):
         return SurfaceField.empty(self.sources)
 
     def at(self, points: Points) -> Pressures:
-        """Pressure [Pa] at points (P, 3) [m] for each of the S excitations; errors as of ``RadiatedField.at``."""
+        """Pressure [Pa] of each excitation at points (P, 3) [m]; errors as of the base class."""
         points = receivers(points, self.sources)
         pressure = open_air_pressure(points, self._emitting, self.scene.wavenumber)
         pressure[~self.valid(points)] = np.nan
         return pressure
 
     def scattered_at(self, points: Points) -> Pressures:
-        """Scattered pressure [Pa] at points (P, 3) [m]: that of the images; zeros without a plane."""
+        """Scattered pressure [Pa]: that of the images in a plane, else zeros."""
         points = points_of(points, "points", least=0)
         scattered = np.zeros((len(points), self.sources.strengths.shape[1]), dtype=np.complex128)
-        for one in self.scene.planes:
-            images = Monopoles(one.image(self.sources.positions), self.sources.strengths)
+        for plane in self.scene.planes:
+            images = Monopoles(plane.image(self.sources.positions), self.sources.strengths)
             on = nearest_source(points, images, STANDS_ON)[0] < STANDS_ON
             scattered[~on] += open_air_pressure(points[~on], images, self.scene.wavenumber)
             scattered[on] = np.nan
@@ -100,7 +101,7 @@ class OpenAirField(RadiatedField):
 
 @dataclass(frozen=True)
 class FreeField(Solver):
-    """Sound in open air or before a plane, in closed form, absorption included; for scenes without obstacles."""
+    """Sound in open air or before a plane in closed form, for scenes without obstacles."""
 
     def radiate(self, scene: Scene, sources: Monopoles) -> OpenAirField:
         """Field of the monopoles in a scene without obstacles.
@@ -108,7 +109,7 @@ class FreeField(Solver):
         Raises
         ------
         InvalidInput
-            If the scene has obstacles, or one of the two is of another kind.
+            If the scene has obstacles, or an argument is of another kind.
         """
         check_sources(scene, sources, planes=True)
         if len(scene.obstacles) > 0:

@@ -1,16 +1,16 @@
-"""The memory that is free, and the processors that may be used."""
+"""Free memory, and the processors that may be used."""
 
 import os
 
 
 def available_memory() -> float:
-    """Return the bytes available without swapping; infinity where the system does not report them."""
+    """Return the bytes available without swapping; infinity if the system does not report them."""
     try:
         with open("/proc/meminfo", "rb", buffering=0) as file:
-            _, found, rest = (file.read(4096) or b"").partition(b"MemAvailable:")
+            _, mark, rest = (file.read(4096) or b"").partition(b"MemAvailable:")
     except OSError:
         return float("inf")
-    return 1024.0 * int(rest.split(maxsplit=1)[0]) if found else float("inf")
+    return 1024.0 * int(rest.split(maxsplit=1)[0]) if mark else float("inf")
 
 
 def processor_count() -> int:

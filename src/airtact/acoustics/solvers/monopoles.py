@@ -3,8 +3,8 @@
 import numpy as np
 from jaxtyping import Complex
 
+from airtact import _kernels
 from airtact.acoustics.solvers.arrays import Points, Pressures, SourcePoints
-from airtact.acoustics.solvers.loops import loop
 
 
 def monopole_pressure(
@@ -16,7 +16,12 @@ def monopole_pressure(
 ) -> Pressures:
     """Open-air pressure Σ_j s_j e^{ikr}/r at points [Pa]; ``precision`` is float32 or float64."""
     out = np.empty((len(points), strengths.shape[1]), dtype=np.complex128)
-    points, positions = (np.ascontiguousarray(one, dtype=np.float64) for one in (points, positions))
-    strengths = np.ascontiguousarray(strengths, dtype=np.complex128)
-    loop("apply_monopoles", precision)(points, positions, strengths, complex(wavenumber), out)
+    _kernels.apply_monopoles(
+        np.ascontiguousarray(points, dtype=np.float64),
+        np.ascontiguousarray(positions, dtype=np.float64),
+        np.ascontiguousarray(strengths, dtype=np.complex128),
+        complex(wavenumber),
+        precision,
+        out,
+    )
     return out

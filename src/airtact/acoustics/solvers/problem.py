@@ -5,10 +5,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Complex128, Float64
+from jaxtyping import Float64
 
 from airtact.acoustics.scene import Scene
-from airtact.acoustics.solvers.arrays import Gradients, Mask, Points, Pressures, Vectors
+from airtact.acoustics.solvers.arrays import (
+    Gradients,
+    Mask,
+    NodePoints,
+    NodeValues,
+    Points,
+    Pressures,
+    Vectors,
+)
 from airtact.acoustics.solvers.monopoles import monopole_pressure
 from airtact.acoustics.solvers.velocity import differences, velocity_of
 from airtact.acoustics.sources import Monopoles, check_off_sources
@@ -17,13 +25,13 @@ from airtact.printing import html_table, in_short, one_line
 from airtact.timing import Progress
 
 PLANES = "rigid_planes"
-"""Name of the setting of a report that counts the planes of the scene; there is none without planes."""
+"""Setting of a report: number of planes of the scene, if there are any."""
 
 BOARDS = "reflecting_boards"
-"""Name of the setting of a report that counts the bodies that are reflecting boards; there is none without them."""
+"""Setting of a report: number of reflecting boards, if there are any."""
 
 DIFFERENCE = 1.0 / 40.0
-"""Step of the differences of a field without a closed form, in wavelengths."""
+"""Step of the differences of a field without a closed form [λ]."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +42,7 @@ class SolveReport:
     ----------
     solver : name of the method.
     residual : worst relative residual of the linear systems (0 for closed forms).
-    iterations : iterations that the slowest right-hand side took.
+    iterations : iterations of the slowest right-hand side.
     nodes : number of unknowns.
     nodes_per_square_wavelength : unknowns per λ² of the bodies' surfaces (infinite for closed
         forms).
@@ -62,15 +70,16 @@ class SolveReport:
     mean_off_triangles: float = 0.0
 
     def __repr__(self) -> str:
-        return one_line(
-            self,
-            self.solver,
-            f"{self.nodes} unknowns" * bool(self.nodes),
-            f"estimated error {100 * self.estimated_error:.2g} %"
-            * bool(np.isfinite(self.estimated_error)),
-            f"{sum(self.seconds.values()):.2g} s" * bool(self.seconds),
-            counted(len(self.warnings), "warning", "warnings") * bool(self.warnings),
-        )
+        parts = [self.solver]
+        if self.nodes:
+            parts.append(f"{self.nodes} unknowns")
+        if np.isfinite(self.estimated_error):
+            parts.append(f"estimated error {100 * self.estimated_error:.2g} %")
+        if self.seconds:
+            parts.append(f"{sum(self.seconds.values()):.2g} s")
+        if self.warnings:
+            parts.append(counted(len(self.warnings), "warning", "warnings"))
+        return one_line(self, *parts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,22 +88,21 @@ class SurfaceField:
 
     Attributes
     ----------
-    points : (Q, 3) points on the surfaces [m].
-    normals : (Q, 3) outward unit normals.
-    areas : (Q,) area that each point represents [m²].
-    pressure : (Q, S) total pressure of each of the S excitations there [Pa].
+    points, normals : points on the surfaces [m], and outward unit normals.
+    areas : area that each point represents [m²].
+    pressure : total pressure of each excitation there [Pa].
     """
 
-    points: Float64[np.ndarray, "nodes 3"]
-    normals: Float64[np.ndarray, "nodes 3"]
+    points: NodePoints
+    normals: NodePoints
     areas: Float64[np.ndarray, "nodes"]
-    pressure: Complex128[np.ndarray, "nodes excitations"]
+    pressure: NodeValues
 
     __repr__ = in_short
 
     @classmethod
     def empty(cls, sources: Monopoles) -> "SurfaceField":
-        """No points, for a field without a known surface."""
+        """No points, for a field without a surface pressure."""
         pressure = np.zeros((0, sources.strengths.shape[1]), dtype=np.complex128)
         return cls(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), pressure)
 
@@ -114,24 +122,26 @@ class RadiatedField(ABC):
     report: SolveReport
 
     def __repr__(self) -> str:
-        return one_line(self, *self._facts().values())
+        return one_line(self, *self._facts())
 
     def _repr_html_(self) -> str:
+        facts = [(fact,) for fact in self._facts()]
         seconds = [(f"{step} [s]", f"{took:.2f}") for step, took in self.report.seconds.items()]
-        facts = [(fact,) for fact in self._facts().values() if fact]
         return html_table(type(self).__name__, [], [*facts, *seconds], self.report.warnings)
 
-    def _facts(self) -> dict[str, str]:
+    def _facts(self) -> list[str]:
         """Return what was solved, in words."""
-        count, error = self.sources.strengths.shape[1], self.report.estimated_error
-        return {
-            "excitations": f"{counted(count, 'excitation', 'excitations')} of {len(self.sources.positions)} sources",
-            "bodies": f"around {counted(len(self.scene.obstacles), 'body', 'bodies')}"
-            * bool(self.scene.obstacles),
-            "solver": f"by {self.report.solver}",
-            "unknowns": f"{self.report.nodes} unknowns" * bool(self.report.nodes),
-            "estimated error": f"estimated error {100 * error:.2g} %" * bool(np.isfinite(error)),
-        }
+        count = self.sources.strengths.shape[1]
+        sources = len(self.sources.positions)
+        facts = [f"{counted(count, 'excitation', 'excitations')} of {sources} sources"]
+        if self.scene.obstacles:
+            facts.append(f"around {counted(len(self.scene.obstacles), 'body', 'bodies')}")
+        facts.append(f"by {self.report.solver}")
+        if self.report.nodes:
+            facts.append(f"{self.report.nodes} unknowns")
+        if np.isfinite(self.report.estimated_error):
+            facts.append(f"estimated error {100 * self.report.estimated_error:.2g} %")
+        return facts
 
     @property
     @abstractmethod
@@ -140,12 +150,12 @@ class RadiatedField(ABC):
 
     @property
     def scattering_sources(self) -> Monopoles | None:
-        """Monopoles that radiate the scattered pressure away from the bodies; None where the solver has none."""
+        """Monopoles that radiate the scattered pressure away from the bodies, if known."""
         return None
 
     @property
     def without_images(self) -> "RadiatedField | None":
-        """What sources and bodies radiate, as they do here, without their images in a plane; None if not known.
+        """The field that sources and bodies radiate without their images in a plane, if known.
 
         It is the field itself where the scene has no plane.
         """
@@ -153,7 +163,7 @@ class RadiatedField(ABC):
 
     @abstractmethod
     def at(self, points: Points) -> Pressures:
-        """Total pressure [Pa] at points (P, 3) [m] for each of the S excitations; NaN where ``valid`` is False.
+        """Total pressure [Pa] of each excitation at points (P, 3) [m]; NaN where not ``valid``.
 
         Raises
         ------
@@ -164,9 +174,9 @@ class RadiatedField(ABC):
     def scattered_at(self, points: Points) -> Pressures:
         """Scattered pressure [Pa]: the total pressure less that of the sources alone in open air.
 
-        It is (P, S) at points (P, 3) [m]; finite at the sources' own positions, where ``at`` is
-        infinite; NaN where ``valid`` is False, and at a source that touches a body. By default the
-        open-air pressure is subtracted from ``at``, which needs points off the sources.
+        It is finite at the sources' own positions, where ``at`` is infinite; NaN where not
+        ``valid``, and at a source that touches a body. By default the open-air pressure is
+        subtracted from ``at``, which needs points off the sources.
 
         Raises
         ------
@@ -177,10 +187,10 @@ class RadiatedField(ABC):
         return self.at(points) - self._incident(points)
 
     def _incident(self, points: Points) -> Pressures:
-        """Pressure [Pa] of the sources alone in open air at points (P, 3) [m] off the sources."""
-        sources, wavenumber = self.sources, self.scene.wavenumber
+        """Pressure [Pa] of the sources alone in open air, at points [m] off the sources."""
+        sources = self.sources
         return monopole_pressure(
-            points, sources.positions, sources.strengths, wavenumber, "float64"
+            points, sources.positions, sources.strengths, self.scene.wavenumber, "float64"
         )
 
     @abstractmethod
@@ -188,36 +198,51 @@ class RadiatedField(ABC):
         """Whether the field exists at points (P, 3): False inside bodies, except filled ones."""
 
     def velocity(self, points: Points) -> Gradients:
-        """Particle velocity v = ∇p/(iωρ) [m/s] at points (P, 3) [m], along x, y and z, for each of the S excitations.
+        """Particle velocity v = ∇p/(iωρ) [m/s] along x, y and z, of each excitation.
 
-        On a sound-hard surface it is tangential; NaN where ``valid`` is False. By default ``at`` is
+        On a sound-hard surface it is tangential; NaN where not ``valid``. By default ``at`` is
         differenced over 1/40 of a wavelength, which gives NaN where the difference reaches into a
         body. Errors as of ``at``.
         """
         points = points_of(points, "points", least=0)
         step = np.full(len(points), DIFFERENCE * self.scene.wavelength)
-        return velocity_of(
-            differences(self.at, points, step), self.scene.frequency, self.scene.medium.density
-        )
+        gradient = differences(self.at, points, step)
+        return velocity_of(gradient, self.scene.frequency, self.scene.medium.density)
 
     def error_at(self, points: Points) -> Float64[np.ndarray, "excitations"]:
-        """Estimated relative error over points (P, 3) away from the surfaces, for each of the S excitations."""
+        """Estimated relative error over points away from the surfaces, for each excitation."""
         return np.full(self.sources.strengths.shape[1], self.report.estimated_error)
 
     def report_at(self, points: Points) -> SolveReport:
-        """Return the report with the error estimated at points (P, 3) [m], where it is the larger one.
+        """Return the report with the error estimated at points [m], where it is the larger one.
 
-        Where it exceeds what was asked, a warning names the worst point and what to do.
+        A warning names the worst point where the error exceeds the accuracy that is wanted.
         """
         points_of(points, "points", least=0)
         return self.report
 
 
 def receivers(points: Points, sources: Monopoles) -> Vectors:
-    """Return points (P, 3) [m] at which a total pressure is evaluated, as float64; raise as ``RadiatedField.at``."""
+    """Check points [m] at which a total pressure is evaluated; raise as ``RadiatedField.at``."""
     points = points_of(points, "points", least=0)
     check_off_sources(points, sources)
     return points
+
+
+def surrounding_points(scene: Scene, points: Vectors) -> Float64[np.ndarray, "around 3"]:
+    """Return 128 points on a sphere 8 λ outside the bodies, about where an array would be.
+
+    Solvers compare two solutions there. The points spread along a Fibonacci spiral.
+    """
+    centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    radius = np.linalg.norm(points - centre, axis=1).max() + 8 * scene.wavelength
+    index = np.arange(128) + 0.5
+    polar = np.arccos(1 - index / 64)
+    azimuth = np.pi * (1 + np.sqrt(5)) * index
+    directions = np.stack(
+        [np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], axis=1
+    )
+    return centre + radius * directions
 
 
 class Solver(ABC):
@@ -228,7 +253,7 @@ class Solver(ABC):
         """Solve the scene for the monopoles, for all their excitations at once."""
 
     def reporting(self, progress: Progress | None) -> "Solver":
-        """Return the solver with a callback that gets the words of each step as it begins, such as ``print``.
+        """Return the solver with a callback, such as ``print``, for the words of each step.
 
         Solvers in closed form have no steps and return themselves, as does every solver for None.
         """

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 import trimesh
+from airtact.acoustics.solvers.bem.blocks import PANELS, Pairs, block_order, blocks_of, near_blocks
 from scipy.spatial.distance import pdist
 
 import airtact as at
-from airtact.acoustics.solvers.bem.blocks import PANELS, Pairs, block_order, blocks_of, near_blocks
 from airtact.acoustics.solvers.bem.layer_potentials import NearRule
 from airtact.acoustics.solvers.bem.operator import assemble, dual_surface
 from airtact.acoustics.solvers.bem.quadrature import place_nodes

@@ -1,9 +1,9 @@
-"""The field of elements in reflecting boards: what all surfaces of the boards radiate, around the other bodies.
+"""The field of elements in reflecting boards, around the other bodies.
 
-Elements in a face have a pressure beside them that no panel resolves, so the direct solution is of
-no use there. The transposed one is: its monopoles on the boards radiate what these reflect, and
-together with the elements they are the sources of a second, small solve around the other bodies,
-which is right on and near their surfaces too.
+The pressure beside elements in a face varies faster than panels resolve, so the direct solution is
+of no use there. The transposed one is: its monopoles on the boards radiate the boards' reflections.
+Together with the elements they are the sources of a second, small solve around the other bodies,
+which is accurate on and near their surfaces too.
 """
 
 from dataclasses import dataclass, field, replace
@@ -20,18 +20,14 @@ from airtact.acoustics.solvers.problem import RadiatedField, SolveReport, Surfac
 from airtact.acoustics.sources import Monopoles
 from airtact.checks import points_of
 
-IN_FACE = 1e-6
-"""Farthest that a source stands off the face of a board that it is in [m]."""
-
 NOT_ESTIMATED = (
-    "the estimated error is that around the bodies, without what the boards' reflections may be off"
+    "the estimated error is that around the bodies, without errors of the boards' reflections"
 )
-"""How the sentence goes that the report of such a field has."""
 
 
 @dataclass(frozen=True, eq=False)
 class Emitting(Monopoles):
-    """Monopoles beside which no panel is made smaller, except beside some points."""
+    """Monopoles beside which panels are not refined, except beside some points [m]."""
 
     refined: Float64[np.ndarray, "fine 3"] = field(default_factory=partial(np.empty, (0, 3)))
 
@@ -45,8 +41,12 @@ class Emitting(Monopoles):
 class BoardField(RadiatedField):
     """The field of elements in reflecting boards, around the other bodies of a scene.
 
-    ``scene`` is that of the other bodies; ``boards`` has the boards alone, and ``around`` is the
-    field of elements and boards as sources. Nearer to a board than ``reach`` [m] nothing is known.
+    Attributes
+    ----------
+    scene : the other bodies.
+    boards : the boards alone.
+    around : field of elements and boards as sources.
+    reach : distance from a board below which the field is not known [m].
     """
 
     scene: Scene
@@ -69,7 +69,7 @@ class BoardField(RadiatedField):
         return self.around.valid(points) & (self.boards.depth(points) < -self.reach)
 
     def at(self, points: Points) -> Pressures:
-        """Total pressure [Pa] at points (P, 3) for each of the S excitations; NaN where ``valid`` is False."""
+        """Total pressure [Pa] of each excitation; NaN where ``valid`` is False."""
         points = receivers(points, self.sources)
         pressure = self.around.at(points)
         pressure[self.boards.depth(points) >= -self.reach] = np.nan
@@ -83,41 +83,43 @@ class BoardField(RadiatedField):
         return velocity
 
     def report_at(self, points: Points) -> SolveReport:
-        """Return the report with the error around the bodies estimated at points (P, 3) [m], where it is larger."""
-        found = self.around.report_at(points)
-        warnings = (
-            *self.report.warnings,
-            *(one for one in found.warnings if one not in self.report.warnings),
+        """Return the report with the error around the bodies estimated at points, if larger."""
+        report = self.around.report_at(points)
+        warnings = dict.fromkeys((*self.report.warnings, *report.warnings))  # each one once
+        return replace(
+            self.report, estimated_error=report.estimated_error, warnings=tuple(warnings)
         )
-        return replace(self.report, estimated_error=found.estimated_error, warnings=warnings)
 
 
 def in_boards(scene: Scene, sources: Monopoles) -> Bool[np.ndarray, "sources"]:
-    """Which sources are in the faces of reflecting boards."""
+    """Which sources are in the faces of reflecting boards, to a micrometre."""
     inside = np.zeros(len(sources.positions), dtype=bool)
     for index in scene.boards:
-        inside |= np.abs(scene.obstacles[index].surface.depth(sources.positions)) < IN_FACE
+        inside |= np.abs(scene.obstacles[index].surface.depth(sources.positions)) < 1e-6
     return inside
 
 
 def without_boards(scene: Scene) -> Scene:
     """Return a scene without its reflecting boards."""
-    return replace(scene, obstacles=[one for one in scene.obstacles if not one.board])
+    bodies = [obstacle for obstacle in scene.obstacles if not obstacle.board]
+    return replace(scene, obstacles=bodies)
 
 
 def elements_and_boards(solved: BoundaryField, refined: Float64[np.ndarray, "fine 3"]) -> Emitting:
-    """Return the sources of a field and the monopoles by which its boards scatter, as sources around what is left."""
+    """Return the sources of a field, and the monopoles by which its boards scatter."""
     transposed = solved.without_images.transposed
     nodes = np.isin(transposed.surface.nodes.body, solved.scene.boards)
-    both = np.concatenate([nodes, nodes[:: _kernels.sharing]])
-    emitted, scattering = transposed.emitted, transposed.scattering
-    positions = np.concatenate([emitted.positions, scattering.positions[both]])
+    of_boards = np.concatenate([nodes, nodes[:: _kernels.sharing]])
+    emitted = transposed.emitted
+    scattering = transposed.scattering
     return Emitting(
-        positions, np.concatenate([emitted.strengths, scattering.strengths[both]]), refined
+        np.concatenate([emitted.positions, scattering.positions[of_boards]]),
+        np.concatenate([emitted.strengths, scattering.strengths[of_boards]]),
+        refined,
     )
 
 
 def reach_of(solved: BoundaryField) -> float:
-    """Largest radius of a panel of a board [m]: nearer than this its monopoles are seen one by one."""
+    """Largest radius of a board's panel [m], below which its monopoles act one by one."""
     nodes = solved.without_images.surface.nodes
     return float(nodes.radii[np.isin(nodes.body[::6], solved.scene.boards)].max())

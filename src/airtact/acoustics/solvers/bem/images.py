@@ -1,71 +1,65 @@
-"""Bodies and their images in rigid planes: one is solved for, both carry the field."""
+"""Bodies and their images in rigid planes: the bodies are solved for, both carry the field."""
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
 
 import numpy as np
-from jaxtyping import Complex128, Int64, Shaped
+from jaxtyping import Complex128, Shaped
 
 from airtact.acoustics.planes import Plane
 from airtact.acoustics.solvers.bem.operator import DualSurface
 from airtact.acoustics.solvers.bem.quadrature import RULE_POINTS, Nodes, place_nodes
 
-TURNED = np.array([2, 1, 0, 4, 3, 5])
-"""Nodes of a panel in the order that the image has: corners 0 and 2 change places, so that its normal is outward."""
-
-
-def _order_of_nodes() -> Int64[np.ndarray, "6"]:
-    """Node of a panel for each node of its image; corner 1 stays, and with it the three nodes that share a point."""
-    turned = np.stack([RULE_POINTS[:, 0], 1 - RULE_POINTS.sum(axis=1)], axis=1)
-    return np.linalg.norm(turned[:, None] - RULE_POINTS, axis=2).argmin(axis=1)
-
-
-ORDER = _order_of_nodes()
+# A reflected panel needs corners 0 and 2 exchanged for its normal to be outward. Corner 1 stays,
+# and with it the three nodes that share a second collocation point.
+_MIRRORED = np.array([2, 1, 0, 4, 3, 5])
+_TURNED_RULE = np.stack([RULE_POINTS[:, 0], 1 - RULE_POINTS.sum(axis=1)], axis=1)
+_NODE_ORDER = np.linalg.norm(_TURNED_RULE[:, None] - RULE_POINTS, axis=2).argmin(axis=1)
+"""Node of a panel for each node of its image."""
 
 
 def surface_with_images(surface: DualSurface, planes: Sequence[Plane]) -> DualSurface:
     """Return the surface of the bodies followed by that of their images."""
     for plane in planes:
-        shifted = np.concatenate([surface.shifted, plane.image(surface.shifted)])
-        surface = replace(surface, nodes=_with_image(surface.nodes, plane), shifted=shifted)
+        nodes = surface.nodes
+        panels = nodes.quadratic_triangles
+        mirrored = plane.image(panels.reshape(-1, 3)).reshape(panels.shape)[:, _MIRRORED]
+        bodies = nodes.body[::6]
+        both = place_nodes(
+            np.concatenate([panels, mirrored]),
+            body=np.concatenate([bodies, bodies + bodies.max() + 1]),
+            deviation=np.zeros(2 * len(panels)),
+            admittance=np.tile(nodes.admittance, 2),
+        )
+        surface = replace(
+            surface,
+            nodes=replace(both, contact=np.tile(nodes.contact, 2)),
+            shifted=np.concatenate([surface.shifted, plane.image(surface.shifted)]),
+        )
     return surface
 
 
 def values_with_images(
-    values: Complex128[np.ndarray, "nodes sounds"], planes: Sequence[Plane]
-) -> Complex128[np.ndarray, "all sounds"]:
-    """Return what the nodes of the bodies have, such as the pressure, followed by what those of the images have."""
+    values: Complex128[np.ndarray, "nodes excitations"], planes: Sequence[Plane]
+) -> Complex128[np.ndarray, "all excitations"]:
+    """Return values at the nodes, such as the pressure, followed by those of the images."""
     for _ in planes:
-        mirrored = values.reshape(-1, len(ORDER), values.shape[1])[:, ORDER].reshape(values.shape)
-        values = np.concatenate([values, mirrored])
+        by_panel = values.reshape(-1, 6, values.shape[1])
+        values = np.concatenate([values, by_panel[:, _NODE_ORDER].reshape(values.shape)])
     return values
 
 
 def surface_without_images(surface: DualSurface, planes: Sequence[Plane]) -> DualSurface:
-    """Return the surface of the bodies alone, from one that that of their images follows."""
-    part = {
-        one.name: _own(getattr(surface.nodes, one.name), planes) for one in fields(surface.nodes)
+    """Return the surface of the bodies alone."""
+    arrays = {
+        field.name: without_images(getattr(surface.nodes, field.name), planes)
+        for field in fields(surface.nodes)
     }
-    return replace(surface, nodes=Nodes(**part), shifted=_own(surface.shifted, planes))
+    return replace(surface, nodes=Nodes(**arrays), shifted=without_images(surface.shifted, planes))
 
 
-def values_without_images(
-    values: Complex128[np.ndarray, "all sounds"], planes: Sequence[Plane]
-) -> Complex128[np.ndarray, "nodes sounds"]:
-    """Return what the nodes of the bodies alone have."""
-    return _own(values, planes)
-
-
-def _own(
+def without_images(
     values: Shaped[np.ndarray, "all ..."], planes: Sequence[Plane]
-) -> Shaped[np.ndarray, "own ..."]:
+) -> Shaped[np.ndarray, "nodes ..."]:
+    """Return the values of the bodies alone, which stand before those of their images."""
     return values[: len(values) >> len(planes)]
-
-
-def _with_image(nodes: Nodes, plane: Plane) -> Nodes:
-    panels = nodes.quadratic_triangles
-    mirrored = plane.image(panels.reshape(-1, 3)).reshape(panels.shape)[:, TURNED]
-    bodies = nodes.body[::6]
-    both = np.concatenate([panels, mirrored]), np.concatenate([bodies, bodies + bodies.max() + 1])
-    placed = place_nodes(*both, np.zeros(2 * len(panels)), np.tile(nodes.admittance, 2))
-    return replace(placed, contact=np.tile(nodes.contact, 2))

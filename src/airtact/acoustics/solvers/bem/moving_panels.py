@@ -1,23 +1,29 @@
-"""Panels of a body that bends: they are made once and moved by who uses them, who also says where its inside is.
+"""Panels of a deforming body. They are meshed once; the caller supplies moved corners and points.
 
 Covering a body with panels takes as long as filling its matrix. A body that bends smoothly, as a
 hand does, can keep its panels.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Complex128, Float64, Real
 
+from airtact.acoustics.solvers.arrays import (
+    Admittances,
+    GroupPoints,
+    NodeValues,
+    PanelLengths,
+    Points,
+)
+from airtact.acoustics.solvers.bem.block_matrix import release
 from airtact.acoustics.solvers.bem.layer_potentials import NearRule
 from airtact.acoustics.solvers.bem.operator import (
     DualSurface,
     assemble,
     direct_right_side,
-    release,
     transposed_right_side,
 )
-from airtact.acoustics.solvers.bem.quadrature import Nodes, place_nodes
+from airtact.acoustics.solvers.bem.quadrature import place_nodes
 from airtact.acoustics.solvers.bem.solutions import DirectSolution, TransposedSolution
 from airtact.acoustics.solvers.gmres import gmres
 from airtact.acoustics.sources import Monopoles
@@ -31,61 +37,57 @@ class MovingPanels:
 
     Attributes
     ----------
-    corners : (P, 6, 3) corners and middles of edges of the panels, as they were made [m].
-    inside : (2 P, 3) second collocation points, in the body, as they were made; two for each panel
-        [m].
-    deviation : (P,) of the panels from the true surface [m].
-    admittance : (P,) ρc/Z of the panels, 0 for sound-hard ones.
+    corners : corners and edge midpoints of the panels, as meshed [m].
+    inside : second collocation points in the body, as meshed; two for each panel [m].
+    deviation : of the panels from the true surface [m].
+    admittance : ρc/Z of the panels, 0 for sound-hard ones.
     wavenumber : of the sound [rad/m].
     near_rule : how near panels are integrated.
     low_rank_error : of the matrix.
     """
 
     corners: QuadraticTriangles
-    inside: Float64[np.ndarray, "groups 3"]
-    deviation: Float64[np.ndarray, "panels"]
-    admittance: Complex128[np.ndarray, "panels"]
+    inside: GroupPoints
+    deviation: PanelLengths
+    admittance: Admittances
     wavenumber: complex
     near_rule: NearRule
     low_rank_error: float
 
     __repr__ = in_short
 
-    def facing(self, points: Real[np.ndarray, "points 3"], share: float) -> "MovingPanels":
+    def facing(self, points: Points, share: float) -> "MovingPanels":
         """Keep the panels that face at least a share of some points (P, 3) [m].
 
-        What sources before the body send to such points hardly depends on panels that face away
-        from most of them.
+        The sound from sources before the body to such points hardly depends on panels that face
+        away from most of them.
         """
-        nodes = self._placed(self.corners)
-        normals = nodes.normals.reshape(-1, 6, 3).mean(axis=1)
-        seen = (
-            np.einsum("pd,qd->pq", normals, points)
-            > np.einsum("pd,pd->p", normals, nodes.centres)[:, None]
-        )
+        nodes = self._surface(self.corners, self.inside).nodes
+        normals = nodes.panel_normals
+        height = np.einsum("pd,pd->p", normals, nodes.centres)
+        seen = np.einsum("pd,qd->pq", normals, points) > height[:, None]
         kept = seen.mean(axis=1) >= share
-        groups = np.repeat(kept, len(self.inside) // len(kept))
-        parts = self.corners[kept], self.inside[groups], self.deviation[kept], self.admittance[kept]
-        return MovingPanels(*parts, self.wavenumber, self.near_rule, self.low_rank_error)
-
-    def _placed(self, corners: QuadraticTriangles) -> Nodes:
-        return place_nodes(
-            corners, np.zeros(len(corners), dtype=np.int64), self.deviation, self.admittance
+        return replace(
+            self,
+            corners=self.corners[kept],
+            inside=self.inside[np.repeat(kept, 2)],
+            deviation=self.deviation[kept],
+            admittance=self.admittance[kept],
         )
 
     def radiated(
         self,
         corners: QuadraticTriangles,
-        inside: Float64[np.ndarray, "groups 3"],
+        inside: GroupPoints,
         sources: Monopoles,
         tolerance: float,
     ) -> TransposedSolution:
-        """Solve the transposed equation for the panels where they are now: right away from the body only.
+        """Solve the transposed equation for moved panels: accurate away from the body only.
 
         Parameters
         ----------
-        corners : (P, 6, 3) of the panels now [m].
-        inside : (2 P, 3) second collocation points now [m].
+        corners : corners and edge midpoints of the panels now [m].
+        inside : second collocation points now [m].
         sources : monopoles outside the body.
         tolerance : relative residual of the iteration.
 
@@ -94,46 +96,40 @@ class MovingPanels:
         InvalidInput
             If the matrix does not fit into memory.
         NotConverged
-            The iteration did not settle.
+            The iteration did not reach the tolerance.
         """
-        surface = self._bent(corners, inside)
+        surface = self._surface(corners, inside)
         right, factors = transposed_right_side(surface, sources.positions, sources.strengths)
-        density = self._found(surface, right, tolerance, transposed=True)
+        density = self._solve(surface, right, tolerance, transposed=True)
         return TransposedSolution(sources, surface, density, factors)
 
     def received(
         self,
         corners: QuadraticTriangles,
-        inside: Float64[np.ndarray, "groups 3"],
+        inside: GroupPoints,
         sources: Monopoles,
         tolerance: float,
     ) -> DirectSolution:
-        """Solve the direct equation for the panels where they are now, all of which are needed: right on the body, too.
+        """Solve the direct equation for moved panels, which is accurate on the body too.
 
-        Parameters and errors are those of ``radiated``; the sources are away from the body.
+        It needs all panels. Parameters and errors are those of ``radiated``; the sources are away
+        from the body.
         """
-        surface = self._bent(corners, inside)
+        surface = self._surface(corners, inside)
         right = direct_right_side(surface, sources.positions, sources.strengths)
-        return DirectSolution(
-            sources, surface, self._found(surface, right, tolerance, transposed=False)
-        )
+        pressure = self._solve(surface, right, tolerance, transposed=False)
+        return DirectSolution(sources, surface, pressure)
 
-    def _bent(
-        self, corners: QuadraticTriangles, inside: Float64[np.ndarray, "groups 3"]
-    ) -> DualSurface:
-        return DualSurface(
-            self._placed(corners), inside, self.wavenumber, self.near_rule, "float32"
-        )
+    def _surface(self, corners: QuadraticTriangles, inside: GroupPoints) -> DualSurface:
+        body = np.zeros(len(corners), dtype=np.int64)
+        nodes = place_nodes(corners, body, self.deviation, self.admittance)
+        return DualSurface(nodes, inside, self.wavenumber, self.near_rule, "float32")
 
-    def _found(
-        self,
-        surface: DualSurface,
-        right: Complex128[np.ndarray, "nodes sounds"],
-        tolerance: float,
-        transposed: bool,
-    ) -> Complex128[np.ndarray, "nodes sounds"]:
+    def _solve(
+        self, surface: DualSurface, right: NodeValues, tolerance: float, transposed: bool
+    ) -> NodeValues:
         matrix = assemble(surface, "bfloat16", self.low_rank_error)
         sides = np.ascontiguousarray(right.T, dtype=matrix.precision)
-        found = gmres(lambda vectors: matrix.times(vectors, transposed), sides, tolerance)
+        result = gmres(lambda vectors: matrix.times(vectors, transposed), sides, tolerance)
         release(matrix)
-        return found.solution.T.astype(np.complex128)
+        return result.solution.T.astype(np.complex128)

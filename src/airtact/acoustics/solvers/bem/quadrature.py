@@ -1,16 +1,25 @@
 """Nodes, weights and near integrals on curved quadratic (six-node) panels.
 
-Each panel carries the six nodes of a rule of degree 4, all inside it, and the pressure on it is the
-quadratic through them (a Nyström method that needs no continuity between panels).
+Each panel has the six nodes of a rule of degree 4, all inside it. The pressure on it is the
+quadratic through them: a Nyström method that needs no continuity between panels.
 """
 
 from dataclasses import dataclass
 from functools import cache, cached_property
 
 import numpy as np
-from jaxtyping import Complex128, Float64, Int64, Real
+from jaxtyping import Complex128, Float64, Int64
 
 from airtact import _kernels
+from airtact.acoustics.solvers.arrays import (
+    Admittances,
+    NearLists,
+    NodePoints,
+    PanelLengths,
+    PanelPoints,
+    Points,
+    SingleLayer,
+)
 from airtact.geometry.mesh.panel_tree import panel_tree
 from airtact.geometry.mesh.quadratic_triangles import (
     QuadraticTriangles,
@@ -37,12 +46,9 @@ def _degree_four_rule() -> tuple[Float64[np.ndarray, "6 2"], Float64[np.ndarray,
     return np.array(points)[neighbours], np.array(weights)[neighbours]
 
 
-CONTACT = 1e-3
-"""A point nearer to a panel than this share of the panel's radius is taken to lie on it."""
-
-OFF_SURFACE = 2.0
-"""Farther from the true surface than so many times a panel's contact nothing touches the panel, which deviates from the
-surface by less than 2/3 of its contact."""
+CONTACT_REACH = 2.0
+"""Distance from the true surface, in contact lengths of a panel, beyond which nothing touches it."""
+# A panel deviates from the true surface by less than 2/3 of its contact length.
 
 RULE_POINTS, RULE_WEIGHTS = _degree_four_rule()
 
@@ -53,70 +59,92 @@ RULE = np.concatenate(
         shape_functions(np.full((1, 2), 1 / 3)),
     ]
 )
-"""(19, 6) shape functions at the six nodes, their derivatives along both coordinates, and at the centre."""
+"""(19, 6) shape functions at the six nodes, their derivatives along u and along v, and at the centre."""
 
+_U, _V = RULE_POINTS.T
 
-def monomials(points: Real[np.ndarray, "points 2"]) -> Float64[np.ndarray, "points 6"]:
-    """1, u, v, u², uv, v² at reference points (P, 2), the order of the compiled near integrals."""
-    u, v = points[:, 0], points[:, 1]
-    return np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=1)
+NODAL = np.linalg.inv(np.stack([np.ones(6), _U, _V, _U * _U, _U * _V, _V * _V], axis=1))
+"""(6, 6) coefficients of 1, u, v, u², uv, v² (the order of the compiled near integrals).
 
-
-NODAL = np.linalg.inv(monomials(RULE_POINTS))
-"""(6, 6): column j holds the monomial coefficients of the quadratic that is 1 at node j and 0 at the others."""
+Column j is the quadratic that is 1 at node j and 0 at the other nodes.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """The quadrature nodes of a set of panels [m], with outward unit normals; node 6 t + j is node j of panel t.
+    """Quadrature nodes of a set of panels; node 6 t + j is node j of panel t.
 
-    ``weights`` are the areas that nodes stand for [m²], ``body`` their obstacles. Points nearer to
-    a panel than its ``contact`` are taken to lie on it; ``radii`` reach from a panel's centre to
-    the farthest of its six nodes [m]. ``admittance`` is ρc/Z of a panel's surface, 0 for a
-    sound-hard one.
+    Attributes
+    ----------
+    points, normals : positions of the nodes [m] and outward unit normals.
+    weights : area that each node represents [m²].
+    body : index of each node's obstacle.
+    quadratic_triangles : corners and edge midpoints of the panels [m].
+    contact : distance below which a point counts as lying on a panel [m].
+    centres, radii : centre of each panel, and the distance of its farthest corner or midpoint [m].
+    admittance : ρc/Z of each panel, 0 for a sound-hard one.
     """
 
-    points: Float64[np.ndarray, "nodes 3"]
-    normals: Float64[np.ndarray, "nodes 3"]
+    points: NodePoints
+    normals: NodePoints
     weights: Float64[np.ndarray, "nodes"]
     body: Int64[np.ndarray, "nodes"]
-    quadratic_triangles: Float64[np.ndarray, "panels 6 3"]
-    contact: Float64[np.ndarray, "panels"]
-    centres: Float64[np.ndarray, "panels 3"]
-    radii: Float64[np.ndarray, "panels"]
-    admittance: Complex128[np.ndarray, "panels"]
+    quadratic_triangles: QuadraticTriangles
+    contact: PanelLengths
+    centres: PanelPoints
+    radii: PanelLengths
+    admittance: Admittances
 
     __repr__ = in_short
 
     @cached_property
-    def weighted_normals(self) -> Float64[np.ndarray, "nodes 3"]:
-        """(M, 3) normals times area [m²]."""
+    def weighted_normals(self) -> NodePoints:
+        """Normals times area [m²]."""
         return self.normals * self.weights[:, None]
 
-    def single_layer(self, wavenumber: complex) -> Complex128[np.ndarray, "some"]:
-        """(M,) ikρc/Z times area [m], by which the pressure enters a single layer; (0,) where that is 0 everywhere.
+    @property
+    def panel_normals(self) -> PanelPoints:
+        """Mean of the six unit normals of each panel."""
+        return self.normals.reshape(-1, 6, 3).mean(axis=1)
 
-        It is −∂p/∂n over p: Green's formula adds the single layer of it to the double layer of the
-        pressure.
-        """
+    @property
+    def panels(self) -> _kernels.Panels:
+        """The panels for the compiled near integrals."""
+        return _kernels.Panels(self.quadratic_triangles, self.contact)
+
+    def single_layer(self, wavenumber: complex) -> SingleLayer:
+        """ikρc/Z times area [m]: −∂p/∂n over p, times area; no numbers if all panels are hard."""
         if not self.admittance.any():
             return np.empty(0, dtype=np.complex128)
         return 1j * wavenumber * np.repeat(self.admittance, 6) * self.weights
+
+    def layer(self, wavenumber: complex) -> _kernels.Layer:
+        """Double layer of the pressure plus the single layer of −∂p/∂n, for the compiled sums."""
+        single = self.single_layer(wavenumber)
+        return _kernels.Layer(self.points, self.weighted_normals, single, complex(wavenumber))
 
 
 def place_nodes(
     quadratic_triangles: QuadraticTriangles,
     body: Int64[np.ndarray, "panels"],
-    deviation: Float64[np.ndarray, "panels"],
-    admittance: Complex128[np.ndarray, "panels"] | None = None,
+    deviation: PanelLengths,
+    admittance: Admittances | None = None,
 ) -> Nodes:
-    """Put the six nodes of the degree-4 rule on every panel, which deviates from the true surface by a length [m].
+    """Put the six nodes of the degree-4 rule on every panel.
 
-    Without an ``admittance`` of each panel all are sound-hard.
+    Parameters
+    ----------
+    quadratic_triangles : corners and edge midpoints of the panels [m].
+    body : index of each panel's obstacle.
+    deviation : distance of each panel from the true surface [m].
+    admittance : ρc/Z of each panel; sound-hard unless given.
     """
-    panels, count = np.ascontiguousarray(quadratic_triangles), len(quadratic_triangles)
-    (points, normals), weights = np.empty((2, 6 * count, 3)), np.empty(6 * count)
-    centres, radii = np.empty((count, 3)), np.empty(count)
+    panels = np.ascontiguousarray(quadratic_triangles)
+    count = len(panels)
+    points, normals = np.empty((2, 6 * count, 3))
+    weights = np.empty(6 * count)
+    centres = np.empty((count, 3))
+    radii = np.empty(count)
     _kernels.place_nodes(panels, RULE, RULE_WEIGHTS, points, normals, weights, centres, radii)
     return Nodes(
         points=points,
@@ -124,42 +152,44 @@ def place_nodes(
         weights=weights,
         body=np.repeat(body, 6),
         quadratic_triangles=panels,
-        contact=np.maximum(CONTACT * radii, 1.5 * deviation),
+        contact=np.maximum(1e-3 * radii, 1.5 * deviation),
         centres=centres,
         radii=radii,
-        admittance=np.zeros(len(body), dtype=np.complex128) if admittance is None else admittance,
+        admittance=np.zeros(count, dtype=np.complex128) if admittance is None else admittance,
     )
 
 
 @cache
-def gauss_rules(
-    largest: int,
-) -> tuple[Float64[np.ndarray, "points"], Float64[np.ndarray, "points"]]:
-    """Gauss-Legendre rules of 1, 2, ... ``largest`` points on [0, 1], one after another."""
+def near_quadrature(angular: int, radial: int) -> _kernels.NearQuadrature:
+    """Gauss-Legendre rules on [0, 1] of the near integrals; the points suffice far from a panel's plane."""
+    largest = 40
     rules = [np.polynomial.legendre.leggauss(n) for n in range(1, largest + 1)]
-    return np.concatenate([0.5 * (x + 1) for x, _ in rules]), np.concatenate(
-        [0.5 * w for _, w in rules]
+    nodes = np.concatenate([0.5 * (x + 1) for x, _ in rules])
+    weights = np.concatenate([0.5 * w for _, w in rules])
+    return _kernels.NearQuadrature(nodes, weights, largest, angular, radial)
+
+
+def near_lists(nodes: Nodes, points: Points, limits: PanelLengths) -> NearLists:
+    """List the panels whose centre is nearer to each point than the panel's limit [m].
+
+    Those of point i are ``panel[first[i]:first[i + 1]]``.
+    """
+    first, panel = _kernels.near_pairs(
+        np.ascontiguousarray(points, dtype=np.float64), nodes.centres, limits
     )
-
-
-LARGEST_RULE = 40
-
-MAY_FACE_AWAY = 0.5
-"""Cosine between the normals of a node and of a panel below which some of the panel may face away from the node."""
-
-COVERED = 0.45
-"""Radii of a panel within which each of its points has a node; 0.38 on the panels of a hand, 0.33 on flat ones."""
-
-SHRINKINGS = 4
-"""How often a ball may be shrunk: each time its excess falls to a quarter, or less."""
+    return first.view(np.int64), panel.view(np.int64)  # NumPy has two names for this type
 
 
 @dataclass(frozen=True, eq=False)
 class NearPairs:
-    """Integrals ∫ kernel(x, y) L_j(y) dS over the panels near targets, L_j the quadratics of a panel's six nodes.
+    """Integrals ∫ kernel(x, y) L_j(y) dS over panels near points x, L_j as in ``NODAL``.
 
-    Each pair has the distance from the target to the panel [m] and the reference coordinates of the
-    closest point.
+    Attributes
+    ----------
+    target, panel : indices of point and panel of each pair.
+    values : the integrals of the six quadratics.
+    distance : from the point to the panel [m].
+    reference : reference coordinates of the closest point of the panel.
     """
 
     target: Int64[np.ndarray, "pairs"]
@@ -169,46 +199,37 @@ class NearPairs:
     reference: Float64[np.ndarray, "pairs 2"]
 
 
-def near_lists(
-    nodes: Nodes, points: Real[np.ndarray, "points 3"], limits: Float64[np.ndarray, "panels"]
-) -> tuple[Int64[np.ndarray, "bounds"], Int64[np.ndarray, "pairs"]]:
-    """Where each point's panels begin, and panels whose centre is nearer to it than the panel's limit [m]."""
-    first, panel = _kernels.near_pairs(
-        np.ascontiguousarray(points, dtype=np.float64), nodes.centres, limits
-    )
-    return first.view(np.int64), panel.view(np.int64)  # NumPy has two names for the same numbers
-
-
-def find_near(
-    nodes: Nodes, points: Real[np.ndarray, "points 3"], reach: float
-) -> tuple[Int64[np.ndarray, "pairs"], Int64[np.ndarray, "pairs"]]:
-    """Pairs (target, panel) whose distance from the panel's centre is below ``reach`` panel radii."""
-    first, panel = near_lists(nodes, points, reach * nodes.radii)
-    return np.repeat(np.arange(len(points)), np.diff(first)), panel
-
-
 def integrate_near(
     nodes: Nodes,
-    points: Real[np.ndarray, "points 3"],
-    pairs: tuple[Int64[np.ndarray, "pairs"], Int64[np.ndarray, "pairs"]],
+    points: Points,
+    reach: float,
     wavenumber: complex,
     gauss_points: tuple[int, int],
     single_layer: bool = False,
 ) -> NearPairs:
-    """Integrate the double layer (or single layer) of e^{ikr}/(4πr) over panels near points, singular or not.
+    """Integrate the double (or single) layer of e^{ikr}/(4πr) over panels near points.
 
-    The points [m] are on the panels (nearer than their contact) or off them; ``pairs`` as
-    ``find_near`` returns them. ``gauss_points`` are along the angle and the radius, before the
-    stretching adds more.
+    Panels are near whose centre is within ``reach`` of their radii. A point nearer to a panel than
+    its contact length counts as lying on it. ``gauss_points`` along the angle and the radius are
+    what the integrals begin with; the sinh stretching adds more close to a panel.
     """
-    target, panel = pairs
     points = np.ascontiguousarray(points, dtype=np.float64)
-    rules = *gauss_rules(LARGEST_RULE), LARGEST_RULE, *gauss_points
+    first, panel = near_lists(nodes, points, reach * nodes.radii)
+    target = np.repeat(np.arange(len(points)), np.diff(first))
     moments = np.empty((len(target), 6), dtype=np.complex128)
-    distance, reference = np.empty(len(target)), np.empty((len(target), 2))
-    panels, out = (nodes.quadratic_triangles, nodes.contact), (moments, distance, reference)
+    distance = np.empty(len(target))
+    reference = np.empty((len(target), 2))
     _kernels.near_integrals(
-        single_layer, points, target, panel, *panels, complex(wavenumber), *rules, *out
+        single_layer,
+        points,
+        target,
+        panel,
+        nodes.panels,
+        wavenumber=complex(wavenumber),
+        quadrature=near_quadrature(*gauss_points),
+        out=moments,
+        distance=distance,
+        reference=reference,
     )
     return NearPairs(target, panel, moments @ NODAL, distance, reference)
 
@@ -216,69 +237,63 @@ def integrate_near(
 def thickness(
     nodes: Nodes, largest: float, least: Float64[np.ndarray, "nodes"] | None = None
 ) -> Float64[np.ndarray, "nodes"]:
-    """Diameter of the largest ball inside the body that touches the surface at each node [m], at most ``largest``.
+    """Diameter of the largest ball inside the body that touches the surface at each node [m].
 
-    Nodes where the body is known to be as thick as that, by the ``least`` that it is there, are
-    skipped.
+    It is at most ``largest``. Nodes whose lower bound ``least`` reaches that are skipped.
 
-    A ball that reaches no other node may still reach the surface between nodes, so it is shrunk
-    until the point of the panels nearest to its centre is on it (J. Ma, S. W. Bae, S. Choi, The
-    Visual Computer 28, 7 (2012)).
+    The ball shrinks until it meets no other node, then until the closest point of the panels to
+    its centre lies on it, because a panel may enter it between nodes (J. Ma, S. W. Bae, S. Choi,
+    The Visual Computer 28, 7 (2012)).
     """
     diameter = np.full(len(nodes.points), float(largest))
-    unknown = np.flatnonzero(least < largest) if least is not None else np.arange(len(nodes.points))
+    unknown = np.arange(len(nodes.points)) if least is None else np.flatnonzero(least < largest)
     if not len(unknown):
         return diameter
-    node, panel = _facing(nodes, unknown, largest)
+    node, panel = _facing_panels(nodes, unknown, largest)
     np.minimum.at(diameter, node, _meeting_diameters(nodes, node, panel))
-    some = np.unique(node)
+    node = np.unique(node)
     tree = panel_tree(nodes.quadratic_triangles)
-    for _ in range(SHRINKINGS):
-        centres = nodes.points[some] - 0.5 * diameter[some, None] * nodes.normals[some]
-        panel, reference, distance = tree.closest(centres, 0.49 * diameter[some])
+    for _ in range(4):  # each round leaves a quarter of the ball's excess, or less
+        normals = nodes.normals[node]
+        centres = nodes.points[node] - 0.5 * diameter[node, None] * normals
+        panel, reference, distance = tree.closest(centres, 0.49 * diameter[node])
         touched, facing = points_at(nodes.quadratic_triangles[panel], reference)
-        gap = nodes.points[some] - touched
-        depth = np.einsum("nd,nd->n", gap, nodes.normals[some])
-        opposite = (
-            np.einsum("nd,nd->n", facing, nodes.normals[some]) <= 0
-        )  # or a concave edge would count as thin
+        gap = nodes.points[node] - touched
+        depth = np.einsum("nd,nd->n", gap, normals)
+        # a panel that faces the same way belongs to a concave edge, which is not thin
+        opposite = np.einsum("nd,nd->n", facing, normals) <= 0
         inside = np.isfinite(distance) & opposite & (depth > 0)
-        some = some[inside]
-        diameter[some] = np.minimum(
-            diameter[some], np.einsum("nd,nd->n", gap, gap)[inside] / depth[inside]
-        )
+        node = node[inside]
+        meeting = np.einsum("nd,nd->n", gap, gap)[inside] / depth[inside]
+        diameter[node] = np.minimum(diameter[node], meeting)
     return diameter
 
 
-def _facing(
-    nodes: Nodes, some: Int64[np.ndarray, "some_nodes"], largest: float
+def _facing_panels(
+    nodes: Nodes, node: Int64[np.ndarray, "unknown"], largest: float
 ) -> tuple[Int64[np.ndarray, "pairs"], Int64[np.ndarray, "pairs"]]:
-    """Find panels of the body of some nodes that their largest ball may reach and that do not face the way they do.
-
-    No point of a panel is farther than ``COVERED`` of its radii from a node.
-    """
+    """Pairs (node, panel) of a body where the panel may limit the node's largest ball."""
     centres = nodes.points - 0.5 * largest * nodes.normals
-    first, panel = near_lists(nodes, centres[some], 0.5 * largest + nodes.radii)
-    node = np.repeat(some, np.diff(first))
-    facing = nodes.normals.reshape(-1, 6, 3).mean(axis=1)
-    apart = np.einsum("ed,ed->e", facing[panel], nodes.normals[node]) < MAY_FACE_AWAY
+    first, panel = near_lists(nodes, centres[node], 0.5 * largest + nodes.radii)
+    node = np.repeat(node, np.diff(first))
+    # below a cosine of 0.5 between the normals, parts of the panel may face away from the node
+    apart = np.einsum("ed,ed->e", nodes.panel_normals[panel], nodes.normals[node]) < 0.5
     apart &= nodes.body[6 * panel] == nodes.body[node]
-    node, panel = node[apart], panel[apart]
-    off = nodes.points.reshape(-1, 6, 3)[panel] - centres[node, None]
-    reached = (
-        np.einsum("ejd,ejd->ej", off, off).min(axis=1)
-        < (0.5 * largest + COVERED * nodes.radii[panel]) ** 2
-    )
+    node = node[apart]
+    panel = panel[apart]
+    offset = nodes.points.reshape(-1, 6, 3)[panel] - centres[node, None]
+    # each point of a panel has a node within 0.45 radii: 0.38 on a hand's panels, 0.33 on flat ones
+    limit = 0.5 * largest + 0.45 * nodes.radii[panel]
+    reached = np.einsum("ejd,ejd->ej", offset, offset).min(axis=1) < limit**2
     return node[reached], panel[reached]
 
 
 def _meeting_diameters(
     nodes: Nodes, node: Int64[np.ndarray, "pairs"], panel: Int64[np.ndarray, "pairs"]
 ) -> Float64[np.ndarray, "pairs"]:
-    """Diameter of the ball that touches the surface at a node from inside and just meets a node of a panel [m].
+    """Diameter of the ball that touches a node from inside and just meets a node of a panel [m].
 
-    Infinite where all of the panel's nodes face the way the node does, or a concave edge would
-    count as thin.
+    Infinite where the panel's nodes all face the same way as the node, as at a concave edge.
     """
     normals = nodes.normals[node]
     gap = nodes.points[node, None] - nodes.points.reshape(-1, 6, 3)[panel]

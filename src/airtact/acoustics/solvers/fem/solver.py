@@ -16,8 +16,7 @@ from airtact.acoustics.solvers.fem.meshing.symmetry import AXES, Mirror, mirrors
 from airtact.acoustics.solvers.fem.meshing.volume import Box
 from airtact.acoustics.solvers.fem.system import System, assembled
 from airtact.acoustics.solvers.fem.weak_form import THICKNESS
-from airtact.acoustics.solvers.probes import surrounding_points
-from airtact.acoustics.solvers.problem import Solver, SolveReport
+from airtact.acoustics.solvers.problem import Solver, SolveReport, surrounding_points
 from airtact.acoustics.sources import Monopoles
 from airtact.checks import counted, in_mm, number, of_kind, points_of
 from airtact.errors import InvalidInput, Vector

@@ -1,11 +1,11 @@
-"""Bodies factorised one by one, for foci that change and for bodies that move rigidly against each other."""
+"""Bodies factorised one by one, for foci that change and bodies that move rigidly."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Complex, Float64
+from jaxtyping import Float64
 
 from airtact.acoustics.scene import Obstacle, Scene, check_sources
 from airtact.acoustics.solvers.bem.factorised.placed_body import (
@@ -16,7 +16,7 @@ from airtact.acoustics.solvers.bem.factorised.placed_body import (
 from airtact.acoustics.solvers.bem.factorised.products import Matrix, product, rounded
 from airtact.acoustics.solvers.bem.factorised.reduced_body import ReducedBody
 from airtact.acoustics.solvers.bem.layer_potentials import project_contacts
-from airtact.acoustics.solvers.bem.quadrature import OFF_SURFACE
+from airtact.acoustics.solvers.bem.quadrature import CONTACT_REACH
 from airtact.acoustics.solvers.gmres import GmresResult, gmres
 from airtact.acoustics.solvers.problem import RadiatedField, Solver, SolveReport
 from airtact.acoustics.sources import Monopoles
@@ -28,17 +28,19 @@ from airtact.geometry.surface import rigid_motion
 from airtact.printing import one_line
 from airtact.timing import Clock
 
-MOVED = 1e-3
-"""Wavelengths that a vertex may be off and its body still counts as rigidly moved."""
-
 
 @dataclass(frozen=True, eq=False)
 class FactorisedBodies(Solver):
-    """Bodies factorised one by one: a solver for these bodies alone, wherever each of them is moved.
+    """A solver for bodies that were factorised one by one, wherever each of them is moved.
 
-    ``scene`` has the bodies as they were factorised, ``whole`` is the solver that takes over where
-    two come too near. The tolerance is the relative residual of the iteration over the bodies,
-    ``smallest`` the edge below which no panel was refined [m].
+    Attributes
+    ----------
+    scene : the bodies as they were factorised.
+    bodies : their reductions.
+    whole : solver that takes over where two bodies come too near.
+    tolerance : relative residual of the iteration over the bodies.
+    smallest : edge below which no panel was refined [m].
+    report : how the bodies were factorised.
     """
 
     scene: Scene
@@ -57,7 +59,7 @@ class FactorisedBodies(Solver):
         """Solve for the monopoles, with each body where the scene has it.
 
         The scene has the same bodies, each of them moved rigidly or not, in the same medium at the
-        same frequency; the monopoles are outside the bodies or on their surfaces. Where two bodies
+        same frequency. The monopoles are outside the bodies or on their surfaces. Where two bodies
         are nearer to each other than the skeletons' reach, ``whole`` solves the scene.
 
         Raises
@@ -65,7 +67,7 @@ class FactorisedBodies(Solver):
         InvalidInput
             Other bodies, another medium or frequency, or a source inside a body.
         NotConverged
-            The iteration over the bodies did not settle.
+            The iteration over the bodies did not reach the tolerance.
         """
         check_sources(scene, sources)
         clock = Clock()
@@ -83,7 +85,13 @@ class FactorisedBodies(Solver):
             alone = [
                 product(body.reduced.solved, side) for body, side in zip(placed, sides, strict=True)
             ]
-            result = self._together(coupling, np.concatenate(alone, axis=1))
+            densities = np.concatenate(alone, axis=1)
+            if coupling is self._at_rest:
+                inverse, residual = self._inverse
+                solution = product(inverse, densities, transposed=True)
+                result = GmresResult(solution, np.full(len(densities), residual), 0)
+            else:
+                result = gmres(coupling.times, densities, self.tolerance)
         report = replace(
             self.report,
             residual=float(result.residuals.max()),
@@ -96,40 +104,29 @@ class FactorisedBodies(Solver):
         )
 
     def _coarse(self, placed: Sequence[PlacedBody], sources: Monopoles) -> Iterator[str]:
-        """Warn of sources so near a surface that its panels should be smaller than they are."""
-        for body, one in enumerate(placed):
-            distance, node = one.reduced.tree.query(one.local.apply(sources.positions))
-            edges = one.reduced.panel_edges[np.asarray(node) // 6]
+        """Warn of sources so near a surface that its panels should be smaller."""
+        for index, body in enumerate(placed):
+            distance, node = body.reduced.tree.query(body.local.apply(sources.positions))
+            edges = body.reduced.panel_edges[np.asarray(node) // 6]
             allowed = np.maximum(
                 LONGEST_TO_EQUILATERAL * self.smallest, LARGEST_TO_POINT * np.asarray(distance)
             )
             for source in np.flatnonzero(edges > 1.001 * allowed):
                 yield (
-                    f"source {source} is {1e3 * distance[source]:.2g} mm from a node of body {body}, where "
-                    f"panels are {1e3 * edges[source]:.2g} mm long: its error may exceed the accuracy asked for; "
-                    "factorise the bodies with that point in refined"
+                    f"source {source} is {1e3 * distance[source]:.2g} mm from a node of body "
+                    f"{index}, where panels are {1e3 * edges[source]:.2g} mm long: its error may "
+                    "exceed the accuracy asked for; factorise the bodies with that point in refined"
                 )
-
-    def _together(
-        self, coupling: Coupling, alone: Complex[np.ndarray, "sounds rows"]
-    ) -> GmresResult:
-        """Densities of all bodies from those that each would have alone; by an inverse where none has moved."""
-        if coupling is self._at_rest:
-            inverse, residual = self._inverse
-            return GmresResult(
-                product(inverse, alone, transposed=True), np.full(len(alone), residual), 0
-            )
-        return gmres(coupling.times, alone, self.tolerance)
 
     @cached_property
     def _inverse(self) -> tuple[Matrix, float]:
-        """Inverse of the coupling of the bodies as they were factorised, and its largest residual."""
+        """Inverse of the coupling of the bodies as factorised, and its largest residual."""
         assert self._at_rest is not None
         count = sum(len(body.rows) for body in self.bodies)
         matrix = self._at_rest.times(np.eye(count, dtype=self.bodies[0].solved.dtype))
         inverse = rounded(np.linalg.inv(matrix), self.tolerance)
-        off = product(inverse, matrix.T).T - np.eye(count)
-        return inverse, float(np.linalg.norm(off, axis=1).max())
+        residual = product(inverse, matrix.T).T - np.eye(count)
+        return inverse, float(np.linalg.norm(residual, axis=1).max())
 
     @cached_property
     def _at_rest(self) -> Coupling | None:
@@ -138,57 +135,59 @@ class FactorisedBodies(Solver):
 
     def _coupling(self, scene: Scene) -> Coupling | None:
         """Place the bodies where the scene has them; None where they are too near each other."""
-        self._check_others(scene)
-        pairs = list(zip(self.scene.obstacles, scene.obstacles, self.bodies, strict=True))
-        if all(
-            before.surface is after.surface and _alike(before, after) for before, after, _ in pairs
-        ):
-            return self._at_rest
-        return Coupling.of([self._where(index, *pair) for index, pair in enumerate(pairs)])
-
-    def _check_others(self, scene: Scene) -> None:
         if scene.medium != self.scene.medium or scene.frequency != self.scene.frequency:
             raise InvalidInput(
-                f"the bodies were factorised for {self.scene.frequency:g} Hz in {self.scene.medium}, but the scene has "
-                f"{scene.frequency:g} Hz in {scene.medium}; factorise them for it.",
+                f"the bodies were factorised for {self.scene.frequency:g} Hz in "
+                f"{self.scene.medium}, but the scene has {scene.frequency:g} Hz in {scene.medium}; "
+                "factorise them for it.",
                 code="not_supported",
             )
         if len(scene.obstacles) != len(self.bodies):
             raise InvalidInput(
-                f"{counted(len(self.bodies), 'body was', 'bodies were')} factorised, but the scene has "
-                f"{len(scene.obstacles)}; factorise those.",
+                f"{counted(len(self.bodies), 'body was', 'bodies were')} factorised, but the scene "
+                f"has {len(scene.obstacles)}; factorise those.",
                 code="not_supported",
             )
+        pairs = list(zip(self.scene.obstacles, scene.obstacles, strict=True))
+        if all(
+            before.surface is after.surface and _same_boundary(before, after)
+            for before, after in pairs
+        ):
+            return self._at_rest
+        placed = []
+        for index, (before, after) in enumerate(pairs):
+            pose, off = rigid_motion(before.surface, after.surface)
+            if not _same_boundary(before, after):
+                why = f"it is {after.kind}, ratio {after.ratio}"
+            elif not np.isfinite(off):
+                why = "it has other triangles, or is curved otherwise"
+            else:
+                why = f"its vertices are up to {1e3 * off:.3g} mm off"
+            # vertices may be off by a thousandth of the wavelength
+            if off > 1e-3 * self.scene.wavelength or not _same_boundary(before, after):
+                raise InvalidInput(
+                    f"body {index} is not the one that was factorised, moved rigidly: {why}; "
+                    "factorise the scene again, or solve it with BoundaryElement.",
+                    code="not_supported",
+                )
+            placed.append(PlacedBody(self.bodies[index], pose))
+        return Coupling.of(placed)
 
-    def _where(
-        self, index: int, before: Obstacle, after: Obstacle, body: ReducedBody
-    ) -> PlacedBody:
-        pose, off = rigid_motion(before.surface, after.surface)
-        if off > MOVED * self.scene.wavelength or not _alike(before, after):
-            why = f"its vertices are up to {1e3 * off:.3g} mm off"
-            why = why if np.isfinite(off) else "it has other triangles, or is curved otherwise"
-            why = why if _alike(before, after) else f"it is {after.kind}, ratio {after.ratio}"
-            raise InvalidInput(
-                f"body {index} is not the one that was factorised, moved rigidly: {why}; factorise the scene again, or "
-                "solve it with BoundaryElement.",
-                code="not_supported",
-            )
-        return PlacedBody(body, pose)
 
-
-def _alike(before: Obstacle, after: Obstacle) -> bool:
-    """Whether the surfaces of two bodies do the same to sound."""
+def _same_boundary(before: Obstacle, after: Obstacle) -> bool:
     return (before.boundary, before.ratio) == (after.boundary, after.ratio)
 
 
 def _projected(
     scene: Scene, placed: Sequence[PlacedBody], sources: Monopoles
 ) -> tuple[Monopoles, Float64[np.ndarray, "sources"]]:
-    """Project sources that touch a surface onto its panel, with factor 2: they radiate together with their image."""
-    positions, factors = np.array(sources.positions), np.ones(len(sources.positions))
-    farthest = OFF_SURFACE * max(body.reduced.surface.nodes.contact.max() for body in placed)
-    close = np.abs(scene.depth(positions)) < farthest
-    for body in placed if close.any() else ():
+    """Project sources that touch a surface onto its panel, with factor 2 for their image."""
+    positions = np.array(sources.positions)
+    factors = np.ones(len(positions))
+    limit = CONTACT_REACH * max(body.reduced.surface.nodes.contact.max() for body in placed)
+    if (np.abs(scene.depth(positions)) >= limit).all():
+        return sources, factors
+    for body in placed:
         local, contact = project_contacts(body.reduced.surface.nodes, body.local.apply(positions))
         positions[contact] = body.pose.apply(local[contact])
         factors[contact] = 2.0

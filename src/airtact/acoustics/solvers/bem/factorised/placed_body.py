@@ -1,18 +1,27 @@
-"""Reduced bodies at poses in a scene, how they scatter each other's field, and the field around them."""
+"""Reduced bodies at poses in a scene: how they scatter each other's field, and the field around."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise, permutations
+from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Bool, Complex, Complex128, Float64, Real
+from jaxtyping import Bool, Complex, Complex128, Float64
 
+from airtact import _kernels
 from airtact.acoustics.scene import Scene
+from airtact.acoustics.solvers.arrays import (
+    Mask,
+    NodeValues,
+    Points,
+    Pressures,
+    SourcePoints,
+    Strengths,
+    Vectors,
+)
 from airtact.acoustics.solvers.bem.factorised.products import product
 from airtact.acoustics.solvers.bem.factorised.reduced_body import ReducedBody
 from airtact.acoustics.solvers.bem.layer_potentials import double_layer_transposed
-from airtact.acoustics.solvers.loops import loop
 from airtact.acoustics.solvers.monopoles import monopole_pressure
 from airtact.acoustics.solvers.problem import RadiatedField, SolveReport, SurfaceField, receivers
 from airtact.acoustics.sources import Monopoles
@@ -40,67 +49,68 @@ class PlacedBody:
     def ball(self) -> tuple[Float64[np.ndarray, "3"], float]:
         """Centre and radius of a ball that holds all nodes [m]."""
         tree = self.reduced.tree
-        return self.pose.apply(0.5 * (tree.mins + tree.maxes)), 0.5 * float(
-            np.linalg.norm(tree.maxes - tree.mins)
-        )
+        centre = self.pose.apply(0.5 * (tree.mins + tree.maxes))
+        return centre, 0.5 * float(np.linalg.norm(tree.maxes - tree.mins))
 
-    def clear_of(self, points: Real[np.ndarray, "points 3"], reach: float) -> bool:
-        """Whether all points (P, 3) [m] are beyond a reach [m] of all nodes by the distance from the ball alone."""
+    def clear_of(self, points: Points, reach: float) -> bool:
+        """Whether all points are beyond a reach [m] of all nodes, by the ball alone."""
         centre, radius = self.ball
-        off = points - centre
-        return bool(np.einsum("pd,pd->p", off, off).min(initial=np.inf) > (radius + reach) ** 2)
+        offset = points - centre
+        squares = np.einsum("pd,pd->p", offset, offset)
+        return bool(squares.min(initial=np.inf) > (radius + reach) ** 2)
 
-    def reaches(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
-        """Which points (P, 3) [m] are too near for the skeletons."""
-        near = self.in_box(points, self.reduced.reach)
+    def reaches(self, points: Points) -> Mask:
+        """Which points are too near for the skeletons."""
+        reach = self.reduced.reach
+        near = self.in_box(points, reach)
         if near.any():
-            local, reach = self.local.apply(points[near]), self.reduced.reach
+            local = self.local.apply(points[near])
             near[near] = np.isfinite(self.reduced.tree.query(local, distance_upper_bound=reach)[0])
         return near
 
-    def in_box(
-        self, points: Real[np.ndarray, "points 3"], beyond: float = 0.0
-    ) -> Bool[np.ndarray, "points"]:
-        """Which points (P, 3) [m] lie in the box around the body, or within ``beyond`` [m] of it."""
-        tree, local = self.reduced.tree, self.local.apply(points)
+    def in_box(self, points: Points, beyond: float = 0.0) -> Mask:
+        """Which points lie in the box around the body, or within ``beyond`` [m] of it."""
+        tree = self.reduced.tree
+        local = self.local.apply(points)
         return ((local > tree.mins - beyond) & (local < tree.maxes + beyond)).all(axis=1)
-
-    def meets(self, other: "PlacedBody") -> bool:
-        """Whether another body is too near for the skeletons."""
-        return bool(self.reaches(other.pose.apply(other.reduced.surface.nodes.points)).any())
 
     def right_side(
         self,
-        positions: Real[np.ndarray, "sources 3"],
-        strengths: Complex128[np.ndarray, "sources sounds"],
+        positions: SourcePoints,
+        strengths: Strengths,
         contact: Bool[np.ndarray, "sources"],
-    ) -> Complex128[np.ndarray, "nodes sounds"]:
-        """Right-hand side at all nodes for monopoles, some of which touch a surface."""
+    ) -> NodeValues:
+        """Right-hand side at all nodes for monopoles; ``contact`` marks those on a surface."""
         surface = self.reduced.surface
-        given = strengths, surface.wavenumber, surface.near_rule, surface.precision
-        return double_layer_transposed(self.local.apply(positions), surface.nodes, *given, contact)
+        return double_layer_transposed(
+            self.local.apply(positions),
+            surface.nodes,
+            strengths,
+            surface.wavenumber,
+            near_rule=surface.near_rule,
+            precision=surface.precision,
+            contact=contact,
+        )
 
-    def coupling_from(self, other: "PlacedBody") -> Complex[np.ndarray, "rows columns"]:
-        """−D(x) + i D(x') at the skeleton of the rows, D the double layer of the other's skeleton of the columns."""
-        count, surface = len(self.reduced.rows), self.reduced.surface
-        nodes, normals, single = other.reduced.column_nodes
-        block = np.empty((count, len(nodes)), dtype=self.reduced.solved.dtype)
-        receivers = self.pose.apply(self.reduced.row_points)
-        columns = (
-            other.pose.apply(nodes),
-            other.pose.rotate(normals),
+    def coupling_from(self, source: "PlacedBody") -> Complex[np.ndarray, "rows columns"]:
+        """−D(x) + i D(x') at the rows' skeleton, D the double layer of the source's columns."""
+        count = len(self.reduced.rows)
+        points = self.pose.apply(self.reduced.row_points)
+        nodes, normals, single = source.reduced.column_nodes
+        layer = _kernels.Layer(
+            source.pose.apply(nodes),
+            source.pose.rotate(normals),
             single,
-            complex(surface.wavenumber),
+            complex(self.reduced.surface.wavenumber),
         )
-        loop("dual_matrix", surface.precision)(
-            receivers[:count], receivers[count:], *columns, block
-        )
+        block = np.empty((count, len(nodes)), dtype=self.reduced.solved.dtype)
+        _kernels.dual_matrix(points[:count], points[count:], layer, block)
         return block
 
 
 @dataclass(frozen=True, eq=False)
 class Coupling:
-    """How placed bodies scatter each other's field: for each two of them the coupling of the first from the second."""
+    """How placed bodies scatter each other's field: a block for each (receiving, emitting) pair."""
 
     placed: tuple[PlacedBody, ...]
     blocks: dict[tuple[int, int], Complex[np.ndarray, "rows columns"]]
@@ -109,37 +119,40 @@ class Coupling:
 
     @classmethod
     def of(cls, placed: Sequence[PlacedBody]) -> "Coupling | None":
-        """Couple each body to each other one; None where two of them are too near each other for their skeletons."""
-        if any(
-            first.meets(second) for index, first in enumerate(placed) for second in placed[:index]
-        ):
-            return None
-        pairs = permutations(range(len(placed)), 2)
-        return cls(
-            tuple(placed),
-            {(one, other): placed[one].coupling_from(placed[other]) for one, other in pairs},
-        )
+        """Couple each body to each other one; None where two are too near for their skeletons."""
+        for index, first in enumerate(placed):
+            for second in placed[:index]:
+                points = second.pose.apply(second.reduced.surface.nodes.points)
+                if first.reaches(points).any():
+                    return None
+        blocks = {
+            (receiver, emitter): placed[receiver].coupling_from(placed[emitter])
+            for receiver in range(len(placed))
+            for emitter in range(len(placed))
+            if receiver != emitter
+        }
+        return cls(tuple(placed), blocks)
 
     def times(
-        self, densities: Complex[np.ndarray, "sounds rows"]
-    ) -> Complex[np.ndarray, "sounds rows"]:
-        """Apply the equation for the densities y on the skeletons of all bodies: y_b + Σ_c S_b K_cbᵀ y_c."""
+        self, densities: Complex[np.ndarray, "excitations rows"]
+    ) -> Complex[np.ndarray, "excitations rows"]:
+        """Apply the equation for the densities y on all skeletons: y_b + Σ_c S_b K_cbᵀ y_c."""
         out = densities.copy()
         for body, own in enumerate(self.parts):
-            others = [other for other in range(len(self.placed)) if other != body]
-            coming = [
-                product(self.blocks[other, body], densities[:, self.parts[other]], transposed=True)
-                for other in others
+            incident = [
+                product(self.blocks[emitter, body], densities[:, part], transposed=True)
+                for emitter, part in enumerate(self.parts)
+                if emitter != body
             ]
-            if coming:
-                emitted = coming[0] if len(coming) == 1 else np.sum(coming, axis=0)
-                out[:, own] += product(self.placed[body].reduced.scattering, emitted)
+            if incident:
+                total = incident[0] if len(incident) == 1 else np.sum(incident, axis=0)
+                out[:, own] += product(self.placed[body].reduced.scattering, total)
         return out
 
     @cached_property
     def parts(self) -> list[slice]:
         """Where the densities of each body stand among those of all."""
-        ends = np.cumsum([len(one.reduced.rows) for one in self.placed]).tolist()
+        ends = np.cumsum([len(body.reduced.rows) for body in self.placed]).tolist()
         return [slice(begin, end) for begin, end in pairwise([0, *ends])]
 
 
@@ -147,15 +160,16 @@ class Coupling:
 class FactorisedField(RadiatedField):
     """The field of some monopoles around factorised bodies, known away from their surfaces only.
 
-    ``densities`` are strengths of the monopoles at all skeletons, which radiate the scattered field
-    [Pa·m]; ``factors`` are 1 for sources off the surface, 2 for those on it, which radiate together
-    with their image.
+    Attributes
+    ----------
+    densities : strengths of the skeletons' monopoles, which radiate the scattered field [Pa·m].
+    factors : 1 for sources off the surface, 2 for those on it, which radiate with their image.
     """
 
     scene: Scene
     sources: Monopoles
     placed: tuple[PlacedBody, ...]
-    densities: Complex128[np.ndarray, "rows sounds"]
+    densities: Complex128[np.ndarray, "rows excitations"]
     factors: Float64[np.ndarray, "sources"]
     report: SolveReport
 
@@ -163,68 +177,70 @@ class FactorisedField(RadiatedField):
 
     @property
     def on_surface(self) -> SurfaceField:
-        """Raise InvalidInput: the pressure on the surfaces does not follow from the reduced scattering."""
+        """Raise InvalidInput: the reduced scattering does not give the pressure on the surfaces."""
         raise InvalidInput(
-            f"the pressure on the surface of {len(self.placed)} factorised bodies is not solved for; solve the scene "
+            "the pressure on the surface of factorised bodies is not solved for; solve the scene "
             "with BoundaryElement.",
             code="not_supported",
         )
 
-    def valid(self, points: Real[np.ndarray, "points 3"]) -> Bool[np.ndarray, "points"]:
-        """Whether points (P, 3) [m] lie outside the bodies and farther from them than the skeletons' reach."""
+    def valid(self, points: Points) -> Mask:
+        """Whether points lie outside the bodies and farther off than the skeletons' reach."""
         points = points_of(points, "points", least=0)
         if all(body.clear_of(points, body.reduced.reach) for body in self.placed):
             return np.ones(len(points), dtype=bool)
-        known = ~np.any([body.reaches(points) for body in self.placed], axis=0)
-        within = known & np.any([body.in_box(points) for body in self.placed], axis=0)
-        known[within] = self.scene.depth(points[within]) < 0
-        return known
+        valid = ~np.any([body.reaches(points) for body in self.placed], axis=0)
+        within = valid & np.any([body.in_box(points) for body in self.placed], axis=0)
+        valid[within] = self.scene.depth(points[within]) < 0
+        return valid
 
-    def at(self, points: Real[np.ndarray, "points 3"]) -> Complex128[np.ndarray, "points sounds"]:
-        """Total pressure [Pa] at points (P, 3) off the sources for each excitation; NaN where ``valid`` is False."""
-        free = self.factors[:, None] * self.sources.strengths
-        return self._with(receivers(points, self.sources), self.sources.positions, free)
+    def at(self, points: Points) -> Pressures:
+        """Total pressure [Pa] of each excitation, off the sources; NaN where ``valid`` is False."""
+        emitted = self.factors[:, None] * self.sources.strengths
+        return self._pressure(receivers(points, self.sources), self.sources.positions, emitted)
 
-    def scattered_at(
-        self, points: Real[np.ndarray, "points 3"]
-    ) -> Complex128[np.ndarray, "points sounds"]:
-        """Scattered pressure [Pa] at points (P, 3), also at the sources; NaN where ``valid`` is False."""
+    def scattered_at(self, points: Points) -> Pressures:
+        """Scattered pressure [Pa], also at the sources; NaN where ``valid`` is False."""
         image = self.factors > 1
-        images = self.sources.positions[image], self.sources.strengths[image]
-        return self._with(points_of(points, "points", least=0), *images)
+        return self._pressure(
+            points_of(points, "points", least=0),
+            self.sources.positions[image],
+            self.sources.strengths[image],
+        )
 
-    def _with(
-        self,
-        points: Float64[np.ndarray, "points 3"],
-        positions: Float64[np.ndarray, "sources 3"],
-        free: Complex128[np.ndarray, "sources sounds"],
-    ) -> Complex128[np.ndarray, "points sounds"]:
-        """Pressure of the skeletons together with that of some monopoles in open air."""
-        known, given = self.valid(points), points
-        wavenumber, precision = self.scene.wavenumber, self.placed[0].reduced.surface.precision
-        points = given if known.all() else given[known]
-        pressure = monopole_pressure(points, positions, free, wavenumber, "float64")
-        pressure += monopole_pressure(points, *self._scattered(points), wavenumber, precision)
-        if points is given:
+    def _pressure(
+        self, points: Vectors, positions: SourcePoints, strengths: Strengths
+    ) -> Pressures:
+        """Pressure [Pa] of the skeletons and of some monopoles in open air."""
+        valid = self.valid(points)
+        inside = points if valid.all() else points[valid]
+        wavenumber = self.scene.wavenumber
+        precision = self.placed[0].reduced.surface.precision
+        pressure = monopole_pressure(inside, positions, strengths, wavenumber, "float64")
+        scattering, densities = self._scattering(inside)
+        pressure += monopole_pressure(inside, scattering, densities, wavenumber, precision)
+        if valid.all():
             return pressure
-        out = np.full((len(given), pressure.shape[1]), np.nan, dtype=np.complex128)
-        out[known] = pressure
+        out = np.full((len(points), pressure.shape[1]), np.nan, dtype=np.complex128)
+        out[valid] = pressure
         return out
 
-    def _scattered(
-        self, points: Float64[np.ndarray, "points 3"]
-    ) -> tuple[Float64[np.ndarray, "monopoles 3"], Complex[np.ndarray, "monopoles sounds"]]:
-        """Monopoles that radiate to some points: those at the skeletons and their shifted points, or fewer if far."""
-        positions, strengths, begin = [], [], 0
+    def _scattering(
+        self, points: Vectors
+    ) -> tuple[Float64[np.ndarray, "sources 3"], Complex[np.ndarray, "sources excitations"]]:
+        """Monopoles that radiate to some points: those at the skeletons, or fewer if far."""
+        positions = []
+        strengths = []
+        begin = 0
         for body in self.placed:
-            reduced, far = body.reduced, body.reduced.far
+            reduced = body.reduced
+            far = reduced.far
             own = self.densities[begin : begin + len(reduced.rows)]
+            begin += len(own)
             if body.clear_of(points, far.reach):
-                positions.append(far.positions)
+                positions.append(body.pose.apply(far.positions))
                 strengths.append(product(far.combinations, own.T).T)
             else:
-                positions.append(reduced.row_points)
+                positions.append(body.pose.apply(reduced.row_points))
                 strengths += [own, -1j * own]
-            positions[-1] = body.pose.apply(positions[-1])
-            begin += len(own)
         return np.concatenate(positions), np.concatenate(strengths)

@@ -1,0 +1,234 @@
+"""A matrix in blocks of 32 panels: near blocks entry by entry, far ones as low-rank products.
+
+The panels are sorted so that those of a block lie together. Far from each other, two blocks of
+panels interact smoothly, and few terms (column vector times row vector) approximate their block.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import scipy.linalg
+from jaxtyping import Bool, Complex, Complex128, Float64, Int64, Shaped, UInt8
+
+from airtact import _kernels
+from airtact.acoustics.solvers.arrays import NearLists
+from airtact.acoustics.solvers.gmres import GmresResult
+from airtact.acoustics.solvers.memory import available_memory
+from airtact.errors import InvalidInput
+from airtact.printing import in_short
+
+PANELS = _kernels.lanes // 6
+"""Panels of a block, of six unknowns each."""
+
+Store = Literal["bfloat16", "float32", "float64"]
+"""Number format of a matrix in memory; bfloat16 is the upper half of a float32, right to 0.2 %."""
+
+ALWAYS_FREE = 2**26
+"""Bytes of a matrix up to which the free memory is not looked up."""
+
+MAX_REUSED = 2**28
+"""Bytes of a matrix above which its memory is not kept for the next one."""
+
+HEADROOM = 1.25
+"""Memory allocated over memory needed: the next pose may have more unknowns."""
+
+_released: list[UInt8[np.ndarray, "bytes"]] = []
+"""Memory of the last released matrix, if any: touching fresh memory takes longer than filling it."""
+
+
+class BlockPairs(_kernels.Pairs):
+    """Pairs of blocks: row block t is paired with ``column[first[t]:first[t + 1]]``, which rise."""
+
+    @classmethod
+    def of(cls, chosen: Bool[np.ndarray, "blocks blocks"]) -> "BlockPairs":
+        """Take the pairs that are chosen."""
+        first = np.concatenate([[0], np.cumsum(chosen.sum(axis=1))])
+        return cls(first.astype(np.int64), np.nonzero(chosen)[1].astype(np.int64))
+
+    @property
+    def row(self) -> Int64[np.ndarray, "pairs"]:
+        """Row block of each pair."""
+        return np.repeat(np.arange(len(self.first) - 1), np.diff(self.first))
+
+
+def blocks_of(unknowns: int) -> int:
+    """Return the number of blocks along one side of the matrix."""
+    return -(-unknowns // _kernels.lanes)
+
+
+def block_order(centres: Float64[np.ndarray, "panels 3"]) -> Int64[np.ndarray, "panels"]:
+    """Return the order in which the panels of each block lie together.
+
+    The panels are bisected across the direction of their largest extent, and each half again.
+    Moving the bodies rigidly keeps their blocks.
+    """
+    order = np.empty(len(centres), dtype=np.int64)
+    _kernels.block_order(np.ascontiguousarray(centres), PANELS, order)
+    return order
+
+
+def near_blocks(panels: int, *lists: NearLists) -> Bool[np.ndarray, "blocks blocks"]:
+    """Mark the pairs of blocks that have a point of the one near a panel of the other.
+
+    Each list has the near panels of points that are spread evenly over the panels.
+    """
+    blocks = -(-panels // PANELS)
+    near = np.zeros((blocks, blocks), dtype=bool)
+    for first, panel in lists:
+        points = (len(first) - 1) // panels * PANELS
+        _kernels.mark_blocks(first, panel, points, PANELS, near)
+    return near
+
+
+@dataclass(frozen=True, eq=False)
+class BlockMatrix:
+    """A square complex matrix in blocks of ``_kernels.lanes`` rows and columns.
+
+    Attributes
+    ----------
+    count : unknowns.
+    whole : the blocks that are stored entry by entry.
+    blocks : their rows, each of real parts, then imaginary parts, padded with zeros; in words of
+        the number format, of which bfloat16 puts two into one.
+    far : the blocks that are sums of low-rank terms: ``ranks`` terms, whose factors start at
+        ``begin``; first those along the columns of a block, then those along its rows.
+    factors : the factors of the low-rank terms, in the same format.
+    memory : the bytes that hold blocks and factors.
+    """
+
+    count: int
+    whole: BlockPairs
+    blocks: Shaped[np.ndarray, "pairs lanes 2 words"]
+    far: _kernels.FarBlocks
+    factors: Shaped[np.ndarray, "factors 2 words"]
+    memory: UInt8[np.ndarray, "bytes"]
+
+    __repr__ = in_short
+
+    @classmethod
+    def empty(
+        cls, count: int, store: Store, whole: Bool[np.ndarray, "blocks blocks"], room: int = 0
+    ) -> "BlockMatrix":
+        """Allocate a matrix with some blocks whole, and ``room`` factors for the other blocks."""
+        lanes = _kernels.lanes
+        word = np.dtype(np.uint32 if store == "bfloat16" else store)
+        words = _words(store)
+        pairs = BlockPairs.of(whole)
+        others = BlockPairs.of(~whole)
+        rows = len(pairs.column) * lanes
+        memory = _allocate((rows + room) * 2 * words * word.itemsize)
+        numbers = memory[: (rows + room) * 2 * words * word.itemsize].view(word)
+        ranks, begin = np.zeros((2, len(others.column)), dtype=np.int64)
+        return cls(
+            count=count,
+            whole=pairs,
+            blocks=numbers[: rows * 2 * words].reshape(-1, lanes, 2, words),
+            far=_kernels.FarBlocks(others.first, others.column, ranks, begin),
+            factors=numbers[rows * 2 * words :].reshape(-1, 2, words),
+            memory=memory,
+        )
+
+    @property
+    def precision(self) -> type[np.complexfloating]:
+        """Type of the products: complex64 or complex128."""
+        return np.complex128 if self.blocks.dtype == np.float64 else np.complex64
+
+    def times(
+        self, vectors: Complex[np.ndarray, "columns nodes"], transposed: bool = False
+    ) -> Complex[np.ndarray, "columns nodes"]:
+        """Multiply the matrix, or its transpose, by vectors, which are rows; in one pass over it."""
+        vectors = np.ascontiguousarray(vectors, dtype=self.precision)
+        out = np.empty_like(vectors)
+        _kernels.dual_product(
+            self.whole,
+            self.blocks,
+            self.far,
+            self.factors,
+            vectors=vectors,
+            transposed=transposed,
+            out=out,
+        )
+        return out
+
+    def dense(self) -> Complex[np.ndarray, "nodes nodes"]:
+        """Return a matrix without low-rank blocks as one array; not from bfloat16."""
+        lanes = _kernels.lanes
+        out = np.empty((self.count, self.count), dtype=self.precision, order="F")  # as LAPACK wants
+        rows = lanes * self.whole.row
+        columns = lanes * self.whole.column
+        for block, row, column in zip(self.blocks, rows, columns, strict=True):
+            part = out[row : row + lanes, column : column + lanes]
+            part.real = block[: len(part), 0, : part.shape[1]]
+            part.imag = block[: len(part), 1, : part.shape[1]]
+        return out
+
+
+def _words(store: Store) -> int:
+    """Words that hold the real parts of a row of a block."""
+    return _kernels.lanes // 2 if store == "bfloat16" else _kernels.lanes
+
+
+def _allocate(size: int) -> UInt8[np.ndarray, "bytes"]:
+    """Return at least ``size`` bytes, from the released memory if it is large enough."""
+    if _released:
+        memory = _released.pop()
+        if len(memory) >= size:
+            return memory
+    line = 64  # bytes that a processor reads at once: aligned rows are read in fewer pieces
+    spare = int(HEADROOM * size) if size < MAX_REUSED else size
+    memory = np.empty(spare + line, dtype=np.uint8)
+    return memory[-memory.ctypes.data % line :]
+
+
+def release(matrix: BlockMatrix) -> None:
+    """Let the next matrix reuse the memory of one that is no longer needed."""
+    if matrix.memory.nbytes <= HEADROOM * MAX_REUSED:
+        _released[:] = [matrix.memory]
+
+
+def check_memory(count: int, store: Store, blocks: int, factors: int = 0) -> None:
+    """Raise if a matrix of whole blocks and low-rank factors does not fit into memory."""
+    itemsize = 8 if store == "float64" else 4
+    size = (blocks * _kernels.lanes + factors) * 2 * _words(store) * itemsize
+    if size > ALWAYS_FREE and size > 0.9 * (available := available_memory()):
+        raise InvalidInput(
+            f"{count} unknowns need {size / 2**30:.1f} GiB for the matrix, but "
+            f"{available / 2**30:.1f} GiB of memory are free; ask for less accuracy or leave out "
+            "distant bodies.",
+            code="too_little_memory",
+        )
+
+
+def worth_eliminating(unknowns: int, excitations: int) -> bool:
+    """Whether Gaussian elimination is faster than iterations.
+
+    It is from 0.05 right-hand sides for each unknown (measured at 2,000 to 5,000 unknowns and
+    accuracies from 0.02 to 0.005): GMRES's vectors exceed the caches then. At 16,000 unknowns the
+    matrix takes 2 GiB in single precision.
+    """
+    return excitations >= 0.05 * unknowns and unknowns <= 16_000
+
+
+def eliminate(
+    matrices: Sequence[BlockMatrix],
+    right: Complex128[np.ndarray, "nodes excitations"],
+    transposed: bool,
+) -> GmresResult:
+    """Solve with the sum of matrices without low-rank blocks, by Gaussian elimination.
+
+    The residuals are all that of the sum of the right-hand sides, which takes one product.
+    """
+    total: Complex[np.ndarray, "nodes nodes"] = matrices[0].dense()
+    for matrix in matrices[1:]:
+        total += matrix.dense()
+    factors = scipy.linalg.lu_factor(total, overwrite_a=True, check_finite=False)
+    sides = right.astype(total.dtype)
+    solution = scipy.linalg.lu_solve(factors, sides, trans=int(transposed), check_finite=False)
+    summed = np.ascontiguousarray(solution.sum(axis=1)[None])
+    product = sum(matrix.times(summed, transposed)[0] for matrix in matrices)
+    wanted = right.sum(axis=1)
+    residual = float(np.linalg.norm(product - wanted))
+    residual /= max(float(np.linalg.norm(wanted)), 1e-300)
+    return GmresResult(np.ascontiguousarray(solution.T), np.full(right.shape[1], residual), 0)
