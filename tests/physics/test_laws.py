@@ -7,7 +7,7 @@ from scipy.special import roots_legendre
 import airtact as at
 from airtact.acoustics.solvers.bem.layer_potentials import NearRule, double_layer_pressure
 from airtact.acoustics.solvers.bem.operator import assemble, dual_surface
-from airtact.acoustics.solvers.bem.quadrature import Nodes, find_near, integrate_near, place_nodes
+from airtact.acoustics.solvers.bem.quadrature import Nodes, integrate_near, place_nodes
 from airtact.acoustics.solvers.gmres import gmres
 from airtact.acoustics.solvers.monopoles import monopole_pressure
 from benchmarks.accuracy import (
@@ -139,9 +139,7 @@ def single_layer(
     rows = (
         nodes.weights / (4 * np.pi * distance) * np.exp(1j * wavenumber * np.minimum(distance, 1.0))
     )
-    near = integrate_near(
-        nodes, points, find_near(nodes, points, 2.5), wavenumber, (8, 8), single_layer=True
-    )
+    near = integrate_near(nodes, points, 2.5, wavenumber, (8, 8), single_layer=True)
     rows[near.target[:, None], 6 * near.panel[:, None] + np.arange(6)] = near.values
     return rows @ density
 

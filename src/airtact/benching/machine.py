@@ -6,9 +6,9 @@ from functools import partial
 import numpy as np
 
 from airtact import _kernels
-from airtact.acoustics.solvers.bem.blocks import blocks_of
+from airtact.acoustics.solvers.bem.block_matrix import BlockMatrix, blocks_of
 from airtact.acoustics.solvers.bem.layer_potentials import NearRule
-from airtact.acoustics.solvers.bem.operator import DualMatrix, DualSurface, dual_surface
+from airtact.acoustics.solvers.bem.operator import DualSurface, dual_surface
 from airtact.acoustics.solvers.bem.quadrature import place_nodes
 from airtact.acoustics.solvers.bem.solver import BoundaryElement
 from airtact.benching.contest import case_of, run_case
@@ -44,24 +44,27 @@ def _kernel_row(variant: str, surface: DualSurface, runs: int) -> Row:
     nodes, shifted = surface.nodes, surface.shifted
     count = len(nodes.points)
     blocks = blocks_of(count)
-    matrix = DualMatrix.empty(count, "bfloat16", np.ones((blocks, blocks), dtype=bool))
-    none = np.zeros(0, dtype=np.int64), np.zeros((0, 6), dtype=np.complex128)
-    first, first_shifted = (
-        np.zeros(count + 1, dtype=np.int64),
-        np.zeros(len(shifted) + 1, dtype=np.int64),
+    matrix = BlockMatrix.empty(count, "bfloat16", np.ones((blocks, blocks), dtype=bool))
+    near, near_shifted = (
+        _kernels.NearRows(
+            np.zeros(points + 1, dtype=np.int64),
+            np.zeros(0, dtype=np.int64),
+            np.zeros((0, 6), dtype=np.complex128),
+        )
+        for points in (count, len(shifted))
     )
-    positions = (
+    layer = nodes.layer(surface.wavenumber)
+    fill = partial(
+        _kernels.dual_blocks,
         nodes.points,
         shifted,
-        nodes.points,
-        nodes.weighted_normals,
-        none[1][:, 0],
-        surface.wavenumber,
-        0.5,
+        layer,
+        diagonal=0.5,
+        near=near,
+        near_shifted=near_shifted,
+        whole=matrix.whole,
+        out=matrix.blocks,
     )
-    near = first, *none, first_shifted, *none
-    whole = matrix.whole.first, matrix.whole.column
-    fill = partial(_kernels.dual_blocks_bfloat16, *positions, *near, *whole, matrix.blocks)
     fill()  # the pages are touched before the clock starts
     left = np.random.default_rng(0).normal(size=(PRODUCT, PRODUCT)).astype(np.float32)
     products, fills = [], []

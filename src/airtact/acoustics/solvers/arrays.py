@@ -37,5 +37,5 @@ Admittances = Complex128[np.ndarray, "panels"]
 SingleLayer = Complex128[np.ndarray, "_"]
 """ikρc/Z times area [m] of each node; empty if all are sound-hard."""
 
-NearLists = tuple[Int64[np.ndarray, "bounds"], Int64[np.ndarray, "pairs"]]
+NearLists = tuple[Int64[np.ndarray, "_"], Int64[np.ndarray, "_"]]
 """Bounds of each point's panels, and the panels."""

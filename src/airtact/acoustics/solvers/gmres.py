@@ -64,7 +64,8 @@ def gmres(
     sides, unknowns = right_sides.shape
     # in double precision, because squares may leave the range of float32
     norms = np.linalg.norm(right_sides.astype(np.complex128), axis=1)
-    scale = np.where(norms > 0, norms, 1).astype(right_sides.real.dtype)[:, None]
+    real = np.float32 if right_sides.dtype == np.complex64 else np.float64
+    scale = np.where(norms > 0, norms, 1).astype(real)[:, None]
     room = min(most_iterations, 15) + 1  # most solves take fewer; the basis grows if needed
     basis = np.empty((room, sides, unknowns), dtype=right_sides.dtype)
     basis[0] = right_sides / scale

@@ -49,8 +49,10 @@ def test_elimination_and_iterations_agree(planes) -> None:
 
 
 def test_too_little_memory_for_the_factors_is_said_before(monkeypatch) -> None:
-    monkeypatch.setattr("airtact.acoustics.solvers.bem.operator._available_memory", lambda: 2**20)
-    monkeypatch.setattr("airtact.acoustics.solvers.bem.operator.ALWAYS_FREE", 0)
+    monkeypatch.setattr(
+        "airtact.acoustics.solvers.bem.block_matrix.available_memory", lambda: 2**20
+    )
+    monkeypatch.setattr("airtact.acoustics.solvers.bem.block_matrix.ALWAYS_FREE", 0)
     scene = at.Scene(AIR, [at.sound_hard(BALL)], frequency=40e3)
     with raises_code("too_little_memory", "GiB"):
         at.BoundaryElement().radiate(scene, at.Monopoles(around(200), np.eye(200)))

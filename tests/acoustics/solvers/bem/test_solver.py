@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.acoustics.solvers.bem import operator
+from airtact.acoustics.solvers.bem import block_matrix
 from faults import raises_code
 
 AIR = at.Medium(343.1, 1.293)
@@ -93,8 +93,8 @@ def test_a_source_inside_a_body_is_rejected_with_its_depth():
 
 
 def test_a_matrix_larger_than_memory_is_rejected_before_it_is_made(monkeypatch):
-    monkeypatch.setattr(operator, "_available_memory", lambda: 1e5)
-    monkeypatch.setattr(operator, "ALWAYS_FREE", 0)
+    monkeypatch.setattr(block_matrix, "available_memory", lambda: 1e5)
+    monkeypatch.setattr(block_matrix, "ALWAYS_FREE", 0)
     with raises_code("too_little_memory", "0.0 GiB"):
         at.BoundaryElement().radiate(scene(), SOURCE)
 

@@ -35,7 +35,7 @@ HEADROOM = 1.25
 """Memory allocated over memory needed: the next pose may have more unknowns."""
 
 _released: list[UInt8[np.ndarray, "bytes"]] = []
-"""Memory of the last released matrix, if any: touching fresh memory takes longer than filling it."""
+"""Memory of the last released matrix: touching fresh memory takes longer than filling it."""
 
 
 class BlockPairs(_kernels.Pairs):
@@ -138,7 +138,7 @@ class BlockMatrix:
     def times(
         self, vectors: Complex[np.ndarray, "columns nodes"], transposed: bool = False
     ) -> Complex[np.ndarray, "columns nodes"]:
-        """Multiply the matrix, or its transpose, by vectors, which are rows; in one pass over it."""
+        """Multiply the matrix, or its transpose, by row vectors, in one pass over it."""
         vectors = np.ascontiguousarray(vectors, dtype=self.precision)
         out = np.empty_like(vectors)
         _kernels.dual_product(

@@ -64,7 +64,7 @@ class BoardField(RadiatedField):
         return self.around.on_surface
 
     def valid(self, points: Points) -> Mask:
-        """Whether points (P, 3) [m] are outside the bodies and at least ``reach`` off the boards."""
+        """Whether points are outside the bodies and at least ``reach`` off the boards."""
         points = points_of(points, "points", least=0)
         return self.around.valid(points) & (self.boards.depth(points) < -self.reach)
 

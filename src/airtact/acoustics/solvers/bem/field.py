@@ -125,7 +125,7 @@ class BoundaryField(RadiatedField):
 
     @property
     def on_surface(self) -> SurfaceField:
-        """Total pressure at the nodes, by the direct solution; raise ``InvalidInput`` without it."""
+        """Total pressure at the nodes by the direct solution; ``InvalidInput`` without it."""
         planes = self.scene.planes
         nodes = surface_without_images(self.surface, planes).nodes
         pressure = without_images(self.direct.pressure, planes)

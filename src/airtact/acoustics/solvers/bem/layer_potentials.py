@@ -152,7 +152,7 @@ def _near_groups(
     precision: str,
     least: float = 0.0,
 ) -> list[tuple[Mask, NearRows]]:
-    """Near rows of the points off the panels, and of those on a panel, whose contacts reach farther.
+    """Near rows of points off the panels, and of those on a panel, whose contacts reach farther.
 
     Adjacent panels deviate from the true surface by different lengths. If a point on one panel
     counted as above or below the next, the solid angle at their common corner would be halved or

@@ -31,7 +31,7 @@ from airtact.printing import in_short
 
 
 def _degree_four_rule() -> tuple[Float64[np.ndarray, "6 2"], Float64[np.ndarray, "6"]]:
-    """Six-point rule of degree 4 on the unit triangle (Strang & Fix 1973; Cowper 1973, closed form).
+    """Six-point rule of degree 4 on the unit triangle (Strang & Fix 1973; Cowper 1973).
 
     The first three points lie about corner 1, the others about the edge facing it.
     """
@@ -47,7 +47,7 @@ def _degree_four_rule() -> tuple[Float64[np.ndarray, "6 2"], Float64[np.ndarray,
 
 
 CONTACT_REACH = 2.0
-"""Distance from the true surface, in contact lengths of a panel, beyond which nothing touches it."""
+"""Distance from the true surface beyond which nothing touches a panel [its contact length]."""
 # A panel deviates from the true surface by less than 2/3 of its contact length.
 
 RULE_POINTS, RULE_WEIGHTS = _degree_four_rule()
@@ -59,7 +59,7 @@ RULE = np.concatenate(
         shape_functions(np.full((1, 2), 1 / 3)),
     ]
 )
-"""(19, 6) shape functions at the six nodes, their derivatives along u and along v, and at the centre."""
+"""(19, 6) shape functions at the six nodes, their u and v derivatives, and at the centre."""
 
 _U, _V = RULE_POINTS.T
 
@@ -161,7 +161,7 @@ def place_nodes(
 
 @cache
 def near_quadrature(angular: int, radial: int) -> _kernels.NearQuadrature:
-    """Gauss-Legendre rules on [0, 1] of the near integrals; the points suffice far from a panel's plane."""
+    """Gauss-Legendre rules on [0, 1], with the points that near integrals begin with."""
     largest = 40
     rules = [np.polynomial.legendre.leggauss(n) for n in range(1, largest + 1)]
     nodes = np.concatenate([0.5 * (x + 1) for x, _ in rules])

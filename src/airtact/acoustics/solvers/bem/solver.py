@@ -1,4 +1,4 @@
-"""BoundaryElement: the field of monopoles around bodies, from the pressure on their surfaces alone."""
+"""BoundaryElement: the field of monopoles around bodies, by boundary elements."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -558,7 +558,7 @@ class BoundaryElement(Solver):
         )
 
     def panel_edge(self, wavelength: float) -> float:
-        """Edge [m] of the panels of sound-hard bodies away from sources, as equilateral triangles."""
+        """Edge [m] of a sound-hard body's panels away from sources, as equilateral triangles."""
         return wavelength * float(np.sqrt(6 / self.nodes_per_square_wavelength * 4 / np.sqrt(3)))
 
     def _smallest_edge(self, scene: Scene) -> float:

@@ -16,7 +16,7 @@ from airtact.acoustics.solvers.chebyshev import chebyshev_weights
 from airtact.printing import in_short
 
 GRIDS = ((1e-3, 8, 0.3), (2e-5, 10, 0.6))
-"""Relative error, points along each edge of a cell's grid, and near distance from its corners [λ]."""
+"""Relative error, points along each edge of a cell's grid, near distance from its corners [λ]."""
 
 MAX_GRID_SHARE = 0.5
 """Grid points over points above which cells do not pay."""

@@ -1,1 +1,1 @@
-"""Bodies factorised one by one: their reduction, how they scatter each other's field, and their field."""
+"""Bodies factorised one by one: their reduction, their coupling and their field."""

@@ -44,7 +44,7 @@ Matrix = Complex[np.ndarray, "_ _"] | RoundedMatrix
 
 
 def rounded(matrix: Complex[np.ndarray, "rows columns"], wanted: float) -> Matrix:
-    """Round a single-precision matrix, if the error of that is a fifth of the wanted one or less."""
+    """Round a single-precision matrix, if that costs at most a fifth of the error wanted."""
     if matrix.dtype != np.complex64:
         return matrix
     parts = np.ascontiguousarray(matrix).view(np.float32).reshape(*matrix.shape, 2)
@@ -58,7 +58,7 @@ def rounded(matrix: Complex[np.ndarray, "rows columns"], wanted: float) -> Matri
 def product(
     matrix: Matrix, vectors: Num[np.ndarray, "vectors inner"], transposed: bool = False
 ) -> Complex[np.ndarray, "vectors outer"]:
-    """Multiply a matrix, or its transpose, by vectors, which are rows; in the matrix's precision."""
+    """Multiply a matrix, or its transpose, by row vectors, in the matrix's precision."""
     if len(vectors) > FEW:
         full = matrix.as_complex() if isinstance(matrix, RoundedMatrix) else matrix
         return vectors.astype(full.dtype, copy=False) @ (full if transposed else full.T)

@@ -123,9 +123,8 @@ def reduced_body(surface: DualSurface, reach: float, wanted: float) -> ReducedBo
     area = float(surface.nodes.weights.sum()) * (surface.wavenumber.real / (2 * np.pi)) ** 2
     count = min(math.ceil(12 * (area + 4)), len(proxies))
     tolerance = 0.3 * wanted
-    for trial in range(4):
-        if trial:
-            tolerance *= 0.4
+    trials = 0
+    while True:
         rows, of_rows = _skeleton(_direct_sides, surface, proxies, count, tolerance)
         columns, of_columns = _skeleton(_transposed_sides, surface, proxies, count, tolerance)
         exact = scipy.linalg.lu_solve(factors, of_rows.T.astype(kind), check_finite=False)
@@ -133,11 +132,12 @@ def reduced_body(surface: DualSurface, reach: float, wanted: float) -> ReducedBo
         scattering = rounded(full @ of_columns.T.astype(kind), wanted)
         solved = rounded(full, wanted)
         error = error_of(rows, columns, solved, scattering)
-        if error <= wanted:
-            break
-    far = _far_monopoles(surface, tree, rows, 0.5 * wanted, kind)
-    error = max(error, far.error)
-    return ReducedBody(surface, reach, rows, columns, solved, scattering, error, tree, far)
+        trials += 1
+        if error <= wanted or trials == 4:
+            far = _far_monopoles(surface, tree, rows, 0.5 * wanted, kind)
+            error = max(error, far.error)
+            return ReducedBody(surface, reach, rows, columns, solved, scattering, error, tree, far)
+        tolerance *= 0.4
 
 
 def _row_points(
@@ -159,9 +159,8 @@ def _far_monopoles(
     points = _proxies(surface.nodes, tree, reach)
     open_air = _open_air(points, candidates, surface.wavenumber)
     radiated = open_air[:, : len(rows)] - 1j * open_air[:, len(rows) :]
-    unitary, upper, order = scipy.linalg.qr(
-        open_air, mode="economic", pivoting=True, check_finite=False
-    )
+    decomposed = scipy.linalg.qr(open_air, mode="economic", pivoting=True, check_finite=False)
+    unitary, upper, order = (np.asarray(part) for part in decomposed)
     few = int(np.count_nonzero(np.abs(np.diag(upper)) > tolerance * np.abs(upper[0, 0])))
     projected = unitary[:, :few].conj().T @ radiated
     exact = scipy.linalg.solve_triangular(upper[:few, :few], projected, check_finite=False)
@@ -212,7 +211,7 @@ def _error_check(
 
 
 def _proxies(nodes: Nodes, tree: KDTree, reach: float) -> Proxies:
-    """Place monopoles all around the body: off every node, and 2.5 times as far off every second."""
+    """Place monopoles around the body: off every node, and 2.5 times as far off every second."""
     near = nodes.points + reach * nodes.normals
     far = nodes.points[::2] + 2.5 * reach * nodes.normals[::2]
     everywhere = np.concatenate([near, far])
