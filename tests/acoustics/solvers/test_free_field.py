@@ -25,7 +25,7 @@ def test_monopoles_add_up_and_decay():
 
 
 def test_many_points_are_done_in_blocks(monkeypatch):
-    monkeypatch.setattr("airtact.acoustics.solvers.free_field._PAIRS_AT_ONCE", 7)
+    monkeypatch.setattr("airtact.acoustics.solvers.free_field.MAX_PAIRS", 7)
     points = np.random.default_rng(1).uniform(-1.0, 1.0, (11, 3))
     sources = Monopoles(np.random.default_rng(2).uniform(2.0, 3.0, (3, 3)), np.eye(3))
     field = FreeField().radiate(Scene(AIR, []), sources)
