@@ -9,8 +9,8 @@ from mpl_toolkits.mplot3d import Axes3D
 from airtact.geometry.pose import Pose
 from airtact.geometry.primitives import sphere
 from airtact.geometry.surface import Surface
-from airtact.reports.body_figure import MARK, draw_bodies, draw_fault, sharp_edges
-from airtact.reports.picture_file import write_picture
+from airtact.reports.body_figure import MARK, draw_bodies, draw_fault, draw_panels, sharp_edges
+from airtact.reports.page import write_picture
 from airtact.reports.solids import (
     INSIDE,
     View,
@@ -20,7 +20,6 @@ from airtact.reports.solids import (
     polygons_of,
     unit_normals,
 )
-from airtact.reports.surface_figure import draw_panels
 from geometry.mesh.meshes import box_mesh
 
 BOX = Surface(*box_mesh())

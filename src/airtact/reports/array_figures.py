@@ -20,8 +20,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from airtact.acoustics.planes import Plane
 from airtact.evaluation.windows import AXES
 from airtact.geometry.surface import Surface
-from airtact.reports.plane_figure import draw_sheets
-from airtact.reports.solids import View, frame, solid, space_axes
+from airtact.reports.solids import View, draw_sheets, frame, solid, space_axes
 
 GREY = 0.9, 0.873, 0.846, 1.0
 """Colour of bodies."""
@@ -107,7 +106,9 @@ def _panels(
 ) -> tuple[int, int, float, float]:
     """Rows and columns of so many pictures of all faces side by side, and width and height of one [inches]."""
     spans = np.array([np.ptp(face.seen, axis=0) + 0.03 for face in unfold(positions, normals)])
-    width, height, beside = spans[:, 0].sum(), spans[:, 1].max(), len(spans) == 1
+    width = spans[:, 0].sum()
+    height = spans[:, 1].max()
+    beside = len(spans) == 1
     rows, columns = (1, count) if beside else (count, 1)
     inches = min(9.4 / (columns * width), (4.6 if beside else 6.6) / (rows * height))
     return rows, columns, width * inches, height * inches
@@ -193,7 +194,8 @@ def _lay_out(
     """Draw every transducer as a disc of its colour, the faces of the array side by side; return the faces."""
     faces = unfold(positions, normals)
     size = 1e3 * min(spacing(positions[face.elements]) for face in faces) * 0.94
-    left, top = 0.0, max(1e3 * face.seen[:, 1].max() for face in faces) + size
+    left = 0.0
+    top = max(1e3 * face.seen[:, 1].max() for face in faces) + size
     placed = []
     for face in faces:
         seen = 1e3 * face.seen
@@ -250,7 +252,8 @@ def _draw_discs(
     )
     discs.set(facecolor=colours, edgecolor="0.55", linewidth=0.3)
     axes.add_collection(discs)
-    lowest, highest = seen.min(axis=0) - size, seen.max(axis=0) + size
+    lowest = seen.min(axis=0) - size
+    highest = seen.max(axis=0) + size
     axes.set(xlim=(lowest[0], highest[0]), ylim=(lowest[1], highest[1]), aspect="equal")
 
 

@@ -26,7 +26,8 @@ COLOURS = "magma"
 DIFFERENCES = ScalarMappable(Normalize(-6.0, 6.0), "RdBu_r")
 """Colours of the level of one drive over that of another [dB]."""
 
-FAINT, FAINT_GREY = 0.1, "0.86"
+FAINT = 0.1
+FAINT_GREY = "0.86"
 """Below this share of the largest pressure a difference of levels says nothing and is grey."""
 
 Side = Literal["right", "bottom"]
@@ -72,15 +73,18 @@ def _loops(
     ways = np.where(lone_above[:, None], [[1, 2]], [[2, 1]])
     ends = np.take_along_axis(corners, ways, axis=1)
     edges = np.sort(np.stack([np.repeat(corners[:, :1], 2, axis=1), ends], axis=2), axis=2)
-    low, high = heights[edges[:, 0, 0]], heights[edges[:, 0, 1]]
-    first, second = body.vertices[edges[:, 0, 0]], body.vertices[edges[:, 0, 1]]
+    low = heights[edges[:, 0, 0]]
+    high = heights[edges[:, 0, 1]]
+    first = body.vertices[edges[:, 0, 0]]
+    second = body.vertices[edges[:, 0, 1]]
     points = first + (low / (low - high))[:, None] * (second - first)
     keys = edges[:, :, 0] * len(body.vertices) + edges[:, :, 1]
     follow = dict(keys.tolist())
     point_of = dict(zip(keys[:, 0].tolist(), points, strict=True))
     loops = []
     while follow:
-        key, loop = next(iter(follow)), []
+        key = next(iter(follow))
+        loop = []
         while key in follow:
             loop.append(point_of[key])
             key = follow.pop(key)
@@ -250,7 +254,8 @@ def draw_values(
     """Draw values at the points of a window, NaN left blank, and the outlines of bodies filled."""
     left, right, bottom, top = window.extent
     shift = np.array([left + right, bottom + top]) / 2 if centred else np.zeros(2)
-    (left, right), (bottom, top) = (left, right) - shift[0], (bottom, top) - shift[1]
+    left, right = (left, right) - shift[0]
+    bottom, top = (bottom, top) - shift[1]
     rows, columns = window.shape
     half = (right - left) / (columns - 1) / 2, (top - bottom) / (rows - 1) / 2
     edges = (left - half[0], right + half[0], bottom - half[1], top + half[1])

@@ -126,7 +126,8 @@ def _pictures(contest: MethodComparison, cut: Cut, view: SceneView) -> dict[str,
         f"Bars of the pressure at the worst focus for each method, from {_digits(strengths.min())} to "
         f"{_digits(strengths.max())}, and a line at the bound of {_digits(contest.bound)}",
     )
-    most, points = view.most, contest.setup.target.points
+    most = view.most
+    points = contest.setup.target.points
     fields = [
         picture(
             draw_field(cut, one.name, most, points),

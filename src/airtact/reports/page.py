@@ -8,18 +8,18 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
+from jaxtyping import UInt8
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.image import imsave
 from PIL import Image
 
-from airtact.reports.picture_file import PIXELS, pixels_of
+from airtact.files.atomic import whole_file
 
 Value = TypeVar("Value")
 """What a template shows: text, numbers, tables, pieces."""
-
-QUALITY = 90
-"""Of pictures, in percent: letters stay clean."""
 
 
 @cache
@@ -52,7 +52,8 @@ def picture(figure: Figure, caption: str, alternative: str, wide: bool = False) 
     """Embed a figure as WebP; on a narrow screen a wide one is scrolled instead of made small."""
     buffer = io.BytesIO()
     pixels = pixels_of(figure)
-    Image.fromarray(np.ascontiguousarray(pixels[:, :, :3])).save(buffer, "webp", quality=QUALITY)
+    # 90: of pictures, in percent: letters stay clean.
+    Image.fromarray(np.ascontiguousarray(pixels[:, :, :3])).save(buffer, "webp", quality=90)
     data = base64.b64encode(buffer.getvalue()).decode("ascii")
     height, width = (round(side / PIXELS) for side in pixels.shape[:2])
     return _piece("picture", data, width, height, caption, alternative, wide)
@@ -96,3 +97,27 @@ def heading(title: str) -> Markup:
 def section(title: str) -> Markup:
     """Head a section."""
     return _piece("section", title)
+
+
+PIXELS = 1.35
+"""Pixels drawn per pixel of the page, for screens that have more."""
+
+
+def pixels_of(figure: Figure) -> UInt8[np.ndarray, "rows columns 4"]:
+    """Draw a figure and cut off its empty margins, which are wide around a view in space."""
+    figure.set_dpi(96 * PIXELS)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    pixels = np.asarray(canvas.buffer_rgba())
+    inked = np.any(pixels[:, :, :3] < 255, axis=2)
+    spans = []
+    for axis in (1, 0):
+        used = np.flatnonzero(inked.any(axis=axis))
+        spans.append(slice(max(used[0] - 8, 0), used[-1] + 9))
+    return np.ascontiguousarray(pixels[spans[0], spans[1]])
+
+
+def write_picture(path: Path, figure: Figure) -> None:
+    """Draw a figure into a PNG file, which appears only once it is complete."""
+    with whole_file(path) as partial:
+        imsave(partial, pixels_of(figure), format="png")

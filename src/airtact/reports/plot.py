@@ -22,9 +22,8 @@ from airtact.evaluation.metrics import Evaluation
 from airtact.evaluation.windows import Window, plane_across, plane_of_scene
 from airtact.reports.array_figures import draw_faces, draw_in_space, view_of
 from airtact.reports.field_figure import Cut, cut_bodies, draw_change, draw_pressure
-from airtact.reports.plane_figure import behind_planes
 from airtact.reports.plots import draw_foci
-from airtact.reports.solids import broad_view, space_axes
+from airtact.reports.solids import behind_planes, broad_view, space_axes
 from airtact.transducers.layout import PhasedArray
 
 __all__ = ["field", "pads", "phases", "scene"]
@@ -72,7 +71,8 @@ def field(
         "what is plotted",
         "what evaluate or compare returned",
     )
-    sound, foci = _sound(result), _foci(result, target)
+    sound = _sound(result)
+    foci = _foci(result, target)
     column = _column(result, drive)
     window = _window(sound.scene, foci, plane)
     pressures = sound.at(window.points)
@@ -208,7 +208,8 @@ def pads(
         got = dict(zip(result.names, result.under(held_equal), strict=True))
         asked = None
     else:
-        got, asked = {"": result.magnitudes}, result.target.pressures
+        got = {"": result.magnitudes}
+        asked = result.target.pressures
     axes = _axes(ax)
     draw_foci(axes, got, asked)
     axes.set_title(held_equal if isinstance(result, Comparison) else "")

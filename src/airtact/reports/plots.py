@@ -24,8 +24,6 @@ BAR, BOUND = "#5a2a83", "#c2410c"
 APART = BAR, "#e69f00", "#56b4e9", "#009e73", "#cc79a7", "#0072b2", "#f0e442"
 """Colours that colour-blind readers tell apart (Okabe and Ito, 2008), after that of a bar alone."""
 
-USUAL = 3.0
-"""Frames farther apart than this times the median count as a gap."""
 
 FLAT = 0.02
 """Positions spread less than this part of their widest spread lie on a line."""
@@ -114,7 +112,8 @@ def draw_foci(
 ) -> None:
     """Draw bars of the pressure at each focus [Pa] into axes, a group for several drives, and a line at each asked."""
     count = len(next(iter(pressures.values())))
-    foci, width = np.arange(count), 0.8 / len(pressures)
+    foci = np.arange(count)
+    width = 0.8 / len(pressures)
     for index, (name, got) in enumerate(pressures.items()):
         shift = (index - (len(pressures) - 1) / 2.0) * width
         axes.bar(
@@ -167,10 +166,9 @@ def _with_breaks(
 ) -> tuple[Real[np.ndarray, "rows"], Real[np.ndarray, "rows 5 3"]]:
     """Put NaN where frames are missing, so that no line is drawn across."""
     steps = np.diff(times)
+    # 3.0: frames farther apart than this times the median count as a gap.
     after = (
-        1 + np.flatnonzero(steps > USUAL * np.median(steps))
-        if len(steps)
-        else np.empty(0, dtype=int)
+        1 + np.flatnonzero(steps > 3.0 * np.median(steps)) if len(steps) else np.empty(0, dtype=int)
     )
     return np.insert(times, after, times[after]), np.insert(pads, after, np.nan, axis=0)
 
@@ -191,9 +189,11 @@ def _shade(axes: Axes, times: Real[np.ndarray, "frames"], seen: Bool[np.ndarray,
 def draw_overlay(overlay: Overlay) -> Figure:
     """Draw what was measured, what was predicted and how they differ, in the plane or line of the positions."""
     used = overlay.used
-    measured, model = overlay.scan.pressures[used], overlay.scale * overlay.predicted[used]
+    measured = overlay.scan.pressures[used]
+    model = overlay.scale * overlay.predicted[used]
     if not overlay.scan.phased:
-        measured, model = np.abs(measured), np.abs(model)
+        measured = np.abs(measured)
+        model = np.abs(model)
     projected, axes = _seen(overlay.scan.points[used])
     peak = float(np.abs(measured).max())
     shown = {

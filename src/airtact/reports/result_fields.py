@@ -14,8 +14,8 @@ from airtact.evaluation.slices import slices_around, surface_pressure
 from airtact.evaluation.windows import Window, box_around, close_up, plane_of_scene
 from airtact.reports.field_figure import Cut, cut_bodies
 from airtact.reports.methods_page import write_methods_page
-from airtact.reports.plane_figure import behind_planes
 from airtact.reports.run_page import Fields, write_page
+from airtact.reports.solids import behind_planes
 from airtact.reports.viewer import SceneView
 from airtact.setup.comparing import MethodComparison
 from airtact.setup.rendering import Rendering

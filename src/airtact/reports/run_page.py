@@ -157,7 +157,9 @@ def _doubt(run: Rendering) -> list[Markup]:
 def _fields(run: Rendering, fields: Fields) -> list[Markup]:
     """Draw both drives and their difference: in the plane through the foci, or across each focus of a hand."""
     names = run.verification.names
-    most, points, got = fields.view.most, run.setup.target.points, fields.view.reached
+    most = fields.view.most
+    points = run.setup.target.points
+    got = fields.view.reached
     error = max(cut.error for cut in (fields.close_ups or [fields.plane]))
     estimate = (
         f" The pressures there are estimated to be {100 * error:.1g} % off." if error > 0.0 else ""
@@ -251,7 +253,8 @@ def _foci(run: Rendering) -> dict[str, Any]:
 
 def _comparison(run: Rendering, held_equal: str) -> tuple[list[str], list[list[str]]]:
     """Header and rows of what each focus gets from both drives, and how many times as much from the first."""
-    pressures, ratios = run.verification.pressures[held_equal], run.verification.ratios(held_equal)
+    pressures = run.verification.pressures[held_equal]
+    ratios = run.verification.ratios(held_equal)
     rows = []
     for index, name in enumerate(run.setup.foci):
         first, second = pressures[:, index]
@@ -269,7 +272,8 @@ def _comparison(run: Rendering, held_equal: str) -> tuple[list[str], list[list[s
 
 
 def _how(run: Rendering, seconds: Mapping[str, float]) -> dict[str, Any]:
-    medium, scene = run.setup.scene.medium, run.setup.scene
+    medium = run.setup.scene.medium
+    scene = run.setup.scene
     reports = (run.beacons, run.verification.report)
     pairs = list(zip(run.setup.bodies, scene.obstacles, strict=True))
     repairs = " ".join(
@@ -330,7 +334,8 @@ def _plane(plane: Plane) -> str:
 
 
 def _off_triangles(report: SolveReport) -> str:
-    farthest, mean = 1e3 * report.farthest_off_triangles, 1e3 * report.mean_off_triangles
+    farthest = 1e3 * report.farthest_off_triangles
+    mean = 1e3 * report.mean_off_triangles
     return (
         f"{farthest:.2g} mm at most, {mean:.2g} mm in the mean"
         if farthest > 1e-4

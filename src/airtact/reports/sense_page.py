@@ -1,21 +1,27 @@
 """The page of a hand that was located by echoes: its pose, what knowing it brings, and what is left unexplained."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Real
 from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, PathPatch
+from matplotlib.path import Path as Outline
 from scipy.spatial.transform import Rotation
 
 from airtact.checks import counted
 from airtact.evaluation.metrics import NOT_MODELLED
-from airtact.evaluation.windows import plane_of_scene
+from airtact.evaluation.windows import Window, plane_of_scene
 from airtact.files.atomic import whole_file
 from airtact.geometry.pose import Pose
+from airtact.geometry.surface import Surface
 from airtact.reports.array_figures import draw_receivers
-from airtact.reports.moved_figure import draw_moved
+from airtact.reports.field_figure import BODY, cut_bodies
 from airtact.reports.page import (
     document,
     folded,
@@ -30,10 +36,8 @@ from airtact.sensing.echoes import Echoes
 from airtact.sensing.registration import Located
 from airtact.setup.setup import Setup
 
-NEARER = 3.0
-"""The bodies are cut in a window smaller than a field's by so many wavelengths, to show motions of a millimetre."""
-
-START, FOUND = "start: the scene's pose", "the pose found"
+START = "start: the scene's pose"
+FOUND = "the pose found"
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +99,8 @@ class Sensed:
         return [self._shift(one) for one in (Pose.identity(), self.true) if one is not None]
 
     def _shift(self, other: Pose) -> Float64[np.ndarray, "6"]:
-        pose, centre = self.located.pose, self.centre[None]
+        pose = self.located.pose
+        centre = self.centre[None]
         turn = Rotation.from_matrix(pose.rotation @ other.rotation.T).as_rotvec()
         return np.concatenate([(pose.apply(centre) - other.apply(centre))[0], turn])
 
@@ -116,7 +121,9 @@ def _name(sensed: Sensed) -> str:
 
 
 def _pieces(sensed: Sensed) -> list[Markup]:
-    located, echoes, (off, turn) = sensed.located, sensed.echoes, sensed.off
+    located = sensed.located
+    echoes = sensed.echoes
+    off, turn = sensed.off
     elements, transmissions = echoes.codes.shape
     sure, sure_turn = located.deviation
     made = "Simulated echoes" if sensed.true is not None else "Measured echoes"
@@ -210,12 +217,17 @@ def _foci_table(sensed: Sensed) -> Markup:
 
 def _moved(sensed: Sensed) -> Markup:
     """Picture the hand before and after, beside the foci."""
-    setup, pose, (off, turn) = sensed.setup, sensed.located.pose, sensed.off
+    setup = sensed.setup
+    pose = sensed.located.pose
+    off, turn = sensed.off
     before, after = (
         [one.surface for one in some.scene.obstacles] for some in (setup, sensed.found)
     )
     foci = np.stack([setup.target.points, pose.apply(sensed.found.target.points)])
-    window, less = plane_of_scene(setup.scene, setup.target.points), NEARER * setup.scene.wavelength
+    # 3.0: the bodies are cut in a window smaller than a field's by so many wavelengths, to show
+    # motions of a millimetre.
+    window = plane_of_scene(setup.scene, setup.target.points)
+    less = 3.0 * setup.scene.wavelength
     window = replace(window, width=window.width - less, height=window.height - less)
     figure = draw_moved(window, before, [one.moved(pose) for one in after], foci)
     caption = (
@@ -227,7 +239,9 @@ def _moved(sensed: Sensed) -> Markup:
 
 
 def _residuals(sensed: Sensed) -> list[Markup]:
-    echoes, array, left_out = sensed.echoes, sensed.setup.array, sensed.located.left_out
+    echoes = sensed.echoes
+    array = sensed.setup.array
+    left_out = sensed.located.left_out
     values = np.full((2, len(array)), np.nan)
     values[:, echoes.receiving] = sensed.unexplained
     values[:, left_out] = np.nan
@@ -268,3 +282,78 @@ def _method(sensed: Sensed) -> str:
     if sensed.true is not None:
         made += " The echoes were simulated with smaller panels than the model's, and noise."
     return f"{made} No board that airtact drives today can receive. {NOT_MODELLED}"
+
+
+BEFORE, FOUND = "#0072b2", "#e8590c"
+"""Colours of the start and of the foci that were found."""
+
+
+def draw_moved(
+    window: Window,
+    before: Sequence[Surface],
+    after: Sequence[Surface],
+    foci: Real[np.ndarray, "2 foci 3"],
+) -> Figure:
+    """Draw cuts of bodies before and after a correction, and the foci of both, seen from the front and from above.
+
+    The second plane stands upright on the window, through its middle. Foci [m] are drawn as they
+    lie before the planes.
+    """
+    figure = Figure(figsize=(11.0, 5.2), layout="constrained")
+    for axes, plane in zip(figure.subplots(1, 2), (window, _across(window)), strict=True):
+        _fill(axes, plane, after)
+        for loop in cut_bodies(plane, before):
+            axes.plot(
+                *plane.seen(np.concatenate([loop, loop[:1]])).T, "--", color=BEFORE, linewidth=1.2
+            )
+        was, now = (plane.seen(some) for some in foci)
+        axes.plot(
+            *was.T,
+            "o",
+            markersize=8,
+            markerfacecolor="none",
+            markeredgecolor=BEFORE,
+            markeredgewidth=1.4,
+        )
+        axes.plot(*now.T, "o", markersize=6, color=FOUND, markeredgecolor="white")
+        left, right, bottom, top = plane.extent
+        axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
+        axes.set(xlabel=plane.labels[0], ylabel=plane.labels[1], title=_where(plane))
+    figure.legend(handles=_legend(), loc="outside lower center", ncols=4, frameon=False)
+    return figure
+
+
+def _across(window: Window) -> Window:
+    """Return the plane upright on a window, through its middle and along its right."""
+    up = window.normal * np.sign(window.normal[np.argmax(np.abs(window.normal))])
+    return replace(window, up=np.where(np.abs(up) < 1e-12, 0.0, up), height=window.width)
+
+
+def _fill(axes: Axes, plane: Window, bodies: Sequence[Surface]) -> None:
+    loops: list[Float64[np.ndarray, "_ 3"]] = cut_bodies(plane, bodies)
+    if loops:
+        paths = [Outline(plane.seen(np.concatenate([loop, loop[:1]])), closed=True) for loop in loops]
+        axes.add_patch(
+            PathPatch(
+                Outline.make_compound_path(*paths), facecolor=BODY, edgecolor="0.25", linewidth=0.8
+            )
+        )
+
+
+def _where(plane: Window) -> str:
+    """Name the plane by the axis of the frame that it stands upright on, if on any."""
+    axis = int(np.argmax(np.abs(plane.normal)))
+    if abs(plane.normal[axis]) < 1.0 - 1e-9:
+        return "through the middle of the foci"
+    return f"{'xyz'[axis]} = {1e3 * plane.centre[axis]:.1f} mm".replace("-", "−")
+
+
+def _legend() -> list[Patch | Line2D]:
+    was = Line2D(
+        [], [], marker="o", linestyle="none", markerfacecolor="none", markeredgecolor=BEFORE
+    )
+    now = Line2D([], [], marker="o", linestyle="none", color=FOUND, markeredgecolor="white")
+    was.set_label("focus at the start")
+    now.set_label("focus found")
+    before = Line2D([], [], color=BEFORE, linestyle="--", label="body at the start")
+    return [before, was, Patch(facecolor=BODY, edgecolor="0.25", label="body found"), now]

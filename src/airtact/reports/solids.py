@@ -13,6 +13,8 @@ from matplotlib.ticker import FixedLocator, MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
+from airtact.acoustics.planes import Plane
+from airtact.evaluation.windows import Window
 from airtact.geometry.mesh.quadratic_triangles import area_vectors, cut, unit, with_middles
 
 PLAIN: Any = {
@@ -24,8 +26,6 @@ PLAIN: Any = {
 
 ROOM_FOR_LABELS: Any = {"zoom": 0.9}
 
-MOST_TICKS = 7
-"""Ticks along the longest side of a frame; the others get their share, so that their labels keep apart."""
 
 MOST_PARTS = 40
 """Parts into which an edge is cut at most."""
@@ -33,8 +33,6 @@ MOST_PARTS = 40
 INSIDE = np.array([0.91, 0.45, 0.16, 1.0])
 """Colour of the backs of triangles, which one sees where a surface is open or turned."""
 
-OVERLAP = 1.03
-"""Triangles are drawn larger by this factor, or the background would shimmer through between them."""
 
 LINE = (0.13, 0.13, 0.13, 1.0)
 """Colour of edges."""
@@ -50,7 +48,8 @@ class View:
     @property
     def towards_viewer(self) -> Float64[np.ndarray, "3"]:
         """Unit vector to the viewer."""
-        around, above = np.radians(self.azimuth), np.radians(self.elevation)
+        around = np.radians(self.azimuth)
+        above = np.radians(self.elevation)
         return np.array(
             [np.cos(above) * np.cos(around), np.cos(above) * np.sin(around), np.sin(above)]
         )
@@ -97,10 +96,13 @@ def space_axes(figure: Figure, view: View, position: tuple[int, int, int] = (1, 
 
 def frame(axes: Axes3D, points: Real[np.ndarray, "points 3"]) -> None:
     """Fit the axes round points [mm], equal lengths equally long."""
-    lowest, highest = points.min(axis=0), points.max(axis=0)
+    lowest = points.min(axis=0)
+    highest = points.max(axis=0)
     sides = highest - lowest
     room = np.where(sides < 1e-3 * sides.max(), 1e-3 * sides.max(), 0.0)
-    lowest, highest, sides = lowest - room, highest + room, sides + 2 * room
+    lowest = lowest - room
+    highest = highest + room
+    sides = sides + 2 * room
     axes.set(
         xlim=(lowest[0], highest[0]), ylim=(lowest[1], highest[1]), zlim=(lowest[2], highest[2])
     )
@@ -109,7 +111,9 @@ def frame(axes: Axes3D, points: Real[np.ndarray, "points 3"]) -> None:
     for axis, side, middle in zip(
         (axes.xaxis, axes.yaxis, axes.zaxis), sides, (lowest + highest) / 2.0, strict=True
     ):
-        count = round(MOST_TICKS * float(side / sides.max()))
+        # 7: ticks along the longest side of a frame; the others get their share, so that their
+        # labels keep apart.
+        count = round(7 * float(side / sides.max()))
         axis.set_major_locator(
             MaxNLocator(count) if count > 1 else FixedLocator([round(float(middle), 1) + 0.0])
         )
@@ -181,8 +185,10 @@ def polygons_of(
         np.tile(some.colour, (len(part), 1)) for some, part in zip(lines, narrow, strict=True)
     ]
     middles = corners.mean(axis=1, keepdims=True)
+    # 1.03: triangles are drawn larger by this factor, or the background would shimmer through
+    # between them.
     polygons = [
-        *(middles + OVERLAP * (corners - middles)),
+        *(middles + 1.03 * (corners - middles)),
         *np.concatenate([np.empty((0, 4, 3)), *narrow]),
     ]
     return polygons, np.concatenate([shaded, *strokes])
@@ -223,7 +229,8 @@ def edge_lines(
     step: float,
 ) -> Lines:
     """Find lines, no longer than ``step``, along those edges 01, 12, 20 of triangles that are chosen."""
-    starts, ends = corners[chosen], np.roll(corners, -1, axis=1)[chosen]
+    starts = corners[chosen]
+    ends = np.roll(corners, -1, axis=1)[chosen]
     normals = np.repeat(unit_normals(corners)[:, None], 3, axis=1)[chosen]
     length = np.linalg.norm(ends - starts, axis=1)
     parts = np.ceil(np.clip(length / step, 1, MOST_PARTS)).astype(np.int64)
@@ -233,3 +240,58 @@ def edge_lines(
     first = starts[owner] + share[:, None] * along
     segments = np.stack([first, first + along / parts[owner, None]], axis=1)
     return Lines(segments, normals[owner], 0.5 * np.minimum(length / parts, step)[owner])
+
+
+SHEET = (0.45, 0.36, 0.25, 0.22)
+"""Colour of a plane in space: what is behind it shows through."""
+
+BEYOND = 0.15
+"""How far a sheet reaches beyond what stands before it, over its extent."""
+
+
+def sheet_of(plane: Plane, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "4 3"]:
+    """Corners (4, 3) of the part of a plane that is below or before some points (P, 3) [m]."""
+    first = np.eye(3)[np.abs(plane.normal).argmin()]
+    first = first - (first @ plane.normal) * plane.normal
+    first /= np.linalg.norm(first)
+    sides = np.stack([first, np.cross(plane.normal, first)])
+    along = points @ sides.T
+    low = along.min(axis=0)
+    high = along.max(axis=0)
+    low, high = low - BEYOND * np.ptp([low, high]), high + BEYOND * np.ptp([low, high])
+    corners = np.array([[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]])
+    return corners @ sides + (plane.point @ plane.normal) * plane.normal
+
+
+def draw_sheets(
+    axes: Axes3D, planes: Sequence[Plane], points: Real[np.ndarray, "points 3"]
+) -> Float64[np.ndarray, "corners 3"]:
+    """Draw the planes below or before points (P, 3) [m] into axes in space; returns their corners (C, 3) [mm]."""
+    corners = [1e3 * sheet_of(plane, points) for plane in planes]
+    if corners:
+        sheets = Poly3DCollection(
+            corners, facecolors=SHEET, edgecolors=SHEET[:3], linewidths=0.6, zorder=0
+        )
+        axes.add_collection3d(sheets, autolim=False)
+    return np.concatenate([np.empty((0, 3)), *corners])
+
+
+def behind_planes(window: Window, planes: Sequence[Plane]) -> list[Float64[np.ndarray, "_ 3"]]:
+    """Outlines of what a window shows behind planes [m], as of bodies: none where it shows nothing behind them."""
+    loops = []
+    half = 0.5 * np.array([[-window.width, -window.height], [window.width, -window.height]])
+    rectangle = np.concatenate([half, -half])
+    corners = window.centre + rectangle @ np.stack([window.right, window.up])
+    for plane in planes:
+        heights = plane.height(corners)
+        loop = []
+        for index, (height, corner) in enumerate(zip(heights, corners, strict=True)):
+            before = heights[index - 1]
+            place = corners[index - 1]
+            if (before < 0.0) != (height < 0.0):
+                loop.append(place + before / (before - height) * (corner - place))
+            if height < 0.0:
+                loop.append(corner)
+        if loop:
+            loops.append(np.array(loop))
+    return loops

@@ -73,7 +73,8 @@ def write_sweep_page(path: Path, found: Swept) -> None:
 
 
 def _pieces(found: Swept) -> list[Any]:
-    weakest, gain = found.numbers("weakest_Pa"), found.numbers("gain")
+    weakest = found.numbers("weakest_Pa")
+    gain = found.numbers("gain")
     facts = [(f"{len(found.rows):,}", "points"), (f"{len(found.failed):,}", "of them failed")]
     if np.isfinite(weakest).any():
         facts.append((f"{np.nanmedian(weakest):,.0f} Pa", "at the weakest focus, median"))

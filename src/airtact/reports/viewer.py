@@ -26,18 +26,9 @@ from airtact.checks import counted
 from airtact.evaluation.slices import Slices, SurfacePressure
 from airtact.reports.array_figures import spacing, unfold
 from airtact.reports.field_figure import COLOURS
-from airtact.reports.plane_figure import sheet_of
-
-SHADES = 128
-"""Colours of each scale."""
+from airtact.reports.solids import sheet_of
 
 SCALES = {"pressure": COLOURS, "difference": "RdBu_r", "phase": "twilight", "amplitude": "viridis"}
-
-MOST_WORDS = 8
-"""More foci than this are summed up in the words for those who do not see the scene."""
-
-STEP = 0.5
-"""Depth in bodies is carried as bytes over this many steps of the planes to either side."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,16 +105,15 @@ def viewer_alternative(view: SceneView) -> str:
     """Say the scene in words, with what each focus gets, for those who do not see it."""
     got = view.reached[:, 0]
     words = f"{got.min():,.0f} to {got.max():,.0f} Pa"
-    if len(got) <= MOST_WORDS:
+    # 8: more foci than this are summed up in the words for those who do not see the scene.
+    if len(got) <= 8:
         words = ", ".join(
             f"{pressure:,.0f} Pa at {name}" for name, pressure in zip(view.foci, got, strict=True)
         )
     bodies = "" if view.surfaces is None else ", the bodies"
     bodies += ", a rigid plane" if view.planes else ""
-    elements, first = (
-        counted(len(view.positions), "transducer", "transducers"),
-        next(iter(view.drives)),
-    )
+    elements = counted(len(view.positions), "transducer", "transducers")
+    first = next(iter(view.drives))
     return f"{elements}{bodies} and a slice through the field in space; {first} gives {words}."
 
 
@@ -168,7 +158,8 @@ def _packed(data: bytes) -> str:
 
 def _facts(view: SceneView, title: str) -> tuple[dict[str, Any], bytes]:
     arrays = _arrays(view)
-    places, data = {}, bytearray()
+    places = {}
+    data = bytearray()
     for name, values in arrays.items():
         data += bytes(-len(data) % 4)
         places[name] = [values.dtype.name, len(data), values.size]
@@ -195,7 +186,8 @@ def _facts(view: SceneView, title: str) -> tuple[dict[str, Any], bytes]:
 
 
 def _shades(scale: str) -> list[str]:
-    return [to_hex(colour) for colour in colormaps[scale](np.linspace(0.0, 1.0, SHADES))]
+    # 128: colours of each scale.
+    return [to_hex(colour) for colour in colormaps[scale](np.linspace(0.0, 1.0, 128))]
 
 
 def _rounded(numbers: Real[np.ndarray, "numbers"]) -> list[float]:
@@ -203,8 +195,10 @@ def _rounded(numbers: Real[np.ndarray, "numbers"]) -> list[float]:
 
 
 def _arrays(view: SceneView) -> dict[str, np.ndarray]:
-    slices, most = view.slices, view.most
-    edge = STEP * slices.steps.max()
+    slices = view.slices
+    most = view.most
+    # 0.5: depth in bodies is carried as bytes over this many steps of the planes to either side.
+    edge = 0.5 * slices.steps.max()
     out = {
         "positions": (1e3 * view.positions).astype(np.float32),
         "normals": np.asarray(view.normals, dtype=np.float32),
@@ -253,7 +247,8 @@ def _views(view: SceneView) -> dict[str, Any]:
     sides = slices.steps * (np.array(slices.depth.shape[::-1]) - 1)
     middle = slices.corner + (sides / 2.0) @ slices.axes
     everything = np.concatenate([view.solid, *view.sheets])
-    lowest, highest = everything.min(axis=0), everything.max(axis=0)
+    lowest = everything.min(axis=0)
+    highest = everything.max(axis=0)
     away = [1.2 * np.linalg.norm(path - middle, axis=1).max() for path in view.paths]
     azimuth, elevation = _side(slices.axes[2], view.normals)
     return {

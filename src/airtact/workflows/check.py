@@ -17,7 +17,7 @@ from airtact.geometry.files import load_surface
 from airtact.live.session import Session, read_session
 from airtact.live.verification import VerifiedSession, verify_session
 from airtact.reports.body_figure import draw_bodies, draw_fault
-from airtact.reports.picture_file import write_picture
+from airtact.reports.page import write_picture
 from airtact.setup.bodies import Triangles, bare_triangles, drawable_bodies
 from airtact.setup.building import read_scene
 from airtact.setup.sentences import reach_cautions as reach_cautions

@@ -13,7 +13,7 @@ from airtact.evaluation.field import drive_sources
 from airtact.evaluation.microphone import Microphone
 from airtact.evaluation.scan import Overlay, load_scan, overlay_scan
 from airtact.files.atomic import whole_file, writable_folder
-from airtact.reports.picture_file import write_picture
+from airtact.reports.page import write_picture
 from airtact.reports.plots import draw_overlay
 from airtact.setup.building import read_scene
 from airtact.setup.solving import solve_foci, synthesise, verification_solver

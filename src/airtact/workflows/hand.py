@@ -25,8 +25,8 @@ from airtact.hands.hand import Hand, Side
 from airtact.hands.joints import CHAINS, FINGERS
 from airtact.hands.shape import HandShape
 from airtact.hands.tracking.recordings import ENDINGS as RECORDINGS
-from airtact.reports.picture_file import write_picture
-from airtact.reports.surface_figure import draw_cloud, draw_panels
+from airtact.reports.body_figure import draw_cloud, draw_panels
+from airtact.reports.page import write_picture
 from airtact.setup.panel_files import EDGE, check_ending, checked_edge, write_triangles
 from airtact.timing import Progress, no_progress
 from airtact.workflows.recording import Replayed, replay_recording

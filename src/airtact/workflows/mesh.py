@@ -23,8 +23,8 @@ from airtact.geometry.mesh.quadratic_triangles import (
 from airtact.geometry.mesh.topology import cone_volumes
 from airtact.geometry.panels import Panels
 from airtact.geometry.surface import Surface
-from airtact.reports.picture_file import write_picture
-from airtact.reports.surface_figure import draw_panels
+from airtact.reports.body_figure import draw_panels
+from airtact.reports.page import write_picture
 from airtact.setup.panel_files import check_ending, write_panels
 from airtact.timing import Progress, no_progress
 

@@ -9,7 +9,7 @@ from airtact.files.atomic import writable_folder
 from airtact.hands.hand import Side
 from airtact.hands.tracking.frame import HandFrame
 from airtact.hands.tracking.recordings import PadTrack, Recording, load_recording, pads_over_time
-from airtact.reports.picture_file import write_picture
+from airtact.reports.page import write_picture
 from airtact.reports.plots import draw_tracks
 from airtact.setup.panel_files import EDGE, check_ending, checked_edge, write_triangles
 from airtact.timing import Progress, no_progress

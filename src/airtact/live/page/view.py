@@ -18,7 +18,7 @@ from airtact.live.page.solved import Asked, SolvedSound, Sound
 from airtact.live.page.sound import DirectSound
 from airtact.live.parts import LiveScene, Moment
 from airtact.reports.array_figures import spacing, view_of
-from airtact.reports.plane_figure import SHEET, sheet_of
+from airtact.reports.solids import SHEET, sheet_of
 
 HAND = 0.15
 """How far a hand reaches from the middle of its foci, more or less [m]."""

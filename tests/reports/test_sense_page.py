@@ -6,7 +6,7 @@ import pytest
 from airtact.evaluation.windows import plane_across
 from airtact.geometry.pose import Pose
 from airtact.geometry.primitives import sphere
-from airtact.reports.moved_figure import draw_moved
+from airtact.reports.sense_page import draw_moved
 
 
 def test_cuts_of_a_ball_are_circles_about_where_it_was_and_where_it_is():
