@@ -1,6 +1,6 @@
 # `make run` shows the main job, `make test` proves it. Everything is installed into .venv.
 .DEFAULT_GOAL := help
-.PHONY: help run live test slow check format docs reproduce reproduce-quick bench bench-compare wheels clean
+.PHONY: help run live test slow check format docs reproduce reproduce-quick bench wheels clean
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -17,7 +17,6 @@ help:
 	@echo "make wheels wheels for every Python from 3.11 on that is here, in dist/, each proven without a compiler"
 	@echo "make reproduce  the experiment of Inoue and others 2014 into out/inoue2014, in 20 minutes; make reproduce-quick in 3"
 	@echo "make bench  the measured table of docs/performance.md"
-	@echo "make bench-compare  the rows of airtact bench beside the last tag's; red and failed where 20 % slower"
 
 $(VENV)/installed: $(KERNELS)
 	@echo "Installing into $(VENV) takes some minutes: packages are downloaded and the loops are compiled."
@@ -76,19 +75,19 @@ reproduce: $(VENV)/installed
 reproduce-quick: $(VENV)/installed
 	$(BIN)/python examples/inoue2014/reproduce.py --quick --out out/inoue2014
 
+# The comparison with AcousTools and bempp-cl needs interpreters of environments with them:
+# make bench ACOUSTOOLS=PYTHON BEMPP=PYTHON.
 bench: $(VENV)/installed-for-tests
-	PYTHONPATH=.:tests $(BIN)/python benchmarks/accuracy.py
-	PYTHONPATH=.:tests $(BIN)/python benchmarks/speed.py
-	PYTHONPATH=.:tests $(BIN)/python benchmarks/surfaces.py
-	PYTHONPATH=.:tests $(BIN)/python benchmarks/finite_element.py
-	PYTHONPATH=.:tests $(BIN)/python benchmarks/synthesis.py
-	PYTHONPATH=.:tests $(BIN)/python benchmarks/frames.py
-	PYTHONPATH=.:tests $(BIN)/python benchmarks/emission.py
-	PYTHONPATH=.:tests $(BIN)/python benchmarks/hand_meshing.py
-	PYTHONPATH=.:tests $(BIN)/python benchmarks/hand_tracking.py
-
-bench-compare: $(VENV)/installed-for-tests
-	PYTHONPATH=. $(BIN)/python benchmarks/compare.py
+	$(BIN)/python -m benchmarks.bench --out out/bench $(if $(ACOUSTOOLS),--acoustools $(ACOUSTOOLS)) $(if $(BEMPP),--bempp $(BEMPP))
+	$(BIN)/python -m benchmarks.accuracy
+	$(BIN)/python -m benchmarks.speed
+	$(BIN)/python -m benchmarks.surfaces
+	$(BIN)/python -m benchmarks.finite_element
+	$(BIN)/python -m benchmarks.synthesis
+	$(BIN)/python -m benchmarks.frames
+	$(BIN)/python -m benchmarks.emission
+	$(BIN)/python -m benchmarks.hand_meshing
+	$(BIN)/python -m benchmarks.hand_tracking
 
 wheels:
 	python3 .ci/wheels.py

@@ -1,6 +1,6 @@
 """Accuracy of the boundary element solver: every accuracy figure of docs/performance.md, measured anew.
 
-Run ``make bench``, or ``PYTHONPATH=.:tests python benchmarks/accuracy.py [figure ...]``. The
+Run ``make bench``, or ``python -m benchmarks.accuracy [figure ...]``. The
 reference is the sphere's series, multipoles about two spheres, or fundamental solutions; each error
 is the worst of at least 8 random directions.
 """
@@ -12,8 +12,8 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 import airtact as at
-from airtact.benching import scenes
 from airtact.evaluation import fundamental_solutions
+from benchmarks import common as scenes
 from references import two_spheres
 
 PAPER_AIR, FREQUENCY = scenes.AIR, scenes.FREQUENCY

@@ -1,6 +1,6 @@
 """Boards that reflect: the paper's box, a palm over a board and a table, reciprocity, and thickness.
 
-    PYTHONPATH=.:tests python benchmarks/boards.py [box | picture | palm | reciprocity | thickness]
+    python -m benchmarks.boards [box | picture | palm | reciprocity | thickness]
 
 ``box`` solves the paper's pinch in its box of four boards, and again with smaller panels; ``box
 0.03`` takes another accuracy than 5 %. ``picture`` draws what drives make there.

@@ -1,7 +1,7 @@
 """Error and time of fitting a hand to what a depth camera saw of one side of it.
 
 The reference is the GLB hand, and a slender and a stout build of it, bent by their own rig; the fit
-was never tuned on ``child``, another build. Run ``PYTHONPATH=.:tests python benchmarks/capture.py
+was never tuned on ``child``, another build. Run ``python -m benchmarks.capture
 [views [builds]]``, with so many views of each pose.
 """
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from airtact.hands.fitting.fit import FittedHand, fit_hand
 from airtact.hands.joints import FINGERS
-from hands.rigged_hand import (
+from references.rigged_hand import (
     BENDS,
     BUILDS,
     Rigged,

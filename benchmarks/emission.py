@@ -1,6 +1,6 @@
 """What the process of a link costs, and how soon the boards are silent when a process dies. Prints one table.
 
-Run as ``PYTHONPATH=.:tests python benchmarks/emission.py [TRIALS]``.
+Run as ``python -m benchmarks.emission [TRIALS]``.
 """
 
 import os

@@ -5,7 +5,7 @@ source is far and the points are near the bodies or far from them, or the source
 points far. Truth are rings of monopoles (``references.axisymmetric``) and, for capsules,
 fundamental solutions.
 
-    PYTHONPATH=.:tests python benchmarks/estimate.py [scenes [first]]
+    python -m benchmarks.estimate [scenes [first]]
 """
 
 import sys

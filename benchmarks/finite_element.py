@@ -1,6 +1,6 @@
 """Finite elements: accuracy, time and memory on the pinch and on spheres.
 
-Run ``PYTHONPATH=.:tests python benchmarks/finite_element.py [figure ...]``. The reference is the
+Run ``python -m benchmarks.finite_element [figure ...]``. The reference is the
 sphere's series or fundamental solutions; boundary elements at 0.3 % are the other solver. Most
 figures need the package ``mkl``.
 """
@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 
 import airtact as at
-from airtact.benching.peers.peak_memory import forget_peak, peak
 from benchmarks.accuracy import (
     PAPER_AIR,
     directions,
@@ -23,6 +22,7 @@ from benchmarks.accuracy import (
     relative,
     table,
 )
+from benchmarks.peers.peak_memory import forget_peak, peak
 
 WATER = at.Medium(1481.0, 999.7)
 

@@ -6,7 +6,7 @@ that hand has them; the other with the true hand, aimed 0.5 mm off its skin at t
 to these pads. Both are time reversals of one energy on panels for 0.1, and a verification solution
 evaluates both on the true hand, at the second one's foci. The hand is fitted to one frame by
 itself, and to the last frame of a sequence in which it closes and turns, so that its sizes are
-learned. Run ``PYTHONPATH=.:tests python benchmarks/fitted_focus.py [views [builds]]``, with so many
+learned. Run ``python -m benchmarks.fitted_focus [views [builds]]``, with so many
 views of the palm's side of each hand and one of its back. The fit was never tuned on the build
 ``child``.
 """
@@ -16,7 +16,7 @@ import sys
 import numpy as np
 
 import airtact as at
-from hands.rigged_hand import BUILDS, Rigged, posed, rough, seen, turned_to_camera
+from references.rigged_hand import BUILDS, Rigged, posed, rough, seen, turned_to_camera
 
 LEARNED_FRAMES = 8  # later frames keep the sizes
 OFF = 0.5e-3

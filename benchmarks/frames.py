@@ -1,6 +1,6 @@
 """Frames per second to boards, and the cost of rounding at a focus. Prints one table.
 
-Run as ``PYTHONPATH=.:tests python benchmarks/frames.py``.
+Run as ``python -m benchmarks.frames``.
 """
 
 import time

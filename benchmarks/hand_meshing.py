@@ -1,6 +1,6 @@
 """Times to mesh a hand, and the quality of its mesh in random poses.
 
-Run ``PYTHONPATH=.:tests python benchmarks/hand_meshing.py [poses [record.jsonl]]``; a number makes
+Run ``python -m benchmarks.hand_meshing [poses [record.jsonl]]``; a number makes
 so many random poses. 10,000 of them take half an hour; those in the record are not made again.
 """
 
@@ -19,7 +19,7 @@ from airtact.hands.hand import hand_from_joints
 from airtact.hands.joints import joints_of
 from airtact.hands.shape import deformed
 from airtact.hands.skin_mesh import HandMesh, even_skin
-from hands.hand_poses import example, random_pose
+from references.hand_poses import example, random_pose
 
 WAVELENGTH = 343.1 / 40e3
 

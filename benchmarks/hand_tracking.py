@@ -1,6 +1,6 @@
 """Error of a predicted pad, time of frames, and detections of MediaPipe in pictures of our hands.
 
-Run ``PYTHONPATH=.:tests python benchmarks/hand_tracking.py [--mediapipe PYTHON]``; PYTHON is one
+Run ``python -m benchmarks.hand_tracking [--mediapipe PYTHON]``; PYTHON is one
 that has mediapipe
 0.10.21 and websockets. The motion is synthesised: reaching 150 mm to and fro at up to 0.5 m/s by
 minimum jerk, while thumb and index finger open from 5 to 45 mm and close once a second; the
@@ -20,8 +20,8 @@ from airtact.hands.tracking.frame import FaultyFrame, HandFrame
 from airtact.hands.tracking.messages import from_json, from_osc, to_json, to_osc
 from airtact.hands.tracking.prediction import Predictor
 from airtact.hands.tracking.stream import HandStream
-from hands.tracking.motions import Pinching
-from hands.tracking.seen_by_mediapipe import seen_by_mediapipe
+from references.motions import Pinching
+from references.seen_by_mediapipe import seen_by_mediapipe
 
 SECONDS, NOISE = 3.0, 1e-3
 CUTOFF, CUTOFF_PER_SPEED, CUTOFF_OF_VELOCITY = 8.0, 100.0, 8.0

@@ -1,6 +1,6 @@
 """Locally reacting bodies by boundary elements: against series and finite elements, their cost, reciprocity, and skin.
 
-PYTHONPATH=. python benchmarks/impedance.py [sphere | plate | cost | reciprocity | skin]
+python -m benchmarks.impedance [sphere | plate | cost | reciprocity | skin]
 """
 
 import sys

@@ -1,6 +1,6 @@
 """Closed-loop truth of the live loop: what the drives that it made for a moving hand bring to the true hand.
 
-Run ``PYTHONPATH=.:tests python benchmarks/live.py [--setting pinch] [--seconds 5] [--emulated]``,
+Run ``python -m benchmarks.live [--setting pinch] [--seconds 5] [--emulated]``,
 or first with ``--record FOLDER``, which takes as long as the motion and wants a quiet machine, and
 then with ``--judge FOLDER``, which takes minutes on any. Frames of a known motion, with a tracker's
 noise and 15 ms of latency, go by a web socket through the real loop in real time. Afterwards every
@@ -42,8 +42,8 @@ from airtact.live.drives.factors import HandFactors, PartSolver, solved
 from airtact.live.drives.maker import HandAware, solved_for
 from airtact.live.drives.solver_process import SOLVED_AHEAD, Asked, Plan, ShapeSolver
 from airtact.live.parts import Controls, LiveScene, Rule
-from hands.hand_poses import example
-from hands.tracking.motions import Pinching, reached
+from references.hand_poses import example
+from references.motions import Pinching, reached
 
 LATENCY = 0.015
 """From the picture to the frame's arrival [s]."""

@@ -1,6 +1,6 @@
 """What the page costs the live loop, and how often it is painted: with none open, one, ten, and one that stalls.
 
-    PYTHONPATH=.:tests .venv/bin/python benchmarks/live_page.py
+    python -m benchmarks.live_page
 
 The loop is ``airtact live live_pinch`` with its bundled motion. The page is opened in Chromium,
 drawn by the processor; ten pages are ten connections that read all that they get, the one that

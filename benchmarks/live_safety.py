@@ -1,6 +1,6 @@
 """How soon the live loop is silent: after the emergency stop, and after the last good frame of a hand.
 
-Run it from the root of the project: ``python benchmarks/live_safety.py``. The boards are AUTD3's
+Run it from the root of the project: ``python -m benchmarks.live_safety``. The boards are AUTD3's
 own model of them.
 """
 
@@ -13,7 +13,8 @@ import numpy as np
 
 import airtact as at
 from airtact.emission.links import link_to
-from airtact.hands.tracking import Recording, StreamHealth
+from airtact.hands.tracking.recordings import Recording
+from airtact.hands.tracking.stream import StreamHealth
 from airtact.setup import Setup
 
 TRIALS = 5

@@ -4,7 +4,7 @@ The series of two spheres is truth for a sphere; a hand is held against itself a
 as two bodies, on the same panels, because a mesh that is rebuilt from mirrored triangles is another
 body.
 
-    PYTHONPATH=.:tests python benchmarks/planes.py [sphere | hand | cost | reciprocity | palm |
+    python -m benchmarks.planes [sphere | hand | cost | reciprocity | palm |
     live]
 """
 
@@ -22,8 +22,8 @@ from airtact.acoustics.solvers.gmres import gmres
 from airtact.hands.hand import hand_from_joints
 from airtact.live.distances import foci_on
 from airtact.live.drives.factors import OpenAir, solved
-from hands.tracking.motions import pinch_pose
 from references import before_a_plane
+from references.motions import pinch_pose
 
 AIR = at.Medium(sound_speed=343.1, density=1.293)
 TABLE = at.plane((0, 0, 0), (0, 0, 1))

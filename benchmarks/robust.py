@@ -1,6 +1,6 @@
 """What robust drives keep: every figure of docs/how-good-must-the-tracking-be.md, measured anew.
 
-Run ``PYTHONPATH=. python benchmarks/robust.py``. Names of parts, such as ``times``, run these
+Run ``python -m benchmarks.robust``. Names of parts, such as ``times``, run these
 alone. Drives are made for 64 samples of seed 0 and tried on 400 of seed 1, at equal energy; the
 pressure is that of the weakest focus.
 """

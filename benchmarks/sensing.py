@@ -1,6 +1,6 @@
 """The pose of two fingers from echoes: how exact, how near to the Cramér-Rao bound, from how far off, how quick.
 
-Run ``PYTHONPATH=. python benchmarks/sensing.py [TRIALS] [ROW ...]``; rows are matrix, noise,
+Run ``python -m benchmarks.sensing [TRIALS] [ROW ...]``; rows are matrix, noise,
 coarse, few, capture, wrong, between, gap, hand, times and calibrate. Echoes are simulated by
 direct solves of every code at an accuracy of 0.3 % (2 % in the row hand), with smaller panels than
 those of the model (0.5 %; 2 % in the row coarse). The array is the box of 996 monopoles, in the row
@@ -16,10 +16,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import airtact as at
+from airtact import Echoes
 from airtact.live.drives.factors import part_of, rigid_part
 from airtact.live.drives.riding import ride
 from airtact.sensing import (
-    Echoes,
     Located,
     ScatteringFamily,
     ScatteringMatrix,

@@ -1,6 +1,6 @@
 """Size and form of the package: statements, modules, constants, comments, imports of a render.
 
-Run ``python benchmarks/size.py``; give folders to count only those, such as ``src/airtact/drives``.
+Run ``python -m benchmarks.size``; give folders to count only those, such as ``src/airtact/drives``.
 """
 
 import ast

@@ -1,6 +1,6 @@
 """Time and memory of the jobs: every speed figure of docs/performance.md, measured anew.
 
-Run ``make bench``, or ``PYTHONPATH=.:tests python benchmarks/speed.py [row ...]`` with the first
+Run ``make bench``, or ``python -m benchmarks.speed [row ...]`` with the first
 words of the rows wanted. Times are medians with the least and the most, errors are against
 fundamental solutions or, for a hand, against a more accurate solution; these references take some
 minutes the first time and are cached in ``out/bench/references``.
@@ -16,10 +16,10 @@ from functools import partial
 from pathlib import Path
 
 from airtact import _kernels
-from airtact.benching.bench import row_jobs
-from airtact.benching.real_time import Row
 from airtact.live.drives.bending import BendingHand
 from benchmarks import live
+from benchmarks.bench import row_jobs
+from benchmarks.moving_hand import Row
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = ROOT / "src/airtact/setup/examples"

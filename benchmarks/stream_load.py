@@ -1,6 +1,6 @@
 """A stream of 2,000 frames a second for a minute, one in ten damaged: what comes through, how old, how much memory.
 
-    python benchmarks/stream_load.py [SECONDS]
+    python -m benchmarks.stream_load [SECONDS]
 
 A process of its own sends. The age of a frame is the time from its sending to its use by the
 stream, by one clock.

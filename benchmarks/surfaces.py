@@ -1,6 +1,6 @@
 """How well any surface is solved: every figure of scanned, drawn and damaged meshes, measured anew.
 
-Run ``PYTHONPATH=.:tests python benchmarks/surfaces.py [figure ...]``; ``hand`` and ``damaged`` take
+Run ``python -m benchmarks.surfaces [figure ...]``; ``hand`` and ``damaged`` take
 minutes. The reference is fundamental solutions inside an ellipsoid, or the same body with smaller
 panels.
 """
@@ -13,16 +13,16 @@ import numpy as np
 import trimesh
 
 import airtact as at
-from airtact.benching.peers.peak_memory import forget_peak, peak
 from airtact.geometry.mesh.quadratic_triangles import (
     enclosed_volume,
     longest_edges,
     smallest_angles,
 )
 from benchmarks.accuracy import FREQUENCY, PAPER_AIR, directions, far_points, one_each, relative
-from geometry.assorted_meshes import assorted
-from geometry.mesh.repair.damage import damaged
+from benchmarks.peers.peak_memory import forget_peak, peak
 from references import ellipsoid
+from references.assorted_meshes import assorted
+from references.damaged_meshes import damaged
 
 HAND = at.example("generic-hand-right.glb")
 OPEN_HAND = at.example("open_hand")

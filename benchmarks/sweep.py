@@ -1,6 +1,6 @@
 """Sweeps over many processors: their speed, on processes and on Dask, and what killing them leaves.
 
-Run ``PYTHONPATH=. python benchmarks/sweep.py speed``, ``kills`` or ``dask``. 200 poses of the pinch
+Run ``python -m benchmarks.sweep speed``, ``kills`` or ``dask``. 200 poses of the pinch
 before the box of 996 elements at 3 %, for ``kills`` at 10 %: ten gaps, each at twenty places of the
 box. Every process has one thread.
 """

@@ -1,6 +1,6 @@
 """Pressures and times of the synthesis methods: every figure of docs/performance.md about drives, measured anew.
 
-Run ``PYTHONPATH=.:tests python benchmarks/synthesis.py``, with ``--acoustools PYTHON`` the Python
+Run ``python -m benchmarks.synthesis``, with ``--acoustools PYTHON`` the Python
 of an environment where AcousTools is installed (it needs PyTorch), else that comparison is left
 out. The transfer matrices of 300 points beside the pinch and 300 beside the open hand, 0.5 to 10 mm
 off the skin, are solved once and cached in ``out/bench``. A set is a random choice of them, no two

@@ -4,8 +4,8 @@ The packages are installed in environments of their own, because they pin other 
 and SciPy. Both have the MIT licence; nothing of them is copied, their results are written:
 
     python -m venv build/others && build/others/bin/pip install acoustotreams==0.2.50
-    echosms==0.24.0 build/others/bin/python benchmarks/truth_by_others.py spheres
-    tests/references/acoustotreams.json build/others/bin/python benchmarks/truth_by_others.py
+    echosms==0.24.0 build/others/bin/python -m benchmarks.truth_by_others spheres
+    tests/references/acoustotreams.json build/others/bin/python -m benchmarks.truth_by_others
     strengths tests/references/echosms.json
 """
 

@@ -3,13 +3,9 @@
 import re
 import shlex
 
-import click
 import pytest
 
 from airtact.cli import commands, main
-
-PARSED = {"bench"}
-"""Their examples take minutes, and have tests of their own; here they are only parsed."""
 
 SECONDS = {"calibrate", "compare", "compare-scan", "emit", "export", "render", "sense"}
 """Their examples take seconds each."""
@@ -17,7 +13,6 @@ SECONDS = {"calibrate", "compare", "compare-scan", "emit", "export", "render", "
 NAMES = [
     pytest.param(name, marks=pytest.mark.slow) if name in SECONDS else name
     for name in commands.commands
-    if name not in PARSED
 ]
 
 
@@ -37,12 +32,6 @@ def test_the_example_of_a_command_runs(name, tmp_path, monkeypatch, capsys):
         assert main(["render", *example("render"), "--no-pictures"]) == 0
     assert main([name, *words]) == 0
     capsys.readouterr()
-
-
-@pytest.mark.parametrize("name", sorted(PARSED))
-def test_a_long_example_is_a_command_line(name):
-    context = commands.commands[name].make_context(name, example(name))
-    assert isinstance(context, click.Context)
 
 
 def test_the_example_of_the_program_is_that_of_a_command():

@@ -11,8 +11,8 @@ import airtact as at
 from airtact.cli import main
 from airtact.hands.fitting.fit import EDGES
 from airtact.workflows.hand import fit
-from hands.rigged_hand import posed, rough, seen, turned_to_camera
 from paths import HANDS
+from references.rigged_hand import posed, rough, seen, turned_to_camera
 
 CLOUD, LANDMARKS = str(HANDS / "seen_hand.ply"), str(HANDS / "seen_hand.json")
 

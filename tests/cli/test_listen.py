@@ -18,8 +18,8 @@ from airtact.cli import main
 from airtact.hands.tracking.messages import to_json
 from airtact.hands.tracking.recordings import pads_over_time
 from faults import raises_code
-from hands.tracking.motions import Pinching, still
 from paths import HANDS
+from references.motions import Pinching, still
 
 EXAMPLE = HANDS / "pinching.jsonl"
 

@@ -19,8 +19,8 @@ from airtact.hands.tracking.messages import to_json
 from airtact.hands.tracking.recordings import save_recording
 from airtact.live.session import read_session
 from emission.receivers import Nano16, wired
-from hands.tracking.motions import reaching_recording, still
 from paths import EXAMPLES
+from references.motions import reaching_recording, still
 
 COMMAND = [sys.executable, "-m", "airtact", "live"]
 QUICK = ["live_pinch", "--no-page"]

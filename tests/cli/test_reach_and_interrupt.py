@@ -38,13 +38,6 @@ def test_what_cannot_be_reached_is_named_before_it_is_solved(
     assert ("Warning" in printed) == bool(words)
 
 
-def test_a_package_of_a_bench_that_cannot_run_is_rejected(tmp_path, capsys) -> None:
-    assert main(["bench", "--acoustools", "/nope", "--out", str(tmp_path)]) == 2
-    printed = capsys.readouterr().err
-    assert "/nope is not a program that can be run" in printed
-    assert "[cannot_run]" in printed
-
-
 def test_ctrl_c_in_render_says_what_was_kept(tmp_path) -> None:
     command = [sys.executable, "-m", "airtact", "render", "pinch", "--out", str(tmp_path / "out")]
     with subprocess.Popen(

@@ -25,7 +25,7 @@ from airtact.transducers.calibration import load_calibration
 from airtact.transducers.layout import board_array
 from airtact.transducers.modulation import AmplitudeModulation
 from damage import damaged, read_or_rejected, seeds
-from hands.tracking.motions import still
+from references.motions import still
 
 AIR = at.Medium(343.1, 1.293, 0.14)
 BALL = at.Scene(AIR, [at.sound_hard(at.sphere(3e-3, 2e-3))])

@@ -7,7 +7,7 @@ from airtact.geometry.mesh.topology import edge_twins, shells
 from airtact.hands.body import Hulls, hand_hulls
 from airtact.hands.joints import joints_of
 from airtact.hands.skin_mesh import HandMesh, even_skin
-from hands.hand_poses import example, random_pose
+from references.hand_poses import example, random_pose
 
 EDGE = 7e-3
 REST, RADII = example("relaxed")

@@ -11,8 +11,8 @@ from airtact.geometry.pose import Pose
 from airtact.hands.files import load_hand, load_rigged_hand
 from airtact.hands.hand import PLACES, hand_from_joints, places_on
 from faults import raises_code
-from hands.rigged_hand import rest
 from paths import EXAMPLES, GENERIC_HAND, HANDS
+from references.rigged_hand import rest
 
 
 @pytest.fixture(scope="module")

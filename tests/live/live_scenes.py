@@ -11,7 +11,7 @@ from airtact.live.page.process import PageProcess
 from airtact.live.page.sound import DirectSound
 from airtact.live.parts import LiveScene, Moment
 from airtact.transducers.modulation import AmplitudeModulation
-from hands.tracking.motions import pinch_pose
+from references.motions import pinch_pose
 
 
 def one_board() -> LiveScene:

@@ -15,8 +15,8 @@ from airtact.live.drives.maker import solved_for
 from airtact.live.drives.riding import ride
 from airtact.live.drives.solver_process import Asked, SolverProcess
 from airtact.live.drives.some_elements import SomeElements
-from hands.hand_poses import example
 from live.live_scenes import one_board
+from references.hand_poses import example
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from airtact.live.drives.factors import OpenAir
 from airtact.live.drives.maker import HandAware
 from airtact.live.drives.riding import ride
 from airtact.live.parts import Controls, LiveScene
-from hands.tracking.motions import pinch_pose, still
+from references.motions import pinch_pose, still
 
 
 @pytest.fixture(scope="module")

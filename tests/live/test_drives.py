@@ -13,9 +13,9 @@ from airtact.live.drives.maker import HandAware
 from airtact.live.drives.riding import gap_change, ride, turn
 from airtact.live.drives.solver_process import Asked, ShapeSolver, SolverProcess
 from airtact.live.parts import Controls
-from hands.hand_poses import example
-from hands.tracking.motions import pinch_pose, still
 from live.live_scenes import one_board
+from references.hand_poses import example
+from references.motions import pinch_pose, still
 
 
 class Nothing(ShapeSolver):

@@ -12,7 +12,7 @@ import airtact as at
 from airtact.hands.tracking.recordings import Recording, load_recording
 from airtact.hands.tracking.stream import StreamHealth
 from airtact.live.session import Session, read_session
-from hands.tracking.motions import reaching_recording, still
+from references.motions import reaching_recording, still
 
 
 @pytest.fixture(scope="module")

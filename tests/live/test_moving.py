@@ -12,9 +12,9 @@ from airtact.live.drives.maker import HandAware
 from airtact.live.drives.moving import Rounds, aligned, moving_points, turned_towards
 from airtact.live.drives.riding import ride
 from airtact.live.parts import Controls
-from hands.tracking.motions import to_and_fro
 from live.test_drives import Ready
 from live.test_loop import recorded
+from references.motions import to_and_fro
 
 
 def scene_file(folder, modulation: str):

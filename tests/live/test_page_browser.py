@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from hands.tracking.motions import pinch_pose
 from live.live_scenes import Loop
+from references.motions import pinch_pose
 
 PATIENCE = 120.0
 """The pictures are drawn by the processor, which others may be using [s]."""

@@ -9,8 +9,8 @@ from airtact.hands.hand import hand_from_joints
 from airtact.live.page.skin import MovingSkin
 from airtact.live.page.sound import DirectSound
 from airtact.live.parts import LiveScene
-from hands.tracking.motions import Pinching
 from live.live_scenes import one_board, playing
+from references.motions import Pinching
 
 
 @pytest.fixture(scope="module")

@@ -17,9 +17,9 @@ from airtact.live.parts import Controls, LiveScene
 from airtact.live.safety import Workspace
 from airtact.live.session import Session, SessionWriter, read_session
 from airtact.live.verification import verify_session
-from hands.tracking.motions import pinch_pose
 from live.live_scenes import one_board
 from live.test_drives import Ready
+from references.motions import pinch_pose
 
 JOINTS = np.array(hand_from_joints(*pinch_pose(), side="left").open_to(0.02).joints)
 HAND = hand_from_joints(JOINTS, pinch_pose()[1], side="left")

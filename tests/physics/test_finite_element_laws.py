@@ -9,7 +9,7 @@ from airtact.hands.body import Hulls, hand_hulls, part_name
 from airtact.hands.shape import HandShape
 from airtact.hands.skin_mesh import even_skin, midpoints
 from benchmarks.accuracy import PAPER_AIR, directions, far_points, one_each, relative
-from hands.hand_poses import example
+from references.hand_poses import example
 
 WATER = at.Medium(1481.0, 999.7)
 

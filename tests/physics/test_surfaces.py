@@ -114,7 +114,7 @@ def test_panels_far_off_the_triangles_are_told():
 @pytest.mark.slow
 def test_fifty_assorted_meshes_get_panels_that_hold_their_volume():
     from airtact.geometry.mesh.quadratic_triangles import enclosed_volume, smallest_angles
-    from geometry.assorted_meshes import assorted
+    from references.assorted_meshes import assorted
 
     count = 0
     for name, mesh in assorted():

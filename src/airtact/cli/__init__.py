@@ -13,7 +13,6 @@ import click
 
 import airtact as at
 from airtact.cli import (
-    bench,
     boards,
     check,
     compare,
@@ -89,7 +88,6 @@ def commands() -> None:
 
 for _command in (
     *(
-        bench.bench,
         boards.boards,
         check.check,
         compare.compare,

@@ -19,8 +19,8 @@ from airtact.hands.hand import Hand
 from airtact.hands.joints import FINGERS
 from faults import raises_code
 from geometry.mesh.meshes import flat_mesh
-from hands.hand_poses import example, random_pose
-from hands.rigged_hand import Rigged, off_each_other, posed, rough, seen, turned_to_camera
+from references.hand_poses import example, random_pose
+from references.rigged_hand import Rigged, off_each_other, posed, rough, seen, turned_to_camera
 
 CAMERA = np.zeros(3)
 LEARNED = 8

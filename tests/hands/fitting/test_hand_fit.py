@@ -22,8 +22,8 @@ from airtact.hands.fitting.silhouette import silhouette_of
 from airtact.hands.hand import hand_from_joints
 from airtact.hands.joints import BONES, CHAINS
 from airtact.hands.kinematics import evenly_bent
-from hands.hand_poses import example
-from hands.rigged_hand import posed, seen, turned_to_camera
+from references.hand_poses import example
+from references.rigged_hand import posed, seen, turned_to_camera
 
 STEP = 1e-7
 

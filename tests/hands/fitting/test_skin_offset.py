@@ -9,8 +9,8 @@ from airtact.hands.fitting import fit
 from airtact.hands.fitting.fit import FittedHand, fit_hand, with_offset
 from airtact.hands.hand import hand_from_joints
 from geometry.mesh.meshes import flat_mesh
-from hands.hand_poses import example
-from hands.rigged_hand import Rigged, posed, rough, seen, turned_to_camera
+from references.hand_poses import example
+from references.rigged_hand import Rigged, posed, rough, seen, turned_to_camera
 
 
 @pytest.fixture(scope="module")

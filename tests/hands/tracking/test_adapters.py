@@ -18,10 +18,10 @@ from airtact.hands.tracking.frame import HandFrame
 from airtact.hands.tracking.messages import from_json
 from airtact.hands.tracking.receivers import WebSocketReceiver
 from airtact.hands.tracking.stream import HandStream
-from hands.hand_poses import example
-from hands.tracking.hand_pictures import facing, pictured
-from hands.tracking.motions import still
-from hands.tracking.seen_by_mediapipe import MEDIAPIPE, seen_by_mediapipe
+from references.hand_pictures import facing, pictured
+from references.hand_poses import example
+from references.motions import still
+from references.seen_by_mediapipe import MEDIAPIPE, seen_by_mediapipe
 
 JOINTS, RADII = example("relaxed")
 ADAPTERS = Path(leap.__file__).parent

@@ -9,7 +9,7 @@ from airtact.errors import LONGEST_SENTENCE
 from airtact.hands.tracking.messages import to_json, to_osc
 from airtact.hands.tracking.stream import RESTART, HandStream
 from damage import damaged, seeds
-from hands.tracking.motions import still
+from references.motions import still
 
 CLOUD = np.random.default_rng(0).normal(scale=0.03, size=(20, 3))
 

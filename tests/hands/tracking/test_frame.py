@@ -12,8 +12,8 @@ import airtact as at
 from airtact.hands.tracking.frame import FaultyFrame, HandFrame
 from airtact.hands.tracking.messages import ADDRESS, from_json, from_osc, to_json, to_osc
 from faults import raises_code
-from hands.hand_poses import example
-from hands.tracking.motions import still
+from references.hand_poses import example
+from references.motions import still
 
 JOINTS, RADII = example("pinch")
 TRACKED = np.delete(JOINTS, [5, 10, 15, 20], axis=0)

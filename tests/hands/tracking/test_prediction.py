@@ -17,7 +17,7 @@ from airtact.hands.tracking.prediction import (
     transition,
 )
 from faults import raises_code
-from hands.tracking.motions import Pinching, pinch_pose, still
+from references.motions import Pinching, pinch_pose, still
 
 JOINTS, _ = pinch_pose()
 

@@ -23,7 +23,7 @@ from airtact.hands.tracking.receivers import (
 )
 from airtact.hands.tracking.stream import HandStream
 from faults import raises_code
-from hands.tracking.motions import still
+from references.motions import still
 
 PATIENCE = 120.0
 """Longest wait for something that must happen [s]."""

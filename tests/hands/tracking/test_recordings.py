@@ -12,8 +12,8 @@ import airtact as at
 from airtact.hands.tracking.messages import to_json
 from airtact.hands.tracking.recordings import load_recording, replay, save_recording
 from faults import raises_code
-from hands.hand_poses import example
-from hands.tracking.motions import still
+from references.hand_poses import example
+from references.motions import still
 
 JOINTS, _ = example("pinch")
 TRACKED = np.delete(JOINTS, [5, 10, 15, 20], axis=0)

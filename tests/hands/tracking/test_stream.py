@@ -12,8 +12,8 @@ from airtact.hands.tracking.frame import HandFrame
 from airtact.hands.tracking.messages import side_of_osc, to_json, to_osc
 from airtact.hands.tracking.stream import FARTHEST, RESTART, HandStream
 from faults import raises_code
-from hands.hand_poses import example
-from hands.tracking.motions import still
+from references.hand_poses import example
+from references.motions import still
 
 JOINTS, _ = example("pinch")
 

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.benching.scenes import AIR, FREQUENCY
 from benchmarks.estimate import case_of
 from references import axisymmetric
 
+AIR = at.Medium(sound_speed=343.1, density=1.293)
+FREQUENCY = 40e3
 SOURCE = np.array([[0.06, 0.02, 0.05]])
 
 

@@ -8,7 +8,7 @@ from airtact.acoustics.solvers.bem.quadrature import place_nodes, thickness
 from airtact.geometry.panels import panels_of
 from airtact.hands.body import Hulls
 from airtact.hands.shape import HandShape
-from hands.hand_poses import example
+from references.hand_poses import example
 
 LARGEST = 60e-3
 

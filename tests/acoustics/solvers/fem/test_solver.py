@@ -16,7 +16,7 @@ from airtact.acoustics.solvers.fem.meshing.symmetry import mirrors_of
 from airtact.acoustics.solvers.fem.orders import longest_served
 from benchmarks.accuracy import PAPER_AIR, directions, far_points, one_each, relative
 from faults import raises_code
-from hands.hand_poses import example
+from references.hand_poses import example
 
 WATER = at.Medium(1481.0, 999.7)
 BALL = at.sphere(0.005, 0.0025)

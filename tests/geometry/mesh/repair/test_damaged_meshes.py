@@ -8,8 +8,8 @@ import pytest
 
 from airtact.checks import in_mm
 from airtact.errors import InvalidInput
-from geometry.mesh.repair.damage import DAMAGES, Mesh, body, damaged
 from geometry.mesh.repair.repaired_meshes import accepted, apart, volume
+from references.damaged_meshes import DAMAGES, Mesh, body, damaged
 
 HAIR = 10e-6
 """Twice what a sliver or a crack may move the surface [m]."""

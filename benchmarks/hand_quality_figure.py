@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from benchmarks.hand_mesh_quality import SPEED, Outcome
+from benchmarks.hand_quality import SPEED, Outcome
 
 COLOURS = {"pinch": "C0", "open hand": "C1"}
 """Of the scenes."""

@@ -11,8 +11,6 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Complex128, Float64, Int64, Real
 
-from airtact.benching.scenes import Bodies
-from airtact.benching.timing import Timed, relative_error
 from airtact.errors import InvalidInput
 from airtact.geometry.mesh.topology import cone_volumes
 from airtact.geometry.primitives import Capsule
@@ -20,6 +18,7 @@ from airtact.hands.body import Hulls
 from airtact.hands.skin_mesh import even_skin
 from airtact.printing import in_short
 from airtact.timing import Progress, no_progress
+from benchmarks.common import Bodies, Timed, relative_error
 
 Case = dict[str, Real[np.ndarray, "..."] | float | int]
 """What a script reads, by name."""

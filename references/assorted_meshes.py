@@ -6,7 +6,7 @@ import numpy as np
 import trimesh
 from trimesh import boolean, creation
 
-from geometry.mesh.repair.damage import hand
+from references.damaged_meshes import hand
 
 Mesh = tuple[np.ndarray, np.ndarray]
 

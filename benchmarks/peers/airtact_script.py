@@ -7,9 +7,9 @@ import sys
 import time
 
 import numpy as np
+from peak_memory import forget_peak, peak
 
 import airtact as at
-from airtact.benching.peers.peak_memory import forget_peak, peak
 
 
 def main(case_file: str, answer_file: str) -> None:

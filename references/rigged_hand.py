@@ -10,14 +10,14 @@ from scipy.spatial.transform import Rotation
 
 from airtact.geometry.mesh.curving import SHARP_DEGREES, curved
 from airtact.geometry.mesh.topology import edge_twins
+from airtact.geometry.quadratic_mesh import QuadraticMesh
 from airtact.hands.body import OWNER, PARTS
 from airtact.hands.hand import Hand
 from airtact.hands.joints import CHAINS
 from airtact.hands.kinematics import bending_axis
-from geometry.mesh.meshes import flat_mesh
-from paths import GENERIC_HAND
+from airtact.setup.examples import example
 
-FILE = GENERIC_HAND
+FILE = example("generic-hand-right.glb")
 
 KINDS = {5121: np.uint8, 5123: np.uint16, 5126: np.float32}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
@@ -284,6 +284,14 @@ def off_each_other(
     )
     owner = np.r_[OWNER, np.full(len(PARTS) - len(OWNER), 5)]
     parts = [owner[hand.shape.hulls.look(places).nearest] for places in (there, back)]
-    from_true = np.abs(flat_mesh(skin.vertices, skin.triangles).depth(there))
-    from_fitted = np.abs(flat_mesh(true.vertices, true.triangles).depth(back))
+    from_true = np.abs(_flat(skin.vertices, skin.triangles).depth(there))
+    from_fitted = np.abs(_flat(true.vertices, true.triangles).depth(back))
     return from_true, from_fitted, *parts
+
+
+def _flat(vertices: np.ndarray, triangles: np.ndarray) -> QuadraticMesh:
+    """Triangles that stay flat, unchecked: their ``depth`` is the distance to the triangles."""
+    corners = vertices[triangles]
+    straight = 0.5 * (corners + np.roll(corners, -1, axis=1))
+    smooth = np.zeros(triangles.shape, dtype=bool)
+    return QuadraticMesh(vertices, triangles, straight, 0.0, smooth)

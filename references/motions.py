@@ -6,7 +6,7 @@ import numpy as np
 
 from airtact.hands.hand import hand_from_joints
 from airtact.hands.tracking.frame import HandFrame
-from hands.hand_poses import example
+from references.hand_poses import example
 
 SPEED = 0.5
 """Fastest that the whole hand moves in ``Pinching`` [m/s]."""

@@ -5,8 +5,8 @@ import numpy as np
 from airtact.geometry.pose import Pose
 from airtact.hands.hand import Hand, hand_from_joints
 from airtact.hands.joints import CHAINS
-from hands.hand_poses import example, turned
-from hands.tracking.hand_pictures import facing
+from references.hand_pictures import facing
+from references.hand_poses import example, turned
 
 BENDS = ((-15, 35), (0, 35), (0, 20))
 """How much knuckle, middle and last joint of each finger are bent beyond those of the relaxed hand [degrees]."""

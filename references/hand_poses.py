@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from airtact.hands.joints import CHAINS
-from paths import HANDS
+from airtact.setup.examples import example as packaged
 
 FLEXION = ((-20, 90), (0, 110), (0, 80))
 """Bending of knuckle, middle and last joint of a finger [degrees]."""
@@ -20,7 +20,7 @@ THUMB = ((-25, 25), (-20, 45), (0, 55), (-15, 80))
 
 def example(name: str) -> tuple[np.ndarray, np.ndarray]:
     """Return joints (25, 3) and radii (25,) of an example [m]."""
-    pose = json.loads((HANDS / f"{name}.json").read_text())
+    pose = json.loads(packaged(f"{name}.json").read_text())
     return np.array(pose["positions_m"]), np.array(pose["radii_m"])
 
 

@@ -13,8 +13,8 @@ from airtact.hands.joints import hand_length
 from airtact.hands.tracking.adapters import mediapipe_camera
 from airtact.hands.tracking.receivers import WebSocketReceiver
 from airtact.hands.tracking.stream import HandStream, StreamHealth
-from hands.tracking.hand_pictures import FOCAL, pictured
-from hands.tracking.hand_poses_seen import twenty
+from references.hand_pictures import FOCAL, pictured
+from references.hand_poses_seen import twenty
 
 MEDIAPIPE = os.environ.get("AIRTACT_MEDIAPIPE")
 """A Python that has mediapipe 0.10.21 and websockets, or None."""

@@ -6,10 +6,10 @@ from functools import cache
 import numpy as np
 import trimesh
 
-from paths import GENERIC_HAND
+import airtact as at
 
 Mesh = tuple[np.ndarray, np.ndarray]
-HAND = GENERIC_HAND
+HAND = at.example("generic-hand-right.glb")
 
 
 # --- bodies, in metres ----------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Independent methods that solvers are held to: nothing in src may import them."""
+"""Independent solutions, difficult meshes and hand motions that tests and benchmarks share."""
 
 import numpy as np
 
