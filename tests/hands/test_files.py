@@ -8,7 +8,7 @@ import pytest
 
 from airtact.hands.files import load_cloud, load_landmarks
 from faults import raises_code
-from references.hand_poses import HANDS
+from paths import HANDS
 
 POINTS = np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]])
 

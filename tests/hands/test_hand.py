@@ -21,7 +21,8 @@ from airtact.hands.joints import CHAINS, NAMES, side_evidence
 from airtact.hands.kinematics import gap_of
 from airtact.hands.shape import MAX_KEYFRAMES
 from faults import raises_code
-from references.hand_poses import HANDS, example, random_pose
+from paths import HANDS
+from references.hand_poses import example, random_pose
 
 PINCH, RADII = example("pinch")
 RELAXED, _ = example("relaxed")

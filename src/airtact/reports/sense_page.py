@@ -332,7 +332,9 @@ def _across(window: Window) -> Window:
 def _fill(axes: Axes, plane: Window, bodies: Sequence[Surface]) -> None:
     loops: list[Float64[np.ndarray, "_ 3"]] = cut_bodies(plane, bodies)
     if loops:
-        paths = [Outline(plane.seen(np.concatenate([loop, loop[:1]])), closed=True) for loop in loops]
+        paths = [
+            Outline(plane.seen(np.concatenate([loop, loop[:1]])), closed=True) for loop in loops
+        ]
         axes.add_patch(
             PathPatch(
                 Outline.make_compound_path(*paths), facecolor=BODY, edgecolor="0.25", linewidth=0.8
