@@ -36,12 +36,12 @@ from airtact.hands.hand import hand_from_joints
 from airtact.hands.kinematics import turned
 from airtact.hands.tracking.frame import FaultyFrame, HandFrame
 from airtact.hands.tracking.messages import to_json
-from airtact.live.distances import foci_on
 from airtact.live.drives.bending import BendingHand, SkinSources
 from airtact.live.drives.factors import HandFactors, PartSolver, solved
 from airtact.live.drives.maker import HandAware, solved_for
-from airtact.live.drives.solver_process import SOLVED_AHEAD, Asked, Plan, ShapeSolver
-from airtact.live.parts import Controls, LiveScene, Rule
+from airtact.live.drives.solver_process import SOLVED_AHEAD, Plan, Request, SolverProcess
+from airtact.live.moment import Controls, Rule
+from airtact.live.scene import LiveScene, foci_on
 from references.hand_poses import example
 from references.motions import Pinching, reached
 
@@ -181,9 +181,9 @@ def frames_of(
 class NotReposed(HandAware):
     """Plays the newest solution as it was solved."""
 
-    def _rows(self, riding, solution):
+    def _rows(self, posed, solution):
         return (
-            super()._rows(riding, None)
+            super()._rows(posed, None)
             if solution is None
             else self._open_air.rows(solution.foci) * solution.factors
         )
@@ -266,14 +266,14 @@ def recorded(path: Path) -> list[Played]:
 # --- the virtual clock ----------------------------------------------------------------------------------------------
 
 
-class Emulated(ShapeSolver):
+class Emulated(SolverProcess):
     """Solves one part, each solution being ready after a given time of a clock that ``advance`` sets."""
 
     def __init__(self, scene: LiveScene, part: Rule) -> None:
         self._scene, self._part, self._lasts = scene, part, SECONDS[part]
         self._plan = Plan((part,))
         self._plan.seconds[part] = self._lasts
-        self._asked: tuple[float, Asked] | None = None
+        self._asked: tuple[float, Request] | None = None
         self._running: tuple[float, HandFactors | str] | None = None
         self._ready: list[HandFactors | str] = []
         self._solver = PartSolver(scene)
@@ -302,10 +302,10 @@ class Emulated(ShapeSolver):
     def _found(self, joints: np.ndarray, part: Rule, then: float) -> HandFactors | None:
         return self._solver.solved(joints, part, then)
 
-    def ask(self, asked: Asked) -> None:
+    def ask(self, asked: Request) -> None:
         self._asked = self._now, asked
 
-    def found(self) -> list[HandFactors | str]:
+    def solutions(self) -> list[HandFactors | str]:
         ready, self._ready = self._ready, []
         return ready
 

@@ -34,8 +34,7 @@ from airtact.live.drives.factors import (
     part_of,
     solved,
 )
-from airtact.live.drives.riding import ride
-from airtact.live.parts import LiveScene
+from airtact.live.scene import LiveScene, pose_hand
 from airtact.printing import in_short
 from airtact.setup.examples import example
 from airtact.transducers.element import monopole
@@ -467,14 +466,14 @@ class Phalanges:
         self, joints: Float64[np.ndarray, "25 3"], matrix: Complex128[np.ndarray, "foci elements"]
     ) -> float:
         """Least correlation of a row with that of the same phalanges, solved more accurately as one body."""
-        scene, riding = self.scene, ride(self.scene, joints)
+        scene, posed = self.scene, pose_hand(self.scene, joints)
         body = Scene(
             scene.medium,
-            [sound_hard(part_of(riding.hand, "phalanges", scene.places))],
+            [sound_hard(part_of(posed.hand, "phalanges", scene.places))],
             frequency=scene.frequency,
         )
-        beacons = Target(beacon_points(scene, riding)).beacons()
+        beacons = Target(beacon_points(scene, posed)).beacons()
         field = BoundaryElement(accuracy=REFERENCE_ACCURACY, estimate=False).radiate(body, beacons)
-        fine = factors_of(scene, riding, "phalanges", 0.0, field.at(scene.array.positions)).factors
-        exact = self.open_air.rows(riding.foci) * fine
+        fine = factors_of(scene, posed, "phalanges", 0.0, field.at(scene.array.positions)).factors
+        exact = self.open_air.rows(posed.foci) * fine
         return min(correlation(one, other) for one, other in zip(matrix, exact, strict=True))

@@ -20,8 +20,8 @@ import airtact as at
 from airtact.acoustics.solvers.bem.operator import assemble, transposed_right_side
 from airtact.acoustics.solvers.gmres import gmres
 from airtact.hands.hand import hand_from_joints
-from airtact.live.distances import foci_on
 from airtact.live.drives.factors import OpenAir, solved
+from airtact.live.scene import foci_on
 from references import before_a_plane
 from references.motions import pinch_pose
 
@@ -204,7 +204,7 @@ def live_rows() -> Iterator[str]:
         for known in (replace(without, planes=(table,)), without):
             for part in ("hand", "phalanges"):
                 factors = solved(known, hand.joints, part, 0.0).factors
-                rows = known.sounding.folded(OpenAir(known).rows(target.points) * factors)
+                rows = known.with_images.folded(OpenAir(known).rows(target.points) * factors)
                 drive = at.weighted_gerchberg_saxton(at.TransferMatrix(rows, float("nan")), target)
                 shares.append(_at_weakest(exact, drive.amplitudes) / best)
         words = "whole hand {:.3f}, phalanges {:.3f} (without the table {:.3f}, {:.3f})".format(

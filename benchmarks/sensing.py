@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 import airtact as at
 from airtact import Echoes
 from airtact.live.drives.factors import part_of, rigid_part
-from airtact.live.drives.riding import ride
+from airtact.live.scene import pose_hand
 from airtact.sensing import (
     Located,
     ScatteringFamily,
@@ -235,7 +235,7 @@ def hand(count: int) -> None:
     """
     setup = at.read_scene(at.example("live_pinch"), followed=True)
     live, own = at.live.live_scene(setup), setup.hands[0]
-    foci = ride(live, own.joints).foci
+    foci = pose_hand(live, own.joints).foci
 
     def air(surfaces: list[at.Surface]) -> at.Scene:
         return at.Scene(

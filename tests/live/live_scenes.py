@@ -7,9 +7,10 @@ import numpy as np
 import airtact as at
 from airtact.hands.hand import hand_from_joints
 from airtact.hands.tracking.stream import HandStream
+from airtact.live.moment import Moment
 from airtact.live.page.process import PageProcess
 from airtact.live.page.sound import DirectSound
-from airtact.live.parts import LiveScene, Moment
+from airtact.live.scene import LiveScene
 from airtact.transducers.modulation import AmplitudeModulation
 from references.motions import pinch_pose
 

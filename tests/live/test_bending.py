@@ -9,12 +9,11 @@ import pytest
 import airtact as at
 from airtact.acoustics.solvers.monopoles import monopole_pressure
 from airtact.hands.kinematics import turned
-from airtact.live.drives.bending import BendingHand, bones_of
+from airtact.live.drives.bending import BendingHand, ElementSubset, bones_of
 from airtact.live.drives.factors import HandFactors, OpenAir, solved
 from airtact.live.drives.maker import solved_for
-from airtact.live.drives.riding import ride
-from airtact.live.drives.solver_process import Asked, SolverProcess
-from airtact.live.drives.some_elements import SomeElements
+from airtact.live.drives.solver_process import Request, SolverProcess
+from airtact.live.scene import pose_hand
 from live.live_scenes import one_board
 from references.hand_poses import example
 
@@ -55,7 +54,7 @@ def bending(scene, joints):
 
 def alike(scene, joints, one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """How alike the rows of two transfer matrices are, 1 where they are the same but for a factor."""
-    rows = OpenAir(scene).rows(ride(scene, joints).foci)
+    rows = OpenAir(scene).rows(pose_hand(scene, joints).foci)
     one, other = rows * one, rows * other
     overlap = np.abs(np.sum(one.conj() * other, axis=1))
     return overlap / np.linalg.norm(one, axis=1) / np.linalg.norm(other, axis=1)
@@ -89,7 +88,7 @@ def test_a_hand_that_moves_as_a_whole_carries_its_sources_along(scene, joints, b
     sources, elements = bending.solved(start, 0.0), pose.inverse().apply(scene.array.positions)
     wavenumber = scene.medium.wavenumber(scene.frequency)
     straight = monopole_pressure(
-        elements, sources.riding.foci, np.eye(3, dtype=complex), wavenumber, "float64"
+        elements, sources.posed.foci, np.eye(3, dtype=complex), wavenumber, "float64"
     )
     scattered = monopole_pressure(
         elements, sources.points, sources.strengths, wavenumber, "float64"
@@ -101,7 +100,7 @@ def test_a_hand_that_moves_as_a_whole_carries_its_sources_along(scene, joints, b
 
 
 def test_what_comes_by_way_of_bones_is_added_up_with_the_phase_of_its_path(scene, joints, bending):
-    found, later = bending.carried(joints, 0.0), ride(scene, bent(joints, scene, 0.02))
+    found, later = bending.carried(joints, 0.0), pose_hand(scene, bent(joints, scene, 0.02))
     moved = bones_of(later.hand)
     turns = np.einsum("hij,hik->hjk", found.bones.axes, moved.axes)
     centres = (
@@ -118,9 +117,9 @@ def test_what_comes_by_way_of_bones_is_added_up_with_the_phase_of_its_path(scene
 
 @pytest.mark.parametrize("array", [at.flat_boards(2, 2), at.surrounding_box()])
 def test_what_varies_slowly_over_an_array_follows_from_some_elements(array):
-    some = SomeElements.of(array.positions, len(array) // 4)
+    some = ElementSubset.of(array.positions, len(array) // 4)
     waves = np.exp(1j * np.array([[20.0, -30.0, 10.0], [0.0, 25.0, 25.0]]) @ array.positions.T)
-    found = some.everywhere(waves[:, some.chosen].astype(np.complex64))
+    found = some.interpolated(waves[:, some.chosen].astype(np.complex64))
     assert found.shape == waves.shape
     np.testing.assert_allclose(found[:, some.chosen], waves[:, some.chosen], atol=1e-5)
     assert np.linalg.norm(found - waves) < 0.1 * np.linalg.norm(waves)
@@ -132,12 +131,12 @@ def test_a_process_carries_what_its_thread_solves_and_ends_without_a_fault(scene
     process = SolverProcess(scene, ("carried",))
     try:
         until = time.monotonic() + 300.0
-        while not (found := process.found()) and time.monotonic() < until:
-            process.ask(Asked(0.0, joints, np.zeros((25, 3)), time.monotonic()))
+        while not (found := process.solutions()) and time.monotonic() < until:
+            process.ask(Request(0.0, joints, np.zeros((25, 3)), time.monotonic()))
             time.sleep(0.02)
         assert isinstance(found[-1], HandFactors)
         assert found[-1].factors.shape == (3, len(scene.array))
-        process.ask(Asked(0.1, joints, np.zeros((25, 3)), time.monotonic()))
+        process.ask(Request(0.1, joints, np.zeros((25, 3)), time.monotonic()))
         process._newest.end()  # as where the loop is gone, in the middle of what its thread solves
         assert process._process.wait(300.0) == 0
     finally:

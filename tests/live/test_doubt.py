@@ -5,11 +5,10 @@ import pytest
 
 import airtact as at
 from airtact.drives.methods import METHODS
-from airtact.live.drives.doubt import MOST, SHARE, displaced, off_by, robust_drive
 from airtact.live.drives.factors import OpenAir
-from airtact.live.drives.maker import HandAware
-from airtact.live.drives.riding import ride
-from airtact.live.parts import Controls, LiveScene
+from airtact.live.drives.maker import HandAware, displaced, off_by, robust_drive
+from airtact.live.moment import Controls
+from airtact.live.scene import LiveScene, pose_hand
 from references.motions import pinch_pose, still
 
 
@@ -26,7 +25,7 @@ def scene():
 
 @pytest.fixture(scope="module")
 def foci(scene):
-    return ride(scene, pinch_pose()[0]).foci
+    return pose_hand(scene, pinch_pose()[0]).foci
 
 
 def lowest_tenth(scene, foci, off, amplitudes) -> float:
@@ -43,7 +42,7 @@ def lowest_tenth(scene, foci, off, amplitudes) -> float:
 def test_a_robust_drive_keeps_more_where_foci_are_off(scene, foci, phases, method, gain):
     off = 1.2e-3
     rows = OpenAir(scene).rows(foci)
-    made = robust_drive(scene, rows, foci, off / SHARE, phases)
+    made = robust_drive(scene, rows, foci, 3.0 * off, phases)
     usual = METHODS[method](at.TransferMatrix(rows, float("nan")), at.Target(foci)).amplitudes
     assert lowest_tenth(scene, foci, off, made) > gain * lowest_tenth(scene, foci, off, usual)
     assert np.abs(made).max() == pytest.approx(1.0)
@@ -57,7 +56,7 @@ def test_displaced_rows_are_those_of_displaced_foci(scene, foci):
         samples[:8] * samples[8:], np.tile(samples[:1] * samples[8:9], (8, 1, 1)), rtol=1e-3
     )
     assert samples.shape == (16, 2, len(scene.array))
-    from airtact.live.drives.doubt import _deviations
+    from airtact.live.drives.maker import _deviations
 
     exact = open_air.rows(foci + 1e-3 * _deviations(2)[3])
     assert np.linalg.norm(samples[3] - exact) < 0.05 * np.linalg.norm(exact)
@@ -65,9 +64,9 @@ def test_displaced_rows_are_those_of_displaced_foci(scene, foci):
 
 def test_sure_foci_get_the_strongest_drive(scene, foci):
     assert off_by(0.3e-3) == 0.0
-    assert off_by(1.0) == MOST
+    assert off_by(1.0) == 1.5e-3
     rows = OpenAir(scene).rows(foci)
-    sure = robust_drive(scene, rows, foci, 0.3e-3, phases=True)
+    sure = robust_drive(scene, rows, foci, 0.3e-3, phase_only=True)
     best = METHODS["weighted_gerchberg_saxton"](
         at.TransferMatrix(rows, float("nan")), at.Target(foci)
     ).amplitudes

@@ -8,25 +8,28 @@ import pytest
 
 import airtact as at
 from airtact.live.drives.factors import HandFactors, OpenAir, RigidParts, solved
-from airtact.live.drives.library import CAPACITY, Library, expected_kept
+from airtact.live.drives.library import Library, expected_kept
 from airtact.live.drives.maker import HandAware
-from airtact.live.drives.riding import gap_change, ride, turn
-from airtact.live.drives.solver_process import Asked, ShapeSolver, SolverProcess
-from airtact.live.parts import Controls
+from airtact.live.drives.solver_process import Request, SolverProcess
+from airtact.live.moment import Controls
+from airtact.live.scene import gap_change, pose_hand, turn
 from live.live_scenes import one_board
 from references.hand_poses import example
 from references.motions import pinch_pose, still
 
 
-class Nothing(ShapeSolver):
+class Nothing(SolverProcess):
     """Solves nothing."""
 
     asked = None
 
+    def __init__(self):
+        pass
+
     def ask(self, asked):
         self.asked = asked
 
-    def found(self):
+    def solutions(self):
         return []
 
     def close(self):
@@ -37,10 +40,10 @@ class Ready(Nothing):
     """Has what was solved."""
 
     def __init__(self, *solutions):
-        self.solutions = list(solutions)
+        self.ready = list(solutions)
 
-    def found(self):
-        solutions, self.solutions = self.solutions, []
+    def solutions(self):
+        solutions, self.ready = self.ready, []
         return solutions
 
 
@@ -63,10 +66,10 @@ def seen(joints) -> at.hands.HandFrame:
 @pytest.fixture(scope="module")
 def exact(scene, joints):
     """The transfer matrix of the whole hand."""
-    riding = ride(scene, joints)
-    air = at.Scene(scene.medium, [at.sound_hard(riding.hand.surface)], frequency=scene.frequency)
+    posed = pose_hand(scene, joints)
+    air = at.Scene(scene.medium, [at.sound_hard(posed.hand.surface)], frequency=scene.frequency)
     beacons = at.BoundaryElement(accuracy=0.03, estimate=False).radiate(
-        air, at.Target(riding.foci).beacons()
+        air, at.Target(posed.foci).beacons()
     )
     return at.transfer_matrix(beacons, scene.array)
 
@@ -81,7 +84,7 @@ def at_weakest(transfer: at.TransferMatrix, amplitudes: np.ndarray) -> float:
 
 
 def test_open_air_rows_are_those_of_the_transfer_matrix(scene, joints):
-    foci = ride(scene, joints).foci
+    foci = pose_hand(scene, joints).foci
     empty = at.Scene(scene.medium, [], frequency=scene.frequency)
     exact = at.open_air_matrix(empty, scene.array, at.Target(foci)).matrix
     np.testing.assert_allclose(OpenAir(scene).rows(foci), exact, atol=2e-4 * np.abs(exact).max())
@@ -107,19 +110,19 @@ def test_factors_ride_along_with_a_hand_that_moves_as_a_whole(scene, joints, pha
     middle = joints.mean(axis=0)
     pose = at.Pose.turn((0.3, 1.0, 0.2), 0.06, translation=(0.004, -0.003, 0.005))
     moved = pose.apply(joints - middle) + middle
-    riding = ride(scene, moved)
+    posed = pose_hand(scene, moved)
     fresh = solved(scene, moved, "phalanges", 0.0)
-    rows = OpenAir(scene).rows(riding.foci)
-    assert gap_change(riding.distances, phalanges.distances) < 1e-9
-    assert 0.02 < turn(riding.directions, phalanges.directions) < 0.1
+    rows = OpenAir(scene).rows(posed.foci)
+    assert gap_change(posed.distances, phalanges.distances) < 1e-9
+    assert 0.02 < turn(posed.directions, phalanges.directions) < 0.1
     for carried, own in zip(rows * phalanges.factors, rows * fresh.factors, strict=True):
         assert abs(np.vdot(carried, own)) > 0.97 * np.linalg.norm(carried) * np.linalg.norm(own)
 
 
 def test_rigid_phalanges_are_solved_wherever_they_are(scene, joints, phalanges):
-    wide = np.array(ride(scene, joints).hand.open_to(0.03).joints)
+    wide = np.array(pose_hand(scene, joints).hand.open_to(0.03).joints)
     rigid = RigidParts(scene, wide)
-    again, rows = rigid.solved(joints, 0.0), OpenAir(scene).rows(ride(scene, joints).foci)
+    again, rows = rigid.solved(joints, 0.0), OpenAir(scene).rows(pose_hand(scene, joints).foci)
     for one, other in zip(rows * again.factors, rows * phalanges.factors, strict=True):
         assert abs(np.vdot(one, other)) > 0.98 * np.linalg.norm(one) * np.linalg.norm(other)
     assert not rigid.outgrown
@@ -139,7 +142,7 @@ def test_a_palm_is_a_plane_beside_rigid_phalanges():
     )
     places, offsets = ("palm", "index.pad"), np.full(2, 2e-3)
     scene = at.live.LiveScene(at.air(), 40e3, array, hand.side, radii, places, offsets)
-    open_air = OpenAir(scene).rows(ride(scene, joints).foci)
+    open_air = OpenAir(scene).rows(pose_hand(scene, joints).foci)
     whole = open_air * solved(scene, joints, "hand", 0.0).factors
     rigid = open_air * RigidParts(scene, joints).solved(joints, 0.0).factors
 
@@ -166,7 +169,7 @@ def test_distances_are_played_where_nothing_is_solved_or_wanted(scene, joints, p
 
 
 def test_a_pose_far_from_what_was_solved_is_not_trusted(scene, joints, phalanges):
-    far = np.array(ride(scene, joints).hand.open_to(0.06).joints)
+    far = np.array(pose_hand(scene, joints).hand.open_to(0.06).joints)
     near, opened = (HandAware(scene, noise=1e-4, solvers=[Ready(phalanges)]) for _ in range(2))
     near.take(seen(joints))
     opened.take(seen(far))
@@ -189,10 +192,9 @@ def test_poses_that_are_alike_are_kept_once(scene, joints, phalanges):
     for _ in range(3):
         library.add(phalanges)
     assert len(library) == 1
-    found = library.best(ride(scene, joints))[1]
+    found = library.best(pose_hand(scene, joints))[1]
     assert found is not None
     np.testing.assert_array_equal(found.factors, phalanges.factors)
-    assert CAPACITY >= 100
 
 
 def test_the_process_solves_says_what_it_cannot_and_ends(scene, joints):
@@ -203,8 +205,8 @@ def test_the_process_solves_says_what_it_cannot_and_ends(scene, joints):
     def wait_for(kind: type, hand: np.ndarray) -> object:
         until = time.monotonic() + 120.0
         while time.monotonic() < until:
-            process.ask(Asked(0.0, hand, np.zeros((25, 3)), time.monotonic()))
-            found = [one for one in process.found() if isinstance(one, kind)]
+            process.ask(Request(0.0, hand, np.zeros((25, 3)), time.monotonic()))
+            found = [one for one in process.solutions() if isinstance(one, kind)]
             if found:
                 return found[-1]
             time.sleep(0.01)

@@ -126,7 +126,7 @@ def test_a_hand_where_no_sound_may_be_gets_none(scene, tmp_path, shift, reason):
 
 
 def test_the_clock_of_the_frames_is_found():
-    from airtact.live.clock import FrameClock
+    from airtact.live.sources import FrameClock
 
     clock = FrameClock(latency=0.01)
     for index in range(10):
@@ -190,7 +190,7 @@ def test_frames_that_come_before_the_loop_begins_are_not_lost():
     assert all(one <= other for (_, one), (_, other) in pairwise(came))
 
 
-class Slow(at.live.Nowhere):
+class Slow(at.live.Output):
     """A link that takes 15 ms a drive."""
 
     def send(self, amplitudes) -> None:

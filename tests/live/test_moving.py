@@ -10,8 +10,8 @@ from airtact.drives.methods import METHODS
 from airtact.live.drives.factors import OpenAir, solved
 from airtact.live.drives.maker import HandAware
 from airtact.live.drives.moving import Rounds, aligned, moving_points, turned_towards
-from airtact.live.drives.riding import ride
-from airtact.live.parts import Controls
+from airtact.live.moment import Controls
+from airtact.live.scene import pose_hand
 from live.test_drives import Ready
 from live.test_loop import recorded
 from references.motions import to_and_fro
@@ -52,12 +52,12 @@ def phalanges(scene, joints):
 
 def test_paths_are_those_of_the_scene_and_ride_with_the_hand(setup, scene, joints):
     paths = setup.modulation.paths(setup.scene, setup.target, setup.array.positions.mean(axis=0))
-    here = moving_points(scene.moving, ride(scene, joints))
+    here = moving_points(scene.moving, pose_hand(scene, joints))
     np.testing.assert_allclose(
         here, paths.transpose(1, 0, 2), atol=2e-4
     )  # the foci of the file are on its mesh
     pose = at.Pose.turn((0.0, 0.0, 1.0), 0.4, (0.01, 0.02, 0.03))
-    moved = moving_points(scene.moving, ride(scene, pose.apply(joints)))
+    moved = moving_points(scene.moving, pose_hand(scene, pose.apply(joints)))
     np.testing.assert_allclose(
         moved, pose.apply(here.reshape(-1, 3)).reshape(here.shape), atol=1e-9
     )
@@ -65,22 +65,22 @@ def test_paths_are_those_of_the_scene_and_ride_with_the_hand(setup, scene, joint
 
 
 def test_rows_are_carried_on_to_the_displaced_foci(scene, joints):
-    riding, open_air = ride(scene, joints), OpenAir(scene)
-    points = moving_points(scene.moving, riding).reshape(-1, 3)
+    posed, open_air = pose_hand(scene, joints), OpenAir(scene)
+    points = moving_points(scene.moving, posed).reshape(-1, 3)
     carried, exact = (
-        Rounds(scene, scene.moving, open_air.rows)._rows(riding, points),
+        Rounds(scene, scene.moving, open_air.rows)._rows(posed, points),
         open_air.rows(points),
     )
     assert np.linalg.norm(carried - exact) < 0.05 * np.linalg.norm(exact)
 
 
 def test_each_focus_gets_its_sound_where_it_is(scene, joints, phalanges):
-    riding = ride(scene, joints)
+    posed = pose_hand(scene, joints)
     frames = Rounds(scene, scene.moving, OpenAir(scene).rows).frames(
-        riding, phalanges.factors[2:], "best"
+        posed, phalanges.factors[2:], "best"
     )
-    points = moving_points(scene.moving, riding)
-    air = at.Scene(scene.medium, [at.sound_hard(riding.hand.surface)], frequency=scene.frequency)
+    points = moving_points(scene.moving, posed)
+    air = at.Scene(scene.medium, [at.sound_hard(posed.hand.surface)], frequency=scene.frequency)
     some = (0, 6)
     target = at.Target(points[list(some)].reshape(-1, 3))
     beacons = at.BoundaryElement(accuracy=0.08, estimate=False).radiate(air, target.beacons())

@@ -9,19 +9,29 @@ import pytest
 import airtact as at
 from airtact.hands.hand import hand_from_joints
 from airtact.live.drives.factors import OpenAir, part_of, solved
-from airtact.live.drives.riding import ride
-from airtact.live.page.section import ACROSS, ENLARGED, PIXELS, Section, enlarged
-from airtact.live.page.skin import MovingSkin
-from airtact.live.page.solved import Asked, SolvedSound, SoundSolver
-from airtact.live.page.sound import DirectSound
-from airtact.live.parts import LiveScene, Moment
+from airtact.live.moment import Moment
+from airtact.live.page.sound import (
+    SLICE_POINTS,
+    SLICE_SIZE,
+    SLICE_ZOOM,
+    DirectSound,
+    Section,
+    SoundProcess,
+    SoundRequest,
+    SoundSolver,
+    enlarged,
+)
+from airtact.live.page.view import MovingSkin
+from airtact.live.scene import LiveScene, pose_hand
 from live.live_scenes import one_board, playing
 
 
-def asked(scene: LiveScene, moment: Moment, section: Section | None = None) -> Asked:
+def asked(scene: LiveScene, moment: Moment, section: Section | None = None) -> SoundRequest:
     vertices, _ = MovingSkin(scene.radii).at(moment.joints)
     section = section or Section(moment.foci.mean(axis=0), "y", 0.0)
-    return Asked(time.monotonic(), moment.joints, moment.foci, moment.amplitudes, vertices, section)
+    return SoundRequest(
+        time.monotonic(), moment.joints, moment.foci, moment.amplitudes, vertices, section
+    )
 
 
 @pytest.mark.parametrize(
@@ -33,7 +43,7 @@ def asked(scene: LiveScene, moment: Moment, section: Section | None = None) -> A
     ],
 )
 def test_a_slice_begins_at_the_upper_left(across, along, up, normal) -> None:
-    middle, half = np.array([0.01, 0.02, 0.03]), 0.5 * ACROSS
+    middle, half = np.array([0.01, 0.02, 0.03]), 0.5 * SLICE_SIZE
     section = Section(middle, across, 5e-3)
     points = section.points()
     centre = middle + 5e-3 * np.array(normal)
@@ -42,7 +52,7 @@ def test_a_slice_begins_at_the_upper_left(across, along, up, normal) -> None:
         points[0], centre - half * np.array(along) + half * np.array(up), atol=1e-12
     )
     np.testing.assert_allclose(
-        points[PIXELS - 1], centre + half * np.array(along) + half * np.array(up), atol=1e-12
+        points[SLICE_POINTS - 1], centre + half * np.array(along) + half * np.array(up), atol=1e-12
     )
     assert np.linalg.det(section.axes) == pytest.approx(1.0)
 
@@ -51,7 +61,7 @@ def test_a_plane_wave_is_as_strong_between_the_points_of_a_slice() -> None:
     points = Section(np.zeros(3), "y", 0.0).points()
     wave = np.exp(1j * 732.0 * (points @ [0.6, 0.0, 0.8]))
     magnitude = enlarged(wave)
-    assert magnitude.shape == (ENLARGED * PIXELS, ENLARGED * PIXELS)
+    assert magnitude.shape == (SLICE_ZOOM * SLICE_POINTS, SLICE_ZOOM * SLICE_POINTS)
     assert np.abs(magnitude[4:-4, 4:-4] - 1.0).max() < 0.1
 
 
@@ -59,14 +69,16 @@ def test_a_focus_gets_what_a_beacon_there_sends_to_the_array() -> None:
     """The direct equation here and the transposed one, which drives are made with, agree by reciprocity."""
     scene, moment = one_board(), playing(one_board(), 0.2)
     scene = replace(scene, places=("middle.pad", "ring.pad"), offsets=np.full(2, 5e-3))
-    foci = ride(scene, moment.joints).foci
+    foci = pose_hand(scene, moment.joints).foci
     rows = OpenAir(scene).rows(foci)
     amplitudes = rows.conj().sum(axis=0) / np.abs(rows.sum(axis=0)).max()
     sent = np.abs((rows * solved(scene, moment.joints, "hand", 0.0).factors) @ amplitudes)
     solver, skin = SoundSolver(scene), np.zeros((1, 3))
     for focus, expected in zip(foci, sent, strict=True):
-        section = Section(focus + 0.5 * ACROSS / (PIXELS - 1) * np.array([1.0, 0.0, 1.0]), "y", 0.0)
-        sound = solver.solved(Asked(0.0, moment.joints, foci, amplitudes, skin, section))
+        section = Section(
+            focus + 0.5 * SLICE_SIZE / (SLICE_POINTS - 1) * np.array([1.0, 0.0, 1.0]), "y", 0.0
+        )
+        sound = solver.solved(SoundRequest(0.0, moment.joints, foci, amplitudes, skin, section))
         nearest = np.argmin(np.linalg.norm(section.points() - focus, axis=1))
         np.testing.assert_allclose(section.points()[nearest], focus, atol=1e-9)
         print(np.abs(sound.field[nearest]) / expected)
@@ -105,7 +117,7 @@ def test_skin_and_slice_are_those_of_a_finer_solution() -> None:
 
 def test_a_solver_that_has_died_leaves_the_page_with_the_direct_sound() -> None:
     scene = one_board()
-    solving = SolvedSound(scene)
+    solving = SoundProcess(scene)
     solving._process.kill()
     solving._process.join()
     what = asked(scene, playing(scene))

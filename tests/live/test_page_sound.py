@@ -6,9 +6,9 @@ import pytest
 import airtact as at
 from airtact.geometry.mesh.topology import check_closed
 from airtact.hands.hand import hand_from_joints
-from airtact.live.page.skin import MovingSkin
 from airtact.live.page.sound import DirectSound
-from airtact.live.parts import LiveScene
+from airtact.live.page.view import MovingSkin
+from airtact.live.scene import LiveScene
 from live.live_scenes import one_board, playing
 from references.motions import Pinching
 

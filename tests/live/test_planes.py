@@ -8,13 +8,12 @@ import pytest
 import airtact as at
 from airtact.hands.hand import hand_from_joints
 from airtact.hands.tracking.frame import HandFrame
-from airtact.live.distances import foci_on
 from airtact.live.drives.factors import OpenAir, solved
 from airtact.live.drives.maker import HandAware
-from airtact.live.images import WithImages
+from airtact.live.moment import Controls
 from airtact.live.page.sound import DirectSound
-from airtact.live.parts import Controls, LiveScene
 from airtact.live.safety import Workspace
+from airtact.live.scene import LiveScene, WithImages, foci_on
 from airtact.live.session import Session, SessionWriter, read_session
 from airtact.live.verification import verify_session
 from live.live_scenes import one_board
@@ -64,7 +63,7 @@ def test_open_air_over_a_table_is_that_of_images(let_in) -> None:
     array = at.autd3_board(at.Pose(np.eye(3), TABLE.point)) if let_in else OVER.array
     scene = replace(OVER, array=array)
     foci = foci_on(HAND, scene)
-    found = scene.sounding.folded(OpenAir(scene).rows(foci))
+    found = scene.with_images.folded(OpenAir(scene).rows(foci))
     empty = at.Scene(scene.medium, [], frequency=40e3, planes=[TABLE])
     rows = at.transfer_matrix(
         at.FreeField().radiate(empty, at.Target(foci).beacons()), array

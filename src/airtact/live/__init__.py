@@ -1,7 +1,8 @@
-"""The sound follows a moving hand: frames of a tracker become drives at the boards, and what was done is recorded.
+"""Let the sound follow a moving hand: frames of a tracker become drives at the boards, and the session is recorded.
 
-``follow`` is the loop. Frames come from a ``HandSource``, drives from a ``DriveMaker`` and go to an
-``Output``; a ``SessionWriter`` records all of it, and ``read_session`` reads it back.
+``run`` starts the loop from a scene file. ``follow`` is the loop itself: frames come from a
+``HandSource``, drives from a ``DriveMaker``, and they go to an ``Output``. A ``SessionWriter``
+records the run, ``read_session`` reads it, and ``verify_session`` solves the hand that was there.
 """
 
 import lazy_loader

@@ -1,11 +1,10 @@
-"""The live loop: the newest frame in, the newest drive out; nothing queues, and what is not safe fades to silence."""
+"""The live loop: newest frame in, newest drive out. Nothing queues, and whatever is not safe fades to silence."""
 
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass, fields, replace
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Complex128
@@ -17,68 +16,41 @@ from airtact.errors import InvalidInput
 from airtact.hands.hand import Hand
 from airtact.hands.tracking.frame import HandFrame
 from airtact.hands.tracking.stream import StreamHealth
-from airtact.live.clock import FrameClock
-from airtact.live.distances import foci_on
-from airtact.live.output import Nowhere, Output
+from airtact.live.moment import Controls, DriveMaker, Moment, State
+from airtact.live.output import Output
 from airtact.live.page.process import PageProcess
-from airtact.live.parts import Controls, DriveMaker, LiveScene, Moment, State
-from airtact.live.safety import STALE, Gain, Workspace, hand_of
+from airtact.live.safety import MAX_FRAME_AGE, Gain, Workspace, hand_of
+from airtact.live.scene import Amplitudes, LiveScene, foci_on
 from airtact.live.session import SessionWriter
-from airtact.live.sources import HandSource, checked_seconds
+from airtact.live.sources import FrameClock, HandSource, checked_seconds
 
-OFTEN, SELDOM = 1.0 / 120.0, 1.0 / 66.0
-"""Shortest and longest time between the beginnings of two drives while the hand is there [s]."""
+MIN_INTERVAL = 1.0 / 120.0
+"""Shortest time between the beginnings of two drives [s]."""
 
-JITTER, LATEST = 4e-3, 1.0 / 45.0
-"""A frame that is due is waited for so much longer, and so long after the beginning of a drive at most [s]."""
+REPORT_INTERVAL = 0.5
+"""Time between two reports of the status [s]."""
 
-IDLE = 0.02
-"""How long the loop waits for a frame while nothing is emitted [s]."""
-
-REPORTED = 0.5
-"""Time between two reports [s]."""
-
-SMOOTHING = 0.1
-"""Weight of the newest drive in the running mean of how long one takes."""
-
-REMEMBERED = 4096
-"""Number of drives, the newest ones, that medians are taken of."""
-
-LATE = {"frames": 0.05, "solver": 0.1, "link": 0.01}
-"""What is late where it takes longer in the median: a frame is as old when a drive is begun, the hand that was solved
-last is as old when the drive is in the air, the link takes as long to accept a drive [s]."""
-
-IN_WORDS = {
-    "frames": "frames {:.0f} ms old",
-    "solver": "solver {:.0f} ms behind",
-    "link": "link {:.0f} ms a drive",
+LATE = {
+    "frames": (0.05, "frames {:.0f} ms old"),
+    "solver": (0.1, "solver {:.0f} ms behind"),
+    "link": (0.01, "link {:.0f} ms a drive"),
 }
-"""How the status states it."""
-
-
-class _Played(NamedTuple):
-    """Times of a drive that played, as ``LATE`` describes them [s], and what it is expected to keep; NaN: not known."""
-
-    sent: float
-    age: float
-    kept: float
-    frames: float
-    solver: float
-    link: float
+"""Median times above which a part of the loop is late [s], and how the status says so: the age of the
+newest frame when a drive is begun, the age of the newest solved hand when the drive is in the air,
+and the time that the link takes to accept a drive."""
 
 
 @dataclass(frozen=True)
 class Status:
-    """How the live loop does, over the last second.
+    """State of the live loop over the last second.
 
     Attributes
     ----------
     state : what it does, and why where it is silent.
-    rate : drives a second.
-    age : from the time of the newest frame to the sound in the air, median [s]; NaN without drives.
-    kept : expected share of the attainable pressure, median; NaN where it is not known.
-    late : what takes longer than it should, and how long [s], by its name: "frames", "solver",
-        "link".
+    rate : drives per second.
+    age : median time from the newest frame to the sound in the air [s]; NaN without drives.
+    kept : median expected share of the attainable pressure; NaN where it is not known.
+    late : median times of the parts that are too slow [s]: "frames", "solver", "link".
     """
 
     state: str
@@ -88,11 +60,11 @@ class Status:
     late: dict[str, float]
 
     def __str__(self) -> str:
-        """Write it on one line, of under 80 columns while it plays and nothing is late."""
+        """Write the status in one line, of under 80 columns while it plays and nothing is late."""
         parts = [self.state]
         if self.rate:
             parts += [f"{self.rate:.0f} drives/s", f"age {1e3 * self.age:.0f} ms"]
-            late = [IN_WORDS[name].format(1e3 * seconds) for name, seconds in self.late.items()]
+            late = [LATE[name][1].format(1e3 * seconds) for name, seconds in self.late.items()]
             parts.append(f"late: {', '.join(late)}" if late else "nothing late")
         if np.isfinite(self.kept):
             parts.append(f"{self.kept:.0%} of attainable expected")
@@ -101,24 +73,24 @@ class Status:
 
 @dataclass(frozen=True)
 class Followed:
-    """What the live loop did.
+    """Summary of a run of the live loop.
 
     Attributes
     ----------
-    seconds : how long it ran.
-    frames : good frames of the hand that it took.
+    seconds : duration.
+    frames : good frames of the hand that were taken.
     drives : drives that reached the link, silence included.
-    rate : drives a second while there was sound; 0 without sound.
-    age, oldest : from the time of the newest frame to the sound in the air, median and 95 of 100
-        [s]; NaN without.
-    delay : from a frame's arrival to the first drive made with it at the link, 95 of 100 [s]; NaN
-        without.
-    kept : expected share of the attainable pressure, median; NaN where it is not known.
-    faded : times that the sound faded to silence, by the reason.
+    rate : drives per second while there was sound; 0 without sound.
+    age, oldest : time from the newest frame to the sound in the air, median and 95th percentile
+        [s]; NaN without drives.
+    delay : time from a frame's arrival to the first drive made with it at the link, 95th percentile
+        [s]; NaN without drives.
+    kept : median expected share of the attainable pressure; NaN where it is not known.
+    faded : how often the sound faded to silence, by the reason.
     dropped : rows that the session lacks because the disk was too slow.
     health : of the stream of frames.
     stopped : whether the emergency stop was pressed.
-    state : what the loop did at the end, and why where it was silent.
+    state : state at the end, and why where it was silent.
     """
 
     seconds: float
@@ -136,26 +108,21 @@ class Followed:
     state: str = "playing"
 
     def facts(self) -> list[tuple[str, str]]:
-        """Put what was done into words, each fact by its name."""
+        """Return names and values for a table."""
         facts = [
             ("time", f"{self.seconds:.1f} s, {self.frames} frames of the hand"),
             ("messages", str(self.health)),
+            ("drives", f"{self.drives:,}, {self.rate:.0f}/s while there was sound"),
         ]
-        facts.append(("drives", f"{self.drives:,}, {self.rate:.0f}/s while there was sound"))
         if np.isfinite(self.age):
+            oldest = f"95 of 100 under {1e3 * self.oldest:.1f} ms"
             facts.append(("frame to drive", f"95 of 100 within {1e3 * self.delay:.1f} ms"))
-            facts.append(
-                (
-                    "age in the air",
-                    f"{1e3 * self.age:.1f} ms, 95 of 100 under {1e3 * self.oldest:.1f} ms",
-                )
-            )
+            facts.append(("age in the air", f"{1e3 * self.age:.1f} ms, {oldest}"))
         if np.isfinite(self.kept):
             facts.append(("pressure expected", f"{self.kept:.0%} of the attainable"))
         if self.faded:
-            facts.append(
-                ("faded", ", ".join(f"{count} x {why}" for why, count in self.faded.items()))
-            )
+            reasons = [f"{count} x {reason}" for reason, count in self.faded.items()]
+            facts.append(("faded", ", ".join(reasons)))
         if self.state != "playing":
             facts.append(("at the end", self.state))
         if self.dropped:
@@ -163,13 +130,13 @@ class Followed:
         return facts
 
     def record(self) -> dict[str, float | str | dict[str, int] | None]:
-        """Return all numbers by their names, for JSON; None where one is not known."""
-        numbers = {one.name: getattr(self, one.name) for one in fields(self)}
-        numbers["health"] = asdict(self.health)
-        return {
-            name: None if isinstance(it, float) and not np.isfinite(it) else it
-            for name, it in numbers.items()
-        }
+        """Return all values by their names, for JSON; None where a number is not known."""
+        record = {}
+        for field in fields(self):
+            value = getattr(self, field.name)
+            unknown = isinstance(value, float) and not np.isfinite(value)
+            record[field.name] = None if unknown else value
+        return record | {"health": asdict(self.health)}
 
 
 def follow(
@@ -190,23 +157,23 @@ def follow(
 
     Parameters
     ----------
-    scene : what stays the same.
-    hands : where the frames come from; it is begun and closed here, as ``maker`` and ``session``
-        are closed.
+    scene : the fixed part of the scene.
+    hands : source of the frames; it is begun and closed here, as ``maker`` and ``session`` are
+        closed.
     maker : makes the drives.
-    output : where they go; nowhere unless given.
-    seconds : how long; until the frames end unless given.
-    session : records what is done.
-    latency : least time from the picture to the frame's arrival, of trackers with a clock of their
-        own [s].
+    output : where they go; nowhere by default.
+    seconds : duration; until the frames end by default.
+    session : records the run.
+    latency : least time from the picture to the frame's arrival, for trackers with their own clock
+        [s].
     cap : largest amplitude of an element, a share of full scale.
-    controls : what is set from the start; what is set on the page takes its place.
-    page : shows every moment, and sets the controls.
-    report : called twice a second with how it does.
+    controls : initial settings; those of the page replace them.
+    page : shows every moment, and changes the controls.
+    report : called twice a second with the status.
 
     Returns
     -------
-    What was done. Ctrl-C ends it early, in silence.
+    A summary of the run. Ctrl-C ends it early, in silence.
 
     Raises
     ------
@@ -215,26 +182,28 @@ def follow(
     LinkFailed
         If the boards fail; those that answer are silent.
     """
-    end, cap, clock = checked_seconds(seconds), check_cap(cap), FrameClock(latency)
+    duration = checked_seconds(seconds)
+    cap = check_cap(cap)
+    clock = FrameClock(latency)
     with ExitStack() as closing:
         closing.callback(maker.close)
         if session is not None:
             closing.callback(session.close)
         closing.callback(hands.close)
-        output = closing.enter_context(output or Nowhere())
+        output = closing.enter_context(output or Output())
         loop = _Loop(scene, maker, output, clock, session, cap, controls or Controls(), page)
-        return loop.run(hands, end, report)
+        return loop.run(hands, duration, report)
 
 
 def capped(
     amplitudes: Complex128[np.ndarray, "*shape"], cap: float
 ) -> Complex128[np.ndarray, "*shape"]:
-    """Bring amplitudes under a cap as a whole."""
+    """Scale amplitudes as a whole so that none exceeds a cap."""
     return min(1.0, cap / float(np.abs(amplitudes).max(initial=1e-12))) * amplitudes
 
 
 class _Loop:
-    """The state of the loop between two passes."""
+    """The loop between two passes."""
 
     def __init__(
         self,
@@ -247,21 +216,31 @@ class _Loop:
         controls: Controls,
         page: PageProcess | None,
     ) -> None:
-        self._scene, self._maker, self._output, self._clock = scene, maker, output, clock
-        self._session, self._cap, self._controls, self._page = session, cap, controls, page
-        self._workspace, self._gain = Workspace(scene), Gain()
+        self._scene = scene
+        self._maker = maker
+        self._output = output
+        self._clock = clock
+        self._session = session
+        self._cap = cap
+        self._controls = controls
+        self._page = page
+        self._workspace = Workspace(scene)
+        self._gain = Gain()
         self._modulated = False
+        # Times by the frames' clock and by that of the computer, from which the next is due.
         self._arrivals: deque[tuple[float, float]] = deque(maxlen=16)
-        self._answered = -np.inf
-        self._fault: str | None = "waiting for a hand"
-        self._good = -np.inf
-        self._begun = 0.0
-        self._lasts = OFTEN / 2.0
-        self._moment: Moment | None = None
+        self._answered = -np.inf  # time in the newest frame that a drive was made with
+        self._fault: str | None = "waiting for a hand"  # why it must be silent
+        self._last_good = -np.inf  # when the last good frame was taken
+        self._begun = 0.0  # when the last drive was begun
+        self._duration = MIN_INTERVAL / 2.0  # of making and sending a drive, running mean
+        self._moment: Moment | None = None  # the last that was safe
         self._hand: Hand | None = None
-        self._played: deque[_Played] = deque(maxlen=REMEMBERED)
-        self._delays: deque[float] = deque(maxlen=REMEMBERED)
-        self._frames = self._drives = 0
+        # Times of the newest drives that played, see ``LATE``, and their expected shares.
+        self._played: deque[dict[str, float]] = deque(maxlen=4096)
+        self._delays: deque[float] = deque(maxlen=4096)
+        self._frames = 0
+        self._drives = 0
         self._faded: dict[str, int] = {}
 
     @property
@@ -269,23 +248,27 @@ class _Loop:
         """Whether nothing is emitted."""
         return self._gain.share == 0.0
 
-    def run(self, hands: HandSource, lasts: float, report: Callable[[Status], None]) -> Followed:
-        """Go on for some time [s], until the frames end, or Ctrl-C; return what was done."""
-        begun = reported = time.monotonic()
+    def run(self, hands: HandSource, duration: float, report: Callable[[Status], None]) -> Followed:
+        """Run for a time [s], until the frames end, or until Ctrl-C."""
+        begun = time.monotonic()
+        reported = begun
         stream = hands.begin(self.arrived)
-        with (
-            threadpool_limits(1),
-            suppress(KeyboardInterrupt),
-        ):  # a second thread would wait for the solvers' cores
-            while (now := time.monotonic()) < begun + lasts and not (hands.ended and self.silent):
-                self.go_on(stream.wait(self.patience(min(now + IDLE, begun + lasts))))
-                if time.monotonic() - reported >= REPORTED:
+        # One thread: a second one would wait for the cores of the solvers.
+        with threadpool_limits(1), suppress(KeyboardInterrupt):
+            while (now := time.monotonic()) < begun + duration:
+                if hands.ended and self.silent:
+                    break
+                latest = min(now + 0.02, begun + duration)
+                self.advance(stream.wait(self.patience(latest)))
+                if time.monotonic() - reported >= REPORT_INTERVAL:
                     reported = time.monotonic()
                     report(self.status())
-        done, status = (time.monotonic() - begun, stream.health), self.status()
+        seconds = time.monotonic() - begun
+        health = stream.health
+        status = self.status()
         report(status)
         self._fade_out()
-        return self.followed(*done, status.state)
+        return self.summary(seconds, health, status.state)
 
     def arrived(self, frame: HandFrame, now: float) -> None:
         """Note a frame as it comes, in the thread that received it."""
@@ -297,25 +280,30 @@ class _Loop:
             self._session.frame(frame)
 
     def patience(self, latest: float) -> float:
-        """Return how long to wait for a frame at most [s]."""
-        now = time.monotonic()
+        """Return the longest time to wait for a frame [s]."""
         until = latest
         if not self.silent or self._fault is None:
-            until = min(self._next(), self._good + STALE)
-        return max(until - now, 0.0)
+            until = min(self._next_drive(), self._last_good + MAX_FRAME_AGE)
+        return max(until - time.monotonic(), 0.0)
 
-    def _next(self) -> float:
-        """Return when to begin a drive without a new frame: not so that the frame that is due would have to wait."""
-        begin = self._begun + float(np.clip(2.0 * self._lasts, OFTEN, SELDOM))
+    def _next_drive(self) -> float:
+        """Return when to begin a drive without a new frame, so that the next frame need not wait for it."""
+        interval = np.clip(2.0 * self._duration, MIN_INTERVAL, 1.0 / 66.0)
+        begin = self._begun + float(interval)
         if len(self._arrivals) > 1:
-            (_, first), (_, last) = self._arrivals[0], self._arrivals[-1]
+            first = self._arrivals[0][1]
+            last = self._arrivals[-1][1]
             due = last + (last - first) / (len(self._arrivals) - 1)
-            if begin < due + JITTER < self._begun + LATEST and begin + self._lasts > due:
-                return due + JITTER
+            # A frame that is due while the drive would be made is waited for, with 4 ms for its
+            # jitter, unless the drive would come more than 22 ms after the previous one.
+            wait_until = due + 4e-3
+            overlaps = begin < wait_until and begin + self._duration > due
+            if overlaps and wait_until < self._begun + 1.0 / 45.0:
+                return wait_until
         return begin
 
-    def go_on(self, frame: HandFrame | None) -> None:
-        """Take what came, and emit what is right now."""
+    def advance(self, frame: HandFrame | None) -> None:
+        """Take a frame, if one came, and emit what is right now."""
         if frame is not None:
             self._take(frame)
         if self._output.stopped:
@@ -324,8 +312,8 @@ class _Loop:
         if self._page is not None:
             self._controls = self._page.controls
         now = time.monotonic()
-        if self._fault is None and now - self._good >= STALE:
-            self._fault = f"stale: no good frame for {1e3 * STALE:.0f} ms"
+        if self._fault is None and now - self._last_good >= MAX_FRAME_AGE:
+            self._fault = f"stale: no good frame for {1e3 * MAX_FRAME_AGE:.0f} ms"
         on = self._fault is None and self._controls.playing
         if not on and self.silent:
             self._output.beat()
@@ -333,22 +321,24 @@ class _Loop:
         try:
             self._emit(now, on)
         except LinkFailed:
-            if not self._output.stopped:  # the emergency stop came between
+            if not self._output.stopped:  # the emergency stop came in between
                 raise
 
     def _end_for_good(self, state: State, why: str) -> None:
         """Note that the output is silent already, by the emergency stop or by Ctrl-C."""
-        before, self._gain, self._fault = self._gain.share, Gain(), why
+        before = self._gain.share
+        self._gain = Gain()
+        self._fault = why
         if self._moment is not None and before > 0.0:
             silence = replace(self._moment, amplitudes=0.0 * self._moment.amplitudes, state=state)
             self._note(silence, time.monotonic(), before)
 
     def _fade_out(self) -> None:
-        """Fade to silence, unless the boards are silent because of a signal."""
+        """Fade to silence, unless a signal silenced the boards already."""
         self._fault = self._fault or "ended"
         try:
             while not self.silent and not self._output.stopped:
-                time.sleep(OFTEN)
+                time.sleep(MIN_INTERVAL)
                 self._emit(time.monotonic(), False)
         except LinkFailed as failed:
             if failed.code != "emission_over":
@@ -356,32 +346,39 @@ class _Loop:
             self._end_for_good("silent", "ended")
 
     def _take(self, frame: HandFrame) -> None:
-        if frame.side != self._scene.side:
-            if self._fault is not None and self._good == -np.inf:
-                self._fault = f"waiting for the {self._scene.side} hand: these are frames of the {frame.side} one"
+        side = self._scene.side
+        if frame.side != side:
+            if self._fault is not None and self._last_good == -np.inf:
+                self._fault = (
+                    f"waiting for the {side} hand: these are frames of the {frame.side} one"
+                )
             return
         hand = hand_of(frame, self._scene)
-        fault = hand if isinstance(hand, str) else None
-        self._hand = None if isinstance(hand, str) else hand
-        if fault is None:
-            try:
-                self._maker.take(frame)
-            except InvalidInput as wrong:
-                fault = str(wrong)
-        if fault is None:
-            self._good = time.monotonic()
-            self._frames += 1
-        self._fault = fault
+        self._hand = None
+        if isinstance(hand, str):
+            self._fault = hand
+            return
+        self._hand = hand
+        try:
+            self._maker.take(frame)
+        except InvalidInput as fault:
+            self._fault = str(fault)
+            return
+        self._fault = None
+        self._last_good = time.monotonic()
+        self._frames += 1
 
     def _emit(self, now: float, on: bool) -> None:
+        """Emit the newest drive, or the last safe one more quietly while the sound fades."""
         self._begun = now
         if on:
             moment = self._made(now)
-            wrong = self._wrong_with(moment)
-            if wrong is None:
+            fault = self._fault_of(moment)
+            if fault is None:
                 self._moment = moment
             else:
-                on, self._fault = False, wrong
+                on = False
+                self._fault = fault
         before = self._gain.share
         share = self._gain.advance(now, on)
         if self._moment is None or (before == 0.0 and not on):
@@ -390,23 +387,29 @@ class _Loop:
         state = "playing" if on else "silent" if share == 0.0 else "fading"
         cap = min(self._cap, self._controls.cap)
         amplitudes = share * capped(self._moment.amplitudes, cap)
-        moment = replace(self._moment, amplitudes=amplitudes, state=state, frames=None)
         made = time.monotonic()
         self._send(amplitudes, share, cap)
         sent = time.monotonic()
-        moment = replace(moment, amplitudes=self._output.share * amplitudes)
+        # The session records what the boards emitted, which rise over a ramp of their own.
+        emitted = self._output.share * amplitudes
+        moment = replace(self._moment, amplitudes=emitted, state=state, frames=None)
         self._note(moment, sent, before)
         if on:
-            age, frames = (self._clock.time(then) - moment.frame_time for then in (sent, now))
-            kept, solver = (np.nan if one is None else one for one in (moment.kept, moment.behind))
-            self._played.append(_Played(sent, age, kept, frames, solver, sent - made))
-            self._lasts += SMOOTHING * (sent - now - self._lasts)
+            played = {
+                "sent": sent,
+                "age": self._clock.time(sent) - moment.frame_time,
+                "kept": np.nan if moment.kept is None else moment.kept,
+                "frames": self._clock.time(now) - moment.frame_time,
+                "solver": np.nan if moment.behind is None else moment.behind,
+                "link": sent - made,
+            }
+            self._played.append(played)
+            self._duration += 0.1 * (sent - now - self._duration)
 
-    def _send(
-        self, amplitudes: Complex128[np.ndarray, "elements"], share: float, cap: float
-    ) -> None:
-        """Emit the drive of the moment, or its frames where foci move, at a share of their amplitude."""
-        moving, frames = self._scene.moving, None if self._moment is None else self._moment.frames
+    def _send(self, amplitudes: Amplitudes, share: float, cap: float) -> None:
+        """Send the drive, or its frames where foci move, at a share of their amplitude."""
+        moving = self._scene.moving
+        frames = None if self._moment is None else self._moment.frames
         if moving is not None and frames is not None and self._controls.modulated and share > 0.0:
             self._output.cycle(share * capped(frames, cap), moving.rate)
             return
@@ -418,23 +421,24 @@ class _Loop:
     def _made(self, now: float) -> Moment | None:
         """Make a drive; None where none can be made for that hand."""
         try:
-            return self._maker.make(self._clock.time(now) + self._lasts, self._controls)
+            return self._maker.make(self._clock.time(now) + self._duration, self._controls)
         except InvalidInput:
             return None
 
-    def _wrong_with(self, moment: Moment | None) -> str | None:
+    def _fault_of(self, moment: Moment | None) -> str | None:
         """Return why a drive must not be emitted, in a few words, or None."""
         if moment is not None and moment.joints is not None and moment.foci is not None:
             return self._workspace.fault(moment.joints, moment.foci)
-        seen = self._hand
-        return (seen and self._workspace.fault(seen.joints, foci_on(seen, self._scene))) or "lost"
+        fault = None
+        if self._hand is not None:
+            fault = self._workspace.fault(self._hand.joints, foci_on(self._hand, self._scene))
+        return fault or "lost"
 
     def _note(self, moment: Moment, sent: float, before: float) -> None:
-        """Record a drive that reached the link."""
-        in_air = self._clock.time(sent)
+        """Record a drive that reached the link; ``before`` is the gain before it."""
         self._drives += 1
         if self._session is not None:
-            self._session.drive(moment, in_air)
+            self._session.drive(moment, self._clock.time(sent))
         if self._page is not None:
             self._page.show(moment)
         if moment.state in ("silent", "stopped") and before > 0.0:
@@ -442,35 +446,39 @@ class _Loop:
             self._faded[reason] = self._faded.get(reason, 0) + 1
         if moment.state == "playing" and moment.frame_time > self._answered:
             self._answered = moment.frame_time
-            came = next(
-                (
-                    now
-                    for taken, now in reversed(self._arrivals.copy())
-                    if taken == moment.frame_time
-                ),
-                None,
-            )
-            self._delays.extend([] if came is None else [sent - came])
+            # A copy, as the thread that receives frames appends to it.
+            for taken, arrived in reversed(self._arrivals.copy()):
+                if taken == moment.frame_time:
+                    self._delays.append(sent - arrived)
+                    break
 
     def status(self) -> Status:
-        """Return how it does."""
+        """Return the status over the last second."""
         now = time.monotonic()
-        span = 2.0 * REPORTED
-        recent = [one for one in self._played if now - one.sent <= span]
-        state = "playing" if self._fault is None else self._fault
-        usual = {
-            name: _median([getattr(one, name) for one in recent]) for name in ("age", "kept", *LATE)
-        }
-        late = {name: usual[name] for name, most in LATE.items() if usual[name] > most}
-        if self._played:  # the first drive was less than a second ago
-            span = min(span, max(now - self._played[0].sent, REPORTED))
-        return Status(state, len(recent) / span, usual["age"], usual["kept"], late)
+        span = 2.0 * REPORT_INTERVAL
+        recent = [played for played in self._played if now - played["sent"] <= span]
+        late = {}
+        for name, (limit, _) in LATE.items():
+            usual = _median([played[name] for played in recent])
+            if usual > limit:
+                late[name] = usual
+        if self._played:  # the first drive may have been less than a second ago
+            span = min(span, max(now - self._played[0]["sent"], REPORT_INTERVAL))
+        return Status(
+            "playing" if self._fault is None else self._fault,
+            len(recent) / span,
+            _median([played["age"] for played in recent]),
+            _median([played["kept"] for played in recent]),
+            late,
+        )
 
-    def followed(self, seconds: float, health: StreamHealth, state: str) -> Followed:
-        """Return what was done."""
-        ages = [one.age for one in self._played] or [np.nan]
-        times = [one.sent for one in self._played]
-        rate = (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 else 0.0
+    def summary(self, seconds: float, health: StreamHealth, state: str) -> Followed:
+        """Return the summary of a run."""
+        ages = [played["age"] for played in self._played] or [np.nan]
+        rate = 0.0
+        if len(self._played) > 1:
+            span = self._played[-1]["sent"] - self._played[0]["sent"]
+            rate = (len(self._played) - 1) / span
         return Followed(
             seconds=seconds,
             frames=self._frames,
@@ -479,7 +487,7 @@ class _Loop:
             age=float(np.median(ages)),
             oldest=float(np.percentile(ages, 95)),
             delay=float(np.percentile(self._delays, 95)) if self._delays else np.nan,
-            kept=_median([one.kept for one in self._played]),
+            kept=_median([played["kept"] for played in self._played]),
             faded=dict(self._faded),
             dropped=0 if self._session is None else self._session.dropped,
             health=health,
@@ -489,6 +497,6 @@ class _Loop:
 
 
 def _median(values: Sequence[float]) -> float:
-    """Median of the values that are known; NaN without any."""
-    known = [value for value in values if np.isfinite(value)]
-    return float(np.median(known)) if known else np.nan
+    """Return the median of the values that are not NaN; NaN without any."""
+    finite = [value for value in values if np.isfinite(value)]
+    return float(np.median(finite)) if finite else np.nan

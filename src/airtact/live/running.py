@@ -13,12 +13,11 @@ from airtact.errors import InvalidInput
 from airtact.hands.tracking.frame import HandFrame
 from airtact.hands.tracking.recordings import ENDINGS, load_recording, save_recording
 from airtact.hands.tracking.stream import StreamHealth
-from airtact.live.clock import checked_latency
 from airtact.live.drives.maker import HandAware
 from airtact.live.loop import Followed, Status, follow
-from airtact.live.output import Boards, Nowhere, Output
+from airtact.live.moment import Controls
+from airtact.live.output import Boards, Output
 from airtact.live.page.process import PageProcess
-from airtact.live.parts import Controls
 from airtact.live.scene import live_scene
 from airtact.live.session import FILE, SessionWriter, recording_of
 from airtact.live.sources import (
@@ -26,6 +25,7 @@ from airtact.live.sources import (
     PageHands,
     ReceivedHands,
     RecordedHands,
+    checked_latency,
     checked_seconds,
     moved_to,
 )
@@ -77,7 +77,7 @@ def run(
     checked_seconds(seconds)
     checked_latency(latency)
     scene = live_scene(setup)
-    output = output or Nowhere()
+    output = output or Output()
     controls = Controls(ignore_hand=ignore_hand)
     with ExitStack() as closing:
         shown = None
@@ -234,7 +234,7 @@ def output_to(
                 f"--{name} {settings[name]} needs boards: give --board and --link too.",
                 code="key_missing",
             )
-        return Nowhere()
+        return Output()
     if link is None or board is None:
         raise InvalidInput(
             "--board and --link go together: give both, or none.", code="key_missing"

@@ -1,49 +1,182 @@
-"""From a scene file to the scene of the live loop."""
+"""The scene of the live loop: what stays fixed while the hand moves, and a hand in it with the foci that it carries.
 
-from dataclasses import replace
+The effect of a hand on the sound at a focus depends on where the bones of all foci stand relative
+to each other, and much less on where the hand stands as a whole. The first is measured by the
+``gap_change`` of two poses, the second by their ``turn``.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from jaxtyping import Complex, Complex128, Float64, Int64
 
+from airtact.acoustics.medium import Medium
+from airtact.acoustics.planes import Plane
 from airtact.acoustics.scene import check_no_boards
 from airtact.checks import counted, fixed
 from airtact.drives.motion import FRAMES, Motion
 from airtact.drives.sequence import FEWEST
 from airtact.errors import InvalidInput
-from airtact.hands.hand import PLACES
-from airtact.live.drives.riding import ride
-from airtact.live.parts import LiveScene, MovingFoci
+from airtact.hands.hand import PLACES, Hand, Side
+from airtact.hands.joints import CHAINS, check_finger_order, cross, joints_of, radii_of, unit
+from airtact.printing import in_short
 from airtact.setup.setup import Setup
+from airtact.transducers.layout import PhasedArray
 from airtact.transducers.modulation import AmplitudeModulation
+from airtact.transducers.placement import off_plane
 
-MOST_FRAMES = 64
-"""Frames of a path at most: each is a drive, and all of them are made anew for each pose."""
+Joints = Float64[np.ndarray, "25 3"]
+Foci = Float64[np.ndarray, "foci 3"]
+Amplitudes = Complex128[np.ndarray, "elements"]
+Frames = Complex128[np.ndarray, "frames elements"]
+Rows = Complex128[np.ndarray, "foci sources"]
+"""Pressure at each focus per unit drive of each element and each image [Pa]."""
+
+
+@dataclass(frozen=True, eq=False)
+class MovingFoci:
+    """Paths of foci along the hand, sampled in frames.
+
+    Attributes
+    ----------
+    places : (N, K) index of the place that each of K foci starts from, in each of N frames.
+    shifts : (N, K, 3) offset from that place, in the axes of its bone (``PosedHand.frames``) [m].
+    rate : frames per second.
+    words : short description.
+    """
+
+    places: Int64[np.ndarray, "frames together"]
+    shifts: Float64[np.ndarray, "frames together 3"]
+    rate: float
+    words: str
+
+    __repr__ = in_short
+
+
+@dataclass(frozen=True, eq=False)
+class WithImages:
+    """An array of E elements, and the images in a rigid plane of those elements that are not part of it.
+
+    The hand scatters the sound of both. Multiple reflections between hand and plane are left out:
+    their phase turns with every millimetre of height, so no solution of another pose would apply.
+
+    Attributes
+    ----------
+    array : R sources: the elements, then their images.
+    imaged : (R - E,) element of each image.
+    strengths : (E,) 2 for elements that are part of the plane and coincide with their image, else 1.
+    """
+
+    array: PhasedArray
+    imaged: Int64[np.ndarray, "images"]
+    strengths: Float64[np.ndarray, "elements"]
+
+    __repr__ = in_short
+
+    @classmethod
+    def of(cls, array: PhasedArray, planes: Sequence[Plane]) -> "WithImages":
+        """Add the images in a plane; without planes there are none."""
+        imaged = np.zeros(0, dtype=np.int64)
+        strengths = np.ones(len(array))
+        for plane in planes:
+            off = off_plane(plane, array)
+            imaged = np.flatnonzero(off)
+            strengths = np.where(off, 1.0, 2.0)
+            mirror = np.eye(3) - 2.0 * np.outer(plane.normal, plane.normal)
+            array = PhasedArray(
+                np.concatenate([array.positions, plane.image(array.positions[imaged])]),
+                np.concatenate([array.normals, array.normals[imaged] @ mirror]),
+                array.element,
+                np.concatenate([array.tangents, array.tangents[imaged] @ mirror]),
+                np.concatenate([array.gains, array.gains[imaged]]),
+            )
+        return cls(array, imaged, strengths)
+
+    def folded(
+        self, rows: Complex[np.ndarray, "*any sources"]
+    ) -> Complex[np.ndarray, "*any elements"]:
+        """Return pressures per unit drive of each element with its image, from those of all sources."""
+        count = len(self.strengths)
+        if rows.shape[-1] == count and (self.strengths == 1.0).all():
+            return rows
+        folded = rows[..., :count] * self.strengths
+        folded[..., self.imaged] += rows[..., count:]
+        return folded.astype(rows.dtype, copy=False)
+
+    def unfolded(self, amplitudes: Amplitudes) -> Complex128[np.ndarray, "sources"]:
+        """Return the amplitudes of all sources from those of the elements."""
+        return np.concatenate([amplitudes * self.strengths, amplitudes[self.imaged]])
+
+
+@dataclass(frozen=True, eq=False)
+class LiveScene:
+    """What stays fixed while the hand moves.
+
+    Attributes
+    ----------
+    medium : medium of the sound.
+    frequency : of the sound [Hz].
+    array : transducers in the scene's frame, which is also the frame of the tracked hand.
+    side : of the hand that carries the foci.
+    radii : (25,) of the skin around each joint [m]; None for those of a generic hand.
+    places : places of the hand, such as ``"thumb.pad"``, that carry the F foci.
+    offsets : (F,) distances of the foci from the skin [m].
+    method : name of the method that makes the drives.
+    modulation : amplitude modulation that makes the drive perceptible, or None.
+    moving : paths of the foci, or None.
+    planes : a rigid plane, such as a table; none for open air.
+    """
+
+    medium: Medium
+    frequency: float
+    array: PhasedArray
+    side: Side
+    radii: Float64[np.ndarray, "25"] | None
+    places: tuple[str, ...]
+    offsets: Float64[np.ndarray, "foci"]
+    method: str = "best"
+    modulation: AmplitudeModulation | None = None
+    moving: MovingFoci | None = None
+    planes: tuple[Plane, ...] = ()
+
+    __repr__ = in_short
+
+    @cached_property
+    def with_images(self) -> WithImages:
+        """The elements and their images in the plane."""
+        return WithImages.of(self.array, self.planes)
+
+    @property
+    def wavenumber(self) -> complex:
+        """Wavenumber in the medium [rad/m]."""
+        return self.medium.wavenumber(self.frequency)
 
 
 def live_scene(setup: Setup) -> LiveScene:
-    """Return what of a scene file stays the same while its hand moves.
-
-    Parameters
-    ----------
-    setup : a scene of one sound-hard hand, whose foci are before its places, as ``read_scene``
-        gives it.
+    """Return the fixed part of a scene file whose hand is to be followed.
 
     Raises
     ------
     InvalidInput
-        The scene holds another body, a focus does not ride on the hand, it asks for pressures, phases or suppression,
-        which the live loop does not do, or as ``moving_foci_of``.
+        The scene is not one sound-hard hand with all foci on its places; it asks for pressures,
+        phases or suppression; or the path of a moving focus leaves the skin, has more than 64
+        frames, or is run too fast for frames of whole periods of the sound.
     """
+    name = setup.path.name
     check_no_boards(setup.scene, "live")
-    on_hand = [ride for ride in setup.riding if ride is not None and ride[0] in PLACES]
+    on_hand = [place for place in setup.riding if place is not None and place[0] in PLACES]
     if len(on_hand) < len(setup.foci) or not setup.hands:
         raise InvalidInput(
-            f"{setup.path.name}: live needs foci that ride on a hand: {', '.join(PLACES)} of a body with joints, "
-            f'and {len(on_hand) if setup.hands else 0} of {len(setup.foci)} do; give [[foci]] at = "thumb.pad".',
+            f"{name}: {len(on_hand) if setup.hands else 0} of {len(setup.foci)} foci are on a hand "
+            f'with joints, but live needs all: give [[foci]] at = "thumb.pad"; the places are '
+            f"{', '.join(PLACES)}.",
             code="misplaced",
         )
     if len(setup.bodies) != 1 or setup.scene.obstacles[0].boundary != "sound_hard":
         raise InvalidInput(
-            f"{setup.path.name}: live follows 1 sound-hard hand, and the scene has "
+            f"{name}: live follows one sound-hard hand, and the scene has "
             f"{counted(len(setup.bodies), 'body', 'bodies')}: leave the others out.",
             code="not_supported",
         )
@@ -55,8 +188,8 @@ def live_scene(setup: Setup) -> LiveScene:
         or target.suppression_points.size
     ):
         raise InvalidInput(
-            f"{setup.path.name}: live makes the weakest of {len(setup.foci)} foci as strong as it can: leave pressure, "
-            "share, phase_degrees and suppression out.",
+            f"{name}: live maximises the pressure at the weakest focus: leave pressure, share, "
+            "phase_degrees and suppression out.",
             code="options_clash",
         )
     scene = LiveScene(
@@ -65,63 +198,160 @@ def live_scene(setup: Setup) -> LiveScene:
         array=setup.array,
         side=setup.hands[0].side,
         radii=setup.hands[0].radii,
-        places=tuple(name for name, _ in on_hand),
+        places=tuple(place for place, _ in on_hand),
         offsets=fixed(np.array([offset for _, offset in on_hand])),
         method=setup.method,
         modulation=setup.modulation if isinstance(setup.modulation, AmplitudeModulation) else None,
         planes=tuple(setup.scene.planes),
     )
-    return (
-        replace(scene, moving=moving_foci_of(setup, scene))
-        if isinstance(setup.modulation, Motion)
-        else scene
-    )
+    if isinstance(setup.modulation, Motion):
+        return replace(scene, moving=_moving_foci(setup, setup.modulation, scene))
+    return scene
 
 
-def moving_foci_of(setup: Setup, scene: LiveScene) -> MovingFoci:
-    """Fix the paths of the foci of a scene file to the bones of its hand, so that they ride along.
-
-    Parameters
-    ----------
-    setup : a scene whose modulation is a motion.
-    scene : made of it.
-
-    Raises
-    ------
-    InvalidInput
-        A path does not lie along the skin, has more than 64 frames, or is run too fast for frames of whole periods of
-        the sound.
-    """
-    motion, foci, target = setup.modulation, len(scene.places), setup.target
-    assert isinstance(motion, Motion)
+def _moving_foci(setup: Setup, motion: Motion, scene: LiveScene) -> MovingFoci:
+    """Attach the paths of a scene file to the bones of its hand."""
+    foci = len(scene.places)
+    target = setup.target
     if motion.through_points(foci):
-        paths, places, shifts = (
-            target.points[None],
-            np.arange(foci)[:, None],
-            np.zeros((foci, 1, 3)),
-        )
+        paths = target.points[None]
+        places = np.arange(foci)[:, None]
+        shifts = np.zeros((foci, 1, 3))
         words = f"a focus runs through the {foci} places"
     else:
         paths = motion.paths(setup.scene, target, setup.array.positions.mean(axis=0))
-        frames = ride(scene, setup.hands[0].joints).frames
+        frames = pose_hand(scene, setup.hands[0].joints).frames
         shifts = np.einsum("fnj,fij->nfi", paths - target.points[:, None], frames)
         places = np.tile(np.arange(foci), (len(shifts), 1))
         words = "each focus runs along a path"
     repeat = -(-FEWEST // len(places))
-    places, shifts = np.repeat(places, repeat, axis=0), np.repeat(shifts, repeat, axis=0)
-    if len(places) > MOST_FRAMES:
+    places = np.repeat(places, repeat, axis=0)
+    shifts = np.repeat(shifts, repeat, axis=0)
+    if len(places) > 64:  # each frame is a drive, and all are made anew for each pose
         raise InvalidInput(
-            f"{setup.path.name}: live makes at most {MOST_FRAMES} frames of a path anew for each drive, not "
+            f"{setup.path.name}: live makes at most 64 frames of a path for each pose, not "
             f"{len(places)}: give frames = {FRAMES}.",
             code="sizes_differ",
         )
-    turns = motion.turns(paths)
-    if turns * len(places) > setup.frequency:
+    rounds = motion.turns(paths)
+    if rounds * len(places) > setup.frequency:
         raise InvalidInput(
-            f"{setup.path.name}: {turns:g} rounds of {len(places)} frames are more than the {setup.frequency:g} periods"
-            f" of the sound in a second: give {setup.frequency / len(places):.4g} Hz or less.",
+            f"{setup.path.name}: {rounds:g} rounds of {len(places)} frames per second exceed the "
+            f"{setup.frequency:g} periods of the sound: give "
+            f"{setup.frequency / len(places):.4g} Hz or less.",
             code="out_of_range",
         )
-    rate = setup.frequency / round(setup.frequency / (turns * len(places)))
+    rate = setup.frequency / round(setup.frequency / (rounds * len(places)))
     words = f"{words} {rate / len(places):.3g} times a second"
     return MovingFoci(places, fixed(shifts), rate, words)
+
+
+def hand_in(scene: LiveScene, landmarks: Float64[np.ndarray, "landmarks 3"]) -> Hand:
+    """Return the hand with these landmarks, or joints (25, 3) [m]; raises as ``hand_from_joints``.
+
+    The side is not checked again: it was checked with the frame.
+    """
+    joints = joints_of(landmarks)
+    check_finger_order(joints)
+    return Hand(joints, radii_of(scene.radii, None, joints), scene.side)
+
+
+def foci_on(hand: Hand, scene: LiveScene, offset: float | None = None) -> Foci:
+    """Return the foci on a hand (F, 3) [m]; ``offset`` replaces the scene's offsets [m]."""
+    offsets = scene.offsets if offset is None else np.full(len(scene.places), offset)
+    foci = []
+    for place, distance in zip(scene.places, offsets, strict=True):
+        point, normal = hand.position(place)
+        foci.append(point + distance * normal)
+    return np.array(foci)
+
+
+@dataclass(frozen=True, eq=False)
+class PosedHand:
+    """A hand in one pose, with the foci that it carries.
+
+    Attributes
+    ----------
+    hand : in the scene's frame.
+    foci : (F, 3) [m].
+    frames : (F, 3, 3) axes of the bone of each focus, one per row.
+    distances : (K,) between all pairs of the foci and the ends of their bones [m].
+    directions : (F, S, 3) unit vectors from each focus to elements spread over the array, in the
+        axes of its bone.
+    """
+
+    hand: Hand
+    foci: Foci
+    frames: Float64[np.ndarray, "foci 3 3"]
+    distances: Float64[np.ndarray, "pairs"]
+    directions: Float64[np.ndarray, "foci samples 3"]
+
+    __repr__ = in_short
+
+
+def bone_of(place: str) -> tuple[int, int]:
+    """Return the joints at both ends of the bone that carries a place: a last phalanx or the middle metacarpal.
+
+    >>> bone_of("index.pad")
+    (8, 9)
+    """
+    if place == "palm":
+        return CHAINS[2][0], CHAINS[2][1]
+    return CHAINS[PLACES.index(place)][-2], CHAINS[PLACES.index(place)][-1]
+
+
+def pose_hand(scene: LiveScene, joints: Joints, offset: float | None = None) -> PosedHand:
+    """Place the foci of a scene on a hand.
+
+    Parameters
+    ----------
+    scene : its places, offsets, radii and array are used.
+    joints : (25, 3) in the scene's frame [m].
+    offset : replaces the scene's offsets of the foci from the skin [m].
+
+    Raises
+    ------
+    InvalidInput
+        As ``hand_from_joints``, or a place is unknown; the side is not checked.
+    """
+    hand = hand_in(scene, joints)
+    # The directions of 12 elements, spread over the array, show how far a hand has turned.
+    elements = scene.array.positions[:: max(1, len(scene.array) // 12)]
+    foci = foci_on(hand, scene, offset)
+    frames = []
+    directions = []
+    points = []
+    for place, focus in zip(scene.places, foci, strict=True):
+        start, end = hand.joints[list(bone_of(place))]
+        along = unit(end - start)
+        across = unit(cross(end - start, focus - start))
+        frame = np.stack([along, across, cross(along, across)])
+        seen = elements - focus
+        frames.append(frame)
+        directions.append(seen @ frame.T / np.linalg.norm(seen, axis=1, keepdims=True))
+        points += [focus, start, end]
+    first, second = np.triu_indices(len(points), 1)
+    distances = np.linalg.norm(np.array(points)[first] - np.array(points)[second], axis=1)
+    return PosedHand(hand, foci, np.array(frames), distances, np.array(directions))
+
+
+def gap_change(
+    distances: Float64[np.ndarray, "*poses pairs"], reference: Float64[np.ndarray, "pairs"]
+) -> Float64[np.ndarray, "*poses"]:
+    """Return the root mean square change of ``PosedHand.distances`` [m]."""
+    return np.asarray(np.sqrt(np.mean((distances - reference) ** 2, axis=-1)))
+
+
+def turn(
+    directions: Float64[np.ndarray, "*poses foci samples 3"],
+    reference: Float64[np.ndarray, "foci samples 3"],
+) -> Float64[np.ndarray, "*poses"]:
+    """Return the root mean square change of ``PosedHand.directions`` [rad]."""
+    squares = np.sum((directions - reference) ** 2, axis=-1)
+    return np.asarray(np.sqrt(np.mean(squares, axis=(-2, -1))))
+
+
+def moving_points(moving: MovingFoci, posed: PosedHand) -> Float64[np.ndarray, "frames together 3"]:
+    """Return the K foci of each of N frames on a hand (N, K, 3) [m]."""
+    shifts = np.einsum("nki,nkij->nkj", moving.shifts, posed.frames[moving.places])
+    return posed.foci[moving.places] + shifts

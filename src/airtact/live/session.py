@@ -1,11 +1,11 @@
-"""A session: what the live loop did, in ``session.h5``, written while it runs and read afterwards."""
+"""The session of a run: what the live loop did, in ``session.h5``, written while it runs and read afterwards."""
 
 import pickle
 import struct
 import subprocess
 import sys
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +23,8 @@ from airtact.hands.joints import Side, joints_of
 from airtact.hands.tracking.frame import HandFrame
 from airtact.hands.tracking.recordings import Recording
 from airtact.hands.tracking.stream import StreamHealth
-from airtact.live.parts import LiveScene, Moment, Rule, State
+from airtact.live.moment import Moment, Rule, State
+from airtact.live.scene import LiveScene
 from airtact.printing import in_short
 from airtact.transducers.element import Element
 from airtact.transducers.layout import PhasedArray
@@ -32,35 +33,26 @@ from airtact.transducers.modulation import AmplitudeModulation
 FILE = "session.h5"
 """Name of the file in the folder of a session."""
 
-VERSION = 2
-"""Version of its format, in the attribute ``format_version``; sessions without a plane have the version 1."""
-
+# The file stores rules and states by their index.
 RULES: tuple[Rule, ...] = get_args(Rule)
 STATES: tuple[State, ...] = get_args(State)
-"""What ``drives/rule`` and ``drives/state`` hold the indices of."""
-
-MOST_WAITING = 4096
-"""Rows that wait for the writer at most; further ones are dropped and counted."""
-
-PAUSE = 0.1
-"""How long the thread waits between two messages to the writer [s]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """What a session file holds.
+    """Contents of a session file.
 
     Attributes
     ----------
-    scene : what stayed the same.
+    scene : the fixed part of the scene.
     text : the scene file.
     amplitudes : (N, E) of N drives, share of full scale.
     time_in_air : (N,) when each reached the link, on the clock of the frames [s].
     drive_frame_time : (N,) time in the newest frame that each used [s].
-    rules, states : (N,) what each was made from, and what the loop did then.
+    rules, states : (N,) basis of each drive, and state of the loop.
     kept : (N,) expected share of the attainable pressure; NaN where it is not known.
     shape_age : (N,) age of the solution that each was made from [s]; NaN without.
-    foci : (N, F, 3) where the foci were predicted [m]; NaN where the hand was lost.
+    foci : (N, F, 3) as predicted [m]; NaN where the hand was lost.
     joints : (N, 25, 3) of the hand as predicted [m]; NaN where it was lost.
     frame_time : (M,) of the tracker's frames [s].
     landmarks : (M, 25, 3) in the scene's frame [m]; NaN where the hand was lost.
@@ -84,17 +76,20 @@ class Session:
 
     @property
     def playing(self) -> Bool[np.ndarray, "drives"]:
-        """Which drives are neither silent nor fade, (N,)."""
+        """Drives that are neither silent nor fading, (N,)."""
         return (np.array(self.states) == "playing") & self.amplitudes.any(axis=1)
 
 
 class SessionWriter:
     """Writes a session while it runs; ``frame`` and ``drive`` return at once.
 
+    A process of its own appends the rows, so that neither a slow disk delays the loop nor a killed
+    loop damages the file.
+
     Parameters
     ----------
-    path : the file, which is written anew.
-    scene : what stays the same.
+    path : file to write; it is replaced.
+    scene : the fixed part of the scene.
     text : the scene file's text.
 
     Raises
@@ -108,6 +103,7 @@ class SessionWriter:
         path.open("wb").close()
         self.path = path
         self.dropped: int = 0
+        self._foci = len(scene.places)
         self._rows: deque[tuple[str, dict[str, Any]]] = deque()
         self._done = Event()
         self._process = subprocess.Popen(
@@ -118,20 +114,17 @@ class SessionWriter:
             start_new_session=True,
         )
         self._thread = Thread(
-            target=self._send, args=(_first(scene, text),), name="airtact session", daemon=True
+            target=self._send, args=(_header(scene, text),), name="airtact session", daemon=True
         )
         self._thread.start()
 
     def frame(self, frame: HandFrame) -> None:
         """Take a frame of the hand, in the scene's frame."""
-        landmarks = (
-            np.full((25, 3), np.nan) if frame.landmarks is None else joints_of(frame.landmarks)
-        )
+        landmarks = None if frame.landmarks is None else joints_of(frame.landmarks)
         self._take("frames", {"time": frame.time, "landmarks": landmarks})
 
     def drive(self, moment: Moment, time_in_air: float) -> None:
         """Take a drive that reached the link at a time of the frames' clock [s]."""
-        foci = len(moment.foci) if moment.foci is not None else 0
         self._take(
             "drives",
             {
@@ -140,15 +133,15 @@ class SessionWriter:
                 "frame_time": moment.frame_time,
                 "rule": RULES.index(moment.rule),
                 "state": STATES.index(moment.state),
-                "kept": np.nan if moment.kept is None else moment.kept,
-                "shape_age": np.nan if moment.shape_age is None else moment.shape_age,
-                "foci": moment.foci if foci else None,
+                "kept": moment.kept,
+                "shape_age": moment.shape_age,
+                "foci": moment.foci,
                 "joints": moment.joints,
             },
         )
 
     def close(self) -> None:
-        """Write what waits and close the file.
+        """Write the remaining rows and close the file.
 
         Raises
         ------
@@ -163,99 +156,96 @@ class SessionWriter:
             raise OSError(None, f"it was not written to its end: {reason}", str(self.path))
 
     def _take(self, group: str, row: dict[str, Any]) -> None:
-        if len(self._rows) >= MOST_WAITING:
+        if len(self._rows) >= 4096:  # half a minute of drives: the disk is too slow
             self.dropped += 1
-            return
-        self._rows.append((group, row))
+        else:
+            self._rows.append((group, row))
 
-    def _send(self, first: dict[str, Any]) -> None:
-        """Send what was taken, in a thread of its own: a pipe that is full holds up nothing else."""
+    def _send(self, header: dict[str, Any]) -> None:
+        """Send the rows to the writer, in a thread of its own: a full pipe must not hold up the loop."""
         pipe = self._process.stdin
         assert pipe is not None
-        foci = len(first["attributes"]["places"])
+
+        def write(message: dict[str, Any]) -> None:
+            body = pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL)
+            pipe.write(struct.pack("<Q", len(body)) + body)
+            pipe.flush()
+
         try:
-            _write(pipe, first)
+            write(header)
             while True:
-                last = self._done.wait(PAUSE)
-                taken = [self._rows.popleft() for _ in range(len(self._rows))]
-                if taken:
-                    _write(pipe, _columns(taken, foci))
+                last = self._done.wait(0.1)
+                rows = [self._rows.popleft() for _ in range(len(self._rows))]
+                if rows:
+                    write(self._columns(rows))
                 if last and not self._rows:
                     break
         except OSError:  # the writer ended; ``close`` reports why
             self._rows.clear()
 
-
-def _write(pipe: Any, message: dict[str, Any]) -> None:
-    body = pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL)
-    pipe.write(struct.pack("<Q", len(body)) + body)
-    pipe.flush()
-
-
-def _columns(rows: Sequence[tuple[str, Mapping[str, Any]]], foci: int) -> dict[str, Any]:
-    """Stack rows to the columns that are appended; foci and joints that are not known are NaN."""
-    shapes, columns = {"foci": (foci, 3), "joints": (25, 3)}, {}
-    for group in ("frames", "drives"):
-        own = [row for name, row in rows if name == group]
-        for key in own[0] if own else ():
-            values = [np.full(shapes[key], np.nan) if row[key] is None else row[key] for row in own]
-            kind = {"rule": np.uint8, "state": np.uint8}.get(key)
-            columns[f"+{group}/{key}"] = np.array(values, dtype=kind)
-    return columns
+    def _columns(self, rows: list[tuple[str, dict[str, Any]]]) -> dict[str, Any]:
+        """Stack rows into the columns to append; unknown values become NaN."""
+        shapes = {"foci": (self._foci, 3), "joints": (25, 3), "landmarks": (25, 3)}
+        types = {"rule": np.uint8, "state": np.uint8}
+        columns = {}
+        for group in ("frames", "drives"):
+            of_group = [row for name, row in rows if name == group]
+            for key in of_group[0] if of_group else []:
+                unknown = np.full(shapes.get(key, ()), np.nan)
+                values = [unknown if row[key] is None else row[key] for row in of_group]
+                columns[f"+{group}/{key}"] = np.array(values, dtype=types.get(key))
+        return columns
 
 
-def _first(scene: LiveScene, text: str) -> dict[str, Any]:
-    array, modulation = scene.array, scene.modulation
-    element, medium = array.element, scene.medium
+def _header(scene: LiveScene, text: str) -> dict[str, Any]:
+    """Return the first message to the writer: the scene, and the empty columns."""
+    array = scene.array
+    element = array.element
     attributes: dict[str, Any] = {
         "format": "airtact session",
-        "format_version": VERSION if scene.planes else 1,
+        "format_version": 2 if scene.planes else 1,
         "frequency": scene.frequency,
-        "sound_speed": medium.sound_speed,
-        "density": medium.density,
-        "absorption": medium.absorption,
+        "sound_speed": scene.medium.sound_speed,
+        "density": scene.medium.density,
+        "absorption": scene.medium.absorption,
         "side": scene.side,
         "places": list(scene.places),
         "offsets": np.asarray(scene.offsets),
         "method": scene.method,
         "rules": list(RULES),
         "states": list(STATES),
-        "modulation": np.array(
-            [] if modulation is None else [modulation.frequency, modulation.depth]
-        ),
+        "modulation": np.zeros(0),
         "sensitivity": element.sensitivity,
         "directional": element.directional,
         "radius": element.radius,
     }
-    message: dict[str, Any] = {"attributes": attributes, "scene": text}
-    for name, value in (
-        *(("positions", array.positions), ("normals", array.normals), ("tangents", array.tangents)),
-        *(
-            ("gains", array.gains),
-            ("face_points", element.points),
-            ("face_weights", element.weights),
-        ),
-    ):
-        message[f"array/{name}"] = np.asarray(value)
+    if scene.modulation is not None:
+        attributes["modulation"] = np.array([scene.modulation.frequency, scene.modulation.depth])
     if scene.planes:
-        attributes["planes"] = np.array([[one.point, one.normal] for one in scene.planes])
+        attributes["planes"] = np.array([[wall.point, wall.normal] for wall in scene.planes])
+    header: dict[str, Any] = {
+        "attributes": attributes,
+        "scene": text,
+        "array/positions": np.asarray(array.positions),
+        "array/normals": np.asarray(array.normals),
+        "array/tangents": np.asarray(array.tangents),
+        "array/gains": np.asarray(array.gains),
+        "array/face_points": np.asarray(element.points),
+        "array/face_weights": np.asarray(element.weights),
+        # A session without frames or drives has these columns, too.
+        "+frames/time": np.zeros(0),
+        "+frames/landmarks": np.zeros((0, 25, 3)),
+        "+drives/amplitudes": np.zeros((0, len(array)), dtype=np.complex64),
+        "+drives/time_in_air": np.zeros(0),
+        "+drives/frame_time": np.zeros(0),
+    }
     if scene.radii is not None:
-        message["hand/radii"] = np.asarray(scene.radii)
-    for name, columns in (
-        ("frames", 25),
-        ("drives", len(array)),
-    ):  # so that an empty session has them, too
-        message[f"+{name}/time" if name == "frames" else "+drives/time_in_air"] = np.zeros(0)
-        key, kind = ("landmarks", np.float64) if name == "frames" else ("amplitudes", np.complex64)
-        message[f"+{name}/{key}"] = np.zeros(
-            (0, columns, 3) if name == "frames" else (0, columns), dtype=kind
-        )
-    message["+drives/frame_time"] = np.zeros(0)
-    return message
+        header["hand/radii"] = np.asarray(scene.radii)
+    return header
 
 
 def read_session(path: str | Path) -> Session:
-    """Read a session, also one whose loop was killed.
+    """Read a session, including one whose loop was killed.
 
     Parameters
     ----------
@@ -264,14 +254,40 @@ def read_session(path: str | Path) -> Session:
     Raises
     ------
     InvalidInput
-        The file cannot be read, is no session, or is of a newer version; the sentence begins with its name.
+        The file cannot be read, is no session, or is of a newer version; the message begins with
+        its name.
     """
     with _opened(path) as file:
-        return _session_in(file)
+        drives = file["drives"]
+        frames = file["frames"]
+        # A killed loop can leave the last column longer than the others.
+        count = len(drives["time_in_air"])
+        shapes = {"foci": (len(file.attrs["places"]), 3), "joints": (25, 3)}
+
+        def column(name: str) -> Any:
+            if name in drives:
+                return drives[name][:count]
+            return np.zeros((0, *shapes.get(name, ())))  # a session without drives
+
+        return Session(
+            scene=_scene_in(file),
+            text=file["scene"].asstr()[()],
+            amplitudes=drives["amplitudes"][:count],
+            time_in_air=column("time_in_air"),
+            drive_frame_time=column("frame_time"),
+            rules=tuple(RULES[index] for index in column("rule").astype(int)),
+            states=tuple(STATES[index] for index in column("state").astype(int)),
+            kept=column("kept"),
+            shape_age=column("shape_age"),
+            foci=column("foci"),
+            joints=column("joints"),
+            frame_time=frames["time"][:],
+            landmarks=frames["landmarks"][:],
+        )
 
 
 def recording_of(path: str | Path) -> Recording:
-    """Read the frames of a session as a recording, in the scene's frame; its drives are left alone.
+    """Read the frames of a session as a recording, in the scene's frame.
 
     Parameters
     ----------
@@ -284,22 +300,23 @@ def recording_of(path: str | Path) -> Recording:
     """
     with _opened(path) as file:
         side = _side_in(file)
-        times, landmarks = file["frames/time"][:], file["frames/landmarks"][:]
+        times = file["frames/time"][:]
+        landmarks = file["frames/landmarks"][:]
         if not len(times):
-            raise InvalidInput(
-                "0 frames are in this session: record one with a hand.", code="empty"
-            )
+            raise InvalidInput("this session has no frames: record one with a hand.", code="empty")
         seen = np.isfinite(landmarks).all(axis=(1, 2))
         frames = [
-            HandFrame(float(then), side, index, joints if there else None)
-            for index, (then, joints, there) in enumerate(zip(times, landmarks, seen, strict=True))
+            HandFrame(float(time), side, index, joints if visible else None)
+            for index, (time, joints, visible) in enumerate(
+                zip(times, landmarks, seen, strict=True)
+            )
         ]
     return Recording(tuple(frames), StreamHealth(received=len(frames), used=len(frames)))
 
 
 @contextmanager
 def _opened(path: str | Path) -> Iterator[Any]:
-    """Open a session, or the one in a folder, and put what is wrong with it into a sentence."""
+    """Open a session file, or the one in a folder, and translate its faults."""
     import h5py
 
     path = Path(path)
@@ -308,9 +325,9 @@ def _opened(path: str | Path) -> Iterator[Any]:
         try:
             with h5py.File(path, "r") as file:
                 version = int(cast(int, file.attrs["format_version"]))
-                if version > VERSION:
+                if version > 2:
                     raise InvalidInput(
-                        f"its version is {version}, and this airtact reads up to {VERSION}.",
+                        f"its version is {version}, but this airtact reads versions up to 2.",
                         code="unsupported_version",
                     )
                 yield file
@@ -320,60 +337,42 @@ def _opened(path: str | Path) -> Iterator[Any]:
             raise InvalidInput(f"this is no HDF5 file: {error}.", code="wrong_kind") from None
         except KeyError as error:
             raise InvalidInput(
-                f"this is no session: 1 entry is missing: {error}.", code="wrong_kind"
+                f"this is no session: an entry is missing: {error}.", code="wrong_kind"
             ) from None
 
 
-def _session_in(file: Any) -> Session:
-    drives, frames = file["drives"], file["frames"]
-    count, foci = len(drives["time_in_air"]), len(file.attrs["places"])
-    empty = {"foci": (foci, 3), "joints": (25, 3)}  # what a session without a drive lacks
-
-    def column(name: str) -> Any:
-        return drives[name][:count] if name in drives else np.zeros((0, *empty.get(name, ())))
-
-    return Session(
-        scene=_scene_in(file),
-        text=file["scene"].asstr()[()],
-        amplitudes=drives["amplitudes"][:count],
-        time_in_air=column("time_in_air"),
-        drive_frame_time=column("frame_time"),
-        rules=tuple(RULES[index] for index in column("rule").astype(int)),
-        states=tuple(STATES[index] for index in column("state").astype(int)),
-        kept=column("kept"),
-        shape_age=column("shape_age"),
-        foci=column("foci"),
-        joints=column("joints"),
-        frame_time=frames["time"][:],
-        landmarks=frames["landmarks"][:],
-    )
-
-
 def _scene_in(file: Any) -> LiveScene:
-    has, array = file.attrs, file["array"]
+    attributes = file.attrs
+    array = file["array"]
     element = Element(
         array["face_points"][:],
         array["face_weights"][:],
-        float(has["sensitivity"]),
-        bool(has["directional"]),
-        float(has["radius"]),
+        float(attributes["sensitivity"]),
+        bool(attributes["directional"]),
+        float(attributes["radius"]),
     )
-    fixed_array = PhasedArray(
-        array["positions"][:], array["normals"][:], element, array["tangents"][:], array["gains"][:]
-    )
+    modulation = [float(number) for number in attributes["modulation"]]
     return LiveScene(
-        medium=Medium(float(has["sound_speed"]), float(has["density"]), float(has["absorption"])),
-        frequency=float(has["frequency"]),
-        array=fixed_array,
+        medium=Medium(
+            float(attributes["sound_speed"]),
+            float(attributes["density"]),
+            float(attributes["absorption"]),
+        ),
+        frequency=float(attributes["frequency"]),
+        array=PhasedArray(
+            array["positions"][:],
+            array["normals"][:],
+            element,
+            array["tangents"][:],
+            array["gains"][:],
+        ),
         side=_side_in(file),
         radii=fixed(file["hand/radii"][:]) if "hand/radii" in file else None,
-        places=tuple(str(place) for place in has["places"]),
-        offsets=fixed(has["offsets"]),
-        method=str(has["method"]),
-        modulation=AmplitudeModulation(*map(float, has["modulation"]))
-        if len(has["modulation"])
-        else None,
-        planes=tuple(plane(*one) for one in has["planes"]) if "planes" in has else (),
+        places=tuple(str(place) for place in attributes["places"]),
+        offsets=fixed(attributes["offsets"]),
+        method=str(attributes["method"]),
+        modulation=AmplitudeModulation(*modulation) if modulation else None,
+        planes=tuple(plane(point, normal) for point, normal in attributes.get("planes", [])),
     )
 
 

@@ -1,4 +1,4 @@
-"""Where the hands of the live loop come from: a recording at its own times, or trackers by socket."""
+"""Where the hands of the live loop come from (a recording, trackers by socket, the page), and the tracker's clock."""
 
 import time
 from abc import ABC, abstractmethod
@@ -9,20 +9,20 @@ from threading import Event, Lock, Thread
 
 import numpy as np
 
-from airtact.checks import positive
+from airtact.checks import between, positive
 from airtact.errors import InvalidInput
 from airtact.geometry.pose import Pose, nearest_motion
 from airtact.hands.hand import Hand
 from airtact.hands.tracking.frame import HandFrame
 from airtact.hands.tracking.receivers import OscReceiver, WebSocketReceiver
 from airtact.hands.tracking.recordings import Recording
-from airtact.hands.tracking.stream import HandStream
+from airtact.hands.tracking.stream import DRIFT, HandStream
 
-PALM = (0, 5, 6, 10, 11, 15, 16, 20, 21)
-"""Joints that hardly move against each other: the wrist and both ends of the metacarpals."""
+MAX_LATENCY = 0.5
+"""Largest time from a tracker's picture to the arrival of its frame [s]."""
 
-EARLY = 1024
-"""Frames that came before ``begin`` and are kept for it at most, the newest ones."""
+OnFrame = Callable[[HandFrame, float], None]
+"""Takes a frame and the time of its arrival, by ``time.monotonic`` [s]."""
 
 
 class HandSource(ABC):
@@ -30,7 +30,7 @@ class HandSource(ABC):
 
     Attributes
     ----------
-    words : where the frames come from, in words.
+    words : where the frames come from.
     ended : whether no more frames will come.
     """
 
@@ -38,16 +38,16 @@ class HandSource(ABC):
     ended: bool = False
 
     @abstractmethod
-    def begin(self, on_frame: Callable[[HandFrame, float], None]) -> HandStream:
-        """Begin; ``on_frame`` is called with every frame that is used and the computer's time of its arrival [s]."""
+    def begin(self, on_frame: OnFrame) -> HandStream:
+        """Begin; ``on_frame`` is called with every frame that is used."""
 
     @abstractmethod
     def close(self) -> None:
         """End what runs."""
 
 
-def _stream(on_frame: Callable[[HandFrame, float], None]) -> HandStream:
-    return HandStream(on_frame=lambda frame: on_frame(frame, time.monotonic()))
+def _timed(on_frame: OnFrame) -> Callable[[HandFrame], None]:
+    return lambda frame: on_frame(frame, time.monotonic())
 
 
 class RecordedHands(HandSource):
@@ -55,13 +55,13 @@ class RecordedHands(HandSource):
 
     Parameters
     ----------
-    recording : as ``load_recording`` gives it.
-    loop : whether it begins again at its end, with times that go on.
+    recording : as ``load_recording`` returns it.
+    loop : whether it restarts at its end, with times that go on.
 
     Raises
     ------
     InvalidInput
-        If a recording of 1 frame is to be played in a loop.
+        If a recording of a single frame is to be played in a loop.
     """
 
     def __init__(self, recording: Recording, loop: bool = False) -> None:
@@ -69,15 +69,16 @@ class RecordedHands(HandSource):
         self._loop = loop
         if loop and len(self.frames) < 2:
             raise InvalidInput(
-                "1 frame cannot be played in a loop: give 2 or more.", code="too_few"
+                "a single frame cannot be played in a loop: give a recording of two or more.",
+                code="too_few",
             )
         self.words: str = f"{len(self.frames)} recorded frames{', again and again' if loop else ''}"
         self._closed = Event()
         self._thread: Thread | None = None
 
-    def begin(self, on_frame: Callable[[HandFrame, float], None]) -> HandStream:
+    def begin(self, on_frame: OnFrame) -> HandStream:
         """Begin with the first frame at once."""
-        stream = _stream(on_frame)
+        stream = HandStream(on_frame=_timed(on_frame))
         self._thread = Thread(
             target=self._play, args=(stream,), name="airtact recording", daemon=True
         )
@@ -91,37 +92,40 @@ class RecordedHands(HandSource):
             self._thread.join()
 
     def _play(self, stream: HandStream) -> None:
-        began = time.monotonic()
+        begun = time.monotonic()
         start = self.frames[0].time
-        for frame in self._endless() if self._loop else self.frames:
-            if self._closed.wait(max(frame.time - start - (time.monotonic() - began), 0.0)):
+        for frame in self._repeated() if self._loop else self.frames:
+            if self._closed.wait(max(frame.time - start - (time.monotonic() - begun), 0.0)):
                 return
             stream.feed(frame)
         self.ended = True
 
-    def _endless(self) -> Iterator[HandFrame]:
+    def _repeated(self) -> Iterator[HandFrame]:
+        """Yield the frames over and over, with times and sequence numbers that go on."""
         frames = self.frames
         times = np.array([frame.time for frame in frames])
-        lasts = times[-1] - times[0] + float(np.median(np.diff(times)))
-        counts = frames[-1].sequence - min(frame.sequence for frame in frames) + 1
-        turn = 0
+        duration = times[-1] - times[0] + float(np.median(np.diff(times)))
+        count = frames[-1].sequence - min(frame.sequence for frame in frames) + 1
+        rounds = 0
         while True:
             for frame in frames:
                 yield replace(
-                    frame, time=frame.time + turn * lasts, sequence=frame.sequence + turn * counts
+                    frame,
+                    time=frame.time + rounds * duration,
+                    sequence=frame.sequence + rounds * count,
                 )
-            turn += 1
+            rounds += 1
 
 
 class ReceivedHands(HandSource):
-    """Trackers that send frames to a socket of this computer.
+    """Trackers that send frames to a socket of this computer, which is open from now on.
 
     Parameters
     ----------
     kind : "websocket" or "osc".
-    port : to listen at; 0 takes a free one.
-    tracker : where the tracker stands, from its frame to the scene's.
-    every : whether frames that are overtaken while they wait are used too, as for a recording.
+    port : port to listen at; 0 takes a free one.
+    tracker : pose of the tracker, from its frame to the scene's.
+    every : whether to use frames that are overtaken while they wait too, as for a recording.
 
     Raises
     ------
@@ -135,19 +139,19 @@ class ReceivedHands(HandSource):
         receivers = {"websocket": WebSocketReceiver, "osc": OscReceiver}
         if kind not in receivers:
             raise InvalidInput(
-                f"{kind!r} is not 1 of {len(receivers)} sockets: websocket, osc.",
-                code="unknown_name",
+                f"{kind!r} is no kind of socket: give websocket or osc.", code="unknown_name"
             )
-        self._early: deque[tuple[HandFrame, float]] = deque(maxlen=EARLY)
-        self._on_frame: Callable[[HandFrame, float], None] | None = None
+        # Frames that come before ``begin`` are kept, up to the newest 1024.
+        self._early: deque[tuple[HandFrame, float]] = deque(maxlen=1024)
+        self._on_frame: OnFrame | None = None
         self._lock = Lock()
-        self._stream = _MovedStream(tracker, self._arrived, every)
+        self._stream = _MovedStream(tracker, _timed(self._arrived), every)
         self._receiver = receivers[kind](self._stream, port)
         scheme = "ws://" if kind == "websocket" else "OSC at "
         self.words: str = f"{scheme}127.0.0.1:{self._receiver.port}"
 
-    def begin(self, on_frame: Callable[[HandFrame, float], None]) -> HandStream:
-        """Hand on the frames that came since this was made, which opened the socket, and all that come."""
+    def begin(self, on_frame: OnFrame) -> HandStream:
+        """Hand on the frames that came so far and all that come."""
         with self._lock:
             self._on_frame = on_frame
             while self._early:
@@ -158,35 +162,12 @@ class ReceivedHands(HandSource):
         """Stop listening."""
         self._receiver.close()
 
-    def _arrived(self, frame: HandFrame) -> None:
+    def _arrived(self, frame: HandFrame, now: float) -> None:
         with self._lock:
             if self._on_frame is None:
-                self._early.append((frame, time.monotonic()))
+                self._early.append((frame, now))
             else:
-                self._on_frame(frame, time.monotonic())
-
-
-class PageHands(HandSource):
-    """The hand that is dragged on the page.
-
-    Attributes
-    ----------
-    stream : what the page feeds.
-    """
-
-    words: str = "the hand on the page"
-
-    def __init__(self) -> None:
-        self._on_frame: Callable[[HandFrame, float], None] = lambda frame, arrived: None
-        self.stream: HandStream = _stream(lambda frame, arrived: self._on_frame(frame, arrived))
-
-    def begin(self, on_frame: Callable[[HandFrame, float], None]) -> HandStream:
-        """Hand frames on from now."""
-        self._on_frame = on_frame
-        return self.stream
-
-    def close(self) -> None:
-        """End nothing: the page ends by itself."""
+                self._on_frame(frame, now)
 
 
 class _MovedStream(HandStream):
@@ -204,15 +185,39 @@ class _MovedStream(HandStream):
         return super().feed(frame)
 
 
+class PageHands(HandSource):
+    """The hand that is dragged on the page.
+
+    Attributes
+    ----------
+    stream : fed by the page.
+    """
+
+    words: str = "the hand on the page"
+
+    def __init__(self) -> None:
+        self._on_frame: OnFrame = lambda frame, arrived: None
+        self.stream: HandStream = HandStream(
+            on_frame=_timed(lambda frame, now: self._on_frame(frame, now))
+        )
+
+    def begin(self, on_frame: OnFrame) -> HandStream:
+        """Hand on all frames from now on."""
+        self._on_frame = on_frame
+        return self.stream
+
+    def close(self) -> None:
+        """End nothing: the page ends by itself."""
+
+
 def moved_to(recording: Recording, hand: Hand) -> Recording:
-    """Move a recorded hand of 25 landmarks so that its palm is where another hand's is, mirrored if needed."""
+    """Move a recorded hand of 25 landmarks so that its palm lies on another hand's, mirrored if needed."""
+    # The wrist and both ends of the metacarpals hardly move relative to each other.
+    palm = [0, 5, 6, 10, 11, 15, 16, 20, 21]
     seen = [frame for frame in recording.frames if frame.landmarks is not None]
     mirror = np.array([1.0, 1.0, 1.0 if seen[0].side == hand.side else -1.0])
-    palm = np.mean(
-        [mirror * frame.landmarks[list(PALM)] for frame in seen if frame.landmarks is not None],
-        axis=0,
-    )
-    pose = Pose(*nearest_motion(palm, hand.joints[list(PALM)]))
+    joints = [mirror * frame.landmarks[palm] for frame in seen if frame.landmarks is not None]
+    pose = Pose(*nearest_motion(np.mean(joints, axis=0), hand.joints[palm]))
 
     def moved(frame: HandFrame) -> HandFrame:
         landmarks = None if frame.landmarks is None else pose.apply(frame.landmarks * mirror)
@@ -222,5 +227,67 @@ def moved_to(recording: Recording, hand: Hand) -> Recording:
 
 
 def checked_seconds(seconds: float | None) -> float:
-    """Return how long to go on [s], infinity where None is given; raise as ``positive``."""
-    return np.inf if seconds is None else positive(seconds, "how long to go on", "s")
+    """Return a duration [s], infinity for None; raise as ``positive``."""
+    return np.inf if seconds is None else positive(seconds, "the duration", "s")
+
+
+def checked_latency(latency: float) -> float:
+    """Return the latency of a tracker [s]; raise "out_of_range" unless it is from 0 to 0.5 s."""
+    return between(
+        latency, 0.0, MAX_LATENCY, "the latency of the tracker", "s", "is it in milliseconds?"
+    )
+
+
+class FrameClock:
+    """Estimates the tracker's clock from the times and arrivals of its frames.
+
+    A tracker that uses a clock of this computer is recognised by its first frame. For any other
+    clock the offset is the smallest seen between a frame's time and its arrival, less ``latency``;
+    the tracker's clock may drift by 0.1 %.
+
+    Parameters
+    ----------
+    latency : least time from the picture to the frame's arrival, for trackers with their own clock
+        [s].
+    now : the computer's clock [s].
+
+    Raises
+    ------
+    InvalidInput
+        When the latency is not from 0 to 0.5 s.
+    """
+
+    def __init__(self, latency: float = 0.0, now: Callable[[], float] = time.monotonic) -> None:
+        self._latency = checked_latency(latency)
+        self._now = now
+        self._least: tuple[float, float] | None = None
+        self._shared: Callable[[], float] | None = None
+        self._begun = False
+
+    def saw(self, taken: float, arrived: float) -> None:
+        """Take a frame's time on its own clock and that of its arrival on the computer's [s]."""
+        if not self._begun:
+            self._begun = True
+            for clock in (time.monotonic, time.time):
+                if self._shared is None and 0.0 <= clock() - taken <= MAX_LATENCY:
+                    self._shared = clock
+        # The match was a coincidence, or the clock was set anew, if the times part later.
+        if self._shared is not None:
+            late = self._shared() - taken
+            if not -MAX_LATENCY <= late <= 4.0 * MAX_LATENCY:
+                self._shared = None
+        offset = arrived - taken
+        if self._least is not None:
+            least, then = self._least
+            drifted = least + DRIFT * (arrived - then)
+            # A much larger offset is a clock that began anew: the old smallest one is forgotten.
+            if offset <= drifted + MAX_LATENCY:
+                offset = min(offset, drifted)
+        self._least = offset, arrived
+
+    def time(self, now: float | None = None) -> float:
+        """Return the time on the frames' clock [s], now or at a time of the computer's; 0 before the first frame."""
+        now = self._now() if now is None else now
+        if self._shared is not None:
+            return self._shared() + (now - self._now())
+        return 0.0 if self._least is None else now - self._least[0] + self._latency

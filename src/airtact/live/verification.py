@@ -1,4 +1,4 @@
-"""What the drives of a session gave the hand that was there: each is held against the hand at its time in the air."""
+"""Verify a session: solve the hand that was there when its drives were in the air, and compare with the best drive."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,32 +14,26 @@ from airtact.drives.methods import best
 from airtact.drives.transfer import transfer_matrix
 from airtact.errors import InvalidInput
 from airtact.hands.hand import hand_from_joints
-from airtact.live.distances import foci_on
-from airtact.live.parts import Rule
+from airtact.live.moment import Rule
+from airtact.live.scene import Joints, foci_on
 from airtact.live.session import Session
 from airtact.printing import in_short
 from airtact.timing import Progress, no_progress
 
-EVERY = 20
-"""One in so many drives is verified unless another number is given."""
-
-ACCURACY = 0.02
-"""Relative error of the verification solves unless another is given."""
-
 
 @dataclass(frozen=True, eq=False)
 class VerifiedSession:
-    """What chosen drives of a session gave the hand that was there.
+    """Pressures that chosen drives of a session gave the hand.
 
     Attributes
     ----------
     indices : (V,) of the drives.
     times : (V,) at which they were in the air, on the clock of the frames [s].
-    pressures : (V, F) that the foci got [Pa].
-    kept : (V,) pressure at the weakest focus over that of the drive made for the hand of that time,
-        at equal energy.
+    pressures : (V, F) at the foci [Pa].
+    kept : (V,) pressure at the weakest focus relative to that of the drive made for the hand of
+        that time, at equal energy.
     expected : (V,) the share that was expected when the drive was made; NaN where it was not known.
-    rules : (V,) what the drives were made from.
+    rules : (V,) basis of the drives.
     """
 
     indices: tuple[int, ...]
@@ -53,17 +47,17 @@ class VerifiedSession:
 
     @property
     def median(self) -> float:
-        """Median of the pressure kept."""
+        """Median of ``kept``."""
         return float(np.median(self.kept))
 
     @property
     def lowest_tenth(self) -> float:
-        """The share that nine of ten drives keep at least."""
+        """The 10th percentile of ``kept``."""
         return float(np.percentile(self.kept, 10.0))
 
 
-def hand_at(session: Session, time: float) -> Float64[np.ndarray, "25 3"]:
-    """Return the joints at a time of the frames' clock [m], between those of the frames before and after.
+def hand_at(session: Session, time: float) -> Joints:
+    """Return the joints at a time of the frames' clock [m], interpolated between frames.
 
     Raises
     ------
@@ -71,12 +65,13 @@ def hand_at(session: Session, time: float) -> Float64[np.ndarray, "25 3"]:
         If no frame with a hand came before, or none after.
     """
     seen = np.isfinite(session.landmarks[:, 0, 0])
-    times, landmarks = session.frame_time[seen], session.landmarks[seen]
+    times = session.frame_time[seen]
+    landmarks = session.landmarks[seen]
     after = int(np.searchsorted(times, time))
     if not 0 < after < len(times):
         raise InvalidInput(
-            f"at {time:.4g} s the session has no frame before or none after: its {len(times)} frames with a hand do "
-            "not say where the hand was.",
+            f"no frame with a hand before and after {time:.4g} s is in the session, so the hand of "
+            "that time is not known.",
             code="out_of_range",
         )
     share = (time - times[after - 1]) / (times[after] - times[after - 1])
@@ -85,20 +80,20 @@ def hand_at(session: Session, time: float) -> Float64[np.ndarray, "25 3"]:
 
 def verify_session(
     session: Session,
-    every: int = EVERY,
-    accuracy: float = ACCURACY,
-    truth: Callable[[float], Float64[np.ndarray, "25 3"]] | None = None,
+    every: int = 20,
+    accuracy: float = 0.02,
+    truth: Callable[[float], Joints] | None = None,
     report_step: Progress = no_progress,
 ) -> VerifiedSession:
-    """Solve the whole hand at the times in the air of chosen drives, and compare these with the best for that hand.
+    """Compare drives of a session with the best ones for the whole hand at their time in the air.
 
     Parameters
     ----------
-    session : as ``read_session`` gives it.
-    every : one in so many of the drives that play is chosen.
-    accuracy : relative error of the solves.
+    session : as ``read_session`` returns it.
+    every : one in this many of the drives that play is verified.
+    accuracy : relative error of the solutions.
     truth : gives the joints (25, 3) [m] at a time of the frames' clock [s], where they are known
-        better than from the frames, which are interpolated otherwise; a tracker's noise is in them.
+        better than from the frames, which contain the tracker's noise and are interpolated.
     report_step : called with each drive.
 
     Raises
@@ -107,11 +102,14 @@ def verify_session(
         If no chosen drive has a hand at its time.
     """
     scene = session.scene
-    solver = BoundaryElement(accuracy=accuracy)  # elements may stand near the skin
+    solver = BoundaryElement(accuracy=accuracy)
     playing = np.flatnonzero(session.playing).tolist()
-    rows = []
-    for number, index in enumerate(playing[:: max(every, 1)]):
-        report_step(f"drive {number + 1} of {len(playing[:: max(every, 1)])}")
+    chosen = playing[:: max(every, 1)]
+    indices = []
+    pressures = []
+    kept = []
+    for number, index in enumerate(chosen):
+        report_step(f"drive {number + 1} of {len(chosen)}")
         time = float(session.time_in_air[index])
         try:
             joints = hand_at(session, time) if truth is None else truth(time)
@@ -123,24 +121,26 @@ def verify_session(
         except InvalidInput as fault:
             report_step(f"drive {number + 1} is left out: {fault}")
             continue
-        got = np.abs(transfer.matrix @ session.amplitudes[index])
+        amplitudes = session.amplitudes[index]
+        received = np.abs(transfer.matrix @ amplitudes)
         ideal = best(transfer, target)
-        attainable = float(np.abs(transfer.pressure(ideal)).min()) / float(
-            np.linalg.norm(ideal.amplitudes)
-        )
-        energy = float(np.linalg.norm(session.amplitudes[index]))
-        rows.append((index, time, got, float(got.min()) / energy / attainable))
-    if not rows:
+        # Equal energy: each weakest pressure is divided by the norm of its drive.
+        share = float(received.min()) / float(np.linalg.norm(amplitudes))
+        attainable = np.abs(transfer.pressure(ideal)).min() / np.linalg.norm(ideal.amplitudes)
+        indices.append(index)
+        pressures.append(received)
+        kept.append(share / float(attainable))
+    if not indices:
         raise InvalidInput(
-            f"0 of {len(playing)} drives that play have a hand at their time: record a longer session.",
+            f"none of the {len(playing)} drives that play has a hand at its time: record a longer "
+            "session.",
             code="empty",
         )
-    indices, times, pressures, kept = zip(*rows, strict=True)
     return VerifiedSession(
-        indices=indices,
-        times=fixed(np.array(times)),
+        indices=tuple(indices),
+        times=fixed(session.time_in_air[indices]),
         pressures=fixed(np.array(pressures)),
         kept=fixed(np.array(kept)),
-        expected=fixed(session.kept[list(indices)]),
+        expected=fixed(session.kept[indices]),
         rules=tuple(session.rules[index] for index in indices),
     )

@@ -1,20 +1,22 @@
 """The whole hand, solved on panels that bend with it, and its sound carried to the pose of now.
 
 A whole hand takes some 0.2 s to solve, and its factors (see ``factors``) are out of date after 20
-ms, as sound that goes by way of a neighbouring finger changes its phase with every millimetre. What
-hardly changes is the strength of the sources that the solution puts on the skin, over the sound
-that the beacon sends straight there: a smooth function of position on each bone. So the sources are
-moved with their bones, their phases follow the paths from the focus, and they radiate to the array
-from where they are now: in 20 ms, after which a solution of 0.1 s ago is nearly right. For the
-milliseconds until the next time the sources of each bone are taken together, and the phase of what
-they radiate follows the path by way of their middle.
+ms: the phase of sound that is scattered by a neighbouring finger changes with every millimetre. The
+strength of the sources that the solution puts on the skin, relative to the sound that the beacon
+sends straight there, hardly changes: it is a smooth function of position on each bone. So the
+sources are moved with their bones, their phases follow the paths from the focus, and they radiate
+to the array from where they are now. This takes 20 ms, after which a solution of 0.1 s ago is nearly
+right. In the milliseconds until the next time, the sources of each bone are taken together, and the
+phase of what they radiate follows the path through their centre.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Complex64, Complex128, Float, Float32, Float64
+from jaxtyping import Complex64, Complex128, Float, Float32, Float64, Int64
+from scipy.interpolate import RBFInterpolator
+from scipy.sparse import csr_array
 
 from airtact import _kernels
 from airtact.acoustics.scene import Scene, sound_hard
@@ -28,45 +30,25 @@ from airtact.hands.body import FREE, OWNER, PARTS
 from airtact.hands.hand import Hand
 from airtact.hands.joints import CHAINS, cross
 from airtact.hands.kinematics import bending_axis
-from airtact.live.drives.factors import ACCURACY, HandFactors, part_of
-from airtact.live.drives.riding import Riding, gap_change, ride
-from airtact.live.drives.some_elements import SomeElements
-from airtact.live.parts import LiveScene
+from airtact.live.drives.factors import ACCURACY, Factors, HandFactors, part_of
+from airtact.live.scene import Foci, Joints, LiveScene, PosedHand, gap_change, pose_hand
 from airtact.printing import in_short
 
-SEEN, SETTLED = 0.5, 0.2
-"""Panels that face fewer of the elements are left out: half the unknowns, for 0.01 of the pressure; relative residual
-of the iteration, below which the panels are the larger error."""
+MIN_SEEN = 0.5
+"""Share of the elements that a panel must face."""
+# Leaving out the others halves the unknowns, for 0.01 of the pressure.
 
-SOFT, LEAST_WEIGHT = 3e-3, 1e-3
-"""How fast skin goes over from one bone to the next [m], and the smallest weight of a bone that counts."""
-
-LIFTED = 2e-3
-"""Panels that bent off the skin by less than this are put back onto it [m]."""
-
-OTHER_POSE = 5e-3
-"""Poses whose ``gap_change`` is larger are solved on other panels [m]."""
-
-LOST, LOST_GAP = 0.17, 5e-3
-"""Share of the pressure that is lost where sound is carried far, and the ``gap_change`` over which most of it is [m]:
-fitted to 32 pairs of poses of an open hand whose fingers wave, with foci at its palm and all
-fingertips."""
-
-FEWER = 4
-"""Sound by way of a bone is evaluated at so many elements less than there are, and in between: 3 or 4 % off."""
-
-MADE, KEPT = 6, 60
-"""Sets of panels and solutions that are kept."""
+Points = Float64[np.ndarray, "points 3"]
+Weights = Float64[np.ndarray, "points hulls"]
+"""How much each bone moves each point."""
 
 
 @dataclass(frozen=True, eq=False)
 class Bones:
-    """The axes of the bones under all ``PARTS`` of a hand (H, 3, 3), one a row, and a point of each (H, 3) [m]."""
+    """Axes of the bones under all ``PARTS`` of a hand (H, 3, 3), one per row, and a point of each (H, 3) [m]."""
 
     axes: Float64[np.ndarray, "hulls 3 3"]
     starts: Float64[np.ndarray, "hulls 3"]
-
-    __repr__ = in_short
 
     def motions_to(
         self, now: "Bones"
@@ -77,19 +59,20 @@ class Bones:
 
 
 def bones_of(hand: Hand) -> Bones:
-    """Find the bones; a finger's hinges are across its last phalanx and the direction in which its pad faces."""
-    (palm, normal), joints = hand.position("palm"), hand.joints
+    """Return the bones of a hand; its joints and the direction of its pads determine their axes."""
+    joints = hand.joints
+    palm, normal = hand.position("palm")
     hinges = np.array([bending_axis(joints, hand.side, finger) for finger in range(5)])
     root, knuckle = joints[list(CHAINS[2][:2])]
-    starts, ends = joints[
-        PARTS[: FREE + 1, :2].T
-    ]  # the one after the phalanges is the thumb's metacarpal
+    # After the phalanges comes the thumb's metacarpal, which turns about the thumb's hinge.
+    starts, ends = joints[PARTS[: FREE + 1, :2].T]
     along = np.vstack([ends - starts, knuckle - root])
     across = np.vstack([hinges[[*OWNER, 0]], cross(knuckle - root, normal)])
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     across -= along * np.sum(along * across, axis=1, keepdims=True)
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     axes = np.stack([along, across, np.cross(along, across)], axis=1)
+    # All other parts belong to the palm and move with it.
     of_palm = len(PARTS) - len(starts)
     return Bones(
         np.vstack([axes[:-1], np.tile(axes[-1], (of_palm, 1, 1))]),
@@ -97,34 +80,66 @@ def bones_of(hand: Hand) -> Bones:
     )
 
 
-def _weights(
-    hand: Hand, points: Float64[np.ndarray, "points 3"]
-) -> Float64[np.ndarray, "points hulls"]:
-    """Find how much each bone moves points on the skin: the nearest one, and where two are as near, both."""
+def _weights(hand: Hand, points: Points) -> Weights:
+    """Return how much each bone moves points on the skin: only the nearest one, except near a joint."""
     away = hand.shape.hulls.each(points)
-    weights = np.exp((away.min(axis=1, keepdims=True) - away) / SOFT)
-    weights[weights < LEAST_WEIGHT] = 0.0
+    # Over 3 mm the skin passes from one bone to the next.
+    weights = np.exp((away.min(axis=1, keepdims=True) - away) / 3e-3)
+    weights[weights < 1e-3] = 0.0
     return weights / weights.sum(axis=1, keepdims=True)
 
 
-def _moved(
-    points: Float64[np.ndarray, "points 3"],
-    weights: Float64[np.ndarray, "points hulls"],
-    before: Bones,
-    now: Bones,
-) -> Float64[np.ndarray, "points 3"]:
+def _moved(points: Points, weights: Weights, before: Bones, now: Bones) -> Points:
+    """Move points with the bones that carry them."""
     turns, shifts = before.motions_to(now)
     return np.einsum("pj,pjk->pk", points, np.tensordot(weights, turns, 1)) + weights @ shifts
 
 
 @dataclass(frozen=True, eq=False)
-class SkinSources:
-    """The sources on the skin that a solution of a hand found for the beacons at its foci.
+class ElementSubset:
+    """Elements spread evenly over an array, from which slowly varying values are interpolated to all.
 
     Attributes
     ----------
-    time : that the pose was predicted for, of the tracker's clock [s].
-    riding, bones : of the pose.
+    chosen : (S,) indices of the elements.
+    weights : (E, S) of their values in the value at each element, by linear radial basis functions.
+    """
+
+    chosen: Int64[np.ndarray, "chosen"]
+    weights: csr_array
+
+    @classmethod
+    def of(cls, positions: Points, count: int) -> "ElementSubset":
+        """Choose a number of elements at positions (E, 3) [m], each the farthest from those before it."""
+        chosen = [0]
+        away = np.linalg.norm(positions - positions[0], axis=1)
+        while len(chosen) < count:
+            chosen.append(int(away.argmax()))
+            away = np.minimum(away, np.linalg.norm(positions - positions[chosen[-1]], axis=1))
+        # Each value is found from the 8 nearest chosen elements.
+        interpolate = RBFInterpolator(
+            positions[chosen], np.eye(count), min(8, count), kernel="linear", degree=0
+        )
+        weights = interpolate(positions)
+        weights[np.abs(weights) < 1e-6] = 0.0
+        return cls(np.array(chosen), csr_array(weights.astype(np.float32)))
+
+    def interpolated(
+        self, values: Complex64[np.ndarray, "*any chosen"]
+    ) -> Complex64[np.ndarray, "*any elements"]:
+        """Return values at all elements from those at the chosen ones."""
+        everywhere = self.weights @ values.reshape(-1, len(self.chosen)).T
+        return np.ascontiguousarray(everywhere.T).reshape(*values.shape[:-1], -1)
+
+
+@dataclass(frozen=True, eq=False)
+class SkinSources:
+    """The sources on the skin by which a solution of a hand represents the beacons at its foci.
+
+    Attributes
+    ----------
+    time : that the pose was predicted for, on the tracker's clock [s].
+    posed, bones : the pose.
     points : (N, 3) of the sources [m].
     weights : (N, H) how much each bone moves them.
     strengths : (N, F) [Pa·m].
@@ -132,49 +147,59 @@ class SkinSources:
     """
 
     time: float
-    riding: Riding
+    posed: PosedHand
     bones: Bones
-    points: Float64[np.ndarray, "sources 3"]
-    weights: Float64[np.ndarray, "sources hulls"]
-    strengths: Complex128[np.ndarray, "sources foci"]
+    points: Points
+    weights: Weights
+    strengths: Complex128[np.ndarray, "points foci"]
     straight: Float64[np.ndarray, "foci"]
 
-    __repr__ = in_short
-
     def carried(
-        self, scene: LiveScene, riding: Riding, time: float, some: SomeElements
+        self, scene: LiveScene, posed: PosedHand, time: float, subset: ElementSubset
     ) -> "CarriedFactors":
-        """Carry the sources to another pose, at a time [s]; ``some`` elements tell what comes by way of each bone."""
-        wavenumber, bones = scene.medium.wavenumber(scene.frequency), bones_of(riding.hand)
+        """Carry the sources to another pose, at a time [s].
+
+        The sound by way of each bone is evaluated at a subset of the elements only.
+        """
+        wavenumber = scene.wavenumber
+        bones = bones_of(posed.hand)
         points = _moved(self.points, self.weights, self.bones, bones)
-        elements = scene.sounding.array.positions[some.chosen]
-        longer = _distances(points, riding.foci) - _distances(self.points, self.riding.foci)
-        strengths = self.strengths * _phasors(wavenumber.real * longer)
-        beacons = np.eye(len(riding.foci), dtype=np.complex128)
-        straight = monopole_pressure(elements, riding.foci, beacons, wavenumber, "float32")
+        elements = scene.with_images.array.positions[subset.chosen]
+        detour = _distances(points, posed.foci) - _distances(self.points, self.posed.foci)
+        strengths = self.strengths * _phasors(wavenumber.real * detour)
+        beacons = np.eye(len(posed.foci), dtype=np.complex128)
+        straight = monopole_pressure(elements, posed.foci, beacons, wavenumber, "float32")
         waves = np.zeros((len(PARTS), *straight.T.shape), dtype=np.complex64)
-        centres = np.zeros((len(PARTS), len(riding.foci), 3))
+        centres = np.zeros((len(PARTS), len(posed.foci), 3))
+        # Sorted by bone, the sources of each are a slice.
         owner = self.weights.argmax(axis=1)
         order = np.argsort(owner, kind="stable")
-        points, strengths = points[order], strengths[order]
-        sizes = np.real(strengths * np.conj(strengths))
+        points = points[order]
+        strengths = strengths[order]
+        power = np.real(strengths * np.conj(strengths))
         parts, begin = np.unique(owner[order], return_index=True)
         for part, first, last in zip(parts, begin, [*begin[1:], len(owner)], strict=True):
-            own = slice(first, last)
-            centres[part] = sizes[own].T @ points[own] / sizes[own].sum(axis=0)[:, None]
-            by_way = monopole_pressure(elements, points[own], strengths[own], wavenumber, "float32")
+            of_bone = slice(first, last)
+            total = power[of_bone].sum(axis=0)
+            centres[part] = power[of_bone].T @ points[of_bone] / total[:, None]
+            by_way = monopole_pressure(
+                elements, points[of_bone], strengths[of_bone], wavenumber, "float32"
+            )
             waves[part] = (by_way / straight).T
-        waves *= _phasors(-wavenumber.real * detours(centres, riding.foci, elements))
-        lost = 1.0 - np.exp(-float(gap_change(self.riding.distances, riding.distances)) / LOST_GAP)
-        waves = some.everywhere(waves)
+        # Without the phase of the path through the centre the waves vary slowly over the array.
+        waves *= _phasors(-wavenumber.real * detours(centres, posed.foci, elements))
+        waves = subset.interpolated(waves)
+        # Share that is lost when carried far, fitted to 32 pairs of poses of an open hand whose
+        # fingers wave, with foci at its palm and all fingertips: at most 0.17, over 5 mm of change.
+        change = float(gap_change(self.posed.distances, posed.distances))
         return CarriedFactors(
             part="carried",
             time=time,
-            foci=riding.foci,
-            distances=riding.distances,
-            directions=riding.directions,
-            factors=_detoured(scene, centres, riding.foci, self.straight, waves),
-            share=1.0 - LOST * lost,
+            foci=posed.foci,
+            distances=posed.distances,
+            directions=posed.directions,
+            factors=_detoured(scene, centres, posed.foci, self.straight, waves),
+            share=1.0 - 0.17 * (1.0 - np.exp(-change / 5e-3)),
             straight=self.straight,
             bones=bones,
             centres=centres,
@@ -184,74 +209,74 @@ class SkinSources:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CarriedFactors(HandFactors):
-    """Factors that know by way of which bone the sound comes.
+    """Factors by the bone that scatters the sound.
 
     Attributes
     ----------
     straight : (F,) the part of ``factors`` that comes straight from the focus.
     bones : of the pose.
-    centres : (H, F, 3) the middle of the sources of each bone for each focus [m].
-    waves : (H, F, E) the part of ``factors`` that comes by way of each bone, without the phase of
-        the detour by the middle of its sources.
+    centres : (H, F, 3) centre of the sources of each bone for each focus [m].
+    waves : (H, F, R) the part of ``factors`` that comes by way of each bone, without the phase of
+        the detour through the centre of its sources.
     """
 
     straight: Float64[np.ndarray, "foci"]
     bones: Bones
     centres: Float64[np.ndarray, "hulls foci 3"]
-    waves: Complex64[np.ndarray, "hulls foci elements"]
+    waves: Complex64[np.ndarray, "hulls foci sources"]
 
     __repr__ = in_short
 
-    def at(self, scene: LiveScene, riding: Riding) -> Complex64[np.ndarray, "foci elements"]:
-        """Return the factors for a pose nearby: each bone takes the middle of its sources along."""
-        turns, shifts = self.bones.motions_to(bones_of(riding.hand))
+    def at(self, scene: LiveScene, posed: PosedHand) -> Factors:
+        """Return the factors for a nearby pose: each bone takes the centre of its sources along."""
+        turns, shifts = self.bones.motions_to(bones_of(posed.hand))
         centres = self.centres @ turns + shifts[:, None]
-        return _detoured(scene, centres, riding.foci, self.straight, self.waves)
+        return _detoured(scene, centres, posed.foci, self.straight, self.waves)
 
 
 def _detoured(
     scene: LiveScene,
     centres: Float64[np.ndarray, "hulls foci 3"],
-    foci: Float64[np.ndarray, "foci 3"],
+    foci: Foci,
     straight: Float64[np.ndarray, "foci"],
-    waves: Complex64[np.ndarray, "hulls foci elements"],
-) -> Complex64[np.ndarray, "foci elements"]:
-    """Add up what comes straight and by way of each bone, whose sources have their middle at ``centres`` [m]."""
-    wavenumber, elements = (
-        scene.medium.wavenumber(scene.frequency).real,
-        scene.sounding.array.positions,
-    )
-    out = np.empty((len(foci), len(elements)), dtype=np.complex64)
-    _kernels.detoured_waves(centres, foci, elements, straight, waves, wavenumber, out)
-    return out
+    waves: Complex64[np.ndarray, "hulls foci sources"],
+) -> Factors:
+    """Add up the sound that comes straight and that by way of each bone, with their centres [m]."""
+    elements = scene.with_images.array.positions
+    factors = np.empty((len(foci), len(elements)), dtype=np.complex64)
+    wavenumber = scene.wavenumber.real
+    _kernels.detoured_waves(centres, foci, elements, straight, waves, wavenumber, factors)
+    return factors
 
 
 def detours(
-    centres: Float64[np.ndarray, "hulls foci 3"],
-    foci: Float64[np.ndarray, "foci 3"],
-    elements: Float64[np.ndarray, "elements 3"],
-) -> Float32[np.ndarray, "hulls foci elements"]:
-    """Return how much longer the path from each focus by way of a centre is than the straight one [m]."""
+    centres: Float64[np.ndarray, "hulls foci 3"], foci: Foci, elements: Points
+) -> Float32[np.ndarray, "hulls foci points"]:
+    """Return how much longer the path from each focus through a centre is than the straight one [m]."""
     begun = np.linalg.norm(centres - foci, axis=2).astype(np.float32)
-    near, far, foci = (one.reshape(-1, 3).astype(np.float32) for one in (centres, elements, foci))
-    return (
-        begun[..., None] + _distances(near, far).reshape(*begun.shape, -1) - _distances(foci, far)
-    )
+    elements = elements.astype(np.float32)
+    through = _distances(centres.reshape(-1, 3).astype(np.float32), elements)
+    straight = _distances(foci.astype(np.float32), elements)
+    return begun[..., None] + through.reshape(*begun.shape, -1) - straight
 
 
 def _phasors(phases: Float[np.ndarray, "*any"]) -> Complex64[np.ndarray, "*any"]:
     """Return e^{iφ} in single precision, in a third of the time of a complex exponential."""
-    phases, out = phases.astype(np.float32, copy=False), np.empty(phases.shape, dtype=np.complex64)
-    np.cos(phases, out=out.real)
-    np.sin(phases, out=out.imag)
-    return out
+    phases = phases.astype(np.float32, copy=False)
+    phasors = np.empty(phases.shape, dtype=np.complex64)
+    np.cos(phases, out=phasors.real)
+    np.sin(phases, out=phasors.imag)
+    return phasors
 
 
 def _distances(
-    points: Float[np.ndarray, "points 3"], foci: Float[np.ndarray, "foci 3"]
-) -> Float[np.ndarray, "points foci"]:
-    squares = points @ (-2.0 * foci.T)
-    squares += np.einsum("pd,pd->p", points, points)[:, None] + np.einsum("fd,fd->f", foci, foci)
+    points: Float[np.ndarray, "points 3"], others: Float[np.ndarray, "others 3"]
+) -> Float[np.ndarray, "points others"]:
+    # |p - q|² = p² - 2 p·q + q², in place: no array of all differences is made.
+    squares = points @ (-2.0 * others.T)
+    squares += np.einsum("pd,pd->p", points, points)[:, None] + np.einsum(
+        "qd,qd->q", others, others
+    )
     return np.sqrt(np.maximum(squares, 0.0, out=squares), out=squares)
 
 
@@ -261,9 +286,9 @@ class BendingPanels:
     Parameters
     ----------
     scene : of the live loop.
-    riding : the hand in the pose.
-    accuracy : of the solutions.
-    seen : least share of the elements that a panel faces; 0 keeps all.
+    posed : the hand in the pose.
+    accuracy : relative error of the solutions.
+    min_seen : share of the elements that a panel must face; 0 keeps all.
 
     Raises
     ------
@@ -272,104 +297,116 @@ class BendingPanels:
     """
 
     def __init__(
-        self, scene: LiveScene, riding: Riding, accuracy: float = ACCURACY, seen: float = SEEN
+        self,
+        scene: LiveScene,
+        posed: PosedHand,
+        accuracy: float = ACCURACY,
+        min_seen: float = MIN_SEEN,
     ) -> None:
-        self._scene, self.riding, hand = scene, riding, riding.hand
-        air = Scene(
-            scene.medium,
-            [sound_hard(part_of(hand, "hand", scene.places))],
-            frequency=scene.frequency,
-        )
+        self.posed = posed
+        hand = posed.hand
+        body = sound_hard(part_of(hand, "hand", scene.places))
+        air = Scene(scene.medium, [body], frequency=scene.frequency)
         solver = BoundaryElement(accuracy=accuracy, estimate=False)
-        self._panels = solver.moving_panels(air, riding.foci).facing(
-            scene.sounding.array.positions, seen
+        panels = solver.moving_panels(air, posed.foci)
+        self._panels = panels.facing(scene.with_images.array.positions, min_seen)
+        self._bones = bones_of(hand)
+        corners = self._panels.corners.reshape(-1, 3)
+        self._corner_weights = _weights(hand, corners)
+        self._inside_weights = _weights(hand, self._panels.inside)
+        panel_weights = self._corner_weights.reshape(-1, 6, len(PARTS)).mean(axis=1)
+        self._source_weights = np.concatenate(
+            [np.repeat(panel_weights, 6, axis=0), self._inside_weights]
         )
-        self._bones, corners = bones_of(hand), self._panels.corners.reshape(-1, 3)
-        self._of_corners, self._of_inside = (
-            _weights(hand, points) for points in (corners, self._panels.inside)
-        )
-        of_panels = self._of_corners.reshape(-1, 6, len(PARTS)).mean(axis=1)
-        self._of_sources = np.concatenate([np.repeat(of_panels, 6, axis=0), self._of_inside])
-        self._depths = hand.shape.hulls.look(corners).distance
+        self._heights = hand.shape.hulls.look(corners).distance
 
-    def solved(self, riding: Riding, time: float) -> SkinSources:
-        """Solve another pose, at a time [s]; ``NotConverged`` where the iteration does not settle."""
-        bones, corners, inside = self._bent(riding)
-        found = self._panels.radiated(corners, inside, Target(riding.foci).beacons(), SETTLED)
-        sources = found.scattering
-        weights, strengths = self._of_sources, sources.strengths
+    def solved(self, posed: PosedHand, time: float) -> SkinSources:
+        """Solve another pose, at a time [s]; raises ``NotConverged`` if the iteration does not converge."""
+        bones, corners, inside = self._bent(posed)
+        # Below a relative residual of 0.2 the panels are the larger error.
+        solution = self._panels.radiated(corners, inside, Target(posed.foci).beacons(), 0.2)
         return SkinSources(
-            time, riding, bones, sources.positions, weights, strengths, found.factors
+            time=time,
+            posed=posed,
+            bones=bones,
+            points=solution.scattering.positions,
+            weights=self._source_weights,
+            strengths=solution.scattering.strengths,
+            straight=solution.factors,
         )
 
-    def received(self, riding: Riding, sources: Monopoles, residual: float) -> DirectSolution:
-        """Solve another pose for sources away from the hand; it needs all panels, and raises as ``solved``."""
-        _, corners, inside = self._bent(riding)
+    def received(self, posed: PosedHand, sources: Monopoles, residual: float) -> DirectSolution:
+        """Solve another pose for sources away from the hand; needs all panels, and raises as ``solved``."""
+        _, corners, inside = self._bent(posed)
         return self._panels.received(corners, inside, sources, residual)
 
-    def _bent(
-        self, riding: Riding
-    ) -> tuple[Bones, QuadraticTriangles, Float64[np.ndarray, "groups 3"]]:
-        """Bend the panels and their inside to another pose."""
-        bones = bones_of(riding.hand)
-        corners = _moved(self._panels.corners.reshape(-1, 3), self._of_corners, self._bones, bones)
-        skin = riding.hand.shape.hulls.look(corners)
-        off = skin.distance - self._depths
-        corners -= np.where(np.abs(off) < LIFTED, off, 0.0)[:, None] * skin.gradient
-        return (
-            bones,
-            corners.reshape(-1, 6, 3),
-            _moved(self._panels.inside, self._of_inside, self._bones, bones),
+    def _bent(self, posed: PosedHand) -> tuple[Bones, QuadraticTriangles, Points]:
+        """Bend the panels and their inner points to another pose."""
+        bones = bones_of(posed.hand)
+        corners = _moved(
+            self._panels.corners.reshape(-1, 3), self._corner_weights, self._bones, bones
         )
+        skin = posed.hand.shape.hulls.look(corners)
+        lifted = skin.distance - self._heights
+        # Corners that bent off the skin by up to 2 mm are put back onto it.
+        lifted = np.where(np.abs(lifted) < 2e-3, lifted, 0.0)
+        corners -= lifted[:, None] * skin.gradient
+        inside = _moved(self._panels.inside, self._inside_weights, self._bones, bones)
+        return bones, corners.reshape(-1, 6, 3), inside
 
 
 class BendingHand:
-    """Solves a whole hand in one pose after the other, and carries what it found to the pose of now.
+    """Solves a whole hand in one pose after the other, and carries the solutions to the pose of now.
 
     ``solved`` and ``carried`` may run in two threads.
 
     Parameters
     ----------
     scene : of the live loop.
-    accuracy, seen : of the panels, see ``BendingPanels``.
+    accuracy, min_seen : of the panels, see ``BendingPanels``.
     """
 
-    def __init__(self, scene: LiveScene, accuracy: float = ACCURACY, seen: float = SEEN) -> None:
-        self._scene, self._accuracy, self._seen = scene, accuracy, seen
-        self._some = SomeElements.of(
-            scene.sounding.array.positions, -(-len(scene.sounding.array) // FEWER)
-        )
+    def __init__(
+        self, scene: LiveScene, accuracy: float = ACCURACY, min_seen: float = MIN_SEEN
+    ) -> None:
+        self._scene = scene
+        self._accuracy = accuracy
+        self._min_seen = min_seen
+        # A quarter of the elements: interpolation between them is 3 to 4 % off.
+        elements = scene.with_images.array.positions
+        self._subset = ElementSubset.of(elements, -(-len(elements) // 4))
         self._panels: list[BendingPanels] = []
-        self._found: Sequence[SkinSources] = ()
+        self._solutions: Sequence[SkinSources] = ()
 
-    def solved(self, joints: Float64[np.ndarray, "25 3"], time: float) -> SkinSources:
-        """Solve a pose (25, 3) [m], at a time [s]; errors are those of ``factors.solved``."""
-        riding = ride(self._scene, joints)
-        return self._panels_for(riding).solved(riding, time)
+    def solved(self, joints: Joints, time: float) -> SkinSources:
+        """Solve a pose (25, 3) [m], at a time [s]; raises as ``factors.solved``."""
+        posed = pose_hand(self._scene, joints)
+        return self._panels_for(posed).solved(posed, time)
 
-    def received(
-        self, joints: Float64[np.ndarray, "25 3"], sources: Monopoles, residual: float
-    ) -> DirectSolution:
-        """Solve what a pose receives of sources away from it, to a relative residual; errors as for ``solved``."""
-        riding = ride(self._scene, joints)
-        return self._panels_for(riding).received(riding, sources, residual)
+    def received(self, joints: Joints, sources: Monopoles, residual: float) -> DirectSolution:
+        """Solve a pose for sources away from it, to a relative residual; raises as ``solved``."""
+        posed = pose_hand(self._scene, joints)
+        return self._panels_for(posed).received(posed, sources, residual)
 
-    def _panels_for(self, riding: Riding) -> BendingPanels:
-        off = [gap_change(one.riding.distances, riding.distances) for one in self._panels]
-        if not off or min(off) > OTHER_POSE:
-            made = BendingPanels(self._scene, riding, self._accuracy, self._seen)
-            self._panels = [*self._panels[1 - MADE :], made]
+    def _panels_for(self, posed: PosedHand) -> BendingPanels:
+        changes = [gap_change(panels.posed.distances, posed.distances) for panels in self._panels]
+        if not changes or min(changes) > 5e-3:  # too far to bend: the panels would be distorted [m]
+            made = BendingPanels(self._scene, posed, self._accuracy, self._min_seen)
+            self._panels = [*self._panels[-5:], made]
             return made
-        return self._panels[int(np.argmin(off))]
+        return self._panels[int(np.argmin(changes))]
 
-    def keep(self, found: SkinSources) -> None:
-        """Let a solution be carried from now on."""
-        self._found = [*self._found[1 - KEPT :], found]
+    def keep(self, solution: SkinSources) -> None:
+        """Let a solution be carried from now on; the newest 60 are kept."""
+        # A new list, as another thread reads the old one.
+        self._solutions = [*self._solutions[-59:], solution]
 
-    def carried(self, joints: Float64[np.ndarray, "25 3"], time: float) -> CarriedFactors | None:
-        """Carry the solution of the pose most like this one to it; None before the first; errors as for ``solved``."""
-        found, riding = self._found, ride(self._scene, joints)
-        if not found:
+    def carried(self, joints: Joints, time: float) -> CarriedFactors | None:
+        """Carry the solution of the most similar pose to this one; None before the first; raises as ``solved``."""
+        solutions = self._solutions
+        posed = pose_hand(self._scene, joints)
+        if not solutions:
             return None
-        gaps = gap_change(np.array([one.riding.distances for one in found]), riding.distances)
-        return found[int(gaps.argmin())].carried(self._scene, riding, time, self._some)
+        distances = np.array([solution.posed.distances for solution in solutions])
+        nearest = int(gap_change(distances, posed.distances).argmin())
+        return solutions[nearest].carried(self._scene, posed, time, self._subset)

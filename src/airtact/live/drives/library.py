@@ -1,128 +1,127 @@
-"""Solutions that are kept, and the choice of the one that is expected to keep most pressure now.
+"""Library of solutions, and the choice of the one that is expected to keep the most pressure now.
 
-A solution is as good as the pose that it was made for is like the pose of now, however old it is: a
-hand that pinches again comes back to poses that were solved before.
+A solution is as good as its pose is similar to the pose of now, however old it is: a hand that
+pinches again returns to poses that were solved before.
 """
 
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float64
 
 from airtact.live.drives.factors import HandFactors
-from airtact.live.drives.riding import Riding, gap_change, turn
-from airtact.live.parts import LiveScene, Rule
+from airtact.live.moment import Rule
+from airtact.live.scene import LiveScene, PosedHand, gap_change, turn
 
 PARTS: tuple[Rule, ...] = ("phalanges", "fingers", "hand", "carried")
 
-KEPT: dict[Rule, float] = {
-    "distances": 0.55,
-    "phalanges": 0.93,
-    "fingers": 0.935,
-    "hand": 0.98,
-    "carried": 0.94,
+Poses = Float64[np.ndarray, "poses"]
+"""A value for each pose that was solved."""
+
+
+@dataclass(frozen=True)
+class Share:
+    """Share of the attainable pressure that a drive keeps, by how well the solved pose fits.
+
+    Attributes
+    ----------
+    same : where the pose is the one that was solved.
+    different : where it is quite different.
+    spoiled : where the tracker's noise has spoiled the solved pose.
+    """
+
+    same: float
+    different: float
+    spoiled: float
+
+
+SHARES: dict[Rule, Share] = {
+    "distances": Share(0.55, 0.55, 0.55),
+    "phalanges": Share(0.93, 0.7, 0.7),
+    "fingers": Share(0.935, 0.7, 0.7),
+    "hand": Share(0.98, 0.66, 0.66),
+    "carried": Share(0.94, 0.7, 0.48),
 }
-"""Share of the attainable pressure that a drive keeps where the pose is the one that was solved."""
+"""Fitted shares, see ``expected_kept``."""
 
-LEAST: dict[Rule, float] = {
-    "distances": 0.55,
-    "phalanges": 0.7,
-    "fingers": 0.7,
-    "hand": 0.66,
-    "carried": 0.7,
-}
-"""The same where the pose is quite another one."""
 
-SPOILED: dict[Rule, float] = {**LEAST, "carried": 0.48}
-"""The same where noise has spoiled the pose that was solved."""
+FITTED_FOCI = 2
+"""Number of foci that the shares are fitted to."""
 
-GAP, TURN = 1.0e-3, 0.2
-"""Change of the gaps between the foci's bones [m], and turn of the hand [rad], from which on most of the difference is
-lost."""
-
-CARRIED = 4.0
-"""How much less it matters how unlike poses are where the sound by way of each bone is carried along with it."""
-
-KEPT_LESS, FEW = 0.0175, 2
-"""Phalanges keep so much less of the share for each focus beyond so many, and poses must be alike in proportion."""
-
-GAP_NOISE, CARRIED_NOISE, FOCUS_NOISE = 1.5, 3.0, 3.3e-3
-"""Noise of the gaps over that of a tracker's coordinates, the same where a whole hand is carried along, and the noise
-that takes most pressure from any drive [m]."""
-
-CAPACITY, FEWER = 400, 16
-"""Solutions of each part that are kept; of those that were carried along, whose sources are kept elsewhere."""
-
-MOST_NUMBERS, FEWEST = 12_000_000, 40
-"""Factors that solutions of a part hold together at most (96 MB), and solutions that are kept at least."""
-
-SAME_GAP, SAME_TURN = 0.25e-3, 0.02
-"""A solution replaces one of a pose that differs less [m], [rad]."""
+GAP_SCALE = 1.0e-3
+"""Change of the gaps between the foci's bones at which most of the benefit of a solution is lost [m]."""
 
 
 def expected_kept(
-    part: Rule,
-    gap: Float64[np.ndarray, "poses"],
-    turned: Float64[np.ndarray, "poses"],
-    noise: float = 0.0,
-    foci: int = FEW,
-) -> Float64[np.ndarray, "poses"]:
-    """Share of the attainable pressure that is expected at the weakest focus of a drive.
+    part: Rule, gap: Poses, turned: Poses, noise: float = 0.0, foci: int = FITTED_FOCI
+) -> Poses:
+    """Return the expected share of the attainable pressure at the weakest focus of a drive.
 
-    The numbers are medians over 1,700 pairs of poses, one solved and one played, of a thumb and an
-    index finger that open and close 200 mm before 2 x 2 flat boards while the hand moves by 150 mm
-    (``tests/tracking/motions.py``), by solutions of the whole hand. The share falls within a
-    millimetre, an eighth of the wavelength, because the sound between both fingers goes to and fro;
-    the whole hand is lost as fast as the phalanges. What noise takes is fitted to drives for the
-    same motion seen with 0 and 1 mm of it (``benchmarks/live.py``); for a whole hand that is
-    carried, to 30 drives each for an open hand that waves its fingers, seen with 0, 0.5 and 1 mm:
-    it kept 0.89, 0.51 and 0.46 in the median, distances 0.56, 0.55 and 0.54. The solution suffers
-    most: one without noise keeps 0.61 for poses with 1 mm. How it falls with the number of foci is
-    from 160 pairs of poses of an open hand with foci at its palm and all fingertips.
+    The shares are medians over 1,700 pairs of poses, one solved and one played, of a thumb and an
+    index finger that open and close 200 mm before 2 x 2 flat boards while the hand moves by 150 mm,
+    by solutions of the whole hand. The share falls within a millimetre, an eighth of the
+    wavelength, because of multiple reflections between both fingers; the benefit of a whole hand is
+    lost as fast as that of the phalanges.
+
+    The effect of noise is fitted to drives for the same motion seen with 0 and 1 mm of it
+    (``benchmarks/live.py``); for a whole hand that is carried, to 30 drives each for an open hand
+    that waves its fingers, seen with 0, 0.5 and 1 mm: it kept 0.89, 0.51 and 0.46 in the median,
+    distances 0.56, 0.55 and 0.54. Noise in the solved pose matters most: a solution without noise
+    keeps 0.61 for poses with 1 mm. The decrease with the number of foci is from 160 pairs of poses
+    of an open hand with foci at its palm and all fingertips.
 
     Parameters
     ----------
     part : that was solved; for distances the poses do not matter.
-    gap : ``gap_change`` from the pose that was solved to that of now [m].
+    gap : ``gap_change`` from the solved pose to that of now [m].
     turned : ``turn`` from the one to the other [rad].
     noise : standard deviation of each coordinate of the tracker's landmarks [m].
-    foci : how many there are.
+    foci : number of foci.
     """
-    slower, gap_noise = (CARRIED, CARRIED_NOISE) if part == "carried" else (1.0, GAP_NOISE)
-    alike = np.exp(-unlike(gap, turned, FEW if part == "carried" else foci) / slower)
-    least, more, spoiled = LEAST[part], max(foci - FEW, 0), SPOILED[part]
-    most = max(KEPT[part] - KEPT_LESS * more * (part == "phalanges"), least)
-    clean, sure = least + (most - least) * alike, np.exp(-((gap_noise * noise / GAP) ** 2))
-    return np.exp(-((noise / FOCUS_NOISE) ** 2)) * (spoiled + (clean - spoiled) * sure)
+    share = SHARES[part]
+    if part == "carried":
+        # The sound by way of each bone is carried along with it: poses may differ more. The gaps of
+        # the whole hand are noisier than those of the foci's bones.
+        difference = unlike(gap, turned) / 4.0
+        gap_noise = 3.0
+    else:
+        difference = unlike(gap, turned, foci)
+        gap_noise = 1.5  # relative to the noise of a coordinate of the tracker
+    same = share.same
+    if part == "phalanges":
+        same -= 0.0175 * max(foci - FITTED_FOCI, 0)
+    same = max(same, share.different)
+    # Without noise the share falls from ``same`` to ``different`` as the poses part. Noise then
+    # takes it to ``spoiled``, and finally takes the foci themselves out of the sound.
+    clean = share.different + (same - share.different) * np.exp(-difference)
+    certain = np.exp(-((gap_noise * noise / GAP_SCALE) ** 2))
+    at_focus = np.exp(-((noise / 3.3e-3) ** 2))
+    return at_focus * (share.spoiled + (clean - share.spoiled) * certain)
 
 
-def unlike(
-    gap: Float64[np.ndarray, "poses"], turned: Float64[np.ndarray, "poses"], foci: int = FEW
-) -> Float64[np.ndarray, "poses"]:
-    """Say how unlike poses are for the sound at so many foci; at 1 most of what a solution brings is lost."""
-    return (max(foci, FEW) / FEW) ** 2 * ((gap / GAP) ** 2 + (turned / TURN) ** 2)
+def unlike(gap: Poses, turned: Poses, foci: int = FITTED_FOCI) -> Poses:
+    """Return how different poses are for the sound at some foci; at 1 most of a solution's benefit is lost."""
+    scale = (max(foci, FITTED_FOCI) / FITTED_FOCI) ** 2
+    return scale * ((gap / GAP_SCALE) ** 2 + (turned / 0.2) ** 2)
 
 
 def worth_solving(parts: Iterable[Rule], noise: float, foci: int) -> bool:
-    """Say whether a solution of one of some parts, however fresh, is expected to keep more than distances do.
+    """Return whether a fresh solution of one of some parts is expected to keep more than distances do.
 
     Parameters
     ----------
     parts : that are solved.
     noise : standard deviation of each coordinate of the tracker's landmarks [m].
-    foci : how many there are.
+    foci : number of foci.
     """
     same = np.zeros(1)
-    least = expected_kept("distances", same, same, noise)[0]
-    return any(expected_kept(part, same, same, noise, foci)[0] > least for part in parts)
+    distances = expected_kept("distances", same, same, noise)[0]
+    return any(expected_kept(part, same, same, noise, foci)[0] > distances for part in parts)
 
 
 class Library:
-    """The solutions of a part, newest poses replacing the oldest.
-
-    It keeps ``CAPACITY`` of them, or as many as ``MOST_NUMBERS`` allow; of those that were carried
-    along ``FEWER``.
+    """The solutions of a part; new poses replace the oldest.
 
     Parameters
     ----------
@@ -133,62 +132,66 @@ class Library:
     def __init__(self, part: Rule, scene: LiveScene) -> None:
         self.part: Rule = part
         points = len(scene.places) + (0 if scene.moving is None else scene.moving.places.size)
-        most = int(np.clip(MOST_NUMBERS // (points * len(scene.sounding.array)), FEWEST, CAPACITY))
-        self._capacity = FEWER if part == "carried" else most
-        self._found: list[HandFactors] = []
+        sources = len(scene.with_images.array)
+        # At most 400 solutions or 96 MB of factors, but 40 solutions at least. Of carried ones 16 are
+        # enough, as their sources are kept by the process that solves them.
+        fitting = 12_000_000 // (points * sources)
+        self._capacity = 16 if part == "carried" else min(max(fitting, 40), 400)
+        self._solutions: list[HandFactors] = []
         self._distances = np.empty((0, 0))
         self._directions = np.empty((0, 0, 0, 0))
-        # Memory that is touched at once: a part that is first solved after an hour must not find
-        # too little.
-        self._factors = np.full(
-            (self._capacity, points, len(scene.sounding.array)), 0, dtype=np.complex64
-        )
+        # Filled, so that the memory is claimed now: a part that is first solved after an hour must
+        # not find too little.
+        self._factors = np.full((self._capacity, points, sources), 0, dtype=np.complex64)
         self._oldest = 0
 
     def __len__(self) -> int:
-        return len(self._found)
+        return len(self._solutions)
 
-    def add(self, one: HandFactors) -> None:
-        """Keep a solution, in the place of one for nearly the same pose, or of the oldest where there are too many."""
-        if not self._found:
-            self._distances = np.empty((self._capacity, *one.distances.shape))
-            self._directions = np.empty((self._capacity, *one.directions.shape))
-        index = len(self._found)
+    def add(self, solution: HandFactors) -> None:
+        """Keep a solution, in the place of one for nearly the same pose, or of the oldest if the library is full."""
+        if not self._solutions:
+            self._distances = np.empty((self._capacity, *solution.distances.shape))
+            self._directions = np.empty((self._capacity, *solution.directions.shape))
+        same_gap = 0.25e-3  # poses that differ by less are nearly the same [m]
+        same_turn = 0.02  # and by less than this [rad]
+        index = len(self._solutions)
         if index:
-            gap, turned = self._changes(one.distances, one.directions)
-            alike = int(np.argmin(gap / SAME_GAP + turned / SAME_TURN))
-            if gap[alike] < SAME_GAP and turned[alike] < SAME_TURN:
-                index = alike
+            gap, turned = self._changes(solution.distances, solution.directions)
+            nearest = int(np.argmin(gap / same_gap + turned / same_turn))
+            if gap[nearest] < same_gap and turned[nearest] < same_turn:
+                index = nearest
             elif index == self._capacity:
-                index, self._oldest = self._oldest, (self._oldest + 1) % self._capacity
-        self._factors[index] = one.factors
-        self._found[index : index + 1] = [replace(one, factors=self._factors[index])]
-        self._distances[index], self._directions[index] = one.distances, one.directions
+                index = self._oldest
+                self._oldest = (self._oldest + 1) % self._capacity
+        self._factors[index] = solution.factors
+        self._solutions[index : index + 1] = [replace(solution, factors=self._factors[index])]
+        self._distances[index] = solution.distances
+        self._directions[index] = solution.directions
 
-    def best(self, riding: Riding, noise: float = 0.0) -> tuple[float, HandFactors | None]:
-        """Find the solution that is expected to keep most for a pose, and how much that is.
+    def best(self, posed: PosedHand, noise: float = 0.0) -> tuple[float, HandFactors | None]:
+        """Return the share that the best solution for a pose is expected to keep, and that solution.
 
         Parameters
         ----------
-        riding : the hand now.
+        posed : the hand now.
         noise : standard deviation of each coordinate of the tracker's landmarks [m].
         """
-        if not self._found:
+        if not self._solutions:
             return 0.0, None
-        gap, turned = self._changes(riding.distances, riding.directions)
-        foci = len(riding.foci)
+        gap, turned = self._changes(posed.distances, posed.directions)
+        foci = len(posed.foci)
         index = int(unlike(gap, turned, foci).argmin())
-        kept = expected_kept(
-            self.part, gap[index : index + 1], turned[index : index + 1], noise, foci
-        )
-        return float(kept[0]) * self._found[index].share, self._found[index]
+        nearest = slice(index, index + 1)
+        kept = expected_kept(self.part, gap[nearest], turned[nearest], noise, foci)
+        return float(kept[0]) * self._solutions[index].share, self._solutions[index]
 
     def _changes(
         self,
         distances: Float64[np.ndarray, "pairs"],
         directions: Float64[np.ndarray, "foci samples 3"],
-    ) -> tuple[Float64[np.ndarray, "found"], Float64[np.ndarray, "found"]]:
-        count = len(self._found)
-        return gap_change(self._distances[:count], distances), turn(
-            self._directions[:count], directions
-        )
+    ) -> tuple[Poses, Poses]:
+        """Return how much the pose of each solution differs from a pose."""
+        count = len(self._solutions)
+        gap = gap_change(self._distances[:count], distances)
+        return gap, turn(self._directions[:count], directions)

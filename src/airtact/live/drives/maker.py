@@ -1,65 +1,61 @@
-"""Drives for a moving hand from the best solution at hand: the newest pose, and what was solved of poses like it."""
+"""Drives for a moving hand from the newest pose and the best solution at hand."""
 
 import time as clock
 from collections.abc import Sequence
-from itertools import chain
+from functools import cache
 
 import numpy as np
 from jaxtyping import Complex128, Float64
+from scipy.special import ndtri
 
 from airtact.acoustics.target import Target
 from airtact.drives.gerchberg_saxton import weighted_gerchberg_saxton
 from airtact.drives.methods import FOR_SAMPLES, METHODS
+from airtact.drives.samples.robust import balanced, improved
 from airtact.drives.transfer import TransferMatrix
 from airtact.errors import InvalidInput
 from airtact.hands.joints import joints_of
 from airtact.hands.tracking.frame import HandFrame
 from airtact.hands.tracking.prediction import AGILITY, Predictor
-from airtact.live.drives.doubt import robust_drive
 from airtact.live.drives.factors import HandFactors, OpenAir
 from airtact.live.drives.library import PARTS, Library, expected_kept, worth_solving
 from airtact.live.drives.moving import Rounds, turned_towards
-from airtact.live.drives.riding import Riding, ride
-from airtact.live.drives.solver_process import Asked, ShapeSolver, SolverProcess
-from airtact.live.parts import Controls, DriveMaker, LiveScene, Moment, Rule
-
-STEP = 0.02
-"""Time over which the velocity of the joints is taken from that of the landmarks [s]."""
-
-
-MANY = 3
-"""Foci from which on the whole hand is solved and carried along: the palm's or a neighbour's part is too large then."""
+from airtact.live.drives.solver_process import Request, SolverProcess
+from airtact.live.moment import Controls, DriveMaker, Moment, Rule, silent_moment
+from airtact.live.scene import Amplitudes, Foci, Joints, LiveScene, PosedHand, Rows, pose_hand
 
 
 def solved_for(scene: LiveScene) -> list[tuple[Rule, ...]]:
-    """Choose what processes solve: one for phalanges and one for the whole hand, or one that does the latter often."""
-    many = len(scene.places) >= MANY or "palm" in scene.places
+    """Return the parts that each solver process solves: phalanges and whole hand, or the whole hand often."""
+    # With three foci, or one at the palm, the sound of the other fingers and the palm matters.
+    many = len(scene.places) >= 3 or "palm" in scene.places
     return [("carried",)] if many and scene.moving is None else [("phalanges",), ("hand",)]
 
 
 class HandAware(DriveMaker):
-    """Makes drives that know the hand.
+    """Makes drives that account for the hand.
 
-    The transfer matrix of now is the open air matrix of now times the factors of the solution that
-    is expected to keep most of the attainable pressure, out of all that were kept; or the open air
-    matrix alone where that keeps more. Where noise lets no solution keep more, the solvers rest. A
-    frame is smoothed and predicted by a Kalman filter. The method ``"best"`` is
-    ``weighted_gerchberg_saxton`` here, which takes less than a millisecond and ends within a
-    hundredth of it. "robust" and "robust_phase_only" are best for 16 samples of where the foci may
-    be, as the filter doubts its prediction (8 where there are over 3 foci).
+    The transfer matrix of now is the open-air matrix of now times the factors of one solution: the
+    one, of all that were kept, that is expected to keep most of the attainable pressure. Where
+    open air alone is expected to keep more, it is used. Where noise lets no solution keep more, the
+    solvers rest. Frames are smoothed and predicted by a Kalman filter.
+
+    The method ``"best"`` is ``weighted_gerchberg_saxton`` here, which takes less than a millisecond
+    and ends within a hundredth of it. "robust" and "robust_phase_only" are best for 16 samples of
+    where the foci may be, by the uncertainty of the prediction (8 samples with over 3 foci).
 
     Parameters
     ----------
-    scene : what stays the same.
-    noise : standard deviation of each coordinate of the tracker's landmarks [m]; found from the
-        frames unless given.
+    scene : the fixed part of the scene.
+    noise : standard deviation of each coordinate of the tracker's landmarks [m]; estimated from the
+        frames by default.
     agility : how suddenly joints change their velocity, see ``Predictor`` [m²/s³].
-    solvers : what solves hands; processes unless given, those of ``solved_for``.
+    solvers : solve hands; by default the processes of ``solved_for``.
 
     Attributes
     ----------
-    fault : the last sentence of what could not be solved, or None.
-    solutions : how many came so far.
+    fault : message of the last pose that could not be solved, or None.
+    solutions : number of solutions so far.
     """
 
     def __init__(
@@ -67,29 +63,27 @@ class HandAware(DriveMaker):
         scene: LiveScene,
         noise: float | None = None,
         agility: float = AGILITY,
-        solvers: Sequence[ShapeSolver] | None = None,
+        solvers: Sequence[SolverProcess] | None = None,
     ) -> None:
         self._scene = scene
         self._predictor = Predictor(0.0, noise, agility)
         self._open_air = OpenAir(scene)
-        self._rounds = (
-            None if scene.moving is None else Rounds(scene, scene.moving, self._open_air.rows)
-        )
-        self._libraries = [Library(part, scene) for part in PARTS]
+        self._rounds: Rounds | None = None
+        if scene.moving is not None:
+            self._rounds = Rounds(scene, scene.moving, self._open_air.rows)
+        self._libraries = {part: Library(part, scene) for part in PARTS}
         self._parts: list[Rule] = [part for parts in solved_for(scene) for part in parts]
-        self._solvers = (
-            [SolverProcess(scene, parts) for parts in solved_for(scene)]
-            if solvers is None
-            else list(solvers)
-        )
+        if solvers is None:
+            solvers = [SolverProcess(scene, parts) for parts in solved_for(scene)]
+        self._solvers = list(solvers)
         self._newest: HandFrame | None = None
-        self._solved: float | None = None
-        self._before = np.zeros(len(scene.array), dtype=np.complex128)
+        self._solved: float | None = None  # time of the newest pose that was solved
+        self._previous = np.zeros(len(scene.array), dtype=np.complex128)
         self.fault: str | None = None
         self.solutions = 0
 
     def take(self, frame: HandFrame) -> None:
-        """Take the tracker's newest frame; one that is not later than the one before, or of the other hand, is left."""
+        """Take the tracker's newest frame; an older one, or one of the other hand, is ignored."""
         newest = self._newest
         if frame.side != self._scene.side or (newest is not None and frame.time <= newest.time):
             return
@@ -99,22 +93,27 @@ class HandAware(DriveMaker):
     def make(self, time: float, controls: Controls) -> Moment:
         """Make the drive for sound that is in the air at a time [s]; zeros where there is no hand.
 
-        Cap, modulation and ``playing`` are left to what emits.
+        Cap, modulation and ``playing`` are left to the loop.
         """
-        self._learn()
+        self._collect()
         if self._newest is None:
-            return self._silent(time, time)
+            return silent_moment(self._scene, time, time)
         try:
-            joints, velocities = self._predicted(time)
-            if joints is None:
-                return self._silent(time, self._newest.time)
-            asked = Asked(time, joints, velocities, clock.monotonic())
-            for solver in self._solvers if self._solves else ():
-                solver.ask(asked)
-            return self._drive(time, joints, controls)
+            frame = self._predictor.at(time)
+            if frame.landmarks is None:
+                return silent_moment(self._scene, time, self._newest.time)
+            joints = joints_of(frame.landmarks)
+            # Velocities of the joints from those of the landmarks, over 20 ms.
+            later = frame.landmarks + 0.02 * self._predictor.velocities()
+            velocities = (joints_of(later, tolerance=1.0) - joints) / 0.02
+            if self._solving:
+                request = Request(time, joints, velocities, clock.monotonic())
+                for solver in self._solvers:
+                    solver.ask(request)
+            return self._drive(time, self._newest.time, joints, controls)
         except InvalidInput as fault:
             self.fault = str(fault)
-            return self._silent(time, self._newest.time)
+            return silent_moment(self._scene, time, self._newest.time)
 
     def close(self) -> None:
         """End the solvers."""
@@ -122,84 +121,140 @@ class HandAware(DriveMaker):
             solver.close()
 
     @property
-    def _solves(self) -> bool:
-        """Whether the solvers are asked; they rest where noise spoils what they find, as they make frames older."""
+    def _solving(self) -> bool:
+        """Whether the solvers are asked; they rest where noise spoils their solutions, as they delay the loop."""
         return worth_solving(self._parts, self._predictor.noise, len(self._scene.places))
 
-    def _learn(self) -> None:
-        for one in chain.from_iterable(solver.found() for solver in self._solvers):
-            if isinstance(one, str):
-                self.fault = one
-            else:
+    def _collect(self) -> None:
+        """Take the new solutions of the solvers into the libraries."""
+        for solver in self._solvers:
+            for solution in solver.solutions():
+                if isinstance(solution, str):
+                    self.fault = solution
+                    continue
                 self.solutions += 1
-                self._solved = one.time if self._solved is None else max(self._solved, one.time)
-                self._libraries[PARTS.index(one.part)].add(one)
+                newest = solution.time if self._solved is None else self._solved
+                self._solved = max(newest, solution.time)
+                self._libraries[solution.part].add(solution)
 
-    def _predicted(
-        self, time: float
-    ) -> tuple[Float64[np.ndarray, "25 3"] | None, Float64[np.ndarray, "25 3"]]:
-        """Predict joints and their velocities."""
-        frame = self._predictor.at(time)
-        if frame.landmarks is None:
-            return None, np.zeros((25, 3))
-        joints = joints_of(frame.landmarks)
-        later = joints_of(frame.landmarks + STEP * self._predictor.velocities(), tolerance=1.0)
-        return joints, (later - joints) / STEP
-
-    def _drive(
-        self, time: float, joints: Float64[np.ndarray, "25 3"], controls: Controls
-    ) -> Moment:
-        riding = ride(self._scene, joints, controls.offset)
+    def _drive(self, time: float, frame_time: float, joints: Joints, controls: Controls) -> Moment:
+        """Make the drive for a hand, with the solution that is expected to keep most, if any."""
+        posed = pose_hand(self._scene, joints, controls.offset)
         noise = self._predictor.noise
-        kept, solution = float(expected_kept("distances", np.zeros(1), np.zeros(1), noise)[0]), None
+        kept = float(expected_kept("distances", np.zeros(1), np.zeros(1), noise)[0])
+        solution = None
         if not controls.ignore_hand:
-            chances = [library.best(riding, noise) for library in self._libraries]
-            kept, solution = max([(kept, solution), *chances], key=lambda chance: chance[0])
-        rows = self._rows(riding, solution)
+            for library in self._libraries.values():
+                share, candidate = library.best(posed, noise)
+                if share > kept:
+                    kept = share
+                    solution = candidate
+        rows = self._rows(posed, solution)
         method = controls.method or self._scene.method
-        self._before = amplitudes = turned_towards(
-            self._made(method, rows, riding.foci, time), self._before
-        )
+        amplitudes = turned_towards(self._made(method, rows, posed.foci, time), self._previous)
+        self._previous = amplitudes
         frames = None
         if self._rounds is not None:
-            frames = self._rounds.frames(riding, solution and solution.factors[len(rows) :], method)
-        rule, age = (
-            ("distances", None) if solution is None else (solution.part, time - solution.time)
+            factors = None if solution is None else solution.factors[len(rows) :]
+            frames = self._rounds.frames(posed, factors, method)
+        behind = None if self._solved is None or not self._solving else time - self._solved
+        return Moment(
+            time=time,
+            frame_time=frame_time,
+            joints=joints,
+            foci=posed.foci,
+            amplitudes=amplitudes,
+            pressures=np.abs(self._scene.with_images.folded(rows) @ amplitudes),
+            rule="distances" if solution is None else solution.part,
+            shape_age=None if solution is None else time - solution.time,
+            behind=behind,
+            kept=kept,
+            frames=frames,
         )
-        frame_time = time if self._newest is None else self._newest.time
-        pressures = np.abs(self._scene.sounding.folded(rows) @ amplitudes)
-        moment = (time, frame_time, joints, riding.foci, amplitudes, pressures)
-        behind = None if self._solved is None or not self._solves else time - self._solved
-        return Moment(*moment, rule=rule, shape_age=age, behind=behind, kept=kept, frames=frames)
 
-    def _rows(
-        self, riding: Riding, solution: HandFactors | None
-    ) -> Complex128[np.ndarray, "foci sounding"]:
-        """Pressure at the foci per unit drive of each element and each image in a plane [Pa]."""
-        rows = self._open_air.rows(riding.foci)
-        return rows if solution is None else rows * solution.at(self._scene, riding)
+    def _rows(self, posed: PosedHand, solution: HandFactors | None) -> Rows:
+        """Return the pressure at the foci per unit drive of each element and image [Pa]."""
+        rows = self._open_air.rows(posed.foci)
+        return rows if solution is None else rows * solution.at(self._scene, posed)
 
-    def _made(
-        self,
-        name: str,
-        rows: Complex128[np.ndarray, "foci sounding"],
-        foci: Float64[np.ndarray, "foci 3"],
-        time: float,
-    ) -> Complex128[np.ndarray, "elements"]:
-        """Make the amplitudes of the elements by a method; those for samples get the predictor's doubt."""
+    def _made(self, name: str, rows: Rows, foci: Foci, time: float) -> Amplitudes:
+        """Make the amplitudes by a method; those for samples use the uncertainty of the prediction."""
         if name in FOR_SAMPLES:
             spread = self._predictor.spread(time)
-            return robust_drive(self._scene, rows, foci, spread, phases=name == "robust_phase_only")
+            return robust_drive(self._scene, rows, foci, spread, name == "robust_phase_only")
         method = weighted_gerchberg_saxton if name == "best" else METHODS[name]
-        folded = self._scene.sounding.folded(rows)
+        folded = self._scene.with_images.folded(rows)
         return method(TransferMatrix(folded, float("nan")), Target(foci)).amplitudes
 
-    def _silent(self, time: float, frame_time: float) -> Moment:
-        return Moment(
-            time,
-            frame_time,
-            None,
-            None,
-            np.zeros(len(self._scene.array), np.complex128),
-            state="waiting",
-        )
+
+def off_by(spread: float) -> float:
+    """Return the assumed deviation of each focus along each axis [m], from the spread of the prediction [m]."""
+    # Foci are off relative to each other by a third of the spread (0.27 to 0.39 for 1 and 2 mm of
+    # noise, in the box and before the flat boards of benchmarks/live.py). All foci together are off
+    # by more, which matters less.
+    off = spread / 3.0
+    # Foci within 0.2 mm count as certain, and no drive makes up for more than 1.5 mm.
+    return 0.0 if off < 0.2e-3 else min(off, 1.5e-3)
+
+
+def robust_drive(
+    scene: LiveScene, rows: Rows, foci: Foci, spread: float, phase_only: bool
+) -> Amplitudes:
+    """Return the drive whose weakest focus keeps most in the worst tenth of the possible poses.
+
+    Parameters
+    ----------
+    scene : its array, medium and frequency are used.
+    rows : (F, R) pressure at the expected foci per unit drive of each element and image [Pa].
+    foci : (F, 3) expected [m].
+    spread : standard deviation of each coordinate of the prediction [m].
+    phase_only : whether every element is at full scale; otherwise the drive is best for its energy.
+
+    Returns
+    -------
+    (E,) amplitudes, the largest of magnitude 1; for certain foci the drive with the strongest
+    weakest focus.
+    """
+    folded = scene.with_images.folded
+    expected = folded(rows)
+    if phase_only:
+        transfer = TransferMatrix(expected, float("nan"))
+        start = weighted_gerchberg_saxton(transfer, Target(foci)).amplitudes
+    else:
+        start = balanced(expected, False, 30)
+    off = off_by(spread)
+    if not off:
+        return start / np.abs(start).max()
+    samples = folded(displaced(scene, rows, foci, off))
+    return improved(samples, start, "phases" if phase_only else "energy")
+
+
+def displaced(
+    scene: LiveScene, rows: Rows, foci: Foci, off: float
+) -> Complex128[np.ndarray, "samples foci sources"]:
+    """Return samples of the rows of foci that are each off by a standard deviation along each axis [m].
+
+    The effect of the hand moves with the foci. An element is far away compared with ``off``, so the
+    phase of its sound changes by the shift along its direction.
+    """
+    directions = foci[:, None] - scene.with_images.array.positions
+    directions = directions / np.linalg.norm(directions, axis=2, keepdims=True)
+    shifts = scene.wavenumber.real * off * _deviations(len(foci))
+    delay = np.einsum(
+        "sfd,fed->sfe", shifts.astype(np.float32), directions.astype(np.float32), optimize=True
+    )
+    phasors = np.empty(delay.shape, dtype=np.complex64)
+    phasors.real = np.cos(delay)
+    phasors.imag = np.sin(delay)
+    return rows * phasors
+
+
+@cache
+def _deviations(foci: int) -> Float64[np.ndarray, "samples foci 3"]:
+    """Draw antithetic deviations of unit variance from scrambled Sobol points."""
+    from scipy.stats import qmc
+
+    pairs = 8 if foci <= 3 else 4  # 48 rows in all take a millisecond or two
+    numbers = qmc.Sobol(3 * foci, scramble=True, rng=np.random.default_rng(0)).random(pairs)
+    normal = ndtri(np.clip(numbers, 1e-6, 1.0 - 1e-6))
+    return np.concatenate([normal, -normal]).reshape(2 * pairs, foci, 3)

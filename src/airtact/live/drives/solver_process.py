@@ -1,7 +1,7 @@
 """A process that solves the newest hand over and over, while the loop goes on.
 
 The process reads pickles, first the scene and the parts to solve and then hands, and writes
-solutions and sentences of faults. It ends when its input does.
+solutions and messages of what could not be solved. It ends when its input does.
 """
 
 import os
@@ -9,7 +9,6 @@ import pickle
 import subprocess
 import sys
 import time
-from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
@@ -18,137 +17,108 @@ from threading import Condition, Thread, get_native_id
 from typing import BinaryIO
 
 import numpy as np
-from jaxtyping import Float64
 
 from airtact.errors import InvalidInput, NotConverged
 from airtact.hands.joints import joints_of
 from airtact.live.drives.bending import BendingHand
 from airtact.live.drives.factors import HandFactors, PartSolver
 from airtact.live.drives.library import expected_kept
-from airtact.live.drives.riding import gap_change, ride
-from airtact.live.parts import LiveScene, Rule
+from airtact.live.moment import Rule
+from airtact.live.scene import Joints, LiveScene, gap_change, pose_hand
 from airtact.printing import in_short
 from airtact.timing import give_way
 
-NICE: dict[tuple[Rule, ...], int] = {("phalanges",): 5, ("hand",): 15, ("carried",): 5}
-"""The parts of a hand that a process solves, one or the other, and how much lower its priority is."""
-
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+"""Environment of a process that must leave the other cores to the loop."""
 
-AHEAD = 1.5
-"""A solution is made for the pose this many solving times ahead: it is ready after one and in use for another."""
+SOLVED_AHEAD = 0.1
+"""How far ahead the pose is that is solved to be carried on [s]."""
 
-SMOOTHING = 0.3
-"""Weight of the newest solving time in the usual one."""
+MAX_AHEAD = 0.06
+"""Largest time that a hand is extrapolated for its solution to be used as it is [s]."""
 
-FIRST_SECONDS: dict[Rule, float] = {
-    "phalanges": 0.015,
-    "fingers": 0.06,
-    "hand": 0.5,
-    "carried": 0.02,
-}
-"""Solving times that are assumed before any was measured [s]."""
+MAX_REQUEST_AGE = 0.3
+"""Older requests are not solved [s]."""
 
-BEHIND = 5
-"""How much lower the priority of the thread is that solves what another one carries."""
-
-CARRIED, SOLVED_AHEAD = 0.03, 0.1
-"""Least time between two poses that sound is carried to, and how far ahead of it a pose is solved [s]."""
-
-MOST_FOUND = 64
-"""Solutions that wait for the loop at most; older ones are dropped."""
-
-FARTHEST = 0.06
-"""A hand is not extrapolated farther ahead than this [s]."""
-
-PAUSE = 0.02
-"""After a hand that could not be solved the process waits so long for another one [s]."""
-
-PATIENCE = 0.3
-"""A hand that was not asked for longer is not solved [s]."""
+RETRY_PAUSE = 0.02
+"""Pause after a hand that could not be solved [s]."""
 
 
 @dataclass(frozen=True, eq=False)
-class Asked:
+class Request:
     """The hand to solve next.
 
     Attributes
     ----------
-    time : at which the hand is as given, of the tracker's clock [s].
+    time : of the hand as given, on the tracker's clock [s].
     joints : (25, 3) [m].
     velocities : (25, 3) [m/s].
-    sent : when it was asked, by ``time.monotonic`` [s].
+    sent : when it was sent, by ``time.monotonic`` [s].
     """
 
     time: float
-    joints: Float64[np.ndarray, "25 3"]
-    velocities: Float64[np.ndarray, "25 3"]
+    joints: Joints
+    velocities: Joints
     sent: float
 
     __repr__ = in_short
 
-    def after(self, ahead: float) -> Float64[np.ndarray, "25 3"]:
-        """Carry the joints on for a time [s]; where that is no hand, they stay as they are."""
-        carried = self.joints + ahead * self.velocities
+    def after(self, ahead: float) -> Joints:
+        """Extrapolate the joints by a time [s]; where that is no hand, they stay as they are."""
         try:
-            return joints_of(carried)
+            return joints_of(self.joints + ahead * self.velocities)
         except InvalidInput:
             return self.joints
 
 
 class Plan:
-    """Which part of a hand to solve next, and for when: the part that is expected to keep most while it is in use."""
+    """Decides which part of a hand to solve next, and for which time."""
 
     def __init__(self, parts: Sequence[Rule]) -> None:
         self._parts = parts
-        self.seconds = dict(FIRST_SECONDS)
+        # Mean solving time of each part [s]: a guess before any was measured.
+        self.seconds: dict[Rule, float] = {
+            "phalanges": 0.015,
+            "fingers": 0.06,
+            "hand": 0.5,
+            "carried": 0.02,
+        }
 
-    def next(self, scene: LiveScene, asked: Asked) -> tuple[Rule, float]:
+    def next(self, scene: LiveScene, request: Request) -> tuple[Rule, float]:
         """Return the part to solve, and how far ahead [s]; raises ``InvalidInput`` where the joints are no hand's."""
         step = 0.01
-        now, soon = (ride(scene, asked.after(ahead)) for ahead in (0.0, step))
+        now = pose_hand(scene, request.after(0.0))
+        soon = pose_hand(scene, request.after(step))
         speed = float(gap_change(now.distances, soon.distances)) / step
-        still = np.zeros(1)
-        usual = {
-            part: expected_kept(part, 0.5 * speed * self.seconds[part] + still, still)[0]
-            for part in self._parts
-        }
-        best = max(self._parts, key=lambda part: usual[part])
-        return best, AHEAD * self.seconds[best]
+
+        def usual_share(part: Rule) -> float:
+            # While a solution is in use its pose is off by half a solving time on average.
+            gap = np.full(1, 0.5 * speed * self.seconds[part])
+            return float(expected_kept(part, gap, np.zeros(1))[0])
+
+        best = max(self._parts, key=usual_share)
+        # A solution is ready after one solving time and in use for another: the middle is best.
+        return best, 1.5 * self.seconds[best]
 
     def took(self, part: Rule, seconds: float) -> None:
-        """Learn how long a part took [s]."""
-        self.seconds[part] += SMOOTHING * (seconds - self.seconds[part])
+        """Update the mean solving time of a part [s]."""
+        self.seconds[part] += 0.3 * (seconds - self.seconds[part])
 
 
-class ShapeSolver(ABC):
-    """What solves hands beside the loop; all methods return at once."""
-
-    @abstractmethod
-    def ask(self, asked: Asked) -> None:
-        """Hand over the newest hand."""
-
-    @abstractmethod
-    def found(self) -> list[HandFactors | str]:
-        """Return what came since the last call: solutions, and sentences of what could not be solved."""
-
-    @abstractmethod
-    def close(self) -> None:
-        """End it."""
-
-
-class SolverProcess(ShapeSolver):
+class SolverProcess:
     """Solves the newest hand in a process of its own, of low priority and with one thread.
+
+    All methods return at once.
 
     Parameters
     ----------
     scene : of the live loop.
-    parts : of the hand, of which it solves the one that is worth most.
+    parts : of the hand; the one that is expected to help most is solved.
     """
 
     def __init__(self, scene: LiveScene, parts: tuple[Rule, ...]) -> None:
         self._process = subprocess.Popen(
-            [sys.executable, "-c", "from airtact.live.drives.solver_process import run; run()"],
+            [sys.executable, "-c", "from airtact.live.drives.solver_process import main; main()"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env={**os.environ, **ONE_THREAD},
@@ -156,17 +126,18 @@ class SolverProcess(ShapeSolver):
         )
         assert self._process.stdin is not None
         assert self._process.stdout is not None
-        self._newest, self._found = _Newest(), deque[HandFactors | str](maxlen=MOST_FOUND)
+        self._newest = _Newest()
+        self._solutions: deque[HandFactors | str] = deque(maxlen=64)
         Thread(target=self._send, args=(self._process.stdin, (scene, parts)), daemon=True).start()
         Thread(target=self._receive, args=(self._process.stdout,), daemon=True).start()
 
-    def ask(self, asked: Asked) -> None:
+    def ask(self, request: Request) -> None:
         """Hand over the newest hand."""
-        self._newest.put(asked)
+        self._newest.put(request)
 
-    def found(self) -> list[HandFactors | str]:
-        """Return what came since the last call: solutions, and sentences of what could not be solved."""
-        return [self._found.popleft() for _ in range(len(self._found))]
+    def solutions(self) -> list[HandFactors | str]:
+        """Return solutions since the last call, and messages of what could not be solved."""
+        return [self._solutions.popleft() for _ in range(len(self._solutions))]
 
     @property
     def alive(self) -> bool:
@@ -179,128 +150,140 @@ class SolverProcess(ShapeSolver):
         self._process.kill()
         self._process.wait()
 
-    def _send(self, to: BinaryIO, first: tuple[LiveScene, tuple[Rule, ...]]) -> None:
-        with suppress(OSError), to:
-            pickle.dump(first, to)
-            to.flush()
-            while (asked := self._newest.take()) is not None:
-                pickle.dump(asked, to)
-                to.flush()
+    def _send(self, pipe: BinaryIO, first: tuple[LiveScene, tuple[Rule, ...]]) -> None:
+        with suppress(OSError), pipe:
+            _dump(first, pipe)
+            while (request := self._newest.take()) is not None:
+                _dump(request, pipe)
 
-    def _receive(self, source: BinaryIO) -> None:
-        with suppress(EOFError, OSError, pickle.UnpicklingError), source:
+    def _receive(self, pipe: BinaryIO) -> None:
+        with suppress(EOFError, OSError, pickle.UnpicklingError), pipe:
             while True:
-                self._found.append(pickle.load(source))
+                self._solutions.append(pickle.load(pipe))
+
+
+def _dump(message: object, pipe: BinaryIO) -> None:
+    pickle.dump(message, pipe)
+    pipe.flush()
 
 
 class _Newest:
-    """The newest hand that was put in, for a thread that waits for one."""
+    """Mailbox for the newest request, for a thread that waits for one."""
 
     def __init__(self) -> None:
         self._changed = Condition()
-        self._asked: Asked | None = None
+        self._request: Request | None = None
         self._ended = False
 
-    def put(self, asked: Asked) -> None:
-        """Put in a hand in place of the one before."""
+    def put(self, request: Request) -> None:
+        """Put in a request in place of the previous one."""
         with self._changed:
-            self._asked = asked
+            self._request = request
             self._changed.notify()
 
     def end(self) -> None:
-        """Put in no more."""
+        """Accept no more requests."""
         with self._changed:
             self._ended = True
             self._changed.notify()
 
-    def take(self, patience: float = 0.0) -> Asked | None:
-        """Wait for a hand and take it, or only look while it is newer than ``patience`` [s]; None at the end."""
+    def take(self) -> Request | None:
+        """Wait for a request and remove it; None at the end."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._ended or self._request is not None)
+            request = self._request
+            self._request = None
+            return None if self._ended else request
+
+    def look(self, max_age: float) -> Request | None:
+        """Wait for a request younger than ``max_age`` [s] and leave it; None at the end."""
         with self._changed:
             while not self._ended:
-                asked = self._asked
-                if asked is None or time.monotonic() - asked.sent >= patience:
-                    self._asked = None
-                if asked is not None and (not patience or self._asked is not None):
-                    return asked
+                request = self._request
+                if request is not None and time.monotonic() - request.sent < max_age:
+                    return request
+                self._request = None
                 self._changed.wait()
         return None
 
 
-def _solve(scene: LiveScene, parts: tuple[Rule, ...], newest: _Newest, to: BinaryIO) -> None:
-    """Solve hands until there are no more."""
-    plan, solver = Plan(parts), PartSolver(scene)
-    while (asked := newest.take(PATIENCE)) is not None:
+def _solve(scene: LiveScene, parts: tuple[Rule, ...], newest: _Newest, pipe: BinaryIO) -> None:
+    """Solve hands until no more come."""
+    plan = Plan(parts)
+    solver = PartSolver(scene)
+    while (request := newest.look(MAX_REQUEST_AGE)) is not None:
         begun = time.monotonic()
         try:
-            part, ahead = plan.next(scene, asked)
-            ahead = min(ahead + begun - asked.sent, FARTHEST)
-            joints, then = asked.after(ahead), asked.time + ahead
-            answer = solver.solved(joints, part, then)
+            part, ahead = plan.next(scene, request)
+            ahead = min(ahead + begun - request.sent, MAX_AHEAD)
+            answer = solver.solved(request.after(ahead), part, request.time + ahead)
             plan.took(part, time.monotonic() - begun)
         except (InvalidInput, NotConverged) as fault:
             answer = str(fault)
-            time.sleep(PAUSE)
-        pickle.dump(answer, to)
-        to.flush()
+            time.sleep(RETRY_PAUSE)
+        _dump(answer, pipe)
 
 
-def _carry(scene: LiveScene, newest: _Newest, to: BinaryIO) -> None:
-    """Solve whole hands in a thread beside this one, and carry what it found to new hands until there are no more."""
-    hand, to_solve, plan = BendingHand(scene), _Newest(), Plan(("carried",))
-    beside = Thread(target=_solve_to_carry, args=(hand, to_solve))
-    beside.start()
+def _carry(scene: LiveScene, newest: _Newest, pipe: BinaryIO) -> None:
+    """Solve whole hands in a second thread, and carry the solutions to new hands until no more come."""
+    hand = BendingHand(scene)
+    to_solve = _Newest()
+    plan = Plan(("carried",))
+    solving = Thread(target=_solve_to_carry, args=(hand, to_solve))
+    solving.start()
     try:
-        while (asked := newest.take(PATIENCE)) is not None:
-            to_solve.put(asked)
+        while (request := newest.look(MAX_REQUEST_AGE)) is not None:
+            to_solve.put(request)
             begun = time.monotonic()
             try:
-                part, ahead = plan.next(scene, asked)
-                ahead = min(ahead + begun - asked.sent, FARTHEST)
-                answer = hand.carried(asked.after(ahead), asked.time + ahead)
+                part, ahead = plan.next(scene, request)
+                ahead = min(ahead + begun - request.sent, MAX_AHEAD)
+                answer = hand.carried(request.after(ahead), request.time + ahead)
                 plan.took(part, time.monotonic() - begun)
             except InvalidInput as fault:
                 answer = str(fault)
             if answer is not None:
-                pickle.dump(answer, to)
-                to.flush()
-            time.sleep(max(begun + CARRIED - time.monotonic(), 0.0))
+                _dump(answer, pipe)
+            # Carrying more often than every 30 ms would take time from solving for no benefit.
+            time.sleep(max(begun + 0.03 - time.monotonic(), 0.0))
     finally:
         to_solve.end()
-        beside.join()  # an interpreter that ends while a thread computes in a kernel is aborted
+        solving.join()  # an interpreter that ends while a thread is in a kernel is aborted
 
 
 def _solve_to_carry(hand: BendingHand, newest: _Newest) -> None:
+    """Solve whole hands, at a priority below that of the thread that carries their solutions."""
     with suppress(AttributeError, OSError):
-        os.setpriority(
-            os.PRIO_PROCESS, get_native_id(), os.getpriority(os.PRIO_PROCESS, 0) + BEHIND
-        )
-    while (asked := newest.take(PATIENCE)) is not None:
-        ahead = SOLVED_AHEAD + time.monotonic() - asked.sent
+        nice = os.getpriority(os.PRIO_PROCESS, 0) + 5
+        os.setpriority(os.PRIO_PROCESS, get_native_id(), nice)
+    while (request := newest.look(MAX_REQUEST_AGE)) is not None:
+        ahead = SOLVED_AHEAD + time.monotonic() - request.sent
         try:
-            hand.keep(hand.solved(asked.after(ahead), asked.time + ahead))
+            hand.keep(hand.solved(request.after(ahead), request.time + ahead))
         except (InvalidInput, NotConverged):
-            time.sleep(PAUSE)
+            time.sleep(RETRY_PAUSE)
 
 
-def _read(source: BinaryIO, newest: _Newest) -> None:
-    with suppress(EOFError, OSError):
-        while True:
-            newest.put(pickle.load(source))
-    newest.end()
-
-
-def run() -> None:
-    """Solve hands in a process of its own: a scene and parts, then hands from the input, answers to the output."""
-    source, to = sys.stdin.buffer, os.fdopen(os.dup(sys.stdout.fileno()), "wb")
-    os.dup2(
-        sys.stderr.fileno(), sys.stdout.fileno()
-    )  # what is printed must not get among the solutions
+def main() -> None:
+    """Run the process: a scene and parts, then hands from its input, answers to its output."""
+    source = sys.stdin.buffer
+    answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
+    # Whatever else is printed goes to the errors, not among the solutions.
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     scene, parts = pickle.load(source)
-    give_way(NICE[parts])
+    # Phalanges and carried sound are needed at once; a whole hand takes its time.
+    give_way(15 if parts == ("hand",) else 5)
     newest = _Newest()
-    Thread(target=_read, args=(source, newest), daemon=True).start()
+
+    def read() -> None:
+        with suppress(EOFError, OSError):
+            while True:
+                newest.put(pickle.load(source))
+        newest.end()
+
+    Thread(target=read, daemon=True).start()
     with suppress(BrokenPipeError):
         if parts == ("carried",):
-            _carry(scene, newest, to)
+            _carry(scene, newest, answers)
         else:
-            _solve(scene, parts, newest, to)
+            _solve(scene, parts, newest, answers)

@@ -1,36 +1,44 @@
-"""What the page shows beside the three dimensions: what is set, what the loop does, and how fast."""
+"""The panels beside the view (settings, status and curves), the hand to drag, and the painting of all of it."""
 
 import time
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from html import escape
+from threading import Thread
 from typing import Any
 
 import numpy as np
 import viser
 from jaxtyping import Float64, UInt8
 from matplotlib.colors import to_hex
+from scipy.spatial.transform import Rotation
 from viser import uplot
 
 from airtact.drives.methods import METHODS
-from airtact.hands.tracking.frame import HandFrame
-from airtact.live.page.process import EMERGENCY, Shown
-from airtact.live.page.solved import Sound
-from airtact.live.page.view import AMPLITUDES, PHASES, PRESSURES, STEPS, Look
-from airtact.live.parts import Controls, LiveScene, Moment, Rule, State
+from airtact.geometry.pose import Pose
+from airtact.hands.joints import FINGERS, Side
+from airtact.hands.kinematics import turned
+from airtact.hands.tracking.frame import FaultyFrame, HandFrame
+from airtact.live.moment import Controls, Moment, Rule, State, silent_moment
+from airtact.live.page.process import EMERGENCY, PageSettings, Shown
+from airtact.live.page.sound import Sound
+from airtact.live.page.view import AMPLITUDES, PHASES, PRESSURES, STEPS, Look, View
+from airtact.live.scene import Joints, LiveScene
 
 Send = Callable[[str | Controls | HandFrame], None]
-"""How a message goes to the loop."""
+"""Sends a message to the loop."""
 
-WIDTH = 310
-"""Width of the panels at both sides [pixels]."""
+CURVE_SECONDS = 10.0
+"""Time span of the curves [s]."""
 
-FIGURES = 0.33
-"""Time between two readings of the figures [s]."""
-
-SECONDS = 10.0
-"""How far back the curves go [s]."""
+CURVES = (
+    ("age of the frame in the air [ms]", "#1971c2", 150.0),
+    ("drives a second", "#2f9e44", 150.0),
+    ("kept of the attainable pressure, expected [%]", "#e8590c", 110.0),
+)
+"""Title, colour and upper limit of each curve."""
 
 RULES: dict[Rule, str] = {
     "distances": "distances alone, without the hand",
@@ -47,6 +55,7 @@ STATES: dict[State, tuple[str, str]] = {
     "silent": ("silent", "#868e96"),
     "stopped": ("stopped for good", "#c92a2a"),
 }
+"""Words and colour of each state."""
 
 STYLE = """<style>
 [id="{emergency}"] {{ height: 4.2em !important; font-size: 1.05em; font-weight: 700; letter-spacing: 0.04em; }}
@@ -65,23 +74,28 @@ STYLE = """<style>
 
 
 class Panel:
-    """The controls and the figures of the page.
+    """The controls and the status of the page.
 
     Parameters
     ----------
-    server : that shows them.
-    scene : what stays the same while the hand moves.
-    controls : how they are set from the start.
-    send : takes controls, and the emergency stop, to the loop.
+    server : shows them.
+    scene : the fixed part of the scene.
+    controls : initial settings.
+    send : sends controls, and the emergency stop, to the loop.
     """
 
     def __init__(
         self, server: viser.ViserServer, scene: LiveScene, controls: Controls, send: Send
     ) -> None:
-        self._server, self._scene, self._send = server, scene, send
-        self._controls, self.look = controls, Look()
-        self._seen: deque[tuple[float, int, float, float]] = deque(maxlen=1000)
-        self._stopped, self._written = False, 0.0
+        self._server = server
+        self._scene = scene
+        self._send = send
+        self._controls = controls
+        self.look = Look()
+        # Time [s], number of drives, age [ms] and share [%] of each update.
+        self._history: deque[tuple[float, int, float, float]] = deque(maxlen=1000)
+        self._stopped = False
+        self._written = 0.0
         gui = server.gui
         self._theme(False)
         gui.set_panel_label("airtact live")
@@ -91,56 +105,50 @@ class Panel:
             self._add_controls()
         with gui.add_folder("View"):
             self._add_views()
+        width = 310  # pixels
         gui.main_panel.dock_right()
-        gui.main_panel.set_width(WIDTH)
+        gui.main_panel.set_width(width)
         panel = gui.add_panel()
         with panel.add_tab("What the loop does"):
             self._status = gui.add_html('<div class="live">starting</div>')
-            gui.add_html(
-                f'<div class="live"><small>Curves of the last {SECONDS:g} s, time in s:</small></div>'
-            )
-            self._curves = [self._add_curve(*named) for named in CURVES]
+            words = f"Curves of the last {CURVE_SECONDS:g} s, time in s:"
+            gui.add_html(f'<div class="live"><small>{words}</small></div>')
+            self._curves = [self._add_curve(*curve) for curve in CURVES]
         panel.dock_left()
-        panel.set_width(WIDTH)
+        panel.set_width(width)
 
-    def update(self, shown: Shown, sound: Sound | None, most: float) -> None:
-        """Show the figures of a moment, 3 times a second.
+    def update(self, moment: Moment, drives: int, sound: Sound | None, largest: float) -> None:
+        """Show the status of a moment, 3 times a second.
 
         Parameters
         ----------
-        shown : the moment.
-        sound : that skin and slice show, or None.
-        most : pressure at the end of the colours [Pa].
+        moment : the newest one.
+        drives : number of moments so far.
+        sound : shown on skin and slice, or None.
+        largest : pressure at the end of the colours [Pa].
         """
-        now, moment = time.monotonic(), shown.moment
-        age = 1e3 * (moment.time - moment.frame_time) if moment.joints is not None else np.nan
+        now = time.monotonic()
+        age = np.nan if moment.joints is None else 1e3 * (moment.time - moment.frame_time)
         kept = np.nan if moment.kept is None else 100 * moment.kept
-        self._seen.append((now, shown.drives, age, kept))
-        if now - self._written < FIGURES:
+        self._history.append((now, drives, age, kept))
+        if now - self._written < 0.33:
             return
         self._written = now
-        while self._seen[0][0] < now - SECONDS:
-            self._seen.popleft()
-        times, drives, ages, kepts = np.array(self._seen).T
-        rates = rates_of(times, drives)
+        while self._history[0][0] < now - CURVE_SECONDS:
+            self._history.popleft()
+        times, counts, ages, shares = np.array(self._history).T
+        rates = rates_of(times, counts)
         with self._server.atomic():
-            self._status.content = status_in_html(moment, self._scene, rates[-1], age)
-            self._legend.content = legend_in_html(self.look, sound, most)
-            for curve, values in zip(self._curves, (ages, rates, kepts), strict=True):
+            self._status.content = status_html(moment, self._scene, rates[-1], age)
+            self._legend.content = legend_html(self.look, sound, largest)
+            for curve, values in zip(self._curves, (ages, rates, shares), strict=True):
                 curve.data = (times - now, values)
-
-    def stop(self) -> None:
-        """Show that the emergency stop was pressed, and let nothing start again."""
-        self._stopped = True
-        for button in (self._start, self._pause, self._emergency):
-            button.disabled = True
-        self._emergency.label = "STOPPED FOR GOOD"
 
     def _set(self, **changed: Any) -> None:
         self._controls = replace(self._controls, **changed)
         self._send(self._controls)
 
-    def _see(self, **changed: Any) -> None:
+    def _show(self, **changed: Any) -> None:
         self.look = replace(self.look, **changed)
 
     def _theme(self, dark: bool) -> None:
@@ -150,59 +158,57 @@ class Panel:
 
     def _add_stops(self) -> None:
         gui = self._server.gui
-        self._emergency = gui.add_button(
-            "EMERGENCY STOP",
-            color="red",
-            hint="silence at once and for good; the key Escape does it too",
-        )
-        self._style.content = STYLE.format(emergency=self._emergency._impl.uuid)
-        self._start = gui.add_button("Start", color="green", icon=viser.Icon.PLAYER_PLAY)
-        self._pause = gui.add_button("Stop", color="gray", icon=viser.Icon.PLAYER_STOP)
-        self._start.disabled, self._pause.disabled = (
-            self._controls.playing,
-            not self._controls.playing,
-        )
+        hint = "silence at once and for good; the key Escape does it too"
+        emergency = gui.add_button("EMERGENCY STOP", color="red", hint=hint)
+        self._style.content = STYLE.format(emergency=emergency._impl.uuid)
+        start = gui.add_button("Start", color="green", icon=viser.Icon.PLAYER_PLAY)
+        pause = gui.add_button("Stop", color="gray", icon=viser.Icon.PLAYER_STOP)
+        start.disabled = self._controls.playing
+        pause.disabled = not self._controls.playing
 
-        async def stop(
-            _: Any,
-        ) -> None:  # on the server's own thread: it waits for no other callback
+        # Asynchronous callbacks run on the server's own thread, behind no other callback.
+        async def stop(_: Any) -> None:
             self._send(EMERGENCY)
-            self.stop()
+            self._stopped = True
+            for button in (start, pause, emergency):
+                button.disabled = True
+            emergency.label = "STOPPED FOR GOOD"
 
-        self._emergency.on_click(stop)
+        def play(playing: bool) -> None:
+            if not self._stopped:
+                self._set(playing=playing)
+                start.disabled = playing
+                pause.disabled = not playing
+
+        emergency.on_click(stop)
         gui.add_command("Emergency stop", hotkey="escape").on_trigger(stop)
-        self._start.on_click(lambda _: self._play(True))
-        self._pause.on_click(lambda _: self._play(False))
-
-    def _play(self, playing: bool) -> None:
-        if not self._stopped:
-            self._set(playing=playing)
-            self._start.disabled, self._pause.disabled = playing, not playing
+        start.on_click(lambda _: play(True))
+        pause.on_click(lambda _: play(False))
 
     def _add_controls(self) -> None:
-        gui, scene, first = self._server.gui, self._scene, self._controls
+        gui = self._server.gui
+        scene = self._scene
+        first = self._controls
         offset = scene.offsets.mean() if first.offset is None else first.offset
         offset = float(np.clip(1e3 * offset, 0.0, 20.0).round(1))
-        why = "drives from distances alone, to feel the difference"
-        ignore = gui.add_checkbox("ignore the hand", first.ignore_hand, hint=why)
-        none = scene.modulation is None and scene.moving is None
-        words = modulation_in_words(scene)
-        modulated = gui.add_checkbox("modulated", first.modulated, disabled=none, hint=words)
+        if scene.moving is not None:
+            modulation = scene.moving.words
+        elif scene.modulation is not None:
+            modulation = f"the amplitude swings at {scene.modulation.frequency:g} Hz"
+        else:
+            modulation = "the scene has none"
+        constant = scene.modulation is None and scene.moving is None
+        hint = "drives from distances alone, to feel the difference"
+        ignore = gui.add_checkbox("ignore the hand", first.ignore_hand, hint=hint)
+        modulated = gui.add_checkbox(
+            "modulated", first.modulated, disabled=constant, hint=modulation
+        )
         gap = gui.add_slider("gap [mm]", 0.0, 20.0, 0.1, offset, hint="of the foci from the skin")
-        cap = gui.add_slider(
-            "level cap [%]",
-            0,
-            100,
-            1,
-            round(100 * first.cap),
-            hint="largest amplitude of an element",
-        )
-        method = gui.add_dropdown(
-            "method",
-            list(METHODS),
-            initial_value=first.method or scene.method,
-            hint="that makes the drives; robust: as the prediction doubts",
-        )
+        hint = "largest amplitude of an element"
+        cap = gui.add_slider("level cap [%]", 0, 100, 1, round(100 * first.cap), hint=hint)
+        hint = "that makes the drives; robust: for the uncertainty of the prediction"
+        chosen = first.method or scene.method
+        method = gui.add_dropdown("method", list(METHODS), initial_value=chosen, hint=hint)
         ignore.on_update(lambda _: self._set(ignore_hand=ignore.value))
         modulated.on_update(lambda _: self._set(modulated=modulated.value))
         gap.on_update(lambda _: self._set(offset=1e-3 * gap.value))
@@ -215,111 +221,186 @@ class Panel:
         skin = gui.add_checkbox("pressure on the skin", True)
         cut = gui.add_checkbox("slice of the field", True)
         across = gui.add_dropdown("slice across", ("x", "y", "z"), initial_value="y")
-        offset = gui.add_slider(
-            "slice at [mm]", -60, 60, 1, 0, hint="from the middle of the foci, along that axis"
-        )
+        hint = "from the middle of the foci, along that axis"
+        offset = gui.add_slider("slice at [mm]", -60, 60, 1, 0, hint=hint)
         dark = gui.add_checkbox("dark", False)
-        self._legend = gui.add_html(legend_in_html(self.look, None, 0.0))
-        array.on_update(lambda _: self._see(array=array.value))
-        skin.on_update(lambda _: self._see(skin=skin.value))
-        cut.on_update(lambda _: self._see(slice=cut.value))
-        across.on_update(lambda _: self._see(across=across.value))
-        offset.on_update(lambda _: self._see(offset=1e-3 * offset.value))
+        self._legend = gui.add_html(legend_html(self.look, None, 0.0))
+        array.on_update(lambda _: self._show(array=array.value))
+        skin.on_update(lambda _: self._show(skin=skin.value))
+        cut.on_update(lambda _: self._show(slice=cut.value))
+        across.on_update(lambda _: self._show(across=across.value))
+        offset.on_update(lambda _: self._show(offset=1e-3 * offset.value))
         dark.on_update(lambda _: self._theme(dark.value))
 
-    def _add_curve(self, name: str, colour: str, low: float, high: float) -> viser.GuiUplotHandle:
-        empty = np.array([-SECONDS, 0.0])
+    def _add_curve(self, name: str, colour: str, high: float) -> viser.GuiUplotHandle:
+        times = np.array([-CURVE_SECONDS, 0.0])
         return self._server.gui.add_uplot(
-            (empty, np.full(2, np.nan)),
+            (times, np.full(2, np.nan)),
             (uplot.Series(label="s"), uplot.Series(label=name, stroke=colour, width=2)),
             title=name,
             scales={
-                "x": uplot.Scale(time=False, range=(-SECONDS, 0.0)),
-                "y": uplot.Scale(range=(low, high)),
+                "x": uplot.Scale(time=False, range=(-CURVE_SECONDS, 0.0)),
+                "y": uplot.Scale(range=(0.0, high)),
             },
             legend=uplot.Legend(show=False),
             height=112,
         )
 
 
-CURVES = (
-    ("age of the frame in the air [ms]", "#1971c2", 0.0, 150.0),
-    ("drives a second", "#2f9e44", 0.0, 150.0),
-    ("kept of the attainable pressure, expected [%]", "#e8590c", 0.0, 110.0),
-)
-"""Title, colour and limits of each curve."""
-
-
-def modulation_in_words(scene: LiveScene) -> str:
-    """Say how the amplitude varies, or how foci move."""
-    if scene.moving is not None:
-        return scene.moving.words
-    modulation = scene.modulation
-    return (
-        "the scene has none"
-        if modulation is None
-        else f"the amplitude swings at {modulation.frequency:g} Hz"
-    )
-
-
 def rates_of(
     times: Float64[np.ndarray, "times"], drives: Float64[np.ndarray, "times"]
 ) -> Float64[np.ndarray, "times"]:
-    """Return drives a second over the last second before each time."""
+    """Return drives per second over the last second before each time."""
     first = np.searchsorted(times, times - 1.0)
     spans = np.maximum(times - times[first], 1e-9)
     return np.where(spans > 0.5, (drives - drives[first]) / spans, np.nan)
 
 
-def status_in_html(moment: Moment, scene: LiveScene, rate: float, age: float) -> str:
-    """Write what the loop does, and what each focus gets."""
+def status_html(moment: Moment, scene: LiveScene, rate: float, age: float) -> str:
+    """Write the status of the loop and the pressure at each focus."""
     words, light = STATES[moment.state]
-    solved = "-" if moment.shape_age is None else f"{1e3 * moment.shape_age:.0f} ms"
+    kept = np.nan if moment.kept is None else 100 * moment.kept
+    solved = np.nan if moment.shape_age is None else 1e3 * moment.shape_age
     rows = [
-        ("drives a second", number(rate, "{:.0f}")),
-        ("age of the frame in the air", number(age, "{:.0f} ms")),
-        ("age of the solution", solved),
-        ("kept at the weakest focus", "-" if moment.kept is None else f"{100 * moment.kept:.0f} %"),
-        ("elements' mean amplitude", f"{100 * np.abs(moment.amplitudes).mean():.0f} %"),
+        ("drives a second", _number(rate, "")),
+        ("age of the frame in the air", _number(age, " ms")),
+        ("age of the solution", _number(solved, " ms")),
+        ("kept at the weakest focus", _number(kept, " %")),
+        ("elements' mean amplitude", _number(100 * float(np.abs(moment.amplitudes).mean()), " %")),
     ]
     facts = "".join(f"<tr><td>{name}</td><td>{value}</td></tr>" for name, value in rows)
     foci = ""
     for index, place in enumerate(scene.places):
-        got = "-" if moment.pressures is None else f"{moment.pressures[index]:,.0f} Pa"
-        foci += f"<tr><td>{escape(place)}</td><td>{got}</td></tr>"
+        pressure = "-" if moment.pressures is None else f"{moment.pressures[index]:,.0f} Pa"
+        foci += f"<tr><td>{escape(place)}</td><td>{pressure}</td></tr>"
     return (
-        f'<div class="live"><div class="state" style="--light: {light}">{words}</div>{RULES[moment.rule]}'
-        f"<table>{facts}</table><br><table><tr><th>focus</th><th>gets, peak</th></tr>{foci}</table></div>"
+        f'<div class="live"><div class="state" style="--light: {light}">{words}</div>'
+        f"{RULES[moment.rule]}<table>{facts}</table><br>"
+        f"<table><tr><th>focus</th><th>gets, peak</th></tr>{foci}</table></div>"
     )
 
 
-def number(value: float, shape: str) -> str:
-    """Write a number, or a dash where there is none."""
-    return shape.format(value) if np.isfinite(value) else "-"
+def _number(value: float, unit: str) -> str:
+    return f"{value:.0f}{unit}" if np.isfinite(value) else "-"
 
 
-def legend_in_html(look: Look, sound: Sound | None, most: float) -> str:
-    """Explain the colours: those of the elements, of the skin and of the slice."""
-    array = bar(PHASES, "0", "phase of the elements", "2π") if look.array == "phase" else ""
-    array = array or bar(AMPLITUDES, "0", "amplitude of the elements", "100 %")
-    pressure = bar(PRESSURES, "0", "pressure, peak", f"≥ {most:,.0f} Pa" if most > 1.0 else "-")
-    return f'<div class="live">{array}{pressure}<small>{sound_in_words(sound)}</small></div>'
-
-
-def sound_in_words(sound: Sound | None) -> str:
-    """Say what skin and slice show, and how old it is."""
+def legend_html(look: Look, sound: Sound | None, largest: float) -> str:
+    """Explain the colours of the elements, of the skin and of the slice."""
+    if look.array == "phase":
+        array = _bar(PHASES, "0", "phase of the elements", "2π")
+    else:
+        array = _bar(AMPLITUDES, "0", "amplitude of the elements", "100 %")
+    end = f"≥ {largest:,.0f} Pa" if largest > 1.0 else "-"
+    pressure = _bar(PRESSURES, "0", "pressure, peak", end)
     if sound is None:
-        return "Skin and slice: silent."
-    if sound.hand:
+        words = "silent."
+    elif sound.hand:
         age = time.monotonic() - sound.time
-        return (
-            f"Skin and slice: all the sound, with the hand in its place as it was {age:.1f} s ago."
+        words = f"all the sound, with the hand in its place as it was {age:.1f} s ago."
+    else:
+        words = (
+            "the direct sound of now, doubled on the skin, without the hand's shadow until it is "
+            "solved."
         )
-    return "Skin and slice: the direct sound of now, doubled on the skin, without the hand's shadow until it is solved."
+    return f'<div class="live">{array}{pressure}<small>Skin and slice: {words}</small></div>'
 
 
-def bar(colours: UInt8[np.ndarray, "steps 3"], low: str, name: str, high: str) -> str:
-    """Draw a bar of colours with what its ends mean."""
+def _bar(colours: UInt8[np.ndarray, "steps 3"], low: str, name: str, high: str) -> str:
+    """Draw a bar of colours with the meaning of its ends."""
     stops = ", ".join(to_hex(colours[step] / 255) for step in range(0, STEPS, STEPS // 12))
     ends = f'<div class="ends"><span>{low}</span><span>{name}</span><span>{high}</span></div>'
     return f'<div class="bar" style="background: linear-gradient(to right, {stops})"></div>{ends}'
+
+
+class DraggedHand:
+    """A hand that is dragged on the page and whose fingers are turned by sliders, as a tracker at 60 frames/s.
+
+    It gives frames while it is ``watched`` only: closing the page counts as losing the hand.
+
+    Parameters
+    ----------
+    server : of the page.
+    side : of the hand.
+    joints : (25, 3) where the hand starts [m].
+    send : sends the frames to the loop.
+    """
+
+    def __init__(self, server: viser.ViserServer, side: Side, joints: Joints, send: Send) -> None:
+        self.watched = False
+        self._side: Side = side
+        self._send = send
+        self._ended = False
+        middle = joints.mean(axis=0)
+        self._joints = joints - middle
+        self._gizmo = server.scene.add_transform_controls(
+            "/drag", scale=0.07, line_width=3.0, depth_test=False, position=middle
+        )
+        with server.gui.add_folder("Hand: drag it by its arrows"):
+            self._angles = [
+                server.gui.add_slider(f"{finger} [°]", -40, 60, 1, 0, hint="opens at the root")
+                for finger in FINGERS
+            ]
+        self._thread = Thread(target=self._give, daemon=True)
+        self._thread.start()
+
+    def joints(self) -> Joints:
+        """Return the joints as they are on the page now (25, 3) [m]."""
+        joints = self._joints
+        for finger, angle in enumerate(self._angles):
+            if angle.value:
+                joints = turned(joints, self._side, finger, float(np.radians(angle.value)))
+        turn = Rotation.from_quat(np.roll(self._gizmo.wxyz, -1)).as_matrix()
+        return Pose(turn, np.asarray(self._gizmo.position, dtype=np.float64)).apply(joints)
+
+    def close(self) -> None:
+        """Give no more frames."""
+        self._ended = True
+        self._thread.join()
+
+    def _give(self) -> None:
+        sequence = 0
+        while not self._ended:
+            if self.watched:
+                # With fingers bent beyond what is possible the hand is lost until they are back.
+                with suppress(FaultyFrame):
+                    self._send(HandFrame(time.monotonic(), self._side, sequence, self.joints()))
+                sequence += 1
+            time.sleep(1.0 / 60.0)
+
+
+def paint(
+    server: viser.ViserServer,
+    settings: PageSettings,
+    newest: Callable[[], Shown | None],
+    send: Send,
+    ended: Callable[[], bool],
+) -> None:
+    """Show the newest moment whenever there is another one and the page is open, until the loop ends."""
+    scene = settings.scene
+    view = View(server, scene)
+    panel = Panel(server, scene, settings.controls, send)
+    dragged = None
+    if settings.hand is not None:
+        dragged = DraggedHand(server, scene.side, settings.hand, send)
+    shown: Shown = (silent_moment(scene, 0.0, 0.0), 0)
+    painted = None
+    while not ended():
+        start = time.monotonic()
+        watched = bool(server.get_clients())
+        shown = newest() or shown
+        if dragged is not None:
+            dragged.watched = watched
+        if watched and (shown, panel.look) != painted:
+            painted = (shown, panel.look)
+            with server.atomic():
+                view.update(shown[0], panel.look)
+        if watched:
+            moment, drives = shown
+            panel.update(moment, drives, view.sound, view.largest)
+        # 13 pictures a second: perhaps the processor that runs the loop draws them, too. At least
+        # 30 % of the time is left to the loop, however slow the computer is.
+        spent = time.monotonic() - start
+        time.sleep(max(1.0 / 13.0 - spent, 3.0 / 7.0 * spent))
+    view.close()
+    if dragged is not None:
+        dragged.close()

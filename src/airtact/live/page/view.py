@@ -8,90 +8,69 @@ from typing import Literal
 import matplotlib
 import numpy as np
 import viser
-from jaxtyping import Complex128, Float64, Int64, UInt8
+from jaxtyping import Float64, Int64, UInt8
 from scipy.spatial.transform import Rotation
 from viser._messages import RunJavascriptMessage
 
-from airtact.live.page.section import ACROSS, Across, Section, enlarged
-from airtact.live.page.skin import MovingSkin
-from airtact.live.page.solved import Asked, SolvedSound, Sound
-from airtact.live.page.sound import DirectSound
-from airtact.live.parts import LiveScene, Moment
+from airtact.hands.body import Hulls, hand_hulls
+from airtact.hands.joints import hand_length, radii_of
+from airtact.hands.shape import hull_weights, moved_with_hulls
+from airtact.hands.skin_mesh import HandMesh, even_skin
+from airtact.live.moment import Moment
+from airtact.live.page.sound import (
+    SLICE_SIZE,
+    Axis,
+    DirectSound,
+    Section,
+    Sound,
+    SoundProcess,
+    SoundRequest,
+    enlarged,
+)
+from airtact.live.scene import Amplitudes, Joints, LiveScene
 from airtact.reports.array_figures import spacing, view_of
 from airtact.reports.solids import SHEET, sheet_of
-
-HAND = 0.15
-"""How far a hand reaches from the middle of its foci, more or less [m]."""
-
-SATURATED = 0.6
-"""Pressures above this share of the largest have the last colour, so that the others differ."""
-
-AMBIENT = 3.0
-"""Intensity of the light; colours are lit by it alone."""
-
-OLD = 20.0
-"""A sound that was solved longer ago gives way to the direct sound of now [s]."""
-
-DIRECT = 0.25
-"""Time between two direct sounds [s]."""
-
-FOLLOWING = 0.3
-"""How much of a change of the largest pressure the colours follow at once."""
-
-CORNERS = 6
-"""Corners of an element's disc; a processor that draws it feels each."""
 
 STEPS = 256
 """Colours of a colour map."""
 
-SILENT = np.array([150, 150, 155], dtype=np.uint8)
-"""Colour of an element that emits nothing, where colours mean phases."""
+CORNERS = 6
+"""Corners of an element's disc; few, as a software renderer slows down with each."""
 
-SKIN, FOCUS = (205, 180, 165), (0, 190, 90)
-"""Colours of a hand without sound, and of foci."""
+SKIN_COLOUR = (205, 180, 165)
 
-LIGHT = 255 * np.where(
-    np.arange(256) <= 10,
-    np.arange(256) / 255 / 12.92,
-    ((np.arange(256) / 255 + 0.055) / 1.055) ** 2.4,
-)
-LIGHT = LIGHT.round().astype(np.uint8)
-"""Amount of light of each value of a screen's colours."""
-
-DRAWING = Path(__file__).with_name("drawing.js")
-
-Shown = Literal["phase", "amplitude"]
+Vertices = Float64[np.ndarray, "vertices 3"]
+Colours = UInt8[np.ndarray, "vertices 3"]
 
 
 def colour_map(name: str) -> UInt8[np.ndarray, "steps 3"]:
     """Return a colour map of matplotlib (256, 3)."""
-    return (
-        (255 * matplotlib.colormaps[name](np.linspace(0.0, 1.0, STEPS))[:, :3])
-        .round()
-        .astype(np.uint8)
-    )
+    colours = matplotlib.colormaps[name](np.linspace(0.0, 1.0, STEPS))
+    return (255 * colours[:, :3]).round().astype(np.uint8)
 
 
-PHASES, PRESSURES, AMPLITUDES = colour_map("twilight"), colour_map("OrRd"), colour_map("viridis")
+PHASES = colour_map("twilight")
+PRESSURES = colour_map("OrRd")
+AMPLITUDES = colour_map("viridis")
 
 
 @dataclass(frozen=True)
 class Look:
-    """What the page is asked to show.
+    """What the page is set to show.
 
     Attributes
     ----------
-    array : what the colours of the elements mean.
+    array : quantity shown by the colours of the elements.
     skin : whether the pressure on the skin is shown.
     slice : whether the slice is shown.
-    across : the axis across the slice.
-    offset : of the slice from the middle of the foci along that axis [m].
+    across : axis normal to the slice.
+    offset : of the slice from the centre of the foci along that axis [m].
     """
 
-    array: Shown = "phase"
+    array: Literal["phase", "amplitude"] = "phase"
     skin: bool = True
     slice: bool = True
-    across: Across = "y"
+    across: Axis = "y"
     offset: float = 0.0
 
 
@@ -100,38 +79,36 @@ class View:
 
     Parameters
     ----------
-    server : that shows it.
-    scene : what stays the same while the hand moves.
+    server : shows it.
+    scene : the fixed part of the scene.
     """
 
     def __init__(self, server: viser.ViserServer, scene: LiveScene) -> None:
-        self._server, self._scene = server, scene
-        self._direct, self._skin, self._solving = (
-            DirectSound(scene),
-            MovingSkin(scene.radii),
-            SolvedSound(scene),
-        )
-        self._middle = focal_point(scene)
-        self._peak = 0.0
-        self._sound: Sound | None = None
-        server._websock_server.queue_message(
-            RunJavascriptMessage(DRAWING.read_text(encoding="utf-8"))
-        )
+        self._server = server
+        self._scene = scene
+        self._direct = DirectSound(scene)
+        self._skin = MovingSkin(scene.radii)
+        self._solving = SoundProcess(scene)
+        self._middle = expected_middle(scene)
+        self._peak = 0.0  # running mean of the largest pressure, for the colours [Pa]
+        self.sound: Sound | None = None  # that skin and slice show; None for silence
+        # viser has no public way to draw unlit vertex colours or to draw less often.
+        script = Path(__file__).with_name("drawing.js").read_text(encoding="utf-8")
+        server._websock_server.queue_message(RunJavascriptMessage(script))
         server.scene.set_up_direction("+z")
         server.scene.configure_environment_map(None)
         server.scene.configure_default_lights(False)
-        server.scene.add_light_ambient("/lights/ambient", intensity=AMBIENT)
+        server.scene.add_light_ambient("/lights/ambient", intensity=3.0)
         self._set_camera()
-        self._array = self._add_array()
+        self._array_colours = self._add_array()
         self._add_planes()
-        self._foci, self._labels = self._add_foci()
+        self._add_foci()
         self._hand: tuple[viser.MeshHandle, viser.PointCloudHandle] | None = None
-        blank = np.zeros((2, 2, 4), dtype=np.uint8)
         self._slice = server.scene.add_image(
             "/slice",
-            blank,
-            ACROSS,
-            ACROSS,
+            np.zeros((2, 2, 4), dtype=np.uint8),
+            SLICE_SIZE,
+            SLICE_SIZE,
             format="png",
             cast_shadow=False,
             receive_shadow=False,
@@ -140,151 +117,152 @@ class View:
 
     def update(self, moment: Moment, look: Look) -> None:
         """Show a moment, with the newest sound on the skin and in the slice."""
-        self._array.colors = np.repeat(
-            in_light(element_colours(moment.amplitudes, look.array)), CORNERS, axis=0
-        )
+        colours = element_colours(moment.amplitudes, look.array)
+        self._array_colours.colors = np.repeat(in_light(colours), CORNERS, axis=0)
         self._show_foci(moment)
-        before, self._sound = self._sound, None
+        previous = self.sound
+        self.sound = None
         if moment.joints is None or moment.foci is None:
-            for part in (*(self._hand or ())[:1], self._slice):
-                part.visible = False
+            self._slice.visible = False
+            if self._hand is not None:
+                self._hand[0].visible = False
             return
         self._middle = moment.foci.mean(axis=0)
         vertices, normals = self._skin.at(moment.joints)
         if np.any(moment.amplitudes):
-            self._sound = self._heard(moment, vertices, normals, look, before)
-        if self._sound is not None and self._sound is not before:
-            self._follow(self._sound)
-            self._show_slice(self._sound)
-        self._show_hand(
-            vertices, normals, None if self._sound is None or not look.skin else self._sound.skin
-        )
-        self._slice.visible = self._sound is not None and look.slice
+            self.sound = self._sound_of(moment, vertices, normals, look, previous)
+        if self.sound is not None and self.sound is not previous:
+            # The colours follow the largest pressure slowly, so that they do not flicker.
+            parts = (self.sound.skin, self.sound.field)
+            peak = max(float(np.quantile(np.abs(part), 0.998)) for part in parts)
+            self._peak += (1.0 if self._peak == 0.0 else 0.3) * (peak - self._peak)
+            self._show_slice(self.sound)
+        pressures = None if self.sound is None or not look.skin else self.sound.skin
+        self._show_hand(vertices, normals, pressures)
+        self._slice.visible = self.sound is not None and look.slice
 
     def close(self) -> None:
-        """End what runs beside."""
+        """End the process that solves the sound."""
         self._solving.close()
 
     @property
-    def most(self) -> float:
+    def largest(self) -> float:
         """Pressure at the end of the colours of skin and slice [Pa]."""
-        return max(SATURATED * self._peak, 1.0)
+        # Pressures above 60 % of the largest share the last colour, so that the others differ.
+        return max(0.6 * self._peak, 1.0)
 
-    @property
-    def sound(self) -> Sound | None:
-        """What skin and slice show; None where there is silence."""
-        return self._sound
-
-    def _heard(
+    def _sound_of(
         self,
         moment: Moment,
-        vertices: Float64[np.ndarray, "vertices 3"],
-        normals: Float64[np.ndarray, "vertices 3"],
+        vertices: Vertices,
+        normals: Vertices,
         look: Look,
-        before: Sound | None,
+        previous: Sound | None,
     ) -> Sound:
-        """Return the sound with the hand in its place, or the direct one, new or as before, where none was solved."""
+        """Return the newest solved sound; if it is over 20 s old, the direct sound, renewed every 0.25 s."""
         assert moment.joints is not None
         assert moment.foci is not None
-        section, now = Section(self._middle, look.across, look.offset), time.monotonic()
+        section = Section(self._middle, look.across, look.offset)
+        now = time.monotonic()
+        amplitudes = moment.amplitudes
         self._solving.ask(
-            Asked(now, moment.joints, moment.foci, moment.amplitudes, vertices, section)
+            SoundRequest(now, moment.joints, moment.foci, amplitudes, vertices, section)
         )
-        solved = self._solving.newest
-        if solved is not None and len(solved.skin) == len(vertices) and now - solved.time < OLD:
-            return solved
-        if before is not None and len(before.skin) == len(vertices) and now - before.time < DIRECT:
-            return before
-        skin = self._direct.on_skin(vertices, normals, moment.amplitudes, self._middle)
-        field = self._direct.at(section.points(), moment.amplitudes, self._middle)
+        for sound, max_age in ((self._solving.newest, 20.0), (previous, 0.25)):
+            fits = sound is not None and len(sound.skin) == len(vertices)
+            if sound is not None and fits and now - sound.time < max_age:
+                return sound
+        skin = self._direct.on_skin(vertices, normals, amplitudes, self._middle)
+        field = self._direct.at(section.points(), amplitudes, self._middle)
         return Sound(now, False, skin, section, field)
-
-    def _follow(self, sound: Sound) -> None:
-        """Let the colours follow the largest pressure, slowly, so that they do not flicker."""
-        most = max(float(np.quantile(np.abs(part), 0.998)) for part in (sound.skin, sound.field))
-        self._peak += (1.0 if self._peak == 0.0 else FOLLOWING) * (most - self._peak)
 
     def _show_hand(
         self,
-        vertices: Float64[np.ndarray, "vertices 3"],
-        normals: Float64[np.ndarray, "vertices 3"],
+        vertices: Vertices,
+        normals: Vertices,
         pressures: Float64[np.ndarray, "vertices"] | None,
     ) -> None:
-        """Show the hand with the pressure on it; its colours are those of points that nobody sees."""
-        colours = (
-            np.broadcast_to(SKIN, vertices.shape)
-            if pressures is None
-            else self._coloured(pressures)
-        )
-        colours = in_light(shaded(colours, normals))
+        """Show the hand with the pressure on it."""
+        colours = np.broadcast_to(np.array(SKIN_COLOUR, dtype=np.uint8), vertices.shape)
+        if pressures is not None:
+            colours = self._coloured(pressures)
+        # Surfaces that look down are a little darker, as in light from above.
+        colours = in_light((colours * (0.8 + 0.2 * normals[:, 2:])).astype(np.uint8))
         if self._hand is None:
             self._hand = self._add_coloured("/hand", vertices, self._skin.triangles, colours)
         mesh, points = self._hand
         if len(mesh.vertices) != len(vertices):
-            mesh.faces, points.points = (
-                self._skin.triangles.astype(np.uint32),
-                np.zeros(vertices.shape, np.float16),
-            )
-        mesh.vertices, points.colors, mesh.visible = vertices.astype(np.float32), colours, True
+            mesh.faces = self._skin.triangles.astype(np.uint32)
+            points.points = np.zeros(vertices.shape, np.float16)
+        mesh.vertices = vertices.astype(np.float32)
+        points.colors = colours
+        mesh.visible = True
 
     def _show_slice(self, sound: Sound) -> None:
-        self._slice.image = self._with_edges_clear(enlarged(sound.field))
-        self._slice.position, self._slice.wxyz = (
-            sound.section.middle,
-            quaternion(sound.section.axes.T),
-        )
+        pressures = enlarged(sound.field)
+        # Clear where there is little sound, so that what stands behind it stays visible.
+        opaque = 255 * np.clip(0.1 + 3.0 * pressures / self.largest, 0.0, 0.95)
+        self._slice.image = np.dstack([self._coloured(pressures), opaque.astype(np.uint8)])
+        self._slice.position = sound.section.middle
+        turn = Rotation.from_matrix(sound.section.axes.T)
+        self._slice.wxyz = np.roll(turn.as_quat(), 1)
 
-    def _coloured(self, pressures: Float64[np.ndarray, "*some"]) -> UInt8[np.ndarray, "*some 3"]:
-        return PRESSURES[
-            np.clip(pressures / self.most * (STEPS - 1), 0, STEPS - 1).astype(np.int64)
-        ]
-
-    def _with_edges_clear(
-        self, pressures: Float64[np.ndarray, "rows columns"]
-    ) -> UInt8[np.ndarray, "rows columns 4"]:
-        """Colour a slice, clear where there is little sound, so that what stands behind it stays in sight."""
-        opaque = 255 * np.clip(0.1 + 3.0 * pressures / self.most, 0.0, 0.95)
-        return np.dstack([self._coloured(pressures), opaque.astype(np.uint8)])
+    def _coloured(self, pressures: Float64[np.ndarray, "*any"]) -> UInt8[np.ndarray, "*any 3"]:
+        steps = np.clip(pressures / self.largest * (STEPS - 1), 0, STEPS - 1)
+        return PRESSURES[steps.astype(np.int64)]
 
     def _show_foci(self, moment: Moment) -> None:
-        for part in (self._foci, *self._labels):
-            part.visible = moment.foci is not None
+        for handle in (self._foci, *self._labels):
+            handle.visible = moment.foci is not None
         if moment.foci is None:
             return
         self._foci.points = moment.foci.astype(np.float32)
-        for index, label in enumerate(self._labels):
-            label.position, label.text = (
-                moment.foci[index],
-                focus_in_words(self._scene.places[index], index, moment),
-            )
+        for index, (label, place) in enumerate(zip(self._labels, self._scene.places, strict=True)):
+            label.position = moment.foci[index]
+            label.text = place
+            if moment.pressures is not None:
+                label.text = f"{place}  {moment.pressures[index]:,.0f} Pa"
 
     def _set_camera(self) -> None:
-        towards = view_of(self._scene.array.normals).towards_viewer
-        hand = self._middle + HAND * np.concatenate([np.eye(3), -np.eye(3)])
-        points = np.vstack([self._scene.array.positions, hand])
+        array = self._scene.array
+        towards = view_of(array.normals).towards_viewer
+        # A hand reaches about 0.15 m from its foci.
+        hand = self._middle + 0.15 * np.concatenate([np.eye(3), -np.eye(3)])
+        points = np.vstack([array.positions, hand])
         middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
         reach = float(np.linalg.norm(points - middle, axis=1).max())
         camera = self._server.initial_camera
-        camera.position, camera.look_at, camera.up = (
-            middle + 2.5 * reach * towards,
-            middle,
-            (0.0, 0.0, 1.0),
-        )
-        camera.fov, camera.near, camera.far = np.radians(50.0), 0.005, 20.0
+        camera.position = middle + 2.5 * reach * towards
+        camera.look_at = middle
+        camera.up = (0.0, 0.0, 1.0)
+        camera.fov = np.radians(50.0)
+        camera.near = 0.005
+        camera.far = 20.0
 
     def _add_array(self) -> viser.PointCloudHandle:
+        """Add a disc for each element, and return the points that carry the colours."""
         array = self._scene.array
-        corners, triangles = disc(0.46 * spacing(array.positions))
-        frames = np.stack(frames_of(array.normals), axis=1)
-        vertices = array.positions[:, None] + np.einsum("cj,ejk->eck", corners, frames)
-        faces = CORNERS * np.arange(len(array))[:, None, None] + triangles
-        colours = np.tile(SILENT, (vertices.size // 3, 1))
-        return self._add_coloured("/array", vertices.reshape(-1, 3), faces.reshape(-1, 3), colours)[
-            1
-        ]
+        angles = 2.0 * np.pi * np.arange(CORNERS) / CORNERS
+        radius = 0.46 * spacing(array.positions)  # discs of neighbours do not touch
+        # Any two axes across the normal do.
+        nearly_up = np.abs(array.normals[:, 2:]) >= 0.9
+        helper = np.where(nearly_up, [[1.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]])
+        along = np.cross(helper, array.normals)
+        along = along / np.linalg.norm(along, axis=1, keepdims=True)
+        across = np.cross(array.normals, along)
+        rim = (
+            np.cos(angles)[None, :, None] * along[:, None]
+            + np.sin(angles)[None, :, None] * across[:, None]
+        )
+        vertices = (array.positions[:, None] + radius * rim).reshape(-1, 3)
+        steps = np.arange(CORNERS - 2)
+        fan = np.stack([0 * steps, 1 + steps, 2 + steps], axis=1)
+        faces = CORNERS * np.arange(len(array))[:, None, None] + fan
+        colours = np.full((len(vertices), 3), 150, dtype=np.uint8)
+        return self._add_coloured("/array", vertices, faces.reshape(-1, 3), colours)[1]
 
     def _add_planes(self) -> None:
-        """Add each rigid plane as a sheet that shows what is behind it, under array and hand."""
+        """Add each rigid plane as a translucent sheet under array and hand."""
         for index, plane in enumerate(self._scene.planes):
             points = np.vstack([self._scene.array.positions, self._middle])
             self._server.scene.add_mesh_simple(
@@ -298,110 +276,112 @@ class View:
                 receive_shadow=False,
             )
 
-    def _add_foci(self) -> tuple[viser.PointCloudHandle, list[viser.LabelHandle]]:
+    def _add_foci(self) -> None:
+        scene = self._server.scene
         places = self._scene.places
-        points = np.zeros((len(places), 3), dtype=np.float32)
-        balls = self._server.scene.add_point_cloud(
+        self._foci = scene.add_point_cloud(
             "/foci",
-            points,
-            FOCUS,
+            np.zeros((len(places), 3), dtype=np.float32),
+            (0, 190, 90),
             point_size=4e-3,
             point_shape="circle",
             precision="float32",
             visible=False,
         )
-        labels = []
-        for index, place in enumerate(places):
-            anchor = (
-                "bottom-left" if index % 2 == 0 else "top-right"
-            )  # neighbours' labels stay apart
-            labels.append(
-                self._server.scene.add_label(
-                    f"/labels/{place}", place, anchor=anchor, visible=False
-                )
+        self._labels = [
+            scene.add_label(
+                f"/labels/{place}",
+                place,
+                # Labels of neighbours stay apart.
+                anchor="top-right" if index % 2 else "bottom-left",
+                visible=False,
             )
-        return balls, labels
+            for index, place in enumerate(places)
+        ]
 
     def _add_coloured(
         self,
         name: str,
-        vertices: Float64[np.ndarray, "vertices 3"],
+        vertices: Vertices,
         faces: Int64[np.ndarray, "triangles 3"],
-        colours: UInt8[np.ndarray, "vertices 3"],
+        colours: Colours,
     ) -> tuple[viser.MeshHandle, viser.PointCloudHandle]:
-        """Add a mesh, and points that nobody sees, whose colours ``drawing.js`` gives to its vertices."""
-        scene, nowhere = self._server.scene, np.zeros(vertices.shape, dtype=np.float16)
+        """Add a mesh, and invisible points whose colours ``drawing.js`` gives to its vertices."""
+        # viser can change the colours of points, but not those of a mesh, without sending it again.
+        scene = self._server.scene
         mesh = scene.add_mesh_simple(
             name,
             vertices.astype(np.float32),
             faces.astype(np.uint32),
-            color=SKIN,
+            color=SKIN_COLOUR,
             cast_shadow=False,
             receive_shadow=False,
         )
+        nowhere = np.zeros(vertices.shape, dtype=np.float16)
         return mesh, scene.add_point_cloud(f"{name}-colours", nowhere, colours, visible=False)
 
 
-def focal_point(scene: LiveScene) -> Float64[np.ndarray, "3"]:
+class MovingSkin:
+    """The skin of one hand, meshed in the first pose and carried along by its bones.
+
+    Parameters
+    ----------
+    radii : (25,) of the skin around each joint [m]; None for those of a generic hand.
+
+    Attributes
+    ----------
+    triangles : (T, 3) vertices of each triangle; none before the first pose.
+    """
+
+    def __init__(self, radii: Float64[np.ndarray, "25"] | None) -> None:
+        self._given_radii = radii
+        self._first: tuple[Hulls, HandMesh, Float64[np.ndarray, "vertices hulls"]] | None = None
+        self._length = 0.0
+        self.triangles = np.zeros((0, 3), dtype=np.int64)
+
+    def at(self, joints: Joints) -> tuple[Vertices, Vertices]:
+        """Return vertices on the skin (V, 3) [m] and the unit normals there (V, 3)."""
+        length = hand_length(joints)
+        # A hand whose length changed by a tenth is another one, and is meshed anew.
+        if self._first is None or abs(length / self._length - 1.0) > 0.1:
+            self._radii = radii_of(self._given_radii, None, joints)
+            self._length = length
+            hulls, _ = hand_hulls(joints, self._radii)
+            # Edges of 5 mm: over half a wavelength, but a software renderer slows down with each.
+            mesh = even_skin(hulls, 5e-3)
+            self._first = hulls, mesh, hull_weights(hulls, mesh.vertices)
+            self.triangles = mesh.triangles
+        now, _ = hand_hulls(joints, self._radii)
+        before, mesh, weights = self._first
+        vertices = now.project(moved_with_hulls(before, now, mesh.vertices, weights))
+        normals = now.look(vertices).gradient
+        normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
+        return vertices, normals
+
+
+def expected_middle(scene: LiveScene) -> Float64[np.ndarray, "3"]:
     """Return where a hand is expected: 0.2 m before an array that looks one way, else in its middle (3,) [m]."""
+    positions = scene.array.positions
     front = scene.array.normals.mean(axis=0)
-    middle = 0.5 * (scene.array.positions.min(axis=0) + scene.array.positions.max(axis=0))
-    return middle + (0.2 * front / np.linalg.norm(front) if np.linalg.norm(front) > 0.3 else 0.0)
-
-
-def focus_in_words(place: str, index: int, moment: Moment) -> str:
-    """Say what a focus gets."""
-    if moment.pressures is None:
-        return place
-    return f"{place}  {moment.pressures[index]:,.0f} Pa"
+    middle = 0.5 * (positions.min(axis=0) + positions.max(axis=0))
+    length = np.linalg.norm(front)
+    return middle + 0.2 * front / length if length > 0.3 else middle
 
 
 def element_colours(
-    amplitudes: Complex128[np.ndarray, "elements"], shown: Shown
+    amplitudes: Amplitudes, shown: Literal["phase", "amplitude"]
 ) -> UInt8[np.ndarray, "elements 3"]:
     """Colour elements by their phase, grey where silent, or by their amplitude from 0 to full scale."""
     if shown == "amplitude":
-        return AMPLITUDES[np.clip(np.abs(amplitudes) * (STEPS - 1), 0, STEPS - 1).astype(np.int64)]
-    colours = PHASES[(np.angle(amplitudes) / (2 * np.pi) % 1.0 * (STEPS - 1)).astype(np.int64)]
-    return np.where((amplitudes == 0.0)[:, None], SILENT, colours)
+        steps = np.clip(np.abs(amplitudes) * (STEPS - 1), 0, STEPS - 1)
+        return AMPLITUDES[steps.astype(np.int64)]
+    steps = np.angle(amplitudes) / (2 * np.pi) % 1.0 * (STEPS - 1)
+    grey = np.array([150, 150, 155], dtype=np.uint8)
+    return np.where((amplitudes == 0.0)[:, None], grey, PHASES[steps.astype(np.int64)])
 
 
-def in_light(colours: UInt8[np.ndarray, "*some 3"]) -> UInt8[np.ndarray, "*some 3"]:
-    """Return colours in amounts of light, as a mesh takes them, of those of a screen (sRGB, IEC 61966-2-1)."""
-    return LIGHT[colours]
-
-
-def shaded(
-    colours: UInt8[np.ndarray, "points 3"], normals: Float64[np.ndarray, "points 3"]
-) -> UInt8[np.ndarray, "points 3"]:
-    """Darken colours of a surface a little where it looks down, as light from above does."""
-    return (colours * (0.8 + 0.2 * normals[:, 2:])).astype(np.uint8)
-
-
-def frames_of(
-    normals: Float64[np.ndarray, "elements 3"],
-) -> tuple[
-    Float64[np.ndarray, "elements 3"],
-    Float64[np.ndarray, "elements 3"],
-    Float64[np.ndarray, "elements 3"],
-]:
-    """Return axes whose third is the normal."""
-    helper = np.where(np.abs(normals[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
-    along = np.cross(helper, normals)
-    along = along / np.linalg.norm(along, axis=1, keepdims=True)
-    return along, np.cross(normals, along), normals
-
-
-def disc(
-    radius: float,
-) -> tuple[Float64[np.ndarray, "corners 3"], Int64[np.ndarray, "triangles 3"]]:
-    """Return a disc of a radius [m] in the plane z = 0, its front to +z."""
-    angles = 2.0 * np.pi * np.arange(CORNERS) / CORNERS
-    rim = radius * np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=1)
-    steps = np.arange(CORNERS - 2)
-    return rim, np.stack([0 * steps, 1 + steps, 2 + steps], axis=1)
-
-
-def quaternion(turn: Float64[np.ndarray, "3 3"]) -> Float64[np.ndarray, "4"]:
-    """Return a rotation as viser takes it: w, x, y, z."""
-    return np.roll(Rotation.from_matrix(turn).as_quat(), 1)
+def in_light(colours: UInt8[np.ndarray, "*any 3"]) -> UInt8[np.ndarray, "*any 3"]:
+    """Return colours of a screen (sRGB, IEC 61966-2-1) as amounts of light, which a mesh takes."""
+    values = np.arange(256) / 255
+    linear = np.where(values <= 10 / 255, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
+    return (255 * linear).round().astype(np.uint8)[colours]

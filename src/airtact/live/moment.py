@@ -1,0 +1,147 @@
+"""One drive of the live loop, what controls it, and the interface of drive makers, with the simplest of them."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float64
+
+from airtact.acoustics.target import Target
+from airtact.drives.transfer import focus_by_distance
+from airtact.errors import InvalidInput
+from airtact.hands.tracking.frame import HandFrame
+from airtact.hands.tracking.prediction import Predictor
+from airtact.live.scene import Amplitudes, Foci, Frames, Joints, LiveScene, foci_on
+from airtact.printing import in_short
+
+Rule = Literal["distances", "phalanges", "fingers", "hand", "carried"]
+"""Basis of a drive: distances alone; a solution of the last phalanges, the fingers or the whole
+hand; or a solution of the whole hand in an earlier pose, carried along with its bones."""
+
+State = Literal["waiting", "playing", "fading", "silent", "stopped"]
+"""State of the loop: it waits for a hand, plays, fades after a hand was lost, is silent, or was
+stopped for good."""
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """A drive and its expected effect.
+
+    Attributes
+    ----------
+    time : when the sound is expected in the air, on the tracker's clock [s].
+    frame_time : time in the newest frame that was used [s].
+    joints : (25, 3) of the hand as predicted for ``time`` [m], or None where it is lost.
+    foci : (F, 3) as predicted for ``time`` [m], or None.
+    amplitudes : (E,) complex share of full scale; zeros for silence.
+    pressures : (F,) predicted at the foci [Pa], or None.
+    rule : basis of the drive.
+    shape_age : time from the pose that was solved to ``time`` [s]; None for distances.
+    behind : time from the newest pose that was solved, used or not, to ``time`` [s]; None before
+        the first solution and while the solvers rest because of noise.
+    kept : expected share of the attainable pressure at the weakest focus, or None.
+    state : state of the loop.
+    frames : (N, E) drives that are played in turn instead of ``amplitudes`` where foci move; or
+        None.
+    """
+
+    time: float
+    frame_time: float
+    joints: Joints | None
+    foci: Foci | None
+    amplitudes: Amplitudes
+    pressures: Float64[np.ndarray, "foci"] | None = None
+    rule: Rule = "distances"
+    shape_age: float | None = None
+    behind: float | None = None
+    kept: float | None = None
+    state: State = "playing"
+    frames: Frames | None = None
+
+    __repr__ = in_short
+
+
+def silent_moment(
+    scene: LiveScene, time: float, frame_time: float, state: State = "waiting"
+) -> Moment:
+    """Return a moment without a hand and without sound."""
+    return Moment(
+        time, frame_time, None, None, np.zeros(len(scene.array), np.complex128), state=state
+    )
+
+
+@dataclass(frozen=True)
+class Controls:
+    """Settings that the page, or a program, changes while the loop runs.
+
+    Attributes
+    ----------
+    ignore_hand : whether drives are made from distances alone.
+    method : name of the method that makes the drives; None for the scene's.
+    cap : largest amplitude of an element, a share of full scale.
+    offset : of all foci from the skin [m]; None for the scene's.
+    modulated : whether the amplitude is modulated, or the foci move.
+    playing : False silences until it is True again.
+    """
+
+    ignore_hand: bool = False
+    method: str | None = None
+    cap: float = 1.0
+    offset: float | None = None
+    modulated: bool = True
+    playing: bool = True
+
+
+class DriveMaker(ABC):
+    """Makes drives for a moving hand; ``take`` and ``make`` return at once, whatever is being solved."""
+
+    @abstractmethod
+    def take(self, frame: HandFrame) -> None:
+        """Take the tracker's newest frame, in the scene's frame; it replaces older ones."""
+
+    @abstractmethod
+    def make(self, time: float, controls: Controls) -> Moment:
+        """Make the drive for sound that is in the air at a time of the tracker's clock [s]."""
+
+    def close(self) -> None:  # noqa: B027 (a maker without processes has nothing to end)
+        """End what runs beside the loop."""
+
+
+class Distances(DriveMaker):
+    """Focuses by the distances from the elements to the foci, as if there were no hand.
+
+    Parameters
+    ----------
+    scene : the fixed part of the scene.
+    """
+
+    def __init__(self, scene: LiveScene) -> None:
+        self._scene = scene
+        self._predictor = Predictor(latency=0.0, noise=None)
+        self._newest: HandFrame | None = None
+
+    def take(self, frame: HandFrame) -> None:
+        """Take the newest frame; raises as ``Predictor.take``."""
+        self._predictor.take(frame)
+        self._newest = frame
+
+    def make(self, time: float, controls: Controls) -> Moment:
+        """Focus where the foci are predicted at a time [s]; zeros where the hand is lost."""
+        scene = self._scene
+        newest = self._newest
+        if newest is None:
+            return silent_moment(scene, time, time, "silent")
+        if newest.lost:
+            return silent_moment(scene, time, newest.time, "silent")
+        predicted = self._predictor.at(max(time, newest.time))
+        if predicted.lost:
+            return silent_moment(scene, time, newest.time, "silent")
+        try:
+            hand = predicted.hand(scene.radii)
+        except InvalidInput:
+            # The prediction can bend a hand beyond what is possible; the newest frame cannot.
+            hand = newest.hand(scene.radii)
+        foci = foci_on(hand, scene, controls.offset)
+        drive = focus_by_distance(scene.array, Target(foci), scene.medium, scene.frequency)
+        return Moment(time, newest.time, hand.joints, foci, drive.amplitudes)
