@@ -219,9 +219,8 @@ class View:
         self._foci.points = moment.foci.astype(np.float32)
         for index, (label, place) in enumerate(zip(self._labels, self._scene.places, strict=True)):
             label.position = moment.foci[index]
-            label.text = place
-            if moment.pressures is not None:
-                label.text = f"{place}  {moment.pressures[index]:,.0f} Pa"
+            pressures = moment.pressures
+            label.text = place if pressures is None else f"{place}  {pressures[index]:,.0f} Pa"
 
     def _set_camera(self) -> None:
         array = self._scene.array
