@@ -17,7 +17,7 @@ TESTS = Path(__file__).parent.parent
 def run_feeder(link: str, folder: Path, trials: int, ways) -> None:
     command = [
         sys.executable,
-        str(TESTS / "hardware" / "feeder.py"),
+        str(TESTS / "emission" / "feeder.py"),
         link,
         str(folder),
         str(trials),

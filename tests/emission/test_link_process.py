@@ -11,11 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from airtact.drives.drive import Drive, quantise
+from airtact.drives.drive import quantise
+from airtact.drives.frame import frame_at
 from airtact.emission.autd3_link import AUTD3Link
 from airtact.emission.channel import Channel
 from airtact.emission.emission import Emission
 from airtact.emission.link import LinkFailed, RecordingLink
+from airtact.emission.player import Player, Settings
 from airtact.emission.serial_link import SerialLink
 from airtact.errors import InvalidInput
 from airtact.geometry.pose import Pose
@@ -150,24 +152,39 @@ def test_boards_that_modulate_themselves_go_on_while_drives_change() -> None:
         assert emission.link.played().same_as(quantise(drives[0]))
 
 
-def test_other_boards_are_sent_the_newest_drive_at_each_time_of_the_modulation() -> None:
+class VirtualTime:
+    """Stands for the module ``time`` where a player reads its clock; it moves only when told to."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+
+def test_other_boards_are_sent_the_newest_drive_at_each_time_of_the_modulation(monkeypatch) -> None:
     """20 Hz in 4 frames at 80 frames/s: a frame is the newest drive times the envelope of a clock that goes on."""
-    link, modulation = RecordingLink("sonicsurface"), AmplitudeModulation(20.0)
+    clock = VirtualTime()
+    monkeypatch.setattr("airtact.emission.player.time", clock)
+    monkeypatch.setattr("airtact.emission.link.time", clock)
+    link = RecordingLink("sonicsurface")
+    player = Player(link, Settings(cap=1.0, ramp=0.0, patience=10.0, log=None))
+    player.open()
     drives = moving(12, 256)
-    with Emission(link, ramp=0.0) as emission:
-        emission.set_modulation(modulation)
-        for row in drives:
-            emission.send(Drive(row), wait=False)
-            emission.hold(0.03)
-    on = np.array([np.count_nonzero(frame.amplitude) for frame in link.frames[:-1]])
-    allowed = 256 * modulation.envelope(4)
-    assert np.abs(on[:, None] - allowed[None]).min(axis=1).max() <= 2
-    # Whole numbers of frames since the first, whichever were late on a busy machine, and never one
-    # out of its turn.
-    steps = np.rint((np.array(link.seconds[:-1]) - link.seconds[0]) * 80.0).astype(int)
-    wanted = np.rint(allowed[steps % 4])
-    assert np.mean(np.abs(on - wanted) <= 2) > 0.7
-    assert len({frame.phase.tobytes() for frame in link.frames}) > 6
+    envelope = AmplitudeModulation(20.0).envelope(4)
+    player.modulate(envelope, 80.0)
+    for millisecond in range(360):
+        clock.now = 1e-3 * millisecond
+        if millisecond % 30 == 0:
+            player.send(drives[millisecond // 30], wait=False)
+        player.step()
+    # A frame is due every 12.5 ms, and sent at the first millisecond after.
+    np.testing.assert_allclose(link.seconds, np.ceil(12.5 * np.arange(29)) / 1e3, atol=1.1e-3)
+    for seconds, frame in zip(link.seconds, link.frames, strict=True):
+        share = envelope[int(seconds * 80.0 + 1e-6) % 4]
+        newest = drives[int(seconds / 0.03 + 1e-6)]
+        assert frame.same_as(frame_at(newest, link.levels, share))
+        assert abs(np.count_nonzero(frame.amplitude) - 256 * share) <= 2
 
 
 def test_silence_fades_and_the_next_drive_rises_again() -> None:

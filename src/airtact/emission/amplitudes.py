@@ -12,10 +12,12 @@ from airtact.transducers.modulation import AmplitudeModulation
 CLOCK = 40e3
 """Periods of the sound that boards emit, in a second."""
 
-FEWEST_FRAMES, USUAL_FRAMES, MOST_FRAMES = 16, 20, 40
+USUAL_FRAMES = 20
+MOST_FRAMES = 40
 """Frames of a period of amplitude modulation, where nothing else limits them."""
 
-COARSE, BEAMS, FINE = 2000, 12, 100
+COARSE = 2000
+FINE = 100
 """Number of directions evaluated first, of those with the largest pressure that are refined, and of directions
 around each of these."""
 
@@ -77,7 +79,7 @@ def frames_of_period(frequency: float, fastest: float, clock: float = CLOCK) -> 
             f"an amplitude modulation of {frequency:g} Hz is too fast: the fastest is {clock / MOST_FRAMES:g} Hz.",
             code="out_of_range",
         )
-    counts = np.arange(FEWEST_FRAMES, MOST_FRAMES + 1)
+    counts = np.arange(16, MOST_FRAMES + 1)
     divides = np.maximum(np.rint(clock / (frequency * counts)), 1.0)
     off = np.round(np.abs(clock / (divides * counts) / frequency - 1.0), 9)
     best = np.lexsort((np.abs(counts - USUAL_FRAMES), off))[0]
@@ -121,7 +123,7 @@ def pressures_around(
         * np.sqrt(4.0 * np.pi / COARSE)
         * np.linspace(0.2, 1.0, FINE)[None, :, None]
     )
-    around = (directions[np.argsort(found[0])[-BEAMS:], None] + near).reshape(-1, 3)
+    around = (directions[np.argsort(found[0])[-12:], None] + near).reshape(-1, 3)
     around /= np.linalg.norm(around, axis=1, keepdims=True)
     refined = np.concatenate([pressures(part) for part in np.array_split(around, 10)], axis=1)
     peak, average = np.maximum(found.max(axis=1), refined.max(axis=1))
@@ -131,6 +133,7 @@ def pressures_around(
 def _directions(count: int) -> Float64[np.ndarray, "directions 3"]:
     """Spread unit vectors evenly: a spiral from pole to pole."""
     index = np.arange(count) + 0.5
-    height, turn = 1.0 - 2.0 * index / count, np.pi * (1.0 + np.sqrt(5.0)) * index
+    height = 1.0 - 2.0 * index / count
+    turn = np.pi * (1.0 + np.sqrt(5.0)) * index
     width = np.sqrt(1.0 - height**2)
     return np.stack([width * np.cos(turn), width * np.sin(turn), height], axis=1)

@@ -27,13 +27,13 @@ THROUGH = ("audit", "ethercrab", "twincat", "remote", "simulator")
 PERIODS = 40_000
 """Periods of sound a second; a sequence's rate must divide it."""
 
-SHORTEST, LONGEST = 2, 1024
+SHORTEST = 2
+LONGEST = 1024
 """Frames that the boards keep."""
 
-LARGEST_DIVIDE = 0xFFFF
-"""Most periods that one frame of a sequence can last."""
 
-INTENSITY_FADE, PHASE_FADE = 250, 1000
+INTENSITY_FADE = 250
+PHASE_FADE = 1000
 """How long the silencer spreads a change of intensity and of phase over [µs], its default."""
 
 
@@ -86,8 +86,10 @@ class AUTD3Link(Link):
                 f"the {through} link needs 1 address, such as 127.0.0.1:8080; 0 given.",
                 code="key_missing",
             )
-        self.name, self.poses = through, list(poses)
-        self.address, self.sound_speed = address, sound_speed
+        self.name = through
+        self.poses = list(poses)
+        self.address = address
+        self.sound_speed = sound_speed
         self._rotations = _quaternions(poses)
         self._lost: str | None = None
         self._envelope: tuple[Envelope, int] | None = None
@@ -113,7 +115,8 @@ class AUTD3Link(Link):
                 f"{nearest}.",
                 code="sizes_differ",
             )
-        check_rate(rate, PERIODS, LARGEST_DIVIDE, "AUTD3")
+        # 0xFFFF: most periods that one frame of a sequence can last.
+        check_rate(rate, PERIODS, 0xFFFF, "AUTD3")
 
     def played(self, index: int = 0) -> Frame:
         """Read back what the boards play, frame ``index`` of a sequence, from the firmware's model.
@@ -274,7 +277,8 @@ class AUTD3Link(Link):
         self._sender.send((pyautd3.Static(), sequence))
 
     def _silence(self) -> None:
-        self._swinging, self._smoothed = False, None
+        self._swinging = False
+        self._smoothed = None
         # First silence, which the boards acknowledge; only then may the silencer be slow again.
         self._sender.send((self._library.Static(), self._library.Null()))
         self._sender.send(self._silencer(INTENSITY_FADE, PHASE_FADE))

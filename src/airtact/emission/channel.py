@@ -9,9 +9,6 @@ from typing import Any
 LENGTH = struct.Struct("<Q")
 """What stands before each message: its length in bytes."""
 
-PART = 1 << 20
-"""Most bytes that are read at once."""
-
 
 class Channel:
     """One end of a connection that carries Python objects; a message that came in part never blocks.
@@ -23,7 +20,8 @@ class Channel:
     """
 
     def __init__(self, end: socket.socket, patience: float = 10.0) -> None:
-        self._socket, self._patience = end, patience
+        self._socket = end
+        self._patience = patience
         self._received = bytearray()
 
     def send(self, message: tuple[object, ...]) -> None:
@@ -44,7 +42,8 @@ class Channel:
         while (message := self._complete()) is None:
             self._socket.settimeout(max(end - time.monotonic(), 0.0))
             try:
-                part = self._socket.recv(PART)
+                # 1 << 20: most bytes that are read at once.
+                part = self._socket.recv(1 << 20)
             except (BlockingIOError, TimeoutError):
                 return None
             except OSError:

@@ -108,7 +108,10 @@ class AUTD3Codec(Codec):
 class SonicSurfaceCodec(Codec):
     """C0 or C1 chooses the board, FE begins its 256 channels (0 to 31 of a turn, 32 is off), FD swaps all boards."""
 
-    START, SWAP, FIRST, OFF = 0xFE, 0xFD, 0xC0, 32
+    START = 0xFE
+    SWAP = 0xFD
+    FIRST = 0xC0
+    OFF = 32
 
     def encode(self, frame: Frame) -> bytes:
         """Return each board's channels, then one swap for all."""
@@ -145,11 +148,14 @@ class Nano16Codec(Codec):
     incomplete frame; its own software does not send it.
     """
 
-    RESET, SWAP, MARK = 0x10, 0x00, 0x01
+    RESET = 0x10
+    SWAP = 0x00
+    MARK = 0x01
 
     def encode(self, frame: Frame) -> bytes:
         """Return the nibbles of both ports in every step."""
-        on, start = self._parts(frame.amplitude)[0], self._parts(frame.phase)[0]
+        on = self._parts(frame.amplitude)[0]
+        start = self._parts(frame.phase)[0]
         steps = np.arange(16)[:, None]
         high = ((steps - start.astype(np.int64)) % 16 < 8) & (on > 0)
         ports = np.packbits(high, axis=1, bitorder="little")
@@ -179,7 +185,8 @@ class Nano16Codec(Codec):
                 f"an element of a Nano16 is high in 8 consecutive steps, not {high.sum(axis=0)}.",
                 code="message_damaged",
             )
-        amplitude, phase = on.astype(np.uint8), np.argmax(rises, axis=0).astype(np.uint8)
+        amplitude = on.astype(np.uint8)
+        phase = np.argmax(rises, axis=0).astype(np.uint8)
         channels = self.board.channels
         return Frame(amplitude[channels], phase[channels], self.levels)
 
@@ -191,7 +198,8 @@ class OpenMPDCodec(Codec):
     added to the number to keep its middle in place; the pulse's first harmonic is sin(πa/128).
     """
 
-    FULL, START = 64, 0x80
+    FULL = 64
+    START = 0x80
 
     def encode(self, frame: Frame) -> bytes:
         """Return a message per board, one after the other; each board has a line of its own."""

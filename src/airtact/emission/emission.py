@@ -39,9 +39,6 @@ SIGNALS = tuple(
 NOHUP = getattr(signal, "SIGHUP", None)
 """The one of them that is left alone where it is ignored."""
 
-NOT_BEGUN = "it was not begun"
-"""Why nothing can be sent before an emission begins."""
-
 
 @dataclass(frozen=True)
 class Played:
@@ -126,7 +123,8 @@ class Emission:
         self.share: float = 1.0
         self._inside = 0
         self._signal: int | None = None
-        self._over = NOT_BEGUN
+        # "it was not begun": why nothing can be sent before an emission begins.
+        self._over = "it was not begun"
         self._played: LinkProcess | None = None
         self._handlers: dict[int, Any] = {}
 
@@ -181,7 +179,8 @@ class Emission:
         except LinkFailed as error:
             failed = error
         finally:
-            self._played, self.link._elsewhere = None, None
+            self._played = None
+            self.link._elsewhere = None
             try:
                 self._over = played.close() or "it was ended"
             except LinkFailed as error:
@@ -450,7 +449,8 @@ class Emission:
         """Act on a signal, now that nothing is being sent; a signal ends the main thread only."""
         if self._signal is None or threading.current_thread() is not threading.main_thread():
             return
-        kind, self._signal = self._signal, None
+        kind = self._signal
+        self._signal = None
         if self._played is not None:
             self._shield(1)
             try:

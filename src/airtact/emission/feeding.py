@@ -19,7 +19,8 @@ from airtact.emission.link import Link, LinkFailed
 from airtact.emission.link_process import serve
 from airtact.emission.player import Settings
 
-ANSWER, OPENING = 30.0, 120.0
+ANSWER = 30.0
+OPENING = 120.0
 """How long a link process may take for an answer, and to open its link [s]; it is ended then."""
 
 ENDING = 5.0
@@ -55,7 +56,8 @@ class LinkProcess:
     """
 
     def __init__(self, link: Link, settings: Settings) -> None:
-        self._link, self._settings = link, settings
+        self._link = link
+        self._settings = settings
         self._lock = threading.Lock()
         self._number = 0
         self._closing = False

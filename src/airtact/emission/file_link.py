@@ -158,7 +158,8 @@ class FileLink(Link):
                 f"there is no folder {self.path.parent} for {self.path.name}: make it first (0 written).",
                 code="not_writable",
             )
-        self._frames, self._rate = [], None
+        self._frames = []
+        self._rate = None
 
     def _transmit(self, frame: Frame) -> None:
         self._frames.append(frame)

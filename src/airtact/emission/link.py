@@ -1,11 +1,14 @@
 """What every link to boards does, and the link that only records."""
 
+import hashlib
 import os
+import tempfile
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,13 +16,9 @@ from jaxtyping import Float64
 
 from airtact.checks import counted, of_kind, positive
 from airtact.drives.frame import Frame
-from airtact.emission.board_lock import lock_boards
 from airtact.emission.codecs import Codec, codec_of
 from airtact.errors import InvalidInput
 from airtact.transducers.levels import Levels
-
-RECORDED_AT_ONCE = 64
-"""Number of recorded frames that one process passes to another at once."""
 
 
 class LinkFailed(RuntimeError):  # noqa: N818 (reads as what it is in a traceback)
@@ -128,7 +127,8 @@ class Link(ABC):
         LinkFailed
             If the boards do not answer.
         """
-        self.last, self.sent = None, 0
+        self.last = None
+        self.sent = 0
         resource = self._resource()
         self._locked = None if resource is None else lock_boards(resource, self.holder)
         try:
@@ -264,7 +264,8 @@ class Link(ABC):
         return None
 
     def _unlock(self) -> None:
-        locked, self._locked = getattr(self, "_locked", None), None
+        locked = getattr(self, "_locked", None)
+        self._locked = None
         if locked is not None:
             os.close(locked)
 
@@ -365,11 +366,14 @@ class RecordingLink(Link):
 
     def recorded(self, first: int) -> tuple[list[Frame], list[float]]:
         """Return some frames from the ``first`` on, and when they were sent; none at the end."""
-        some = slice(first, first + RECORDED_AT_ONCE)
+        # 64: number of recorded frames that one process passes to another at once.
+        some = slice(first, first + 64)
         return self._frames[some], self._seconds[some]
 
     def _begin(self) -> None:
-        self._frames, self._seconds, self._begun = [], [], time.monotonic()
+        self._frames = []
+        self._seconds = []
+        self._begun = time.monotonic()
 
     def _transmit(self, frame: Frame) -> None:
         self._frames.append(frame)
@@ -377,3 +381,47 @@ class RecordingLink(Link):
 
     def _end(self) -> None:
         pass
+
+
+def lock_boards(resource: str, holder: int) -> int | None:
+    """Reserve boards until the file that is returned is closed; None where the system has no such locks.
+
+    Parameters
+    ----------
+    resource : what they are reached through, such as a port.
+    holder : number of the process that others are referred to.
+
+    Raises
+    ------
+    InvalidInput
+        "link_in_use": another process holds them, with its number.
+    """
+    try:
+        import fcntl
+    except ImportError:
+        return None
+    name = f"airtact-{hashlib.sha256(resource.encode()).hexdigest()[:16]}.lock"
+    path = Path(tempfile.gettempdir()) / name
+    try:
+        file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+    except PermissionError:
+        file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)  # another user's: enough for the lock
+    # 0.5: how long a link waits for the one before it to close [s].
+    end = time.monotonic() + 0.5
+    while True:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            break
+        except BlockingIOError:
+            if time.monotonic() > end:
+                first = os.pread(file, 40, 0).decode(errors="replace").strip() or "0"
+                os.close(file)
+                raise InvalidInput(
+                    f"{resource} is in use by the process {first}: end it first.",
+                    code="link_in_use",
+                ) from None
+            time.sleep(0.02)
+    with suppress(OSError):
+        os.ftruncate(file, 0)
+        os.pwrite(file, str(holder).encode(), 0)
+    return file

@@ -19,10 +19,8 @@ from airtact.emission.link import Link, LinkFailed
 from airtact.emission.player import Player
 from airtact.errors import InvalidInput
 
-GONE = "its process was gone"
-"""Why an emission is over whose feeder died."""
-
-RETRIES, RETRY_PAUSE = 50, 0.1
+RETRIES = 50
+RETRY_PAUSE = 0.1
 """How often silence is tried where it is not confirmed and no feeder is left, and the time between [s]."""
 
 
@@ -74,7 +72,8 @@ def _end(player: Player) -> None:
     """Silence the boards without a feeder, and close the link."""
     for _ in range(RETRIES):
         try:
-            player.finish(GONE)
+            # "its process was gone": why an emission is over whose feeder died.
+            player.finish("its process was gone")
             break
         except BaseException:
             time.sleep(RETRY_PAUSE)
@@ -105,7 +104,8 @@ def main() -> None:
                 signal.SIGABRT,
             ):
                 signal.signal(kind, signal.SIG_IGN)
-    end, feeder = socket.socket(fileno=int(sys.argv[1])), int(sys.argv[2])
+    end = socket.socket(fileno=int(sys.argv[1]))
+    feeder = int(sys.argv[2])
     serve(Channel(end), lambda: os.getppid() != feeder)
 
 

@@ -13,19 +13,6 @@ from airtact.drives.frame import Frame, frame_at, share_under_cap
 from airtact.emission.link import Link, LinkFailed
 from airtact.errors import InvalidInput
 
-STEP = 0.025
-"""How long one step of a ramp lasts [s]."""
-
-LOOK = 0.1
-"""Time between two checks that the boards are still connected [s]."""
-
-TRIES = 3
-"""How often silence is sent until it is confirmed."""
-
-AT_REST = 0.05
-"""Time between two looks around where nothing is due [s]."""
-
-
 Drives = Complex128[np.ndarray, "elements"]
 
 
@@ -93,7 +80,8 @@ class Player:
     """
 
     def __init__(self, link: Link, settings: Settings) -> None:
-        self.link, self._set = link, settings
+        self.link = link
+        self._set = settings
         self.over: str | None = None
         self._failure: LinkFailed | None = None
         self._trouble: Exception | None = None
@@ -101,7 +89,10 @@ class Player:
         self._drive: Drives | None = None
         self._full: Frame | None = None
         self._share = 1.0
-        self._gain, self._slope, self._pause, self._next_step = 0.0, 0.0, 0.0, 0.0
+        self._gain = 0.0
+        self._slope = 0.0
+        self._pause = 0.0
+        self._next_step = 0.0
         self._swing: Swing | None = None
         self._next_frame = 0.0
         self._repeated: Repeated | None = None
@@ -160,15 +151,20 @@ class Player:
         still takes [s], and its gain.
         """
         self._feed()
-        link, now, before = self.link, time.monotonic(), self._round
+        link = self.link
+        now = time.monotonic()
+        before = self._round
         self._share = share_under_cap(drives, link.levels, self._set.cap)
         frames = [frame_at(drive, link.levels, self._share) for drive in drives]
         goes_on = before is not None and len(before.frames) == len(frames) and before.rate == rate
         self._round = one = Round(
             drives, frames, rate, before.begun if goes_on and before is not None else now
         )
-        self._repeated, self._swing, self._waiting = None, None, False
-        self._drive, self._full = drives[np.linalg.norm(drives, axis=1).argmax()], None
+        self._repeated = None
+        self._swing = None
+        self._waiting = False
+        self._drive = drives[np.linalg.norm(drives, axis=1).argmax()]
+        self._full = None
         if not link.real_time:
             self._transmit(frames[one.index(now)])
             return 0.0, 1.0
@@ -200,12 +196,15 @@ class Player:
             for row, f in zip(rows, factors, strict=True)
         ]
         repeated = Repeated(frames, rate, seconds)
-        self._repeated, self._round, self._waiting = repeated, None, False
+        self._repeated = repeated
+        self._round = None
+        self._waiting = False
         if not link.real_time:
             link.play([frames[index % len(frames)] for index in range(repeated.total)], rate)
             repeated.begun, repeated.sent, repeated.index = -np.inf, repeated.total, repeated.total
             return 0.0
-        self._drive, self._full = drives[np.linalg.norm(drives, axis=1).argmax()], None
+        self._drive = drives[np.linalg.norm(drives, axis=1).argmax()]
+        self._full = None
         if not self._emitting:
             self._rise()
         if self._gain == 1.0:
@@ -244,7 +243,8 @@ class Player:
     def silence(self, fade: float) -> float:
         """Let the sound fade; the next drive rises over the ramp. Return how long that takes [s]."""
         self._feed()
-        self._repeated, self._waiting = None, False
+        self._repeated = None
+        self._waiting = False
         if self._emitting:
             self._slope_over(fade, -1.0)
             self._fade_step()
@@ -305,7 +305,8 @@ class Player:
         """Return how long nothing is due [s]."""
         if self._waiting:
             return 0.0
-        due = [AT_REST]
+        # 0.05: time between two looks around where nothing is due [s].
+        due = [0.05]
         now = time.monotonic()
         if self._slope != 0.0:
             due.append(self._next_step - now)
@@ -330,7 +331,10 @@ class Player:
         try:
             self._step(time.monotonic())
         except Exception as error:
-            self._trouble, self._repeated, self._slope, self._waiting = error, None, 0.0, False
+            self._trouble = error
+            self._repeated = None
+            self._slope = 0.0
+            self._waiting = False
             self._looked = time.monotonic()
 
     def _catch_up(self) -> None:
@@ -352,7 +356,8 @@ class Player:
         elif self._paced and self._gain > 0.0 and now >= self._next_frame:
             self._transmit(self._now())
             self._next_frame += (1.0 + np.floor((now - self._next_frame) * self._rate)) / self._rate
-        if self._emitting and self._trouble is None and now - self._looked > LOOK:
+        # 0.1: time between two checks that the boards are still connected [s].
+        if self._emitting and self._trouble is None and now - self._looked > 0.1:
             self._looked = now
             self.link.probe()
 
@@ -362,7 +367,9 @@ class Player:
             self.finish(why)
             return
         self._write(why)
-        self._repeated, self._round, self._waiting = None, None, False
+        self._repeated = None
+        self._round = None
+        self._waiting = False
         self._slope = self._gain = 0.0
         self._silence()
 
@@ -420,15 +427,18 @@ class Player:
         self._raise()
 
     def _slope_over(self, seconds: float, sign: float) -> None:
-        steps = max(int(np.ceil(seconds / STEP)), 1)
-        self._slope, self._pause = sign / steps, seconds / steps
+        # 0.025: how long one step of a ramp lasts [s].
+        steps = max(int(np.ceil(seconds / 0.025)), 1)
+        self._slope = sign / steps
+        self._pause = seconds / steps
 
     def _raise(self) -> None:
         """Raise the gain by a step; at 1 the ramp is over."""
         self._gain += self._slope
         self._next_step = time.monotonic() + self._pause
         if self._gain > 1.0 - 1e-6:
-            self._gain, self._slope = 1.0, 0.0
+            self._gain = 1.0
+            self._slope = 0.0
 
     def _ramp_step(self) -> None:
         if self._slope < 0.0:
@@ -494,7 +504,8 @@ class Player:
                 code="emission_over",
             )
         self._fed = time.monotonic()
-        trouble, self._trouble = self._trouble, None
+        trouble = self._trouble
+        self._trouble = None
         if trouble is not None:
             raise trouble
 
@@ -505,8 +516,10 @@ class Player:
         self._silence()
 
     def _silence(self) -> None:
-        before, sent = self.link.last, self.link.sent
-        for last_try in [False] * (TRIES - 1) + [True]:
+        before = self.link.last
+        sent = self.link.sent
+        # 3: how often silence is sent until it is confirmed.
+        for last_try in [False] * (3 - 1) + [True]:
             try:
                 self.link.stop()
             except BaseException as error:

@@ -60,7 +60,8 @@ class SerialLink(Link):
                 code="unknown_name",
             )
         of_kind(port, str, "the port", 'the name of a device, such as "/dev/ttyUSB0"')
-        self.port, self.boot = port, boot
+        self.port = port
+        self.boot = boot
         self.fastest = self.fastest_frames
         self._line: Any = None
 
@@ -113,7 +114,8 @@ class SerialLink(Link):
     def _deliver(self, frame: Frame, patience: float = 0.0) -> None:
         """Write a frame until it is answered, ``TRIES`` times or for so many seconds, whichever is longer."""
         message = self.codec.encode(frame)
-        end, tries = time.monotonic() + patience, 0
+        end = time.monotonic() + patience
+        tries = 0
         while tries < TRIES or time.monotonic() < end:
             tries += 1
             self._line.reset_input_buffer()
