@@ -1,14 +1,38 @@
-"""The shape of a mesh, wherever it was moved, and new panels on it."""
+"""The shape of a closed mesh, wherever it was moved, and new panels of a wanted size on it."""
 
 import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from jaxtyping import Float64, Int64, Real
+from jaxtyping import Float64
 
-from airtact.geometry.mesh.quadratic_triangles import QuadraticTriangles
-from airtact.geometry.mesh.remeshing import RidgedMesh, coarsened
-from airtact.geometry.panelling import covered
+from airtact.errors import InvalidInput
+from airtact.geometry.mesh.arrays import (
+    EdgeVectors,
+    IndexPairs,
+    Pieces,
+    PointLengths,
+    Points,
+    PointVectors,
+    QuadraticTriangles,
+    Vector3,
+)
+from airtact.geometry.mesh.edge_limits import (
+    MAX_EDGE_TO_WALL,
+    bend_sizes,
+    strip_sizes,
+    wall_sizes,
+)
+from airtact.geometry.mesh.quadratic_triangles import (
+    NODE_REFERENCES,
+    cut,
+    enclosed_volume,
+    longest_edges,
+    normals_at,
+    unit,
+)
+from airtact.geometry.mesh.remeshing import MIN_EDGE, RidgedMesh, coarsened, remeshed
+from airtact.geometry.mesh.topology import are_among, edge_ends
 from airtact.geometry.pose import Pose
 from airtact.geometry.quadratic_mesh import QuadraticMesh
 from airtact.geometry.shape import BEND, Shape
@@ -17,7 +41,7 @@ from airtact.printing import in_short
 
 @dataclass(frozen=True, eq=False)
 class MeshShape(Shape):
-    """A mesh of quadratic triangles that stands at a pose; its panels at rest are ``cached`` by edge and distance."""
+    """A mesh of quadratic triangles at a pose; its panels at rest are ``cached`` by edge and distance."""
 
     mesh: QuadraticMesh
     pose: Pose
@@ -29,7 +53,7 @@ class MeshShape(Shape):
 
     @property
     def extent(self) -> float:
-        """Largest side of the upright box round its triangles at rest [m]."""
+        """Largest side of the axis-aligned box around its triangles at rest [m]."""
         return float(np.ptp(self.mesh.vertices[self.mesh.triangles].reshape(-1, 3), axis=0).max())
 
     @property
@@ -43,21 +67,21 @@ class MeshShape(Shape):
         return self.mesh.volume
 
     @property
-    def crossings(self) -> Int64[np.ndarray, "crossings 2"]:
+    def crossings(self) -> IndexPairs:
         """Pairs of flat triangles (K, 2) that cross or touch beyond what they share as neighbours."""
         return self.mesh.crossings
 
-    def nested_piece(self) -> tuple[int, int, float, Float64[np.ndarray, "3"]] | None:
-        """Find a closed piece inside another: both numbers, how deep [m] and a point (3,) there [m]; None if none."""
-        seeds = np.array([piece.vertices[piece.triangles[0, 0]] for piece in self.mesh.pieces])
-        if len(seeds) == 1:
+    def nested_piece(self) -> tuple[int, int, float, Vector3] | None:
+        """Closed piece inside another: the indices of both, its depth [m] and a point (3,) of it [m]."""
+        points = np.array([piece.vertices[piece.triangles[0, 0]] for piece in self.mesh.pieces])
+        if len(points) == 1:
             return None
         for outer, piece in enumerate(self.mesh.pieces):
-            depth = piece.depth(seeds)
+            depth = piece.depth(points)
             depth[outer] = -np.inf
             inner = int(depth.argmax())
             if depth[inner] > 0.0:
-                return inner, outer, float(depth[inner]), self.pose.apply(seeds[inner])
+                return inner, outer, float(depth[inner]), self.pose.apply(points[inner])
         return None
 
     @property
@@ -65,38 +89,34 @@ class MeshShape(Shape):
         """Its panels (T, 6, 3) [m]."""
         return self.pose.apply(self.mesh.quadratic_triangles)
 
-    def edge_middles(
-        self, corners: Float64[np.ndarray, "triangles 3 3"]
-    ) -> Float64[np.ndarray, "triangles 3 3"]:
+    def edge_middles(self, corners: EdgeVectors) -> EdgeVectors:
         """Points of the surface over the middles of edges 01, 12, 20 of its triangles (T, 3, 3) [m]."""
         return self.quadratic_triangles[:, 3:]
 
-    def depth(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
+    def depth(self, points: Points) -> PointLengths:
         """Distance to the surface [m] of points (P, 3) [m], positive inside."""
         return self.mesh.depth(self.pose.inverse().apply(points))
 
-    def project(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
+    def project(self, points: Points) -> PointVectors:
         """Nearest points of the surface (P, 3) [m] to points (P, 3) [m]."""
         return self.pose.apply(self.mesh.project(self.pose.inverse().apply(points)))
 
-    def project_on_sharp_edges(
-        self, points: Real[np.ndarray, "points 3"]
-    ) -> Float64[np.ndarray, "points 3"]:
+    def project_on_sharp_edges(self, points: Points) -> PointVectors:
         """Nearest points of the sharp edges (P, 3) [m] to points (P, 3) [m]."""
         return self.pose.apply(self.mesh.project_on_sharp_edges(self.pose.inverse().apply(points)))
 
     def fitted(self, panels: QuadraticTriangles) -> QuadraticTriangles:
-        """Bring panels (P, 6, 3) near the surface to where it lies evenly on both sides of each [m]."""
+        """Move panels (P, 6, 3) near the surface to where it lies evenly on both sides of each [m]."""
         return self.pose.apply(self.mesh.fitted(self.pose.inverse().apply(panels)))
 
-    def off_triangles(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
-        """Distance of points (P, 3) [m] from the flat triangles that it was made from [m]."""
+    def off_triangles(self, points: Points) -> PointLengths:
+        """Distance of points (P, 3) [m] from the flat triangles that define the surface [m]."""
         return self.mesh.flat_tree.closest(self.pose.inverse().apply(points))[2]
 
     def panels(self, edge: float, bend: float = BEND, away: float = math.inf) -> QuadraticTriangles:
-        """Cover it with curved panels about as large as equilateral triangles of a given edge [m].
+        """Cover it with curved panels as large as equilateral triangles of a given edge [m].
 
-        Where it is smooth, they lie at most about ``away`` [m] off, in root mean square.
+        Where it is smooth, they deviate by at most about ``away`` [m] in root mean square.
         """
         if (edge, away) not in self.cached:
             self.cached[edge, away] = np.concatenate(
@@ -104,19 +124,127 @@ class MeshShape(Shape):
             )
         return self.pose.apply(self.cached[edge, away])
 
-    def extreme_points(self) -> Float64[np.ndarray, "points 3"]:
+    def extreme_points(self) -> PointVectors:
         """Nodes (P, 3) of all panels [m]."""
         return self.quadratic_triangles.reshape(-1, 3)
 
     def coarse_meshes(self, edge: float) -> list[RidgedMesh]:
-        """Triangles to start a mesh from, with edges of at most ``edge`` [m] where they are not sharp."""
-        found = []
+        """Triangles to start remeshing from, with edges of up to ``edge`` [m] unless they are sharp."""
+        meshes = []
         for piece in self.mesh.pieces:
             split = piece.with_short_edges(edge)
             placed = RidgedMesh(self.pose.apply(split.vertices), split.triangles, split.ridges)
-            found.append(coarsened(placed, edge / 1.5))
-        return found
+            meshes.append(coarsened(placed, edge / 1.5))
+        return meshes
 
     def moved(self, pose: Pose) -> "MeshShape":
         """Move it rigidly."""
         return replace(self, pose=pose @ self.pose)
+
+
+# --- new panels -------------------------------------------------------------------------------
+
+
+def covered(mesh: QuadraticMesh, edge: float, away: float = np.inf) -> QuadraticTriangles:
+    """Cover one closed piece with curved panels as large as equilateral triangles of an edge [m].
+
+    MMG makes the triangles. Their corners and middles are projected onto the surface, those of sharp
+    edges onto the sharp edges. Panels that still deviate by more than 0.4 % of the edge, or by more
+    than ``away`` [m] where the surface is smooth, are cut in four.
+    """
+    extent = float(np.ptp(mesh.vertices, axis=0).max())
+    shorter = min(edge, 0.5 * extent)
+    fault = None
+    # A part smaller than the edge may vanish. Then the volume is wrong and a shorter edge is tried.
+    for _ in range(4):
+        try:
+            panels = _new_panels(mesh, shorter, away)
+        except InvalidInput as error:
+            fault = error
+        else:
+            if abs(enclosed_volume(panels) / mesh.volume - 1) < 0.03:
+                return panels
+        shorter /= 2
+    raise fault or InvalidInput(
+        f"panels with an edge of {1e3 * edge:.3g} mm, and of {2e3 * shorter:.3g} mm, do not "
+        f"enclose the {1e6 * mesh.volume:.4g} cm³ of the surface to 3 %; it is too rough or thin "
+        "somewhere.",
+        code="mesh_faulty",
+    )
+
+
+def _new_panels(mesh: QuadraticMesh, edge: float, away: float) -> QuadraticTriangles:
+    largest = 1.5 * edge
+    fine = mesh.with_short_edges(1.5 * edge)
+    # Walls end in nothing where two faces meet, so the thinnest 1 % of the vertices do not count.
+    walls = wall_sizes(fine.vertices, fine.triangles, largest)
+    thickness = float(np.quantile(walls, 0.01)) / MAX_EDGE_TO_WALL
+    wall = max(thickness, MIN_EDGE * edge / MAX_EDGE_TO_WALL)
+    wall = wall if MAX_EDGE_TO_WALL * wall < largest else np.inf
+    base = coarsened(fine, edge, wall)
+    # Bends limited to a radian deviate by 0.00125 of the edge. The deviation grows with the third
+    # power of the edge.
+    bend_share = min(1.0, away / (0.00125 * edge)) ** (1 / 3)
+    limits = (
+        strip_sizes(base.vertices, base.ridges, largest),
+        bend_sizes(base.vertices, base.triangles, base.ridges, largest, bend_share),
+        wall_sizes(base.vertices, base.triangles, largest),
+    )
+    wanted = mesh.area / (np.sqrt(3) / 4 * edge**2)
+    new = remeshed(base, np.min(limits, axis=0), edge, wanted, wall)
+    return _cut_where_it_helps(mesh, _on_surface(mesh, new, edge), edge, away)
+
+
+def _on_surface(mesh: QuadraticMesh, new: RidgedMesh, edge: float) -> QuadraticTriangles:
+    """Bring new triangles onto the surface."""
+    corners = mesh.project(new.vertices)
+    on_ridge = np.unique(new.ridges)
+    if len(on_ridge):
+        corners[on_ridge] = mesh.project_on_sharp_edges(new.vertices[on_ridge])
+    # A corner that would move far belongs to another part of the surface and stays.
+    outlying = np.linalg.norm(corners - new.vertices, axis=1) > 0.3 * edge
+    corners[outlying] = new.vertices[outlying]
+    edges, inverse = np.unique(
+        np.sort(edge_ends(new.triangles).reshape(-1, 2), axis=1), axis=0, return_inverse=True
+    )
+    straight = corners[edges].mean(axis=1)
+    middles = mesh.project(straight)
+    if len(on_ridge):
+        along = are_among(edges, new.ridges)
+        middles[along] = mesh.project_on_sharp_edges(straight[along])
+    return mesh.levelled(
+        np.concatenate(
+            [corners[new.triangles], middles[inverse.ravel()].reshape(-1, 3, 3)], axis=1
+        )
+    )
+
+
+def _cut_where_it_helps(
+    mesh: QuadraticMesh, panels: QuadraticTriangles, edge: float, away: float
+) -> Pieces:
+    """Cut panels in four that bend or deviate too much, unless their pieces deviate as much."""
+    too_far = 0.004 * edge
+    finished = []
+    for _ in range(4):
+        deviation = mesh.deviation(panels)
+        steep = (_bending(panels) > 1.4) & (longest_edges(panels) > 0.4 * edge)
+        far = steep | (deviation > min(too_far, away))
+        if not far.any():
+            break
+        pieces, _ = cut(panels[far], np.full(int(far.sum()), 2))
+        pieces = mesh.fitted(pieces)
+        # Cutting reduces the deviation from a smooth surface by a factor of 8 or more, from a rough
+        # one by less. A panel that is too far off needs half, one that only misses ``away`` a fifth.
+        enough = np.where(deviation[far] > too_far, 0.5, 0.2) * deviation[far]
+        mean_square = np.mean(mesh.deviation(pieces).reshape(-1, 4) ** 2, axis=1)
+        better = (np.sqrt(mean_square) < enough) | steep[far]
+        finished += [panels[~far], panels[far][~better]]
+        panels = pieces.reshape(-1, 4, 6, 3)[better].reshape(-1, 6, 3)
+    return np.concatenate([*finished, panels])
+
+
+def _bending(panels: QuadraticTriangles) -> Float64[np.ndarray, "panels"]:
+    """Largest angle between the normals at the corners of each panel [rad]."""
+    normals = [unit(normals_at(panels, corner)) for corner in NODE_REFERENCES[:3]]
+    cosine = np.min([np.einsum("td,td->t", normals[i], normals[i - 1]) for i in range(3)], axis=0)
+    return np.arccos(np.clip(cosine, -1.0, 1.0))

@@ -1,82 +1,57 @@
-"""Curved quadratic (six-node) panels of a wanted size, for the solvers.
+"""Curved quadratic (six-node) panels of a wanted size for the solvers.
 
-Panels need not meet corner to corner, so each may be cut into smaller ones on its own.
+Panels need not meet corner to corner, so each can be cut on its own. They are smaller beside points,
+in gaps and walls, and where flat faces enclose a cavity. Sound that is reflected repeatedly meets
+the same error each time, and most of it in the corners: there the errors of the nearest panels do
+not cancel as they do farther away.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
-from jaxtyping import Float64, Int64, Real
+from jaxtyping import Bool, Float64, Int64
 from scipy.spatial import KDTree
 
 from airtact import _kernels
-from airtact.geometry.cavities import FACED, are_flat, finer_where_faced, halved_in_corners
+from airtact.geometry.mesh.arrays import Pieces, Points, QuadraticTriangles
 from airtact.geometry.mesh.quadratic_triangles import (
-    QuadraticTriangles,
+    PanelSizes,
+    PanelVectors,
     cut,
     longest_edges,
     middles_of,
     panel_areas,
     shape_functions,
+    unit,
 )
 from airtact.geometry.shape import BEND, Shape
 
-Points = Real[np.ndarray, "points 3"]
-
 LONGEST_TO_EQUILATERAL = 1.2
-"""Longest edge of a typical triangle over the edge of the equilateral triangle of the same area."""
-
+"""Longest edge of a typical triangle, over the edge of the equilateral triangle of the same area."""
 LARGEST_TO_POINT = 1.7
-"""Panels beside a point that asks for smaller ones have edges of at most this many distances."""
-
+"""Longest edge of panels beside a point, over their distance from it."""
 LARGEST_TO_GAP = 1.0
-"""Panels that face another body, or another side of their own, have edges no longer than so many gaps."""
-
-LARGEST_TO_WALL, LARGEST_TO_PLATE = 2.0, 4.0
-"""Panels of a thin wall have edges of at most this many thicknesses, flat ones more.
-
-Bent walls enclose cavities, whose resonances enlarge errors; plates in the open would cost four
-times as much.
-"""
-
-LEAST_IN_GAP = 0.25
-"""Edge, over the smallest beside points, below which no panel is cut for a gap's or a wall's sake."""
-
-OPPOSITE = 0.75
-"""Distance, over the longest edge, within which the other side of a gap or wall is looked for."""
-
-
-def _probes() -> Float64[np.ndarray, "probes 6"]:
-    """Shape functions at the nodes, centre and the middles between them, where panels are measured."""
-    points = np.concatenate(
-        [np.eye(3), 1 - np.eye(3), 2 - np.eye(3), np.ones((1, 3)), 1 + 3 * np.eye(3)]
-    )
-    return shape_functions((points / points.sum(axis=1, keepdims=True))[:, 1:])
-
-
-PROBES = _probes()
+"""Longest edge of panels that face another body, or another part of their own, over the gap."""
 
 
 @dataclass(frozen=True, eq=False)
 class Panels:
-    """The surfaces of all bodies of a scene, cut into curved panels.
+    """The surfaces of all bodies of a scene as curved panels.
 
     Attributes
     ----------
     quadratic_triangles : (T, 6, 3) corners 0, 1, 2 and mid-edge points 01, 12, 20 of each panel
         [m], outward.
-    body : (T,) which obstacle each panel belongs to.
-    deviation : (T,) how far the panel lies from the true surface at most [m].
-    farthest : (B,) how far the panels of each body lie from the triangles that it was given as, at
-        most [m].
-    mean_distance : (B,) the same in the mean over the panels [m].
+    body : (T,) index of the body that each panel belongs to.
+    deviation : (T,) largest distance of each panel from the true surface [m].
+    farthest : (B,) largest distance of the panels of each body from its given triangles [m].
+    mean_distance : (B,) mean of that distance over the area [m].
     """
 
     quadratic_triangles: QuadraticTriangles
     body: Int64[np.ndarray, "panels"]
-    deviation: Float64[np.ndarray, "panels"]
+    deviation: PanelSizes
     farthest: Float64[np.ndarray, "bodies"]
     mean_distance: Float64[np.ndarray, "bodies"]
 
@@ -91,116 +66,206 @@ def panels_of(
     image: Callable[[Points], Points] | None = None,
     walls: Sequence[int] = (),
 ) -> Panels:
-    """Panels of some bodies as large as equilateral triangles of an edge [m], smaller beside points, in gaps and walls.
+    """Cover bodies with panels as large as equilateral triangles of an edge, smaller where needed.
 
-    No panel is cut for a point's sake below the edge ``smallest`` [m], for a gap's or a thin wall's
-    below ``LEAST_IN_GAP`` of it. Panels of a round surface turn by ``bend`` [rad] at most; those of
-    a smooth mesh lie at most about ``away`` [m] off it, in root mean square. The bodies' ``image``,
-    if there is one, makes gaps too. Flat faces of the bodies ``walls`` that look at each other have
-    smaller panels.
+    Parameters
+    ----------
+    shapes : the bodies.
+    edge : edge of the equilateral triangles [m].
+    near : points beside which panels are smaller [m].
+    smallest : edge below which no panel is cut because of a point [m]; a quarter of it for gaps and
+        thin walls.
+    bend : angle by which panels of a round surface may turn [rad].
+    away : root mean square distance of panels from a smooth mesh [m].
+    image : mirror image of the bodies, which makes gaps too.
+    walls : indices of bodies whose flat faces have smaller panels where they face each other.
     """
-    whole = [shape.panels(edge, bend, away) for shape in shapes]
-    finer = [partial(shapes[index].panels, FACED * edge, bend, away) for index in walls]
-    for index, panels in zip(
-        walls, finer_where_faced([whole[index] for index in walls], finer), strict=True
-    ):
-        whole[index] = panels
-    whole = [
-        panels if shape.thinnest else halved_in_corners(panels)
-        for panels, shape in zip(whole, shapes, strict=True)
+    bodies = [shape.panels(edge, bend, away) for shape in shapes]
+    facing = _facing_faces([bodies[index] for index in walls])
+    for index in walls:
+        coarse = bodies[index]
+        replaced = _in_faces(coarse, facing)
+        if replaced.any():
+            # An edge smaller by this factor gives 0.4 of the error.
+            fine = shapes[index].panels(0.4 ** (1 / 3) * edge, bend, away)
+            bodies[index] = np.concatenate([coarse[~replaced], fine[_in_faces(fine, facing)]])
+    bodies = [
+        panels if shape.thinnest else _halved_in_corners(panels)
+        for panels, shape in zip(bodies, shapes, strict=True)
     ]
-    bodies = []
+    refined = []
     for index, shape in enumerate(shapes):
-        others = [np.empty((0, 3))] + [
-            panels.reshape(-1, 3) for other, panels in enumerate(whole) if other != index
-        ]
-        others += [image(panels.reshape(-1, 3)) for panels in whole] if image is not None else []
-        bodies.append(_refined(whole[index], shape, near, np.concatenate(others), smallest))
-    probes = [(PROBES @ body).reshape(-1, 3) for body in bodies]
-    placed = list(zip(bodies, shapes, probes, strict=True))
-    distances = [_off_triangles(*one) for one in placed]
+        obstacles = [np.empty((0, 3))]
+        for other, panels in enumerate(bodies):
+            if other != index:
+                obstacles.append(panels.reshape(-1, 3))
+        if image is not None:
+            obstacles += [image(panels.reshape(-1, 3)) for panels in bodies]
+        refined.append(_refined(bodies[index], shape, near, np.concatenate(obstacles), smallest))
+
+    # Distances are measured at the nodes, the centre and the middles between them.
+    weights = np.concatenate(
+        [np.eye(3), 1 - np.eye(3), 2 - np.eye(3), np.ones((1, 3)), 1 + 3 * np.eye(3)]
+    )
+    probe_shape = shape_functions((weights / weights.sum(axis=1, keepdims=True))[:, 1:])
+    deviation = []
+    farthest = []
+    mean_distance = []
+    for panels, shape in zip(refined, shapes, strict=True):
+        probes = (probe_shape @ panels).reshape(-1, 3)
+        deviation.append(np.abs(shape.depth(probes)).reshape(len(panels), -1).max(axis=1))
+        distance = shape.off_triangles(probes).reshape(len(panels), -1)
+        farthest.append(float(distance.max()))
+        areas = panel_areas(panels)
+        mean_distance.append(float(areas @ distance.mean(axis=1) / areas.sum()))
     return Panels(
-        quadratic_triangles=np.concatenate(bodies),
-        body=np.repeat(np.arange(len(bodies)), [len(body) for body in bodies]),
-        deviation=np.concatenate(
-            [np.abs(shape.depth(at)).reshape(len(own), -1).max(axis=1) for own, shape, at in placed]
-        ),
-        farthest=np.array([farthest for farthest, _ in distances]),
-        mean_distance=np.array([mean for _, mean in distances]),
+        quadratic_triangles=np.concatenate(refined),
+        body=np.repeat(np.arange(len(refined)), [len(panels) for panels in refined]),
+        deviation=np.concatenate(deviation),
+        farthest=np.array(farthest),
+        mean_distance=np.array(mean_distance),
     )
 
 
 def _refined(
-    panels: QuadraticTriangles,
-    shape: Shape,
-    points: Points,
-    others: Real[np.ndarray, "others 3"],
-    smallest: float,
-) -> Float64[np.ndarray, "pieces 6 3"]:
-    """Cut in four the panels larger than ``smallest`` and than points, other bodies or thin walls near them allow."""
-    beside_point, in_gap = LONGEST_TO_EQUILATERAL * smallest * np.array([1.0, LEAST_IN_GAP])
+    panels: QuadraticTriangles, shape: Shape, points: Points, obstacles: Points, smallest: float
+) -> Pieces:
+    """Cut panels in four until none is larger than points, gaps and thin walls allow."""
+    beside_point = LONGEST_TO_EQUILATERAL * smallest
+    in_gap = LONGEST_TO_EQUILATERAL * smallest * 0.25
     points = np.asarray(points, dtype=np.float64)
-    fresh = np.arange(len(panels))
+    new = np.arange(len(panels))
     while True:
-        some = panels[fresh]
-        edges = longest_edges(some)
-        by_points = _allowed(some, edges, points, LARGEST_TO_POINT)
-        by_gaps = _allowed(some, edges, others, LARGEST_TO_GAP)
+        pieces = panels[new]
+        edges = longest_edges(pieces)
+        by_points = _allowed(pieces, edges, points, LARGEST_TO_POINT)
+        by_gaps = _allowed(pieces, edges, obstacles, LARGEST_TO_GAP)
         if not shape.thinnest:
-            by_gaps = np.minimum(by_gaps, _allowed_by_own(panels, fresh))
+            by_gaps = np.minimum(by_gaps, _allowed_by_own_surface(panels, new))
         allowed = np.minimum(np.maximum(beside_point, by_points), np.maximum(in_gap, by_gaps))
-        # all panels beside a point are fitted to the surface, or those left whole would stand off
-        # the others
+        # All panels beside a point are fitted to the surface, or those that are not cut would stand
+        # off the others.
         beside = np.flatnonzero(edges > np.minimum(by_points, by_gaps))
         if len(beside):
-            fitted = shape.fitted(some[beside])
-            panels[fresh[beside]], edges[beside] = fitted, longest_edges(fitted)
-        large = fresh[edges > allowed]
+            fitted = shape.fitted(pieces[beside])
+            panels[new[beside]] = fitted
+            edges[beside] = longest_edges(fitted)
+        large = new[edges > allowed]
         if not len(large):
             return panels
         parts = np.ones(len(panels), dtype=np.int64)
         parts[large] = 2
         panels, parents = cut(panels, parts)
-        fresh = np.flatnonzero(parts[parents] > 1)
-
-
-def _allowed_by_own(
-    panels: QuadraticTriangles, some: Int64[np.ndarray, "some"]
-) -> Float64[np.ndarray, "some"]:
-    """Longest edge that other sides of the same surface allow some panels [m]: across a gap or through a wall.
-
-    Centres are neighbours if they are near and look in opposite directions, so the tree holds
-    normals too.
-    """
-    edges = longest_edges(panels)
-    reach = OPPOSITE * float(edges[some].max())
-    centres, normals = middles_of(panels)
-    tree = KDTree(np.concatenate([centres, reach * normals], axis=1))
-    own, outward = centres[some], normals[some]
-    distance, other = tree.query(
-        np.concatenate([own, -reach * outward], axis=1), distance_upper_bound=reach
-    )
-    met = np.flatnonzero(distance < OPPOSITE * edges[some])
-    across = np.einsum("nd,nd->n", centres[np.asarray(other)[met]] - own[met], outward[met])
-    allowed = np.full(len(own), np.inf)
-    to_wall = np.where(are_flat(panels[some][met]), LARGEST_TO_PLATE, LARGEST_TO_WALL)
-    allowed[met] = np.abs(across) * np.where(across > 0, LARGEST_TO_GAP, to_wall)
-    return allowed
+        new = np.flatnonzero(parts[parents] > 1)
 
 
 def _allowed(
-    panels: QuadraticTriangles, edges: Float64[np.ndarray, "panels"], points: Points, factor: float
-) -> Float64[np.ndarray, "panels"]:
-    """Longest edge that some points allow each panel [m]; infinite where they allow more than any has."""
+    panels: QuadraticTriangles, edges: PanelSizes, points: Points, factor: float
+) -> PanelSizes:
+    """Longest edge that points allow each panel [m]; infinite if it is longer than any edge."""
     distance = np.empty(len(panels))
     _kernels.panel_distances(panels, points, float(edges.max()) * 1.001 / factor, distance)
     return factor * distance
 
 
-def _off_triangles(panels: QuadraticTriangles, shape: Shape, probes: Points) -> tuple[float, float]:
-    """Largest and mean distance of panels from the triangles that the body was given as [m]."""
-    distance = shape.off_triangles(probes).reshape(len(panels), -1)
-    if not distance.any():
-        return 0.0, 0.0
-    areas = panel_areas(panels)
-    return float(distance.max()), float(areas @ distance.mean(axis=1) / areas.sum())
+def _allowed_by_own_surface(
+    panels: QuadraticTriangles, chosen: Int64[np.ndarray, "chosen"]
+) -> Float64[np.ndarray, "chosen"]:
+    """Longest edge that the same surface across a gap or wall allows chosen panels [m]."""
+    share = 0.75  # distance, over the longest edge, within which the other side is looked for
+    edges = longest_edges(panels)
+    reach = share * float(edges[chosen].max())
+    # The other side is near and faces the opposite direction, so the tree holds normals too.
+    centres, normals = middles_of(panels)
+    tree = KDTree(np.concatenate([centres, reach * normals], axis=1))
+    wanted = np.concatenate([centres[chosen], -reach * normals[chosen]], axis=1)
+    distance, opposite = tree.query(wanted, distance_upper_bound=reach)
+    met = np.flatnonzero(distance < share * edges[chosen])
+    gap = centres[np.asarray(opposite)[met]] - centres[chosen][met]
+    across = np.einsum("nd,nd->n", gap, normals[chosen][met])
+    # Bent walls enclose cavities, whose resonances enlarge errors. Plates in the open need less: at
+    # two thicknesses they would cost four times as much.
+    to_wall = np.where(_are_flat(panels[chosen][met]), 4.0, 2.0)
+    allowed = np.full(len(chosen), np.inf)
+    allowed[met] = np.abs(across) * np.where(across > 0, LARGEST_TO_GAP, to_wall)
+    return allowed
+
+
+# --- flat faces -------------------------------------------------------------------------------
+
+
+def _are_flat(panels: QuadraticTriangles) -> Bool[np.ndarray, "panels"]:
+    """Whether the mid-edge points of panels lie in the plane of their corners."""
+    normals = unit(np.cross(panels[:, 1] - panels[:, 0], panels[:, 2] - panels[:, 0]))
+    off = np.einsum("pmd,pd->pm", panels[:, 3:] - panels[:, :1], normals)
+    return np.abs(off).max(axis=1) < 0.002 * longest_edges(panels)
+
+
+def _halved_in_corners(panels: QuadraticTriangles) -> Pieces:
+    """Cut flat panels in four that meet another in a corner open to the sound."""
+    flat = np.flatnonzero(_are_flat(panels))
+    if not len(flat):
+        return panels.copy()  # the caller may change the result in place
+    # Edges with the same middle are the same edge.
+    middles = panels[flat, 3:].reshape(-1, 3)
+    edge = np.unique(np.round(middles / 1e-9), axis=0, return_inverse=True)[1].ravel()
+    order = np.argsort(edge, kind="stable")
+    first = np.flatnonzero(edge[order][:-1] == edge[order][1:])
+    one = order[first]
+    two = order[first + 1]
+    centres, normals = middles_of(panels[flat])
+    towards = unit(centres[two // 3] - middles[one])
+    # The second panel rises by over 30 degrees in front of the first.
+    rising = np.einsum("ed,ed->e", towards, normals[one // 3]) > 0.5
+    parts = np.ones(len(panels), dtype=np.int64)
+    parts[flat[np.concatenate([one[rising], two[rising]]) // 3]] = 2
+    return cut(panels, parts)[0]
+
+
+@dataclass(frozen=True, eq=False)
+class _Face:
+    """Flat panels in one plane: its unit normal, its distance from the origin, their middles [m]."""
+
+    normal: Float64[np.ndarray, "3"]
+    distance: float
+    middles: PanelVectors
+
+    def contains(self, middles: PanelVectors, normals: PanelVectors) -> Bool[np.ndarray, "panels"]:
+        """Whether flat panels lie in its plane."""
+        aligned = np.abs(normals - self.normal).max(axis=1) < 1e-4
+        return aligned & (np.abs(middles @ self.normal - self.distance) < 1e-6)
+
+    def faces(self, other: "_Face") -> bool:
+        """Whether another face is turned towards this one and lies partly in front of it."""
+        ahead = other.middles @ self.normal - self.distance > 1e-6
+        return bool(self.normal @ other.normal < -0.5 and ahead.any())
+
+
+def _facing_faces(bodies: Sequence[Pieces]) -> list[_Face]:
+    """Flat faces of bodies that face one another."""
+    if not bodies:
+        return []
+    panels = np.concatenate(bodies)
+    middles, normals = middles_of(panels[_are_flat(panels)])
+    faces = []
+    while len(middles):
+        normal = normals[0]
+        plane = _Face(normal, float(middles[0] @ normal), middles)
+        within = plane.contains(middles, normals)
+        faces.append(_Face(normal, plane.distance, middles[within]))
+        middles = middles[~within]
+        normals = normals[~within]
+    return [
+        face
+        for face in faces
+        if any(face.faces(other) and other.faces(face) for other in faces)
+    ]
+
+
+def _in_faces(panels: QuadraticTriangles, faces: Sequence[_Face]) -> Bool[np.ndarray, "panels"]:
+    """Whether panels are flat and lie in the plane of a face."""
+    middles, normals = middles_of(panels)
+    within = np.zeros(len(panels), dtype=bool)
+    for face in faces:
+        within |= face.contains(middles, normals)
+    return _are_flat(panels) & within

@@ -11,9 +11,6 @@ from airtact.checks import check_finite, number, real_numbers
 from airtact.errors import InvalidInput, Vector
 from airtact.printing import in_short
 
-WHOLE_TURN = 2.0 * math.pi * (1.0 + 1e-9)
-"""Largest angle of a rotation [rad]; a larger one was meant in degrees."""
-
 
 @dataclass(frozen=True, eq=False)
 class Pose:
@@ -27,7 +24,7 @@ class Pose:
     Raises
     ------
     InvalidInput
-        When the matrix is not a rotation (orthonormal to 1e-6, not a mirror) or anything is not finite.
+        If the matrix is no rotation (orthonormal to 1e-6, not a mirror) or a number is not finite.
 
     Examples
     --------
@@ -47,21 +44,20 @@ class Pose:
         translation = real_numbers(self.translation, "the pose's translation")
         if rotation.shape != (3, 3) or translation.shape != (3,):
             raise InvalidInput(
-                f"a pose has shapes {rotation.shape} and {translation.shape}, but it needs a rotation of shape "
-                "(3, 3) and a translation of shape (3,).",
+                f"a pose has shapes {rotation.shape} and {translation.shape}, but it needs a "
+                "rotation of shape (3, 3) and a translation of shape (3,).",
                 code="wrong_shape",
             )
         check_finite(rotation, "the pose's rotation")
         check_finite(translation, "the pose's translation")
         skew = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
-        (a, b, c), (d, e, f), (g, h, i) = (
-            rotation.tolist()
-        )  # np.linalg.det takes longer than all of this
+        # np.linalg.det would take longer than all other checks together.
+        (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
         determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
         if skew > 1e-6 or determinant < 0.0:
             raise InvalidInput(
-                f"the pose's matrix is not a rotation: it is {skew:.2g} away from orthonormal and its determinant is "
-                f"{determinant:.3g} (a rotation has 0 and 1).",
+                f"the pose's matrix is not a rotation: it deviates by {skew:.2g} from orthonormal "
+                f"and its determinant is {determinant:.3g} (a rotation has 0 and 1).",
                 code="wrong_kind",
             )
         object.__setattr__(self, "rotation", rotation)
@@ -69,12 +65,12 @@ class Pose:
 
     @classmethod
     def identity(cls) -> "Pose":
-        """Build the motion that moves nothing."""
+        """The motion that moves nothing."""
         return cls(np.eye(3), np.zeros(3))
 
     @classmethod
     def turn(cls, axis: Vector, angle: float, translation: Vector = (0, 0, 0)) -> "Pose":
-        """Build a rotation about an axis through the origin, then a translation.
+        """Rotate about an axis through the origin, then translate.
 
         Parameters
         ----------
@@ -85,13 +81,13 @@ class Pose:
         Raises
         ------
         InvalidInput
-            When the axis is zero, a number is not real or not finite, or the angle is more than a whole turn.
+            If the axis is zero, a number is not real or finite, or the angle exceeds a whole turn.
         """
         along = real_numbers(np.asarray(axis), "the axis of a rotation")
         angle = number(angle, "the angle of a rotation", "rad")
-        if math.isfinite(angle) and abs(angle) > WHOLE_TURN:
+        if math.isfinite(angle) and abs(angle) > 2.0 * math.pi * (1.0 + 1e-9):
             raise InvalidInput(
-                f"the angle of a rotation is {angle:g} rad, more than a whole turn of {WHOLE_TURN:.4g}: is it in "
+                f"the angle of a rotation is {angle:g} rad, more than a whole turn: is it in "
                 f"degrees? Give radians, np.radians({angle:g}).",
                 code="out_of_range",
             )
@@ -120,7 +116,7 @@ class Pose:
         return np.asarray(vectors, dtype=np.float64) @ self.rotation.T
 
     def inverse(self) -> "Pose":
-        """Build the motion that undoes this one."""
+        """The motion that undoes this one."""
         return self._inverse
 
     @cached_property
@@ -135,8 +131,13 @@ class Pose:
 def nearest_motion(
     old: Float64[np.ndarray, "points 3"], new: Float64[np.ndarray, "points 3"]
 ) -> tuple[Float64[np.ndarray, "3 3"], Float64[np.ndarray, "3"]]:
-    """Rotation and translation that bring points nearest to others (W. Kabsch, Acta Cryst. A32, 922 (1976))."""
-    one, two = old.mean(axis=0), new.mean(axis=0)
-    left, _, right = np.linalg.svd((new - two).T @ (old - one))
+    """Rotation and translation that bring points closest to new positions in least squares.
+
+    Source: W. Kabsch, Acta Cryst. A32, 922 (1976).
+    """
+    old_mean = old.mean(axis=0)
+    new_mean = new.mean(axis=0)
+    left, _, right = np.linalg.svd((new - new_mean).T @ (old - old_mean))
+    # The determinant excludes mirror images.
     turn = left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
-    return turn, two - turn @ one
+    return turn, new_mean - turn @ old_mean

@@ -4,7 +4,7 @@ from dataclasses import InitVar, dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float64, Int64, Integer, Real
+from jaxtyping import Integer, Real
 
 from airtact.checks import (
     between,
@@ -18,11 +18,19 @@ from airtact.checks import (
     real_numbers,
 )
 from airtact.errors import InvalidInput
-from airtact.geometry.mesh.curving import SHARP_DEGREES
-from airtact.geometry.mesh.quadratic_triangles import QuadraticTriangles, edge_lengths
-from airtact.geometry.mesh.topology import (
+from airtact.geometry.mesh.arrays import (
+    EdgeVectors,
+    IndexPairs,
+    PointLengths,
+    Points,
+    QuadraticTriangles,
     Triangles,
+    TriangleVectors,
     Twins,
+)
+from airtact.geometry.mesh.curving import SHARP_DEGREES
+from airtact.geometry.mesh.quadratic_triangles import edge_lengths
+from airtact.geometry.mesh.topology import (
     check_closed,
     check_indices,
     check_not_degenerate,
@@ -38,7 +46,7 @@ from airtact.printing import one_line, sides_in_mm
 
 
 class Body:
-    """What the surfaces of one rigid body, each moved elsewhere, have in common."""
+    """Identity of one rigid body, shared by its surfaces at all poses."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,19 +58,19 @@ class Surface:
     vertices : (V, 3) [m].
     triangles : (T, 3) vertex indices.
     midpoints : (T, 3, 3) points of the true surface over the middles of edges 01, 12, 20 [m], which
-        curve the panels; None to curve them by the normals of the triangles round each vertex.
+        curve the panels; None to curve them by the normals of the triangles around each vertex.
     primitive : the exact shape that the triangles follow, or None.
     sharp_degrees : edges whose triangles turn by more than this stay sharp; 0 leaves all triangles
         flat.
-    repairs : what was repaired before it became a surface, a sentence each.
+    repairs : a sentence for each kind of damage that was repaired before.
     shape : the true surface: the exact shape, or the curved triangles.
 
     Raises
     ------
     InvalidInput
-        Wrong shapes, NaN or infinity, indices out of range, an extent over 2 m or under 0.5 mm, degenerate triangles,
-        an open or inside-out mesh, midpoints that neighbours do not share: each with how many and where. (A ``Scene``
-        looks for crossings of the surface with itself.)
+        For wrong shapes, NaN or infinity, indices out of range, an extent over 2 m or under 0.5 mm,
+        degenerate triangles, an open or inside-out mesh, and midpoints that neighbours do not share.
+        (A ``Scene`` looks for crossings of the surface with itself.)
 
     Examples
     --------
@@ -78,21 +86,14 @@ class Surface:
     primitive: Shape | None = None
     sharp_degrees: float = SHARP_DEGREES
     repairs: tuple[str, ...] = ()
-    _known_shape: InitVar[Shape | None] = (
-        None  # of sound triangles, moved or repaired: with it they are not checked
-    )
+    # The shape of triangles that are known to be sound, moved or repaired: they are not checked.
+    _known_shape: InitVar[Shape | None] = None
     shape: Shape = field(init=False, repr=False, compare=False)
 
     def __post_init__(self, _known_shape: Shape | None) -> None:
         """Check everything that is quick to check and keep read-only copies."""
-        between(
-            self.sharp_degrees,
-            0.0,
-            180.0,
-            "sharp_degrees",
-            "degrees",
-            "edges turn by no other angles.",
-        )
+        slip = "edges turn by no other angles."
+        between(self.sharp_degrees, 0.0, 180.0, "sharp_degrees", "degrees", slip)
         if _known_shape is None:
             self._check()
             mesh = QuadraticMesh(self.vertices, self.triangles, self.midpoints, self.sharp_degrees)
@@ -119,46 +120,44 @@ class Surface:
             _check_primitive(self.primitive, corners)
 
     def __repr__(self) -> str:
-        kind = (
-            ""
-            if self.primitive is None
-            else type(self.primitive).__name__.removesuffix("Shape").lower()
-        )
+        kind = ""
+        if self.primitive is not None:
+            kind = type(self.primitive).__name__.removesuffix("Shape").lower()
         triangles = counted(len(self.triangles), "triangle", "triangles")
-        notes = counted(len(self.repairs), "repair", "repairs") if self.repairs else ""
-        return one_line(self, kind, triangles, sides_in_mm(self.vertices), notes)
+        repairs = counted(len(self.repairs), "repair", "repairs") if self.repairs else ""
+        return one_line(self, kind, triangles, sides_in_mm(self.vertices), repairs)
 
     @cached_property
     def body(self) -> "Body":
-        """The body that this is the surface of, wherever it was moved."""
+        """The body of this surface, the same at all poses."""
         return Body()
 
     @cached_property
     def pose(self) -> Pose:
-        """The motion from where the body was made to here."""
+        """Pose relative to the frame in which the body was built."""
         return Pose.identity()
 
     @cached_property
-    def corners(self) -> Float64[np.ndarray, "triangles 3 3"]:
+    def corners(self) -> EdgeVectors:
         """Corners of each triangle (T, 3, 3) [m]."""
         return fixed(self.vertices[self.triangles])
 
     @cached_property
-    def edge_lengths(self) -> Float64[np.ndarray, "triangles 3"]:
+    def edge_lengths(self) -> TriangleVectors:
         """Lengths of the straight edges 01, 12, 20 (T, 3) [m]."""
         return fixed(edge_lengths(self.corners))
 
     @cached_property
     def quadratic_triangles(self) -> QuadraticTriangles:
         """The triangles as curved panels (T, 6, 3) [m]."""
-        middles = (
-            self.shape.edge_middles(self.corners) if self.midpoints is None else self.midpoints
-        )
+        middles = self.midpoints
+        if middles is None:
+            middles = self.shape.edge_middles(self.corners)
         return np.concatenate([self.corners, middles], axis=1)
 
     @property
     def extent(self) -> float:
-        """Largest side of the upright box round it where it was made, or largest distance in its exact shape [m]."""
+        """Largest side of the box around it at rest, or largest distance in its exact shape [m]."""
         return self.shape.extent
 
     @property
@@ -172,40 +171,38 @@ class Surface:
         return self.shape.volume
 
     @property
-    def crossings(self) -> Int64[np.ndarray, "crossings 2"]:
-        """Pairs of triangles (K, 2) that cross or touch beyond what they share as neighbours; none for a primitive."""
+    def crossings(self) -> IndexPairs:
+        """Pairs of triangles (K, 2) that cross or touch beyond what they share as neighbours."""
         return self.shape.crossings
 
-    def panelled(self, edge: float, beside: Real[np.ndarray, "points 3"] | None = None) -> Panels:
+    def panelled(self, edge: float, beside: Points | None = None) -> Panels:
         """Cover the surface with curved quadratic (six-node) panels, as the solvers do.
 
         Parameters
         ----------
-        edge : edge of the equilateral triangle as large as the panels wanted [m].
-        beside : (P, 3) points beside which panels are cut smaller, down to half of that edge [m].
+        edge : edge of equilateral triangles as large as the panels wanted [m].
+        beside : (P, 3) points beside which panels are smaller, down to half of that edge [m].
 
         Raises
         ------
         InvalidInput
-            When the edge is not above zero, or the surface cannot be meshed anew.
+            If the edge is not above zero, or the surface cannot be meshed anew.
         """
         edge = positive(edge, "edge", "m")
-        near = (
-            np.empty((0, 3))
-            if beside is None
-            else points_of(beside, "points beside which panels are cut", 0)
-        )
+        near = np.empty((0, 3))
+        if beside is not None:
+            near = points_of(beside, "points beside which panels are cut", 0)
         return panels_of([self.shape], edge, near, smallest=0.5 * edge)
 
-    def depth(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
-        """How deep points (P, 3) [m] lie under the true surface [m]; negative outside.
+    def depth(self, points: Points) -> PointLengths:
+        """Depth of points (P, 3) [m] under the true surface [m]; negative outside.
 
-        Raise ``InvalidInput`` when they are of another shape, NaN or infinite.
+        Raise ``InvalidInput`` if they have another shape or are not finite.
         """
         return self.shape.depth(points_of(points, "points", least=0))
 
     def moved(self, pose: Pose) -> "Surface":
-        """Move the surface rigidly by a motion, with its midpoints and its exact shape."""
+        """Move the surface rigidly, with its midpoints and its exact shape."""
         of_kind(pose, Pose, "the motion of a surface", "Pose(rotation, translation)")
         shape = self.shape.moved(pose)
         moved = replace(
@@ -221,10 +218,10 @@ class Surface:
 
 
 def rigid_motion(before: Surface, after: Surface) -> tuple[Pose, float]:
-    """Find the rigid motion that brings a surface nearest to another of the same triangles, in least squares.
+    """Rigid motion that brings a surface closest to another of the same triangles.
 
-    Returns the motion, and how far the vertex or the middle of an edge that fits worst is off [m]:
-    infinite where the triangles are others, or curved in another way.
+    Returns the motion in least squares, and the largest remaining distance of a vertex or edge
+    middle [m]: infinite if the triangles differ or are curved in another way.
     """
     if before is after:
         return Pose.identity(), 0.0
@@ -245,17 +242,19 @@ def rigid_motion(before: Surface, after: Surface) -> tuple[Pose, float]:
     return pose, float(off)
 
 
-def _triangles_of(given: np.ndarray) -> Triangles:
+def _triangles_of(triangles: np.ndarray) -> Triangles:
+    """Return triangles as read-only int64; raise ``InvalidInput`` for other shapes and types."""
     try:
-        array = np.asarray(given)
+        array = np.asarray(triangles)
     except ValueError:
         raise InvalidInput(
-            f"the {len(given)} surface triangles do not have three indices each.",
+            f"the {len(triangles)} surface triangles do not have three indices each.",
             code="wrong_shape",
         ) from None
     if array.ndim != 2 or array.shape[1] != 3 or len(array) == 0:
         raise InvalidInput(
-            f"surface triangles have shape {array.shape}, but they are an array of shape (triangles, 3).",
+            f"surface triangles have shape {array.shape}, but they are an array of shape "
+            "(triangles, 3).",
             code="wrong_shape",
         )
     if not np.issubdtype(array.dtype, np.integer):
@@ -263,30 +262,31 @@ def _triangles_of(given: np.ndarray) -> Triangles:
             f"surface triangles are of type {array.dtype}, but vertex indices are integers.",
             code="not_a_number",
         )
-    triangles = np.array(array, dtype=np.int64, order="C")
-    triangles.flags.writeable = False
-    return triangles
+    indices = np.array(array, dtype=np.int64, order="C")
+    indices.flags.writeable = False
+    return indices
 
 
-def _check_primitive(primitive: Shape, corners: Float64[np.ndarray, "triangles 3 3"]) -> None:
+def _check_primitive(primitive: Shape, corners: EdgeVectors) -> None:
+    """Check that the corners lie on the exact shape."""
     points = corners.reshape(-1, 3)
     off = np.abs(primitive.depth(points))
     worst = int(off.argmax())
     if off[worst] > 1e-6 * primitive.extent:
         raise InvalidInput(
-            f"a corner of triangle {worst // 3} lies {off[worst] * 1e3:.3g} mm off the exact shape that the surface is "
-            "given as; leave the primitive out or take its own mesh.",
+            f"a corner of triangle {worst // 3} lies {off[worst] * 1e3:.3g} mm off the exact shape "
+            "of the surface; leave the primitive out or take its own mesh.",
             points[worst],
             code="not_supported",
         )
 
 
-def _check_midpoints(
-    midpoints: np.ndarray, corners: Float64[np.ndarray, "triangles 3 3"], twins: Twins
-) -> None:
+def _check_midpoints(midpoints: np.ndarray, corners: EdgeVectors, twins: Twins) -> None:
+    """Check that neighbours share their midpoints, and that these are near their edges."""
     if midpoints.shape != corners.shape:
         raise InvalidInput(
-            f"surface midpoints have shape {midpoints.shape}, but {len(corners)} triangles need {corners.shape}.",
+            f"surface midpoints have shape {midpoints.shape}, but {len(corners)} triangles need "
+            f"{corners.shape}.",
             code="wrong_shape",
         )
     check_finite(midpoints, "surface midpoints")
@@ -294,12 +294,12 @@ def _check_midpoints(
     gap = np.linalg.norm(flat - flat[twins.ravel()], axis=1)
     parted = np.flatnonzero(gap > 1e-9 * np.ptp(corners.reshape(-1, 3), axis=0).max())
     if len(parted):
-        first = flat[parted[0]]
+        where = flat[parted[0]]
+        have = counted(len(parted) // 2, "edge has a midpoint", "edges have midpoints")
         raise InvalidInput(
-            f"{counted(len(parted) // 2, 'edge has a midpoint', 'edges have midpoints')} that the two triangles do not "
-            f"share, the first near {in_mm(first)}, {gap[parted[0]] * 1e3:.3g} mm apart; the curved surface would be "
-            "open there.",
-            first,
+            f"{have} that the two triangles do not share, the first near {in_mm(where)}, "
+            f"{gap[parted[0]] * 1e3:.3g} mm apart; the curved surface would be open there.",
+            where,
             code="mesh_faulty",
         )
     away = np.linalg.norm(midpoints - (corners + np.roll(corners, -1, axis=1)) / 2.0, axis=2)
@@ -307,8 +307,9 @@ def _check_midpoints(
     if bulge.max() > 0.5:
         triangle, edge = np.unravel_index(bulge.argmax(), bulge.shape)
         raise InvalidInput(
-            f"a midpoint of triangle {triangle} lies {away[triangle, edge] * 1e3:.3g} mm off the middle of its edge, "
-            f"{bulge.max():.3g} of the edge's length; it may be half of it at most, so use smaller triangles.",
+            f"a midpoint of triangle {triangle} lies {away[triangle, edge] * 1e3:.3g} mm off the "
+            f"middle of its edge, {bulge.max():.3g} of the edge's length; at most half is allowed, "
+            "so use smaller triangles.",
             midpoints[triangle, edge],
             code="mesh_faulty",
         )

@@ -1,9 +1,9 @@
-"""Where triangles cross or touch, by a triangle-triangle test over a tree, on plain arrays.
+"""Pairs of triangles that cross or touch, within one mesh and between two.
 
 Two triangles meet when an edge of one pierces the other or comes within a tolerance of it.
-Neighbours in a mesh share a corner or an edge, and meet there by right; they cross only where they
-meet beyond it: a ray from the shared corner through the common points leaves one of the two
-triangles by the edge opposite that corner, so it is enough to ask whether that edge meets the other
+Neighbours in a mesh always meet in their shared corner or edge. Triangles that share a corner cross
+only where they meet beyond it. A ray from the corner through the common points leaves one of the
+triangles by the edge opposite the corner, so it suffices to test whether that edge meets the other
 triangle. Triangles that share an edge cross only when folded flat onto each other.
 """
 
@@ -14,113 +14,123 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64, Real
 from scipy.spatial import KDTree
 
-from airtact.geometry.mesh.mesh_distance import EDGES, Segments, segment_to_triangle
-from airtact.geometry.mesh.quadratic_triangles import Corners, Nearby, area_vectors, unit
-from airtact.geometry.mesh.topology import Triangles
+from airtact.geometry.mesh.arrays import (
+    Corners,
+    IndexPairs,
+    PairedCorners,
+    PairedSegments,
+    PairLengths,
+    PairMask,
+    Triangles,
+)
+from airtact.geometry.mesh.mesh_distance import (
+    EDGES,
+    FirstCorners,
+    SecondCorners,
+    segment_to_triangle,
+)
+from airtact.geometry.mesh.quadratic_triangles import area_vectors, unit
 
-Pairs = Int64[np.ndarray, "pairs 2"]
-"""(P, 2) numbers of two triangles."""
-Found = Bool[np.ndarray, "n"]
-Some = Real[np.ndarray, "some 3 3"]
-Others = Real[np.ndarray, "others 3 3"]
 
-CLOSE = 1e-9
-"""Triangles nearer than this share of the whole extent touch."""
-
-
-def self_crossings(corners: Corners, triangles: Triangles) -> Int64[np.ndarray, "crossings 2"]:
-    """Find pairs of triangles of one mesh that cross or touch beyond what they share; in ascending order."""
-    tolerance = CLOSE * float(np.ptp(corners.reshape(-1, 3), axis=0).max())
+def self_crossings(corners: Corners, triangles: Triangles) -> IndexPairs:
+    """Pairs of triangles of one mesh that cross or touch beyond their shared corners, sorted."""
+    tolerance = _tolerance(corners)
     pairs = _pairs_within(corners, tolerance)
-    pairs = pairs[
-        ~_parted(corners, corners, pairs, same_corners(triangles, pairs).max(axis=2), tolerance)
-    ]
-    pairs = pairs[
-        ~_parted(
-            corners, corners, pairs[:, ::-1], same_corners(triangles, pairs).max(axis=1), tolerance
-        )
-    ]
+    shared_by_first = same_corners(triangles, pairs).max(axis=2)
+    pairs = pairs[~_separated(corners, corners, pairs, shared_by_first, tolerance)]
+    shared_by_second = same_corners(triangles, pairs).max(axis=1)
+    pairs = pairs[~_separated(corners, corners, pairs[:, ::-1], shared_by_second, tolerance)]
     same = same_corners(triangles, pairs)
     shared = np.count_nonzero(same.reshape(-1, 9), axis=1)
     crossing = np.zeros(len(pairs), dtype=bool)
-    for count, test in ((0, _strangers_meet), (1, _fans_meet), (2, _folded)):
-        some = np.flatnonzero(shared == count)
-        first = _turned(corners, pairs[some, 0], same[some].max(axis=2))
-        second = _turned(corners, pairs[some, 1], same[some].max(axis=1))
-        crossing[some] = test(first, second, tolerance)
-    found = pairs[crossing]
-    return found[np.lexsort(found.T[::-1])]
+    for count, test in ((0, _strangers_meet), (1, _corner_neighbours_meet), (2, _folded)):
+        chosen = np.flatnonzero(shared == count)
+        first = _turned(corners, pairs[chosen, 0], same[chosen].max(axis=2))
+        second = _turned(corners, pairs[chosen, 1], same[chosen].max(axis=1))
+        crossing[chosen] = test(first, second, tolerance)
+    pairs = pairs[crossing]
+    return pairs[np.lexsort(pairs.T[::-1])]
 
 
-def same_corners(triangles: Triangles, pairs: Pairs) -> Bool[np.ndarray, "pairs 3 3"]:
-    """Which corner of the first triangle is which of the second."""
-    return triangles[pairs[:, 0]][:, :, None] == triangles[pairs[:, 1]][:, None, :]
-
-
-def crossings_between(first: Some, second: Others) -> Int64[np.ndarray, "crossings 2"]:
-    """Find pairs of triangles of two meshes that cross or touch: (K, 2) index in the first and in the second."""
-    tolerance = CLOSE * float(np.ptp(np.concatenate([first, second]).reshape(-1, 3), axis=0).max())
-    pairs = _pairs_between(first, second, tolerance)
-    nothing = np.zeros((len(pairs), 3), dtype=bool)
-    apart = _parted(first, second, pairs, nothing, tolerance)
-    pairs = pairs[~(apart | _parted(second, first, pairs[:, ::-1], nothing, tolerance))]
+def crossings_between(first: FirstCorners, second: SecondCorners) -> IndexPairs:
+    """Pairs (K, 2) of a triangle of the first mesh and one of the second that cross or touch."""
+    tolerance = _tolerance(np.concatenate([first, second]))
+    groups = product(size_groups(first), size_groups(second))
+    pairs = np.concatenate(
+        [pairs_of_groups(one, two, one.reach + two.reach + tolerance) for one, two in groups]
+    )
+    pairs = pairs[_boxes_overlap(first, second, pairs, tolerance)]
+    unshared = np.zeros((len(pairs), 3), dtype=bool)
+    apart = _separated(first, second, pairs, unshared, tolerance)
+    apart |= _separated(second, first, pairs[:, ::-1], unshared, tolerance)
+    pairs = pairs[~apart]
     return pairs[_strangers_meet(first[pairs[:, 0]], second[pairs[:, 1]], tolerance)]
 
 
-def segment_triangle_distances(segments: Segments, corners: Nearby) -> Float64[np.ndarray, "n"]:
-    """Distance of segment and triangle, pair by pair [m]; 0 where the segment pierces the triangle."""
+def _tolerance(corners: Corners) -> float:
+    """Distance below which triangles touch [m]: rounding of positions in a mesh of this extent."""
+    return 1e-9 * float(np.ptp(corners.reshape(-1, 3), axis=0).max())
+
+
+def same_corners(triangles: Triangles, pairs: IndexPairs) -> Bool[np.ndarray, "pairs 3 3"]:
+    """Whether each corner of the first triangle of a pair is each corner of the second."""
+    return triangles[pairs[:, 0]][:, :, None] == triangles[pairs[:, 1]][:, None, :]
+
+
+def segment_triangle_distances(segments: PairedSegments, corners: PairedCorners) -> PairLengths:
+    """Distance of segments and triangles, pair by pair [m]; 0 where they cross."""
     distance = segment_to_triangle(segments, corners)[0]
-    distance[_pierces(segments, corners)] = 0.0
-    return distance
-
-
-def _pierces(segments: Segments, corners: Nearby) -> Found:
-    """Whether the ends lie on two sides of the plane and the segment passes through the triangle."""
     height = _heights(segments, corners)
-    straddles = height[:, 0] * height[:, 1] < 0.0
+    crosses_plane = height[:, 0] * height[:, 1] < 0.0
     share = np.divide(
-        height[:, 0], height[:, 0] - height[:, 1], out=np.zeros(len(height)), where=straddles
+        height[:, 0], height[:, 0] - height[:, 1], out=np.zeros(len(height)), where=crosses_plane
     )
     hit = segments[:, 0] + share[:, None] * (segments[:, 1] - segments[:, 0])
     normal = area_vectors(corners)
-    inside = straddles
-    for one, two in EDGES:
-        side = np.cross(corners[:, two] - corners[:, one], hit - corners[:, one])
+    inside = crosses_plane
+    for start, end in EDGES:
+        side = np.cross(corners[:, end] - corners[:, start], hit - corners[:, start])
         inside = inside & (np.einsum("ni,ni->n", side, normal) >= 0.0)
-    return inside
+    distance[inside] = 0.0
+    return distance
 
 
 def _heights(
-    points: Real[np.ndarray, "n some 3"], corners: Nearby
-) -> Float64[np.ndarray, "n some"]:
+    points: Real[np.ndarray, "n points 3"], corners: PairedCorners
+) -> Float64[np.ndarray, "n points"]:
     """Signed distance of points from the plane of each triangle [m]."""
     return np.einsum("npi,ni->np", points - corners[:, :1], unit(area_vectors(corners)))
 
 
-def _parted(
-    first: Some, second: Others, pairs: Pairs, shared: Bool[np.ndarray, "pairs 3"], tolerance: float
+def _separated(
+    first: FirstCorners,
+    second: SecondCorners,
+    pairs: IndexPairs,
+    shared: Bool[np.ndarray, "pairs 3"],
+    tolerance: float,
 ) -> Bool[np.ndarray, "pairs"]:
-    """Whether all corners of the first triangle that are not shared lie on one side of the second's plane."""
+    """Whether all unshared corners of the first triangle lie on one side of the second's plane."""
     normals = unit(area_vectors(second))
     offsets = np.einsum("ti,ti->t", normals, second[:, 0])
     here, there = pairs.T
     height = np.einsum("pki,pi->pk", first[here], normals[there]) - offsets[there, None]
-    return ((height > tolerance) | shared).all(axis=1) | ((height < -tolerance) | shared).all(
-        axis=1
-    )
+    above = ((height > tolerance) | shared).all(axis=1)
+    below = ((height < -tolerance) | shared).all(axis=1)
+    return above | below
 
 
 def _turned(
     corners: Corners, members: Int64[np.ndarray, "n"], shared: Bool[np.ndarray, "n 3"]
-) -> Nearby:
-    """Corners of some triangles, the shared one in front, or the one that is not shared when there are two."""
+) -> PairedCorners:
+    """Corners of triangles from their shared corner on, or, if two are shared, from the third."""
     front = np.where(
         np.count_nonzero(shared, axis=1) == 2, shared.argmin(axis=1), shared.argmax(axis=1)
     )
     return corners[members[:, None], (front[:, None] + np.arange(3)) % 3]
 
 
-def _strangers_meet(first: Nearby, second: Nearby, tolerance: float) -> Found:
+def _strangers_meet(first: PairedCorners, second: PairedCorners, tolerance: float) -> PairMask:
+    """Whether triangles without a common corner meet: an edge of one meets the other."""
     distance = np.full(len(first), np.inf)
     for edge in EDGES:
         distance = np.minimum(distance, segment_triangle_distances(first[:, edge], second))
@@ -128,76 +138,72 @@ def _strangers_meet(first: Nearby, second: Nearby, tolerance: float) -> Found:
     return distance <= tolerance
 
 
-def _fans_meet(first: Nearby, second: Nearby, tolerance: float) -> Found:
+def _corner_neighbours_meet(
+    first: PairedCorners, second: PairedCorners, tolerance: float
+) -> PairMask:
     """Whether triangles that share their first corner meet at an edge opposite it."""
     distance = segment_triangle_distances(first[:, 1:], second)
     return np.minimum(distance, segment_triangle_distances(second[:, 1:], first)) <= tolerance
 
 
-def _folded(first: Nearby, second: Nearby, tolerance: float) -> Found:
-    """Whether two triangles over the edge of their last two corners lie on each other."""
+def _folded(first: PairedCorners, second: PairedCorners, tolerance: float) -> PairMask:
+    """Whether triangles that share their last two corners lie on each other."""
     flat = np.abs(_heights(first[:, :1], second)[:, 0]) <= tolerance
     along = unit(first[:, 2] - first[:, 1])
-    up, over = first[:, 0] - first[:, 1], second[:, 0] - first[:, 1]
+    up = first[:, 0] - first[:, 1]
     up = up - np.einsum("ni,ni->n", up, along)[:, None] * along
+    over = second[:, 0] - first[:, 1]
     over = over - np.einsum("ni,ni->n", over, along)[:, None] * along
     return flat & (np.einsum("ni,ni->n", up, over) > 0.0)
 
 
-def _pairs_within(corners: Corners, tolerance: float) -> Pairs:
+def _pairs_within(corners: Corners, tolerance: float) -> IndexPairs:
     """Pairs i < j of triangles of one mesh whose boxes overlap."""
     groups = size_groups(corners)
-    found = [np.zeros((0, 2), dtype=np.int64)]
+    pairs = [np.zeros((0, 2), dtype=np.int64)]
     for rank, group in enumerate(groups):
         within = group.tree.query_pairs(2.0 * group.reach + tolerance, output_type="ndarray")
-        found.append(group.members[within])
-        found += [
-            pairs_of_groups(group, other, group.reach + other.reach + tolerance)
-            for other in groups[rank + 1 :]
-        ]
-    pairs = np.sort(np.concatenate(found), axis=1).astype(np.int64)
-    return pairs[_boxes_overlap(corners, corners, pairs, tolerance)]
-
-
-def _pairs_between(first: Some, second: Others, tolerance: float) -> Pairs:
-    """Pairs of a triangle here and one there whose boxes overlap."""
-    groups = product(size_groups(first), size_groups(second))
-    pairs = np.concatenate(
-        [pairs_of_groups(one, two, one.reach + two.reach + tolerance) for one, two in groups]
-    )
-    return pairs[_boxes_overlap(first, second, pairs, tolerance)]
+        pairs.append(group.members[within])
+        for larger in groups[rank + 1 :]:
+            pairs.append(pairs_of_groups(group, larger, group.reach + larger.reach + tolerance))
+    result = np.sort(np.concatenate(pairs), axis=1).astype(np.int64)
+    return result[_boxes_overlap(corners, corners, result, tolerance)]
 
 
 def _boxes_overlap(
-    first: Some, second: Others, pairs: Pairs, tolerance: float
-) -> Bool[np.ndarray, "pairs"]:
+    first: FirstCorners, second: SecondCorners, pairs: IndexPairs, tolerance: float
+) -> Bool[np.ndarray, "_"]:
     here, there = pairs.T
-    (low, high), (bottom, top) = (
-        (corners.min(axis=1), corners.max(axis=1)) for corners in (first, second)
-    )
+    low = first.min(axis=1)
+    high = first.max(axis=1)
+    other_low = second.min(axis=1)
+    other_high = second.max(axis=1)
     overlap = np.ones(len(pairs), dtype=bool)
-    for axis in range(3):
-        overlap &= low[here, axis] <= top[there, axis] + tolerance
-        overlap &= bottom[there, axis] <= high[here, axis] + tolerance
+    for axis in range(3):  # one axis at a time, without copies of (pairs, 3)
+        overlap &= low[here, axis] <= other_high[there, axis] + tolerance
+        overlap &= other_low[there, axis] <= high[here, axis] + tolerance
     return overlap
 
 
 class Group(NamedTuple):
-    """Triangles of like size: which, a tree of their centres, and how far their corners are from these at most [m]."""
+    """Triangles of similar size: their indices, a tree of their centres, and their largest radius [m]."""
 
     members: Int64[np.ndarray, "_"]
     tree: KDTree
     reach: float
 
 
-def pairs_of_groups(one: Group, two: Group, within: float) -> Pairs:
+def pairs_of_groups(one: Group, two: Group, within: float) -> IndexPairs:
     """Pairs of a triangle of each group whose centres are within a distance [m]."""
     table = one.tree.sparse_distance_matrix(two.tree, within, output_type="ndarray")
     return np.stack([one.members[table["i"]], two.members[table["j"]]], axis=1).astype(np.int64)
 
 
 def size_groups(corners: Corners) -> tuple[Group, ...]:
-    """Sort triangles by size, a factor of two in each group, so that one large one does not widen every search."""
+    """Sort triangles by size into groups of a factor of two each.
+
+    Without groups, one large triangle would widen the search around every small one.
+    """
     centres = corners.mean(axis=1)
     reach = np.linalg.norm(corners - centres[:, None, :], axis=2).max(axis=1)
     size = np.floor(np.log2(reach)).astype(np.int64)

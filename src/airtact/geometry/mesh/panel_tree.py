@@ -1,43 +1,41 @@
-"""Curved panels in a tree of boxes that finds the closest one."""
+"""A tree of boxes around curved panels that finds the panel closest to a point."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64, Int64, Real
+from jaxtyping import Float64, Int64
 
 from airtact import _kernels
-from airtact.geometry.mesh.quadratic_triangles import QuadraticTriangles
+from airtact.geometry.mesh.arrays import PointLengths, Points, QuadraticTriangles
+
+BoxCorners = Float64[np.ndarray, "boxes 3"]
 
 
 @dataclass(frozen=True, eq=False)
 class PanelTree:
-    """Curved panels in a binary tree of boxes, whose leaves hold them in an ``order``.
+    """A binary tree of boxes around curved panels.
 
-    The corners of the boxes ``lower`` and ``upper`` [m] are a heap: box 1 holds all, box b holds 2
-    b and 2 b + 1.
+    The corners of the boxes ``lower`` and ``upper`` [m] are stored as a heap: box 1 holds all
+    panels, box b the boxes 2 b and 2 b + 1. The leaves hold the panels in the given ``order``.
     """
 
     quadratic_triangles: QuadraticTriangles
     order: Int64[np.ndarray, "panels"]
-    lower: Float64[np.ndarray, "boxes 3"]
-    upper: Float64[np.ndarray, "boxes 3"]
+    lower: BoxCorners
+    upper: BoxCorners
 
     def closest(
-        self,
-        points: Real[np.ndarray, "points 3"],
-        within: Float64[np.ndarray, "points"] | None = None,
-    ) -> tuple[
-        Int64[np.ndarray, "points"], Float64[np.ndarray, "points 2"], Float64[np.ndarray, "points"]
-    ]:
-        """Find for points (P, 3) [m] the closest panel, its reference coordinates there, and how far it is [m].
+        self, points: Points, within: PointLengths | None = None
+    ) -> tuple[Int64[np.ndarray, "points"], Float64[np.ndarray, "points 2"], PointLengths]:
+        """Closest panel of each point (P, 3) [m], the reference coordinates there, and the distance [m].
 
-        Where no panel is nearer than ``within`` [m], any may be returned, infinitely far.
+        Where no panel is nearer than ``within`` [m], the panel is arbitrary and the distance
+        infinite.
         """
         points = np.ascontiguousarray(points, dtype=np.float64)
-        panel, reference = np.zeros(len(points), dtype=np.int64), np.zeros((len(points), 2))
-        distance = (
-            np.full(len(points), np.inf) if within is None else np.array(within, dtype=np.float64)
-        )
+        panel = np.zeros(len(points), dtype=np.int64)
+        reference = np.zeros((len(points), 2))
+        distance = np.full(len(points), np.inf) if within is None else within.copy()
         _kernels.closest_on_panels(
             points,
             self.quadratic_triangles,
@@ -51,39 +49,39 @@ class PanelTree:
         return panel, reference, distance
 
 
-def panel_tree(quadratic_triangles: QuadraticTriangles) -> PanelTree:
-    """Sort panels (T, 6, 3) along a space-filling curve and box them by halves."""
-    quadratic_triangles = np.ascontiguousarray(quadratic_triangles)
-    corners, middles = quadratic_triangles[:, :3], quadratic_triangles[:, 3:]
-    hull = np.concatenate(
-        [corners, 2 * middles - 0.5 * (corners + np.roll(corners, -1, axis=1))], axis=1
-    )
-    order = np.argsort(_morton(quadratic_triangles.mean(axis=1)), kind="stable")
+def panel_tree(panels: QuadraticTriangles) -> PanelTree:
+    """Sort panels (T, 6, 3) along a space-filling curve and build boxes around them by halves."""
+    panels = np.ascontiguousarray(panels)
+    corners = panels[:, :3]
+    # A quadratic panel lies in the convex hull of its Bézier control points.
+    control_points = 2 * panels[:, 3:] - 0.5 * (corners + np.roll(corners, -1, axis=1))
+    hull = np.concatenate([corners, control_points], axis=1)
+    order = np.argsort(_morton(panels.mean(axis=1)), kind="stable")
     leaves = 1 << (len(order) - 1).bit_length()
     padded = np.full(leaves, order[-1])
     padded[: len(order)] = order
-    lower, upper = np.empty((2 * leaves, 3)), np.empty((2 * leaves, 3))
-    lower[0] = upper[0] = 0.0
-    lower[leaves:], upper[leaves:] = hull.min(axis=1)[padded], hull.max(axis=1)[padded]
+    lower = np.zeros((2 * leaves, 3))
+    upper = np.zeros((2 * leaves, 3))
+    lower[leaves:] = hull.min(axis=1)[padded]
+    upper[leaves:] = hull.max(axis=1)[padded]
     while leaves > 1:
+        children = slice(leaves, 2 * leaves)
         leaves //= 2
-        lower[leaves : 2 * leaves] = (
-            lower[2 * leaves : 4 * leaves].reshape(leaves, 2, 3).min(axis=1)
-        )
-        upper[leaves : 2 * leaves] = (
-            upper[2 * leaves : 4 * leaves].reshape(leaves, 2, 3).max(axis=1)
-        )
-    return PanelTree(quadratic_triangles, order, lower, upper)
+        parents = slice(leaves, 2 * leaves)
+        lower[parents] = lower[children].reshape(leaves, 2, 3).min(axis=1)
+        upper[parents] = upper[children].reshape(leaves, 2, 3).max(axis=1)
+    return PanelTree(panels, order, lower, upper)
 
 
 def _morton(points: Float64[np.ndarray, "points 3"]) -> Int64[np.ndarray, "points"]:
-    """Count points along a Z-order curve through their box (G. M. Morton, IBM report, 1966)."""
+    """Number points along a Z-order curve through their box (G. M. Morton, IBM report, 1966)."""
     low = points.min(axis=0)
     cell = np.max(points.max(axis=0) - low) / (2**20 - 1)
     grid = ((points - low) / (cell if cell > 0 else 1)).astype(np.int64)
     code = np.zeros(len(points), dtype=np.int64)
     for axis in range(3):
         bits = grid[:, axis]
+        # Spread the bits three apart, in steps of halved distance.
         for shift, mask in (
             (32, 0x1F00000000FFFF),
             (16, 0x1F0000FF0000FF),

@@ -1,6 +1,6 @@
-"""Curved quadratic (six-node) panels, on plain arrays: their shape, their pieces, their area and what they enclose.
+"""Curved quadratic (six-node) triangles: interpolation, normals, areas, volumes and cutting.
 
-A panel is a quadratic triangle: corners 0, 1, 2 and the mid-edge points of its edges 01, 12, 20.
+The nodes are corners 0, 1, 2 and the mid-edge points of edges 01, 12, 20.
 """
 
 from functools import cache
@@ -8,63 +8,59 @@ from functools import cache
 import numpy as np
 from jaxtyping import Float64, Int, Int64, Real
 
-QuadraticTriangles = Float64[np.ndarray, "panels 6 3"]
-Corners = Real[np.ndarray, "triangles 3 3"]
-"""(T, 3, 3) points of flat triangles [m]."""
-Nearby = Real[np.ndarray, "n 3 3"]
-"""(N, 3, 3) corners of triangles that are looked at pair by pair [m]."""
+from airtact.geometry.mesh.arrays import Corners, Pieces, QuadraticTriangles, TriangleVectors
 
-NODE_PLACES = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0], [0.5, 0.5], [0, 0.5]])
+References = Real[np.ndarray, "points 2"]
+"""Coordinates (u, v) on the unit triangle."""
+NodeWeights = Float64[np.ndarray, "points 6"]
+PanelVectors = Float64[np.ndarray, "panels 3"]
+PanelSizes = Float64[np.ndarray, "panels"]
+
+NODE_REFERENCES = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0], [0.5, 0.5], [0, 0.5]])
 """Reference coordinates of the six nodes."""
 
 
-def shape_functions(points: Real[np.ndarray, "points 2"]) -> Float64[np.ndarray, "points 6"]:
-    """Quadratic shape functions of the six nodes at reference points (P, 2) of the unit triangle."""
-    u, v = points[:, 0], points[:, 1]
+def shape_functions(points: References) -> NodeWeights:
+    """Quadratic shape functions of the six nodes at reference points (P, 2)."""
+    u = points[:, 0]
+    v = points[:, 1]
     w = 1 - u - v
     return np.stack(
         [w * (2 * w - 1), u * (2 * u - 1), v * (2 * v - 1), 4 * w * u, 4 * u * v, 4 * v * w], axis=1
     )
 
 
-def shape_gradients(
-    points: Real[np.ndarray, "points 2"],
-) -> tuple[Float64[np.ndarray, "points 6"], ...]:
-    """Differentiate the shape functions along u and v."""
-    u, v = points[:, 0], points[:, 1]
-    w, zero = 1 - u - v, np.zeros_like(u)
+def shape_gradients(points: References) -> tuple[NodeWeights, NodeWeights]:
+    """Derivatives of the shape functions along u and along v."""
+    u = points[:, 0]
+    v = points[:, 1]
+    w = 1 - u - v
+    zero = np.zeros_like(u)
     along_u = np.stack([1 - 4 * w, 4 * u - 1, zero, 4 * (w - u), 4 * v, -4 * v], axis=1)
     along_v = np.stack([1 - 4 * w, zero, 4 * v - 1, -4 * u, 4 * u, 4 * (w - v)], axis=1)
     return along_u, along_v
 
 
 def points_at(
-    quadratic_triangles: QuadraticTriangles, references: Real[np.ndarray, "panels 2"]
-) -> tuple[Float64[np.ndarray, "panels 3"], Float64[np.ndarray, "panels 3"]]:
-    """One point of each panel by its coordinates, and the outward normal, as long as twice the area is round it."""
+    panels: QuadraticTriangles, references: Real[np.ndarray, "panels 2"]
+) -> tuple[PanelVectors, PanelVectors]:
+    """One point of each panel [m], and the outward normal there, of twice the local area as length."""
     along_u, along_v = (
-        np.einsum("tn,tnd->td", some, quadratic_triangles) for some in shape_gradients(references)
+        np.einsum("tn,tnd->td", gradient, panels) for gradient in shape_gradients(references)
     )
-    return np.einsum("tn,tnd->td", shape_functions(references), quadratic_triangles), np.cross(
-        along_u, along_v
-    )
+    position = np.einsum("tn,tnd->td", shape_functions(references), panels)
+    return position, np.cross(along_u, along_v)
 
 
-def middles_of(
-    quadratic_triangles: QuadraticTriangles,
-) -> tuple[Float64[np.ndarray, "panels 3"], Float64[np.ndarray, "panels 3"]]:
-    """Middle of each panel, and the outward unit normal there."""
-    middles, normals = points_at(quadratic_triangles, np.full((len(quadratic_triangles), 2), 1 / 3))
+def middles_of(panels: QuadraticTriangles) -> tuple[PanelVectors, PanelVectors]:
+    """Middle of each panel [m] and the outward unit normal there."""
+    middles, normals = points_at(panels, np.full((len(panels), 2), 1 / 3))
     return middles, unit(normals)
 
 
-def normals_at(
-    quadratic_triangles: QuadraticTriangles, reference: Real[np.ndarray, "2"]
-) -> Float64[np.ndarray, "panels 3"]:
-    """Outward normals of all panels at the same reference coordinates, as ``points_at`` has them."""
-    return points_at(
-        quadratic_triangles, np.broadcast_to(reference, (len(quadratic_triangles), 2))
-    )[1]
+def normals_at(panels: QuadraticTriangles, reference: Real[np.ndarray, "2"]) -> PanelVectors:
+    """Outward normals as of ``points_at``, of all panels at the same reference coordinates."""
+    return points_at(panels, np.broadcast_to(reference, (len(panels), 2)))[1]
 
 
 def with_middles(
@@ -74,57 +70,55 @@ def with_middles(
     return np.concatenate([corners, 0.5 * (corners + corners[:, [1, 2, 0]])], axis=1)
 
 
-def area_vectors(corners: Corners) -> Float64[np.ndarray, "triangles 3"]:
-    """Outward normal of each flat triangle, as long as twice its area [m²]."""
+def area_vectors(corners: Corners) -> TriangleVectors:
+    """Outward normal of each flat triangle, of twice its area as length [m²]."""
     return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
 def unit(vectors: Float64[np.ndarray, "*axes 3"]) -> Float64[np.ndarray, "*axes 3"]:
-    """Divide vectors by their lengths; those of no length stay zero."""
+    """Unit vectors along vectors; zero vectors stay zero."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
 
 
 def edge_lengths(panels: Real[np.ndarray, "panels nodes 3"]) -> Float64[np.ndarray, "panels 3"]:
-    """Corner-to-corner lengths of edges 01, 12, 20 of flat or curved triangles [m]."""
+    """Straight lengths of edges 01, 12, 20 of flat or curved triangles [m]."""
     along = panels[:, [1, 2, 0]] - panels[:, :3]
     return np.sqrt(np.einsum("tki,tki->tk", along, along))
 
 
-def longest_edges(panels: Real[np.ndarray, "panels nodes 3"]) -> Float64[np.ndarray, "panels"]:
-    """Longest corner-to-corner edge of each flat or curved triangle [m]."""
+def longest_edges(panels: Real[np.ndarray, "panels nodes 3"]) -> PanelSizes:
+    """Length of the longest straight edge of each flat or curved triangle [m]."""
     return edge_lengths(panels).max(axis=1)
 
 
 def corner_angles(
     along: Float64[np.ndarray, "triangles 3 3"],
-) -> Float64[np.ndarray, "triangles 3"]:
-    """Angles [rad] at the corners 0, 1, 2 of triangles by the unit vectors along their edges 01, 12, 20."""
-    return np.arccos(
-        np.clip(-np.einsum("tki,tki->tk", along, np.roll(along, 1, axis=1)), -1.0, 1.0)
-    )
+) -> TriangleVectors:
+    """Angles [rad] at corners 0, 1, 2, from the unit vectors along edges 01, 12, 20."""
+    cosines = -np.einsum("tki,tki->tk", along, np.roll(along, 1, axis=1))
+    return np.arccos(np.clip(cosines, -1.0, 1.0))
 
 
-def smallest_angles(quadratic_triangles: QuadraticTriangles) -> Float64[np.ndarray, "panels"]:
+def smallest_angles(panels: QuadraticTriangles) -> PanelSizes:
     """Smallest angle between the straight edges of each panel [degrees]."""
-    corners = quadratic_triangles[:, :3]
-    along = np.roll(corners, -1, axis=1) - corners
+    along = np.roll(panels[:, :3], -1, axis=1) - panels[:, :3]
     return np.degrees(corner_angles(along / np.linalg.norm(along, axis=2, keepdims=True))).min(
         axis=1
     )
 
 
 def cut(
-    quadratic_triangles: QuadraticTriangles, parts: Int[np.ndarray, "panels"]
-) -> tuple[Float64[np.ndarray, "pieces 6 3"], Int64[np.ndarray, "pieces"]]:
-    """Cut each panel into ``parts``² pieces of the same quadratic surface; (P,) is the panel that each came from."""
+    panels: QuadraticTriangles, parts: Int[np.ndarray, "panels"]
+) -> tuple[Pieces, Int64[np.ndarray, "_"]]:
+    """Cut each panel into ``parts``² pieces of the same surface; also the panel of each piece."""
     parents = np.repeat(np.arange(len(parts)), parts * parts)
-    pieces = quadratic_triangles[parents]
+    pieces = panels[parents]
     for count in np.flatnonzero(np.bincount(parts)).tolist():
         if count > 1:
             chosen = parts == count
             shape = _piece_shapes(count).reshape(-1, 6)
-            pieces[chosen[parents]] = (shape @ quadratic_triangles[chosen]).reshape(-1, 6, 3)
+            pieces[chosen[parents]] = (shape @ panels[chosen]).reshape(-1, 6, 3)
     return pieces, parents
 
 
@@ -145,20 +139,21 @@ def _piece_shapes(count: int) -> Float64[np.ndarray, "pieces 6 6"]:
 def gauss_square(
     points: int,
 ) -> tuple[Float64[np.ndarray, "points 2"], Float64[np.ndarray, "points"]]:
-    """Gauss rule of points² on the unit triangle, by collapsing the unit square."""
+    """Points and weights of the Gauss rule of points² on the unit triangle, a collapsed square."""
     x, weights = np.polynomial.legendre.leggauss(points)
     u, v = (grid.ravel() for grid in np.meshgrid(0.5 * (x + 1), 0.5 * (x + 1)))
     return np.stack([u, v * (1 - u)], axis=1), np.outer(weights, weights).ravel() / 4 * (1 - u)
 
 
-def enclosed_volume(quadratic_triangles: QuadraticTriangles) -> float:
+def enclosed_volume(panels: QuadraticTriangles) -> float:
     """Volume inside closed panels [m³], exact for the quadratic surface."""
-    nodes = quadratic_triangles.transpose(2, 1, 0).reshape(3, 6, -1)
-    placed = _volume_rule() @ (nodes - nodes[:, :1, :1])
-    some = placed.shape[1] // 3
-    at, along_u, along_v = placed[:, :some], placed[:, some : 2 * some], placed[:, 2 * some :]
+    # The divergence theorem: the integral of position times normal is three volumes. One
+    # product with the matrix of the rule is several times faster than an einsum per function.
+    nodes = panels.transpose(2, 1, 0).reshape(3, 6, -1)
+    values = _volume_rule() @ (nodes - nodes[:, :1, :1])
+    position, along_u, along_v = np.split(values, 3, axis=1)
     normals = along_u[[1, 2, 0]] * along_v[[2, 0, 1]] - along_u[[2, 0, 1]] * along_v[[1, 2, 0]]
-    return float(gauss_square(3)[1] @ (at * normals).sum(axis=(0, 2)) / 3)
+    return float(gauss_square(3)[1] @ (position * normals).sum(axis=(0, 2)) / 3)
 
 
 @cache
@@ -168,15 +163,8 @@ def _volume_rule() -> Float64[np.ndarray, "functions 6"]:
     return np.concatenate([shape_functions(references), *shape_gradients(references)])
 
 
-def panel_areas(quadratic_triangles: QuadraticTriangles) -> Float64[np.ndarray, "panels"]:
+def panel_areas(panels: QuadraticTriangles) -> PanelSizes:
     """Area of each panel [m²], exact for flat ones."""
     references, weights = gauss_square(3)
-    return np.linalg.norm(_normals(quadratic_triangles, references), axis=2) @ weights
-
-
-def _normals(
-    quadratic_triangles: QuadraticTriangles, references: Real[np.ndarray, "points 2"]
-) -> Float64[np.ndarray, "panels points 3"]:
-    """Outward normals of all panels at the same reference points, as long as twice the panel's area is round them."""
-    along_u, along_v = (some @ quadratic_triangles for some in shape_gradients(references))
-    return np.cross(along_u, along_v)
+    along_u, along_v = (gradient @ panels for gradient in shape_gradients(references))
+    return np.linalg.norm(np.cross(along_u, along_v), axis=2) @ weights

@@ -1,97 +1,92 @@
-"""New triangles of a wanted size for a closed mesh, by MMG, with its sharp edges.
+"""New triangles of a wanted size for a closed mesh with sharp edges, by MMG.
 
 Source: C. Dapogny, C. Dobrzynski, P. Frey, "Three-dimensional adaptive domain remeshing, implicit
 domain meshing, and applications to free and moving boundary problems", J. Comput. Phys. 262, 358
-(2014); MMG's surface remesher.
+(2014).
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Int64, Real
+from jaxtyping import Bool, Float64, Int64
 
 from airtact.errors import InvalidInput, extra
-from airtact.geometry.mesh.quadratic_triangles import edge_lengths
-from airtact.geometry.mesh.topology import Triangles, Vertices, edge_twins
+from airtact.geometry.mesh.arrays import (
+    EdgeMask,
+    QuadraticTriangles,
+    Ridges,
+    Triangles,
+    Vertices,
+    VertexSizes,
+)
+from airtact.geometry.mesh.quadratic_triangles import (
+    NODE_REFERENCES,
+    edge_lengths,
+    shape_functions,
+    with_middles,
+)
+from airtact.geometry.mesh.topology import edge_ends, edge_twins
 
-STRETCHES = (1.4, 1.2, 1.0, 0.85)
-"""Longest edge asked for over the edge of the equilateral triangle wanted, tried until there are enough triangles."""
-
-ENOUGH = 0.9
-"""Share of the wanted number of triangles that will do."""
-
-FLATTEST = 0.15
-"""Distance of a straight triangle from the curved surface, over the edge wanted, that MMG takes for too large."""
-
-FINE = 0.25
-"""Mean edge over the edge wanted of a mesh that is coarsened out first."""
-
-ROUGH = 0.06
-"""Distance of the coarsened mesh from its surface, over the edge wanted: about the roughness of a scan."""
-
-GRADING = 1.5
-"""Ratio of neighbouring edges at most."""
-
-SMALLEST = 0.06
-"""Edges are not made shorter than this share of the edge wanted, but for the shape's own sharp edges."""
+MIN_EDGE = 0.06
+"""Shortest edge that MMG makes, over the wanted edge, except along sharp edges of the shape."""
 
 
 @dataclass(frozen=True, eq=False)
 class RidgedMesh:
-    """A closed mesh with the ends (K, 2) of the edges that stay sharp."""
+    """A closed mesh with the ends (K, 2) of its sharp edges."""
 
     vertices: Vertices
     triangles: Triangles
-    ridges: Int64[np.ndarray, "ridges 2"]
-
-
-WALL_OFF, COARSE_WALL_OFF = 0.3, 0.1
-"""Distance of triangles, and of the coarsened mesh, from the surface at most, over the thinnest wall's thickness."""
+    ridges: Ridges
 
 
 def coarsened(mesh: RidgedMesh, edge: float, wall: float = np.inf) -> RidgedMesh:
-    """Coarsen a mesh of edges far shorter than ``edge`` [m], or MMG takes the roughness of a scan for bends.
+    """Coarsen a mesh of edges far shorter than ``edge`` [m].
 
-    ``wall`` is the thickness of its thinnest wall [m], whose rim would be lost if triangles left it
-    by as much.
+    MMG would take the roughness of a scan for bends. ``wall`` is the thickness of the thinnest wall
+    [m], whose rim would be lost if triangles deviated by as much.
     """
-    if edge_lengths(mesh.vertices[mesh.triangles]).mean() > FINE * edge:
+    fine = 0.25  # mean edge, over the edge, of a mesh that is coarsened and of the result
+    if edge_lengths(mesh.vertices[mesh.triangles]).mean() > fine * edge:
         return mesh
-    return _meshed(
-        mesh, np.full(len(mesh.vertices), FINE), edge, min(ROUGH, COARSE_WALL_OFF * wall / edge)
-    )
+    # 0.06 of the edge is about the roughness of a scan.
+    deviation = min(0.06, 0.1 * wall / edge)
+    return _mmg(mesh, np.full(len(mesh.vertices), fine), edge, deviation)
 
 
 def remeshed(
-    mesh: RidgedMesh,
-    sizes: Real[np.ndarray, "vertices"],
-    edge: float,
-    wanted: float,
-    wall: float = np.inf,
+    mesh: RidgedMesh, sizes: VertexSizes, edge: float, wanted: float, wall: float = np.inf
 ) -> RidgedMesh:
-    """Mesh a closed surface anew with triangles about as large as equilateral ones of a given edge.
+    """Mesh a closed surface again with triangles of the size of equilateral ones of a given edge.
 
-    ``sizes`` (V,) are the longest edges allowed at each vertex beside what ``edge`` asks for [m],
-    ``wanted`` is the number of triangles that the area asks for, ``wall`` is as in ``coarsened``.
-    The result is near the curved surface, not on it.
+    The vertices of the result are near the curved surface, not on it.
+
+    Parameters
+    ----------
+    mesh : the surface.
+    sizes : (V,) longest edge allowed at each vertex [m].
+    edge : edge of the equilateral triangles [m].
+    wanted : number of triangles by the area.
+    wall : as in ``coarsened``.
     """
-    flattest = min(FLATTEST, WALL_OFF * wall / edge)
-    for stretch in STRETCHES[:-1]:
-        found = _meshed(mesh, np.clip(sizes / edge, SMALLEST, stretch), edge, flattest)
-        if len(found.triangles) >= ENOUGH * wanted:
-            return found
-    return _meshed(mesh, np.clip(sizes / edge, SMALLEST, STRETCHES[-1]), edge, flattest)
+    deviation = min(0.15, 0.3 * wall / edge)
+    # MMG makes fewer triangles than the largest edge suggests, so it is shortened until 90 % of
+    # the wanted number is reached.
+    for stretch in (1.4, 1.2, 1.0):
+        result = _mmg(mesh, np.clip(sizes / edge, MIN_EDGE, stretch), edge, deviation)
+        if len(result.triangles) >= 0.9 * wanted:
+            return result
+    return _mmg(mesh, np.clip(sizes / edge, MIN_EDGE, 0.85), edge, deviation)
 
 
-def _meshed(
-    surface: RidgedMesh, sizes: Real[np.ndarray, "vertices"], edge: float, flattest: float
-) -> RidgedMesh:
-    """Run MMG in units of the edge."""
+def _mmg(surface: RidgedMesh, sizes: VertexSizes, edge: float, deviation: float) -> RidgedMesh:
+    """Run MMG in units of the edge; ``deviation`` is the largest distance from the surface."""
     with extra("mesh", "a surface that is meshed anew needs MMG"):
         import mmgpy
 
     mesh = mmgpy.MmgMeshS()
-    ridges, triangles = surface.ridges.astype(np.int32), surface.triangles.astype(np.int32)
+    triangles = surface.triangles.astype(np.int32)
+    ridges = surface.ridges.astype(np.int32)
     mesh.set_mesh_size(vertices=len(surface.vertices), triangles=len(triangles), edges=len(ridges))
     mesh.set_vertices(np.ascontiguousarray(surface.vertices / edge))
     mesh.set_triangles(triangles)
@@ -101,25 +96,88 @@ def _meshed(
     mesh.set_field("metric", sizes.reshape(-1, 1))
     try:
         mesh.remesh(
-            hmax=max(sizes.max(), 1.1 * SMALLEST),
-            hmin=SMALLEST,
-            hausd=flattest,
-            hgrad=GRADING,
-            angle=0,
+            hmax=max(sizes.max(), 1.1 * MIN_EDGE),
+            hmin=MIN_EDGE,
+            hausd=deviation,
+            hgrad=1.5,  # largest ratio of neighbouring edges
+            angle=0,  # MMG detects no sharp edges of its own
             verbose=-1,
         )
     except RuntimeError as fault:
         raise InvalidInput(
-            f"the surface of {len(triangles)} triangles cannot be meshed anew with an edge of {1e3 * edge:.3g} mm "
-            f"({fault}); repair it, or give a mesh with fewer slivers.",
+            f"the surface of {len(triangles)} triangles cannot be meshed anew with an edge of "
+            f"{1e3 * edge:.3g} mm ({fault}); repair it, or give a mesh with fewer slivers.",
             code="mesh_faulty",
         ) from fault
-    found = np.asarray(mesh.get_triangles(), dtype=np.int64)
-    if len(found) < 4 or edge_twins(found).min() < 0:
+    result = np.asarray(mesh.get_triangles(), dtype=np.int64)
+    if len(result) < 4 or edge_twins(result).min() < 0:
         raise InvalidInput(
-            f"the surface of {len(triangles)} triangles does not stay closed when it is meshed anew with an edge of "
-            f"{1e3 * edge:.3g} mm; repair it, or ask for a shorter edge.",
+            f"the surface of {len(triangles)} triangles does not stay closed when it is meshed "
+            f"anew with an edge of {1e3 * edge:.3g} mm; repair it, or ask for a shorter edge.",
             code="mesh_faulty",
         )
     ridges = np.asarray(mesh.get_edges(), dtype=np.int64).reshape(-1, 2)
-    return RidgedMesh(np.array(mesh.get_vertices()) * edge, found, ridges)
+    return RidgedMesh(np.array(mesh.get_vertices()) * edge, result, ridges)
+
+
+def split_pieces(two_split: list[list[int]]) -> dict[int, list[list[int]]]:
+    """Pieces of a triangle for every set of split edges, given as bits for edges 01, 12, 20.
+
+    Each piece lists its corners among the six nodes. ``two_split`` are the pieces where edges 01
+    and 12 are split, whose diagonal can be chosen.
+    """
+    result = {0: [[0, 1, 2]]}
+    for pattern, pieces in ((1, [[0, 3, 2], [3, 1, 2]]), (3, two_split)):
+        for turn in range(3):
+            turned = (pattern << turn | pattern >> (3 - turn)) & 7
+            result[turned] = [
+                [node // 3 * 3 + (node + turn) % 3 for node in piece] for piece in pieces
+            ]
+    result[7] = [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]
+    return result
+
+
+def with_short_edges(
+    panels: QuadraticTriangles, triangles: Triangles, sharp: EdgeMask, longest: float
+) -> RidgedMesh:
+    """Halve edges of a closed mesh, on its curved panels, until none is longer than ``longest`` [m]."""
+    while True:
+        long = edge_lengths(panels) > longest
+        if not long.any():
+            break
+        panels, triangles, sharp = _split_edges(panels, triangles, sharp, long)
+    vertices = np.empty((int(triangles.max()) + 1, 3))
+    vertices[triangles] = panels[:, :3]
+    ridges = edge_ends(triangles)[sharp]
+    return RidgedMesh(vertices, triangles, ridges[ridges[:, 0] < ridges[:, 1]])
+
+
+def _split_edges(
+    panels: QuadraticTriangles, triangles: Triangles, sharp: EdgeMask, split: EdgeMask
+) -> tuple[
+    Float64[np.ndarray, "pieces 6 3"], Int64[np.ndarray, "pieces 3"], Bool[np.ndarray, "pieces 3"]
+]:
+    """Halve some edges: the panels, vertex indices and sharp edges of the pieces."""
+    directed = np.arange(3 * len(triangles)).reshape(-1, 3)
+    edge = np.minimum(directed, edge_twins(triangles))  # the same for both triangles
+    middle = int(triangles.max()) + 1 + np.searchsorted(np.unique(edge[split]), edge)
+    vertices = np.concatenate([triangles, middle], axis=1)
+    # A fourth column for edges inside a triangle, which are never sharp.
+    sharp = np.concatenate([sharp, np.zeros((len(sharp), 1), dtype=bool)], axis=1)
+    nodes_on_edges = ({0, 1, 3}, {1, 2, 4}, {2, 0, 5})
+    new_panels = []
+    new_triangles = []
+    new_sharp = []
+    for pattern, pieces in split_pieces([[0, 3, 2], [3, 1, 4], [3, 4, 2]]).items():
+        chosen = np.flatnonzero(split @ [1, 2, 4] == pattern)
+        for nodes in pieces:
+            parent_edges = []
+            for start, end in ((0, 1), (1, 2), (2, 0)):
+                ends = {nodes[start], nodes[end]}
+                on = [number for number in range(3) if ends <= nodes_on_edges[number]]
+                parent_edges.append(on[0] if on else 3)
+            shape = shape_functions(with_middles(NODE_REFERENCES[nodes][None])[0])
+            new_panels.append(np.einsum("na,tad->tnd", shape, panels[chosen]))
+            new_triangles.append(vertices[chosen][:, nodes])
+            new_sharp.append(sharp[chosen][:, parent_edges])
+    return np.concatenate(new_panels), np.concatenate(new_triangles), np.concatenate(new_sharp)

@@ -1,9 +1,9 @@
-"""Where a closed mesh is thinner than a length: where a ball of that diameter, laid against it inside, comes through.
+"""Parts of a closed mesh that are thinner than a given length.
 
-The thickness at a point of the surface is the diameter of the largest ball inside that touches the
-surface there, as far as surface bounds it that looks the other way: the sides of a wedge may meet.
-A triangle moved inwards by half a length holds the centres of the balls of that diameter that touch
-it; where another triangle is nearer to it than half the length, the body is thinner.
+The thickness at a point of the surface is the diameter of the largest inner ball that touches the
+surface there and is bounded by surface of opposite direction, so the sides of a wedge may meet. A
+triangle moved inwards by half the length holds the centres of the balls of that diameter that touch
+it. Where another triangle is nearer to the moved one than half the length, the body is thinner.
 """
 
 from collections.abc import Callable
@@ -13,159 +13,167 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 from scipy.spatial import KDTree
 
+from airtact.geometry.mesh.arrays import (
+    Corners,
+    IndexPairs,
+    PairedCorners,
+    TriangleLabels,
+    Triangles,
+    TriangleVectors,
+    Vector3,
+)
 from airtact.geometry.mesh.intersections import Group, pairs_of_groups, same_corners
 from airtact.geometry.mesh.mesh_distance import closest_on_triangles, triangle_to_triangle
-from airtact.geometry.mesh.quadratic_triangles import Corners, Nearby, area_vectors, longest_edges
-from airtact.geometry.mesh.topology import Triangles
+from airtact.geometry.mesh.quadratic_triangles import area_vectors, longest_edges
 
-Vectors = Float64[np.ndarray, "triangles 3"]
-Sizes = Float64[np.ndarray, "triangles"]
-Levels = Int64[np.ndarray, "triangles"]
+TriangleSizes = Float64[np.ndarray, "triangles"]
 
 Depth = Callable[[Float64[np.ndarray, "points 3"]], Float64[np.ndarray, "points"]]
-"""How deep points (P, 3) [m] lie in a body (P,) [m], negative outside."""
+"""Depth of points (P, 3) [m] in a body (P,) [m], negative outside."""
 
-WEDGE_DEGREES = 20.0
-"""Surfaces bound a thickness where they are nearer to parallel than this."""
-
-_SMALL = 0.5  # share of the length: smaller triangles are touched in their centres only
-_CELL = 0.3  # edge, over the length, of cells in which one of the small triangles that look the same way will do
-_CENTRE = 1e-3  # what is left there of their size
-_SIDE = np.array(
-    [0.48, 0.6, 0.64]
-)  # balls are laid against that of two surfaces which looks this way
-_LEANING = np.sin(np.radians(WEDGE_DEGREES))
-_DIRECTIONS = np.array([way for way in product((-1.0, 0.0, 1.0), repeat=3) if any(way)])
-_DIRECTIONS /= np.linalg.norm(_DIRECTIONS, axis=1, keepdims=True)
-_PASS = 4096  # pairs of triangles that are measured at a time
-_SHARES = (
-    0.0,
-    0.02,
-    0.1,
-    0.3,
-    0.6,
-    1.0,
-)  # of the way from the nearest points of two triangles to their centres
-_TRIED = 64  # balls that are looked at at a time
-_INSIDE = 0.9  # share of its radius that a ball must be in: balls that touch beside an edge may leave the body there
+_MAX_ANGLE = np.radians(20.0)
+# Surfaces bound a thickness where they are parallel to within this angle.
+_CELL = 0.3
+# Edge, over the length, of grid cells of which one triangle or one ball each is looked at.
 
 
 def thin_position(
     corners: Corners, triangles: Triangles, depth: Depth, thinnest: float, short: float
-) -> tuple[float, Float64[np.ndarray, "3"]] | None:
-    """Find about where a closed mesh is thinnest below a length: how thick it is [m] and the middle (3,) of it [m].
+) -> tuple[float, Vector3] | None:
+    """Find a part of a closed mesh thinner than a length: its thickness [m] and its middle (3,) [m].
 
-    Thin parts narrower than a third of ``thinnest`` [m] may be missed. They count where the body is
-    not thick enough anywhere within the distance ``short`` [m]: 0 for all, more to let bumps and
-    ribs pass that are no higher than it.
+    Thin parts narrower than a third of ``thinnest`` [m] may be missed. A part counts if the body is
+    not thick enough anywhere within ``short`` [m] of it: 0 for all parts, more to ignore bumps and
+    ribs of at most that height.
     """
     area = area_vectors(corners)
-    twice = np.linalg.norm(area, axis=1)
-    normals = area / twice[:, None]
-    out = corners - corners.mean(axis=1, keepdims=True)
+    twice_area = np.linalg.norm(area, axis=1)
+    normals = area / twice_area[:, None]
+    centres = corners.mean(axis=1)
+    out = corners - centres[:, None]
     reach = np.linalg.norm(out, axis=2).max(axis=1)
-    level = np.floor(np.log2(np.maximum(reach / (_SMALL * thinnest), 0.5))).astype(np.int64)
-    touched = np.where((level < 0)[:, None, None], corners - (1.0 - _CENTRE) * out, corners)
+    # Triangles smaller than half the length (level -1) are touched near their centres only.
+    level = np.floor(np.log2(np.maximum(reach / (0.5 * thinnest), 0.5))).astype(np.int64)
+    touched = np.where((level < 0)[:, None, None], corners - (1.0 - 1e-3) * out, corners)
     inner = touched - 0.5 * thinnest * normals[:, None]
-    pairs = _opposite(corners.mean(axis=1), normals, reach, level, thinnest)
+    pairs = _opposite(centres, normals, reach, level, thinnest)
     heights = np.einsum(
         "nki,ni->nk", corners[pairs[:, 1]] - inner[pairs[:, 0], :1], normals[pairs[:, 0]]
     )
     near = (heights.min(axis=1) < 0.5 * thinnest) & (heights.max(axis=1) > -0.5 * thinnest)
     pairs = pairs[near][np.argsort(-heights[near].max(axis=1))]
-    slim = twice < thinnest * longest_edges(corners)
+    # Neighbours across the rim of a plate are nearer than the plate is thick.
+    slim = twice_area < thinnest * longest_edges(corners)
     pairs = pairs[~(same_corners(triangles, pairs).any(axis=(1, 2)) & slim[pairs].any(axis=1))]
-    for start in range(0, len(pairs), _PASS):
-        one, two = pairs[start : start + _PASS].T
+    batch = 4096  # pairs measured at a time
+    for start in range(0, len(pairs), batch):
+        one, two = pairs[start : start + batch].T
         thin = triangle_to_triangle(inner[one], corners[two])[0] < 0.5 * thinnest * (1.0 - 1e-9)
         if thin.any():
-            one, two = one[thin], two[thin]
-            found = _thinnest_ball(touched[one], corners[two], normals[one], depth, thinnest, short)
-            if found is not None:
-                return found
+            one = one[thin]
+            ball = _thinnest_ball(
+                touched[one], corners[two[thin]], normals[one], depth, thinnest, short
+            )
+            if ball is not None:
+                return ball
     return None
 
 
 def _thinnest_ball(
-    touched: Nearby,
-    bounding: Nearby,
+    touched: PairedCorners,
+    bounding: PairedCorners,
     outward: Float64[np.ndarray, "n 3"],
     depth: Depth,
     thinnest: float,
     short: float,
-) -> tuple[float, Float64[np.ndarray, "3"]] | None:
-    """Find the smallest ball below a length that lies inside between two triangles of a pair: diameter and centre."""
+) -> tuple[float, Vector3] | None:
+    """Find the smallest inner ball between two triangles of a pair: its diameter and centre."""
     _, here, there = triangle_to_triangle(touched, bounding)
-    ways = [(here, touched.mean(axis=1)), (there, bounding.mean(axis=1))]
+    # Balls are laid at points from the nearest ones of both triangles to their centres.
+    shares = (0.0, 0.02, 0.1, 0.3, 0.6, 1.0)
+    paths = [(here, touched.mean(axis=1)), (there, bounding.mean(axis=1))]
     points = np.concatenate(
-        [start + share * (end - start) for start, end in ways for share in _SHARES]
+        [start + share * (end - start) for start, end in paths for share in shares]
     )
-    which = np.tile(np.arange(len(touched)), len(ways) * len(_SHARES))
-    touched, bounding, outward = touched[which], bounding[which], outward[which]
-    touch = closest_on_triangles(points, touched)
-    way = touch - closest_on_triangles(touch - 0.5 * thinnest * outward, bounding)
-    square, height = (way**2).sum(axis=1), np.einsum("ni,ni->n", way, outward)
+    pair = np.tile(np.arange(len(touched)), len(paths) * len(shares))
+    outward = outward[pair]
+    touch = closest_on_triangles(points, touched[pair])
+    opposite = closest_on_triangles(touch - 0.5 * thinnest * outward, bounding[pair])
+    across = touch - opposite
+    # The ball through both points whose centre lies inward of the first one.
+    square = (across**2).sum(axis=1)
+    height = np.einsum("ni,ni->n", across, outward)
     diameter = np.divide(
         square, height, out=np.where(square > 0.0, np.inf, 0.0), where=height > 0.0
     )
-    found = np.argsort(diameter)[: np.count_nonzero(diameter < thinnest * (1.0 - 1e-9))]
-    centres = touch[found] - 0.5 * diameter[found, None] * outward[found]
+    chosen = np.argsort(diameter)[: np.count_nonzero(diameter < thinnest * (1.0 - 1e-9))]
+    centres = touch[chosen] - 0.5 * diameter[chosen, None] * outward[chosen]
     firsts = _first_in_cells(centres, _CELL * thinnest)
-    found, centres = found[firsts], centres[firsts]
-    for start in range(0, len(found), _TRIED):
-        some = slice(start, start + _TRIED)
-        inside = np.flatnonzero(depth(centres[some]) >= 0.5 * _INSIDE * diameter[found[some]])
-        alone = inside[_stands_alone(centres[some][inside], depth, thinnest, short)]
+    chosen = chosen[firsts]
+    centres = centres[firsts]
+    batch = 64  # balls looked at at a time
+    for start in range(0, len(chosen), batch):
+        part = slice(start, start + batch)
+        # A ball that touches beside an edge may leave the body there: 0.9 of its radius suffices.
+        inside = np.flatnonzero(depth(centres[part]) >= 0.5 * 0.9 * diameter[chosen[part]])
+        alone = inside[_stands_alone(centres[part][inside], depth, thinnest, short)]
         if len(alone) > 0:
             first = start + int(alone[0])
-            return float(diameter[found[first]]), centres[first]
+            return float(diameter[chosen[first]]), centres[first]
     return None
 
 
 def _stands_alone(
     centres: Float64[np.ndarray, "n 3"], depth: Depth, thinnest: float, short: float
 ) -> Bool[np.ndarray, "n"]:
-    """Whether no ball as thick as wanted has its centre within some distance of others' centres."""
+    """Whether the body is not thick enough anywhere within a distance of centres."""
     if short == 0.0:
         return np.ones(len(centres), dtype=bool)
-    around = np.concatenate([share * short * _DIRECTIONS for share in (0.4, 0.7, 1.0)])
+    directions = np.array([way for way in product((-1.0, 0.0, 1.0), repeat=3) if any(way)])
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    around = np.concatenate([share * short * directions for share in (0.4, 0.7, 1.0)])
     deepest = depth((centres[:, None] + around).reshape(-1, 3)).reshape(-1, len(around)).max(axis=1)
     return deepest < 0.5 * thinnest
 
 
 def _opposite(
-    centres: Vectors, normals: Vectors, reach: Sizes, level: Levels, thinnest: float
-) -> Int64[np.ndarray, "pairs 2"]:
-    """Pairs of triangles that look opposite ways, the second within reach of balls that touch the first inside."""
-    upper = normals @ _SIDE > -_LEANING
+    centres: TriangleVectors,
+    normals: TriangleVectors,
+    reach: TriangleSizes,
+    level: TriangleLabels,
+    thinnest: float,
+) -> IndexPairs:
+    """Pairs of opposite triangles, the second within reach of inner balls that touch the first."""
+    # Of two opposite surfaces, balls are laid against the one that faces an arbitrary direction.
+    side = normals @ np.array([0.48, 0.6, 0.64])
+    upper = side > -np.sin(_MAX_ANGLE)
     small = np.flatnonzero(upper & (level < 0))
     octant = (normals[small] > 0.0) @ np.array([1, 2, 4])
     upper[small] = False
     upper[small[_first_in_cells(centres[small], _CELL * thinnest, octant)]] = True
+    # Triangles pair up if they are near and of opposite direction, so trees hold normals too.
     inner = np.hstack([centres - 0.5 * thinnest * normals, -0.5 * thinnest * normals])
     outer = np.hstack([centres, 0.5 * thinnest * normals])
-    turned = thinnest * np.sin(
-        np.radians(WEDGE_DEGREES / 2.0)
-    )  # how far normals part in these coordinates
+    normal_gap = thinnest * np.sin(_MAX_ANGLE / 2.0)
     first = _groups(inner, upper, level, np.where(level < 0, 0.0, reach))
-    second = _groups(outer, normals @ _SIDE < _LEANING, level, reach)
-    found = [np.zeros((0, 2), dtype=np.int64)]
+    second = _groups(outer, side < np.sin(_MAX_ANGLE), level, reach)
+    chosen = [np.zeros((0, 2), dtype=np.int64)]
     for one, two in product(first, second):
-        pairs = pairs_of_groups(
-            one, two, float(np.hypot(0.5 * thinnest + one.reach + two.reach, turned))
-        )
+        within = float(np.hypot(0.5 * thinnest + one.reach + two.reach, normal_gap))
+        pairs = pairs_of_groups(one, two, within)
         cosine = np.einsum("ni,ni->n", normals[pairs[:, 0]], normals[pairs[:, 1]])
-        found.append(pairs[cosine < -np.cos(np.radians(WEDGE_DEGREES))])
-    return np.concatenate(found)
+        chosen.append(pairs[cosine < -np.cos(_MAX_ANGLE)])
+    return np.concatenate(chosen)
 
 
 def _groups(
     points: Float64[np.ndarray, "triangles 6"],
     chosen: Bool[np.ndarray, "triangles"],
-    level: Levels,
-    reach: Sizes,
+    level: TriangleLabels,
+    reach: TriangleSizes,
 ) -> list[Group]:
-    parts = [np.flatnonzero(chosen & (level == one)) for one in np.unique(level[chosen])]
+    """Group chosen triangles of one level each."""
+    parts = [np.flatnonzero(chosen & (level == value)) for value in np.unique(level[chosen])]
     return [
         Group(part, KDTree(points[part], balanced_tree=False), float(reach[part].max()))
         for part in parts
@@ -174,8 +182,8 @@ def _groups(
 
 def _first_in_cells(
     points: Float64[np.ndarray, "n 3"], cell: float, kind: Int64[np.ndarray, "n"] | None = None
-) -> Int64[np.ndarray, "chosen"]:
-    """Choose the first of the points of a kind in each cell of a grid."""
+) -> Int64[np.ndarray, "_"]:
+    """Choose the first point of each kind (0 to 7) in each cell of a grid."""
     boxes = np.floor((points - points.min(axis=0, initial=np.inf)) / cell).astype(np.int64)
     size = boxes.max(axis=0, initial=0) + 1
     key = boxes @ np.array([1, size[0], size[0] * size[1]])

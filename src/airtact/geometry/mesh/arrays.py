@@ -1,0 +1,51 @@
+"""The arrays of meshes by what they hold; axes of one name have the same length within a signature."""
+
+import numpy as np
+from jaxtyping import Bool, Float64, Int64, Real
+
+Points = Real[np.ndarray, "points 3"]
+PointVectors = Float64[np.ndarray, "points 3"]
+"""A position or a direction for each point."""
+PointLengths = Float64[np.ndarray, "points"]
+Vector3 = Float64[np.ndarray, "3"]
+
+Vertices = Float64[np.ndarray, "vertices 3"]
+VertexSizes = Float64[np.ndarray, "vertices"]
+"""A length for each vertex [m]."""
+
+Triangles = Int64[np.ndarray, "triangles 3"]
+"""Indices of the three vertices of each triangle."""
+NewTriangles = Int64[np.ndarray, "_ 3"]
+"""The same, in another number than those passed in."""
+Corners = Real[np.ndarray, "triangles 3 3"]
+"""Positions of the corners of each triangle [m]."""
+Twins = Int64[np.ndarray, "triangles 3"]
+"""The result of ``edge_twins``: for each edge 01, 12, 20 the same edge of the neighbour."""
+EdgeMask = Bool[np.ndarray, "triangles 3"]
+"""Whether each of the edges 01, 12, 20 belongs to a set."""
+EdgeVectors = Float64[np.ndarray, "triangles 3 3"]
+"""A vector for each edge or corner of each triangle."""
+TriangleVectors = Float64[np.ndarray, "triangles 3"]
+TriangleMask = Bool[np.ndarray, "triangles"]
+TriangleLabels = Int64[np.ndarray, "triangles"]
+
+Ridges = Int64[np.ndarray, "ridges 2"]
+"""Vertices at both ends of each sharp edge."""
+
+QuadraticTriangles = Float64[np.ndarray, "panels 6 3"]
+"""Curved panels: corners 0, 1, 2 and points over the middles of edges 01, 12, 20 [m]."""
+Pieces = Float64[np.ndarray, "_ 6 3"]
+"""Panels in another number than those passed in."""
+
+PairedCorners = Real[np.ndarray, "n 3 3"]
+"""One triangle for each pair that is compared [m]."""
+PairedSegments = Real[np.ndarray, "n 2 3"]
+PairedPoints = Real[np.ndarray, "n 3"]
+PairLengths = Float64[np.ndarray, "n"]
+PairMask = Bool[np.ndarray, "n"]
+IndexPairs = Int64[np.ndarray, "_ 2"]
+"""Indices of the two triangles of each pair."""
+Indices = Int64[np.ndarray, "n"]
+
+FlatMesh = tuple[Float64[np.ndarray, "_ 3"], NewTriangles]
+"""Vertices [m] and triangles of a mesh of flat triangles."""

@@ -1,0 +1,118 @@
+"""Longest edges that new triangles of a surface may have where it is too fine for the wanted size.
+
+Each function looks for one kind of detail that large triangles would lose, and returns a limit [m]
+for each vertex, at most the size ``largest`` that the caller allows anywhere:
+
+- ``bend_sizes``: tight bends, where a large triangle would cut across the curve;
+- ``wall_sizes``: thin walls, whose two sides would deviate by much of the thickness, or cross;
+- ``strip_sizes``: narrow strips between two sharp edges, which would get slivers.
+
+The remesher takes the smallest of the three.
+"""
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from airtact.geometry.mesh.arrays import Ridges, Triangles, Vertices, VertexSizes
+from airtact.geometry.mesh.mesh_distance import pairs_near
+from airtact.geometry.mesh.quadratic_triangles import area_vectors, unit
+from airtact.geometry.mesh.topology import are_among, edge_ends, edge_twins, smooth_patches
+
+MAX_EDGE_TO_WALL = 3.0
+"""Longest edge on a thin wall, over the wall's thickness."""
+
+
+def bend_sizes(
+    vertices: Vertices, triangles: Triangles, ridges: Ridges, largest: float, share: float = 1.0
+) -> VertexSizes:
+    """Longest edge at each vertex of a closed mesh so that it turns by little more than a radian.
+
+    The radius of a bend is estimated from pairs of triangles: two triangles that face in directions
+    75 to 150 degrees apart and lie as if on one arc show its radius. Pairs across a sharp edge
+    (``ridges``) do not count. Edges are ``share`` times as long where panels must lie nearer to the
+    surface.
+    """
+    corners = vertices[triangles]
+    centres = corners.mean(axis=1)
+    normals = unit(area_vectors(corners))
+    patch = smooth_patches(edge_twins(triangles), are_among(edge_ends(triangles), ridges))
+
+    # Edges may turn by 1.4 rad in wide bends, so a bend matters if 1.4 times its radius, times the
+    # share, is below the largest size. The chord of such an arc over 75 degrees bounds the search.
+    reach = 2 * np.sin(np.radians(75.0) / 2) / (share * 1.4) * largest
+    first, second = KDTree(centres).query_pairs(reach, output_type="ndarray").T
+
+    # Below 75 degrees the pair may be a kink between two flat parts. Above 150 degrees it is more
+    # likely the other side of a wall.
+    cosine = np.einsum("pd,pd->p", normals[first], normals[second])
+    narrowest, widest = np.cos(np.radians([75.0, 150.0]))
+    bent = (cosine < narrowest) & (cosine > widest) & (patch[first] == patch[second])
+    first = first[bent]
+    second = second[bent]
+    chord = centres[second] - centres[first]
+    length = np.linalg.norm(chord, axis=1)
+
+    # On a common arc through the angle a, the chord of length 2 R sin(a/2) meets both normals at
+    # the sine of a/2, with opposite signs. Pairs that deviate by over 0.35 are on no common arc.
+    half_sine = np.sqrt(0.5 * (1 - cosine[bent]))
+    at_first = np.einsum("pd,pd->p", chord, normals[first]) / length
+    at_second = np.einsum("pd,pd->p", chord, normals[second]) / length
+    symmetric = np.abs(at_first + at_second) < 0.35
+    on_arc = symmetric & (np.abs(np.abs(at_first - at_second) / 2 - half_sine) < 0.35)
+    radius = length[on_arc] / (2 * half_sine[on_arc])
+
+    # Tight bends may turn by 1 rad along an edge. From a radius of 0.3 of the largest size on it
+    # is 1.4 rad, because the distance tolerance of MMG refines wide bends too.
+    turn = 1.0 + (1.4 - 1.0) * np.minimum(1.0, radius / (0.3 * largest))
+    limit = share * radius * turn
+    triangle_limits = np.full(len(triangles), largest)
+    np.minimum.at(triangle_limits, first[on_arc], limit)
+    np.minimum.at(triangle_limits, second[on_arc], limit)
+    sizes = np.full(len(vertices), largest)
+    np.minimum.at(sizes, triangles, triangle_limits[:, None])
+    return sizes
+
+
+def wall_sizes(vertices: Vertices, triangles: Triangles, largest: float) -> VertexSizes:
+    """Longest edge at each vertex of a closed mesh: three thicknesses of the wall there."""
+    normals = np.zeros((len(vertices), 3))
+    np.add.at(normals, triangles, area_vectors(vertices[triangles])[:, None])
+    normals = unit(normals)
+    # The other side of a wall is near and faces the opposite direction, so the tree holds positions
+    # and scaled normals, and is asked for the reversed normal.
+    reach = 0.6 * largest
+    tree = KDTree(np.concatenate([vertices, reach * normals], axis=1))
+    wanted = np.concatenate([vertices, -reach * normals], axis=1)
+    distance, opposite = tree.query(wanted, distance_upper_bound=reach)
+    met = np.flatnonzero(distance < reach)
+    across = vertices[met] - vertices[np.asarray(opposite)[met]]
+    thickness = np.einsum("nd,nd->n", across, normals[met])
+    # Negative values are gaps of air between two parts of the body.
+    solid = thickness > 0.0
+    sizes = np.full(len(vertices), largest)
+    sizes[met[solid]] = np.minimum(largest, MAX_EDGE_TO_WALL * thickness[solid])
+    return sizes
+
+
+def strip_sizes(vertices: Vertices, ridges: Ridges, largest: float) -> VertexSizes:
+    """Longest edge at each vertex: twice the distance from its sharp edge to the next one."""
+    width = np.full(len(vertices), largest / 2.0)
+    if not len(ridges):
+        return 2.0 * width
+    # Distances to other ridges are measured to eight points on each.
+    steps = 8
+    ends = vertices[ridges]
+    share = np.arange(steps) / steps
+    samples = (ends[:, :1] + share[:, None] * (ends[:, 1:] - ends[:, :1])).reshape(-1, 3)
+    tree = KDTree(samples)
+    for start, end in (ridges.T, ridges.T[::-1]):
+        along = unit(vertices[end] - vertices[start])
+        row, sample = pairs_near(tree, vertices[start], largest / 2.0)
+        gap = samples[sample] - vertices[start][row]
+        distance = np.linalg.norm(gap, axis=1)
+        # Only points that lie sideways, over 60 degrees off the ridge, and on a ridge that does not
+        # share this vertex bound a strip.
+        sideways = np.abs(np.einsum("pd,pd->p", gap, along[row])) < 0.5 * distance
+        separate = (ridges[sample // steps] != start[row][:, None]).all(axis=1) & sideways
+        np.minimum.at(width, start[row[separate]], distance[separate])
+    return 2.0 * width

@@ -1,0 +1,450 @@
+"""Repairs damaged triangle meshes, and rejects those whose damage is ambiguous.
+
+Each step leaves a sound mesh unchanged, and notes what it repaired in one sentence with a count and
+the position of the first place. The order matters: vertices are merged before triangles are
+compared, triangles are oriented before slivers are flipped, and holes are filled before the enclosed
+volume shows what is outside. Source of the kinds of damage and of the order: M. Attene, M. Campen, L.
+Kobbelt, "Polygon mesh repairing: an application perspective", ACM Computing Surveys 45(2), 2013,
+sections 2 and 3.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Int64, Integer, Real
+from scipy.spatial import KDTree
+
+from airtact.checks import between, counted, in_mm, real_numbers
+from airtact.errors import InvalidInput
+from airtact.geometry.mesh.arrays import (
+    FlatMesh,
+    Indices,
+    NewTriangles,
+    Triangles,
+    Twins,
+    Vertices,
+)
+from airtact.geometry.mesh.holes import without_holes
+from airtact.geometry.mesh.mesh_distance import pairs_near
+from airtact.geometry.mesh.slivers import without_slivers
+from airtact.geometry.mesh.topology import (
+    are_among,
+    check_closed,
+    check_indices,
+    check_not_degenerate,
+    check_size,
+    components,
+    cone_volumes,
+    edge_ends,
+    edge_keys,
+    edge_twins,
+    shells,
+    with_fans,
+)
+from airtact.printing import in_short
+
+MAX_CRACK = 5e-6
+"""Distance of border vertices from each other or from a border edge that are sides of a crack [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class RepairedMesh:
+    """A closed mesh whose pieces face outward, with a sentence for each kind of damage repaired."""
+
+    vertices: Vertices
+    triangles: Triangles
+    notes: tuple[str, ...]
+
+    __repr__ = in_short
+
+
+def repaired(
+    vertices: Real[np.ndarray, "vertices 3"],
+    triangles: Integer[np.ndarray, "triangles 3"],
+    largest_hole: float = 2e-3,
+) -> RepairedMesh:
+    """Repair a damaged triangle mesh.
+
+    Repaired are:
+
+    - vertices that no triangle uses, or within a micrometre of another;
+    - triangles that repeat another or have no area, needles and caps;
+    - cracks of up to 5 micrometres;
+    - triangles and pieces of the wrong orientation;
+    - holes of up to ``largest_hole`` [m] where the surface around them shows what is missing.
+
+    Raises
+    ------
+    InvalidInput
+        With the position, for indices out of range, NaN in a used vertex, an extent over 2 m or
+        under 0.5 mm, edges of more than two triangles, one-sided surfaces, other holes, parts that
+        touch in one vertex, and triangles or pieces that stay flat. ``check_surface`` looks for
+        crossings of the surface with itself.
+
+    Examples
+    --------
+    >>> corners = 0.01 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, 1]])
+    >>> notes = repaired(corners, np.array([[0, 2, 1], [0, 1, 3], [0, 2, 4], [1, 2, 3]])).notes
+    >>> print(*notes)
+    1 triangle ran against its neighbours and was turned, the first near (0.00, 3.33, 3.33) mm.
+    """
+    largest_hole = between(largest_hole, 0.0, 0.1, "largest_hole", "m", "is it in millimetres?")
+    vertices = real_numbers(vertices, "surface vertices")
+    triangles = triangles.astype(np.int64)
+    check_indices(len(vertices), triangles)
+    if len(triangles) == 0:
+        raise InvalidInput("the surface has no triangles; give a closed one.", code="empty")
+    notes: list[str] = []
+    vertices, triangles = _with_used_vertices(vertices, triangles, notes)
+    check_size(float(np.ptp(vertices, axis=0).max()))
+    vertices, triangles = _with_merged_vertices(vertices, triangles, notes)
+    triangles = _without_collapsed(vertices, triangles, notes)
+    triangles = _without_repeats(vertices, triangles, notes)
+    if (edge_twins(triangles) >= 0).all():
+        triangles = without_slivers(vertices, triangles, notes)
+    else:
+        triangles = _without_cracks(vertices, triangles, notes)
+        triangles = _oriented(vertices, triangles, notes)
+        triangles = without_slivers(vertices, triangles, notes)
+        filled = without_holes(vertices, triangles, largest_hole, notes)
+        if filled is not triangles:
+            # A rim along a straight line is filled with caps.
+            triangles = without_slivers(vertices, filled, notes)
+    check_not_degenerate(vertices, triangles)
+    twins = check_closed(vertices, triangles)
+    _check_no_bow_ties(vertices, triangles, twins)
+    triangles = _turned_outward(vertices, triangles, twins, notes)
+    vertices, triangles = _with_vertices(vertices, triangles, _used(vertices, triangles))
+    return RepairedMesh(vertices, triangles, tuple(notes))
+
+
+def _note(notes: list[str], what: str, where: Real[np.ndarray, "*points 3"]) -> None:
+    """Append a sentence; ``where`` are the corners of the first triangle, or one point."""
+    notes.append(f"{what}, the first near {in_mm(where.reshape(-1, 3).mean(axis=0))}.")
+
+
+# --- vertices ---------------------------------------------------------------------------------
+
+
+def _used(vertices: Vertices, triangles: Triangles) -> Bool[np.ndarray, "vertices"]:
+    """Whether any triangle uses each vertex."""
+    used = np.zeros(len(vertices), dtype=bool)
+    used[triangles] = True
+    return used
+
+
+def _with_vertices(
+    vertices: Vertices, triangles: Triangles, keep: Bool[np.ndarray, "vertices"]
+) -> FlatMesh:
+    """Keep some vertices and renumber them."""
+    if keep.all():
+        return vertices, triangles
+    return vertices[keep], (np.cumsum(keep) - 1)[triangles]
+
+
+def _with_used_vertices(vertices: Vertices, triangles: Triangles, notes: list[str]) -> FlatMesh:
+    """Drop the vertices that no triangle uses; raise ``InvalidInput`` for NaN in the others."""
+    used = _used(vertices, triangles)
+    wrong = np.flatnonzero(used & ~np.isfinite(vertices).all(axis=1))
+    if len(wrong):
+        neighbours = vertices[triangles[(triangles == wrong[0]).any(axis=1)]].reshape(-1, 3)
+        finite = neighbours[np.isfinite(neighbours).all(axis=1)]
+        where = finite.mean(axis=0) if len(finite) else None
+        beside = "" if where is None else f" beside {in_mm(where)}"
+        are = counted(len(wrong), "vertex of the surface is", "vertices of the surface are")
+        raise InvalidInput(
+            f"{are} NaN or infinite, the first is vertex {wrong[0]}{beside}; give it a position "
+            "or remove its triangles.",
+            where,
+            code="not_finite",
+        )
+    unused = np.flatnonzero(~used)
+    if len(unused):
+        were = counted(
+            len(unused), "vertex that no triangle names was", "vertices that no triangle names were"
+        )
+        notes.append(f"{were} dropped, the first is vertex {unused[0]}.")
+    return _with_vertices(vertices, triangles, used)
+
+
+def _with_merged_vertices(vertices: Vertices, triangles: Triangles, notes: list[str]) -> FlatMesh:
+    """Merge vertices at the same position into the first of them, which does not move."""
+    # Exact copies, as in files that repeat vertices for every triangle, are no damage.
+    order = np.lexsort(vertices.T)
+    ranked = vertices[order]
+    new = np.r_[True, (ranked[1:] != ranked[:-1]).any(axis=1)]
+    first = np.empty(len(vertices), dtype=np.int64)
+    first[order] = order[new][np.cumsum(new) - 1]
+    vertices, triangles = _with_vertices(
+        vertices, first[triangles], first == np.arange(len(vertices))
+    )
+    near = min(1e-6 * float(np.ptp(vertices, axis=0).max()), 1e-6)
+    tree = KDTree(vertices, compact_nodes=False, balanced_tree=False)
+    pairs = tree.query_pairs(near, output_type="ndarray")
+    if len(pairs) == 0:
+        return vertices, triangles
+    cluster = components(pairs[:, 0], pairs[:, 1], len(vertices))
+    first = np.unique(cluster, return_index=True)[1][cluster]
+    kept = first == np.arange(len(vertices))
+    were = counted(int((~kept).sum()), "vertex was", "vertices were")
+    within = f"within {near * 1e6:.2g} micrometres"
+    _note(notes, f"{were} merged with another {within}", vertices[(~kept).argmax()])
+    return _with_vertices(vertices, first[triangles], kept)
+
+
+# --- triangles --------------------------------------------------------------------------------
+
+
+def _without_collapsed(vertices: Vertices, triangles: Triangles, notes: list[str]) -> NewTriangles:
+    """Drop triangles that use a vertex twice: their two other neighbours already share their edge."""
+    collapsed = (triangles == np.roll(triangles, 1, axis=1)).any(axis=1)
+    if not collapsed.any():
+        return triangles
+    were = counted(
+        int(collapsed.sum()),
+        "triangle with two corners in one vertex was",
+        "triangles with two corners in one vertex were",
+    )
+    _note(notes, f"{were} removed", vertices[triangles[collapsed.argmax()]])
+    if collapsed.all():
+        raise InvalidInput(
+            "no triangle of the surface has an area; check its unit and its scale.", code="empty"
+        )
+    return triangles[~collapsed]
+
+
+def _without_repeats(vertices: Vertices, triangles: Triangles, notes: list[str]) -> NewTriangles:
+    """Keep the first of triangles over the same three vertices, in whatever order."""
+    corners = np.sort(triangles, axis=1)
+    order = np.lexsort(corners.T)
+    repeated = np.zeros(len(triangles), dtype=bool)
+    repeated[order[1:]] = (corners[order[1:]] == corners[order[:-1]]).all(axis=1)
+    if not repeated.any():
+        return triangles
+    were = counted(
+        int(repeated.sum()),
+        "triangle that repeats another was",
+        "triangles that repeat others were",
+    )
+    _note(notes, f"{were} dropped", vertices[triangles[repeated.argmax()]])
+    return triangles[~repeated]
+
+
+# --- cracks -----------------------------------------------------------------------------------
+
+
+def _without_cracks(vertices: Vertices, triangles: Triangles, notes: list[str]) -> NewTriangles:
+    """Join border vertices across cracks, and split border edges on which border vertices lie.
+
+    The vertices on one side of a crack are a few micrometres from their partners on the other, or
+    lie on an edge of the other side (a T-junction).
+    """
+    triangles = _joined(vertices, triangles, notes)
+    split: list[int] = []
+    # A round splits one edge of a triangle; later rounds find what was split on the other side.
+    for _ in range(8):
+        edges, on_edge = _vertices_on_edges(vertices, triangles)
+        if len(on_edge) == 0:
+            break
+        split.extend(on_edge.tolist())
+        through: dict[int, list[int]] = {}
+        for edge, vertex in zip(edges.tolist(), on_edge.tolist(), strict=True):
+            through.setdefault(edge, []).append(vertex)
+        triangles = with_fans(triangles, through)
+    if split:
+        lay = counted(
+            len(split),
+            "vertex lay on an edge of a neighbour, which was",
+            "vertices lay on edges of neighbours, which were",
+        )
+        _note(notes, f"{lay} split there to close the crack", vertices[split[0]])
+    return triangles
+
+
+def _border(triangles: Triangles) -> tuple[Indices, Int64[np.ndarray, "n 2"]]:
+    """Edges 3 t + e of one triangle only, and their ends."""
+    _, where, count = np.unique(edge_keys(triangles), return_inverse=True, return_counts=True)
+    border = np.flatnonzero(count[where.ravel()] == 1)
+    return border, edge_ends(triangles).reshape(-1, 2)[border]
+
+
+def _joined(vertices: Vertices, triangles: Triangles, notes: list[str]) -> Triangles:
+    """Merge border vertices that nearly meet and belong to no common triangle."""
+    rim = np.unique(_border(triangles)[1])
+    if len(rim) == 0:
+        return triangles
+    pairs = rim[KDTree(vertices[rim]).query_pairs(MAX_CRACK, output_type="ndarray")]
+    pairs = pairs[~are_among(pairs, edge_ends(triangles))]
+    cluster = components(pairs[:, 0], pairs[:, 1], len(vertices))
+    first = np.unique(cluster, return_index=True)[1][cluster]
+    # Clusters that would collapse a triangle stay as they are.
+    collapsed = (first[triangles] == np.roll(first[triangles], 1, axis=1)).any(axis=1)
+    spared = np.isin(cluster, cluster[triangles[collapsed]])
+    first[spared] = np.flatnonzero(spared)
+    joined = np.flatnonzero(first != np.arange(len(vertices)))
+    if len(joined) == 0:
+        return triangles
+    gap = float(np.linalg.norm(vertices[joined] - vertices[first[joined]], axis=1).max())
+    were = counted(
+        len(joined),
+        "vertex was joined with another across a crack",
+        "vertices were joined across cracks",
+    )
+    _note(notes, f"{were} of up to {gap * 1e6:.2g} micrometres", vertices[joined[0]])
+    return first[triangles]
+
+
+def _vertices_on_edges(vertices: Vertices, triangles: Triangles) -> tuple[Indices, Indices]:
+    """Border edges 3 t + e, at most one of each triangle, and the border vertices on them."""
+    border, ends = _border(triangles)
+    rim = np.unique(ends)
+    nothing = np.zeros(0, dtype=np.int64)
+    if len(border) == 0:
+        return nothing, nothing
+    start = vertices[ends[:, 0]]
+    along = vertices[ends[:, 1]] - start
+    length = np.linalg.norm(along, axis=1)
+    tree = KDTree(vertices[rim])
+    middle = start + along / 2.0
+    # A mesh of loose triangles has more vertices near edges than memory allows; it is no crack.
+    if tree.query_ball_point(middle, length / 2.0, return_length=True).sum() > 3_000_000:
+        return nothing, nothing
+    edge, vertex = pairs_near(tree, middle, length / 2.0)
+    vertex = rim[vertex]
+    from_start = vertices[vertex] - start[edge]
+    reach = np.einsum("ni,ni->n", from_start, along[edge]) / length[edge]
+    away = np.linalg.norm(from_start - reach[:, None] * along[edge] / length[edge, None], axis=1)
+    on_edge = away <= np.minimum(MAX_CRACK, 1e-2 * length[edge])
+    on_edge &= (reach > MAX_CRACK) & (reach < length[edge] - MAX_CRACK)
+    on_edge &= (triangles[border[edge] // 3] != vertex[:, None]).all(axis=1)
+    edge = border[edge[on_edge]]
+    vertex = vertex[on_edge]
+    order = np.lexsort((reach[on_edge], edge))
+    edge = edge[order]
+    vertex = vertex[order]
+    first_of_triangle = edge[np.unique(edge // 3, return_index=True)[1]]
+    chosen = np.isin(edge, first_of_triangle)
+    return edge[chosen], vertex[chosen]
+
+
+# --- orientation ------------------------------------------------------------------------------
+
+
+def _oriented(vertices: Vertices, triangles: Triangles, notes: list[str]) -> Triangles:
+    """Turn triangles so that neighbours agree, as few as possible in each piece.
+
+    In a graph with two nodes for each triangle, as it is and turned, every node is linked to the
+    agreeing nodes of its neighbours. An orientable piece falls into two mirrored components. A
+    one-sided piece is one component, and raises ``InvalidInput``.
+    """
+    here, there, agree = _neighbours(vertices, triangles)
+    count = len(triangles)
+    mirrored = np.where(agree, there, there + count)
+    label = components(
+        np.concatenate([here, here + count]),
+        np.concatenate([mirrored, (mirrored + count) % (2 * count)]),
+        2 * count,
+    )
+    plain = label[:count]
+    turned = label[count:]
+    one_sided = np.flatnonzero(plain == turned)
+    if len(one_sided):
+        where = vertices[triangles[one_sided[0]]].mean(axis=0)
+        belong = counted(len(one_sided), "triangle belongs", "triangles belong")
+        raise InvalidInput(
+            f"{belong} to a one-sided piece, such as a Moebius strip, the first near "
+            f"{in_mm(where)}: it has no inside; remove it.",
+            where,
+            code="mesh_faulty",
+        )
+    unturned = np.bincount(plain, minlength=2 * count)
+    flip = (unturned[plain] < unturned[turned]) | (
+        (unturned[plain] == unturned[turned]) & (plain > turned)
+    )
+    if not flip.any():
+        return triangles
+    were = counted(
+        int(flip.sum()),
+        "triangle ran against its neighbours and was",
+        "triangles ran against their neighbours and were",
+    )
+    _note(notes, f"{were} turned", vertices[triangles[flip.argmax()]])
+    return np.where(flip[:, None], triangles[:, ::-1], triangles)
+
+
+def _neighbours(
+    vertices: Vertices, triangles: Triangles
+) -> tuple[Indices, Indices, Bool[np.ndarray, "n"]]:
+    """Pairs of triangles over an edge, and whether they agree: use it in opposite directions."""
+    keys = edge_keys(triangles).ravel()
+    order = np.argsort(keys, kind="stable")
+    _, starts, sizes = np.unique(keys[order], return_index=True, return_counts=True)
+    crowded = np.flatnonzero(sizes > 2)
+    if len(crowded):
+        first = crowded[order[starts[crowded]].argmin()]
+        edge = edge_ends(triangles).reshape(-1, 2)[order[starts[first]]]
+        where = vertices[edge].mean(axis=0)
+        raise InvalidInput(
+            f"{counted(len(crowded), 'edge has', 'edges have')} more than two triangles, the first "
+            f"{sizes[first]} of them near {in_mm(where)}: bodies meet there or a fin stands out; "
+            "separate them or remove it.",
+            where,
+            code="mesh_faulty",
+        )
+    pair = starts[sizes == 2]
+    one = order[pair]
+    two = order[pair + 1]
+    return one // 3, two // 3, triangles.ravel()[one] != triangles.ravel()[two]
+
+
+def _turned_outward(
+    vertices: Vertices, triangles: Triangles, twins: Twins, notes: list[str]
+) -> Triangles:
+    """Turn the closed pieces of negative volume; raise ``InvalidInput`` for pieces of no volume."""
+    piece = shells(triangles, twins)
+    volumes = np.bincount(piece, weights=cone_volumes(vertices[triangles]))
+    flat = np.flatnonzero(volumes == 0.0)
+    if len(flat):
+        where = vertices[triangles[(piece == flat[0]).argmax()]].mean(axis=0)
+        raise InvalidInput(
+            f"{counted(len(flat), 'closed piece encloses', 'closed pieces enclose')} 0 cm³, the "
+            f"first near {in_mm(where)}; remove it or give it a thickness.",
+            where,
+            code="mesh_faulty",
+        )
+    inward = np.flatnonzero(volumes < 0.0)
+    if len(inward) == 0:
+        return triangles
+    flip = (volumes < 0.0)[piece]
+    were = counted(len(inward), "closed piece was", "closed pieces were")
+    where = in_mm(vertices[triangles[flip.argmax()]].mean(axis=0))
+    number = int((piece == inward[0]).sum())
+    notes.append(
+        f"{were} inside out and turned round, the first of {number} triangles near {where}."
+    )
+    return np.where(flip[:, None], triangles[:, ::-1], triangles)
+
+
+def _check_no_bow_ties(vertices: Vertices, triangles: Triangles, twins: Twins) -> None:
+    """Check that no parts of a closed mesh are joined by one vertex alone."""
+    # Corners around a vertex form one ring, or several where parts only touch. The lowest corner of
+    # each ring is found by jumps of doubled length.
+    jump = (3 * (twins // 3) + (twins + 1) % 3).ravel()
+    lowest = np.arange(len(jump))
+    while True:
+        lower = np.minimum(lowest, lowest[jump])
+        if np.array_equal(lower, lowest):
+            break
+        lowest = lower
+        jump = jump[jump]
+    first_of_ring = lowest == np.arange(len(lowest))
+    rings = np.bincount(triangles.ravel()[first_of_ring], minlength=len(vertices))
+    tied = np.flatnonzero(rings > 1)
+    if len(tied):
+        where = vertices[tied[0]]
+        raise InvalidInput(
+            f"{counted(len(tied), 'vertex joins', 'vertices join')} parts of the surface that touch "
+            f"nowhere else, the first near {in_mm(where)}; move the parts apart or join them.",
+            where,
+            code="mesh_faulty",
+        )

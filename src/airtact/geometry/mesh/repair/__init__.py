@@ -1,1 +1,0 @@
-"""A damaged triangle mesh made closed, step by step."""
