@@ -198,7 +198,7 @@ def damaged_figures(count: int = 500) -> Iterator[str]:
 
 
 def _repaired(mesh: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    from airtact.geometry.mesh.repair.pipeline import repaired
+    from airtact.geometry.mesh.repair import repaired
 
     found = repaired(*mesh)
     return found.vertices, found.triangles

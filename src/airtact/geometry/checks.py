@@ -1,7 +1,7 @@
-"""Checks of bodies: surfaces that cross themselves or are too thin, bodies that overlap or are near.
+"""Checks of bodies: surfaces that cross themselves or are too thin, bodies that overlap.
 
-Distances are those of the true, curved surfaces. They are measured between flat triangles, which are
-split where they deviate from the true surface.
+Distances are those of the true, curved surfaces. They are measured between flat triangles, which
+are split where they deviate from the true surface.
 """
 
 from collections.abc import Sequence
@@ -16,6 +16,8 @@ from airtact.errors import InvalidInput
 from airtact.geometry.mesh.arrays import Corners, FlatMesh, Points, Vector3
 from airtact.geometry.mesh.intersections import crossings_between, segment_triangle_distances
 from airtact.geometry.mesh.mesh_distance import (
+    FirstCorners,
+    SecondCorners,
     nearest_between,
     segment_distances,
     segment_to_triangle,
@@ -30,7 +32,7 @@ from airtact.geometry.surface import Body, Surface
 TOUCH = 1e-9
 """Distance below which bodies touch [m]."""
 NEAREST = 0.3e-3
-"""Smallest distance of two bodies [m]: no panels are small enough to face each other across less air."""
+"""Smallest distance of two bodies [m]: panels cannot resolve less air between them."""
 THINNEST = 0.5e-3
 """Smallest thickness of a body [m]."""
 FLAT_TOLERANCE = 10e-6
@@ -67,8 +69,8 @@ def check_not_crossed(surface: Surface) -> None:
         first, second = pairs[0]
         where = surface.corners[pairs[0]].mean(axis=(0, 1))
         raise InvalidInput(
-            f"the surface crosses itself: {_pairs_meet(len(pairs))}, the first are triangles {first} "
-            f"and {second} near {in_mm(where)}; repair it.",
+            f"the surface crosses itself: {_pairs_meet(len(pairs))}, the first are triangles "
+            f"{first} and {second} near {in_mm(where)}; repair it.",
             where,
             code="mesh_faulty",
         )
@@ -91,11 +93,11 @@ def _pairs_meet(count: int) -> str:
 def thin_part(surface: Surface, thinnest: float, short: float) -> tuple[float, Vector3] | None:
     """Find a part of a body thinner than a length: its thickness [m] and its position (3,) [m].
 
-    The thickness at a point is the diameter of the largest inner ball that touches the surface there
-    and reaches surface of the opposite direction, to 20 degrees, so the edges of wedges are thick
-    enough. A part counts if the body is not thick enough anywhere within ``short`` [m]: bumps, ribs
-    and necks shorter than that pass. A tenth less passes too, because meshes are rough, or coarse on
-    round bodies.
+    The thickness at a point is the diameter of the largest inner ball that touches the surface
+    there and reaches surface of the opposite direction, to 20 degrees, so the edges of wedges are
+    thick enough. A part counts if the body is not thick enough anywhere within ``short`` [m]:
+    bumps, ribs and necks shorter than that pass. A tenth less passes too, because meshes are rough,
+    or coarse on round bodies.
     """
     if surface.shape.least_thickness >= thinnest * (1.0 - 1e-9):
         return None
@@ -253,7 +255,7 @@ def _wide_overlap(one: Surface, two: Surface, bulge: float) -> Approach | None:
     return None
 
 
-def _triangles(one: Corners, two: Corners, within: float) -> Approach | None:
+def _triangles(one: FirstCorners, two: SecondCorners, within: float) -> Approach | None:
     pairs = crossings_between(one, two)
     if len(pairs):
         where = one[pairs[0, 0]].mean(axis=0)

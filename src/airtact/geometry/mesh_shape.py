@@ -41,7 +41,7 @@ from airtact.printing import in_short
 
 @dataclass(frozen=True, eq=False)
 class MeshShape(Shape):
-    """A mesh of quadratic triangles at a pose; its panels at rest are ``cached`` by edge and distance."""
+    """A mesh of quadratic triangles at a pose; ``cached`` are panels at rest by their settings."""
 
     mesh: QuadraticMesh
     pose: Pose
@@ -68,11 +68,11 @@ class MeshShape(Shape):
 
     @property
     def crossings(self) -> IndexPairs:
-        """Pairs of flat triangles (K, 2) that cross or touch beyond what they share as neighbours."""
+        """Pairs of flat triangles (K, 2) that cross or touch beyond their shared corners."""
         return self.mesh.crossings
 
     def nested_piece(self) -> tuple[int, int, float, Vector3] | None:
-        """Closed piece inside another: the indices of both, its depth [m] and a point (3,) of it [m]."""
+        """Find a closed piece inside another: both indices, its depth [m] and a point (3,) [m]."""
         points = np.array([piece.vertices[piece.triangles[0, 0]] for piece in self.mesh.pieces])
         if len(points) == 1:
             return None
@@ -90,7 +90,7 @@ class MeshShape(Shape):
         return self.pose.apply(self.mesh.quadratic_triangles)
 
     def edge_middles(self, corners: EdgeVectors) -> EdgeVectors:
-        """Points of the surface over the middles of edges 01, 12, 20 of its triangles (T, 3, 3) [m]."""
+        """Points over the middles of edges 01, 12, 20 of its triangles (T, 3, 3) [m]."""
         return self.quadratic_triangles[:, 3:]
 
     def depth(self, points: Points) -> PointLengths:
@@ -106,7 +106,7 @@ class MeshShape(Shape):
         return self.pose.apply(self.mesh.project_on_sharp_edges(self.pose.inverse().apply(points)))
 
     def fitted(self, panels: QuadraticTriangles) -> QuadraticTriangles:
-        """Move panels (P, 6, 3) near the surface to where it lies evenly on both sides of each [m]."""
+        """Fit panels (P, 6, 3) so that the surface lies evenly on both sides of each [m]."""
         return self.pose.apply(self.mesh.fitted(self.pose.inverse().apply(panels)))
 
     def off_triangles(self, points: Points) -> PointLengths:
@@ -129,7 +129,7 @@ class MeshShape(Shape):
         return self.quadratic_triangles.reshape(-1, 3)
 
     def coarse_meshes(self, edge: float) -> list[RidgedMesh]:
-        """Triangles to start remeshing from, with edges of up to ``edge`` [m] unless they are sharp."""
+        """Triangles to start remeshing from, with edges up to ``edge`` [m] unless sharp."""
         meshes = []
         for piece in self.mesh.pieces:
             split = piece.with_short_edges(edge)
@@ -148,9 +148,9 @@ class MeshShape(Shape):
 def covered(mesh: QuadraticMesh, edge: float, away: float = np.inf) -> QuadraticTriangles:
     """Cover one closed piece with curved panels as large as equilateral triangles of an edge [m].
 
-    MMG makes the triangles. Their corners and middles are projected onto the surface, those of sharp
-    edges onto the sharp edges. Panels that still deviate by more than 0.4 % of the edge, or by more
-    than ``away`` [m] where the surface is smooth, are cut in four.
+    MMG makes the triangles. Their corners and middles are projected onto the surface, those of
+    sharp edges onto the sharp edges. Panels that still deviate by more than 0.4 % of the edge, or
+    by more than ``away`` [m] where the surface is smooth, are cut in four.
     """
     extent = float(np.ptp(mesh.vertices, axis=0).max())
     shorter = min(edge, 0.5 * extent)
@@ -213,9 +213,7 @@ def _on_surface(mesh: QuadraticMesh, new: RidgedMesh, edge: float) -> QuadraticT
         along = are_among(edges, new.ridges)
         middles[along] = mesh.project_on_sharp_edges(straight[along])
     return mesh.levelled(
-        np.concatenate(
-            [corners[new.triangles], middles[inverse.ravel()].reshape(-1, 3, 3)], axis=1
-        )
+        np.concatenate([corners[new.triangles], middles[inverse.ravel()].reshape(-1, 3, 3)], axis=1)
     )
 
 
@@ -233,8 +231,9 @@ def _cut_where_it_helps(
             break
         pieces, _ = cut(panels[far], np.full(int(far.sum()), 2))
         pieces = mesh.fitted(pieces)
-        # Cutting reduces the deviation from a smooth surface by a factor of 8 or more, from a rough
-        # one by less. A panel that is too far off needs half, one that only misses ``away`` a fifth.
+        # Cutting reduces the deviation from a smooth surface by a factor of 8 or more, from a
+        # rough one by less. It must reach half for a panel that is too far off, a fifth for one
+        # that only misses ``away``.
         enough = np.where(deviation[far] > too_far, 0.5, 0.2) * deviation[far]
         mean_square = np.mean(mesh.deviation(pieces).reshape(-1, 4) ** 2, axis=1)
         better = (np.sqrt(mean_square) < enough) | steep[far]

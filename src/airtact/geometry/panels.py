@@ -1,16 +1,16 @@
 """Curved quadratic (six-node) panels of a wanted size for the solvers.
 
-Panels need not meet corner to corner, so each can be cut on its own. They are smaller beside points,
-in gaps and walls, and where flat faces enclose a cavity. Sound that is reflected repeatedly meets
-the same error each time, and most of it in the corners: there the errors of the nearest panels do
-not cancel as they do farther away.
+Panels need not meet corner to corner, so each can be cut on its own. They are smaller beside
+points, in gaps and walls, and where flat faces enclose a cavity. Sound that is reflected repeatedly
+meets the same error each time, and most of it in the corners: there the errors of the nearest
+panels do not cancel as they do farther away.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int64
+from jaxtyping import Bool, Float64, Int64, Real
 from scipy.spatial import KDTree
 
 from airtact import _kernels
@@ -28,7 +28,7 @@ from airtact.geometry.mesh.quadratic_triangles import (
 from airtact.geometry.shape import BEND, Shape
 
 LONGEST_TO_EQUILATERAL = 1.2
-"""Longest edge of a typical triangle, over the edge of the equilateral triangle of the same area."""
+"""Longest edge of a typical triangle, over that of the equilateral one of the same area."""
 LARGEST_TO_POINT = 1.7
 """Longest edge of panels beside a point, over their distance from it."""
 LARGEST_TO_GAP = 1.0
@@ -128,7 +128,11 @@ def panels_of(
 
 
 def _refined(
-    panels: QuadraticTriangles, shape: Shape, points: Points, obstacles: Points, smallest: float
+    panels: QuadraticTriangles,
+    shape: Shape,
+    points: Points,
+    obstacles: Real[np.ndarray, "obstacles 3"],
+    smallest: float,
 ) -> Pieces:
     """Cut panels in four until none is larger than points, gaps and thin walls allow."""
     beside_point = LONGEST_TO_EQUILATERAL * smallest
@@ -224,7 +228,7 @@ def _halved_in_corners(panels: QuadraticTriangles) -> Pieces:
 
 @dataclass(frozen=True, eq=False)
 class _Face:
-    """Flat panels in one plane: its unit normal, its distance from the origin, their middles [m]."""
+    """Flat panels in one plane: its unit normal, distance from the origin, their middles [m]."""
 
     normal: Float64[np.ndarray, "3"]
     distance: float
@@ -256,9 +260,7 @@ def _facing_faces(bodies: Sequence[Pieces]) -> list[_Face]:
         middles = middles[~within]
         normals = normals[~within]
     return [
-        face
-        for face in faces
-        if any(face.faces(other) and other.faces(face) for other in faces)
+        face for face in faces if any(face.faces(other) and other.faces(face) for other in faces)
     ]
 
 

@@ -65,7 +65,7 @@ class Pose:
 
     @classmethod
     def identity(cls) -> "Pose":
-        """The motion that moves nothing."""
+        """Make the motion that moves nothing."""
         return cls(np.eye(3), np.zeros(3))
 
     @classmethod
@@ -116,7 +116,7 @@ class Pose:
         return np.asarray(vectors, dtype=np.float64) @ self.rotation.T
 
     def inverse(self) -> "Pose":
-        """The motion that undoes this one."""
+        """Make the motion that undoes this one."""
         return self._inverse
 
     @cached_property

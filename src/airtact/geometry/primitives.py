@@ -34,7 +34,7 @@ from airtact.printing import in_short
 
 @dataclass(frozen=True, eq=False)
 class Capsule(Shape):
-    """All points within ``radius`` [m] of a segment on the local z axis; of length 0, it is a sphere.
+    """All points within ``radius`` [m] of a segment on the local z axis; a sphere for length 0.
 
     The segment runs from -length/2 to +length/2 [m].
 
@@ -57,7 +57,7 @@ class Capsule(Shape):
         length = number(self.length, "the length of a capsule's axis", "m")
         if not math.isfinite(length) or length < 0.0:
             raise InvalidInput(
-                f"a capsule's axis has length {length:g} m, but it must be finite and not negative.",
+                f"a capsule's axis has length {length:g} m; it must be finite and not negative.",
                 code="out_of_range",
             )
         object.__setattr__(self, "length", length)
@@ -135,8 +135,8 @@ class Capsule(Shape):
     def panels(self, edge: float, bend: float = BEND, away: float = math.inf) -> QuadraticTriangles:
         """Cover it with curved panels as large as equilateral triangles of a given edge [m].
 
-        They turn by at most ``bend`` [rad] from edge to edge. The mesh is as coarse as the mean area
-        of its panels allows.
+        They turn by at most ``bend`` [rad] from edge to edge. The mesh is as coarse as the mean
+        area of its panels allows.
         """
         # Narrow panels around a pole contribute less, so 1.35 times as many are needed.
         wanted = 1.35 * self.area / (np.sqrt(3) / 4 * edge**2)
@@ -147,7 +147,7 @@ class Capsule(Shape):
         options = []
         for rings in range(2, max_rings + 1):
             for around in range(max(3 * rings, min_around), 4 * rings + 1):
-                count = _count(rings, around, length)
+                count = _triangle_count(rings, around, length)
                 if count >= wanted:
                     options.append((count, rings, around))
         _, rings, around = min(options)
@@ -163,25 +163,25 @@ class Capsule(Shape):
     def mesh(self, edge: float) -> Surface:
         """Mesh it with curved triangles whose vertices and midpoints lie exactly on it.
 
-        Each cap is a hemisphere of m rings, ring i having 5 i points. The cylinder between has rings
-        of 5 m points, each turned by half a step. The mesh is made at rest and then moved, so it
-        moves exactly with the pose. ``edge`` is the longest straight edge allowed [m]. It may not be
-        so short that a cap needs over 400 rings.
+        Each cap is a hemisphere of m rings, ring i having 5 i points. The cylinder between has
+        rings of 5 m points, each turned by half a step. The mesh is made at rest and then moved, so
+        it moves exactly with the pose. ``edge`` is the longest straight edge allowed [m]. It may
+        not be so short that a cap needs over 400 rings.
         """
         edge = positive(edge, "edge", "m")
         check_size(self.extent)
         max_rings = 400  # 1.6 million triangles: beyond it the edge is in a wrong unit
-        rings = max_rings + 1
+        fewest = max_rings + 1
         if edge > self.radius / max_rings:
-            rings = max(2, math.ceil(1.6 * self.radius / edge))
-        for rings in range(rings, max_rings + 1):
+            fewest = max(2, math.ceil(1.6 * self.radius / edge))
+        for rings in range(fewest, max_rings + 1):
             around = 5 * rings  # five triangles round a pole keep every angle above 30 degrees
-            count = _count(rings, around, self.length / self.radius)
+            count = _triangle_count(rings, around, self.length / self.radius)
             if count > MOST_TRIANGLES:
                 raise InvalidInput(
-                    f"a capsule of {1e3 * self.radius:.4g} mm radius and {1e3 * self.length:.4g} mm "
-                    f"length needs {count:,} triangles, more than {MOST_TRIANGLES:,}: are its "
-                    "lengths in different units? Give metres.",
+                    f"a capsule of {1e3 * self.radius:.4g} mm radius and "
+                    f"{1e3 * self.length:.4g} mm length needs {count:,} triangles, more than "
+                    f"{MOST_TRIANGLES:,}: are its lengths in different units? Give metres.",
                     self.pose.translation,
                     code="too_many",
                 )
@@ -303,7 +303,6 @@ def _triangles(rings: int, around: int, bands: int) -> Triangles:
 
 
 def _bands(around: int, length: float) -> int:
-    """Number of bands of triangles on the cylinder."""
     # Height of an equilateral triangle over one edge of the waist.
     step = math.sqrt(3.0) * math.sin(math.pi / around)
     # A cylinder too short for a band of good triangles gets none: both caps share one ring in its
@@ -311,19 +310,18 @@ def _bands(around: int, length: float) -> int:
     return max(1, round(length / step)) if length > 0.6 * step else 0
 
 
-def _count(rings: int, around: int, length: float) -> int:
-    """Number of triangles of ``_mesh``."""
+def _triangle_count(rings: int, around: int, length: float) -> int:
     return 2 * (2 * _inner_points(rings, around) + around + around * _bands(around, length))
 
 
 @cache
 def _inner_points(rings: int, around: int) -> int:
-    """Number of points of a cap between its pole and its last ring."""
+    """Count the points of a cap between its pole and its last ring."""
     return sum(_ring_points(ring, rings, around) for ring in range(1, rings))
 
 
 def _ring_points(ring: int, rings: int, around: int) -> int:
-    """Number of points of a ring of a cap, proportional to its index; at least 3, the last ``around``."""
+    """Count the points of a ring, in proportion to its index: 3 or more, ``around`` on the last."""
     return max(3, (2 * around * ring + rings) // (2 * rings))
 
 
@@ -331,8 +329,8 @@ def _ring_points(ring: int, rings: int, around: int) -> int:
 def _cap(rings: int, around: int) -> tuple[Vertices, Triangles]:
     """Mesh the upper half of the unit sphere: the pole, then ring i at polar angle (π/2)(i/m).
 
-    Between two rings, the edges of both are ordered by their middles, and each forms a triangle with
-    the point of the other ring before it.
+    Between two rings, the edges of both are ordered by their middles, and each forms a triangle
+    with the point of the other ring before it.
     """
     points = [np.array([[0.0, 0.0, 1.0]])]
     triangles = []

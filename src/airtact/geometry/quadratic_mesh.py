@@ -1,4 +1,4 @@
-"""A closed mesh of quadratic triangles: depth and projection of points, sharp edges, fitted panels."""
+"""A closed mesh of quadratic triangles: depth and projection of points, fitted panels."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -81,7 +81,7 @@ class QuadraticMesh:
 
     @cached_property
     def crossings(self) -> IndexPairs:
-        """Pairs of flat triangles (K, 2) that cross or touch beyond what they share as neighbours."""
+        """Pairs of flat triangles (K, 2) that cross or touch beyond their shared corners."""
         return self_crossings(self.vertices[self.triangles], self.triangles)
 
     @cached_property
@@ -217,7 +217,7 @@ class QuadraticMesh:
         return np.sqrt(distance**2 @ (2 * _RULE_WEIGHTS))
 
     def fitted(self, panels: QuadraticTriangles) -> QuadraticTriangles:
-        """Move panels (P, 6, 3) near the surface to where it lies evenly on both sides of each [m]."""
+        """Fit panels (P, 6, 3) so that the surface lies evenly on both sides of each [m]."""
         return self.levelled(self.project(panels.reshape(-1, 3)).reshape(-1, 6, 3))
 
     def levelled(self, panels: QuadraticTriangles) -> QuadraticTriangles:
@@ -245,7 +245,7 @@ class QuadraticMesh:
 def _along_ridge(
     share: Float64[np.ndarray, "*points"],
 ) -> tuple[Float64[np.ndarray, "*points 3"], Float64[np.ndarray, "*points 3"]]:
-    """Shape functions of start, middle and end of an edge at a share of it, and their derivatives."""
+    """Shape functions of start, middle and end of an edge at a share of it, and derivatives."""
     shape = np.stack(
         [(1 - share) * (1 - 2 * share), 4 * share * (1 - share), share * (2 * share - 1)], axis=-1
     )

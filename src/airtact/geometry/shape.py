@@ -43,7 +43,7 @@ class Shape(ABC):
 
     @property
     def thinnest(self) -> float:
-        """Diameter of the largest inner ball that touches the surface, if it is uniform, else 0 [m]."""
+        """Diameter of the largest inner ball that touches the surface, 0 if it varies [m]."""
         return 0.0
 
     @property
@@ -67,7 +67,7 @@ class Shape(ABC):
         return np.zeros((0, 2), dtype=np.int64)
 
     def nested_piece(self) -> tuple[int, int, float, Vector3] | None:
-        """Closed piece inside another: the indices of both, its depth [m] and a point (3,) of it [m]."""
+        """Find a closed piece inside another: both indices, its depth [m] and a point (3,) [m]."""
         return None
 
     @abstractmethod
@@ -83,16 +83,16 @@ class Shape(ABC):
         return self.project(points)
 
     def fitted(self, panels: QuadraticTriangles) -> QuadraticTriangles:
-        """Move the nodes of panels (P, 6, 3) near the surface to where the panels follow it best [m]."""
+        """Fit panels (P, 6, 3) near the surface so that they follow it best [m]."""
         return self.project(panels.reshape(-1, 3)).reshape(panels.shape)
 
     def edge_middles(self, corners: EdgeVectors) -> EdgeVectors:
-        """Points of the surface over the middles of edges 01, 12, 20 of its triangles (T, 3, 3) [m]."""
+        """Points over the middles of edges 01, 12, 20 of its triangles (T, 3, 3) [m]."""
         straight = 0.5 * (corners + np.roll(corners, -1, axis=1))
         return self.project(straight.reshape(-1, 3)).reshape(straight.shape)
 
     def off_triangles(self, points: Points) -> PointLengths:
-        """Distance of points (P, 3) from the flat triangles that define the surface, 0 if none [m]."""
+        """Distance of points (P, 3) from the flat triangles that define it, 0 if none [m]."""
         return np.zeros(len(points))
 
     @abstractmethod
@@ -105,7 +105,7 @@ class Shape(ABC):
         """
 
     def flat_mesh(self, away: float) -> FlatMesh | None:
-        """Flat triangles at most ``away`` [m] off; None if they must be made from given triangles."""
+        """Flat triangles at most ``away`` [m] off; None if it is defined by triangles."""
         return None
 
     @abstractmethod
@@ -119,7 +119,7 @@ class Shape(ABC):
 
     @abstractmethod
     def coarse_meshes(self, edge: float) -> list[RidgedMesh]:
-        """Triangles to start remeshing from, with edges of up to about ``edge`` [m], for each piece."""
+        """Triangles to start remeshing each piece from, with edges up to about ``edge`` [m]."""
 
     @abstractmethod
     def moved(self, pose: Pose) -> "Shape":

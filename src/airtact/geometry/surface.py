@@ -68,9 +68,9 @@ class Surface:
     Raises
     ------
     InvalidInput
-        For wrong shapes, NaN or infinity, indices out of range, an extent over 2 m or under 0.5 mm,
-        degenerate triangles, an open or inside-out mesh, and midpoints that neighbours do not share.
-        (A ``Scene`` looks for crossings of the surface with itself.)
+        For wrong shapes, NaN or infinity, indices out of range, an extent over 2 m or under 0.5
+        mm, degenerate triangles, an open or inside-out mesh, and midpoints that neighbours do not
+        share. (A ``Scene`` looks for crossings of the surface with itself.)
 
     Examples
     --------

@@ -42,7 +42,7 @@ from airtact.geometry.primitives import Capsule
 from airtact.geometry.surface import Surface
 
 BALL_RADIUS = 0.3e-3
-"""Radius of the balls that make up bridges that would be too thin, or 0.6 gaps if that is more [m]."""
+"""Radius of the balls that thin bridges are made of, or 0.6 gaps if that is more [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,9 +59,9 @@ def merged(surfaces: Sequence[Surface], gap: float = NEAREST) -> Surface:
 
     Material fills the air between two bodies where the distances to both add up to at most the gap
     and their surfaces face each other: fully within 17 degrees, less and less up to 53. Furrows in
-    which bodies meet at a wider angle stay. Where a bridge would be thinner than 0.5 mm, all bridges
-    are made of balls of 0.6 mm (1.2 gaps if that is more) with their centres there. Enclosed air is
-    filled. Elsewhere the surface stays, within 10 micrometres.
+    which bodies meet at a wider angle stay. Where a bridge would be thinner than 0.5 mm, all
+    bridges are made of balls of 0.6 mm (1.2 gaps if that is more) with their centres there.
+    Enclosed air is filled. Elsewhere the surface stays, within 10 micrometres.
 
     Parameters
     ----------
@@ -82,8 +82,9 @@ def merged(surfaces: Sequence[Surface], gap: float = NEAREST) -> Surface:
     --------
     >>> from airtact.geometry.primitives import sphere
     >>> balls = [sphere(radius=2e-3, edge=1e-3, centre=(x, 0, 0)) for x in (0, 3e-3)]
-    >>> round(sum(ball.volume for ball in balls) * 1e9, 1), round(float(merged(balls).volume) * 1e9, 1)
-    (67.0, 64.1)
+    >>> volumes = sum(ball.volume for ball in balls), float(merged(balls).volume)
+    >>> [round(volume * 1e9, 1) for volume in volumes]
+    [67.0, 64.1]
     """
     bodies = [
         of_kind(body, Surface, f"body {index}", "a Surface") for index, body in enumerate(surfaces)
@@ -227,9 +228,7 @@ def _middles(
     return result.reshape(-1, 3, 3)
 
 
-def _united(
-    bodies: Iterable[FlatMesh], bridges: Iterable[FlatMesh], tolerance: float
-) -> FlatMesh:
+def _united(bodies: Iterable[FlatMesh], bridges: Iterable[FlatMesh], tolerance: float) -> FlatMesh:
     """Boolean union of closed meshes, without slivers and enclosed air."""
     from manifold3d import Error, Manifold, Mesh64, OpType
 
@@ -262,7 +261,7 @@ _CORNERS = np.array([[corner >> axis & 1 for axis in range(3)] for corner in ran
 
 @dataclass(frozen=True, eq=False)
 class Filling:
-    """The filling between two bodies, given by their depths, in the box from ``low`` to ``high`` [m].
+    """The filling between two bodies, given by their depths, in the box ``low`` to ``high`` [m].
 
     ``width`` is the largest sum of the distances to the bodies [m].
     """
@@ -303,7 +302,7 @@ class Filling:
         return 0.6 * self.width
 
     def _cubes(self, edge: float) -> Int64[np.ndarray, "cubes 3"]:
-        """Indices of the cubes of the grid that the surface of the filling may pass."""
+        """Find the cubes of the grid that the surface of the filling may pass."""
         # Start with about eight cubes along the box and halve those that may hold filling.
         size = edge * 2.0 ** max(0, round(np.log2((self.high - self.low).max() / (8.0 * edge))))
         counts = np.maximum(np.ceil((self.high - self.low) / size).astype(np.int64), 1)
@@ -331,7 +330,7 @@ class Filling:
     def _levels(
         self, grid: "_Grid"
     ) -> tuple[Float64[np.ndarray, "points"], Float64[np.ndarray, "points"]]:
-        """Level that is negative in the filling, and distance from both bodies, of grid points [m]."""
+        """Level of grid points, negative in the filling, and distance from both bodies [m]."""
         one, two = self._distances(grid.points)
         total = one + two
         outside = np.minimum(one, two)

@@ -7,11 +7,8 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float64, Real
 
-from airtact.geometry.mesh.quadratic_triangles import (
-    QuadraticTriangles,
-    enclosed_volume,
-    panel_areas,
-)
+from airtact.geometry.mesh.arrays import QuadraticTriangles
+from airtact.geometry.mesh.quadratic_triangles import enclosed_volume, panel_areas
 from airtact.geometry.mesh.remeshing import RidgedMesh
 from airtact.geometry.pose import Pose, nearest_motion
 from airtact.geometry.shape import BEND, Shape

@@ -9,16 +9,9 @@ import numpy as np
 from jaxtyping import Float64, Int64
 from scipy.spatial import KDTree
 
-from airtact.geometry.mesh.quadratic_triangles import QuadraticTriangles, edge_lengths
-from airtact.geometry.mesh.topology import (
-    Triangles,
-    Vertices,
-    are_among,
-    components,
-    edge_ends,
-    edge_twins,
-    with_fans,
-)
+from airtact.geometry.mesh.arrays import QuadraticTriangles, Triangles, Vertices
+from airtact.geometry.mesh.quadratic_triangles import edge_lengths
+from airtact.geometry.mesh.topology import are_among, components, edge_ends, edge_twins, with_fans
 
 PARTED = (1e-6, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5)
 """Nodes on open edges are joined that part by less than these shares of the shortest edge of the smaller panel, those

@@ -9,7 +9,7 @@ from jaxtyping import Real
 from airtact.checks import within
 from airtact.errors import InvalidInput
 from airtact.files.atomic import whole_file
-from airtact.geometry.mesh.quadratic_triangles import QuadraticTriangles
+from airtact.geometry.mesh.arrays import QuadraticTriangles
 from airtact.geometry.mesh.topology import edge_twins
 from airtact.geometry.panels import Panels
 from airtact.setup.flat_triangles import flat_triangles

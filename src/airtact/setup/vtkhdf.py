@@ -10,11 +10,8 @@ from jaxtyping import Complex, Real
 from airtact.errors import InvalidInput
 from airtact.evaluation.windows import Box
 from airtact.files.atomic import whole_file
-from airtact.geometry.mesh.quadratic_triangles import (
-    QuadraticTriangles,
-    panel_areas,
-    smallest_angles,
-)
+from airtact.geometry.mesh.arrays import QuadraticTriangles
+from airtact.geometry.mesh.quadratic_triangles import panel_areas, smallest_angles
 from airtact.geometry.surface import Surface
 
 if TYPE_CHECKING:

@@ -11,12 +11,8 @@ from matplotlib.figure import Figure
 
 from airtact.errors import InvalidInput
 from airtact.files.atomic import writable_folder
-from airtact.geometry.mesh.quadratic_triangles import (
-    QuadraticTriangles,
-    enclosed_volume,
-    panel_areas,
-    smallest_angles,
-)
+from airtact.geometry.mesh.arrays import QuadraticTriangles
+from airtact.geometry.mesh.quadratic_triangles import enclosed_volume, panel_areas, smallest_angles
 from airtact.geometry.mesh_shape import MeshShape
 from airtact.hands.files import CLOUD_ENDINGS as CLOUDS
 from airtact.hands.files import load_cloud, load_hand, load_landmarks

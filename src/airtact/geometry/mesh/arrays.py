@@ -1,4 +1,4 @@
-"""The arrays of meshes by what they hold; axes of one name have the same length within a signature."""
+"""Array types of meshes; axes of one name have the same length within a signature."""
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64, Real

@@ -1,10 +1,11 @@
-"""Curves a triangle mesh by its normals: points of the smooth surface over the middles of its edges.
+"""Curves a triangle mesh by its normals: the smooth surface over the middles of its edges.
 
-Every edge has a tangent at either end. On a smooth surface it is the edge projected into the tangent
-plane there. The normal of that plane is the mean of the triangles around the corner up to the next
-sharp edges, weighted by their angles. Along a sharp edge that continues smoothly the tangent is the
-direction of that line. The middle of the edge moves to the middle of a circular arc with these
-tangents, so spheres and cylinders become exactly round, flat faces stay flat and sharp edges sharp.
+Every edge has a tangent at either end. On a smooth surface it is the edge projected into the
+tangent plane there. The normal of that plane is the mean of the triangles around the corner up to
+the next sharp edges, weighted by their angles. Along a sharp edge that continues smoothly the
+tangent is the direction of that line. The middle of the edge moves to the middle of a circular arc
+with these tangents, so spheres and cylinders become exactly round, flat faces stay flat and sharp
+edges sharp.
 
 Source of the weights: G. Thürmer, C. A. Wüthrich, "Computing vertex normals from polygonal facets",
 Journal of Graphics Tools 3, 43 (1998).
@@ -91,7 +92,7 @@ def _rises(
 
 
 def _is_folded(panels: QuadraticTriangles, flat: TriangleVectors) -> TriangleMask:
-    """Whether a curved panel turns by over 60 degrees from its flat triangle at any of its nodes."""
+    """Whether a panel turns by over 60 degrees from its flat triangle at any of its nodes."""
     corners = panels[:, :3]
     rise = panels[:, 3:] - 0.5 * (corners + np.roll(corners, -1, axis=1))
     twice_area = np.linalg.norm(area_vectors(corners), axis=1)
@@ -139,12 +140,11 @@ def _caps(
 
 
 def _in_tangent_plane(along: EdgeVectors, normals: EdgeVectors) -> EdgeVectors:
-    """Unit projections of edges into the planes of normals."""
     return unit(along - np.einsum("tei,tei->te", along, normals)[:, :, None] * normals)
 
 
 def _half_tangent(tangent: EdgeVectors, along: EdgeVectors) -> EdgeVectors:
-    """Vector of length tan(a/2) across an edge, for a tangent at the angle a; zero over 60 degrees."""
+    """Vector of length tan(a/2) across an edge, for its tangent at an angle a; zero over 60°."""
     cosine = np.einsum("tei,tei->te", tangent, along)[:, :, None]
     across = (tangent - cosine * along) / (1 + np.maximum(cosine, 0))
     return np.where(cosine > np.cos(np.radians(60.0)), across, 0.0)
@@ -164,9 +164,7 @@ def _corner_normals(
     return unit(sums)[sector].reshape(-1, 3, 3)
 
 
-def _sectors(
-    triangles: Triangles, twins: Twins, sharp: EdgeMask
-) -> Int64[np.ndarray, "corners"]:
+def _sectors(triangles: Triangles, twins: Twins, sharp: EdgeMask) -> Int64[np.ndarray, "corners"]:
     """Label the corners 3 t + c that share a vertex and no sharp edge separates."""
     if not sharp.any():
         return triangles.ravel()

@@ -13,7 +13,7 @@ The remesher takes the smallest of the three.
 import numpy as np
 from scipy.spatial import KDTree
 
-from airtact.geometry.mesh.arrays import Ridges, Triangles, Vertices, VertexSizes
+from airtact.geometry.mesh.arrays import Ridges, Triangles, VertexSizes, Vertices
 from airtact.geometry.mesh.mesh_distance import pairs_near
 from airtact.geometry.mesh.quadratic_triangles import area_vectors, unit
 from airtact.geometry.mesh.topology import are_among, edge_ends, edge_twins, smooth_patches

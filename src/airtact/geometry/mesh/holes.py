@@ -1,8 +1,8 @@
 """Fills small holes of a triangle mesh where the surface around them shows what is missing.
 
-A hole is filled if it is narrow and the surface around it leans so little out of its plane that even
-a cone continued from the rim would add next to nothing to the body. The open end of a tube, a single
-loose triangle or a lost fingertip lean too much and raise an error.
+A hole is filled if it is narrow and the surface around it leans so little out of its plane that
+even a cone continued from the rim would add next to nothing to the body. The open end of a tube, a
+single loose triangle or a lost fingertip lean too much and raise an error.
 
 All triangulations of the rim are weighed by dynamic programming, after G. Barequet and M. Sharir,
 "Filling gaps in the boundary of a polyhedron", CAGD 12, 1995, and P. Liepa, "Filling holes in
@@ -81,7 +81,9 @@ def without_holes(
     count = int(triangles.max()) + 1
     fillings = [_patch(vertices, hole.rim, normals[hole.beside], keys, count) for hole in holes]
     no_way = "that no triangles close without meeting the surface again"
-    _check_none([hole for hole, filling in zip(holes, fillings, strict=True) if filling is None], no_way)
+    _check_none(
+        [hole for hole, filling in zip(holes, fillings, strict=True) if filling is None], no_way
+    )
     filled = np.concatenate([triangles, *(filling for filling in fillings if filling is not None)])
     twins = edge_twins(filled)
     torn = filled[(twins < 0).any(axis=1)]
@@ -105,7 +107,7 @@ def _check_none(holes: list[Hole], fault: str, cure: str = "close it in the file
 
 
 def _direction(vertices: Vertices, hole: Hole) -> Vector3:
-    """Unit normal of the filling of a hole."""
+    """Find the unit normal of the filling of a hole."""
     points = vertices[hole.rim] - hole.middle
     area = np.cross(points, np.roll(points, -1, axis=0)).sum(axis=0) / 2.0
     return area / max(float(np.linalg.norm(area)), 1e-30)
@@ -133,7 +135,7 @@ def _check_doubtful(
     holes: list[Hole],
     missing: Float64[np.ndarray, "holes"],
 ) -> None:
-    """Check that no two holes face each other, and that no body may have lost 0.5 % of its volume."""
+    """Check that no holes face each other and no body may have lost 0.5 % of its volume."""
     piece = shells(filled, twins)
     volumes = np.bincount(piece, weights=cone_volumes(vertices[filled]))
     body = piece[[hole.beside[0] for hole in holes]]
@@ -164,9 +166,9 @@ def _check_facing(holes: list[Hole], direction: Float64[np.ndarray, "holes 3"]) 
     if faces.any():
         first = int(faces.argmax())
         where = middles[pairs[first]].mean(axis=0)
+        face = counted(int(faces.sum()), "pair of holes faces", "pairs of holes face")
         raise InvalidInput(
-            f"the surface is open: "
-            f"{counted(int(faces.sum()), 'pair of holes faces', 'pairs of holes face')} each other, "
+            f"the surface is open: {face} each other, "
             f"the first {gap[first] * 1e3:.2g} mm apart near {in_mm(where)}, so the bridge between "
             "them may be missing; close them in the file.",
             where,
@@ -209,7 +211,7 @@ def find_holes(vertices: Vertices, triangles: Triangles) -> list[Hole]:
 def _next_edges(
     vertices: Vertices, triangles: Triangles, starts: Indices, ends: Indices
 ) -> Indices:
-    """Border edge that follows each along its hole, given the vertices at which they start and end."""
+    """Border edge that follows each along its hole, given their start and end vertices."""
     order = np.argsort(starts, kind="stable")
     ranked = starts[order]
     after = order[np.searchsorted(ranked, ends)]
@@ -254,8 +256,9 @@ def _patch(
     keys = low * count + high
     match = np.minimum(np.searchsorted(edges, keys), len(edges) - 1)
     barred = (edges[match] == keys) | (low == high)
-    # cost[i, j] is the smallest weight of a triangulation between rim vertices i and j, normal[i, j]
-    # the normal of its triangle over the chord ij, split[i, j] the third corner of that triangle.
+    # cost[i, j] is the smallest weight of a triangulation between rim vertices i and j,
+    # normal[i, j] the normal of its triangle over the chord ij, split[i, j] the third corner of
+    # that triangle.
     cost = np.full((size, size), np.inf)
     normal = np.zeros((size, size, 3))
     split = np.zeros((size, size), dtype=np.int64)

@@ -164,8 +164,10 @@ def _pairs_within(corners: Corners, tolerance: float) -> IndexPairs:
     for rank, group in enumerate(groups):
         within = group.tree.query_pairs(2.0 * group.reach + tolerance, output_type="ndarray")
         pairs.append(group.members[within])
-        for larger in groups[rank + 1 :]:
-            pairs.append(pairs_of_groups(group, larger, group.reach + larger.reach + tolerance))
+        pairs += [
+            pairs_of_groups(group, larger, group.reach + larger.reach + tolerance)
+            for larger in groups[rank + 1 :]
+        ]
     result = np.sort(np.concatenate(pairs), axis=1).astype(np.int64)
     return result[_boxes_overlap(corners, corners, result, tolerance)]
 
@@ -186,7 +188,7 @@ def _boxes_overlap(
 
 
 class Group(NamedTuple):
-    """Triangles of similar size: their indices, a tree of their centres, and their largest radius [m]."""
+    """Triangles of similar size: indices, a tree of their centres, and the largest radius [m]."""
 
     members: Int64[np.ndarray, "_"]
     tree: KDTree

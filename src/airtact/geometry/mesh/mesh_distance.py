@@ -132,7 +132,7 @@ def _smallest(candidates: list[PairedNearest]) -> PairedNearest:
 
 
 def nearest_between(first: FirstCorners, second: SecondCorners, within: float) -> Nearest | None:
-    """Closest points of two meshes that do not cross; None unless they are nearer than ``within`` [m].
+    """Closest points of two meshes that do not cross; None if ``within`` [m] or more apart.
 
     Boxes around the triangles are halved repeatedly. Pairs of boxes farther apart than the nearest
     pair of triangles so far are dropped.
@@ -181,9 +181,7 @@ def _descend(
         gaps = gaps[order]
         samples = pairs[:tried]
         best = _nearer(best, first[one.member[samples[:, 0]]], second[two.member[samples[:, 1]]])
-    pairs = np.stack(
-        [boxes[-1].member[pairs[:, 0]], other_boxes[-1].member[pairs[:, 1]]], axis=1
-    )
+    pairs = np.stack([boxes[-1].member[pairs[:, 0]], other_boxes[-1].member[pairs[:, 1]]], axis=1)
     for start in range(tried, len(pairs), batch):
         rest = pairs[start : start + batch]
         rest = rest[gaps[start : start + batch] < best[0] * shrink]

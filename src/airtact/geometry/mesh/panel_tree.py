@@ -27,7 +27,7 @@ class PanelTree:
     def closest(
         self, points: Points, within: PointLengths | None = None
     ) -> tuple[Int64[np.ndarray, "points"], Float64[np.ndarray, "points 2"], PointLengths]:
-        """Closest panel of each point (P, 3) [m], the reference coordinates there, and the distance [m].
+        """Closest panel of points (P, 3) [m], reference coordinates there, and distances [m].
 
         Where no panel is nearer than ``within`` [m], the panel is arbitrary and the distance
         infinite.
@@ -74,7 +74,7 @@ def panel_tree(panels: QuadraticTriangles) -> PanelTree:
 
 
 def _morton(points: Float64[np.ndarray, "points 3"]) -> Int64[np.ndarray, "points"]:
-    """Number points along a Z-order curve through their box (G. M. Morton, IBM report, 1966)."""
+    """Order of points along a Z-order curve through their box (G. M. Morton, IBM report, 1966)."""
     low = points.min(axis=0)
     cell = np.max(points.max(axis=0) - low) / (2**20 - 1)
     grid = ((points - low) / (cell if cell > 0 else 1)).astype(np.int64)

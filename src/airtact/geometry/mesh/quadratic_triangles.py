@@ -31,7 +31,7 @@ def shape_functions(points: References) -> NodeWeights:
 
 
 def shape_gradients(points: References) -> tuple[NodeWeights, NodeWeights]:
-    """Derivatives of the shape functions along u and along v."""
+    """Differentiate the shape functions along u and along v."""
     u = points[:, 0]
     v = points[:, 1]
     w = 1 - u - v
@@ -44,7 +44,7 @@ def shape_gradients(points: References) -> tuple[NodeWeights, NodeWeights]:
 def points_at(
     panels: QuadraticTriangles, references: Real[np.ndarray, "panels 2"]
 ) -> tuple[PanelVectors, PanelVectors]:
-    """One point of each panel [m], and the outward normal there, of twice the local area as length."""
+    """One point of each panel [m], and the outward normal there, of twice the area as length."""
     along_u, along_v = (
         np.einsum("tn,tnd->td", gradient, panels) for gradient in shape_gradients(references)
     )
@@ -76,7 +76,7 @@ def area_vectors(corners: Corners) -> TriangleVectors:
 
 
 def unit(vectors: Float64[np.ndarray, "*axes 3"]) -> Float64[np.ndarray, "*axes 3"]:
-    """Unit vectors along vectors; zero vectors stay zero."""
+    """Scale vectors to unit length; zero vectors stay zero."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
 

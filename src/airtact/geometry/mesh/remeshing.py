@@ -16,8 +16,8 @@ from airtact.geometry.mesh.arrays import (
     QuadraticTriangles,
     Ridges,
     Triangles,
-    Vertices,
     VertexSizes,
+    Vertices,
 )
 from airtact.geometry.mesh.quadratic_triangles import (
     NODE_REFERENCES,
@@ -140,7 +140,7 @@ def split_pieces(two_split: list[list[int]]) -> dict[int, list[list[int]]]:
 def with_short_edges(
     panels: QuadraticTriangles, triangles: Triangles, sharp: EdgeMask, longest: float
 ) -> RidgedMesh:
-    """Halve edges of a closed mesh, on its curved panels, until none is longer than ``longest`` [m]."""
+    """Halve edges of a closed mesh, on its curved panels, down to ``longest`` [m]."""
     while True:
         long = edge_lengths(panels) > longest
         if not long.any():

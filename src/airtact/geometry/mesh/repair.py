@@ -2,10 +2,10 @@
 
 Each step leaves a sound mesh unchanged, and notes what it repaired in one sentence with a count and
 the position of the first place. The order matters: vertices are merged before triangles are
-compared, triangles are oriented before slivers are flipped, and holes are filled before the enclosed
-volume shows what is outside. Source of the kinds of damage and of the order: M. Attene, M. Campen, L.
-Kobbelt, "Polygon mesh repairing: an application perspective", ACM Computing Surveys 45(2), 2013,
-sections 2 and 3.
+compared, triangles are oriented before slivers are flipped, and holes are filled before the
+enclosed volume shows what is outside. Source of the kinds of damage and of the order: M. Attene, M.
+Campen, L. Kobbelt, "Polygon mesh repairing: an application perspective", ACM Computing Surveys
+45(2), 2013, sections 2 and 3.
 """
 
 from dataclasses import dataclass
@@ -44,7 +44,7 @@ from airtact.geometry.mesh.topology import (
 from airtact.printing import in_short
 
 MAX_CRACK = 5e-6
-"""Distance of border vertices from each other or from a border edge that are sides of a crack [m]."""
+"""Largest width of a crack: distance of border vertices from their partners or edges [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,7 +196,7 @@ def _with_merged_vertices(vertices: Vertices, triangles: Triangles, notes: list[
 
 
 def _without_collapsed(vertices: Vertices, triangles: Triangles, notes: list[str]) -> NewTriangles:
-    """Drop triangles that use a vertex twice: their two other neighbours already share their edge."""
+    """Drop triangles that use a vertex twice: their other neighbours already share an edge."""
     collapsed = (triangles == np.roll(triangles, 1, axis=1)).any(axis=1)
     if not collapsed.any():
         return triangles
@@ -442,9 +442,10 @@ def _check_no_bow_ties(vertices: Vertices, triangles: Triangles, twins: Twins) -
     tied = np.flatnonzero(rings > 1)
     if len(tied):
         where = vertices[tied[0]]
+        join = counted(len(tied), "vertex joins", "vertices join")
         raise InvalidInput(
-            f"{counted(len(tied), 'vertex joins', 'vertices join')} parts of the surface that touch "
-            f"nowhere else, the first near {in_mm(where)}; move the parts apart or join them.",
+            f"{join} parts of the surface that touch nowhere else, the first near "
+            f"{in_mm(where)}; move the parts apart or join them.",
             where,
             code="mesh_faulty",
         )

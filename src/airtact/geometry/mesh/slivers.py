@@ -1,8 +1,8 @@
 """Removes slivers: needles are collapsed along their short edge, caps flip their long edge.
 
-A surface with slivers is closed and correct, but their normals are arbitrary. Neither cure moves the
-surface by more than the height of the sliver. Source: M. Botsch, L. Kobbelt, "A robust procedure to
-eliminate degenerate faces from triangle meshes", VMV 2001.
+A surface with slivers is closed and correct, but their normals are arbitrary. Neither cure moves
+the surface by more than the height of the sliver. Source: M. Botsch, L. Kobbelt, "A robust
+procedure to eliminate degenerate faces from triangle meshes", VMV 2001.
 """
 
 import math
@@ -129,7 +129,7 @@ class _EditableMesh:
         return twice_area < longest * min(MAX_FLATNESS * longest, MAX_HEIGHT)
 
     def normal(self, corners: list[int]) -> tuple[float, float, float]:
-        """Normal of a triangle, of twice its area as length."""
+        # Of twice the area as length.
         (ax, ay, az), (bx, by, bz), (cx, cy, cz) = (self._points[corner] for corner in corners)
         ux = bx - ax
         uy = by - ay

@@ -40,7 +40,7 @@ _CELL = 0.3
 def thin_position(
     corners: Corners, triangles: Triangles, depth: Depth, thinnest: float, short: float
 ) -> tuple[float, Vector3] | None:
-    """Find a part of a closed mesh thinner than a length: its thickness [m] and its middle (3,) [m].
+    """Find a part of a closed mesh thinner than a length: thickness [m] and middle (3,) [m].
 
     Thin parts narrower than a third of ``thinnest`` [m] may be missed. A part counts if the body is
     not thick enough anywhere within ``short`` [m] of it: 0 for all parts, more to ignore bumps and

@@ -1,4 +1,4 @@
-"""Neighbours, pieces and orientation of the triangles of a mesh, and checks that it bounds a body."""
+"""Neighbours, pieces and orientation of the triangles of a mesh, and checks of them."""
 
 from collections.abc import Mapping, Sequence
 
@@ -45,7 +45,7 @@ def edge_twins(triangles: AnyTriangles) -> Twins:
 
 
 def edge_keys(triangles: AnyTriangles) -> Triangles:
-    """Number the edges 01, 12, 20 of each triangle, low * count + high, alike in both directions."""
+    """Key of each edge 01, 12, 20, low * count + high, the same in both directions."""
     start = triangles.astype(np.int64)
     end = np.roll(start, -1, axis=1)
     count = int(triangles.max()) + 1 if triangles.size else 1
@@ -103,7 +103,7 @@ def with_fans(triangles: Triangles, through: Mapping[int, Sequence[int]]) -> New
 
 
 def cone_volumes(corners: Corners) -> Float64[np.ndarray, "triangles"]:
-    """Signed volume between each triangle and the mean corner [m³]; the sum is the enclosed volume."""
+    """Signed volume between each triangle and the mean corner [m³]; they add up to the mesh's."""
     a, b, c = np.moveaxis(corners - corners.mean(axis=(0, 1)), 1, 0)
     return np.einsum("ti,ti->t", a, np.cross(b, c)) / 6.0
 
@@ -156,7 +156,7 @@ def check_not_degenerate(vertices: AnyVertices, triangles: AnyTriangles) -> None
 
 
 def check_closed(vertices: AnyVertices, triangles: AnyTriangles) -> Twins:
-    """Return ``edge_twins``; raise unless each edge has exactly one neighbour of opposite direction."""
+    """Return ``edge_twins``; raise unless each edge has one neighbour of opposite direction."""
     twins = edge_twins(triangles)
     for mark, one, many, fault, code in (
         (
@@ -202,9 +202,9 @@ def check_orientation(
         number = int(np.isin(piece, inward).sum())
         are = f"{len(inward)} of {len(volumes)} closed pieces {'is' if len(inward) == 1 else 'are'}"
         raise InvalidInput(
-            f"{'the surface is' if len(volumes) == 1 else are} inside out (the first piece encloses "
-            f"{volumes[inward[0]] * 1e6:.4g} cm³, near {in_mm(where)}); reverse the {number} "
-            "triangles.",
+            f"{'the surface is' if len(volumes) == 1 else are} inside out (the first piece "
+            f"encloses {volumes[inward[0]] * 1e6:.4g} cm³, near {in_mm(where)}); reverse the "
+            f"{number} triangles.",
             where,
             code="mesh_faulty",
         )

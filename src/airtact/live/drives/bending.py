@@ -25,7 +25,7 @@ from airtact.acoustics.solvers.bem.solver import BoundaryElement
 from airtact.acoustics.solvers.monopoles import monopole_pressure
 from airtact.acoustics.sources import Monopoles
 from airtact.acoustics.target import Target
-from airtact.geometry.mesh.quadratic_triangles import QuadraticTriangles
+from airtact.geometry.mesh.arrays import QuadraticTriangles
 from airtact.hands.body import FREE, OWNER, PARTS
 from airtact.hands.hand import Hand
 from airtact.hands.joints import CHAINS, cross

@@ -27,7 +27,7 @@ from airtact.acoustics.solvers.bem.quadrature import place_nodes
 from airtact.acoustics.solvers.bem.solutions import DirectSolution, TransposedSolution
 from airtact.acoustics.solvers.gmres import gmres
 from airtact.acoustics.sources import Monopoles
-from airtact.geometry.mesh.quadratic_triangles import QuadraticTriangles
+from airtact.geometry.mesh.arrays import QuadraticTriangles
 from airtact.printing import in_short
 
 

@@ -20,13 +20,9 @@ from airtact.acoustics.solvers.arrays import (
     Points,
     SingleLayer,
 )
+from airtact.geometry.mesh.arrays import QuadraticTriangles
 from airtact.geometry.mesh.panel_tree import panel_tree
-from airtact.geometry.mesh.quadratic_triangles import (
-    QuadraticTriangles,
-    points_at,
-    shape_functions,
-    shape_gradients,
-)
+from airtact.geometry.mesh.quadratic_triangles import points_at, shape_functions, shape_gradients
 from airtact.printing import in_short
 
 

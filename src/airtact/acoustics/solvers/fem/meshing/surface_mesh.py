@@ -13,9 +13,9 @@ from scipy.spatial import KDTree
 
 from airtact.acoustics.solvers.arrays import Mask, Points, Vectors
 from airtact.acoustics.solvers.fem.meshing.symmetry import Mirror, images
-from airtact.geometry.mesh.quadratic_triangles import QuadraticTriangles
-from airtact.geometry.mesh.remeshing import RidgedMesh, remeshed
+from airtact.geometry.mesh.arrays import QuadraticTriangles
 from airtact.geometry.mesh.edge_limits import bend_sizes, strip_sizes
+from airtact.geometry.mesh.remeshing import RidgedMesh, remeshed
 from airtact.geometry.shape import Shape
 from airtact.printing import in_short
 

@@ -8,7 +8,7 @@ import pytest
 
 from airtact.checks import in_mm
 from airtact.errors import InvalidInput
-from geometry.mesh.repair.repaired_meshes import accepted, apart, volume
+from geometry.mesh.repaired_meshes import accepted, apart, volume
 from references.damaged_meshes import DAMAGES, Mesh, body, damaged
 
 HAIR = 10e-6

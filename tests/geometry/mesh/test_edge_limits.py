@@ -5,8 +5,8 @@ import pytest
 import trimesh
 
 import airtact as at
+from airtact.geometry.mesh.edge_limits import bend_sizes, strip_sizes
 from airtact.geometry.mesh.quadratic_triangles import enclosed_volume
-from airtact.geometry.mesh.sizing import bend_sizes, strip_sizes
 from geometry.mesh.meshes import box_mesh, torus_mesh
 
 NO_RIDGES = np.zeros((0, 2), dtype=np.int64)

@@ -4,7 +4,7 @@ import numpy as np
 import trimesh
 
 from airtact.geometry.checks import check_surface
-from airtact.geometry.mesh.repair.pipeline import RepairedMesh, repaired
+from airtact.geometry.mesh.repair import RepairedMesh, repaired
 from airtact.geometry.mesh.topology import cone_volumes
 from airtact.geometry.surface import Surface
 from geometry.mesh.meshes import flat_mesh
