@@ -17,9 +17,9 @@ from matplotlib.patches import Circle, Patch
 from mpl_toolkits.mplot3d import Axes3D
 
 from airtact.acoustics.planes import Plane
+from airtact.geometry.mesh.arrays import QuadraticTriangles
 from airtact.geometry.mesh.mesh_distance import closest_on_triangles
 from airtact.geometry.mesh.quadratic_triangles import (
-    QuadraticTriangles,
     cut,
     longest_edges,
     points_at,
