@@ -30,7 +30,7 @@ from .acoustics.solvers.sampled_field import SampledField as SampledField
 from .acoustics.solvers.spherical.multipole_field import multipole_expansion as multipole_expansion
 from .acoustics.solvers.spherical.sphere_series import SphereSeries as SphereSeries
 from .acoustics.sources import Monopoles as Monopoles
-from .acoustics.store.stored import Stored as Stored
+from .acoustics.store import Stored as Stored
 from .acoustics.target import Target as Target
 from .acoustics.uncertainty import Uncertainty as Uncertainty
 from .drives.bounds import upper_bound as upper_bound

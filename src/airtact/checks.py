@@ -1,8 +1,9 @@
-"""Checks of input, with one sentence and one code for each kind of fault.
+"""The shared vocabulary of input checks: one sentence and one code for each kind of fault.
 
-``what`` is everywhere the name of the value in the sentence, ``unit`` its unit.
+``what`` is the name of the value in the sentence and ``unit`` its unit.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from types import UnionType
 from typing import TypeVar
@@ -12,54 +13,78 @@ from jaxtyping import Complex128, Float64, Num, Real
 
 from airtact.errors import InvalidInput, Vector
 
-Given = TypeVar("Given")
+Value = TypeVar("Value")
 
 
-def counted(number: int, one: str, many: str) -> str:
-    """Write a number with its noun: ``one`` for 1, ``many`` for others.
+def counted(number: int, singular: str, plural: str) -> str:
+    """Write a number with its noun.
 
     Examples
     --------
     >>> counted(1, "edge is", "edges are"), counted(3, "edge is", "edges are")
     ('1 edge is', '3 edges are')
     """
-    return f"{number} {one if number == 1 else many}"
+    return f"{number} {singular if number == 1 else plural}"
 
 
-def of_kind(value: Given, kind: type | UnionType, what: str, instead: str) -> Given:
+def in_mm(point: Real[np.ndarray, "3"]) -> str:
+    """Write a point [m] in millimetres.
+
+    Examples
+    --------
+    >>> in_mm(np.array([0.001, -0.02, 0.3]))
+    '(1.00, -20.00, 300.00) mm'
+    """
+    x, y, z = 1e3 * np.asarray(point, dtype=np.float64)
+    return f"({x:.2f}, {y:.2f}, {z:.2f}) mm"
+
+
+def of_kind(value: Value, kind: type | UnionType, what: str, instead: str) -> Value:
     """Return an object of the right type, or raise "wrong_kind"; ``instead`` names what to give."""
     if not isinstance(value, kind):
-        given = f"the class {value.__name__}" if isinstance(value, type) else _kind_of(value)
         name = kind.__name__ if isinstance(kind, type) else str(kind)
-        wanted = f"{_article(name)} {name}"
         raise InvalidInput(
-            f"{what} is {given}, but it must be {wanted}: give {instead}.", code="wrong_kind"
+            f"{what} is {_described(value)}, but it must be {_article(name)} {name}: give {instead}.",
+            code="wrong_kind",
         )
     return value
 
 
-def _kind_of(value: object) -> str:
+def _described(value: object) -> str:
+    """Describe a wrong value: numbers and texts as they are, others by type and size."""
+    if isinstance(value, type):
+        return f"the class {value.__name__}"
     if isinstance(value, bool | int | float | complex | str):
         return f"{value!r}"
-    shape = f" of shape {value.shape}" if isinstance(value, np.ndarray) else ""
+    if isinstance(value, np.ndarray):
+        return f"an array of shape {value.shape}"
+    name = type(value).__name__
     size = f" of length {len(value)}" if isinstance(value, list | tuple | dict) else ""
-    name = "array" if isinstance(value, np.ndarray) else type(value).__name__
-    return f"{_article(name)} {name}{shape}{size}"
+    return f"{_article(name)} {name}{size}"
 
 
 def _article(name: str) -> str:
     return "an" if name[0] in "AEIOUaeiou" else "a"
 
 
+def check_choice(value: str, what: str, choices: Sequence[str]) -> None:
+    """Raise "unknown_name" where a value is none of the choices."""
+    if value not in choices:
+        raise InvalidInput(
+            f"{what} is {value!r}, but it must be one of {', '.join(map(repr, choices))}.",
+            code="unknown_name",
+        )
+
+
 def number(value: float, what: str, unit: str) -> float:
     """Return a real number as a float, or raise "not_a_number"; NaN and infinity pass."""
-    given = np.asarray(value if np.isscalar(value) or isinstance(value, np.ndarray) else None)
-    if given.ndim != 0 or given.dtype.kind not in "iuf":
+    array = np.asarray(value if np.isscalar(value) or isinstance(value, np.ndarray) else None)
+    if array.ndim != 0 or array.dtype.kind not in "iuf":
         raise InvalidInput(
-            f"{what} is {_kind_of(value)}, but it must be one real number, in {unit}.",
+            f"{what} is {_described(value)}, but it must be one real number, in {unit}.",
             code="not_a_number",
         )
-    return float(given)
+    return float(array)
 
 
 def positive(value: float, what: str, unit: str) -> float:
@@ -79,35 +104,36 @@ def positive(value: float, what: str, unit: str) -> float:
     return given
 
 
-def within(value: float, low: float, high: float, what: str, unit: str, slip: str) -> float:
-    """Return a number from ``low`` to ``high`` as a float; raise "out_of_range", or as ``positive``.
+def between(value: float, low: float, high: float, what: str, unit: str, slip: str) -> float:
+    """Return a number from ``low`` to ``high`` as a float; raise "out_of_range", or as ``number``.
 
-    Outside, its unit is probably wrong: ``slip`` is the question to ask then, such as "is it in
-    kHz?".
+    ``slip`` is the question to ask where the unit is probably wrong, such as "is it in kHz?".
 
     Examples
     --------
-    >>> within(40, 1e3, 1e6, "frequency", "Hz", "is it in kHz?")
+    >>> between(40, 1e3, 1e6, "frequency", "Hz", "is it in kHz?")
     Traceback (most recent call last):
     ...
     airtact.errors.InvalidInput: frequency is 40 Hz, but it must lie between 1000 and 1e+06 Hz: is it in kHz?
     """
-    return between(positive(value, what, unit), low, high, what, unit, slip)
-
-
-def between(value: float, low: float, high: float, what: str, unit: str, slip: str) -> float:
-    """Return a number as ``within``, from limits that may be zero or negative."""
     given = number(value, what, unit)
     if not low <= given <= high:
+        unit = f" {unit}" if unit else ""
         raise InvalidInput(
-            f"{what} is {given:g} {unit}, but it must lie between {low:g} and {high:g} {unit}: {slip}",
+            f"{what} is {given:g}{unit}, but it must lie between {low:g} and {high:g}{unit}: {slip}",
             code="out_of_range",
         )
     return given
 
 
-LOWEST_FREQUENCY, HIGHEST_FREQUENCY = 1e3, 1e6
-"""Frequencies that a scene may have [Hz]."""
+def within(value: float, low: float, high: float, what: str, unit: str, slip: str) -> float:
+    """Return a number as ``between``, and above zero."""
+    return between(positive(value, what, unit), low, high, what, unit, slip)
+
+
+def check_frequency(frequency: float) -> float:
+    """Return a frequency [Hz] from 1 kHz to 1 MHz as a float; raise as ``between``."""
+    return between(frequency, 1e3, 1e6, "frequency", "Hz", "is it in kHz? Give hertz.")
 
 
 def check_seed(seed: int) -> None:
@@ -118,23 +144,43 @@ def check_seed(seed: int) -> None:
         )
 
 
-def check_frequency(frequency: float) -> float:
-    """Return a frequency [Hz] as a float; raise as ``within`` outside 1 kHz to 1 MHz."""
-    return within(
-        frequency,
-        LOWEST_FREQUENCY,
-        HIGHEST_FREQUENCY,
-        "frequency",
-        "Hz",
-        "is it in kHz? Give hertz.",
-    )
-
-
 def fixed(array: Real[np.ndarray, "..."]) -> Float64[np.ndarray, "..."]:
     """Copy an array to read-only float64, so that what was checked stays true."""
     copy = np.array(array, dtype=np.float64, order="C")
     copy.flags.writeable = False
     return copy
+
+
+def real_numbers(array: Real[np.ndarray, "..."], what: str) -> Float64[np.ndarray, "..."]:
+    """Return an array, or nested lists, of real numbers of any shape as read-only float64.
+
+    Raise "wrong_shape" where rows differ in length, "not_a_number" for complex numbers, text or
+    other things.
+    """
+    try:
+        given = np.asarray(array)
+    except ValueError:
+        raise InvalidInput(
+            f"{what} are {_described(array)} whose rows differ in length; give an array.",
+            code="wrong_shape",
+        ) from None
+    if given.dtype.kind not in "iuf" and given.size:
+        raise InvalidInput(
+            f"{what} are {_described(array)} of type {given.dtype} and shape {given.shape}; give real numbers.",
+            code="not_a_number",
+        )
+    return fixed(given)
+
+
+def complex_numbers(array: Num[np.ndarray, "..."], what: str) -> Complex128[np.ndarray, "..."]:
+    """Return an array, or nested lists, of numbers of any shape as a complex128 copy, or raise "not_a_number"."""
+    try:
+        return np.array(array, dtype=np.complex128)
+    except (TypeError, ValueError):
+        raise InvalidInput(
+            f"{what} are {_described(array)}, but they must be an array of numbers.",
+            code="not_a_number",
+        ) from None
 
 
 def points_of(
@@ -151,14 +197,14 @@ def points_of(
             code="wrong_shape",
         )
     if len(points) < least:
-        raise InvalidInput(f"{what} are empty (0 points); give at least one.", code="empty")
+        raise InvalidInput(f"{what} are empty; give at least one.", code="empty")
     check_finite(points, what)
     return points
 
 
-def point_of(given: Vector, what: str) -> Float64[np.ndarray, "3"]:
+def point_of(vector: Vector, what: str) -> Float64[np.ndarray, "3"]:
     """Return one point (3,) as read-only float64; raise as ``points_of``."""
-    point = real_numbers(np.asarray(given), what)
+    point = real_numbers(np.asarray(vector), what)
     if point.shape != (3,):
         raise InvalidInput(
             f"{what} has shape {point.shape}, but a point has shape (3,).", code="wrong_shape"
@@ -167,64 +213,20 @@ def point_of(given: Vector, what: str) -> Float64[np.ndarray, "3"]:
     return point
 
 
-def real_numbers(array: Real[np.ndarray, "..."], what: str) -> Float64[np.ndarray, "..."]:
-    """Return an array, or nested lists, of real numbers of any shape as read-only float64.
-
-    Raise "wrong_shape" where rows differ in length, "not_a_number" for complex numbers, text or
-    other things.
-    """
-    try:
-        given = np.asarray(array)
-    except ValueError:
-        raise InvalidInput(
-            f"{what} are {_kind_of(array)} whose rows differ in length; give an array.",
-            code="wrong_shape",
-        ) from None
-    if given.dtype.kind not in "iuf" and given.size:
-        raise InvalidInput(
-            f"{what} are {_kind_of(array)} of type {given.dtype} and shape {given.shape}; give real numbers.",
-            code="not_a_number",
-        )
-    return fixed(given)
-
-
-def complex_numbers(array: Num[np.ndarray, "..."], what: str) -> Complex128[np.ndarray, "..."]:
-    """Return an array, or nested lists, of numbers of any shape as a complex128 copy, or raise "not_a_number"."""
-    try:
-        return np.array(array, dtype=np.complex128)
-    except (TypeError, ValueError):
-        raise InvalidInput(
-            f"{what} are {_kind_of(array)}, but they must be an array of numbers.",
-            code="not_a_number",
-        ) from None
-
-
 def check_finite(array: np.ndarray, what: str) -> None:
     """Raise "not_finite" where an array holds NaN or infinity, with their number and the index of the first."""
-    finite = np.isfinite(array)
-    if not finite.all():
-        bad = np.argwhere(~finite)
-        where = [int(i) for i in bad[0]]
+    bad = np.argwhere(~np.isfinite(array))
+    if len(bad):
         values = counted(len(bad), "NaN or infinite value", "NaN or infinite values")
-        raise InvalidInput(f"{what} hold {values}, the first at index {where}.", code="not_finite")
+        raise InvalidInput(
+            f"{what} hold {values}, the first at index {bad[0].tolist()}.", code="not_finite"
+        )
 
 
 def file_fault(path: Path, error: OSError) -> InvalidInput:
-    """Make the fault of a file that cannot be read: "file_missing", or else "file_unreadable"."""
+    """Make the error of a file that cannot be read: "file_missing", or else "file_unreadable"."""
     if isinstance(error, FileNotFoundError):
         return InvalidInput(f"the file {path} does not exist.", code="file_missing")
     return InvalidInput(
         f"cannot read the file {path}: {error.strerror or error}.", code="file_unreadable"
     )
-
-
-def in_mm(point: Real[np.ndarray, "3"]) -> str:
-    """Write a point [m] in millimetres.
-
-    Examples
-    --------
-    >>> in_mm(np.array([0.001, -0.02, 0.3]))
-    '(1.00, -20.00, 300.00) mm'
-    """
-    x, y, z = 1e3 * np.asarray(point, dtype=np.float64)
-    return f"({x:.2f}, {y:.2f}, {z:.2f}) mm"

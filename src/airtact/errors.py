@@ -1,9 +1,9 @@
-"""The conventions that every room shares: time sign, units, axis order, array types, limits, errors.
+"""Conventions of all packages (time sign, units, array axes), the error types and shared limits.
 
 - Phasor p(t) = Re[P e^{-iωt}]; an outgoing wave is e^{+ikr}/r.
 - SI units: metre, hertz, pascal, radian. Amplitudes are peak values unless a name ends in ``_rms``.
-- Points are (N, 3) float64. Matrices: the first axis is the receiver, the second axis the source.
-- A monopole of strength s [Pa·m] alone in open air gives p = s e^{ikr}/r.
+- Points are (N, 3) float64. Matrices: rows are receivers, columns are sources.
+- A monopole of strength s [Pa·m] in open air gives p = s e^{ikr}/r.
 """
 
 from collections.abc import Iterator
@@ -17,104 +17,60 @@ from jaxtyping import Real
 Vector = Real[np.ndarray, "3"] | tuple[float | int, float | int, float | int]
 """One point or direction: an array of three numbers or a tuple of three."""
 
-
 LONGEST_SENTENCE = 450
-"""Largest length of the sentence of a fault or a warning [characters]; the middle of a longer one is left out.
-
-With its code and what stands before it a line of the command line has 500 at most.
-"""
+"""Largest length of a message [characters]; with code and prefix a line of the terminal has 500."""
 
 LARGEST_SCENE_FILE = 4_000_000
 """Largest size of a scene file [bytes]."""
 
-MOST_LEVELS = 32
-"""Largest number of lists and tables in each other in a scene file, and of parts of a key between dots."""
+LARGEST_NUMBER = 1e12
+"""Largest magnitude of a number in a scene file or table."""
 
-MOST_DIGITS = 100
-"""Largest length of a number in a scene file [characters]."""
-
-LARGEST_NUMBER, SMALLEST_NUMBER = 1e12, 1e-60
-"""Largest and smallest magnitude of a number in a scene file; 0 is allowed too."""
+SMALLEST_NUMBER = 1e-60
+"""Smallest magnitude of a number in a scene file other than 0."""
 
 MOST_POINTS = 4096
-"""Largest number of points of a shape, and of foci and suppression points of a scene unless ``most_points`` is given.
-
-With more, a unit is probably wrong.
-"""
-
-MOST_BODIES = 256
-"""Largest number of obstacles in a scene file."""
-
-MOST_TRIANGLES = 2_000_000
-"""Largest number of triangles of a sphere or a capsule; with more, a unit is probably wrong."""
+"""Largest number of points of a shape, and of foci and suppression points of a scene by default."""
 
 LARGEST_MESH_FILE = 100_000_000
-"""Largest size of a file of a surface with all that it names [bytes]."""
-
-MOST_FILE_TRIANGLES = 250_000
-"""Largest number of triangles of a surface from a file: reading and checking so many takes some 10 s and 0.9 GB."""
-
-MOST_MESH_LINES = 2_500_000
-"""Largest number of lines of a file of a surface in text: an STL of ``MOST_FILE_TRIANGLES`` has 1,750,000."""
-
-MOST_NODES = 2048
-"""Largest number of nodes, meshes, or pieces of a surface in a file; a node has fewer than 256 above it."""
+"""Largest size of a surface's file together with the files that it names [bytes]."""
 
 LARGEST_DATA = 2**28
-"""Largest size of a file of numbers, such as a recording, a drive or a cloud, and of its arrays unpacked [bytes]."""
-
-LARGEST_TEXT = 2**26
-"""Largest size of a file of text, such as a table or a drawing [bytes]."""
-
-LARGEST_POSE = 1_000_000
-"""Largest size of a JSON file of a pose [bytes]."""
-
-MOST_COLUMNS, MOST_CELLS = 1024, 4_000_000
-"""Largest number of columns and of cells of a table."""
-
-LARGEST_DRAWING = 4_000_000
-"""Largest size of an SVG drawing [bytes]."""
-
-MOST_CURVES = 5_000
-"""Largest number of straight and curved parts of a drawing, each as often as it is used."""
-
-MOST_PIXELS = 16_777_216
-"""Largest number of pixels of a picture, counted before it is decoded."""
+"""Largest size of a file of numbers, and of its arrays unpacked [bytes]."""
 
 
-def one_sentence(words: str) -> str:
-    r"""Write words on one line of ``LONGEST_SENTENCE`` characters at most, without characters that no screen shows.
+def one_sentence(text: str) -> str:
+    r"""Write a message on one line of ``LONGEST_SENTENCE`` characters at most, all of them printable.
 
     Examples
     --------
     >>> one_sentence("two\nlines"), len(one_sentence("x" * 100_000))
     ('two\\nlines', 450)
     """
-    short = _cut(words)  # so that no more than this is escaped
-    return _cut(
-        "".join(
-            one if one.isprintable() else one.encode("unicode_escape").decode() for one in short
-        )
+    escaped = "".join(
+        character if character.isprintable() else character.encode("unicode_escape").decode()
+        for character in _shortened(text)
     )
+    return _shortened(escaped)
 
 
-def _cut(words: str) -> str:
-    if len(words) <= LONGEST_SENTENCE:
-        return words
-    gap = " ... "
-    first = 2 * LONGEST_SENTENCE // 3
-    return words[:first] + gap + words[len(words) - (LONGEST_SENTENCE - first - len(gap)) :]
+def _shortened(text: str) -> str:
+    """Leave out the middle of a text that is too long."""
+    if len(text) <= LONGEST_SENTENCE:
+        return text
+    head = 2 * LONGEST_SENTENCE // 3
+    tail = LONGEST_SENTENCE - head - 5
+    return f"{text[:head]} ... {text[-tail:]}"
 
 
-class InvalidInput(ValueError):  # noqa: N818 (reads as what it is in a traceback)
-    """The input is at fault; the message is one sentence with the number that is wrong and what to change.
+class InvalidInput(ValueError):  # noqa: N818 (reads well in a traceback)
+    """The input is at fault; the message says what is wrong, where, and what to do.
 
     Attributes
     ----------
-    position : (3,) where the fault is [m], as far as one point can say, so that it can be drawn; or
-        None.
-    code : a short name of the kind of fault, such as "inside_body", which stays when the
-        sentence changes.
+    position : (3,) where the fault is [m], so that it can be drawn; None if it is at no one point.
+    code : kind of fault, such as "inside_body". It stays when the message changes; ``docs/errors.md``
+        lists all.
     """
 
     def __init__(
@@ -125,28 +81,39 @@ class InvalidInput(ValueError):  # noqa: N818 (reads as what it is in a tracebac
         self.code = code
 
     def __reduce__(self) -> Any:
-        return partial(type(self), code=self.code), (
-            str(self),
-            self.position,
-        )  # so that processes can pass it on
+        """Pickle the keyword ``code`` too, so that processes can pass the error on."""
+        return partial(type(self), code=self.code), (str(self), self.position)
+
+
+class NotConverged(RuntimeError):  # noqa: N818
+    """A solver stopped before its tolerance; the message has residual, iterations and likely cause.
+
+    Attributes
+    ----------
+    code : kind of fault, as in ``InvalidInput``.
+    """
+
+    def __init__(self, sentence: str, *, code: str) -> None:
+        super().__init__(one_sentence(sentence))
+        self.code = code
 
 
 @contextmanager
-def about(what: str) -> Iterator[None]:
-    """Put the name of a file or a table in front of the sentence of any fault inside; keep its position and code.
+def about(name: str) -> Iterator[None]:
+    """Prefix the message of any ``InvalidInput`` raised inside with the name of a file or table.
 
     Examples
     --------
     >>> with about("hand.stl"):
-    ...     raise InvalidInput("0 triangles were read.", code="empty")
+    ...     raise InvalidInput("it holds no triangles.", code="empty")
     Traceback (most recent call last):
     ...
-    airtact.errors.InvalidInput: hand.stl: 0 triangles were read.
+    airtact.errors.InvalidInput: hand.stl: it holds no triangles.
     """
     try:
         yield
     except InvalidInput as fault:
-        raise InvalidInput(f"{what}: {fault}", fault.position, code=fault.code) from None
+        raise InvalidInput(f"{name}: {fault}", fault.position, code=fault.code) from None
 
 
 @contextmanager
@@ -161,19 +128,7 @@ def extra(name: str, need: str) -> Iterator[None]:
     try:
         yield
     except (ImportError, OSError) as fault:
-        how = f"and that does not load ({fault}): pip install 'airtact[{name}]'."
-        raise InvalidInput(f"{need}, {how}", code="extra_missing") from None
-
-
-class NotConverged(RuntimeError):  # noqa: N818
-    """A solver stopped before its tolerance; the message has the residual, the iterations and the likely cause.
-
-    Attributes
-    ----------
-    code : a short name of the kind of fault, such as "not_converged", which stays when the sentence
-        changes.
-    """
-
-    def __init__(self, sentence: str, *, code: str) -> None:
-        super().__init__(one_sentence(sentence))
-        self.code = code
+        raise InvalidInput(
+            f"{need}, which does not load ({fault}): pip install 'airtact[{name}]'.",
+            code="extra_missing",
+        ) from None

@@ -5,13 +5,13 @@ import os
 
 import numpy as np
 import pytest
+from airtact.files.apart import read_apart
 from PIL import Image
 from scipy.spatial import KDTree
 
 from airtact.acoustics import drawings
 from airtact.acoustics.drawings import picture, svg_path, text
 from airtact.errors import InvalidInput
-from airtact.files.apart import read_apart
 from faults import raises_code
 
 

@@ -13,9 +13,9 @@ from scipy.spatial import Delaunay
 
 import airtact as at
 from airtact.acoustics.drawings import svg_path
+from airtact.acoustics.field_file import DamagedError, read, written
 from airtact.acoustics.solvers.sampled_field import load_samples
-from airtact.acoustics.store.entry import DamagedError, read, written
-from airtact.acoustics.store.fingerprint import fingerprint
+from airtact.acoustics.store import fingerprint
 from airtact.drives.sequence import Sequence
 from airtact.emission.file_link import load_drive
 from airtact.evaluation.scan import load_scan

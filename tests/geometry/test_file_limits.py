@@ -11,11 +11,11 @@ from functools import partial
 import numpy as np
 import pytest
 import trimesh
+from airtact.files.apart import read_apart
+from airtact.files.mesh_limits import _plain_obj, is_plain
 
 from airtact.errors import MOST_FILE_TRIANGLES, MOST_MESH_LINES
 from airtact.files import mesh_reading
-from airtact.files.apart import read_apart
-from airtact.files.mesh_limits import _plain_obj, is_plain
 from airtact.geometry.files import load_surface, node_positions
 from damage import damaged, read_or_rejected, seeds
 from faults import raises_code

@@ -10,7 +10,7 @@ from airtact.acoustics.medium import Medium
 from airtact.acoustics.scene import Scene, sound_hard
 from airtact.acoustics.solvers.bem.solver import BoundaryElement
 from airtact.acoustics.sources import Monopoles
-from airtact.acoustics.store.fingerprint import fingerprint
+from airtact.acoustics.store import fingerprint
 from airtact.geometry.checks import check_surface
 from airtact.geometry.mesh.quadratic_triangles import enclosed_volume
 from airtact.geometry.pose import Pose

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from airtact.acoustics.drawings import svg_path, text
 from airtact.acoustics.target import Target
@@ -76,19 +75,6 @@ def test_shares_and_phases_are_those_of_a_target(read) -> None:
     np.testing.assert_allclose(phased.wanted, [1j, 1.0], atol=1e-12)
     strong = read(POINT, "phase_degrees = 90.0\npressure = 300.0\n").target
     np.testing.assert_allclose(strong.wanted, [300j], atol=1e-9)
-
-
-def test_a_picture_asks_for_shares(read, tmp_path) -> None:
-    grey = np.zeros((2, 2), dtype=np.uint8)
-    grey[0, 0], grey[1, 1] = 200, 100
-    Image.fromarray(grey).save(tmp_path / "grey.png")
-    shape = '[[foci]]\npicture = { file = "grey.png", width = 0.02, spacing = 0.01, centre = [0, 0, 0.03] }\n'
-    target = read(shape).target
-    np.testing.assert_allclose(
-        target.points, [[-0.005, 0.005, 0.03], [0.005, -0.005, 0.03]], atol=1e-12
-    )
-    assert target.shares.tolist() == [1.0, 0.5]
-    assert read(shape, "pressure = 300.0\n").target.pressures.tolist() == [300.0, 150.0]
 
 
 def test_an_svg_file_lies_beside_the_scene(read, tmp_path) -> None:

@@ -1,4 +1,3 @@
-from .drawings import picture as picture
 from .drawings import svg_path as svg_path
 from .drawings import text as text
 from .planes import Plane as Plane

@@ -14,12 +14,10 @@ Sources
 import math
 from dataclasses import dataclass
 
-from airtact.checks import between, number, positive, within
-from airtact.errors import InvalidInput
+from airtact.checks import between, positive
 
 _PASCAL = 101325.0  # one standard atmosphere, the reference pressure of ISO 9613-1
 _CARBON_DIOXIDE = 0.0004  # mole fraction, as in CIPM-2007
-_DECIBEL_PER_NEPER = 20.0 * math.log10(math.e)
 
 
 @dataclass(frozen=True)
@@ -51,25 +49,22 @@ class Medium:
 
     def __post_init__(self) -> None:
         """Check the three numbers."""
-        sound_speed = within(self.sound_speed, 1e2, 1e4, "sound speed", "m/s", "is it in km/s?")
-        object.__setattr__(self, "sound_speed", sound_speed)
-        object.__setattr__(
-            self, "density", within(self.density, 1e-2, 3e4, "density", "kg/m³", "is it in g/cm³?")
-        )
-        absorption = number(self.absorption, "absorption", "Np/m")
-        if not math.isfinite(absorption) or absorption < 0.0:
-            raise InvalidInput(
-                f"absorption is {absorption:g} Np/m, but it must be finite and not negative.",
-                code="out_of_range",
-            )
-        object.__setattr__(self, "absorption", absorption)
+        numbers = {
+            "sound_speed": between(
+                self.sound_speed, 1e2, 1e4, "sound speed", "m/s", "is it in km/s?"
+            ),
+            "density": between(self.density, 1e-2, 3e4, "density", "kg/m³", "is it in g/cm³?"),
+            "absorption": between(
+                self.absorption, 0.0, 1e6, "absorption", "Np/m", "give 0 for none."
+            ),
+        }
+        for name, number in numbers.items():
+            object.__setattr__(self, name, number)
 
     def wavenumber(self, frequency: float) -> complex:
         """Wavenumber k = 2πf/c + i·absorption [1/m] at a frequency [Hz], so that e^{ikr} decays with distance."""
-        return complex(
-            2.0 * math.pi * positive(frequency, "frequency", "Hz") / self.sound_speed,
-            self.absorption,
-        )
+        angular = 2.0 * math.pi * positive(frequency, "frequency", "Hz")
+        return complex(angular / self.sound_speed, self.absorption)
 
     def wavelength(self, frequency: float) -> float:
         """Wavelength c/f [m] at a frequency [Hz]."""
@@ -104,12 +99,8 @@ def air(celsius: float = 20.0, humidity: float = 0.5, frequency: float = 40e3) -
     celsius = between(
         celsius, -20.0, 50.0, "the air's temperature", "°C", "the formulas hold there only."
     )
-    humidity = number(humidity, "relative humidity", "parts of 1")
-    if not 0.0 <= humidity <= 1.0:
-        raise InvalidInput(
-            f"relative humidity is {humidity:g}, but it is a fraction from 0 to 1: 50 per cent is humidity=0.5.",
-            code="out_of_range",
-        )
+    slip = "50 per cent is humidity=0.5."
+    humidity = between(humidity, 0.0, 1.0, "relative humidity", "", slip)
     vapour = _vapour_fraction(celsius, humidity)
     return Medium(
         _sound_speed(celsius, vapour),
@@ -130,7 +121,8 @@ def _vapour_fraction(celsius: float, humidity: float) -> float:
 
 def _sound_speed(t: float, w: float) -> float:
     """Cramer (1993), equation (15): t in °C, w the mole fraction of vapour."""
-    p, c = _PASCAL, _CARBON_DIOXIDE
+    p = _PASCAL
+    c = _CARBON_DIOXIDE
     return (
         331.5024
         + 0.603055 * t
@@ -160,9 +152,8 @@ def _absorption(celsius: float, humidity: float, frequency: float) -> float:
     """ISO 9613-1 equations (3) to (5) at one atmosphere, in neper per metre."""
     kelvin = celsius + 273.15
     relative = kelvin / 293.15
-    saturation = 10.0 ** (
-        4.6151 - 6.8346 * (273.16 / kelvin) ** 1.261
-    )  # (B.2), (B.3): over one atmosphere
+    # (B.2), (B.3): over one atmosphere
+    saturation = 10.0 ** (4.6151 - 6.8346 * (273.16 / kelvin) ** 1.261)
     percent = 100.0 * humidity * saturation  # molar concentration of water vapour, (B.1)
     oxygen = 24.0 + 4.04e4 * percent * (0.02 + percent) / (0.391 + percent)
     nitrogen = relative**-0.5 * (
@@ -171,4 +162,4 @@ def _absorption(celsius: float, humidity: float, frequency: float) -> float:
     relaxation = 0.01275 * math.exp(-2239.1 / kelvin) / (oxygen + frequency**2 / oxygen)
     relaxation += 0.1068 * math.exp(-3352.0 / kelvin) / (nitrogen + frequency**2 / nitrogen)
     decibel = 8.686 * frequency**2 * (1.84e-11 * relative**0.5 + relative**-2.5 * relaxation)
-    return decibel / _DECIBEL_PER_NEPER
+    return decibel / (20.0 * math.log10(math.e))

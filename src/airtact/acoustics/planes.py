@@ -17,10 +17,7 @@ from airtact.printing import one_line
 ON_PLANE = 1e-9
 """Points up to this deep behind a plane count as on it [m]."""
 
-PARALLEL = 1e-6
-"""Sine of the angle between two planes up to which they are parallel."""
-
-LEAST_GAP = 0.5 * NEAREST
+MIN_GAP = 0.5 * NEAREST
 """Air between a body and a plane at least [m]: the body and its image are then as far apart as two bodies must be."""
 
 
@@ -60,10 +57,9 @@ class Plane:
         After such a motion of the bodies a field solved before the plane still holds for them and
         the plane, which has stayed where it was.
         """
-        turned, moved = motion.rotate(self.normal[None])[0], motion.apply(self.point[None])
-        return bool(
-            np.linalg.norm(turned - self.normal) < 1e-9 and np.abs(self.height(moved))[0] < ON_PLANE
-        )
+        turned = motion.rotate(self.normal[None])[0]
+        height = self.height(motion.apply(self.point[None]))[0]
+        return bool(np.linalg.norm(turned - self.normal) < 1e-9 and abs(height) < ON_PLANE)
 
 
 def plane(point: Vector, normal: Vector, ratio: complex | float | None = None) -> Plane:
@@ -91,8 +87,9 @@ def plane(point: Vector, normal: Vector, ratio: complex | float | None = None) -
     >>> table.height(np.array([[0.0, 0, 0]])).tolist()
     [0.1]
     """
-    at, along = point_of(point, "the point of a plane"), point_of(normal, "the normal of a plane")
-    length = float(np.linalg.norm(along))
+    point = point_of(point, "the point of a plane")
+    normal = point_of(normal, "the normal of a plane")
+    length = float(np.linalg.norm(normal))
     if length == 0.0:
         raise InvalidInput(
             "the normal of a plane has length 0; give the direction to its front.",
@@ -103,61 +100,47 @@ def plane(point: Vector, normal: Vector, ratio: complex | float | None = None) -
             f"a plane of impedance ratio {ratio} is not solved, rigid ones are; leave ratio out.",
             code="not_supported",
         )
-    return Plane(at, fixed(along / length))
+    return Plane(point, fixed(normal / length))
 
 
-def planes_of(given: Sequence[Plane], surfaces: Sequence[Surface]) -> tuple[Plane, ...]:
+def planes_of(planes: Sequence[Plane], surfaces: Sequence[Surface]) -> tuple[Plane, ...]:
     """Return the planes of a scene, at most one; raise where a body touches it or reaches behind it."""
-    if isinstance(given, Plane) or not isinstance(given, Iterable):
+    if isinstance(planes, Plane) or not isinstance(planes, Iterable):
         raise InvalidInput(
-            f"the planes of a scene are 1 {type(given).__name__} by itself; put it into a list: [plane].",
+            f"the planes of a scene are a {type(planes).__name__}; put it into a list: [plane].",
             code="wrong_kind",
         )
-    planes = tuple(
-        of_kind(one, Plane, f"plane {index}", "plane(point, normal)")
-        for index, one in enumerate(given)
-    )
+    planes = tuple(planes)
+    for index, plane in enumerate(planes):
+        of_kind(plane, Plane, f"plane {index}", "plane(point, normal)")
     if len(planes) > 1:
+        # The images between parallel planes fall off only as one over their number, so that their
+        # sum does not converge; planes that cross make a corner, which has other images.
         raise InvalidInput(
-            f"the scene has {len(planes)} planes, but 1 is solved: {_why_not_two(planes[0], planes[1])}; leave out "
-            "those that are farther from the foci.",
+            f"the scene has {len(planes)} planes, but only one can be solved; leave out those that are farther "
+            "from the foci.",
             code="too_many",
         )
-    for one in planes:
+    for plane in planes:
         for index, surface in enumerate(surfaces):
-            _check_before(one, index, surface)
+            nearest = surface.shape.farthest(-plane.normal)
+            gap = float(plane.height(nearest[None])[0])
+            if gap < MIN_GAP * (1.0 - 1e-6):
+                side = "behind" if gap < 0.0 else "before"
+                raise InvalidInput(
+                    f"body {index} reaches {1e3 * abs(gap):.3g} mm {side} the plane at {in_mm(nearest)}, but it must "
+                    f"stay {1e3 * MIN_GAP:g} mm or more before it: move it away, or turn the normal of the plane.",
+                    nearest,
+                    code="bodies_overlap",
+                )
     return planes
-
-
-def _why_not_two(one: Plane, other: Plane) -> str:
-    if np.linalg.norm(np.cross(one.normal, other.normal)) > PARALLEL:
-        return "planes that cross make a corner, which has other images"
-    apart = 1e3 * abs(float(one.height(other.point[None])[0]))
-    return (
-        f"rigid planes {apart:.3g} mm apart absorb nothing, so that the images between them fall off only as one over "
-        "their number and their sum does not converge"
-    )
-
-
-def _check_before(one: Plane, index: int, surface: Surface) -> None:
-    where = surface.shape.farthest(-one.normal)
-    gap = float(one.height(where[None])[0])
-    if gap >= LEAST_GAP * (1.0 - 1e-6):
-        return
-    how = f"reaches {-1e3 * gap:.3g} mm behind" if gap < 0.0 else f"is {1e3 * gap:.3g} mm before"
-    raise InvalidInput(
-        f"body {index} {how} the plane at {in_mm(where)}, but it must stay {1e3 * LEAST_GAP:g} mm or more before it: "
-        "move it away, or turn the normal of the plane.",
-        where,
-        code="bodies_overlap",
-    )
 
 
 def images_in(
     planes: Sequence[Plane], points: Real[np.ndarray, "points 3"]
 ) -> Float64[np.ndarray, "images 3"]:
     """Return points (P, 3) [m], then their images in the plane, if there is one."""
-    return np.concatenate([points, *(one.image(points) for one in planes)])
+    return np.concatenate([points, *(plane.image(points) for plane in planes)])
 
 
 def with_images(planes: Sequence[Plane], sources: Monopoles) -> Monopoles:
@@ -173,8 +156,8 @@ def before_planes(
 ) -> Bool[np.ndarray, "points"]:
     """Whether points (P, 3) [m] are on or before all planes."""
     before = np.ones(len(points), dtype=np.bool_)
-    for one in planes:
-        before &= one.height(points) >= -ON_PLANE
+    for plane in planes:
+        before &= plane.height(points) >= -ON_PLANE
     return before
 
 
@@ -182,8 +165,8 @@ def check_before_planes(
     planes: Sequence[Plane], points: Real[np.ndarray, "points 3"], what: str
 ) -> None:
     """Raise "behind_plane" where one of the points (P, 3) [m] is behind a plane; ``what`` names one point."""
-    for one in planes:
-        height = one.height(points)
+    for plane in planes:
+        height = plane.height(points)
         behind = np.flatnonzero(height < -ON_PLANE)
         if len(behind):
             deepest = int(height.argmin())

@@ -13,7 +13,7 @@ from airtact.acoustics.medium import Medium
 from airtact.acoustics.planes import Plane, check_before_planes, planes_of
 from airtact.acoustics.sources import Monopoles
 from airtact.acoustics.target import Beacons, Target
-from airtact.checks import check_frequency, counted, in_mm, of_kind, points_of
+from airtact.checks import check_choice, check_frequency, counted, in_mm, of_kind, points_of
 from airtact.errors import InvalidInput
 from airtact.geometry.checks import NEAREST, approach, check_apart, check_surface
 from airtact.geometry.surface import Surface
@@ -21,15 +21,6 @@ from airtact.printing import html_table, one_line, sides_in_mm
 
 CONTACT = 1e-9
 """Points up to this deep in a body count as on its surface [m]."""
-
-MAX_BODY_DISTANCE = 10.0
-"""Largest distance of a body from the origin [m]."""
-
-MAX_DISTANCE_BESIDE = 1.0
-"""Largest distance from a body of a point that belongs beside it [m]."""
-
-MIN_SIZE_IN_WAVELENGTHS = 1.0 / 50.0
-"""Least extent of the largest body, in wavelengths: smaller ones do not change the field."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,14 +60,10 @@ class Obstacle:
             "an obstacle's surface",
             "one Surface: sphere(...) or pinch().surfaces[0]",
         )
-        wanted = {"sound_hard": (False, False), "impedance": (True, False), "filled": (False, True)}
-        if not isinstance(self.boundary, str) or self.boundary not in wanted:
-            raise InvalidInput(
-                f"boundary is {self.boundary!r}, but it is one of {', '.join(wanted)}.",
-                code="unknown_name",
-            )
-        given = (self.ratio is not None, self.medium is not None)
-        if given != wanted[self.boundary]:
+        check_choice(self.boundary, "boundary", ("sound_hard", "impedance", "filled"))
+        if (self.ratio is not None) != (self.boundary == "impedance") or (
+            self.medium is not None
+        ) != (self.boundary == "filled"):
             raise InvalidInput(
                 f"an obstacle of boundary {self.boundary} has ratio {self.ratio} and medium {self.medium}, but an "
                 "impedance takes a ratio, a filled one a medium, and none takes both.",
@@ -160,30 +147,30 @@ class Scene:
     planes: Sequence[Plane] = ()
 
     def __repr__(self) -> str:
-        return one_line(self, *self._facts().values())
+        return one_line(self, *self._facts())
 
     def _repr_html_(self) -> str:
-        bodies = [
-            (
-                f"body {index}, {one.kind}",
-                f"{sides_in_mm(one.surface.vertices)}, {len(one.surface.triangles)} triangles",
-            )
-            for index, one in enumerate(self.obstacles)
-        ]
-        facts = [(fact,) for fact in self._facts().values() if fact]
-        return html_table("Scene", [], [*facts, *bodies])
+        rows = [(fact,) for fact in self._facts() if fact]
+        for index, obstacle in enumerate(self.obstacles):
+            surface = obstacle.surface
+            size = f"{sides_in_mm(surface.vertices)}, {len(surface.triangles)} triangles"
+            rows.append((f"body {index}, {obstacle.kind}", size))
+        return html_table("Scene", [], rows)
 
-    def _facts(self) -> dict[str, str]:
-        """Return what is in the air, in words."""
-        kinds = ", ".join(sorted({one.kind for one in self.obstacles}))
-        return {
-            "bodies": counted(len(self.obstacles), f"{kinds} body", "bodies")
-            if self.obstacles
-            else "open air",
-            "planes": counted(len(self.planes), "rigid plane", "rigid planes") * bool(self.planes),
-            "frequency": f"{1e-3 * self.frequency:g} kHz",
-            "wavelength": f"wavelength {1e3 * self.wavelength:.3g} mm",
-        }
+    def _facts(self) -> list[str]:
+        bodies = "open air"
+        if self.obstacles:
+            kinds = ", ".join(sorted({obstacle.kind for obstacle in self.obstacles}))
+            bodies = counted(len(self.obstacles), f"{kinds} body", "bodies")
+        planes = ""
+        if self.planes:
+            planes = counted(len(self.planes), "rigid plane", "rigid planes")
+        return [
+            bodies,
+            planes,
+            f"{1e-3 * self.frequency:g} kHz",
+            f"wavelength {1e3 * self.wavelength:.3g} mm",
+        ]
 
     def __post_init__(self) -> None:
         """Check the frequency and the bodies."""
@@ -192,29 +179,29 @@ class Scene:
         )
         object.__setattr__(self, "frequency", check_frequency(self.frequency))
         object.__setattr__(self, "obstacles", _obstacles_of(self.obstacles))
-        self._check_lengths()
+        self._check_units()
         for obstacle in self.obstacles:
             check_surface(obstacle.surface)
-        surfaces = [obstacle.surface for obstacle in self.obstacles]
         check_apart([obstacle.surface for obstacle in self.obstacles if not obstacle.board])
         _check_off_boards(self.obstacles)
+        surfaces = [obstacle.surface for obstacle in self.obstacles]
         object.__setattr__(self, "planes", planes_of(self.planes, surfaces))
 
-    def _check_lengths(self) -> None:
+    def _check_units(self) -> None:
         """Raise where the bodies' size or position, or the absorption, is probably in another unit."""
         extent = max((obstacle.surface.extent for obstacle in self.obstacles), default=np.inf)
-        if extent < MIN_SIZE_IN_WAVELENGTHS * self.wavelength:
+        if extent < self.wavelength / 50.0:  # smaller bodies do not change the field
             raise InvalidInput(
                 f"the largest body spans {extent * 1e3:.3g} mm, less than 1/50 of the wavelength of "
                 f"{self.wavelength * 1e3:.4g} mm at {self.frequency:g} Hz: is the frequency in kHz? Give hertz.",
                 code="out_of_range",
             )
         for index, obstacle in enumerate(self.obstacles):
-            away = math.hypot(*obstacle.surface.vertices[obstacle.surface.triangles[0, 0]])
-            if away > MAX_BODY_DISTANCE:
+            distance = math.hypot(*obstacle.surface.vertices[obstacle.surface.triangles[0, 0]])
+            if distance > 10.0:
                 raise InvalidInput(
-                    f"body {index} stands {away:.4g} m from the origin, more than {MAX_BODY_DISTANCE:g} m: is it in "
-                    "millimetres? Give metres.",
+                    f"body {index} stands {distance:.4g} m from the origin, more than 10 m: is it in millimetres? "
+                    "Give metres.",
                     code="out_of_range",
                 )
         decay = self.medium.absorption * self.wavelength
@@ -252,31 +239,43 @@ class Scene:
         return depth
 
 
+def _obstacles_of(obstacles: Sequence[Obstacle]) -> tuple[Obstacle, ...]:
+    if isinstance(obstacles, Obstacle | Surface) or not isinstance(obstacles, Iterable):
+        raise InvalidInput(
+            f"the obstacles of a scene are a {type(obstacles).__name__}, but they must be a list, empty or such as "
+            "[sound_hard(surface)].",
+            code="wrong_kind",
+        )
+    obstacles = tuple(obstacles)
+    for index, obstacle in enumerate(obstacles):
+        of_kind(obstacle, Obstacle, f"obstacle {index}", "sound_hard(surface)")
+    return obstacles
+
+
 def _check_off_boards(obstacles: Sequence[Obstacle]) -> None:
     """Raise "bodies_overlap" where a body overlaps a reflecting board or comes nearer than ``NEAREST`` to it."""
-    for index, other in enumerate(obstacles):
-        for board in (one for one in obstacles if one.board and not other.board):
-            found = approach(other.surface, board.surface, NEAREST * (1.0 - 1e-9))
-            if found is not None:
-                how = (
-                    "cuts into"
-                    if found.overlap is not None
-                    else f"is {1e3 * found.distance:.3g} mm off"
-                )
+    boards = [obstacle for obstacle in obstacles if obstacle.board]
+    for index, obstacle in enumerate(obstacles):
+        for board in boards:
+            if obstacle.board:
+                continue
+            contact = approach(obstacle.surface, board.surface, NEAREST * (1.0 - 1e-9))
+            if contact is not None:
+                gap = "cuts into"
+                if contact.overlap is None:
+                    gap = f"is {1e3 * contact.distance:.3g} mm off"
                 raise InvalidInput(
-                    f"body {index} {how} a reflecting board at {in_mm(found.position)}, but it must stay "
+                    f"body {index} {gap} a reflecting board at {in_mm(contact.position)}, but it must stay "
                     f"{1e3 * NEAREST:g} mm or more off it: move the body or the array.",
-                    found.position,
+                    contact.position,
                     code="bodies_overlap",
                 )
 
 
 def admittances(scene: Scene) -> Complex128[np.ndarray, "bodies"]:
     """Return ρc/Z of the surface of each body, 0 where it is no impedance."""
-    return np.array(
-        [1.0 / one.ratio if one.ratio is not None else 0.0 for one in scene.obstacles],
-        dtype=np.complex128,
-    )
+    ratios = [obstacle.ratio for obstacle in scene.obstacles]
+    return np.array([0.0 if ratio is None else 1.0 / ratio for ratio in ratios], np.complex128)
 
 
 def check_outside(scene: Scene, points: Real[np.ndarray, "points 3"], what: str) -> None:
@@ -284,24 +283,22 @@ def check_outside(scene: Scene, points: Real[np.ndarray, "points 3"], what: str)
 
     ``what`` names one point: "focus", "transducer".
     """
-    given = points_of(points, f"{what} points")
-    check_not_inside(scene.depth(given), given, what)
-    check_before_planes(scene.planes, given, what)
+    points = points_of(points, f"{what} points")
+    check_not_inside(scene.depth(points), points, what)
+    check_before_planes(scene.planes, points, what)
 
 
 def check_not_inside(
     depth: Float64[np.ndarray, "points"], points: Float64[np.ndarray, "points 3"], what: str
 ) -> None:
-    """Raise "inside_body" or "inside_body" where points lie deeper in a body than ``CONTACT``."""
-    inside = np.flatnonzero(depth > CONTACT)
-    if len(inside):
+    """Raise "inside_body" where points lie deeper in a body than ``CONTACT``."""
+    count = int((depth > CONTACT).sum())
+    if count:
         deepest = int(depth.argmax())
-        several = (
-            f"{len(inside)} of {len(points)} {what} points {'lies' if len(inside) == 1 else 'lie'}"
-        )
         raise InvalidInput(
-            f"{several if len(points) > 1 else f'a {what} lies'} inside a body: {what} {deepest} at "
-            f"{in_mm(points[deepest])} is {depth[deepest] * 1e3:.3g} mm deep; move it out or the body away.",
+            f"{count} of {len(points)} {what} points {'lies' if count == 1 else 'lie'} inside a body: {what} "
+            f"{deepest} at {in_mm(points[deepest])} is {depth[deepest] * 1e3:.3g} mm deep; move it out or the body "
+            "away.",
             points[deepest],
             code="inside_body",
         )
@@ -309,14 +306,14 @@ def check_not_inside(
 
 def check_near(scene: Scene, points: Real[np.ndarray, "points 3"], what: str) -> None:
     """Raise "out_of_range" where one of the points (P, 3) [m] is over a metre from all bodies."""
-    given = points_of(points, f"{what} points")
-    distance = -scene.depth(given)
+    points = points_of(points, f"{what} points")
+    distance = -scene.depth(points)
     farthest = int(distance.argmax())
-    if distance[farthest] > MAX_DISTANCE_BESIDE:
+    if distance[farthest] > 1.0:
         raise InvalidInput(
-            f"{what} point {farthest} stands {distance[farthest]:.4g} m from the nearest body, more than "
-            f"{MAX_DISTANCE_BESIDE:g} m: is it in millimetres? Give metres.",
-            given[farthest],
+            f"{what} point {farthest} stands {distance[farthest]:.4g} m from the nearest body, more than 1 m: is it "
+            "in millimetres? Give metres.",
+            points[farthest],
             code="out_of_range",
         )
 
@@ -356,26 +353,3 @@ def check_no_boards(scene: Scene, who: str) -> None:
             "take: leave them out, or solve with BoundaryElement.",
             code="not_supported",
         )
-
-
-def _obstacles_of(given: Sequence[Obstacle]) -> tuple[Obstacle, ...]:
-    if isinstance(given, Obstacle):
-        raise InvalidInput(
-            "the obstacles of a scene are 1 Obstacle by itself; put it into a list: [obstacle].",
-            code="wrong_kind",
-        )
-    if isinstance(given, Surface) or not isinstance(given, Iterable):
-        raise InvalidInput(
-            f"the obstacles of a scene are a {type(given).__name__}, but they must be a list with 0 or more of them: "
-            "[sound_hard(surface)].",
-            code="wrong_kind",
-        )
-    obstacles = tuple(given)
-    for index, obstacle in enumerate(obstacles):
-        if isinstance(obstacle, Surface):
-            raise InvalidInput(
-                f"obstacle {index} is a bare Surface; wrap it: sound_hard(surface).",
-                code="wrong_kind",
-            )
-        of_kind(obstacle, Obstacle, f"obstacle {index}", "sound_hard(surface)")
-    return obstacles

@@ -14,9 +14,6 @@ from airtact.printing import in_short
 STANDS_ON = 1e-9
 """A point nearer to a source than this stands on it [m]."""
 
-FEW_SOURCES = 16
-"""Up to so many sources, computing all distances is quicker than a search tree."""
-
 
 @dataclass(frozen=True, eq=False)
 class Monopoles:
@@ -66,7 +63,7 @@ class Monopoles:
             )
         if strengths.shape[1] == 0:
             raise InvalidInput(
-                "monopole strengths hold 0 excitations; give at least one.", code="empty"
+                "monopole strengths hold no excitations; give at least one.", code="empty"
             )
         check_finite(strengths, "monopole strengths")
         strengths.flags.writeable = False
@@ -94,19 +91,15 @@ def nearest_source(
 
     Elsewhere either may be anything farther.
     """
-    along = np.ascontiguousarray(points.T)  # many times quicker than a minimum over three columns
-    low, high = (
-        along.min(axis=1, initial=np.inf) - within,
-        along.max(axis=1, initial=-np.inf) + within,
-    )
-    some = np.flatnonzero(((sources.positions >= low) & (sources.positions <= high)).all(axis=1))
-    if not len(some) or not len(points):
+    columns = np.ascontiguousarray(points.T)  # many times quicker than a minimum over three columns
+    low = columns.min(axis=1, initial=np.inf) - within
+    high = columns.max(axis=1, initial=-np.inf) + within
+    inside = np.flatnonzero(((sources.positions >= low) & (sources.positions <= high)).all(axis=1))
+    if not len(inside) or not len(points):
         return np.full(len(points), np.inf), np.zeros(len(points), dtype=np.int64)
-    if len(some) <= FEW_SOURCES:
-        distances = cdist(sources.positions[some], points)
-        return distances.min(axis=0), some[distances.argmin(axis=0)]
-    found = KDTree(sources.positions).query(
-        points, distance_upper_bound=2 * within
-    )  # nothing farther matters
-    distance, source = (np.asarray(part) for part in found)
-    return distance, source
+    if len(inside) <= 16:  # then all distances are quicker than a search tree
+        distances = cdist(sources.positions[inside], points)
+        return distances.min(axis=0), inside[distances.argmin(axis=0)]
+    # Nothing farther than the bound matters.
+    distance, source = KDTree(sources.positions).query(points, distance_upper_bound=2 * within)
+    return np.asarray(distance), np.asarray(source)

@@ -18,12 +18,6 @@ from airtact.checks import (
 from airtact.errors import InvalidInput
 from airtact.printing import html_table, one_line, span
 
-MAX_FOCUS_DISTANCE = 2.0
-"""Largest distance of a focus from the origin of the obstacles' frame [m], the largest extent of a body."""
-
-SAME_POSITION = 1e-6
-"""A suppression point nearer than this to a focus is at its position [m]."""
-
 Wanted = Num[np.ndarray, "foci"] | complex | float | int
 """The value wanted at each focus: (F,) numbers, or one for all."""
 
@@ -35,12 +29,8 @@ class Beacons(Monopoles):
     foci: int = 0
 
     def __repr__(self) -> str:
-        suppressed = len(self.positions) - self.foci
-        return one_line(
-            self,
-            counted(self.foci, "focus", "foci"),
-            f"{suppressed} suppression points" * bool(suppressed),
-        )
+        suppressed = _counted_suppression(len(self.positions) - self.foci)
+        return one_line(self, counted(self.foci, "focus", "foci"), suppressed)
 
     @property
     def refined_positions(self) -> Real[np.ndarray, "fine 3"]:
@@ -81,32 +71,26 @@ class Target:
         return one_line(self, *self._facts())
 
     def _repr_html_(self) -> str:
-        weights = [f"{weight:.4g}" for weight in self.weights]
         rows = [
-            [str(index), *_mm(point), weights[index]] for index, point in enumerate(self.points)
+            [str(index), *(f"{coordinate:.2f}" for coordinate in 1e3 * point), f"{weight:.4g}"]
+            for index, (point, weight) in enumerate(zip(self.points, self.weights, strict=True))
         ]
-        asked = "relative" if self.pressures is None else "asked [Pa]"
-        return html_table(
-            f"Target: {', '.join(filter(None, self._facts()))}",
-            ["focus", "x [mm]", "y [mm]", "z [mm]", asked],
-            rows,
-        )
+        weight = "relative" if self.pressures is None else "asked [Pa]"
+        title = f"Target: {', '.join(filter(None, self._facts()))}"
+        return html_table(title, ["focus", "x [mm]", "y [mm]", "z [mm]", weight], rows)
 
     def _facts(self) -> list[str]:
-        """Return what is asked, in words."""
-        shares = (
-            "as strong as possible"
-            if self.shares is None
-            else f"shares {span(self.shares, '').rstrip()}"
-        )
-        suppressed = counted(
-            len(self.suppression_points), "suppression point", "suppression points"
-        )
+        if self.pressures is not None:
+            strength = f"{span(self.pressures, 'Pa')} asked"
+        elif self.shares is not None:
+            strength = f"shares {span(self.shares, '').rstrip()}"
+        else:
+            strength = "as strong as possible"
         return [
             counted(len(self.points), "focus", "foci"),
-            shares if self.pressures is None else f"{span(self.pressures, 'Pa')} asked",
-            "phases fixed" * (self.phases is not None),
-            suppressed * bool(len(self.suppression_points)),
+            strength,
+            "" if self.phases is None else "phases fixed",
+            _counted_suppression(len(self.suppression_points)),
         ]
 
     def __init__(
@@ -135,63 +119,32 @@ class Target:
             are a position and a normal, as ``hand.place`` gives them.
         """
         _check_no_normal(points)
-        object.__setattr__(
-            self, "points", _near_enough(points_of(points, "target points"), "focus")
-        )
-        none = np.empty((0, 3)) if suppression_points is None else suppression_points
-        suppressed = _near_enough(
-            points_of(none, "suppression points", least=0), "suppression point"
-        )
-        object.__setattr__(self, "suppression_points", suppressed)
-        self._check_suppressed_foci()
+        foci = points_of(points, "target points")
+        _check_near_origin(foci, "focus")
+        if suppression_points is None:
+            suppression_points = np.empty((0, 3))
+        suppressed = points_of(suppression_points, "suppression points", least=0)
+        _check_near_origin(suppressed, "suppression point")
+        _check_suppressed_foci(foci, suppressed)
         if pressures is not None and shares is not None:
             raise InvalidInput(
-                "a target has both pressures and shares; give 1 of the 2: pressures in pascal, or shares.",
+                "a target has both pressures and shares; give pressures in pascal, or shares.",
                 code="options_clash",
             )
-        wanted = None if pressures is None else self._wanted(pressures, "target pressure", " Pa")
-        parts = None if shares is None else self._wanted(shares, "target share", "")
-        given = wanted if parts is None else parts
-        phases = None if given is None or not np.iscomplexobj(given) else fixed(np.angle(given))
-        object.__setattr__(self, "pressures", None if wanted is None else fixed(np.abs(wanted)))
-        object.__setattr__(self, "shares", None if parts is None else fixed(np.abs(parts)))
+        wanted = None
+        if pressures is not None:
+            wanted = _per_focus(pressures, len(foci), "target pressure", " Pa")
+        elif shares is not None:
+            wanted = _per_focus(shares, len(foci), "target share", "")
+        magnitudes = None if wanted is None else fixed(np.abs(wanted))
+        phases = None
+        if wanted is not None and np.iscomplexobj(wanted):
+            phases = fixed(np.angle(wanted))
+        object.__setattr__(self, "points", foci)
+        object.__setattr__(self, "suppression_points", suppressed)
+        object.__setattr__(self, "pressures", None if pressures is None else magnitudes)
+        object.__setattr__(self, "shares", None if shares is None else magnitudes)
         object.__setattr__(self, "phases", phases)
-
-    def _wanted(self, asked: Wanted, what: str, unit: str) -> Num[np.ndarray, "foci"]:
-        whole = np.iscomplexobj(asked)
-        given = (
-            complex_numbers(np.asarray(asked), f"{what}s")
-            if whole
-            else real_numbers(np.asarray(asked), f"{what}s")
-        )
-        check_finite(given, f"{what}s")
-        if given.ndim != 0 and given.shape != (len(self.points),):
-            raise InvalidInput(
-                f"{what}s have shape {given.shape}, but the target has "
-                f"{counted(len(self.points), 'focus', 'foci')}; give one number or ({len(self.points)},).",
-                code="wrong_shape",
-            )
-        if not whole and given.min() < 0.0:
-            raise InvalidInput(
-                f"a {what} is {given.min():g}{unit}, but it must not be negative; a complex number gives a phase.",
-                code="out_of_range",
-            )
-        if np.abs(given).max() == 0.0:
-            raise InvalidInput(
-                f"every {what} is 0{unit}; ask at least one focus for more.", code="empty"
-            )
-        return np.broadcast_to(given, (len(self.points),))
-
-    def _check_suppressed_foci(self) -> None:
-        for index, point in enumerate(self.points):
-            apart = np.linalg.norm(self.suppression_points - point, axis=1)
-            if len(apart) and apart.min() < SAME_POSITION:
-                raise InvalidInput(
-                    f"suppression point {int(apart.argmin())} is {1e3 * apart.min():.2g} mm from focus {index} at "
-                    f"{in_mm(point)}, so both cannot hold; leave it out of the suppression zone.",
-                    point,
-                    code="misplaced",
-                )
 
     @property
     def weights(self) -> Float64[np.ndarray, "foci"]:
@@ -203,9 +156,8 @@ class Target:
     @property
     def wanted(self) -> Complex128[np.ndarray, "foci"]:
         """(F,) weights with the phases wanted, or with phase 0 where they are left to the method."""
-        return self.weights * np.exp(
-            1j * (np.zeros(len(self.points)) if self.phases is None else self.phases)
-        )
+        phases = 0.0 if self.phases is None else self.phases
+        return self.weights * np.exp(1j * np.asarray(phases))
 
     def beacons(self, suppression: bool = False) -> Monopoles:
         """One virtual source of 1 Pa·m at every focus, each its own excitation: strengths are the identity (F, F).
@@ -214,44 +166,79 @@ class Target:
         ----------
         suppression : whether the suppression points follow as further beacons, (F + Q, F + Q).
         """
-        points = (
-            np.concatenate([self.points, self.suppression_points]) if suppression else self.points
-        )
+        points = self.points
+        if suppression:
+            points = np.concatenate([points, self.suppression_points])
         return Beacons(points, np.eye(len(points), dtype=np.complex128), foci=len(self.points))
+
+
+def _counted_suppression(count: int) -> str:
+    return counted(count, "suppression point", "suppression points") if count else ""
+
+
+def _per_focus(wanted: Wanted, foci: int, what: str, unit: str) -> Num[np.ndarray, "foci"]:
+    """Check what is wanted, and expand it to one number per focus."""
+    if np.iscomplexobj(wanted):
+        numbers = complex_numbers(np.asarray(wanted), f"{what}s")
+    else:
+        numbers = real_numbers(np.asarray(wanted), f"{what}s")
+    check_finite(numbers, f"{what}s")
+    if numbers.ndim != 0 and numbers.shape != (foci,):
+        raise InvalidInput(
+            f"{what}s have shape {numbers.shape}, but the target has {counted(foci, 'focus', 'foci')}; give one "
+            f"number or ({foci},).",
+            code="wrong_shape",
+        )
+    if not np.iscomplexobj(numbers) and numbers.min() < 0.0:
+        raise InvalidInput(
+            f"a {what} is {numbers.min():g}{unit}, but it must not be negative; a complex number gives a phase.",
+            code="out_of_range",
+        )
+    if np.abs(numbers).max() == 0.0:
+        raise InvalidInput(
+            f"every {what} is 0{unit}; ask at least one focus for more.", code="empty"
+        )
+    return np.broadcast_to(numbers, (foci,))
+
+
+def _check_suppressed_foci(
+    foci: Float64[np.ndarray, "foci 3"], suppressed: Float64[np.ndarray, "suppressed 3"]
+) -> None:
+    """Raise where a suppression point is nearer than 1 µm to a focus."""
+    for index, focus in enumerate(foci):
+        distance = np.linalg.norm(suppressed - focus, axis=1)
+        if len(distance) and distance.min() < 1e-6:
+            raise InvalidInput(
+                f"suppression point {int(distance.argmin())} is {1e3 * distance.min():.2g} mm from focus {index} at "
+                f"{in_mm(focus)}, so both cannot hold; leave it out of the suppression zone.",
+                focus,
+                code="misplaced",
+            )
 
 
 def _check_no_normal(points: Real[np.ndarray, "foci 3"]) -> None:
     """Raise where a pair of a position and its unit normal was given as two foci."""
-    if not (
+    if (
         isinstance(points, tuple)
         and len(points) == 2
         and np.shape(points[0]) == np.shape(points[1]) == (3,)
+        and abs(np.linalg.norm(points[1]) - 1.0) < 1e-6
     ):
-        return
-    length = np.linalg.norm(points[1])
-    if abs(length - 1.0) < 1e-6:
         raise InvalidInput(
-            f"the second of 2 target points is {length:.3g} m from the origin: a position and its unit normal, as "
-            "hand.place gives them. Give the position, or a focus before it: point + 0.5e-3 * normal.",
+            "the target points are a position and its unit normal, as hand.place gives them. Give the position, or a "
+            "focus before it: point + 0.5e-3 * normal.",
             code="misplaced",
         )
 
 
-def _mm(point: Float64[np.ndarray, "3"]) -> list[str]:
-    return [f"{coordinate:.2f}" for coordinate in 1e3 * point]
-
-
-def _near_enough(
-    points: Float64[np.ndarray, "points 3"], what: str
-) -> Float64[np.ndarray, "points 3"]:
-    """Return points; raise where one is so far away that it is probably in millimetres."""
-    away = np.linalg.norm(points, axis=1)
-    if len(away) and away.max() > MAX_FOCUS_DISTANCE:
-        worst = int(away.argmax())
+def _check_near_origin(points: Float64[np.ndarray, "points 3"], what: str) -> None:
+    """Raise where a point is farther than 2 m, the largest body, from the origin: it is probably in millimetres."""
+    distance = np.linalg.norm(points, axis=1)
+    if distance.max(initial=0.0) > 2.0:
+        worst = int(distance.argmax())
         raise InvalidInput(
-            f"{what} {worst} at {in_mm(points[worst])} is {away[worst]:.4g} m from the origin of "
-            f"the obstacles' frame, more than {MAX_FOCUS_DISTANCE:g} m: is this in millimetres? Give metres.",
+            f"{what} {worst} at {in_mm(points[worst])} is {distance[worst]:.4g} m from the origin of the obstacles' "
+            "frame, more than 2 m: is this in millimetres? Give metres.",
             points[worst],
             code="out_of_range",
         )
-    return points

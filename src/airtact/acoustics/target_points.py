@@ -21,12 +21,6 @@ Points = Float64[np.ndarray, "points 3"]
 MAX_OFFSET = 0.02
 """Largest distance of points from the surface that they are projected to [m]."""
 
-UPWARD = np.array([0.0, 0.0, 1.0])
-"""The direction where the depth has no gradient."""
-
-DEPTH_STEP = 1e-4
-"""Step of the numerical gradient of the depth [m]."""
-
 
 def segment(start: Vector, end: Vector, spacing: float) -> Points:
     """Points (F, 3) [m] of a straight line, evenly spaced, both ends among them.
@@ -65,27 +59,33 @@ def polyline(
     InvalidInput
         As ``segment``, or fewer than two corners.
     """
-    corners, least = points_of(corners, "corners of a polyline"), 3 if closed else 2
+    corners = points_of(corners, "corners of a polyline")
+    least = 3 if closed else 2
     if len(corners) < least:
         raise InvalidInput(
             f"a {'closed ' if closed else ''}polyline has {len(corners)} corners, but needs {least}.",
             code="too_few",
         )
     spacing = positive(spacing, "the spacing", "m")
-    ends = np.roll(corners, -1, axis=0) if closed else corners[1:]
-    lengths = np.linalg.norm(ends - corners[: len(ends)], axis=1)
+    ends = np.roll(corners, -1, axis=0)
+    if not closed:
+        ends = ends[:-1]
+    steps = ends - corners[: len(ends)]
+    lengths = np.linalg.norm(steps, axis=1)
     if lengths.min() == 0.0:
         raise InvalidInput(
-            f"line {int(lengths.argmin())} of a polyline has a length of 0 mm: its two ends are one point.",
+            f"line {int(lengths.argmin())} of a polyline has no length: its two ends are one point.",
             code="all_zero",
         )
     counts = np.maximum(np.ceil(lengths / spacing - 1e-9), 1.0)
     check_count(counts.sum() + 1.0, spacing)
     parts = [
-        one + np.linspace(0.0, 1.0, int(count), endpoint=False)[:, None] * (other - one)
-        for one, other, count in zip(corners, ends, counts, strict=False)
+        start + np.linspace(0.0, 1.0, int(count), endpoint=False)[:, None] * step
+        for start, step, count in zip(corners, steps, counts, strict=False)
     ]
-    return np.concatenate(parts if closed else [*parts, corners[-1:]])
+    if not closed:
+        parts.append(corners[-1:])
+    return np.concatenate(parts)
 
 
 def circle(
@@ -111,7 +111,8 @@ def circle(
     >>> circle((0, 0, 0), radius=0.01, spacing=0.02).shape
     (4, 3)
     """
-    radius, spacing = positive(radius, "the radius", "m"), positive(spacing, "the spacing", "m")
+    radius = positive(radius, "the radius", "m")
+    spacing = positive(spacing, "the spacing", "m")
     count = max(3.0, np.ceil(2.0 * np.pi * radius / spacing - 1e-9))
     check_count(count, spacing)
     right, up, _ = frame_of(normal)
@@ -140,12 +141,14 @@ def sphere_shell(centre: Vector, radius: float, spacing: float) -> Points:
     >>> len(sphere_shell((0, 0, 0), radius=0.01, spacing=5e-3))
     59
     """
-    radius, spacing = positive(radius, "the radius", "m"), positive(spacing, "the spacing", "m")
+    radius = positive(radius, "the radius", "m")
+    spacing = positive(spacing, "the spacing", "m")
     # in a hexagonal lattice each point has √3/2 of the square of the spacing to itself
     count = max(4.0, np.ceil(4.0 * np.pi * radius**2 / (np.sqrt(0.75) * spacing**2)))
     check_count(count, spacing)
     index = np.arange(int(count)) + 0.5
-    height, azimuth = 1.0 - 2.0 * index / count, np.pi * (1.0 + np.sqrt(5.0)) * index
+    height = 1.0 - 2.0 * index / count
+    azimuth = np.pi * (1.0 + np.sqrt(5.0)) * index
     across = np.sqrt(1.0 - height**2)
     directions = np.stack([across * np.cos(azimuth), across * np.sin(azimuth), height], axis=1)
     return point_of(centre, "the centre") + radius * directions
@@ -181,7 +184,7 @@ def surface_points(
         centres = centres[cosine >= np.cos(np.radians(within)) - 1e-12]
     if not len(centres):
         raise InvalidInput(
-            f"0 points of the surface face within {within:g} degrees of {np.asarray(facing).tolist()}.",
+            f"no part of the surface faces within {within:g} degrees of {np.asarray(facing).tolist()}.",
             code="empty",
         )
     return spaced_apart(surface.shape.project(centres), 0.85 * spacing)
@@ -227,12 +230,13 @@ def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Po
 
 def spaced_apart(points: Points, least: float) -> Float64[np.ndarray, "kept 3"]:
     """Leave out points that are nearer than ``least`` [m] to one before them that stays."""
-    kept, dropped = [], np.zeros(len(points), dtype=bool)
-    near = KDTree(points)
+    kept = []
+    dropped = np.zeros(len(points), dtype=bool)
+    tree = KDTree(points)
     for index, point in enumerate(points):
         if not dropped[index]:
             kept.append(index)
-            dropped[near.query_ball_point(point, least * (1.0 - 1e-9))] = True
+            dropped[tree.query_ball_point(point, least * (1.0 - 1e-9))] = True
     return points[kept]
 
 
@@ -253,11 +257,11 @@ def frame_of(
     towards = towards / length
     if up is None:
         up = (0.0, 1.0, 0.0) if abs(towards[1]) < 0.9 else (0.0, 0.0, 1.0)
-    given = point_of(up, "the direction up")
-    upwards = given - (given @ towards) * towards
-    if np.linalg.norm(upwards) <= 1e-6 * np.linalg.norm(given):
+    direction = point_of(up, "the direction up")
+    upwards = direction - (direction @ towards) * towards
+    if np.linalg.norm(upwards) <= 1e-6 * np.linalg.norm(direction):
         raise InvalidInput(
-            f"up is {given.tolist()}, along the normal {towards.tolist()}; give another direction up.",
+            f"up is {direction.tolist()}, along the normal {towards.tolist()}; give another direction up.",
             code="all_zero",
         )
     upwards /= np.linalg.norm(upwards)
@@ -279,8 +283,10 @@ def outward(
     points: Real[np.ndarray, "points 3"],
 ) -> Float64[np.ndarray, "points 3"]:
     """Find unit directions (P, 3) in which ``Surface.depth`` or ``Scene.depth`` falls fastest; z where it is level."""
-    shifts = DEPTH_STEP * np.concatenate([np.eye(3), -np.eye(3)])
+    step = 1e-4  # [m]
+    shifts = step * np.concatenate([np.eye(3), -np.eye(3)])
     around = depth((points[:, None] + shifts).reshape(-1, 3)).reshape(-1, 6)
     gradients = around[:, 3:] - around[:, :3]
     length = np.linalg.norm(gradients, axis=1, keepdims=True)
-    return np.where(length > 0, gradients / np.where(length > 0, length, 1), UPWARD)
+    level = length == 0
+    return np.where(level, [0.0, 0.0, 1.0], gradients / np.where(level, 1, length))

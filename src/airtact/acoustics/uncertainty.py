@@ -1,40 +1,41 @@
-"""How sure one is of where the hand is, of the air and of the transducers: standard deviations."""
+"""Uncertainty of the hand's position, the air and the transducers, as standard deviations."""
 
 from dataclasses import dataclass, fields
 
 import numpy as np
 
-from airtact.checks import number, point_of
+from airtact.checks import between, point_of
 from airtact.errors import InvalidInput, Vector
 from airtact.printing import one_line
 
 SMALLEST_ANGLE = 0.1
 """Angles above zero and below this were probably meant in radians [degree]; they move nothing that counts."""
 
+_MILLIMETRES = "is it in millimetres? Give metres."
+
+# Largest value of each deviation, its unit, and what is said beyond it.
 _LIMITS = {
-    "position": (0.1, "m", "is it in millimetres? Give metres."),
+    "position": (0.1, "m", _MILLIMETRES),
     "rotation": (90.0, "degrees", "a hand is known better than that."),
-    "own_position": (0.1, "m", "is it in millimetres? Give metres."),
+    "own_position": (0.1, "m", _MILLIMETRES),
     "own_rotation": (90.0, "degrees", "a hand is known better than that."),
-    "along_skin": (0.1, "m", "is it in millimetres? Give metres."),
+    "along_skin": (0.1, "m", _MILLIMETRES),
     "age": (1.0, "s", "is it in milliseconds? Give seconds."),
     "temperature": (10.0, "K", "the air of a room is known better than that."),
     "humidity": (0.5, "parts of 1", "5 per cent is humidity=0.05."),
     "gain": (0.5, "parts of 1", "5 per cent is gain=0.05."),
     "phase": (90.0, "degrees", "a drive is worth nothing then."),
     "dead": (0.9, "parts of 1", "10 per cent is dead=0.1."),
-    "board_position": (0.1, "m", "is it in millimetres? Give metres."),
+    "board_position": (0.1, "m", _MILLIMETRES),
     "board_rotation": (90.0, "degrees", "boards are known better than that."),
 }
-"""Largest value of each doubt, its unit, and what is said beyond it."""
-
-FASTEST = 20.0
-"""Largest speed of a hand [m/s]."""
 
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """How sure one is of hand, air and transducers: standard deviations of normal distributions, all zero by default.
+    """Standard deviations of the hand's position, the air and the transducers (normal distributions).
+
+    All are zero by default.
 
     Attributes
     ----------
@@ -56,7 +57,7 @@ class Uncertainty:
     Raises
     ------
     InvalidInput
-        "negative", "not_finite", "not_a_number"; "out_of_range": a number is larger than makes sense in its unit, or an
+        "not_a_number"; "out_of_range": a number is negative, not finite or larger than makes sense in its unit, or an
         angle is between 0 and 0.1 degrees, which was probably meant in radians.
 
     Examples
@@ -81,24 +82,29 @@ class Uncertainty:
     board_rotation: float = 0.0
 
     def __repr__(self) -> str:
-        given = [(one.name, getattr(self, one.name)) for one in fields(self)]
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
         shown = [
             f"{name} {value if isinstance(value, tuple) else f'{value:g}'}"
-            for name, value in given
+            for name, value in values.items()
             if np.any(value)
         ]
-        return one_line(self, *(shown or ["nothing in doubt"]))
+        return one_line(self, *(shown or ["none"]))
 
     def __post_init__(self) -> None:
-        for name, limit in _LIMITS.items():
-            object.__setattr__(self, name, _deviation(getattr(self, name), name, *limit))
+        """Check the numbers."""
+        for name, (largest, unit, slip) in _LIMITS.items():
+            what = f"the uncertainty of {name.replace('_', ' ')}"
+            value = between(getattr(self, name), 0.0, largest, what, unit, slip)
+            if unit == "degrees" and 0.0 < value < SMALLEST_ANGLE:
+                raise InvalidInput(
+                    f"{what} is {value:g} degrees: is it in radians? Give degrees, np.degrees({value:g}) = "
+                    f"{np.degrees(value):.2g}, or 0.",
+                    code="out_of_range",
+                )
+            object.__setattr__(self, name, value)
         velocity = point_of(self.velocity, "the velocity of the hand")
         speed = float(np.linalg.norm(velocity))
-        if speed > FASTEST:
-            raise InvalidInput(
-                f"the velocity of the hand is {speed:g} m/s, more than {FASTEST:g} m/s: is it in mm/s? Give m/s.",
-                code="out_of_range",
-            )
+        between(speed, 0.0, 20.0, "the speed of the hand", "m/s", "is it in mm/s? Give m/s.")
         object.__setattr__(self, "velocity", tuple(velocity.tolist()))
 
     @property
@@ -109,32 +115,5 @@ class Uncertainty:
 
     @property
     def none(self) -> bool:
-        """Whether nothing is in doubt."""
+        """Whether nothing is uncertain."""
         return not any(getattr(self, name) for name in _LIMITS)
-
-
-def _deviation(value: float, name: str, largest: float, unit: str, slip: str) -> float:
-    words = name.replace("_", " ")
-    given = number(value, f"the uncertainty of {words}", unit)
-    if not np.isfinite(given):
-        raise InvalidInput(
-            f"the uncertainty of {words} is {given:g} {unit}; give a finite number.",
-            code="not_finite",
-        )
-    if given < 0.0:
-        raise InvalidInput(
-            f"the uncertainty of {words} is {given:g} {unit}, but a standard deviation is not negative.",
-            code="out_of_range",
-        )
-    if given > largest:
-        raise InvalidInput(
-            f"the uncertainty of {words} is {given:g} {unit}, more than {largest:g}: {slip}",
-            code="out_of_range",
-        )
-    if unit == "degrees" and 0.0 < given < SMALLEST_ANGLE:
-        raise InvalidInput(
-            f"the uncertainty of {words} is {given:g} degrees: is it in radians? Give degrees, "
-            f"np.degrees({given:g}) = {np.degrees(given):.2g}, or 0.",
-            code="out_of_range",
-        )
-    return given

@@ -1,4 +1,4 @@
-"""What is read from files, under the limits of ``airtact.errors``: bytes, text, NumPy's arrays, HDF5's datasets.
+"""Files read under limits of size: bytes, text, NumPy's arrays, HDF5's datasets.
 
 Only files are opened, never a device or a pipe, and nothing is unpacked before its size is known.
 """
@@ -15,30 +15,32 @@ import numpy as np
 from jaxtyping import Shaped
 
 from airtact.checks import file_fault
-from airtact.errors import LARGEST_DATA, LARGEST_TEXT, InvalidInput
+from airtact.errors import LARGEST_DATA, InvalidInput, about
 
 Arrays = dict[str, Shaped[np.ndarray, "..."]]
-"""What is in a file of NumPy, by name."""
+"""Arrays of a file by name."""
 
 
 def check_file(path: Path, largest: int = LARGEST_DATA) -> None:
     """Raise "file_missing", "file_unreadable", or "file_too_large" for a file of more than ``largest`` bytes."""
     try:
-        found = path.stat()
+        status = path.stat()
     except OSError as error:
         raise file_fault(path, error) from None
-    except ValueError as error:  # a name that holds a zero
+    except ValueError as error:  # the name holds a zero byte
         raise InvalidInput(
-            f"there are 0 files of the name {path.name!r}: {error}.", code="file_missing"
+            f"there is no file of the name {path.name!r}: {error}.", code="file_missing"
         ) from None
-    if not stat.S_ISREG(found.st_mode) and not stat.S_ISDIR(found.st_mode):
-        sentence = f"{path.name} is 1 device or pipe, not a file; save its contents in a file."
-        raise InvalidInput(sentence, code="file_unreadable")
-    if found.st_size > largest:
-        sentence = (
-            f"{path.name} has {found.st_size:,} bytes, more than {largest:,}; make it smaller."
+    if not stat.S_ISREG(status.st_mode) and not stat.S_ISDIR(status.st_mode):
+        raise InvalidInput(
+            f"{path.name} is a device or pipe; save its contents in a file.",
+            code="file_unreadable",
         )
-        raise InvalidInput(sentence, code="file_too_large")
+    if status.st_size > largest:
+        raise InvalidInput(
+            f"{path.name} has {status.st_size:,} bytes, more than {largest:,}; make it smaller.",
+            code="file_too_large",
+        )
 
 
 def bytes_of(path: Path, largest: int = LARGEST_DATA) -> bytes:
@@ -50,54 +52,25 @@ def bytes_of(path: Path, largest: int = LARGEST_DATA) -> bytes:
         raise file_fault(path, error) from None
 
 
-def text_of(path: Path, largest: int = LARGEST_TEXT) -> str:
+def text_of(path: Path, largest: int = 2**26) -> str:
     """Read a file as UTF-8 text; raise as ``check_file``, or "file_unreadable"."""
     try:
         return bytes_of(path, largest).decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        sentence = f"{path.name} is not a text file: byte {error.start} is not UTF-8."
-        raise InvalidInput(sentence, code="file_unreadable") from None
+        raise InvalidInput(
+            f"{path.name} is not a text file: byte {error.start} is not UTF-8.",
+            code="file_unreadable",
+        ) from None
 
 
 def array_of(path: Path) -> Shaped[np.ndarray, "..."]:
     """Read one array of NumPy's .npy; raise as ``check_file``."""
-    raw = bytes_of(path)
-    return _whole(_array, raw, path.name, ".npy")
+    return _decoded(_array, path, ".npy")
 
 
 def arrays_of(path: Path) -> Arrays:
     """Read the arrays of NumPy's .npz, ``LARGEST_DATA`` bytes unpacked at most; raise as ``check_file``."""
-    raw = bytes_of(path)
-    return _whole(_unpacked, raw, path.name, ".npz")
-
-
-def _unpacked(raw: bytes) -> Arrays:
-    with zipfile.ZipFile(io.BytesIO(raw)) as file:
-        members = file.infolist()
-        _check_size(sum(one.file_size for one in members))
-        return {one.filename.removesuffix(".npy"): _array(file.read(one)) for one in members}
-
-
-def _array(raw: bytes) -> Shaped[np.ndarray, "..."]:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of headers that Python 2 wrote
-        return np.asarray(np.lib.format.read_array(io.BytesIO(raw), allow_pickle=False))
-
-
-def _whole(read: Callable[[bytes], Any], raw: bytes, name: str, kind: str) -> Any:
-    try:
-        return read(raw)
-    except InvalidInput as fault:
-        raise InvalidInput(f"{name}: {fault}", code=fault.code) from None
-    except Exception as error:  # zipfile, zlib and NumPy raise each their own for damaged files
-        sentence = f"{name}: its {len(raw)} bytes are no whole {kind} file ({type(error).__name__}); make it anew."
-        raise InvalidInput(sentence, code="file_unreadable") from None
-
-
-def _check_size(size: int) -> None:
-    if size > LARGEST_DATA:
-        sentence = f"its arrays have {size:,} bytes, more than {LARGEST_DATA:,}; make them fewer or shorter."
-        raise InvalidInput(sentence, code="file_too_large")
+    return _decoded(_archive, path, ".npz")
 
 
 def datasets_of(path: Path) -> Mapping[str, Shaped[np.ndarray, "..."] | np.generic | str]:
@@ -105,23 +78,62 @@ def datasets_of(path: Path) -> Mapping[str, Shaped[np.ndarray, "..."] | np.gener
 
     Links to other files, and data that stand in other files, are passed over.
     """
-    raw = bytes_of(path)
-    return _whole(_datasets, raw, path.name, ".h5")
+    return _decoded(_datasets, path, ".h5")
 
 
-def _datasets(raw: bytes) -> dict[str, Any]:
+def _decoded(decode: Callable[[bytes], Any], path: Path, kind: str) -> Any:
+    content = bytes_of(path)
+    try:
+        with about(path.name):
+            return decode(content)
+    except InvalidInput:
+        raise
+    except Exception as error:  # zipfile, zlib, NumPy and h5py raise many kinds for damaged files
+        raise InvalidInput(
+            f"{path.name} is no complete {kind} file ({type(error).__name__}); write it again.",
+            code="file_unreadable",
+        ) from None
+
+
+def _array(content: bytes) -> Shaped[np.ndarray, "..."]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of headers that Python 2 wrote
+        return np.asarray(np.lib.format.read_array(io.BytesIO(content), allow_pickle=False))
+
+
+def _archive(content: bytes) -> Arrays:
+    with zipfile.ZipFile(io.BytesIO(content)) as file:
+        members = file.infolist()
+        _check_size(sum(member.file_size for member in members))
+        return {
+            member.filename.removesuffix(".npy"): _array(file.read(member)) for member in members
+        }
+
+
+def _datasets(content: bytes) -> dict[str, Any]:
     import h5py
 
     file: Any
-    with h5py.File(io.BytesIO(raw), "r") as file:
-        links = {name: file.get(name, getlink=True) for name in file}
-        found = {
-            name: file[name] for name, link in links.items() if isinstance(link, h5py.HardLink)
+    with h5py.File(io.BytesIO(content), "r") as file:
+        datasets = {
+            name: file[name]
+            for name in file
+            if isinstance(file.get(name, getlink=True), h5py.HardLink)
+            and isinstance(file[name], h5py.Dataset)
+            and not file[name].is_virtual
+            and not file[name].external
         }
-        sets = {name: one for name, one in found.items() if isinstance(one, h5py.Dataset)}
-        own = {name: one for name, one in sets.items() if not one.is_virtual and not one.external}
-        _check_size(sum(one.size * max(one.dtype.itemsize, 1) for one in own.values() if one.size))
+        sizes = [item.size * max(item.dtype.itemsize, 1) for item in datasets.values() if item.size]
+        _check_size(sum(sizes))
         return {
-            name: one.asstr()[()] if one.dtype.kind in "OS" else one[()]
-            for name, one in own.items()
+            name: item.asstr()[()] if item.dtype.kind in "OS" else item[()]
+            for name, item in datasets.items()
         }
+
+
+def _check_size(size: int) -> None:
+    if size > LARGEST_DATA:
+        raise InvalidInput(
+            f"its arrays have {size:,} bytes, more than {LARGEST_DATA:,}; make them fewer or shorter.",
+            code="file_too_large",
+        )

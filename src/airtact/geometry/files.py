@@ -1,14 +1,12 @@
 """Surfaces from files: STL, PLY, OBJ and GLB, read by trimesh within size limits."""
 
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64
 
 from airtact.checks import counted, fixed, of_kind, positive
 from airtact.errors import about
-from airtact.files.mesh_reading import arrays_of, mesh_arrays, node_arrays, vertex_arrays
+from airtact.files.meshes import read_mesh
 from airtact.geometry.checks import check_not_crossed
 from airtact.geometry.mesh.arrays import FlatMesh, Vector3
 from airtact.geometry.mesh.curving import SHARP_DEGREES
@@ -33,10 +31,7 @@ def load_surface(
     The nodes of a scene graph are placed by their transforms and joined. Vertices at the same
     position are merged, whatever their texture or normal. ``repairs`` of the surface lists what was
     repaired (see ``airtact.geometry.mesh.repair.repaired``). Files of up to 100 MB and 250,000
-    triangles are read, which takes up to some 10 s and 1 GB. Files that are not plain (over 4 MB,
-    or glTF with many nodes, extensions or other files, or PLY with other elements; never a binary
-    STL) are read by a separate process, which may take 60 s of processor time and 4 GB; on Windows
-    by this one. Other files are read from the same folder only, materials and pictures never.
+    triangles are read, which takes up to some 10 s and 1 GB. Other files are read from the same folder only, materials and pictures never.
 
     Parameters
     ----------
@@ -58,7 +53,7 @@ def load_surface(
     scale = positive(scale, "scale", "m per unit of the file")
     report_step = progress or no_progress
     report_step(f"reading {path.name}")
-    vertices, triangles = bare_mesh(path)
+    vertices, triangles = read_mesh(path)
     with about(path.name):
         report_step(f"repairing {counted(len(triangles), 'triangle', 'triangles')}")
         with np.errstate(over="ignore"):  # infinite vertices are rejected by the repair
@@ -76,30 +71,3 @@ def load_surface(
         report_step("looking for crossings")
         check_not_crossed(surface)
         return surface
-
-
-def node_positions(path: Path) -> Mapping[str, Vector3]:
-    """Positions (3,) of the named nodes of a file, such as the joints of a rig, in its units.
-
-    Raises ``InvalidInput`` if the file is missing or unreadable.
-    """
-    nodes = arrays_of(path, node_arrays)
-    return {
-        str(name): fixed(position)
-        for name, position in zip(nodes["names"], nodes["positions"], strict=True)
-    }
-
-
-def bare_mesh(path: Path) -> FlatMesh:
-    """Vertices and triangles of a file as they are, in units of the file.
-
-    Raises ``InvalidInput`` if the file is missing, unreadable, beyond the limits, or without
-    triangles.
-    """
-    mesh = arrays_of(path, mesh_arrays)
-    return mesh["vertices"], mesh["triangles"]
-
-
-def bare_vertices(path: Path) -> Float64[np.ndarray, "vertices 3"]:
-    """Vertices of a file, or points of a PLY cloud, in its units; errors as of ``bare_mesh``."""
-    return arrays_of(path, vertex_arrays)["vertices"]

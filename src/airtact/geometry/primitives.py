@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from airtact.checks import fixed, number, point_of, positive
-from airtact.errors import MOST_TRIANGLES, InvalidInput, Vector
+from airtact.errors import InvalidInput, Vector
 from airtact.geometry.mesh.arrays import (
     FlatMesh,
     PointLengths,
@@ -177,11 +177,11 @@ class Capsule(Shape):
         for rings in range(fewest, max_rings + 1):
             around = 5 * rings  # five triangles round a pole keep every angle above 30 degrees
             count = _triangle_count(rings, around, self.length / self.radius)
-            if count > MOST_TRIANGLES:
+            if count > 2_000_000:  # a length is in a wrong unit
                 raise InvalidInput(
                     f"a capsule of {1e3 * self.radius:.4g} mm radius and "
                     f"{1e3 * self.length:.4g} mm length needs {count:,} triangles, more than "
-                    f"{MOST_TRIANGLES:,}: are its lengths in different units? Give metres.",
+                    "2,000,000: are its lengths in different units? Give metres.",
                     self.pose.translation,
                     code="too_many",
                 )

@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Float64
 
 from airtact.checks import of_kind, points_of, positive
-from airtact.errors import LARGEST_POSE, InvalidInput, about
+from airtact.errors import InvalidInput, about
 from airtact.files.bounded import array_of, text_of
-from airtact.geometry.files import bare_vertices, node_positions
+from airtact.files.meshes import read_node_positions, read_vertices
 from airtact.hands.hand import Hand, hand_from_joints
 from airtact.hands.joints import NAMES, Points, Side, named_joints
 
@@ -90,7 +90,7 @@ def load_landmarks(path: Path) -> tuple[Float64[np.ndarray, "joints 3"], str | N
 
 def _read_pose(path: Path) -> dict[str, Any]:
     """Read a JSON file, and raise where it holds no pose."""
-    text = text_of(path, LARGEST_POSE)
+    text = text_of(path, 1_000_000)
     try:
         pose = json.loads(text)
     except RecursionError:
@@ -173,7 +173,7 @@ def load_rigged_hand(path: str | Path, scale: float = 1.0, side: Side | None = N
     of_kind(path, str | Path, "the path of a hand", "the name of a file")
     path = Path(path)
     scale = positive(scale, "scale", "m per unit of the file")
-    nodes = node_positions(path)
+    nodes = read_node_positions(path)
     with about(path.name):
         joints = {name: scale * nodes[name] for name in NAMES if name in nodes}
         return hand_from_joints(named_joints(joints), side=side)
@@ -201,7 +201,7 @@ def load_cloud(path: Path) -> Points:
     if suffix == ".npy":
         points = array_of(path)
     elif suffix == ".ply":
-        points = bare_vertices(path)
+        points = read_vertices(path)
     else:
         points = _points_in_text(path)
     with about(path.name):

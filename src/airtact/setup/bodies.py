@@ -16,8 +16,9 @@ from airtact.acoustics.medium import Medium
 from airtact.acoustics.scene import Obstacle, filled, impedance, sound_hard
 from airtact.errors import LARGEST_SCENE_FILE, InvalidInput, about
 from airtact.files.bounded import text_of
+from airtact.files.meshes import read_mesh
 from airtact.geometry.checks import NEAREST, approach
-from airtact.geometry.files import bare_mesh, load_surface
+from airtact.geometry.files import load_surface
 from airtact.geometry.pose import Pose
 from airtact.geometry.primitives import capsule, sphere
 from airtact.geometry.surface import Surface
@@ -274,7 +275,7 @@ def bare_triangles(path: Path, scale: float = 1.0) -> Triangles | None:
     None where the file cannot be read or there is nothing to draw.
     """
     try:
-        vertices, triangles = bare_mesh(path)
+        vertices, triangles = read_mesh(path)
     except InvalidInput:
         return None
     with np.errstate(over="ignore"):

@@ -52,7 +52,11 @@ def parse_scene(
     check_text(text)
     try:
         data = msgspec.toml.decode(text.encode())
-    except msgspec.DecodeError as error:
+    except RecursionError:
+        raise InvalidInput(
+            "lists and tables stand too deep in each other.", code="file_too_large"
+        ) from None
+    except ValueError as error:  # also of numbers with thousands of digits
         raise InvalidInput(
             f"this is not TOML: {str(error)[:1].lower()}{str(error)[1:]}.", code="file_unreadable"
         ) from None

@@ -33,7 +33,7 @@ def stored(solver: Solver, store: Path | None) -> Solver:
     """Let a solver store what it solves in a folder; without a folder return the solver itself."""
     if store is None:
         return solver
-    from airtact.acoustics.store.stored import Stored
+    from airtact.acoustics.store import Stored
 
     return Stored(solver, store)
 

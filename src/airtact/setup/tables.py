@@ -276,13 +276,6 @@ class SvgTable(Drawn, frozen=True, kw_only=True, tag="svg"):
     width: float
 
 
-class PictureTable(Drawn, frozen=True, kw_only=True, tag="picture"):
-    """A grey-scale picture beside the scene file on a grid of points; bright ones ask for more."""
-
-    file: str
-    width: float
-
-
 class SurfacePointsTable(Choice, frozen=True, tag="surface"):
     """Points on the surface of a ``body``, or on the side of it that faces ``facing`` within so many degrees."""
 
@@ -304,7 +297,7 @@ class FocusTable(Table, frozen=True):
     ``phase_degrees`` fixes the phase.
     """
 
-    points: NamedPointTable | PointTable | Shape | SvgTable | PictureTable
+    points: NamedPointTable | PointTable | Shape | SvgTable
     offset: float | None = None
     onto: str | None = None
     pressure: float | None = None

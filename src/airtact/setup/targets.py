@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64, Num
 
-from airtact.acoustics.drawings import picture, svg_path, text
+from airtact.acoustics.drawings import svg_path, text
 from airtact.acoustics.target import Target
 from airtact.acoustics.target_points import (
     Points,
@@ -49,18 +49,20 @@ def target_of(
 ) -> tuple[Target, tuple[str, ...]]:
     """Build the target of a scene file, and a name for each of its foci.
 
-    Foci can name the points in ``named`` and the bodies by their names; drawings and pictures are
+    Foci can name the points in ``named`` and the bodies by their names; drawings are
     in the folder. Raise "too_many" where there are more than ``most_points`` foci and
     suppression points.
     """
     check_total(len(foci) + len(suppression), most_points)
-    points, factors, names = [np.empty((0, 3))], [], []
+    points = [np.empty((0, 3))]
+    counts = []
+    names = []
     for index, table in enumerate(foci):
         with about(f"foci[{index}]"):
-            found, factor = _foci(table, named, bodies, folder)
+            found = _foci(table, named, bodies, folder)
             names += _names(table, index, len(found))
             points.append(found)
-            factors.append(factor)
+            counts.append(len(found))
         check_total(sum(map(len, points)), most_points)
     zones = [np.empty((0, 3))]
     for index, zone in enumerate(suppression):
@@ -72,7 +74,7 @@ def target_of(
                 zones.append(_drawn(zone.points, folder))
         check_total(sum(map(len, points + zones)), most_points)
     with about("foci"):
-        wanted = _wanted(foci, factors)
+        wanted = _wanted(foci, counts)
         return Target(
             np.concatenate(points), suppression_points=np.concatenate(zones), **wanted
         ), tuple(names)
@@ -90,26 +92,27 @@ def riding_of(
 
 
 def _wanted(
-    foci: Sequence[tables.FocusTable], factors: Sequence[Float64[np.ndarray, "_"]]
+    foci: Sequence[tables.FocusTable], counts: Sequence[int]
 ) -> dict[str, Num[np.ndarray, "foci"]]:
     """Return the pressures or shares of all foci, or nothing where all are alike."""
     pressures, shares, degrees = (
-        _each(foci, key, factors) for key in ("pressure", "share", "phase_degrees")
+        _each(foci, key, counts) for key in ("pressure", "share", "phase_degrees")
     )
     if pressures is not None and shares is not None:
         sentence = f"{len(foci)} of {len(foci)} have a pressure and a share; give one of the two."
         raise InvalidInput(sentence, code="options_clash")
-    size = np.concatenate([np.empty(0), *factors])
-    phased = size if degrees is None else size * np.exp(1j * np.radians(degrees))
+    phased = 1.0 if degrees is None else np.exp(1j * np.radians(degrees))
     if pressures is not None:
         return {"pressures": pressures * phased}
-    if shares is not None or degrees is not None or np.any(size != 1.0):
-        return {"shares": phased if shares is None else shares * phased}
+    if shares is not None:
+        return {"shares": shares * phased}
+    if degrees is not None:
+        return {"shares": np.asarray(phased)}
     return {}
 
 
 def _each(
-    foci: Sequence[tables.FocusTable], key: str, factors: Sequence[Float64[np.ndarray, "_"]]
+    foci: Sequence[tables.FocusTable], key: str, counts: Sequence[int]
 ) -> Float64[np.ndarray, "foci"] | None:
     """Spread a key over the points of each table; None where no table has it."""
     given = [value for table in foci if (value := getattr(table, key)) is not None]
@@ -121,7 +124,7 @@ def _each(
             f"{len(given)} of {len(foci)} have a {key}; give it to all, or to none{otherwise}."
         )
         raise InvalidInput(sentence, code="key_missing")
-    return np.repeat(np.array(given, dtype=np.float64), [len(factor) for factor in factors])
+    return np.repeat(np.array(given, dtype=np.float64), counts)
 
 
 def _names(table: tables.FocusTable, index: int, count: int) -> list[str]:
@@ -136,24 +139,19 @@ def _names(table: tables.FocusTable, index: int, count: int) -> list[str]:
 
 def _foci(
     table: tables.FocusTable, named: NamedPoints, bodies: Mapping[str, Surface], folder: Path
-) -> tuple[Points, Float64[np.ndarray, "points"]]:
-    """Points of one table, and the factor on its pressure or share that each of them gets."""
+) -> Points:
+    """Points of one table."""
     offset = DEFAULT_OFFSET if table.offset is None else table.offset
     if isinstance(table.points, tables.NamedPointTable):
         if table.onto is not None:
             raise InvalidInput("onto goes only with a point or a shape.", code="key_misplaced")
-        return _named(table.points.at, named, offset)[None], np.ones(1)
+        return _named(table.points.at, named, offset)[None]
     if table.offset is not None and table.onto is None:
         raise InvalidInput("offset goes only with at or onto.", code="key_misplaced")
-    if isinstance(table.points, tables.PictureTable):
-        file = folder / table.points.file
-        points, factors = built(partial(picture, file), table.points, leave_out=("file",))
-    else:
-        points = _drawn(table.points, folder)
-        factors = np.ones(len(points))
+    points = _drawn(table.points, folder)
     if table.onto is not None:
         points = onto_surface(points, _body(table.onto, bodies, "onto"), offset)
-    return points, factors
+    return points
 
 
 def _drawn(table: tables.PointTable | tables.Shape | tables.SvgTable, folder: Path) -> Points:

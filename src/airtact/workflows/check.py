@@ -12,7 +12,7 @@ from airtact.acoustics.scene import Scene, sound_hard
 from airtact.acoustics.solvers.bem.solver import BoundaryElement
 from airtact.errors import InvalidInput, about
 from airtact.files.atomic import writable_folder
-from airtact.files.mesh_reading import SUFFIXES
+from airtact.files.meshes import SUFFIXES
 from airtact.geometry.files import load_surface
 from airtact.live.session import Session, read_session
 from airtact.live.verification import VerifiedSession, verify_session

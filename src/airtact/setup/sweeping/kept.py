@@ -9,8 +9,8 @@ from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any
 
-from airtact.acoustics.store.entry import save
-from airtact.acoustics.store.fingerprint import name_of
+from airtact.acoustics.field_file import save
+from airtact.acoustics.store import name_of
 from airtact.errors import InvalidInput
 from airtact.setup.sweeping.rows import ERROR, SENTENCE, Function, Row
 
@@ -26,7 +26,7 @@ def names_of(function: Function, points: Iterable[Row]) -> list[str]:
     imports, and values that it reads, do not count.
     """
     modules: set[str] = set()
-    whole = name_of(_parts(function, modules), modules)
+    whole = name_of(*_parts(function, modules))
     return [_short(whole, point) for point in points]
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from airtact.acoustics.store.entry import save
+from airtact.acoustics.field_file import save
 from airtact.errors import extra
 from airtact.setup.sweeping.rows import ERROR, SENTENCE, Row, Value
 

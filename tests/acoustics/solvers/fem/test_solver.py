@@ -6,13 +6,13 @@ from itertools import product
 
 import numpy as np
 import pytest
+from airtact.acoustics.solvers.fem.meshing import meshing
+from airtact.acoustics.solvers.fem.meshing.surface_mesh import surface_mesh
+from airtact.acoustics.solvers.fem.meshing.symmetry import mirrors_of
 
 import airtact as at
 from airtact.acoustics.solvers.fem import factorisation, solver
 from airtact.acoustics.solvers.fem.field import FiniteField, touching_warnings
-from airtact.acoustics.solvers.fem.meshing import meshing
-from airtact.acoustics.solvers.fem.meshing.surface_mesh import surface_mesh
-from airtact.acoustics.solvers.fem.meshing.symmetry import mirrors_of
 from airtact.acoustics.solvers.fem.orders import longest_served
 from benchmarks.accuracy import PAPER_AIR, directions, far_points, one_each, relative
 from faults import raises_code

@@ -8,48 +8,28 @@ from functools import cache, partial
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Complex128, Int32
+from jaxtyping import Bool, Float64
 from scipy.sparse import csr_array
 
 from airtact.acoustics.solvers.arrays import Coefficients
-from airtact.acoustics.solvers.fem.meshing.netgen import (
+from airtact.acoustics.solvers.fem.libraries import (
     AssembledForm,
     many_threads,
     ngsolve_library,
     thread_count,
 )
-from airtact.acoustics.solvers.fem.meshing.volume import Box
+from airtact.acoustics.solvers.fem.mesh import Box
 from airtact.acoustics.solvers.memory import available_memory
 from airtact.errors import InvalidInput, NotConverged
 
-COMPLEX_SYMMETRIC = 6
-"""Pardiso's number for matrices that equal their transpose."""
+MAX_REFINEMENTS = 12
+"""Refinements that make up for single precision; two or three are usually enough."""
 
-SETTINGS = {0: 1, 1: 3, 9: 8, 17: -1, 20: 0, 34: 1}
-"""Pardiso's settings, by number from 0: METIS in all threads, pivots of 1e-8 at least, single ones.
+RESIDUAL = 1e-6
+"""Largest residual over the right-hand side after refinement."""
 
-Pairs of pivots take a third longer and leave as large a residual.
-"""
-
-SINGLE_PRECISION = 27
-"""Number of the setting that is 1 for single precision."""
-
-REFINEMENTS = 12
-"""Refinements at most that make up for single precision: two or three are enough."""
-
-RESIDUAL, COARSE_RESIDUAL = 1e-6, 1e-3
-"""Residual over the right-hand side after them; and up to order ``COARSE``, whose own error is far larger."""
-
-COARSE = 5
-
-TETRAHEDRA = 8.0
-"""Tetrahedra that Netgen fills a cube with whose edge is that of the tetrahedra."""
-
-FILL = {"pardiso": (8, 10.0), "sparsecholesky": (16, 14.0)}
-"""Bytes of an entry of a factor, and entries over the 4/3 power of the unknowns, as nested dissection leaves them."""
-
-OVERHEAD = 1.5
-"""Memory in all over that of the factor's entries."""
+COARSE_ORDER = 5
+"""Up to this order a residual of 1e-3 will do: the error of the elements is far larger."""
 
 
 class Factor(ABC):
@@ -67,31 +47,34 @@ class Factor(ABC):
 
     def solve(self, right: Coefficients) -> Coefficients:
         """Solution for each column of a right-hand side."""
-        form, found = self.form, np.empty_like(right)
-        column, inner = form.mat.CreateColVector(), form.mat.CreateColVector()
+        form = self.form
+        solution = np.empty_like(right)
+        column = form.mat.CreateColVector()
+        inner = form.mat.CreateColVector()
         with many_threads():
             for number in range(right.shape[1]):
                 column.FV().NumPy()[:] = right[:, number]
                 column.data += form.harmonic_extension_trans * column
-                found[:, number] = column.FV().NumPy()
-            solved = self.solve_shared(found)
+                solution[:, number] = column.FV().NumPy()
+            shared = self.solve_shared(solution)
             for number in range(right.shape[1]):
-                inner.FV().NumPy()[:] = found[:, number]
-                column.FV().NumPy()[:] = solved[:, number]
+                inner.FV().NumPy()[:] = solution[:, number]
+                column.FV().NumPy()[:] = shared[:, number]
                 column.data += form.harmonic_extension * column
                 column.data += form.inner_solve * inner
-                found[:, number] = column.FV().NumPy()
-        return found
+                solution[:, number] = column.FV().NumPy()
+        return solution
 
     def _times(self, matrix: Any, vectors: Coefficients) -> Coefficients:
         """Product of one of NGSolve's matrices with each column."""
-        found, vector = np.empty_like(vectors), self.form.mat.CreateColVector()
+        products = np.empty_like(vectors)
+        vector = self.form.mat.CreateColVector()
         product = vector.CreateVector()
         for number in range(vectors.shape[1]):
             vector.FV().NumPy()[:] = vectors[:, number]
             product.data = matrix * vector
-            found[:, number] = product.FV().NumPy()
-        return found
+            products[:, number] = product.FV().NumPy()
+        return products
 
 
 class SparseCholesky(Factor):
@@ -121,29 +104,32 @@ class Pardiso(Factor):
         self, form: AssembledForm, free: Bool[np.ndarray, "unknowns"], residual: float
     ) -> None:
         super().__init__(form, free)
-        self._library, self._residual = ctypes.CDLL(str(pardiso_library())), residual
+        self._library = ctypes.CDLL(str(pardiso_library()))
         self._library.MKL_Set_Num_Threads(thread_count())
+        self._residual = residual
         self._factorise(np.complex64)
 
     def _factorise(self, kind: type[np.complex64 | np.complex128]) -> None:
-        entries, columns, ends = _upper_backwards(self.form, self.free)
-        memory, settings, self._kind = (ctypes.c_int64 * 64)(), (ctypes.c_int * 64)(), kind
-        for number, value in {**SETTINGS, SINGLE_PRECISION: int(kind == np.complex64)}.items():
+        matrix = _upper_backwards(self.form, self.free)
+        # By Pardiso's numbers from 0: METIS in all threads, pivots of 1e-8 at least, single pivots
+        # (pairs take a third longer and leave as large a residual), and the precision.
+        values = {0: 1, 1: 3, 9: 8, 17: -1, 20: 0, 27: int(kind == np.complex64), 34: 1}
+        settings = (ctypes.c_int * 64)()
+        for number, value in values.items():
             settings[number] = value
+        self._kind = kind
         self._call = partial(
-            _pardiso, self._library, memory, settings, (entries.astype(kind), ends, columns)
+            _pardiso,
+            self._library,
+            (ctypes.c_int64 * 64)(),
+            settings,
+            (matrix.data.astype(kind), matrix.indptr, matrix.indices),
         )
         self._call(12)
         self._release = weakref.finalize(self, self._call, -1)
 
     def solve_shared(self, right: Coefficients) -> Coefficients:
-        """Solve, and solve again for the residual.
-
-        Raises
-        ------
-        NotConverged
-            The residual stays too large in double precision too.
-        """
+        """Solve, and solve again for the residual; raise ``NotConverged`` where that fails in double precision too."""
         solution, worst = self._refined(right)
         if worst > self._residual and self._kind == np.complex64:
             self._release()
@@ -151,42 +137,53 @@ class Pardiso(Factor):
             solution, worst = self._refined(right)
         if worst > self._residual:
             raise NotConverged(
-                f"Pardiso leaves a residual of {worst:.2g} of the right-hand side after {REFINEMENTS} refinements, "
-                f"more than {self._residual:.2g}: the matrix is nearly singular; take factorisation 'sparsecholesky'.",
+                f"Pardiso leaves a residual of {worst:.2g} of the right-hand side after {MAX_REFINEMENTS} "
+                f"refinements, more than {self._residual:.2g}: the matrix is nearly singular; take factorisation "
+                "'sparsecholesky'.",
                 code="not_converged",
             )
         return solution
 
     def _refined(self, right: Coefficients) -> tuple[Coefficients, float]:
         """Solution, and the largest residual that it leaves over its right-hand side."""
-        left, worst = np.where(self.free[:, None], right, 0), 0.0
-        size = np.linalg.norm(left, axis=0)
-        size[size == 0] = 1.0
-        solution, found = np.zeros_like(left), []
-        for _ in range(REFINEMENTS):
-            scale = np.abs(left).max() or 1.0
-            step = self._solved_once(left / scale)
+        residual = np.where(self.free[:, None], right, 0)
+        size = _norms(residual)
+        solution = np.zeros_like(residual)
+        worst = 0.0
+        directions: list[tuple[Coefficients, Coefficients]] = []
+        for _ in range(MAX_REFINEMENTS):
+            scale = np.abs(residual).max() or 1.0
+            step = self._solved_once(residual / scale)
             change = np.where(self.free[:, None], self._times(self.form.mat, step), 0)
-            for before, its_change in found:
+            for earlier, its_change in directions:
                 part = (its_change.conj() * change).sum(axis=0)
-                step, change = step - part * before, change - part * its_change
-            length = np.linalg.norm(change, axis=0)
-            length[length == 0] = 1.0
-            step, change = step / length, change / length
-            found.append((step, change))
-            part = (change.conj() * left).sum(axis=0)
-            solution, left = solution + part * step, left - part * change
-            worst = float((np.linalg.norm(left, axis=0) / size).max())
+                step = step - part * earlier
+                change = change - part * its_change
+            length = _norms(change)
+            step = step / length
+            change = change / length
+            directions.append((step, change))
+            part = (change.conj() * residual).sum(axis=0)
+            solution = solution + part * step
+            residual = residual - part * change
+            worst = float((np.linalg.norm(residual, axis=0) / size).max())
             if worst <= self._residual:
                 break
         return solution, worst
 
     def _solved_once(self, right: Coefficients) -> Coefficients:
         columns = np.asfortranarray(right[self.free][::-1], dtype=self._kind)
-        solved, found = np.zeros_like(columns), np.zeros_like(right)
+        solved = np.zeros_like(columns)
         self._call(33, columns, solved)
-        found[self.free] = solved[::-1]
-        return found
+        solution = np.zeros_like(right)
+        solution[self.free] = solved[::-1]
+        return solution
+
+
+def _norms(vectors: Coefficients) -> Float64[np.ndarray, "excitations"]:
+    """Norm of each column, 1 where that is 0, to divide by."""
+    norms = np.linalg.norm(vectors, axis=0)
+    return np.where(norms == 0, 1.0, norms)
 
 
 def _pardiso(
@@ -200,44 +197,43 @@ def _pardiso(
 ) -> None:
     """Run a phase of Pardiso: 12 factorises, 33 solves for the columns of ``right``, -1 releases the memory."""
 
-    def whole(number: int) -> Any:
+    def integer(number: int) -> Any:
         return ctypes.byref(ctypes.c_int(number))
 
     def start(array: np.ndarray | None) -> Any:
         return None if array is None else array.ctypes.data_as(ctypes.c_void_p)
 
-    entries, ends, columns = matrix
-    fault, count = ctypes.c_int(0), 1 if right is None else right.shape[1]
+    entries, row_starts, columns = matrix
+    fault = ctypes.c_int(0)
+    count = 1 if right is None else right.shape[1]
+    complex_symmetric = 6
     library.pardiso(
-        memory, whole(1), whole(1), whole(COMPLEX_SYMMETRIC), whole(phase), whole(len(ends) - 1),
-        start(entries), start(ends), start(columns), None, whole(count), settings, whole(0),
-        start(right), start(solution), ctypes.byref(fault),
+        memory, integer(1), integer(1), integer(complex_symmetric), integer(phase),
+        integer(len(row_starts) - 1), start(entries), start(row_starts), start(columns), None,
+        integer(count), settings, integer(0), start(right), start(solution), ctypes.byref(fault),
     )  # fmt: skip
     if fault.value:
         raise MemoryError(f"Pardiso stopped in phase {phase} with error {fault.value}.")
 
 
-def _upper_backwards(
-    form: AssembledForm, free: Bool[np.ndarray, "unknowns"]
-) -> tuple[
-    Complex128[np.ndarray, "entries"], Int32[np.ndarray, "entries"], Int32[np.ndarray, "ends"]
-]:
-    """Entries, columns and ends of rows of the upper triangle of the free unknowns, the last row first.
+def _upper_backwards(form: AssembledForm, free: Bool[np.ndarray, "unknowns"]) -> csr_array:
+    """Upper triangle of the free unknowns, the last row first.
 
     NGSolve keeps the lower triangle: read backwards, it is the upper one of a matrix whose unknowns
     are reversed.
     """
-    entries, columns, first = (np.asarray(part) for part in form.mat.CSR())
-    lower = csr_array((entries, columns, first.astype(np.int32)), shape=(len(free), len(free)))
-    rows = np.repeat(np.arange(len(free)), np.diff(lower.indptr))
-    chosen = free[rows] & free[lower.indices]
-    number = np.cumsum(free[::-1])[::-1] - 1  # of the free unknowns, the last is 0
-    ends = np.cumsum(np.bincount(number[rows[chosen]], minlength=int(free.sum())))
-    return (
-        lower.data[chosen][::-1],
-        number[lower.indices[chosen]][::-1].astype(np.int32),
-        np.concatenate([[0], ends]).astype(np.int32),
+    entries, columns, row_starts = (np.asarray(part) for part in form.mat.CSR())
+    rows = np.repeat(np.arange(len(free)), np.diff(row_starts))
+    chosen = free[rows] & free[columns]
+    number = np.cumsum(free[::-1])[::-1] - 1  # of the free unknowns; the last is 0
+    count = int(free.sum())
+    row_ends = np.cumsum(np.bincount(number[rows[chosen]], minlength=count))
+    parts = (
+        entries[chosen][::-1],
+        number[columns[chosen]][::-1].astype(np.int32),
+        np.concatenate([[0], row_ends]).astype(np.int32),
     )
+    return csr_array(parts, shape=(count, count))
 
 
 @cache
@@ -247,21 +243,21 @@ def pardiso_library() -> str | None:
         files = importlib.metadata.distribution("mkl").files or []
     except importlib.metadata.PackageNotFoundError:
         return None
-    paths = [str(file.locate()) for file in files if "mkl_rt" in file.name]
-    return paths[0] if paths else None
+    return next((str(file.locate()) for file in files if "mkl_rt" in file.name), None)
 
 
-def chosen_method(asked: str) -> str:
-    """Factorisation taken for "found", "sparsecholesky" or "pardiso"; raises where ``mkl`` is not installed for it."""
-    if asked == "found":
-        return "sparsecholesky" if pardiso_library() is None else "pardiso"
-    if asked == "pardiso" and pardiso_library() is None:
+def chosen_method(method: str) -> str:
+    """Factorisation taken for "found", "sparsecholesky" or "pardiso"; raise where ``mkl`` is not installed for it."""
+    installed = pardiso_library() is not None
+    if method == "found":
+        return "pardiso" if installed else "sparsecholesky"
+    if method == "pardiso" and not installed:
         raise InvalidInput(
-            "the factorisation 'pardiso' was asked for, but the package mkl is not installed (0 files found); "
-            "pip install 'airtact[mkl]', or take 'sparsecholesky'.",
+            "the factorisation 'pardiso' was asked for, but the package mkl is not installed; pip install "
+            "'airtact[mkl]', or take 'sparsecholesky'.",
             code="extra_missing",
         )
-    return asked
+    return method
 
 
 def factorised(
@@ -270,17 +266,20 @@ def factorised(
     """Factorise the assembled matrix of elements of an order by "sparsecholesky" or "pardiso"."""
     if method == "sparsecholesky":
         return SparseCholesky(form, free)
-    return Pardiso(form, free, COARSE_RESIDUAL if order <= COARSE else RESIDUAL)
+    return Pardiso(form, free, 1e-3 if order <= COARSE_ORDER else RESIDUAL)
 
 
 def check_memory(
     box: Box, wavelength: float, order: int, elements_per_wavelength: float, method: str
 ) -> None:
-    """Raise "too_little_memory" where the machine has not the memory of a factorisation, before it is taken."""
+    """Raise "too_little_memory" where the machine lacks the memory of a factorisation, before it is taken."""
     volume = float((box.outer_high - box.outer_low).prod()) / wavelength**3
-    unknowns = TETRAHEDRA * volume * elements_per_wavelength**3 * order**3 / 6
-    each, fill = FILL[method]
-    size, free = OVERHEAD * each * fill * unknowns ** (4 / 3), available_memory()
+    # Netgen fills a cube whose edge is that of the tetrahedra with some 8 of them.
+    unknowns = 8.0 * volume * elements_per_wavelength**3 * order**3 / 6
+    # Nested dissection leaves entries by the 4/3 power of the unknowns; half as much goes on top.
+    bytes_per_entry, fill = (8, 10.0) if method == "pardiso" else (16, 14.0)
+    size = 1.5 * bytes_per_entry * fill * unknowns ** (4 / 3)
+    free = available_memory()
     if size > 0.9 * free:
         raise InvalidInput(
             f"finite elements of order {order} need some {unknowns:.2g} unknowns and {size / 2**30:.1f} GiB for a box "

@@ -1,4 +1,4 @@
-"""The field that finite elements found: from the tetrahedra beside the bodies, from a surface integral elsewhere."""
+"""The field that finite elements solved: from the tetrahedra beside the bodies, from a surface integral elsewhere."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,8 +9,8 @@ from jaxtyping import Bool
 
 from airtact.acoustics.scene import CONTACT, Scene
 from airtact.acoustics.solvers.arrays import Gradients, Mask, Points, Pressures
-from airtact.acoustics.solvers.fem.meshing.symmetry import TOLERANCE, images
 from airtact.acoustics.solvers.fem.solution import PointSources, Solution, solve
+from airtact.acoustics.solvers.fem.symmetry import TOLERANCE, images
 from airtact.acoustics.solvers.fem.system import System
 from airtact.acoustics.solvers.problem import (
     DIFFERENCE,
@@ -23,17 +23,8 @@ from airtact.acoustics.solvers.velocity import differences, velocity_of
 from airtact.acoustics.sources import STANDS_ON, Monopoles, nearest_source
 from airtact.checks import in_mm, points_of
 
-NEAR = 0.25
-"""Distance from the surfaces, in wavelengths, up to which points and sources count as beside the bodies."""
-
-CLEAR = 1.0
-"""Distance from the surfaces, in wavelengths, from which few quadrature points on them suffice."""
-
 TOUCHING = 0.04
-"""Distance from a filled body, in wavelengths, up to which a source is a point load for its own surroundings too."""
-
-ROUGH = 0.5
-"""Distance from a source that touches an impedance or filled body, in wavelengths, up to which little is right."""
+"""Distance from a filled body up to which a source is a point load for its own surroundings too [λ]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,10 +51,16 @@ class FiniteField(RadiatedField):
         """The assembled equation."""
         return self.from_afar.system
 
+    @cached_property
+    def _scaled(self) -> PointSources:
+        return _scaled(self.scene, self.sources)
+
     @property
     def on_surface(self) -> SurfaceField:
         """Total pressure at the quadrature points of the surfaces."""
-        length, nodes, mirrors = self.scene.wavelength, self.system.surface, self.system.mirrors
+        length = self.scene.wavelength
+        nodes = self.system.surface
+        mirrors = self.system.mirrors
         pressure = np.concatenate(self.from_nearby.at_nodes(nodes)) / length
         points = np.concatenate(images(mirrors, nodes.points)) * length
         tips = np.concatenate(images(mirrors, nodes.points + nodes.normals)) * length
@@ -80,16 +77,14 @@ class FiniteField(RadiatedField):
         """The solution for the scattered pressure of all sources but those that touch filled bodies."""
         if not (self.workspace or beside(self.scene, self.sources.positions).any()):
             return self.from_afar
-        sources, touching = _scaled(self.scene, self.sources), self._touching_filled
-        return solve(
-            self.system, sources.chosen(~touching).and_also(self._images), sources.chosen(touching)
-        )
+        touching = self._touching_filled
+        outer = self._scaled.chosen(~touching).joined(self._images)
+        return solve(self.system, outer, self._scaled.chosen(touching))
 
     @cached_property
     def _touching_filled(self) -> Bool[np.ndarray, "sources"]:
-        return _touching(
-            self.scene, self.sources.positions, ("filled",), TOUCHING * self.scene.wavelength
-        )
+        gap = TOUCHING * self.scene.wavelength
+        return _touching(self.scene, self.sources.positions, ("filled",), gap)
 
     @cached_property
     def _images(self) -> list[PointSources]:
@@ -98,31 +93,30 @@ class FiniteField(RadiatedField):
         An image stands as deep in the nearest body as meshed as its source stands off it; where the
         body is too thin to hold it, there is none.
         """
-        sources, length = _scaled(self.scene, self.sources), self.scene.wavelength
-        near, found = beside(self.scene, self.sources.positions) & ~self._touching_filled, []
+        length = self.scene.wavelength
+        near = beside(self.scene, self.sources.positions) & ~self._touching_filled
+        mirrored = []
         for number in np.flatnonzero(near):
-            source = sources.chosen(np.arange(len(near)) == number)
-            depths = [
-                float(one.surface.depth(source.positions * length)[0])
-                for one in self.scene.obstacles
-            ]
+            source = self._scaled.chosen(np.arange(len(near)) == number)
+            position = source.positions * length
+            depths = [float(body.surface.depth(position)[0]) for body in self.scene.obstacles]
             nearest = self.scene.obstacles[int(np.argmax(depths))]
             if nearest.boundary == "filled":
                 continue
             image = 2 * self.system.nearest_on_surface(source.positions)[0] - source.positions
-            if (
-                float(nearest.surface.depth(image * length)[0])
-                > -0.9 * max(depths) - TOLERANCE * length
-            ):
-                found.append(PointSources(image, source.strengths))
-        return found
+            depth = float(nearest.surface.depth(image * length)[0])
+            if depth > -0.9 * max(depths) - TOLERANCE * length:
+                mirrored.append(PointSources(image, source.strengths))
+        return mirrored
 
     def valid(self, points: Points) -> Mask:
         """Whether points (P, 3) [m] lie outside the bodies, on them or in a filled one; and in the workspace."""
         points = points_of(points, "points", least=0)
-        valid = (
-            self._in_workspace(points) if self.workspace else np.ones(len(points), dtype=np.bool_)
-        )
+        valid = np.ones(len(points), dtype=np.bool_)
+        if self.workspace:
+            length = self.scene.wavelength
+            folded = images(self.system.mirrors, points / length)
+            valid = np.any([self.system.box.holds(image * length) for image in folded], axis=0)
         for obstacle in self.scene.obstacles:
             if obstacle.boundary != "filled":
                 valid &= obstacle.surface.depth(points) <= CONTACT
@@ -131,14 +125,14 @@ class FiniteField(RadiatedField):
     def at(self, points: Points) -> Pressures:
         """Total pressure [Pa] at points (P, 3) [m], as ``RadiatedField.at``."""
         points = receivers(points, self.sources)
-        found = np.full((len(points), self.sources.strengths.shape[1]), np.nan, dtype=np.complex128)
+        pressure = self._unknown(points)
         close, away = self._close_and_away(points)
         length = self.scene.wavelength
         if close.any():
-            found[close] = self.from_nearby.total(points[close] / length) / length
+            pressure[close] = self.from_nearby.total(points[close] / length) / length
         if away.any():
-            found[away] = self._total_away(points[away])
-        return found
+            pressure[away] = self._total_away(points[away])
+        return pressure
 
     def scattered_at(self, points: Points) -> Pressures:
         """Scattered pressure [Pa] at points (P, 3) [m], as ``RadiatedField.scattered_at``.
@@ -146,25 +140,23 @@ class FiniteField(RadiatedField):
         A source within 0.04 wavelengths of a filled body touches it.
         """
         points = points_of(points, "points", least=0)
-        found = np.full((len(points), self.sources.strengths.shape[1]), np.nan, dtype=np.complex128)
+        pressure = self._unknown(points)
         close, away = self._close_and_away(points)
-        length, k = self.scene.wavelength, self.system.wavenumber
         if away.any():
-            found[away] = self._scattered_away(points[away])
+            pressure[away] = self._scattered_away(points[away])
         if close.any():
-            some = points[close] / length
-            scattered = self._scattering.finite_elements(some)
+            wavenumber = self.system.wavenumber
+            scaled = points[close] / self.scene.wavelength
+            scattered = self._scattering.finite_elements(scaled)
             for image in self._images:
-                scattered += image.pressure(some, k)
-            scattered -= (
-                _scaled(self.scene, self.sources).chosen(self._touching_filled).pressure(some, k)
-            )
-            found[close] = scattered / length
+                scattered += image.pressure(scaled, wavenumber)
+            scattered -= self._scaled.chosen(self._touching_filled).pressure(scaled, wavenumber)
+            pressure[close] = scattered / self.scene.wavelength
         distance, source = nearest_source(points, self.sources, STANDS_ON)
         touching = self._touching_filled | (self.scene.depth(self.sources.positions) > -STANDS_ON)
-        on = np.flatnonzero(distance < STANDS_ON)
-        found[on[touching[source[on]]]] = np.nan
-        return found
+        on_source = np.flatnonzero(distance < STANDS_ON)
+        pressure[on_source[touching[source[on_source]]]] = np.nan
+        return pressure
 
     def velocity(self, points: Points) -> Gradients:
         """Particle velocity [m/s] at points (P, 3) [m], as ``RadiatedField.velocity``.
@@ -175,60 +167,54 @@ class FiniteField(RadiatedField):
         """
         points = receivers(points, self.sources)
         close, away = self._close_and_away(points)
+        length = self.scene.wavelength
         gradients = np.full(
             (len(points), 3, self.sources.strengths.shape[1]), np.nan, dtype=np.complex128
         )
-        density, length = np.full(len(points), self.scene.medium.density), self.scene.wavelength
+        density = np.full(len(points), self.scene.medium.density)
         if close.any():
             gradients[close], density[close] = self.from_nearby.gradients(points[close] / length)
             gradients /= length**2
             hard = close & _touching(self.scene, points, ("sound_hard",), CONTACT)
             normals = self.system.nearest_on_surface(points[hard] / length)[1]
-            gradients[hard] -= (
-                normals[:, :, None] * np.einsum("pd,pds->ps", normals, gradients[hard])[:, None]
-            )
+            along_normal = np.einsum("pd,pds->ps", normals, gradients[hard])
+            gradients[hard] -= normals[:, :, None] * along_normal[:, None]
         if away.any():
             step = np.full(int(away.sum()), DIFFERENCE * length)
             gradients[away] = differences(partial(self._total_away, fine=True), points[away], step)
         return velocity_of(gradients, self.scene.frequency, density)
 
+    def _unknown(self, points: Points) -> Pressures:
+        return np.full((len(points), self.sources.strengths.shape[1]), np.nan, dtype=np.complex128)
+
     def _close_and_away(self, points: Points) -> tuple[Mask, Mask]:
         """Find the valid points beside the bodies or in a meshed workspace, and the other valid ones."""
-        valid, near = self.valid(points), self.workspace | beside(self.scene, points)
+        valid = self.valid(points)
+        near = self.workspace | beside(self.scene, points)
         return valid & near, valid & ~near
 
     def _total_away(self, points: Points, fine: bool = False) -> Pressures:
         length = self.scene.wavelength
-        free_field = (
-            _scaled(self.scene, self.sources).pressure(points / length, self.system.wavenumber)
-            / length
-        )
+        free_field = self._scaled.pressure(points / length, self.system.wavenumber) / length
         return self._scattered_away(points, fine) + free_field
 
     def _scattered_away(self, points: Points, fine: bool = False) -> Pressures:
         """Scattered pressure at points off the bodies; if not ``fine``, from few quadrature points where those do."""
         length = self.scene.wavelength
-        clear = (
-            np.zeros(len(points), dtype=bool)
-            if fine
-            else self.scene.depth(points) < -CLEAR * length
-        )
-        found = np.zeros((len(points), self.sources.strengths.shape[1]), dtype=np.complex128)
-        for some, apart in ((clear, True), (~clear, False)):
-            if some.any():
-                found[some] = self.from_afar.scattered(points[some] / length, apart) / length
-        return found
-
-    def _in_workspace(self, points: Points) -> Mask:
-        folded = images(self.system.mirrors, points / self.scene.wavelength)
-        return np.any(
-            [self.system.box.holds(image * self.scene.wavelength) for image in folded], axis=0
-        )
+        clear = np.zeros(len(points), dtype=bool)
+        if not fine:
+            clear = self.scene.depth(points) < -length  # a wavelength off, few points suffice
+        pressure = np.zeros((len(points), self.sources.strengths.shape[1]), dtype=np.complex128)
+        if clear.any():
+            pressure[clear] = self.from_afar.scattered(points[clear] / length, True) / length
+        if not clear.all():
+            pressure[~clear] = self.from_afar.scattered(points[~clear] / length, False) / length
+        return pressure
 
 
 def beside(scene: Scene, points: Points) -> Mask:
-    """Whether points lie in a body or within ``NEAR`` wavelengths of one."""
-    return scene.depth(points) > -NEAR * scene.wavelength
+    """Whether points lie in a body or within a quarter of a wavelength of one."""
+    return scene.depth(points) > -0.25 * scene.wavelength
 
 
 def solved_from_afar(system: System, scene: Scene, sources: Monopoles, workspace: bool) -> Solution:
@@ -237,35 +223,35 @@ def solved_from_afar(system: System, scene: Scene, sources: Monopoles, workspace
     Away from the bodies this is as right as the pressure of a far source is beside them, by
     reciprocity.
     """
-    near, scaled = workspace | beside(scene, sources.positions), _scaled(scene, sources)
+    near = workspace | beside(scene, sources.positions)
+    scaled = _scaled(scene, sources)
     return solve(system, scaled.chosen(~near), scaled.chosen(near))
 
 
 def touching_warnings(scene: Scene, sources: Monopoles) -> tuple[str, ...]:
     """Warn of sources that touch bodies that are not sound-hard: right beside them the pressure is rough."""
-    touching = np.flatnonzero(
-        _touching(scene, sources.positions, ("impedance", "filled"), TOUCHING * scene.wavelength)
-    )
-    if not len(touching):
+    gap = TOUCHING * scene.wavelength
+    touching = _touching(scene, sources.positions, ("impedance", "filled"), gap)
+    if not touching.any():
         return ()
+    first = sources.positions[np.argmax(touching)]
     return (
-        f"{len(touching)} of {len(sources.positions)} sources touch impedance or filled bodies, the first at "
-        f"{in_mm(sources.positions[touching[0]])}: within {1e3 * ROUGH * scene.wavelength:.3g} mm of such a "
-        "source the pressure beside the bodies is 4 to 50 % off (elsewhere it is not); move sources "
-        f"{1e3 * TOUCHING * scene.wavelength:.2g} mm off the body to evaluate it there.",
+        f"{touching.sum()} of {len(sources.positions)} sources touch impedance or filled bodies, the first at "
+        f"{in_mm(first)}: within {1e3 * 0.5 * scene.wavelength:.3g} mm of such a source the pressure beside the "
+        f"bodies is 4 to 50 % off (elsewhere it is not); move sources {1e3 * gap:.2g} mm off the body to evaluate "
+        "it there.",
     )
 
 
 def _scaled(scene: Scene, sources: Monopoles) -> PointSources:
-    return PointSources(
-        sources.positions / scene.wavelength, np.asarray(sources.strengths, dtype=np.complex128)
-    )
+    strengths = np.asarray(sources.strengths, dtype=np.complex128)
+    return PointSources(sources.positions / scene.wavelength, strengths)
 
 
 def _touching(scene: Scene, points: Points, boundaries: Sequence[str], gap: float) -> Mask:
     """Whether points are less than a gap [m] off bodies of some kinds, or in them."""
-    found = np.zeros(len(points), dtype=np.bool_)
+    touching = np.zeros(len(points), dtype=np.bool_)
     for obstacle in scene.obstacles:
         if obstacle.boundary in boundaries:
-            found |= obstacle.surface.depth(points) > -gap
-    return found
+            touching |= obstacle.surface.depth(points) > -gap
+    return touching

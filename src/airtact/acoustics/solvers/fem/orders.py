@@ -12,23 +12,11 @@ from jaxtyping import Float64, Int64, Real
 from scipy.spatial import KDTree
 
 from airtact.acoustics.scene import Scene
-from airtact.acoustics.solvers.fem.meshing.netgen import CurvedMesh, FiniteSpace, ngsolve_library
-from airtact.acoustics.solvers.fem.meshing.volume import Box
+from airtact.acoustics.solvers.fem.libraries import CurvedMesh, FiniteSpace, ngsolve_library
+from airtact.acoustics.solvers.fem.mesh import Box
 
-REACH = 1.5
-"""The order asked for serves edges up to this many times the one asked for."""
-
-EASE = 3.0
-"""Error allowed in the perfectly matched layer and far from the surfaces over that near them: little comes back."""
-
-FAR = 0.5
-"""Distance from the surfaces that is far [λ]."""
-
-HIGHER, LEAST = 4, 3
-"""Orders are at most this much above the one asked for, and at least this high where that one is."""
-
-ON_BOX = 1e-9
-"""Distance [m] up to which the middle of an edge lies on the box."""
+MAX_ABOVE = 4
+"""Orders are at most this much above the one asked for."""
 
 
 def longest_served(order: int, size: float, ease: float = 1.0) -> Float64[np.ndarray, "orders"]:
@@ -39,12 +27,8 @@ def longest_served(order: int, size: float, ease: float = 1.0) -> Float64[np.nda
     allowed.
     """
     error = ease * (0.5 * np.pi * size) ** (order + 1) / factorial(order + 1)
-    return np.array(
-        [
-            (error * factorial(p + 1)) ** (1 / (p + 1)) / (0.5 * np.pi)
-            for p in range(1, order + HIGHER + 1)
-        ]
-    )
+    powers = range(2, order + MAX_ABOVE + 2)
+    return np.array([(error * factorial(n)) ** (1 / n) / (0.5 * np.pi) for n in powers])
 
 
 def grade_orders(
@@ -64,23 +48,29 @@ def grade_orders(
     ngsolve = ngsolve_library()
     points = np.array([vertex.point for vertex in mesh.vertices])
     ends = np.array([[vertex.nr for vertex in edge.vertices] for edge in mesh.edges])
-    lengths = np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1) * _shortening(
-        scene, mesh
-    )
+    lengths = np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1)
+    lengths *= _shortening(scene, mesh)
+    middles = points[ends].mean(axis=1)
     faces = np.array([[edge.nr for edge in face.edges] for face in mesh.faces])
     cells = np.array([[edge.nr for edge in cell.edges] for cell in mesh.Elements(ngsolve.VOL)])
-    middles = points[ends].mean(axis=1)
+    on_box = 1e-9  # [m] off it the middle of an edge on the box may be
+    air = Box(box.low - on_box, box.high + on_box, box.layer, box.mirrors)
     near = None if surface is None else KDTree(surface)
-    every = (np.arange(len(ends))[:, None], faces, cells)
-    for kind, edges in zip((ngsolve.EDGE, ngsolve.FACE, ngsolve.CELL), every, strict=True):
-        longest, middle = lengths[edges].max(axis=1), middles[edges].mean(axis=1)
-        eased = ~Box(box.low - ON_BOX, box.high + ON_BOX, box.layer, box.mirrors).holds(
-            middle * scene.wavelength
-        )
+    edges_of = {
+        ngsolve.EDGE: np.arange(len(ends))[:, None],
+        ngsolve.FACE: faces,
+        ngsolve.CELL: cells,
+    }
+    for kind, edges in edges_of.items():
+        longest = lengths[edges].max(axis=1)
+        middle = middles[edges].mean(axis=1)
+        # Little of the error in the layer and far from the surfaces comes back: three times as much
+        # is allowed there.
+        eased = ~air.holds(middle * scene.wavelength)
         if near is not None:
-            eased |= near.query(middle)[0] > FAR
+            eased |= near.query(middle)[0] > 0.5
         orders = np.where(
-            eased, _served(longest, order, size, EASE), _served(longest, order, size, 1.0)
+            eased, _served(longest, order, size, 3.0), _served(longest, order, size, 1.0)
         )
         for number in np.flatnonzero(orders != order).tolist():
             space.SetOrder(ngsolve.NodeId(kind, number), int(orders[number]))
@@ -90,17 +80,16 @@ def grade_orders(
 def _served(
     lengths: Real[np.ndarray, "nodes"], order: int, size: float, ease: float
 ) -> Int64[np.ndarray, "nodes"]:
-    limits = longest_served(order, REACH * size, ease)
-    return np.clip(1 + np.searchsorted(limits, lengths), min(order, LEAST), order + HIGHER)
+    limits = longest_served(order, 1.5 * size, ease)  # Netgen's longest edges
+    return np.clip(1 + np.searchsorted(limits, lengths), min(order, 3), order + MAX_ABOVE)
 
 
 def _shortening(scene: Scene, mesh: CurvedMesh) -> Float64[np.ndarray, "edges"]:
     """Divide the wave in air by the one beside each edge, where that is in a filled body and shorter."""
-    found = np.ones(mesh.nedge)
+    factors = np.ones(mesh.nedge)
     for body, obstacle in enumerate(scene.obstacles):
-        if obstacle.medium is None or obstacle.medium.sound_speed >= scene.medium.sound_speed:
-            continue
-        shorter = scene.medium.sound_speed / obstacle.medium.sound_speed
-        for cell in mesh.Materials(f"body{body}").Elements():
-            found[[edge.nr for edge in cell.edges]] = shorter
-    return found
+        if obstacle.medium is not None:
+            shorter = scene.medium.sound_speed / obstacle.medium.sound_speed
+            for cell in mesh.Materials(f"body{body}").Elements():
+                factors[[edge.nr for edge in cell.edges]] = max(shorter, 1.0)
+    return factors

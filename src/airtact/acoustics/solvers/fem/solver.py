@@ -11,16 +11,14 @@ from airtact.acoustics.scene import Scene, check_no_planes, check_sources
 from airtact.acoustics.solvers.arrays import Points
 from airtact.acoustics.solvers.fem.factorisation import check_memory, chosen_method
 from airtact.acoustics.solvers.fem.field import FiniteField, solved_from_afar, touching_warnings
-from airtact.acoustics.solvers.fem.meshing.meshing import meshed
-from airtact.acoustics.solvers.fem.meshing.symmetry import AXES, Mirror, mirrors_of
-from airtact.acoustics.solvers.fem.meshing.volume import Box
+from airtact.acoustics.solvers.fem.mesh import Box, meshed
+from airtact.acoustics.solvers.fem.symmetry import AXES, Mirror, mirrors_of
 from airtact.acoustics.solvers.fem.system import System, assembled
-from airtact.acoustics.solvers.fem.weak_form import THICKNESS
+from airtact.acoustics.solvers.fem.weak_form import LAYER_THICKNESS
 from airtact.acoustics.solvers.problem import Solver, SolveReport, surrounding_points
 from airtact.acoustics.sources import Monopoles
-from airtact.checks import counted, in_mm, number, of_kind, points_of
+from airtact.checks import between, check_choice, in_mm, of_kind, points_of
 from airtact.errors import InvalidInput, Vector
-from airtact.printing import in_short
 from airtact.timing import Clock, Progress
 
 CITATIONS = (
@@ -30,18 +28,15 @@ CITATIONS = (
 )
 
 MARGIN = 0.3
-"""Air between the bodies and the perfectly matched layer, in wavelengths."""
+"""Air between the bodies and the perfectly matched layer [λ]."""
 
-ROOM = 0.1
-"""Air at least between the bodies and the faces of a workspace that is meshed, in wavelengths."""
+MIN_WORKSPACE_MARGIN = 0.1
+"""Air at least between the bodies and the faces of a workspace that is meshed [λ]."""
 
 PAPER_BOX = ((-0.07, -0.07, -0.09), (0.07, 0.07, 0.09))
 """The paper's workspace, 14 x 14 x 18 cm [m]."""
 
-FINE_ENOUGH = 1.5
-"""Elements in a wavelength from which on orders may be graded."""
-
-MANY = 100_000
+RECOMMEND_MKL_FROM = 100_000
 """Unknowns from which the progress callback recommends the package ``mkl`` where it is not installed."""
 
 
@@ -107,35 +102,22 @@ class FiniteElement(Solver):
                 f"order is {self.order!r}, but it must be a whole number from 1 to 10.",
                 code="out_of_range",
             )
-        number(self.elements_per_wavelength, "elements_per_wavelength", "")
-        if not 0.5 <= self.elements_per_wavelength <= 20:
-            raise InvalidInput(
-                f"elements_per_wavelength is {self.elements_per_wavelength:g}, but it must lie between 0.5 and 20.",
-                code="out_of_range",
-            )
+        between(self.elements_per_wavelength, 0.5, 20, "elements_per_wavelength", "", "2 is usual.")
         if self.symmetry != "found" and (
             isinstance(self.symmetry, str) or set(self.symmetry) - set(AXES)
         ):
             raise InvalidInput(
                 f"symmetry is {self.symmetry!r}, but it must be 'found' or axes such as ('x', 'y').",
-                code="unknown_key",
+                code="unknown_name",
             )
-        if self.domain not in ("tight", "box"):
-            raise InvalidInput(
-                f"domain is {self.domain!r}, but it must be 'tight' or 'box'.",
-                code="unknown_key",
-            )
-        low, high = (np.array(corner, dtype=np.float64) for corner in self.box)
-        if not (np.isfinite(low).all() and np.isfinite(high).all() and (high > low).all()):
+        check_choice(self.domain, "domain", ("tight", "box"))
+        check_choice(self.factorisation, "factorisation", ("found", "sparsecholesky", "pardiso"))
+        low, high = np.array(self.box, dtype=np.float64)
+        if not (np.isfinite([low, high]).all() and (high > low).all()):
             raise InvalidInput(
                 f"the workspace goes from {in_mm(low)} to {in_mm(high)}, but its second corner must lie above the "
                 "first along x, y and z.",
-                code="mesh_faulty",
-            )
-        if self.factorisation not in ("found", "sparsecholesky", "pardiso"):
-            raise InvalidInput(
-                f"factorisation is {self.factorisation!r}, but it must be 'found', 'sparsecholesky' or 'pardiso'.",
-                code="unknown_key",
+                code="out_of_range",
             )
 
     @classmethod
@@ -145,12 +127,7 @@ class FiniteElement(Solver):
         ``accuracy`` is the relative error wanted away from the surface, 0.001 to 0.3; others raise
         ``InvalidInput``.
         """
-        number(accuracy, "accuracy", "parts of 1")
-        if not 1e-3 <= accuracy <= 0.3:
-            raise InvalidInput(
-                f"accuracy is {accuracy:g}, but finite elements reach 0.001 to 0.3 (0.01 is 1 %).",
-                code="out_of_range",
-            )
+        between(accuracy, 1e-3, 0.3, "accuracy", "", "0.01 is 1 %.")
         return cls(order=4 if accuracy >= 0.03 else 5 if accuracy >= 0.005 else 6)
 
     def reporting(self, progress: Progress | None) -> "FiniteElement":
@@ -184,35 +161,45 @@ class FiniteElement(Solver):
         check_no_planes(scene, "FiniteElement")
         if not scene.obstacles:
             raise InvalidInput(
-                "the scene has 0 obstacles; use FreeField for open air.", code="empty"
+                "the scene has no obstacles; use FreeField for open air.", code="empty"
             )
-        fine = (
-            np.empty((0, 3)) if refined is None else points_of(refined, "points to refine", least=0)
-        )
-        method, clock = chosen_method(self.factorisation), Clock(self.progress)
+        if refined is None:
+            refined = np.empty((0, 3))
+        refined = points_of(refined, "points to refine", least=0)
+        method = chosen_method(self.factorisation)
+        clock = Clock(self.progress)
         mirrors = mirrors_of(scene, None if self.symmetry == "found" else tuple(self.symmetry))
         box = self._box(scene, mirrors)
         check_memory(box, scene.wavelength, self.order, self.elements_per_wavelength, method)
         with clock.step("meshing"):
-            mesh, surface, tetrahedra = meshed(scene, box, self.elements_per_wavelength, fine)
-        size = 1 / self.elements_per_wavelength if self._grades() else None
-        orders = (self.order, self.order + 1) if self.estimate else (self.order,)
+            mesh, surface, tetrahedra = meshed(scene, box, self.elements_per_wavelength, refined)
+        # On coarser meshes and at lower orders no order can be spared.
+        grades = self.graded and self.order >= 4 and self.elements_per_wavelength >= 1.5
         with clock.step("assembling"):
-            parts = scene, box, surface, tetrahedra, mesh
             systems = tuple(
-                assembled(*parts, order, method, size, self.domain == "box") for order in orders
+                assembled(
+                    scene,
+                    box,
+                    surface,
+                    tetrahedra,
+                    mesh,
+                    order,
+                    method,
+                    graded=1 / self.elements_per_wavelength if grades else None,
+                    workspace=self.domain == "box",
+                )
+                for order in range(self.order, self.order + 1 + self.estimate)
             )
         nodes = systems[0].surface
+        on_surface = np.count_nonzero(nodes.weighted.sum(axis=1))
         report = SolveReport(
             solver="FiniteElement",
             nodes=systems[0].unknowns,
-            nodes_per_square_wavelength=float(
-                np.count_nonzero(nodes.weighted.sum(axis=1)) / nodes.areas.sum()
-            ),
+            nodes_per_square_wavelength=float(on_surface / nodes.areas.sum()),
             estimated_error=float("nan"),
             settings={
                 "order": self.order,
-                "graded": self._grades(),
+                "graded": grades,
                 "elements_per_wavelength": self.elements_per_wavelength,
                 "domain": self.domain,
                 "mirrors": "".join(AXES[mirror.axis] for mirror in mirrors) or "none",
@@ -223,38 +210,30 @@ class FiniteElement(Solver):
         )
         return FactorisedScene(scene, self, systems, report, clock)
 
-    def _grades(self) -> bool:
-        """Whether orders may be graded: on coarser meshes and below that order nothing can be spared."""
-        return self.graded and self.order >= 4 and self.elements_per_wavelength >= FINE_ENOUGH
-
     def _box(self, scene: Scene, mirrors: tuple[Mirror, ...]) -> Box:
-        if self.domain == "box":
-            low, high = (np.array(corner, dtype=np.float64) for corner in self.box)
+        whole_workspace = self.domain == "box"
+        if whole_workspace:
+            low, high = np.array(self.box, dtype=np.float64)
             _check_beyond(scene, low, high)
         else:
-            points = np.concatenate(
-                [obstacle.surface.shape.extreme_points() for obstacle in scene.obstacles]
-            )
-            low, high = (
-                points.min(axis=0) - MARGIN * scene.wavelength,
-                points.max(axis=0) + MARGIN * scene.wavelength,
-            )
+            shapes = [obstacle.surface.shape for obstacle in scene.obstacles]
+            points = np.concatenate([shape.extreme_points() for shape in shapes])
+            low = points.min(axis=0) - MARGIN * scene.wavelength
+            high = points.max(axis=0) + MARGIN * scene.wavelength
         for mirror in mirrors:
-            if (
-                self.domain == "box"
-                and abs(low[mirror.axis] + high[mirror.axis] - 2 * mirror.position) > 1e-6
-            ):
+            off = abs(low[mirror.axis] + high[mirror.axis] - 2 * mirror.position)
+            if whole_workspace and off > 1e-6:
                 raise InvalidInput(
                     f"the workspace is not symmetric about the plane {AXES[mirror.axis]} = "
                     f"{1e3 * mirror.position:.4g} mm as the bodies are; shift the box, or leave that axis out of "
                     "symmetry.",
-                    code="hand_implausible",
+                    code="does_not_match",
                 )
             low[mirror.axis] = mirror.position
-        return Box(low, high, THICKNESS * scene.wavelength, mirrors)
+        return Box(low, high, LAYER_THICKNESS * scene.wavelength, mirrors)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FactorisedScene(Solver):
     """A scene that is meshed and assembled, and factorised as far as was needed: it solves for any sources.
 
@@ -272,8 +251,6 @@ class FactorisedScene(Solver):
     report: SolveReport
     clock: Clock
 
-    __repr__ = in_short
-
     def radiate(self, scene: Scene, sources: Monopoles) -> FiniteField:
         """Solve the same scene for the monopoles, without meshing or factorising anew.
 
@@ -284,23 +261,23 @@ class FactorisedScene(Solver):
         """
         if scene is not self.scene:
             raise InvalidInput(
-                f"this was factorised for another scene of {counted(len(self.scene.obstacles), 'body', 'bodies')} than "
-                f"the given one of {counted(len(scene.obstacles), 'body', 'bodies')}; factorise that one too.",
+                "this was factorised for another scene; factorise the given one too.",
                 code="not_supported",
             )
         check_sources(scene, sources)
-        first, workspace = self.systems[0], self.settings.domain == "box"
+        first = self.systems[0]
+        workspace = self.settings.domain == "box"
         if workspace:
             _check_in_layer(first.box, sources)
         words = "factorising and solving"
         if (
             self.settings.factorisation == "found"
             and first.method == "sparsecholesky"
-            and first.unknowns > MANY
+            and first.unknowns > RECOMMEND_MKL_FROM
         ):
             words += f" {first.unknowns:,} unknowns (a sixth of the time with pip install 'airtact[mkl]')"
         with self.clock.step("factorising and solving", words):
-            solved = [
+            solutions = [
                 solved_from_afar(system, scene, sources, workspace) for system in self.systems
             ]
         report = replace(
@@ -308,18 +285,17 @@ class FactorisedScene(Solver):
             seconds=dict(self.clock.seconds),
             warnings=touching_warnings(scene, sources),
         )
-        fields = [FiniteField(scene, sources, one, report, workspace) for one in solved]
+        fields = [
+            FiniteField(scene, sources, solution, report, workspace) for solution in solutions
+        ]
         if len(fields) == 1:
             return fields[0]
         points = surrounding_points(scene, first.surface.points * scene.wavelength)
-        pressures = [one.at(points) for one in fields]
-        size = np.linalg.norm(pressures[1], axis=0)
-        error = float(
-            (
-                np.linalg.norm(pressures[0] - pressures[1], axis=0) / np.where(size > 0, size, 1)
-            ).max()
-        )
-        return replace(fields[0], report=replace(report, estimated_error=error))
+        coarse, fine = (field.at(points) for field in fields)
+        size = np.linalg.norm(fine, axis=0)
+        difference = np.linalg.norm(coarse - fine, axis=0) / np.where(size > 0, size, 1)
+        report = replace(report, estimated_error=float(difference.max()))
+        return replace(fields[0], report=report)
 
 
 def _check_beyond(
@@ -328,13 +304,16 @@ def _check_beyond(
     """Check that no body reaches beyond the workspace, or nearly so."""
     for body, obstacle in enumerate(scene.obstacles):
         points = obstacle.surface.shape.extreme_points()
-        beyond = np.maximum(low - points, points - high).max(axis=1) + ROOM * scene.wavelength
+        beyond = (
+            np.maximum(low - points, points - high).max(axis=1)
+            + MIN_WORKSPACE_MARGIN * scene.wavelength
+        )
         worst = int(beyond.argmax())
         if beyond[worst] > 0:
             raise InvalidInput(
                 f"body {body} reaches {1e3 * beyond[worst]:.3g} mm too far at {in_mm(points[worst])} for the workspace "
                 f"from {in_mm(low)} to {in_mm(high)}, which must hold all bodies with "
-                f"{1e3 * ROOM * scene.wavelength:.2g} mm to spare; take a larger box.",
+                f"{1e3 * MIN_WORKSPACE_MARGIN * scene.wavelength:.2g} mm to spare; take a larger box.",
                 points[worst],
                 code="misplaced",
             )
@@ -342,7 +321,8 @@ def _check_beyond(
 
 def _check_in_layer(box: Box, sources: Monopoles) -> None:
     """Check that a meshed workspace holds the sources: the layer round it would absorb what they emit."""
-    low, high = np.array(box.low), np.array(box.high)
+    low = np.array(box.low)
+    high = box.high
     for mirror in box.mirrors:
         low[mirror.axis] = 2 * mirror.position - high[mirror.axis]
     beyond = np.maximum(low - sources.positions, sources.positions - high).max(axis=1)

@@ -1,10 +1,92 @@
-"""The surface integral of Kirchhoff and Helmholtz for finite elements, by compiled loops that no other solver uses."""
+"""Integrals over the surfaces of the bodies: quadrature points, and the compiled loops that no other solver uses."""
+
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Complex128, Real
+from jaxtyping import Complex128, Float64, Int64, Real
+from scipy.sparse import csr_array
 
 from airtact import _kernels
-from airtact.acoustics.solvers.arrays import Points, Pressures, SourcePoints, Strengths
+from airtact.acoustics.solvers.arrays import (
+    Coefficients,
+    Points,
+    Pressures,
+    SourcePoints,
+    Strengths,
+)
+from airtact.acoustics.solvers.fem.libraries import CurvedMesh, FiniteSpace, ngsolve_library
+
+MAX_RULE_ORDER = 5
+"""Highest order of quadrature in tetrahedra: NGSolve 6.2.2608 mixes up the points of higher ones."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class QuadraturePoints:
+    """Quadrature points on the surfaces of the bodies, or inside filled bodies.
+
+    Attributes
+    ----------
+    points, normals : [λ]; the normals out of the body, 0 inside.
+    areas : (Q,) area [λ²] or volume [λ³] that each represents.
+    body : (Q,) obstacle of each.
+    weighted : (unknowns, Q) integrates values at the points against the test functions.
+    """
+
+    points: Float64[np.ndarray, "nodes 3"]
+    normals: Float64[np.ndarray, "nodes 3"]
+    areas: Float64[np.ndarray, "nodes"]
+    body: Int64[np.ndarray, "nodes"]
+    weighted: csr_array
+
+    def pressure(self, solution: Coefficients) -> Complex128[np.ndarray, "nodes excitations"]:
+        """Pressure of a solution at the points."""
+        return (self.weighted.T @ solution) / self.areas[:, None]
+
+
+def quadrature(mesh: CurvedMesh, space: FiniteSpace, kind: str, order: int) -> QuadraturePoints:
+    """Quadrature points, exact to twice an order, of the boundaries ``surface0`` ... or the materials ``body0`` ..."""
+    ngsolve = ngsolve_library()
+    on_surface = kind == "surface"
+    names = mesh.GetBoundaries() if on_surface else mesh.GetMaterials()
+    owners = {name: int(name.removeprefix(kind)) for name in names if name.startswith(kind)}
+    if not owners:
+        no_points = np.zeros((0, 3))
+        no_bodies = np.zeros(0, dtype=np.int64)
+        return QuadraturePoints(
+            no_points, no_points, np.zeros(0), no_bodies, csr_array((space.ndof, 0))
+        )
+    if on_surface:
+        region = mesh.Boundaries(f"{kind}.*")
+        values = ngsolve.comp.IntegrationRuleSpaceSurface(mesh, order=order)
+        measure = ngsolve.ds
+        owner_of = mesh.BoundaryCF(owners, default=-1)
+    else:
+        region = mesh.Materials(f"{kind}.*")
+        values = ngsolve.comp.IntegrationRuleSpace(mesh, order=order)
+        measure = ngsolve.dx
+        owner_of = mesh.MaterialCF(owners, default=-1)
+    rules = values.GetIntegrationRules()
+    integral = ngsolve.BilinearForm(trialspace=values, testspace=space)
+    integrand = values.TrialFunction() * space.TestFunction()
+    integral += integrand * measure(definedon=region, intrules=rules)
+    integral.Assemble()
+    entries, columns, row_starts = (np.array(part) for part in integral.mat.CSR())
+    matrix = csr_array(
+        (np.real(entries), columns, row_starts), shape=(integral.mat.height, integral.mat.width)
+    )
+    # The matrix has columns for the points of all elements; those of the region are wanted.
+    mapped = mesh.MapToAllElements(rules, region)
+    per_element = len(mapped) // len(np.unique(mapped["nr"]))
+    within = np.tile(np.arange(per_element), len(mapped) // per_element)
+    chosen = matrix.tocsc()[:, mapped["nr"].astype(np.int64) * per_element + within]
+    points = np.asarray(ngsolve.CF((ngsolve.x, ngsolve.y, ngsolve.z))(mapped)).reshape(-1, 3)
+    normals = np.zeros_like(points)
+    if on_surface:
+        normals = -np.asarray(ngsolve.specialcf.normal(3)(mapped)).reshape(-1, 3)
+    ones = np.zeros(space.ndof)
+    ones[: mesh.nv] = 1.0  # the shape functions of the vertices add up to 1 everywhere
+    body = np.asarray(owner_of(mapped)).ravel().round().astype(np.int64)
+    return QuadraturePoints(points, normals, chosen.T @ ones, body, csr_array(chosen))
 
 
 def surface_integral(
@@ -16,15 +98,17 @@ def surface_integral(
     wavenumber: complex,
 ) -> Pressures:
     """Return Σ_j m_j G(x, y_j) + d_j ∂G(x, y_j)/∂n_j with G = e^{ikr}/r at points x off the positions y_j."""
-    found = np.empty((len(points), monopoles.shape[1]), dtype=np.complex128)
-    where, nodes, directions = (
-        np.ascontiguousarray(one, dtype=np.float64) for one in (points, positions, normals)
-    )
-    monopoles, dipoles = np.ascontiguousarray(monopoles), np.ascontiguousarray(dipoles)
+    pressure = np.empty((len(points), monopoles.shape[1]), dtype=np.complex128)
     _kernels.surface_integral(
-        where, nodes, directions, monopoles, dipoles, complex(wavenumber), found
+        np.ascontiguousarray(points, dtype=np.float64),
+        np.ascontiguousarray(positions, dtype=np.float64),
+        np.ascontiguousarray(normals, dtype=np.float64),
+        np.ascontiguousarray(monopoles),
+        np.ascontiguousarray(dipoles),
+        complex(wavenumber),
+        pressure,
     )
-    return found
+    return pressure
 
 
 def normal_derivative(
@@ -34,11 +118,14 @@ def normal_derivative(
     strengths: Strengths,
     wavenumber: complex,
 ) -> Pressures:
-    """Return Σ_j s_j ∂G(x, y_j)/∂n at points x with normals n, off the positions y_j."""
-    found = np.empty((len(points), strengths.shape[1]), dtype=np.complex128)
-    where, directions, sources = (
-        np.ascontiguousarray(one, dtype=np.float64) for one in (points, normals, positions)
+    """Return Σ_j s_j ∂G/∂n at points x with normals n, off the positions y_j."""
+    derivative = np.empty((len(points), strengths.shape[1]), dtype=np.complex128)
+    _kernels.normal_derivative(
+        np.ascontiguousarray(points, dtype=np.float64),
+        np.ascontiguousarray(normals, dtype=np.float64),
+        np.ascontiguousarray(positions, dtype=np.float64),
+        np.ascontiguousarray(strengths),
+        complex(wavenumber),
+        derivative,
     )
-    strengths = np.ascontiguousarray(strengths)
-    _kernels.normal_derivative(where, directions, sources, strengths, complex(wavenumber), found)
-    return found
+    return derivative

@@ -20,7 +20,7 @@ from airtact.acoustics.solvers.arrays import (
     Vectors,
 )
 from airtact.acoustics.solvers.fem.factorisation import Factor, factorised
-from airtact.acoustics.solvers.fem.meshing.netgen import (
+from airtact.acoustics.solvers.fem.libraries import (
     AssembledForm,
     CurvedMesh,
     FiniteSpace,
@@ -28,23 +28,26 @@ from airtact.acoustics.solvers.fem.meshing.netgen import (
     many_threads,
     ngsolve_library,
 )
-from airtact.acoustics.solvers.fem.meshing.surface_mesh import SurfaceMesh
-from airtact.acoustics.solvers.fem.meshing.symmetry import Mirror, images, parities
-from airtact.acoustics.solvers.fem.meshing.volume import Box
+from airtact.acoustics.solvers.fem.mesh import Box
 from airtact.acoustics.solvers.fem.orders import grade_orders
-from airtact.acoustics.solvers.fem.quadrature import LARGEST_RULE, QuadraturePoints, quadrature
-from airtact.acoustics.solvers.fem.surface_integral import normal_derivative
+from airtact.acoustics.solvers.fem.surface_integral import (
+    MAX_RULE_ORDER,
+    QuadraturePoints,
+    normal_derivative,
+    quadrature,
+)
+from airtact.acoustics.solvers.fem.surface_mesh import SurfaceMesh
+from airtact.acoustics.solvers.fem.symmetry import Mirror, images, parities
+from airtact.acoustics.solvers.fem.tetrahedra import EDGES, Tetrahedra
 from airtact.acoustics.solvers.fem.weak_form import boundary_weights, weak_form
 from airtact.acoustics.solvers.monopoles import monopole_pressure
-from airtact.acoustics.solvers.tetrahedra import EDGES, Tetrahedra
 from airtact.checks import in_mm
 from airtact.errors import InvalidInput
 from airtact.geometry.mesh.panel_tree import PanelTree, panel_tree
 from airtact.geometry.mesh.quadratic_triangles import points_at
-from airtact.printing import in_short
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class System:
     """The assembled equation of a scene at one order, on the positive side of its mirrors.
 
@@ -76,8 +79,6 @@ class System:
     method: str
     factors: dict[tuple[int, ...], Factor] = field(default_factory=dict)
 
-    __repr__ = in_short
-
     @property
     def unknowns(self) -> int:
         """Number of unknowns."""
@@ -91,9 +92,8 @@ class System:
     @cached_property
     def mirrors(self) -> tuple[Mirror, ...]:
         """Mirrors, in wavelengths."""
-        return tuple(
-            Mirror(one.axis, one.position / self.scene.wavelength) for one in self.box.mirrors
-        )
+        length = self.scene.wavelength
+        return tuple(Mirror(mirror.axis, mirror.position / length) for mirror in self.box.mirrors)
 
     @cached_property
     def free(self) -> dict[tuple[int, ...], Bool[np.ndarray, "unknowns"]]:
@@ -102,37 +102,42 @@ class System:
 
     def _free(self, parity: Sequence[int], shared: bool) -> Bool[np.ndarray, "unknowns"]:
         """Of one parity: 0 on the mirrors that it is odd about; or only those unknowns that tetrahedra share."""
-        free = self.space.FreeDofs(shared)
-        found = type(free)(free)
+        dofs = self.space.FreeDofs(shared)
+        free = type(dofs)(dofs)  # a copy
         for mirror, odd in zip(self.mirrors, parity, strict=True):
             if odd:
-                found &= ~self.space.GetDofs(self.mesh.Boundaries(f"wall{2 * mirror.axis}"))
-        return np.array(found, dtype=np.bool_)
+                free &= ~self.space.GetDofs(self.mesh.Boundaries(f"wall{2 * mirror.axis}"))
+        return np.array(free, dtype=np.bool_)
 
     def factor(self, parity: tuple[int, ...]) -> Factor:
         """Factorised matrix for a parity, made when it is first needed."""
         if parity not in self.factors:
-            self.factors[parity] = factorised(
-                self.form, self._free(parity, shared=True), self.order, self.method
-            )
+            free = self._free(parity, shared=True)
+            self.factors[parity] = factorised(self.form, free, self.order, self.method)
         return self.factors[parity]
 
     def right_hand_side(self, positions: SourcePoints, strengths: Strengths) -> Coefficients:
         """Right-hand side for the pressure that monopoles at positions [λ] scatter."""
         w_d, w_s, w_v = self.weights
-        on, within, k = self.surface, self.interior, self.wavenumber
-        value = w_d[on.body, None] * normal_derivative(
-            on.points, on.normals, positions, strengths, k
+        surface = self.surface
+        interior = self.interior
+        wavenumber = self.wavenumber
+        derivative = normal_derivative(
+            surface.points, surface.normals, positions, strengths, wavenumber
         )
+        value = w_d[surface.body, None] * derivative
         if w_s.any():
-            value += w_s[on.body, None] * monopole_pressure(
-                on.points, positions, strengths, k, "float64"
+            pressure = monopole_pressure(
+                surface.points, positions, strengths, wavenumber, "float64"
             )
-        found = on.weighted @ value
-        if len(within.points):
-            pressure = monopole_pressure(within.points, positions, strengths, k, "float64")
-            found += within.weighted @ (w_v[within.body, None] * pressure)
-        return found
+            value += w_s[surface.body, None] * pressure
+        right = surface.weighted @ value
+        if len(interior.points):
+            pressure = monopole_pressure(
+                interior.points, positions, strengths, wavenumber, "float64"
+            )
+            right += interior.weighted @ (w_v[interior.body, None] * pressure)
+        return right
 
     def point_load(
         self, number: int, weights: Real[np.ndarray, "4"]
@@ -147,58 +152,61 @@ class System:
 
     def folded(self, points: Points) -> tuple[Vectors, Indices]:
         """Mirror points to the positive side of all mirrors; also the number of the image that each came from."""
-        folded, choice = np.array(points, dtype=np.float64), np.zeros(len(points), dtype=np.int64)
+        folded = np.array(points, dtype=np.float64)
+        image = np.zeros(len(points), dtype=np.int64)
         for mirror in self.mirrors:
             beyond = folded[:, mirror.axis] < mirror.position
             folded[beyond] = mirror.image(folded[beyond])
-            choice = 2 * choice + beyond
-        return folded, choice
+            image = 2 * image + beyond
+        return folded, image
 
-    def axis_signs(self, choice: Indices) -> Vectors:
+    def axis_signs(self, image: Indices) -> Vectors:
         """Signs that turn a vector at folded points into that at the points themselves."""
-        found = np.ones((len(choice), 3))
+        axis_signs = np.ones((len(image), 3))
         for bit, mirror in enumerate(reversed(self.mirrors)):
-            found[:, mirror.axis] = 1.0 - 2.0 * (choice >> bit & 1)
-        return found
+            axis_signs[:, mirror.axis] = 1.0 - 2.0 * (image >> bit & 1)
+        return axis_signs
 
     def holding(self, points: Points) -> tuple[Indices, Barycentric]:
-        """Tetrahedron of each folded point [λ] and its coordinates there; raises "misplaced" where there is none."""
+        """Tetrahedron of each folded point [λ] and its coordinates there; raise "misplaced" where there is none."""
         number, weights = self.tetrahedra.holding(points)
-        if (number < 0).any():
-            lost = points[int(np.argmax(number < 0))] * self.scene.wavelength
+        lost = np.flatnonzero(number < 0)
+        if len(lost):
             raise InvalidInput(
-                f"{int((number < 0).sum())} of {len(points)} points lie in no tetrahedron, the first at {in_mm(lost)}; "
-                "ask for more elements_per_wavelength, which follow the surface more closely.",
+                f"{len(lost)} of {len(points)} points lie in no tetrahedron, the first at "
+                f"{in_mm(points[lost[0]] * self.scene.wavelength)}; ask for more elements_per_wavelength, which "
+                "follow the surface more closely.",
                 code="misplaced",
             )
         return number, weights
 
     def nearest_on_surface(self, points: Points) -> tuple[Vectors, Vectors]:
         """Nearest points (P, 3) [λ] of the surfaces as meshed, and the unit normals out of the bodies there."""
-        folded, choice = self.folded(points)
+        folded, image = self.folded(points)
         panel, reference, _ = self.panels.closest(folded)
         nearest, normals = points_at(self.panels.quadratic_triangles[panel], reference)[:2]
-        nearest = np.stack(images(self.mirrors, nearest))[choice, np.arange(len(choice))]
-        normals = normals * self.axis_signs(choice)
+        nearest = np.stack(images(self.mirrors, nearest))[image, np.arange(len(image))]
+        normals = normals * self.axis_signs(image)
         return nearest, normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
     def density_at(self, number: Indices, weights: Barycentric) -> Lengths:
         """Density of what tetrahedra hold [kg/m³]."""
-        fillings = enumerate(obstacle.medium for obstacle in self.scene.obstacles)
         densities = {
-            f"body{body}": medium.density for body, medium in fillings if medium is not None
+            f"body{body}": obstacle.medium.density
+            for body, obstacle in enumerate(self.scene.obstacles)
+            if obstacle.medium is not None
         }
-        held = self.mesh.MaterialCF(densities, default=self.scene.medium.density)(
-            self.mesh_points(number, weights)
-        )
-        return np.asarray(held, dtype=np.float64).ravel()
+        density = self.mesh.MaterialCF(densities, default=self.scene.medium.density)
+        return np.asarray(density(self.mesh_points(number, weights)), dtype=np.float64).ravel()
 
     def mesh_points(self, number: Indices, weights: Barycentric) -> Shaped[np.ndarray, "points"]:
         """Barycentric coordinates in tetrahedra as NGSolve's points."""
         points: Any = np.zeros(len(number), dtype=self._mesh_point.dtype)
         points[:] = self._mesh_point
         points["nr"] = number
-        points["x"], points["y"], points["z"] = weights[:, 0], weights[:, 1], weights[:, 2]
+        points["x"] = weights[:, 0]
+        points["y"] = weights[:, 1]
+        points["z"] = weights[:, 2]
         return points
 
     @cached_property
@@ -225,36 +233,32 @@ def assembled(
     too.
     """
     ngsolve = ngsolve_library()
+    panels = surface.quadratic_triangles / scene.wavelength
     with many_threads():
         mesh = ngsolve.Mesh(netgen_mesh)
         _bend(mesh, tetrahedra)
         space = ngsolve.H1(mesh, order=order, complex=True)
         if graded is not None:
-            nodes = surface.quadratic_triangles.reshape(-1, 3) / scene.wavelength
-            grade_orders(space, mesh, scene, box, order, graded, None if workspace else nodes)
+            nodes = None if workspace else panels.reshape(-1, 3)
+            grade_orders(space, mesh, scene, box, order, graded, nodes)
         equation = weak_form(scene, box, mesh, space)
         form = ngsolve.BilinearForm(equation, symmetric=True, symmetric_storage=True, condense=True)
         form.Assemble()
-        fine = quadrature(mesh, space, "surface", order + 2)
-        coarse = quadrature(mesh, space, "surface", max(order - 2, 3))
-        interior = quadrature(mesh, space, "body", min(order + 1, LARGEST_RULE))
-    panels = panel_tree(surface.quadratic_triangles / scene.wavelength)
-    weights = boundary_weights(scene)
-    return System(
-        scene,
-        box,
-        tetrahedra,
-        panels,
-        order,
-        mesh,
-        space,
-        form,
-        fine,
-        interior,
-        coarse,
-        weights,
-        method,
-    )
+        return System(
+            scene=scene,
+            box=box,
+            tetrahedra=tetrahedra,
+            panels=panel_tree(panels),
+            order=order,
+            mesh=mesh,
+            space=space,
+            form=form,
+            surface=quadrature(mesh, space, "surface", order + 2),
+            interior=quadrature(mesh, space, "body", min(order + 1, MAX_RULE_ORDER)),
+            coarse_surface=quadrature(mesh, space, "surface", max(order - 2, 3)),
+            weights=boundary_weights(scene),
+            method=method,
+        )
 
 
 def _bend(mesh: CurvedMesh, tetrahedra: Tetrahedra) -> None:
@@ -265,11 +269,13 @@ def _bend(mesh: CurvedMesh, tetrahedra: Tetrahedra) -> None:
     bend = deformation.vec.FV().NumPy().reshape(3, plain.ndof)
     for number in np.flatnonzero((tetrahedra.bends != 0).any(axis=(1, 2))):
         element = ngsolve.ElementId(ngsolve.VOL, int(number))
-        unknowns, shape = np.array(plain.GetDofNrs(element)), plain.GetFE(element)
+        unknowns = np.array(plain.GetDofNrs(element))
+        shape = plain.GetFE(element)
         for edge in np.flatnonzero((tetrahedra.bends[number] != 0).any(axis=1)):
             weights = np.zeros(4)
             weights[EDGES[edge]] = 0.5
             values = np.asarray(shape.CalcShape(*weights[:3])).ravel()
+            # After the four vertices come the edges, of which one shape function is not 0 here.
             bubble = 4 + int(np.argmax(np.abs(values[4:])))
             bend[:, unknowns[bubble]] = tetrahedra.bends[number, edge] / values[bubble]
     mesh.SetDeformation(deformation)

@@ -19,28 +19,21 @@ it, the coordinates are complex, so that a wave decays along them: J.-P. Berenge
 since NGSolve's own layer takes twice as long.
 """
 
-from typing import Any
-
 import numpy as np
 from jaxtyping import Complex128
 
+from airtact.acoustics.medium import Medium
 from airtact.acoustics.scene import Scene
-from airtact.acoustics.solvers.fem.meshing.netgen import (
+from airtact.acoustics.solvers.fem.libraries import (
     CurvedMesh,
     Expression,
     FiniteSpace,
     ngsolve_library,
 )
-from airtact.acoustics.solvers.fem.meshing.volume import Box
+from airtact.acoustics.solvers.fem.mesh import Box
 
-THICKNESS = 0.55
-"""Thickness of the layer [λ]."""
-
-STRETCH = 1.4
-"""Imaginary part of the complex coordinate over the real one."""
-
-NEVER = 1e5
-"""A position [λ] that no layer begins beyond."""
+LAYER_THICKNESS = 0.55
+"""Thickness of the perfectly matched layer [λ]."""
 
 
 def weak_form(scene: Scene, box: Box, mesh: CurvedMesh, space: FiniteSpace) -> Expression:
@@ -48,12 +41,14 @@ def weak_form(scene: Scene, box: Box, mesh: CurvedMesh, space: FiniteSpace) -> E
     ngsolve = ngsolve_library()
     trial, test = space.TnT()
     squared = _plain(complex(scene.wavenumber * scene.wavelength) ** 2)
-    inside = ngsolve.dx(definedon=mesh.Materials("air|body.*"))
-    weights, squares = {}, {}
+    weights = {}
+    squares = {}
     for body, obstacle in enumerate(scene.obstacles):
         if obstacle.medium is not None:
-            ratio, inner = _filling(scene, body)
-            weights[f"body{body}"], squares[f"body{body}"] = ratio, _plain(ratio * inner)
+            ratio, inner = _filling(scene, obstacle.medium)
+            weights[f"body{body}"] = ratio
+            squares[f"body{body}"] = _plain(ratio * inner)
+    inside = ngsolve.dx(definedon=mesh.Materials("air|body.*"))
     form = mesh.MaterialCF(weights, default=1.0) * ngsolve.grad(trial) * ngsolve.grad(test) * inside
     form -= mesh.MaterialCF(squares, default=squared) * trial * test * inside
     form += _layer_form(box, scene.wavelength, squared, trial, test, mesh)
@@ -73,24 +68,20 @@ def _layer_form(
     mesh: CurvedMesh,
 ) -> Expression:
     ngsolve = ngsolve_library()
-    layer, stretch = ngsolve.dx(definedon=mesh.Materials("layer")), _stretches(box, wavelength)
-    volume = stretch[0] * stretch[1] * stretch[2]
-    pairs = zip(ngsolve.grad(trial), ngsolve.grad(test), stretch, strict=True)
-    form = sum(volume / along**2 * one * other for one, other, along in pairs) * layer
-    return form - squared * volume * trial * test * layer
-
-
-def _stretches(box: Box, wavelength: float) -> list[Any]:
-    """Differentiate the complex coordinates along x, y and z; there is no layer beyond a mirror."""
-    ngsolve = ngsolve_library()
-    low, high = box.low / wavelength, box.high / wavelength
+    low = box.low / wavelength
+    high = box.high / wavelength
     for mirror in box.mirrors:
-        low[mirror.axis] = -NEVER
-    along = zip((ngsolve.x, ngsolve.y, ngsolve.z), low.tolist(), high.tolist(), strict=True)
-    beyond = [
-        ngsolve.IfPos(x - top, 1, ngsolve.IfPos(bottom - x, 1, 0)) for x, bottom, top in along
-    ]
-    return [1 + 1j * STRETCH * one for one in beyond]
+        low[mirror.axis] = -1e5  # no layer begins beyond a mirror
+    axes = (ngsolve.x, ngsolve.y, ngsolve.z)
+    stretches = []  # derivatives of the complex coordinates along x, y and z
+    for x, bottom, top in zip(axes, low.tolist(), high.tolist(), strict=True):
+        beyond = ngsolve.IfPos(x - top, 1, ngsolve.IfPos(bottom - x, 1, 0))
+        stretches.append(1 + 1j * 1.4 * beyond)
+    volume = stretches[0] * stretches[1] * stretches[2]
+    layer = ngsolve.dx(definedon=mesh.Materials("layer"))
+    gradients = zip(ngsolve.grad(trial), ngsolve.grad(test), stretches, strict=True)
+    form = sum(volume / along**2 * left * right for left, right, along in gradients) * layer
+    return form - squared * volume * trial * test * layer
 
 
 def boundary_weights(scene: Scene) -> Complex128[np.ndarray, "3 bodies"]:
@@ -102,18 +93,16 @@ def boundary_weights(scene: Scene) -> Complex128[np.ndarray, "3 bodies"]:
         if obstacle.ratio is not None:
             weights[1, body] = 1j * wavenumber / obstacle.ratio
         if obstacle.medium is not None:
-            ratio, inner = _filling(scene, body)
-            weights[0, body], weights[2, body] = 1 - ratio, -ratio * (wavenumber**2 - inner)
+            ratio, inner = _filling(scene, obstacle.medium)
+            weights[0, body] = 1 - ratio
+            weights[2, body] = -ratio * (wavenumber**2 - inner)
     return weights
 
 
-def _filling(scene: Scene, body: int) -> tuple[float, complex]:
-    """Density of the air over that of the filling, and the square of the filling's wavenumber [1/λ²]."""
-    medium = scene.obstacles[body].medium
-    assert medium is not None
-    return scene.medium.density / medium.density, complex(
-        medium.wavenumber(scene.frequency) * scene.wavelength
-    ) ** 2
+def _filling(scene: Scene, medium: Medium) -> tuple[float, complex]:
+    """Density of the air over that of a filling, and the square of the filling's wavenumber [1/λ²]."""
+    wavenumber = complex(medium.wavenumber(scene.frequency) * scene.wavelength)
+    return scene.medium.density / medium.density, wavenumber**2
 
 
 def _plain(number: complex) -> complex | float:

@@ -16,7 +16,7 @@ rest of the tail is taken by summation by parts (Yennie, Ravenhall & Wilson, Phy
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import repeat
+from itertools import pairwise, repeat
 
 import numpy as np
 from jaxtyping import Complex128, Float64
@@ -26,6 +26,7 @@ from airtact.acoustics.solvers.spherical.radial_functions import (
     image_sums,
     legendre_polynomials,
     outgoing_derivatives,
+    outgoing_quotients,
     outgoing_ratios,
     regular_derivatives,
     regular_ratios,
@@ -35,9 +36,7 @@ from airtact.errors import NotConverged
 ACCURACY = 1e-8
 """Largest error of the summed series over the open-air pressure of the same source at the same point."""
 
-_MOST_TERMS = 20_000
-_STOP = 1e-10
-_NOISY_DISTANCE = 0.01
+_MAX_TERMS = 20_000
 
 _Radial = Complex128[np.ndarray, "radii"]
 _Term = tuple[ComplexPairs, Pairs]
@@ -103,8 +102,11 @@ class SphereModes:
                 1.0 - 2j * self.admittance * self.size
             ) / self.radius
         total = 1.0 + self.density_ratio
-        point = complex(2.0 if inside else 1.0 - self.density_ratio) / total / self.radius
-        return point, point * ((1.0 / total - 0.5) if inside else 1.0 / total)
+        if inside:
+            point = 2.0 / total / self.radius
+            return complex(point), complex(point * (1.0 / total - 0.5))
+        point = (1.0 - self.density_ratio) / total / self.radius
+        return complex(point), complex(point / total)
 
     def first_safe_order(self) -> int:
         """Order past which the terms fall: beyond both ka and k1 a."""
@@ -129,11 +131,12 @@ class SphereModes:
         NotConverged
             If 20000 terms do not reach ``ACCURACY``: a point within micrometres of a source on the surface.
         """
-        point_waves = (
-            regular_ratios(self.inner_wavenumber * radii, self.inner_wavenumber * self.radius)
-            if inside and self.inner_wavenumber is not None
-            else outgoing_ratios(self.wavenumber * radii, self.size)
-        )
+        if inside and self.inner_wavenumber is not None:
+            point_waves = regular_ratios(
+                self.inner_wavenumber * radii, self.inner_wavenumber * self.radius
+            )
+        else:
+            point_waves = outgoing_ratios(self.wavenumber * radii, self.size)
         source_waves = outgoing_ratios(self.wavenumber * source_radii, self.size)
         waves = zip(
             self.terms(inside),
@@ -143,15 +146,92 @@ class SphereModes:
             strict=False,
         )
         tail = _Tail.between(self, inside, radii, source_radii, versine)
-        total = _summed(waves, tail, self.first_safe_order(), _STOP * scale)
-        if total is None:
+        pressure = _summed(waves, tail, self.first_safe_order(), 1e-10 * scale)
+        if pressure is None:
             raise NotConverged(
                 f"the series of a sphere of radius {1e3 * self.radius:g} mm did not reach {ACCURACY:g} within "
-                f"{_MOST_TERMS} terms at a point {1e3 / float(np.max(scale)):.3g} mm from a source; keep points "
+                f"{_MAX_TERMS} terms at a point {1e3 / float(np.max(scale)):.3g} mm from a source; keep points "
                 "further from sources that touch the surface.",
                 code="not_converged",
             )
-        return total
+        return pressure
+
+    def gradient(
+        self,
+        inside: bool,
+        radii: Lengths,
+        source_radii: Float64[np.ndarray, "sources"],
+        versine: Pairs,
+    ) -> tuple[ComplexPairs, ComplexPairs]:
+        """Differentiate the pressure that ``scattered`` gives, term by term.
+
+        Returns
+        -------
+        (P, N) ∂p/∂r and (1/r) ∂p/∂cos γ [Pa/m].
+
+        Raises
+        ------
+        NotConverged
+            If 4000 terms do not suffice: both a point and a source are within about 0.3 % of the radius from the
+            surface.
+        """
+        radii = np.maximum(radii, 1e-6 * self.radius)  # the centre has no direction
+        outward = np.zeros(versine.shape, dtype=np.complex128)
+        along = np.zeros(versine.shape, dtype=np.complex128)
+        angular = np.zeros_like(versine)
+        before = np.zeros_like(versine)
+        waves = zip(
+            self.terms(inside),
+            self._radial(inside, radii),
+            outgoing_ratios(self.wavenumber * source_radii, self.size),
+            legendre_polynomials(versine),
+            strict=False,
+        )
+        small = 0
+        for order, (term, (wave, derivative), source_wave, polynomial) in enumerate(waves):
+            # dP_n/dx = x dP_(n−1)/dx + n P_(n−1)
+            angular = (1.0 - versine) * angular + order * before
+            before = polynomial
+            outward_term = term * derivative[:, None] * source_wave * polynomial
+            along_term = term * (wave / radii)[:, None] * source_wave * angular
+            outward = outward + outward_term
+            along = along + along_term
+            least = 1e-11 * (np.abs(outward) + np.abs(along) + np.finfo(float).tiny)
+            negligible = np.all(np.abs(outward_term) + np.abs(along_term) <= least)
+            small = small + 1 if order >= self.first_safe_order() and negligible else 0
+            if small == 4:  # one small term is not enough: a polynomial may vanish by chance
+                return outward, along
+            if order == 4000:
+                break
+        raise NotConverged(
+            f"the gradient of the series of a sphere of radius {1e3 * self.radius:g} mm did not converge in 4000 terms "
+            f"at a point {1e3 * (float(radii.min()) - self.radius):.2g} mm and a source "
+            f"{1e3 * (float(source_radii.min()) - self.radius):.2g} mm off the surface; move one of them away from it.",
+            code="not_converged",
+        )
+
+    def _radial(
+        self, inside: bool, radii: Lengths
+    ) -> Iterator[tuple[Complex128[np.ndarray, "points"], Complex128[np.ndarray, "points"]]]:
+        """Yield the radial function of every order and its derivative [1/m].
+
+        With R_n(r) = h_n(kr)/h_n(ka), dR_n/dr = (n/r) R_n − k [h_(n+1)(ka)/h_n(ka)] R_(n+1) (DLMF
+        10.51.2), and alike for j_n inside a fluid sphere.
+        """
+        if inside and self.inner_wavenumber is not None:
+            wavenumber = self.inner_wavenumber
+            size = wavenumber * self.radius
+            ratios = regular_ratios(wavenumber * radii, size)
+            # j_(n+1)/j_n at the surface, from the logarithmic derivatives n/z - j_(n+1)/j_n
+            derivatives = enumerate(regular_derivatives(size))
+            quotients = (order / size - derivative for order, derivative in derivatives)
+        else:
+            wavenumber = self.wavenumber
+            ratios = outgoing_ratios(wavenumber * radii, self.size)
+            quotients = outgoing_quotients(self.size)
+        pairs = zip(quotients, pairwise(ratios), strict=False)
+        for order, (quotient, (wave, following)) in enumerate(pairs):
+            yield wave, order / radii * wave - wavenumber * quotient * following
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,16 +253,13 @@ class _Tail:
         versine: Pairs,
     ) -> "_Tail":
         """Take x = a²/(r r0) outside and r/r0 inside; the waves' quotients of order n go over to scale·x^n."""
-        inverse = (modes.radius / source_radii)[None, :]
+        scale = np.broadcast_to((modes.radius / source_radii)[None, :], versine.shape)
         if inside:
-            return cls(
-                radii[:, None] / source_radii,
-                versine,
-                np.broadcast_to(inverse, versine.shape),
-                modes.images(inside),
-            )
-        ratio = (modes.radius / radii)[:, None] * inverse
-        return cls(ratio, versine, ratio, modes.images(inside))
+            ratio = radii[:, None] / source_radii
+        else:
+            ratio = (modes.radius / radii)[:, None] * scale
+            scale = ratio
+        return cls(ratio, versine, scale, modes.images(inside))
 
     def closed_form(self) -> ComplexPairs:
         """Sum over all orders of the static terms times the Legendre polynomials."""
@@ -221,9 +298,7 @@ class _Tail:
         )
         # Close to the image the second step would divide the terms' rounding by a distance to the
         # fourth power.
-        second = np.where(
-            square > _NOISY_DISTANCE**2, left_over(reduced, reduced_after) / square, 0.0
-        )
+        second = np.where(square > 0.01**2, left_over(reduced, reduced_after) / square, 0.0)
         return partial + left_over(here, after) + second
 
 
@@ -234,8 +309,10 @@ def _summed(
     tolerance: Pairs,
 ) -> ComplexPairs | None:
     """Add terms until two estimates of the whole, a quarter more terms apart, agree; None if they never do."""
-    check, last_estimate = first_check, None
-    partial, power = tail.closed_form(), tail.scale
+    check = first_check
+    last_estimate = None
+    partial = tail.closed_form()
+    power = tail.scale
     point, line = tail.images
     recent: deque[_Term] = deque(maxlen=4)
     for order, (term, point_wave, source_wave, polynomial) in enumerate(waves):
@@ -248,7 +325,8 @@ def _summed(
         estimate = tail.beyond(partial, list(recent), order - 2)
         if last_estimate is not None and np.all(np.abs(estimate - last_estimate) <= tolerance):
             return estimate
-        if order >= _MOST_TERMS:
+        if order >= _MAX_TERMS:
             return None
-        check, last_estimate = min(int(1.25 * order) + 4, _MOST_TERMS), estimate
+        check = min(int(1.25 * order) + 4, _MAX_TERMS)
+        last_estimate = estimate
     return None

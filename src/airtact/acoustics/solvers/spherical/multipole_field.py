@@ -15,7 +15,7 @@ images.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Complex64, Complex128, Float32, Float64
+from jaxtyping import Complex64, Complex128, Float32, Float64, Int64
 from scipy.fft import fft, ifft2
 from scipy.special import sph_harm_y_all
 
@@ -48,15 +48,6 @@ MARGIN = 1.0
 SPREAD = 5
 """Points along each angle that one value is interpolated from."""
 
-SHARPNESS = 2.3 * SPREAD
-"""Of the kernel exp(SHARPNESS √(1 - x²)), for tables with twice the points that the expansion needs."""
-
-CHECKED = 100
-"""Random points where the expansion is compared with the field."""
-
-WARNED_ABOVE = 1e-3
-"""Relative error of the expansion above which the report has a warning."""
-
 
 @dataclass(frozen=True, eq=False)
 class InterpolationSpheres:
@@ -81,28 +72,26 @@ class InterpolationSpheres:
 
     def at(self, offsets: Vectors, wavenumber: complex) -> Pressures:
         """Scattered pressure [Pa] at points (P, 3) relative to the centre [m], outside the smallest sphere."""
-        _, azimuths, radii, sounds = self.values.shape
+        _, azimuths, radii, excitations = self.values.shape
         distance = np.sqrt(np.einsum("pd,pd->p", offsets, offsets))
         step = 2 * np.pi / (azimuths - SPREAD)
-        first, along = _window(np.arctan2(offsets[:, 1], offsets[:, 0]) % (2 * np.pi), step)
-        down, across = _window(
-            np.arctan2(np.hypot(offsets[:, 0], offsets[:, 1]), offsets[:, 2]), step
-        )
-        steps = np.array([azimuths * radii * sounds, radii * sounds])
-        out = np.empty((len(offsets), sounds), dtype=np.complex128)
+        azimuth = np.arctan2(offsets[:, 1], offsets[:, 0]) % (2 * np.pi)
+        polar = np.arctan2(np.hypot(offsets[:, 0], offsets[:, 1]), offsets[:, 2])
+        first_azimuth, azimuth_weights = _window(azimuth, step)
+        first_polar, polar_weights = _window(polar, step)
+        strides = np.array([azimuths * radii * excitations, radii * excitations])
+        slow = np.empty((len(offsets), excitations), dtype=np.complex128)
         _kernels.interpolate(
             self.values.reshape(-1),
-            down * steps[0] + first * steps[1],
-            steps,
-            across,
-            along,
+            first_polar * strides[0] + first_azimuth * strides[1],
+            strides,
+            polar_weights,
+            azimuth_weights,
             chebyshev_weights(1 - 2 * self.radius / distance, radii),
-            out,
+            slow,
         )
-        return (
-            out
-            * (self.radius / distance * np.exp(1j * wavenumber * (distance - self.radius)))[:, None]
-        )
+        phase = np.exp(1j * wavenumber * (distance - self.radius))
+        return slow * (self.radius / distance * phase)[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,23 +166,21 @@ class MultipoleField(RadiatedField):
         return self.errors
 
     def _away(self, points: Vectors) -> Pressures:
-        planes, emitting = self.scene.planes, with_images(self.scene.planes, self.sources)
+        planes = self.scene.planes
+        emitting = with_images(planes, self.sources)
         offsets = images_in(planes, points) - self.spheres.centre
-        scattered = self.spheres.at(offsets, self.scene.wavenumber).reshape(
-            1 + len(planes), len(points), -1
+        scattered = self.spheres.at(offsets, self.scene.wavenumber)
+        scattered = scattered.reshape(1 + len(planes), len(points), -1).sum(axis=0)
+        return scattered + monopole_pressure(
+            points, emitting.positions, emitting.strengths, self.scene.wavenumber, "float64"
         )
-        given = emitting.positions, emitting.strengths, self.scene.wavenumber, "float64"
-        return scattered.sum(axis=0) + monopole_pressure(points, *given)
 
     def _expanded(self, points: Vectors) -> Mask:
         """Whether the expansion serves points (P, 3): before the planes, they and their images outside the spheres."""
-        planes, most = self.scene.planes, self.spheres.radius**2
+        planes = self.scene.planes
         offsets = images_in(planes, points) - self.spheres.centre
-        outside = (
-            (np.einsum("pd,pd->p", offsets, offsets) >= most)
-            .reshape(1 + len(planes), -1)
-            .all(axis=0)
-        )
+        outside = np.einsum("pd,pd->p", offsets, offsets) >= self.spheres.radius**2
+        outside = outside.reshape(1 + len(planes), -1).all(axis=0)
         return outside & before_planes(planes, points)
 
 
@@ -230,57 +217,57 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
     True
     """
     of_kind(field, RadiatedField, "the field", "solver.radiate(scene, sources)")
-    if not field.scene.obstacles:
+    scene = field.scene
+    if not scene.obstacles:
         raise InvalidInput(
-            "the scene of the field has 0 obstacles, so nothing is scattered; evaluate it as it is.",
+            "the scene of the field has no obstacles, so nothing is scattered; evaluate it as it is.",
             code="empty",
         )
-    alone = _alone(field)
-    clock = Clock(progress)
-    with clock.step("expansion", "expanding the field in outgoing waves"):
-        centre, radius = ball_of(field.scene)
-        spheres = interpolation_spheres(
-            alone,
-            centre,
-            radius + MARGIN * field.scene.wavelength,
-            *_enough(radius * field.scene.wavenumber.real),
-        )
-    with clock.step("expansion", f"comparing it with the field at {CHECKED} points"):
-        points = _around(spheres)
-        points = points[before_planes(field.scene.planes, points)]
-        own = np.zeros(field.sources.strengths.shape[1])
-        expanded = MultipoleField(field.scene, field.sources, field, spheres, field.report, own)
-        own = _difference(expanded.at(points), field.at(points))
-    report = _reported(field.report, clock, float(own.max()), spheres.order)
-    return replace(expanded, report=report, errors=np.hypot(field.error_at(points), own))
-
-
-def _reported(report: SolveReport, clock: Clock, worst: float, order: int) -> SolveReport:
-    """Add the times of the expansion, its error and its order to the report of the field."""
-    warning = f"the multipole expansion is {100 * worst:.2g} % off, in addition to the error of the solution"
-    return replace(
-        report,
-        seconds={**report.seconds, **clock.seconds},
-        settings={**report.settings, "expansion_error": worst, "expansion_order": order},
-        warnings=report.warnings + ((warning,) if worst > WARNED_ABOVE else ()),
-    )
-
-
-def _alone(field: RadiatedField) -> RadiatedField:
-    """Return what is expanded: the field without images in a plane."""
-    if (alone := field.without_images) is None:
+    alone = field.without_images
+    if alone is None:
         raise InvalidInput(
-            f"a field by {field.report.solver} before 1 plane is not known without the images of its bodies; solve "
+            f"a field by {field.report.solver} before a plane is not known without the images of its bodies; solve "
             "with BoundaryElement.",
             code="not_supported",
         )
-    return alone
-
-
-def _difference(found: Pressures, exact: Pressures) -> Float64[np.ndarray, "excitations"]:
-    """Relative difference of each excitation over some points."""
-    size = np.linalg.norm(exact, axis=0)
-    return np.linalg.norm(found - exact, axis=0) / np.where(size > 0, size, 1)
+    clock = Clock(progress)
+    with clock.step("expansion", "expanding the field in outgoing waves"):
+        centre, radius = ball_of(scene)
+        reach = radius * scene.wavenumber.real
+        spheres = interpolation_spheres(
+            alone,
+            centre,
+            radius + MARGIN * scene.wavelength,
+            # Enough for an error of 3e-4 with a source on the surface.
+            order=int(np.ceil(reach + 3.6 * np.cbrt(reach))) + 2,
+            count=int(np.ceil(0.3 * reach)) + 5,
+        )
+    with clock.step("expansion", "comparing it with the field"):
+        points = _test_points(spheres)
+        points = points[before_planes(scene.planes, points)]
+        no_errors = np.zeros(field.sources.strengths.shape[1])
+        expanded = MultipoleField(scene, field.sources, field, spheres, field.report, no_errors)
+        exact = field.at(points)
+        size = np.linalg.norm(exact, axis=0)
+        errors = np.linalg.norm(expanded.at(points) - exact, axis=0) / np.where(size > 0, size, 1)
+    worst = float(errors.max())
+    report = field.report
+    warnings = report.warnings
+    if worst > 1e-3:
+        warnings += (
+            f"the multipole expansion is {100 * worst:.2g} % off, in addition to the error of the solution",
+        )
+    report = replace(
+        report,
+        seconds={**report.seconds, **clock.seconds},
+        settings={
+            **report.settings,
+            "expansion_error": worst,
+            "expansion_order": spheres.order,
+        },
+        warnings=warnings,
+    )
+    return replace(expanded, report=report, errors=np.hypot(field.error_at(points), errors))
 
 
 def ball_of(scene: Scene) -> tuple[Float64[np.ndarray, "3"], float]:
@@ -289,20 +276,15 @@ def ball_of(scene: Scene) -> tuple[Float64[np.ndarray, "3"], float]:
     The centre steps towards the farthest point by less and less (M. Bădoiu, K. L. Clarkson, SODA
     (2003) 801).
     """
-    corners = np.unique(
-        np.concatenate([one.surface.corners.reshape(-1, 3) for one in scene.obstacles]), axis=0
+    corners = np.concatenate(
+        [obstacle.surface.corners.reshape(-1, 3) for obstacle in scene.obstacles]
     )
+    corners = np.unique(corners, axis=0)
     centre = corners.mean(axis=0)
     for step in range(2, 50):
-        centre = (
-            centre + (corners[np.linalg.norm(corners - centre, axis=1).argmax()] - centre) / step
-        )
+        farthest = corners[np.linalg.norm(corners - centre, axis=1).argmax()]
+        centre = centre + (farthest - centre) / step
     return centre, float(np.linalg.norm(corners - centre, axis=1).max())
-
-
-def _enough(reach: float) -> tuple[int, int]:
-    """Order and number of spheres for an error of 3e-4 with a source on the surface, by k times the bodies' radius."""
-    return int(np.ceil(reach + 3.6 * np.cbrt(reach))) + 2, int(np.ceil(0.3 * reach)) + 5
 
 
 def interpolation_spheres(
@@ -325,23 +307,25 @@ def _coefficients(
 ) -> Complex128[np.ndarray, "orders degrees excitations"]:
     """Coefficients of the waves Y_nm h_n(kr)/h_n(k radius), m as Fourier series have it (0, 1, ... -2, -1)."""
     cosines, weights = np.polynomial.legendre.leggauss(order + 1)
-    polar, azimuth = np.arccos(cosines), 2 * np.pi * np.arange(2 * order + 1) / (2 * order + 1)
-    points = centre + radius * _directions(polar[:, None], azimuth)
-    flat = points.reshape(-1, 3)
-    scattered = field.at(flat) - field._incident(flat)
+    polar = np.arccos(cosines)[:, None]
+    azimuth = 2 * np.pi * np.arange(2 * order + 1) / (2 * order + 1)
+    sine = np.sin(polar)
+    directions = np.stack(
+        [sine * np.cos(azimuth), sine * np.sin(azimuth), np.cos(polar) * np.ones_like(azimuth)],
+        axis=-1,
+    )
+    points = (centre + radius * directions).reshape(-1, 3)
+    scattered = field.at(points) - field._incident(points)
     unknown = int((~np.isfinite(scattered)).any(axis=1).sum())
     if unknown:
         raise InvalidInput(
-            f"the field is not known at {unknown} of {len(flat)} points {1e3 * radius:.3g} mm from the middle of the "
-            "bodies; give one that is known all around them.",
+            f"the field is not known at {unknown} of {len(points)} points {1e3 * radius:.3g} mm from the middle of "
+            "the bodies; give one that is known all around them.",
             code="data_missing",
         )
-    series = (
-        2
-        * np.pi
-        * np.asarray(fft(scattered.reshape(*points.shape[:2], -1), axis=1, norm="forward"))
-    )
-    harmonics = np.real(sph_harm_y_all(order, order, polar, np.zeros(order + 1)))
+    scattered = scattered.reshape(order + 1, 2 * order + 1, -1)
+    series = 2 * np.pi * np.asarray(fft(scattered, axis=1, norm="forward"))
+    harmonics = np.real(sph_harm_y_all(order, order, polar[:, 0], np.zeros(order + 1)))
     return np.einsum("nmj,j,jms->nms", harmonics, weights, series, optimize=True)
 
 
@@ -368,32 +352,24 @@ def _table(
             code="too_little_memory",
         )
     wide = np.zeros((fine, fine, *series.shape[2:]), dtype=np.complex64)
-    down, around_axis = np.fft.fftfreq(around, 1 / around), np.fft.fftfreq(degrees, 1 / degrees)
-    scale = 1 / (_transform(down, fine)[:, None] * _transform(around_axis, fine))
-    wide[np.ix_(down.astype(int), around_axis.round().astype(int))] = (
-        np.moveaxis(series, 0, 1) * scale[:, :, None, None]
-    )
+    polar_orders = np.fft.fftfreq(around, 1 / around).astype(int)
+    azimuth_orders = np.fft.fftfreq(degrees, 1 / degrees).round().astype(int)
+    scale = 1 / np.outer(_transform(polar_orders, fine), _transform(azimuth_orders, fine))
+    wide[np.ix_(polar_orders, azimuth_orders)] = np.moveaxis(series, 0, 1) * scale[:, :, None, None]
     table = np.asarray(ifft2(wide, axes=(0, 1), norm="forward", overwrite_x=True))
+    # Rows and columns are repeated beyond the ends, so that a window never wraps.
     rows, columns = (
         np.arange(-(SPREAD // 2), count + (SPREAD + 1) // 2) % fine for count in (around, fine)
     )
     return np.ascontiguousarray(table[np.ix_(rows, columns)])
 
 
-def _directions(
-    polar: Float64[np.ndarray, "polar 1"], azimuth: Float64[np.ndarray, "azimuths"]
-) -> Float64[np.ndarray, "polar azimuths 3"]:
-    sine = np.sin(polar)
-    parts = sine * np.cos(azimuth), sine * np.sin(azimuth), np.cos(polar) * np.ones_like(azimuth)
-    return np.stack(parts, axis=-1)
-
-
-def _around(spheres: InterpolationSpheres) -> Float64[np.ndarray, "checked 3"]:
-    """Draw random points from the smallest sphere to twenty times as far away [m]."""
+def _test_points(spheres: InterpolationSpheres) -> Float64[np.ndarray, "checked 3"]:
+    """Draw 100 random points from the smallest sphere to twenty times as far away [m]."""
     random = np.random.default_rng(0)
-    directions = random.normal(size=(CHECKED, 3))
+    directions = random.normal(size=(100, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    return spheres.centre + spheres.radius / random.uniform(0.05, 1, (CHECKED, 1)) * directions
+    return spheres.centre + spheres.radius / random.uniform(0.05, 1, (100, 1)) * directions
 
 
 def _window(angles: Lengths, step: float) -> tuple[Indices, Float32[np.ndarray, "points spread"]]:
@@ -405,19 +381,20 @@ def _window(angles: Lengths, step: float) -> tuple[Indices, Float32[np.ndarray, 
 
 
 def _kernel(off: Float64[np.ndarray, "*shape"]) -> Float64[np.ndarray, "*shape"]:
-    """Weight of a grid point by how many steps off it is."""
-    return np.exp(SHARPNESS * (np.sqrt(np.maximum(1 - (2 * off / SPREAD) ** 2, 0)) - 1))
+    """Weight of a grid point by how many steps off it is.
+
+    It is exp(β √(1 - x²)) with the sharpness β for tables with twice the points that the expansion
+    needs.
+    """
+    root = np.sqrt(np.maximum(1 - (2 * off / SPREAD) ** 2, 0))
+    return np.exp(2.3 * SPREAD * (root - 1))
 
 
 def _transform(
-    frequencies: Float64[np.ndarray, "frequencies"], fine: int
+    frequencies: Int64[np.ndarray, "frequencies"], fine: int
 ) -> Float64[np.ndarray, "frequencies"]:
     """Fourier transform of the kernel, on a grid of ``fine`` points a turn."""
     nodes, weights = np.polynomial.legendre.leggauss(60)
     off = 0.5 * SPREAD * nodes
-    return (
-        0.5
-        * SPREAD
-        * np.cos(2 * np.pi / fine * frequencies[:, None] * off)
-        @ (weights * _kernel(off))
-    )
+    waves = np.cos(2 * np.pi / fine * frequencies[:, None] * off)
+    return 0.5 * SPREAD * waves @ (weights * _kernel(off))

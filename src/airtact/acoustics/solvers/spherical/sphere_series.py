@@ -28,7 +28,6 @@ from airtact.acoustics.solvers.problem import (
     SurfaceField,
     receivers,
 )
-from airtact.acoustics.solvers.spherical.gradient import scattered_gradient
 from airtact.acoustics.solvers.spherical.modes import ACCURACY, SphereModes
 from airtact.acoustics.solvers.velocity import open_air_gradient, velocity_of
 from airtact.acoustics.sources import STANDS_ON, Monopoles, nearest_source
@@ -37,15 +36,26 @@ from airtact.errors import InvalidInput
 from airtact.geometry.primitives import Capsule
 from airtact.timing import Clock
 
-_PAIRS_AT_ONCE = 1 << 14
-
-_PolarBlock = tuple[Indices, Lengths, Float64[np.ndarray, "sources"], Vectors, SourcePoints, Pairs]
-
 _CITATIONS = (
     "J. J. Bowman, T. B. A. Senior, P. L. E. Uslenghi, Electromagnetic and Acoustic Scattering by Simple Shapes (1987)",
     "V. C. Anderson, Sound scattering from a fluid sphere, J. Acoust. Soc. Am. 22, 426 (1950)",
     "D. R. Yennie, D. G. Ravenhall, R. N. Wilson, Phys. Rev. 95, 500 (1954)",
 )
+
+
+@dataclass(frozen=True, eq=False)
+class _Block:
+    """Some points in polar coordinates about the sphere, with the sources.
+
+    ``index`` are the numbers of the points, ``versine`` is 1 - cos γ of every point and source.
+    """
+
+    index: Indices
+    radii: Lengths
+    directions: Vectors
+    source_radii: Float64[np.ndarray, "sources"]
+    source_directions: SourcePoints
+    versine: Pairs
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,11 +77,9 @@ class SphereField(RadiatedField):
         cosine, weight = np.polynomial.legendre.leggauss(latitudes)
         longitude = 2.0 * np.pi * (np.arange(2 * latitudes) + 0.5) / (2 * latitudes)
         sine = np.sqrt(1.0 - cosine**2)
-        across = (
-            np.outer(sine, np.cos(longitude)).ravel(),
-            np.outer(sine, np.sin(longitude)).ravel(),
-        )
-        normals = np.stack([*across, np.repeat(cosine, len(longitude))], axis=1)
+        x = np.outer(sine, np.cos(longitude)).ravel()
+        y = np.outer(sine, np.sin(longitude)).ravel()
+        normals = np.stack([x, y, np.repeat(cosine, len(longitude))], axis=1)
         areas = np.repeat(weight, len(longitude)) * np.pi / latitudes * self.modes.radius**2
         points = self.centre + self.modes.radius * normals
         return SurfaceField(points, normals, areas, self.at(points))
@@ -107,9 +115,8 @@ class SphereField(RadiatedField):
         pressure = np.full((len(points), self.sources.strengths.shape[1]), np.nan + 0j)
         inside = self._inside(points)
         on_source = nearest_source(points, self.sources, STANDS_ON)[0] < STANDS_ON
-        unbounded = on_source & (
-            np.linalg.norm(points - self.centre, axis=1) <= self.modes.radius + CONTACT
-        )
+        distance = np.linalg.norm(points - self.centre, axis=1)
+        unbounded = on_source & (distance <= self.modes.radius + CONTACT)
         outside = np.flatnonzero(~inside & ~unbounded)
         pressure[outside] = self._scattered(points[outside], inside=False, alone=True)
         if self.modes.inner_wavenumber is not None:
@@ -130,13 +137,14 @@ class SphereField(RadiatedField):
         points = receivers(points, self.sources)
         gradient = np.full((len(points), 3, self.sources.strengths.shape[1]), np.nan + 0j)
         density = np.full(len(points), self.scene.medium.density)
-        within = self._inside(points)
-        gradient[~within] = open_air_gradient(points[~within], self.sources, self.scene.wavenumber)
-        gradient[~within] += self._scattered_gradient(points[~within], inside=False)
+        inside = self._inside(points)
+        outside = ~inside
+        gradient[outside] = open_air_gradient(points[outside], self.sources, self.scene.wavenumber)
+        gradient[outside] += self._scattered_gradient(points[outside], inside=False)
         filling = self.scene.obstacles[0].medium
         if filling is not None:
-            gradient[within] = self._scattered_gradient(points[within], inside=True)
-            density[within] = filling.density
+            gradient[inside] = self._scattered_gradient(points[inside], inside=True)
+            density[inside] = filling.density
         return velocity_of(gradient, self.scene.frequency, density)
 
     def _inside(self, points: Points) -> Mask:
@@ -150,53 +158,58 @@ class SphereField(RadiatedField):
         of the image too, which is finite at the source itself.
         """
         pressure = np.zeros((len(points), self.sources.strengths.shape[1]), dtype=np.complex128)
-        nearest_first = np.argsort(KDTree(self.sources.positions).query(points)[0])
-        for block, radii, source_radii, _, _, versine in self._polar_blocks(
-            points, inside, nearest_first
-        ):
+        order = np.argsort(KDTree(self.sources.positions).query(points)[0])
+        for block in self._blocks(points, inside, order):
             if alone:
-                heights = radii[:, None] + source_radii - 2.0 * self.modes.radius
-                distance = np.maximum(cdist(points[block], self.sources.positions), heights)
+                heights = block.radii[:, None] + block.source_radii - 2.0 * self.modes.radius
+                distance = cdist(points[block.index], self.sources.positions)
+                distance = np.maximum(distance, heights)
                 scale = np.exp(-self.scene.wavenumber.imag * distance) / distance
             else:
-                scale = np.abs(
-                    unit_monopoles(points[block], self.sources.positions, self.scene.wavenumber)
+                waves = unit_monopoles(
+                    points[block.index], self.sources.positions, self.scene.wavenumber
                 )
-            unit = self.modes.scattered(inside, radii, source_radii, versine, scale)
-            pressure[block] = unit @ self.sources.strengths
+                scale = np.abs(waves)
+            unit = self.modes.scattered(
+                inside, block.radii, block.source_radii, block.versine, scale
+            )
+            pressure[block.index] = unit @ self.sources.strengths
         return pressure
 
     def _scattered_gradient(self, points: Points, inside: bool) -> Gradients:
         """Gradient of the series for points on one side of the surface [Pa/m]."""
         gradient = np.zeros((len(points), 3, self.sources.strengths.shape[1]), dtype=np.complex128)
-        for (
-            block,
-            radii,
-            source_radii,
-            directions,
-            source_directions,
-            versine,
-        ) in self._polar_blocks(points, inside, np.arange(len(points))):
-            outward, along = scattered_gradient(self.modes, inside, radii, source_radii, versine)
+        for block in self._blocks(points, inside, np.arange(len(points))):
+            outward, along = self.modes.gradient(
+                inside, block.radii, block.source_radii, block.versine
+            )
             # cos γ grows by (source direction - cos γ · point direction)/r
             for axis in range(3):
-                beside = source_directions[:, axis] - (1.0 - versine) * directions[:, None, axis]
-                unit = outward * directions[:, None, axis] + along * beside
-                gradient[block, axis] = unit @ self.sources.strengths
+                direction = block.directions[:, None, axis]
+                beside = block.source_directions[:, axis] - (1.0 - block.versine) * direction
+                unit = outward * direction + along * beside
+                gradient[block.index, axis] = unit @ self.sources.strengths
         return gradient
 
-    def _polar_blocks(self, points: Points, inside: bool, order: Indices) -> Iterator[_PolarBlock]:
-        """Yield blocks of points: their indices, radii [m] and directions with those of the sources, and 1 - cos γ."""
+    def _blocks(self, points: Points, inside: bool, order: Indices) -> Iterator[_Block]:
+        """Yield points in blocks of some 16,000 pairs of a point and a source, which fit the cache."""
         radii, directions = self._polar(points)
         source_radii, source_directions = self._polar(self.sources.positions)
         source_radii = np.maximum(source_radii, self.modes.radius)
         if not inside:
             radii = np.maximum(radii, self.modes.radius)
-        rows = max(1, _PAIRS_AT_ONCE // len(self.sources.positions))
+        rows = max(1, (1 << 14) // len(self.sources.positions))
         for first in range(0, len(points), rows):
-            block = order[first : first + rows]
-            versine = 0.5 * np.sum((directions[block, None, :] - source_directions) ** 2, axis=-1)
-            yield block, radii[block], source_radii, directions[block], source_directions, versine
+            index = order[first : first + rows]
+            apart = directions[index, None, :] - source_directions
+            yield _Block(
+                index=index,
+                radii=radii[index],
+                directions=directions[index],
+                source_radii=source_radii,
+                source_directions=source_directions,
+                versine=0.5 * np.sum(apart**2, axis=-1),
+            )
 
     def _polar(self, points: Points) -> tuple[Lengths, Vectors]:
         """Distances from the centre and unit directions; the centre itself gets the direction z."""
@@ -229,6 +242,7 @@ class SphereSeries(Solver):
         with clock.step("prepare"):
             obstacle, sphere = _only_sphere(scene)
             modes = _modes(scene, obstacle, float(sphere.radius))
+        centre = np.asarray(sphere.pose.translation, dtype=np.float64)
         report = SolveReport(
             solver="SphereSeries",
             estimated_error=ACCURACY,
@@ -236,30 +250,24 @@ class SphereSeries(Solver):
             settings={"accuracy": ACCURACY, "boundary": obstacle.boundary},
             citations=_CITATIONS,
         )
-        return SphereField(
-            scene, sources, modes, np.asarray(sphere.pose.translation, dtype=np.float64), report
-        )
+        return SphereField(scene, sources, modes, centre, report)
 
 
 def _only_sphere(scene: Scene) -> tuple[Obstacle, Capsule]:
     """Return the one obstacle of the scene and its exact sphere."""
-    if len(scene.obstacles) != 1:
+    count = len(scene.obstacles)
+    if count != 1:
         raise InvalidInput(
-            f"SphereSeries solves for exactly one sphere, and the scene has {len(scene.obstacles)} obstacles.",
+            f"SphereSeries solves for exactly one sphere, and the scene has {count} obstacles.",
             code="not_supported",
         )
     obstacle = scene.obstacles[0]
     shape = obstacle.surface.primitive
-    if not isinstance(shape, Capsule):
+    if not isinstance(shape, Capsule) or shape.length != 0.0:
+        kind = "a capsule" if isinstance(shape, Capsule) else "a mesh"
         raise InvalidInput(
-            f"SphereSeries solves for exact spheres only, and the obstacle is a mesh of "
-            f"{len(obstacle.surface.triangles)} triangles; make it with sphere(radius, edge, centre).",
-            code="not_supported",
-        )
-    if shape.length != 0.0:
-        raise InvalidInput(
-            f"SphereSeries solves for spheres only, and the obstacle is a capsule {1e3 * shape.length:g} mm long; "
-            "take BoundaryElement instead.",
+            f"SphereSeries solves for exact spheres only, and the obstacle is {kind}; make it with sphere(radius, "
+            "edge, centre), or take BoundaryElement.",
             code="not_supported",
         )
     return obstacle, shape

@@ -14,9 +14,8 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.acoustics.store.entry import DamagedError, read, written
-from airtact.acoustics.store.fingerprint import fingerprint
-from airtact.acoustics.store.stored import ABANDONED, SUFFIX
+from airtact.acoustics.field_file import DamagedError, read, written
+from airtact.acoustics.store import ABANDONED, SUFFIX, fingerprint
 from airtact.cli import main
 from airtact.setup.building import read_scene
 from airtact.setup.solving import solve_foci
@@ -283,7 +282,7 @@ from pathlib import Path
 import numpy as np
 
 import airtact as at
-from airtact.acoustics.store.entry import read, save, written
+from airtact.acoustics.field_file import read, save, written
 folder = Path(sys.argv[1])
 scene, source = at.Scene(at.Medium(343.1, 1.293), []), at.Monopoles(np.array([[0.0, 0.0, 1.0]]), np.ones(1))
 whole = [written(at.FreeField().radiate(scene, source), key) + bytes(10**6) for key in "abc"]

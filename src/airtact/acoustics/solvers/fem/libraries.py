@@ -1,0 +1,90 @@
+"""Netgen and NGSolve: imported when needed, silenced, and kept to the threads of this process."""
+
+import os
+import signal
+import sys
+import tempfile
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import ModuleType
+from typing import Any
+
+from airtact.acoustics.solvers.memory import processor_count
+from airtact.errors import extra
+
+# Neither library has types; these names say what an object is.
+NetgenMesh = Any
+"""Netgen's ``Mesh``."""
+
+CurvedMesh = Any
+"""NGSolve's ``Mesh``."""
+
+FiniteSpace = Any
+"""NGSolve's ``H1``."""
+
+AssembledForm = Any
+"""NGSolve's ``BilinearForm``, assembled, with the unknowns inside tetrahedra eliminated."""
+
+Expression = Any
+"""NGSolve's symbolic expressions and integrals."""
+
+
+def ngsolve_library() -> ModuleType:
+    """Import NGSolve, which takes a second."""
+    with extra("fem", "finite elements need NGSolve"):
+        import ngsolve
+
+    ngsolve.ngsglobals.msg_level = 0
+    return ngsolve
+
+
+def netgen_libraries() -> tuple[ModuleType, ModuleType]:
+    """Import Netgen's modules ``meshing`` and ``occ``."""
+    with extra("fem", "finite elements need Netgen"):
+        from netgen import meshing, occ
+
+    return meshing, occ
+
+
+def thread_count() -> int:
+    """Return ``OMP_NUM_THREADS`` if it is set, else the processors of this process."""
+    count = os.environ.get("OMP_NUM_THREADS", "")
+    return int(count) if count.isdigit() and int(count) > 0 else processor_count()
+
+
+@contextmanager
+def many_threads() -> Iterator[None]:
+    """Run NGSolve on all threads."""
+    ngsolve = ngsolve_library()
+    ngsolve.SetNumThreads(thread_count())
+    with ngsolve.TaskManager():
+        yield
+
+
+@contextmanager
+def heeding_interrupts() -> Iterator[None]:
+    """Let Ctrl-C raise ``KeyboardInterrupt`` again: after meshing, Netgen lets it end the process."""
+    try:
+        yield
+    finally:
+        handler = signal.getsignal(signal.SIGINT)  # the one set before Netgen replaced it
+        if handler is not None and threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGINT, handler)
+
+
+@contextmanager
+def muted() -> Iterator[None]:
+    """Drop what compiled code prints: Netgen prints failures, which are looked for afterwards."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    kept = [os.dup(1), os.dup(2)]
+    with tempfile.TemporaryFile() as sink:
+        try:
+            os.dup2(sink.fileno(), 1)
+            os.dup2(sink.fileno(), 2)
+            yield
+        finally:
+            for descriptor, original in enumerate(kept, start=1):
+                os.dup2(original, descriptor)
+                os.close(original)

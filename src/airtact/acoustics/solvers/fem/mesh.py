@@ -1,0 +1,351 @@
+"""Tetrahedra in a box round the bodies and in the perfectly matched layer round the box, by Netgen.
+
+Netgen meshes the flat faces; the bodies' own triangles are added to them, and the tetrahedra beside
+the bodies are curved by a deformation. Lengths are in wavelengths here, so that no tolerance of
+Netgen's depends on the frequency.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64, Int64, Real
+from scipy.spatial import KDTree
+
+from airtact.acoustics.scene import Scene
+from airtact.acoustics.solvers.arrays import Mask, Points
+from airtact.acoustics.solvers.fem.libraries import (
+    NetgenMesh,
+    heeding_interrupts,
+    muted,
+    netgen_libraries,
+)
+from airtact.acoustics.solvers.fem.surface_mesh import SurfaceMesh, surface_mesh
+from airtact.acoustics.solvers.fem.symmetry import Mirror
+from airtact.acoustics.solvers.fem.tetrahedra import EDGES, Tetrahedra
+from airtact.checks import in_mm
+from airtact.errors import InvalidInput
+from airtact.geometry.mesh.intersections import self_crossings
+
+GRADING = 0.9
+"""How fast Netgen's edges may grow."""
+
+MIN_STRETCH = 0.02
+"""Fraction of its straight volume that a curved tetrahedron must keep everywhere."""
+
+SAME_POINT = 1e-6
+"""Points nearer to each other than this are one [λ]."""
+
+AIR = 1
+LAYER = 2
+BODY = 3
+"""Netgen's numbers of the materials; a filled body b has number ``BODY`` + b."""
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """The box that is meshed.
+
+    Attributes
+    ----------
+    low, high : (3,) corners of the air [m]; on a mirror the box ends there.
+    layer : thickness of the perfectly matched layer round it, on the sides that are no mirrors [m].
+    mirrors : planes at which the lower side of the box lies.
+    """
+
+    low: Float64[np.ndarray, "3"]
+    high: Float64[np.ndarray, "3"]
+    layer: float
+    mirrors: tuple[Mirror, ...]
+
+    @property
+    def outer_low(self) -> Float64[np.ndarray, "3"]:
+        """(3,) lower corner of the perfectly matched layer [m]."""
+        low = self.low - self.layer
+        for mirror in self.mirrors:
+            low[mirror.axis] = self.low[mirror.axis]
+        return low
+
+    @property
+    def outer_high(self) -> Float64[np.ndarray, "3"]:
+        """(3,) upper corner of the perfectly matched layer [m]."""
+        return self.high + self.layer
+
+    def holds(self, points: Points) -> Mask:
+        """Whether points (P, 3) [m] lie in the air of the box."""
+        return np.all((points >= self.low) & (points <= self.high), axis=1)
+
+
+def meshed(
+    scene: Scene, box: Box, elements_per_wavelength: float, refined: Points
+) -> tuple[NetgenMesh, SurfaceMesh, Tetrahedra]:
+    """Mesh the air in a box round the bodies, the filled bodies, and the perfectly matched layer.
+
+    Netgen's mesh and the curved tetrahedra are in wavelengths; the bodies' triangles are smaller
+    near ``refined`` [m].
+
+    Raises
+    ------
+    InvalidInput
+        When a body cannot be meshed: which, and where.
+    """
+    shapes = [obstacle.surface.shape for obstacle in scene.obstacles]
+    filled = [obstacle.boundary == "filled" for obstacle in scene.obstacles]
+    size = 1 / elements_per_wavelength
+    fault = None
+    # Smaller triangles on the surfaces until Netgen fills the box and no tetrahedron is folded.
+    for shrinking in (0.8, 0.5, 0.3):
+        edge = shrinking * size * scene.wavelength
+        surface = surface_mesh(shapes, edge, box.mirrors, refined)
+        with muted(), heeding_interrupts():
+            mesh = _tetrahedra(surface, box, filled, scene.wavelength, size)
+        if not _fills_box(mesh, box, surface, filled, scene.wavelength):
+            fault = _crossing(surface, edge)
+            continue
+        curved = _curved(mesh, surface, scene.wavelength)
+        stretch, number = curved.smallest_stretch()
+        if stretch > MIN_STRETCH:
+            return mesh, surface, curved
+        position = curved.corners[number].mean(axis=0) * scene.wavelength
+        depths = [obstacle.surface.depth(position[None])[0] for obstacle in scene.obstacles]
+        fault = InvalidInput(
+            f"body {int(np.argmax(depths))} bends too much for tetrahedra of {1e3 * edge:.3g} mm at "
+            f"{in_mm(position)}: one is folded; ask for more elements_per_wavelength, or smooth the body there.",
+            position,
+            code="mesh_faulty",
+        )
+    assert fault is not None
+    raise fault
+
+
+def _tetrahedra(
+    surface: SurfaceMesh, box: Box, filled: Sequence[bool], wavelength: float, size: float
+) -> NetgenMesh:
+    """Fill a box with tetrahedra of edges up to ``size`` [λ]: Netgen's mesh in wavelengths, before it is curved.
+
+    The boundaries are named ``surface0``, ``surface1`` ... for the bodies and ``wall0``, ``wall2``,
+    ``wall4`` for mirrors across x, y, z; the materials ``air``, ``layer`` and ``body0``, ``body1``
+    ... Where Netgen fails, tetrahedra are missing.
+    """
+    meshing, _ = netgen_libraries()
+    vertices, flat, sides = _flat_faces(surface, box, filled, wavelength, size)
+    added = surface.vertices / wavelength
+    distance, nearest = KDTree(vertices).query(added)
+    same = distance < SAME_POINT
+    number = np.where(same, nearest, len(vertices) + np.cumsum(~same) - 1)
+    mesh = meshing.Mesh()
+    mesh.AddPoints(np.concatenate([vertices, added[~same]]))
+    groups = []
+    for inside, outside, face in np.unique(sides, axis=0).tolist():
+        name = f"between{face}" if outside else f"wall{face}"
+        triangles = flat[(sides == [inside, outside, face]).all(axis=1)]
+        groups.append((inside, outside, name, triangles))
+    corners = number[surface.triangles]
+    for body in np.unique(surface.body):
+        inner = BODY + int(body) if filled[body] else 0
+        groups.append((AIR, inner, f"surface{body}", corners[surface.body == body][:, ::-1]))
+    for index, (inside, outside, name, triangles) in enumerate(groups, start=1):
+        mesh.Add(meshing.FaceDescriptor(surfnr=index, domin=inside, domout=outside, bc=index))
+        mesh.SetBCName(index - 1, name)
+        data = np.ascontiguousarray(triangles, dtype=np.int32)
+        mesh.AddElements(dim=2, index=index, data=data, base=0)
+    mesh.SetMaterial(AIR, "air")
+    mesh.SetMaterial(LAYER, "layer")
+    for body, inside in enumerate(filled):
+        if inside:
+            mesh.SetMaterial(BODY + body, f"body{body}")
+    # In filled bodies, tetrahedra would reach twice the edge wanted with faster growth.
+    mesh.GenerateVolumeMesh(maxh=size, grading=0.3 if any(filled) else GRADING)
+    return mesh
+
+
+def _flat_faces(
+    surface: SurfaceMesh, box: Box, filled: Sequence[bool], wavelength: float, size: float
+) -> tuple[
+    Float64[np.ndarray, "vertices 3"],
+    Int64[np.ndarray, "triangles 3"],
+    Int64[np.ndarray, "triangles 3"],
+]:
+    """Mesh the faces of the box, of the perfectly matched layer and of the mirrors less the cuts of hollow bodies.
+
+    Returns vertices [λ], triangles turned outwards, and the materials on both sides and the face's
+    number of each triangle.
+    """
+    meshing, occ = netgen_libraries()
+    low = box.low / wavelength
+    high = box.high / wavelength
+    outer_low = box.outer_low / wavelength
+    outer_high = box.outer_high / wavelength
+    closed = [mirror.axis for mirror in box.mirrors]
+    faces = []
+    for axis, side in product(range(3), (0, 1)):
+        if side == 1 or axis not in closed:
+            plane = (low, high)[side][axis]
+            outer_plane = (outer_low, outer_high)[side][axis]
+            inner = _rectangle(axis, plane, low, high)
+            outer = _rectangle(axis, outer_plane, outer_low, outer_high)
+            faces.append(_named(inner, AIR, LAYER, side, axis))
+            faces.append(_named(outer, LAYER, 0, side, axis))
+    cut_middles = []
+    for mirror in box.mirrors:
+        plane = mirror.position / wavelength
+        inner = _rectangle(mirror.axis, plane, low, high)
+        outer = _rectangle(mirror.axis, plane, outer_low, outer_high)
+        faces.append(_named(outer - inner, LAYER, 0, 0, mirror.axis))
+        for chain in _outlines(surface, mirror):
+            corners = _loop(surface.vertices[chain], mirror, box.mirrors) / wavelength
+            middles = 0.5 * (corners + np.roll(corners, -1, axis=0))
+            cut_middles.append(middles[: len(chain) - 1])
+            section = _polygon(corners)
+            inner = inner - section
+            body = int(surface.body[(surface.triangles == chain[0]).any(axis=1)][0])
+            if filled[body]:
+                faces.append(_named(section, BODY + body, 0, 0, mirror.axis))
+        faces.append(_named(inner, AIR, 0, 0, mirror.axis))
+    glued = occ.Glue(faces)
+    if cut_middles:
+        # Netgen would split the edges along the cuts, which the body's triangles have unsplit.
+        cuts = KDTree(np.concatenate(cut_middles))
+        for edge in glued.edges:
+            if cuts.query([edge.center.x, edge.center.y, edge.center.z])[0] < SAME_POINT:
+                edge.partition = np.empty(0)
+    mesh = occ.OCCGeometry(glued).GenerateMesh(
+        maxh=size, grading=GRADING, perfstepsend=meshing.MeshingStep.MESHSURFACE
+    )
+    vertices = np.array(mesh.Coordinates(), dtype=np.float64)
+    elements = mesh.Elements2D().NumPy()
+    triangles = elements["nodes"].astype(np.int64) - 1
+    names = [[int(word) for word in face.bcname.split()] for face in mesh.FaceDescriptors()]
+    inside, outside, side, axis = np.array(names, dtype=np.int64)[elements["index"] - 1].T
+    corners = vertices[triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    wrong = (normals[np.arange(len(axis)), axis] > 0) != (side == 1)
+    triangles[wrong] = triangles[wrong][:, ::-1]
+    return vertices, triangles, np.stack([inside, outside, 2 * axis + side], axis=1)
+
+
+def _named(face: Any, inside: int, outside: int, side: int, axis: int) -> Any:
+    face.faces.name = f"{inside} {outside} {side} {axis}"
+    return face
+
+
+def _rectangle(
+    axis: int, plane: float, low: Real[np.ndarray, "3"], high: Real[np.ndarray, "3"]
+) -> Any:
+    first, second = (index for index in range(3) if index != axis)
+    corners = np.full((4, 3), plane)
+    corners[:, first] = np.array([low, high, high, low])[:, first]
+    corners[:, second] = np.array([low, low, high, high])[:, second]
+    return _polygon(corners)
+
+
+def _polygon(corners: Real[np.ndarray, "corners 3"]) -> Any:
+    _, occ = netgen_libraries()
+    points = [occ.Pnt(*corner) for corner in corners]
+    ends = zip(points, points[1:] + points[:1], strict=True)
+    return occ.Face(occ.Wire([occ.Segment(start, end) for start, end in ends]))
+
+
+def _outlines(surface: SurfaceMesh, mirror: Mirror) -> list[Int64[np.ndarray, "vertices"]]:
+    """Chains of vertices along which the surfaces are cut at a mirror, each body's in order."""
+    triangles = surface.triangles
+    vertices = surface.vertices
+    ends = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
+    keys = np.sort(ends, axis=1) @ [len(vertices), 1]
+    _, inverse, count = np.unique(keys, return_inverse=True, return_counts=True)
+    on_mirror = (vertices[ends][:, :, mirror.axis] == mirror.position).all(axis=1)
+    following = dict(ends[(count[inverse] == 1) & on_mirror].tolist())
+    chains = []
+    while following:
+        starts = set(following) - set(following.values())
+        chain = [next(iter(starts or following))]
+        while chain[-1] in following:
+            chain.append(following.pop(chain[-1]))
+        chains.append(np.array(chain))
+    return chains
+
+
+def _loop(
+    chain: Real[np.ndarray, "vertices 3"], mirror: Mirror, mirrors: Sequence[Mirror]
+) -> Float64[np.ndarray, "corners 3"]:
+    """Close a chain that ends at other mirrors; a closed one ends where it began, which is left out."""
+    if np.array_equal(chain[0], chain[-1]):
+        return chain[:-1]
+    first, last = (
+        {other for other in mirrors if other is not mirror and end[other.axis] == other.position}
+        for end in (chain[0], chain[-1])
+    )
+    if first & last:
+        return chain
+    corner = chain[0].copy()
+    for other in first | last:
+        corner[other.axis] = other.position
+    return np.concatenate([chain, corner[None]])
+
+
+def _straight(
+    mesh: NetgenMesh,
+) -> tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "tetrahedra 4"]]:
+    """Vertices and corners of the tetrahedra of a mesh of Netgen's."""
+    corners = mesh.Elements3D().NumPy()["nodes"][:, :4].astype(np.int64) - 1
+    return np.array(mesh.Coordinates(), dtype=np.float64), corners
+
+
+def _curved(mesh: NetgenMesh, surface: SurfaceMesh, wavelength: float) -> Tetrahedra:
+    """Take the tetrahedra out of a mesh of Netgen's, and bend those beside the bodies to their surfaces."""
+    vertices, corners = _straight(mesh)
+    on_surface = np.asarray(KDTree(vertices).query(surface.vertices / wavelength)[1])
+    triangles = on_surface[surface.triangles]
+    ends = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
+    ends = np.sort(ends, axis=1)
+    keys, first = np.unique(ends[:, 0] * len(vertices) + ends[:, 1], return_index=True)
+    straight = 0.5 * (vertices[ends[first, 0]] + vertices[ends[first, 1]])
+    bend = surface.middles.reshape(-1, 3)[first] / wavelength - straight
+    wanted = np.sort(corners[:, EDGES], axis=2) @ [len(vertices), 1]
+    index = np.searchsorted(keys, wanted.ravel()).reshape(wanted.shape)
+    index = np.minimum(index, len(keys) - 1)
+    bends = np.where((keys[index] == wanted)[:, :, None], bend[index], 0.0)
+    return Tetrahedra(vertices[corners], bends)
+
+
+def _fills_box(
+    mesh: NetgenMesh, box: Box, surface: SurfaceMesh, filled: Sequence[bool], wavelength: float
+) -> bool:
+    """Whether tetrahedra fill the box but for the bodies that no sound enters, to a millionth of its volume."""
+    vertices, corners = _straight(mesh)
+    if not len(corners):
+        return False
+    four = vertices[corners]
+    volume = np.abs(np.linalg.det(four[:, 1:] - four[:, :1])).sum() / 6 * wavelength**3
+    wanted = float((box.outer_high - box.outer_low).prod())
+    hollow = ~np.array(filled)[surface.body]
+    if hollow.any():
+        # Seen from a point on all mirrors, the cuts there count nothing.
+        flat = surface.vertices[surface.triangles[hollow]] - box.low
+        wanted -= float(np.linalg.det(flat).sum()) / 6
+    return bool(abs(volume / wanted - 1) < 1e-6)
+
+
+def _crossing(surface: SurfaceMesh, edge: float) -> InvalidInput:
+    """Make the error of surfaces that Netgen cannot mesh: which ones cross, if any."""
+    pairs = self_crossings(surface.vertices[surface.triangles], surface.triangles)
+    if not len(pairs):
+        return InvalidInput(
+            "Netgen cannot fill the box round the bodies with tetrahedra, their surfaces having "
+            f"{len(surface.triangles)} triangles of {1e3 * edge:.3g} mm; give smoother or thicker bodies, or take "
+            "BoundaryElement.",
+            code="mesh_faulty",
+        )
+    first, second = surface.body[pairs[0]]
+    position = surface.vertices[surface.triangles[pairs[0]]].mean(axis=(0, 1))
+    bodies = f"bodies {first} and {second} cross"
+    if first == second:
+        bodies = f"body {first} crosses itself"
+    return InvalidInput(
+        f"{bodies} at {in_mm(position)} when meshed with triangles of {1e3 * edge:.3g} mm ({len(pairs)} pairs of "
+        "them): too thin or too near for these; ask for more elements_per_wavelength, thicken the body or move it away.",
+        position,
+        code="bodies_overlap",
+    )

@@ -1,1 +1,0 @@
-"""Tetrahedra between the bodies and the perfectly matched layer."""

@@ -1,0 +1,105 @@
+"""Mirror planes of a scene, and pressures as sums of parts that are even or odd about them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from jaxtyping import Float64, Real
+
+from airtact.acoustics.scene import Scene
+from airtact.acoustics.solvers.arrays import Points, Vectors
+from airtact.errors import InvalidInput
+
+AXES = "xyz"
+
+TOLERANCE = 1e-3
+"""Distance of the surfaces from their mirror images that still counts as symmetric [λ]."""
+
+
+@dataclass(frozen=True)
+class Mirror:
+    """A plane across one axis, 0, 1 or 2 for x, y or z, and its position there [m]."""
+
+    axis: int
+    position: float
+
+    def image(self, points: Real[np.ndarray, "*axes 3"]) -> Float64[np.ndarray, "*axes 3"]:
+        """Mirror images of points (..., 3) [m]."""
+        image = np.array(points, dtype=np.float64)
+        image[..., self.axis] = 2 * self.position - image[..., self.axis]
+        return image
+
+
+def mirrors_of(scene: Scene, axes: Sequence[str] | None) -> tuple[Mirror, ...]:
+    """Planes across x, y and z, through the middle of the bodies, that the scene is symmetric about.
+
+    ``axes`` are those of the planes to take, None for all that the scene is symmetric about; raise
+    "does_not_match" where it is not symmetric about one of ``axes``.
+    """
+    shapes = [obstacle.surface.shape for obstacle in scene.obstacles]
+    corners = np.concatenate([shape.extreme_points() for shape in shapes])
+    middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+    tolerance = TOLERANCE * scene.wavelength
+    mirrors = []
+    for axis, name in enumerate(AXES):
+        if axes is not None and name not in axes:
+            continue
+        mirror = Mirror(axis, float(middle[axis]))
+        off = _asymmetry(scene, mirror)
+        if off <= tolerance:
+            mirrors.append(mirror)
+        elif axes is not None:
+            why = "bodies of different kinds face each other"
+            if np.isfinite(off):
+                why = (
+                    f"the bodies are {1e3 * off:.3g} mm off it, more than {1e3 * tolerance:.2g} mm"
+                )
+            raise InvalidInput(
+                f"symmetry about the plane {name} = {1e3 * mirror.position:.4g} mm was asked for, but {why}; "
+                f"leave {name!r} out of symmetry.",
+                code="does_not_match",
+            )
+    return tuple(mirrors)
+
+
+def images(mirrors: Sequence[Mirror], points: Points) -> list[Vectors]:
+    """Points (P, 3) reflected by every choice of the mirrors: 1, 2, 4 or 8 sets, in the order of ``parities``."""
+    sets = []
+    for choice in parities(mirrors):
+        image = np.array(points, dtype=np.float64)
+        for mirror, reflected in zip(mirrors, choice, strict=True):
+            if reflected:
+                image = mirror.image(image)
+        sets.append(image)
+    return sets
+
+
+def parities(mirrors: Sequence[object]) -> list[tuple[int, ...]]:
+    """Every choice of even (0) or odd (1) about each mirror."""
+    return list(product((0, 1), repeat=len(mirrors)))
+
+
+def signs(parity: Sequence[int]) -> Float64[np.ndarray, "images"]:
+    """Sign of a pressure of that parity at each of the ``images`` of a point."""
+    return np.array([(-1.0) ** np.dot(parity, choice) for choice in parities(parity)])
+
+
+def _asymmetry(scene: Scene, mirror: Mirror) -> float:
+    """Largest distance of mirrored surfaces from the surfaces [m]; infinite where bodies of different kinds face."""
+    largest = 0.0
+    for obstacle in scene.obstacles:
+        image = mirror.image(obstacle.surface.quadratic_triangles.reshape(-1, 3))
+        distances = [
+            float(np.abs(candidate.surface.shape.depth(image)).max())
+            for candidate in scene.obstacles
+        ]
+        facing = scene.obstacles[int(np.argmin(distances))]
+        if (facing.boundary, facing.ratio, facing.medium) != (
+            obstacle.boundary,
+            obstacle.ratio,
+            obstacle.medium,
+        ):
+            return float("inf")
+        largest = max(largest, min(distances))
+    return largest

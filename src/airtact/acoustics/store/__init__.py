@@ -1,1 +1,0 @@
-"""Solved shapes kept in memory and on disk, found again by all that determines them."""

@@ -1,0 +1,361 @@
+"""Surfaces and scene graphs read by trimesh, after what a file holds is counted: arrays in units of the file.
+
+trimesh expands what a small file may only name: instances of a mesh, corners of one face, accessors
+that share their bytes. So a GLB or glTF is measured by its JSON and the others by their headers and
+lines before it reads them. Materials, textures, normals and colours are never read.
+"""
+
+import io
+import json
+import logging
+import re
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+from airtact.errors import LARGEST_MESH_FILE, InvalidInput, about
+from airtact.files.bounded import bytes_of
+
+SUFFIXES = (".stl", ".ply", ".obj", ".glb", ".gltf")
+"""File name endings that are read."""
+
+MAX_FILE_TRIANGLES = 250_000
+"""Largest number of triangles of a surface from a file: to read and check so many takes some 10 s and 0.9 GB."""
+
+MAX_MESH_LINES = 2_500_000
+"""Largest number of lines of a surface in text: an STL of ``MAX_FILE_TRIANGLES`` has 1,750,000."""
+
+MAX_PIECES = 2048
+"""Largest number of nodes, meshes or solids in a file."""
+
+
+def read_mesh(
+    path: Path,
+) -> tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangles 3"]]:
+    """Read the vertices and triangles of all that is in a file, where its nodes put it.
+
+    Raises
+    ------
+    InvalidInput
+        When there is no such file, it cannot be read, is beyond the limits, or holds no triangles.
+    """
+    scene = _scene(path)
+    with _describing_damage(path):
+        mesh = scene.to_mesh()
+    with about(path.name):
+        if len(mesh.faces) == 0:
+            raise InvalidInput(
+                "it holds no triangles; give a file with a closed triangle surface.", code="empty"
+            )
+        _check_triangles(len(mesh.faces))
+        if mesh.vertices.shape[1:] != (3,):
+            raise InvalidInput("its vertices do not have 3 coordinates.", code="file_unreadable")
+    return np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
+
+
+def read_vertices(path: Path) -> Float64[np.ndarray, "vertices 3"]:
+    """Read the vertices of a file, or the points of a cloud; raise as ``read_mesh``."""
+    scene = _scene(path)
+    with _describing_damage(path):
+        parts = [geometry.vertices for geometry in scene.geometry.values()]
+        return np.concatenate([np.empty((0, 3)), *parts])
+
+
+def read_node_positions(path: Path) -> Mapping[str, Float64[np.ndarray, "3"]]:
+    """Read the positions of the named nodes of a file; raise as ``read_mesh``."""
+    graph = _scene(path).graph
+    return {
+        str(node): np.array(graph.get(node)[0][:3, 3], dtype=np.float64) for node in graph.nodes
+    }
+
+
+def _scene(path: Path) -> Any:
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise InvalidInput(
+            f"{path.name} ends in {path.suffix!r}, but surfaces are read from {', '.join(SUFFIXES)}.",
+            code="unknown_format",
+        )
+    if not path.is_file():
+        raise InvalidInput(f"there is no file {path}.", code="file_missing")
+    content = bytes_of(path, LARGEST_MESH_FILE)
+    with about(path.name):
+        if suffix == ".stl":
+            _check_stl(content)
+        elif suffix == ".ply":
+            _check_ply(content)
+        elif suffix == ".obj":
+            content = _plain_obj(content)
+        else:
+            _check_scene_graph(_json_of(content) if suffix == ".glb" else _parsed(content))
+    import trimesh  # takes as long to import as all the rest of airtact
+
+    # Otherwise it prints tracebacks of its own.
+    logging.getLogger("trimesh").addHandler(logging.NullHandler())
+    settings = {"file_type": suffix[1:], "resolver": _OwnFolder(path), "process": False}
+    if suffix != ".stl":
+        settings["skip_materials"] = True
+    with _describing_damage(path):
+        return trimesh.load_scene(io.BytesIO(content), **settings)
+
+
+@contextmanager
+def _describing_damage(path: Path) -> Iterator[None]:
+    """Turn whatever trimesh raises, and a number that it would pass over, into a fault of the file."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            warnings.filterwarnings("error", category=RuntimeWarning)
+            warnings.filterwarnings("error", "string or file could not be read", DeprecationWarning)
+            yield
+    except InvalidInput as fault:
+        raise InvalidInput(f"{path.name}: {fault}", code=fault.code) from None
+    except Exception as fault:  # each of trimesh's readers fails in its own way on a damaged file
+        raise InvalidInput(
+            f"{path.name} cannot be read: it is damaged ({type(fault).__name__}: {fault}).",
+            code="file_unreadable",
+        ) from fault
+
+
+class _OwnFolder:
+    """Opens what a glTF file names, in its own folder only, and ``LARGEST_MESH_FILE`` bytes in all at most."""
+
+    def __init__(self, path: Path) -> None:
+        self.folder = path.parent.resolve()
+        self.file_name = path.name
+        self.left = LARGEST_MESH_FILE
+
+    def __getitem__(self, name: str) -> bytes:
+        """Read a file by its name as it stands in the glTF file."""
+        path = (self.folder / str(name)).resolve()
+        if not path.is_relative_to(self.folder):
+            raise InvalidInput(
+                f"it names {name!r}, which is outside its folder; put what it needs beside it.",
+                code="file_unreadable",
+            )
+        content = bytes_of(path, self.left)
+        self.left -= len(content)
+        return content
+
+    get = __getitem__
+
+
+def _check_triangles(count: int) -> None:
+    if count > MAX_FILE_TRIANGLES:
+        raise InvalidInput(
+            f"it has {count:,} triangles, more than {MAX_FILE_TRIANGLES:,}; simplify it, as with MeshLab: edges of "
+            "1 mm are fine enough for 40 kHz.",
+            code="too_many",
+        )
+
+
+def _check_pieces(count: int, what: str, largest: int = MAX_PIECES) -> None:
+    if count > largest:
+        raise InvalidInput(
+            f"it has {count:,} {what}, more than {largest:,}; join them before it is saved.",
+            code="too_many",
+        )
+
+
+def _check_lines(content: bytes) -> None:
+    breaks = b"\n\r\x0b\x0c\x1c\x1d\x1e"  # bytes at which Python begins a new line of text
+    count = sum(content.count(byte) for byte in breaks)
+    if count > MAX_MESH_LINES:
+        raise InvalidInput(
+            f"it has {count:,} lines, more than {MAX_MESH_LINES:,}; simplify it, or save it in binary.",
+            code="file_too_large",
+        )
+
+
+def _check_stl(content: bytes) -> None:
+    count = int.from_bytes(content[80:84], "little")
+    if len(content) == 84 + 50 * count:
+        _check_triangles(count)
+        return
+    _check_lines(content)
+    lower = content.lower()
+    _check_triangles(lower.count(b"vertex") // 3)
+    _check_pieces(lower.count(b"endsolid"), "solids")
+    try:
+        content.decode()
+    except UnicodeDecodeError as error:
+        raise InvalidInput(
+            f"its {len(content):,} bytes are neither those of {count:,} triangles, as its head says, nor text: byte "
+            f"{error.start} is not UTF-8; export it again.",
+            code="file_unreadable",
+        ) from None
+
+
+def _check_ply(content: bytes) -> None:
+    head, _, body = content.partition(b"end_header")
+    pieces = head.count(b"element") + head.count(b"property")
+    _check_pieces(pieces, "elements and properties", 256)
+    counts = {b"vertex": 0, b"face": 0}
+    values = 0
+    for element in head.split(b"element")[1:]:
+        match = re.match(rb"\s+(\w+)\s+(\d{1,18})\s", element)
+        if match:
+            counts[match[1]] = int(match[2])
+            values += int(match[2]) * element.count(b"property")
+    _check_triangles(counts[b"face"])
+    # A vertex that no triangle has costs memory too; a triangle may have three of its own.
+    _check_triangles(counts[b"vertex"] // 3)
+    others = sum(counts.values()) - counts[b"face"] - counts[b"vertex"]
+    _check_pieces(others, "elements beside vertices and faces", 100_000)
+    # A face of millions of corners would become as many triangles.
+    corners = 4 * MAX_FILE_TRIANGLES
+    if b"ascii" in head:
+        _check_lines(content)
+        too_long = sum(body.count(byte) for byte in b" \t") > values + corners
+    else:
+        too_long = len(body) > 8 * values + 4 * corners
+    if too_long:
+        raise InvalidInput(
+            f"its {len(body):,} bytes are more than its elements need; leave out what is no mesh.",
+            code="file_too_large",
+        )
+
+
+def _plain_obj(content: bytes) -> bytes:
+    """Keep vertices and faces, and of a face's corners the numbers of the vertices.
+
+    Numbers that count from the end are rejected where vertices follow: which ones they mean depends
+    on the line.
+    """
+    _check_lines(content)
+    content = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n").replace(b"\\\n", b" ")
+    lines = []
+    triangles = 0
+    last_vertex = 0
+    first_from_end = None
+    for kind, words in re.findall(rb"^[ \t]*([vf])[ \t]+([^\n]*)$", content, re.MULTILINE):
+        if kind == b"v":
+            lines.append(b"v " + b" ".join(words.split(maxsplit=3)[:3]))
+            last_vertex = len(lines)
+            continue
+        corners = re.findall(rb"([-+]?\d{1,18})(?:/[-+/\d]*)?(?:\s|$)", words)
+        if len(corners) < len(words.split()) or any(int(corner) == 0 for corner in corners):
+            raise InvalidInput(
+                f"a face has the corners {words[:40].decode(errors='replace')!r}, but they are numbers of vertices "
+                "from 1.",
+                code="file_unreadable",
+            )
+        triangles += max(len(corners) - 2, 0)
+        _check_triangles(triangles)
+        if first_from_end is None and any(corner.startswith(b"-") for corner in corners):
+            first_from_end = len(lines)
+        lines.append(b"f " + b" ".join(corners))
+    if first_from_end is not None and first_from_end < last_vertex:
+        raise InvalidInput(
+            "a face counts its vertices from the end, and vertices follow; count them from 1.",
+            code="file_unreadable",
+        )
+    return b"\n".join(lines)
+
+
+def _json_of(content: bytes) -> Mapping[str, Any]:
+    """Read the JSON of a GLB file, its first chunk: glTF 2.0, section 4.4."""
+    if len(content) < 20 or content[:4] != b"glTF" or content[16:20] != b"JSON":
+        raise InvalidInput("it does not begin as a GLB file does.", code="file_unreadable")
+    return _parsed(content[20 : 20 + int.from_bytes(content[12:16], "little")])
+
+
+def _parsed(text: bytes) -> Mapping[str, Any]:
+    if text.count(b",") > 1_000_000:
+        raise InvalidInput(
+            f"its JSON has {text.count(b','):,} values, more than 1,000,000; leave out what is no mesh.",
+            code="file_too_large",
+        )
+    try:
+        tree = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InvalidInput(f"its JSON is damaged: {error}.", code="file_unreadable") from None
+    if not isinstance(tree, dict):
+        raise InvalidInput("its JSON is not an object.", code="file_unreadable")
+    return tree
+
+
+def _check_scene_graph(tree: Mapping[str, Any]) -> None:
+    """Count nodes, levels, numbers and triangles of a glTF scene as they will be when all is in its place."""
+    try:
+        nodes = tree.get("nodes", [])
+        meshes = tree.get("meshes", [])
+        children = [node.get("children", []) for node in nodes]
+        links = len(nodes) + sum(map(len, children))
+        _check_pieces(links, "nodes and their children", 2 * MAX_PIECES)
+        _check_pieces(sum(len(mesh["primitives"]) for mesh in meshes), "meshes")
+        _check_levels(tree, children)
+        _check_sizes(tree)
+        triangles = [
+            sum(_triangles(tree, primitive) for primitive in mesh["primitives"]) for mesh in meshes
+        ]
+        _check_triangles(sum(triangles[node["mesh"]] for node in nodes if "mesh" in node))
+    except InvalidInput:
+        raise
+    except Exception as error:  # the JSON may hold anything anywhere
+        raise InvalidInput(
+            f"its JSON is not that of glTF 2.0 ({type(error).__name__}: {error}).",
+            code="file_unreadable",
+        ) from None
+
+
+def _check_levels(tree: Mapping[str, Any], children: list[list[int]]) -> None:
+    """Follow the children of each node from the roots; a node that is reached again has another parent, or itself."""
+    scenes = tree.get("scenes", [])
+    level = list(scenes[tree.get("scene", 0)].get("nodes", [])) if scenes else []
+    reached: set[int] = set()
+    for _ in range(256):
+        reached.update(level)
+        level = [child for node in level for child in children[node]]
+        if reached.intersection(level) or len(set(level)) < len(level):
+            raise InvalidInput(
+                "a node is the child of several, or of itself.", code="file_unreadable"
+            )
+        if not level:
+            return
+    raise InvalidInput(
+        "its nodes stand more than 256 levels deep in each other; flatten them.",
+        code="file_too_large",
+    )
+
+
+def _check_sizes(tree: Mapping[str, Any]) -> None:
+    """Add the bytes of all views and accessors, which trimesh copies (glTF 2.0, section 3.6.2)."""
+    numbers = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+    number_bytes = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
+    views = [int(view["byteLength"]) for view in tree.get("bufferViews", [])]
+    accessors = [
+        int(item["count"]) * numbers[item["type"]] * number_bytes[item["componentType"]]
+        for item in tree.get("accessors", [])
+    ]
+    if min([*views, *accessors], default=0) < 0:
+        raise InvalidInput("a view or accessor has a negative size.", code="file_unreadable")
+    size = max(sum(views), sum(accessors))
+    if size > LARGEST_MESH_FILE:
+        raise InvalidInput(
+            f"its accessors and views have {size:,} bytes, more than {LARGEST_MESH_FILE:,}; simplify it.",
+            code="file_too_large",
+        )
+
+
+def _triangles(tree: Mapping[str, Any], primitive: Mapping[str, Any]) -> int:
+    """Count the triangles of a primitive: corners over 3, or one a corner in a strip."""
+    mode = primitive.get("mode", 4)
+    if mode not in (4, 5):
+        return 0
+    used = [primitive["attributes"]["POSITION"]]
+    if "indices" in primitive:
+        used.append(primitive["indices"])
+    accessors = [tree.get("accessors", [])[index] for index in used]
+    if any("bufferView" not in accessor or "sparse" in accessor for accessor in accessors):
+        raise InvalidInput(
+            "its numbers are compressed or sparse; export it without compression.",
+            code="file_unreadable",
+        )
+    corners = int(accessors[-1]["count"])
+    return corners // 3 if mode == 4 else corners
