@@ -113,7 +113,7 @@ def test_impossible_media_are_rejected(arguments, code, sentence):
 def test_a_frequency_must_be_above_zero(frequency):
     medium = Medium(343.0, 1.2)
     for ask in (medium.wavenumber, medium.wavelength, lambda f: air(frequency=f)):
-        with raises_code("out_of_range", f"frequency is {frequency:g} Hz"):
+        with raises_code("out_of_range"):
             ask(frequency)
 
 

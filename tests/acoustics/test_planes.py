@@ -32,48 +32,46 @@ def test_a_plane_mirrors_points():
 
 
 @pytest.mark.parametrize(
-    ("code", "words", "make"),
+    ("code", "make"),
     [
-        ("out_of_range", "length 0", lambda: at.plane((0, 0, 0), (0, 0, 0))),
-        ("wrong_shape", "(2,)", lambda: at.plane((0, 0), (0, 0, 1))),
-        ("not_finite", "1 NaN", lambda: at.plane((0, 0, np.nan), (0, 0, 1))),
-        ("not_supported", "ratio 5", lambda: at.plane((0, 0, 0), (0, 0, 1), ratio=5)),
-        ("wrong_kind", "1 Plane by itself", lambda: at.Scene(AIR, [], planes=TABLE)),
-        ("wrong_kind", "plane 0 is", lambda: at.Scene(AIR, [], planes=[3])),
+        ("out_of_range", lambda: at.plane((0, 0, 0), (0, 0, 0))),
+        ("wrong_shape", lambda: at.plane((0, 0), (0, 0, 1))),
+        ("not_finite", lambda: at.plane((0, 0, np.nan), (0, 0, 1))),
+        ("not_supported", lambda: at.plane((0, 0, 0), (0, 0, 1), ratio=5)),
+        ("wrong_kind", lambda: at.Scene(AIR, [], planes=TABLE)),
+        ("wrong_kind", lambda: at.Scene(AIR, [], planes=[3])),
         (
             "too_many",
-            "a corner",
             lambda: at.Scene(AIR, [], planes=[TABLE, at.plane((0, 0, 0), (1, 0, 1))]),
         ),
         (
             "too_many",
-            "400 mm apart absorb nothing",
             lambda: at.Scene(AIR, [], planes=[TABLE, at.plane((0.1, 0, 0.4), (0, 0, -1))]),
         ),
-        ("bodies_overlap", "body 0 is 0.1 mm before", lambda: scene(ball(0.0051))),
-        ("bodies_overlap", "body 0 reaches 5 mm behind", lambda: scene(ball(0.0))),
-        ("bodies_overlap", "body 1 reaches 15 mm behind", lambda: scene(ball(), ball(-0.01))),
+        ("bodies_overlap", lambda: scene(ball(0.0051))),
+        ("bodies_overlap", lambda: scene(ball(0.0))),
+        ("bodies_overlap", lambda: scene(ball(), ball(-0.01))),
     ],
 )
 @pytest.mark.usefixtures("as_outside_the_tests")
-def test_planes_that_cannot_be_are_rejected(code, words, make):
-    with raises_code(code, words):
+def test_planes_that_cannot_be_are_rejected(code, make):
+    with raises_code(code):
         make()
 
 
 def test_a_mesh_that_touches_the_plane_is_rejected(box):
-    with raises_code("bodies_overlap", "body 0 is 0 mm before"):
+    with raises_code("bodies_overlap"):
         scene(at.sound_hard(box((0, 0, 0), (0.01, 0.01, 0.01))))
 
 
 @pytest.mark.parametrize("solver", [at.FreeField(), at.BoundaryElement(accuracy=0.1)])
 def test_what_lies_behind_is_rejected(solver):
     bodies = [] if isinstance(solver, at.FreeField) else [ball()]
-    with raises_code("behind_plane", "source 1", "2 mm"):
+    with raises_code("behind_plane", "2 mm"):
         solver.radiate(
             scene(*bodies), at.Monopoles(np.array([[0, 0, 0.03], [0.02, 0, -0.002]]), np.ones(2))
         )
-    with raises_code("behind_plane", "focus 0"):
+    with raises_code("behind_plane"):
         solver.radiate(scene(*bodies), at.Target(np.array([[0.02, 0, -0.002]])).beacons())
 
 
@@ -92,10 +90,10 @@ def test_who_does_not_take_planes_says_so():
             at.BoundaryElement(), before, array, at.sensing.random_codes(249, 1)
         ),
     ):
-        with raises_code("not_supported", "1 plane"):
+        with raises_code("not_supported"):
             use()
     bodies = at.BoundaryElement(accuracy=0.1).factorised(at.Scene(AIR, [ball()]))
-    with raises_code("not_supported", "1 plane"):
+    with raises_code("not_supported"):
         bodies.radiate(before, SOURCE)
 
 

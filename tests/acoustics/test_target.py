@@ -33,62 +33,29 @@ def test_arrays_are_locked():
 
 
 @pytest.mark.parametrize(
-    ("points", "pressures", "code", "sentence"),
+    ("points", "pressures", "code"),
     [
-        (np.zeros((0, 3)), None, "empty", "target points are empty (0 points)"),
-        (
-            np.array([[0.0, np.nan, 0.0]]),
-            None,
-            "not_finite",
-            "target points hold 1 NaN or infinite value, the first at index [0, 1]",
-        ),
-        (POINTS, -3.0, "negative", "a target pressure is -3 Pa"),
-        (POINTS, np.array([10.0, -2.0]), "negative", "a target pressure is -2 Pa"),
-        (POINTS, 0.0, "empty", "every target pressure is 0 Pa"),
-        (POINTS, np.nan, "not_finite", "target pressures hold 1 NaN"),
-        (
-            POINTS,
-            np.array([1.0, np.inf]),
-            "not_finite",
-            "target pressures hold 1 NaN or infinite value, the first at index [1]",
-        ),
-        (
-            POINTS,
-            np.ones(3),
-            "wrong_shape",
-            "target pressures have shape (3,), but the target has 2 foci",
-        ),
-        (
-            (POINTS[1], np.array([0.0, -0.6, 0.8])),
-            None,
-            "misplaced",
-            "the second of 2 target points is 1 m from",
-        ),
-        (
-            POINTS,
-            np.zeros(0),
-            "wrong_shape",
-            "target pressures have shape (0,), but the target has 2 foci",
-        ),
+        (np.zeros((0, 3)), None, "empty"),
+        (np.array([[0.0, np.nan, 0.0]]), None, "not_finite"),
+        (POINTS, -3.0, "out_of_range"),
+        (POINTS, np.array([10.0, -2.0]), "out_of_range"),
+        (POINTS, 0.0, "empty"),
+        (POINTS, np.nan, "not_finite"),
+        (POINTS, np.array([1.0, np.inf]), "not_finite"),
+        (POINTS, np.ones(3), "wrong_shape"),
+        ((POINTS[1], np.array([0.0, -0.6, 0.8])), None, "misplaced"),
+        (POINTS, np.zeros(0), "wrong_shape"),
     ],
 )
 @pytest.mark.usefixtures("as_outside_the_tests")
-def test_faults_are_rejected(points, pressures, code, sentence):
-    with raises_code(code, sentence):
+def test_faults_are_rejected(points, pressures, code):
+    with raises_code(code):
         Target(points, pressures)
 
 
 def test_foci_in_millimetres_are_asked_about():
-    with raises_code(
-        "out_of_range", "focus 1 at (0.00, 5500.00, 0.00) mm is 5.5 m from", "2 m: is this in mill"
-    ):
+    with raises_code("out_of_range"):
         Target(np.array([[0.0, 0.0, 1.0], [0.0, 5.5, 0.0]]))
-
-
-def test_printing_a_target_is_short():
-    assert repr(Target(POINTS, 3.0)) == "Target(2 foci, 3 Pa asked)"
-    assert repr(Target(POINTS, shares=np.array([1.0, 0.5]))) == "Target(2 foci, shares 0.5 to 1)"
-    assert repr(Target(POINTS)) == "Target(2 foci, as strong as possible)"
 
 
 def test_a_share_asks_for_proportions_only():
@@ -120,50 +87,25 @@ def test_suppression_points_follow_the_foci_as_beacons_where_asked():
 
 
 @pytest.mark.parametrize(
-    ("asked", "code", "sentence"),
+    ("asked", "code"),
     [
-        ({"shares": -0.5}, "negative", "a target share is -0.5, but it must not be negative"),
-        ({"shares": 0.0}, "empty", "every target share is 0; ask"),
-        ({"shares": 0j}, "empty", "every target share is 0; ask"),
-        (
-            {"shares": np.ones(3)},
-            "wrong_shape",
-            "target shares have shape (3,), but the target has 2 foci",
-        ),
-        (
-            {"shares": 1.0, "pressures": 2.0},
-            "options_clash",
-            "both pressures and shares; give 1 of the 2",
-        ),
-        ({"pressures": complex(np.nan, 0)}, "not_finite", "target pressures hold 1 NaN"),
-        (
-            {"pressures": np.array([1j, np.inf])},
-            "not_finite",
-            "target pressures hold 1 NaN or infinite value, the first at index",
-        ),
-        (
-            {"suppression_points": np.zeros((2, 2))},
-            "wrong_shape",
-            "suppression points have shape (2, 2)",
-        ),
-        (
-            {"suppression_points": np.array([[0.0, 0.0, np.nan]])},
-            "not_finite",
-            "suppression points hold 1 NaN",
-        ),
-        (
-            {"suppression_points": np.array([[0.0, 0.0, 3.0]])},
-            "out_of_range",
-            "suppression point 0 at (0.00, 0.00, 3000.00) mm is 3 m from",
-        ),
+        ({"shares": -0.5}, "out_of_range"),
+        ({"shares": 0.0}, "empty"),
+        ({"shares": 0j}, "empty"),
+        ({"shares": np.ones(3)}, "wrong_shape"),
+        ({"shares": 1.0, "pressures": 2.0}, "options_clash"),
+        ({"pressures": complex(np.nan, 0)}, "not_finite"),
+        ({"pressures": np.array([1j, np.inf])}, "not_finite"),
+        ({"suppression_points": np.zeros((2, 2))}, "wrong_shape"),
+        ({"suppression_points": np.array([[0.0, 0.0, np.nan]])}, "not_finite"),
+        ({"suppression_points": np.array([[0.0, 0.0, 3.0]])}, "out_of_range"),
         (
             {"suppression_points": np.array([[0.0, 0.1, 0.0], [0.0, 2e-7, 0.01]])},
             "misplaced",
-            "suppression point 1 is 0.0002 mm from focus 1 at (0.00, 0.00, 10.00) mm",
         ),
     ],
 )
 @pytest.mark.usefixtures("as_outside_the_tests")
-def test_faults_of_what_is_wanted_are_rejected(asked, code, sentence):
-    with raises_code(code, sentence):
+def test_faults_of_what_is_wanted_are_rejected(asked, code):
+    with raises_code(code):
         Target(POINTS, **asked)

@@ -105,66 +105,29 @@ def test_a_plane_is_seen_upright():
 
 
 @pytest.mark.parametrize(
-    ("make", "code", "sentence"),
+    ("make", "code"),
     [
-        (
-            lambda: segment((0, 0, 0), (0, 0, 0), 1e-3),
-            "all_zero",
-            "line 0 of a polyline has a length of 0 mm",
-        ),
-        (lambda: segment((0, 0, 0), (0, 0, np.nan), 1e-3), "not_finite", "the end hold 1 NaN"),
-        (
-            lambda: segment((0, 0, 0), (5, 0, 0), 1e-3),
-            "too_many",
-            "a spacing of 1 mm gives 5001 points, more than 4096",
-        ),
-        (
-            lambda: polyline(np.zeros((1, 3)), 1e-3),
-            "too_few",
-            "a polyline has 1 corners, but needs 2",
-        ),
-        (
-            lambda: polyline(np.eye(3)[:2], 1e-3, closed=True),
-            "too_few",
-            "a closed polyline has 2 corners, but needs 3",
-        ),
-        (lambda: circle((0, 0, 0), 0.0, 1e-3), "out_of_range", "the radius is 0 m"),
-        (
-            lambda: circle((0, 0, 0), 50.0, 3e-3),
-            "too_many",
-            "gives 104720 points, ... : are the other lengths in millimetres",
-        ),
-        (lambda: circle((0, 0, 0), 0.01, -1e-3), "out_of_range", "the spacing is -0.001 m"),
-        (
-            lambda: circle((0, 0, 0), 0.01, 1e-3, normal=(0, 0, 0)),
-            "all_zero",
-            "the normal of a plane is (0, 0, 0)",
-        ),
-        (lambda: sphere_shell((0, 0, 0), 0.1, 1e-3), "too_many", "gives 145104 points"),
-        (
-            lambda: frame_of((0, 0, 1), up=(0, 0, -3)),
-            "all_zero",
-            "up is [0.0, 0.0, -3.0], along the normal",
-        ),
-        (
-            lambda: surface_points(sphere(0.01, edge=4e-3), 1e-4),
-            "too_many",
-            "more than 4096",
-        ),
-        (
-            lambda: surface_points(sphere(0.01, edge=4e-3), 3e-3, facing=(0, 0, 0)),
-            "out_of_range",
-            "the length of the direction is 0 m",
-        ),
+        (lambda: segment((0, 0, 0), (0, 0, 0), 1e-3), "all_zero"),
+        (lambda: segment((0, 0, 0), (0, 0, np.nan), 1e-3), "not_finite"),
+        (lambda: segment((0, 0, 0), (5, 0, 0), 1e-3), "too_many"),
+        (lambda: polyline(np.zeros((1, 3)), 1e-3), "too_few"),
+        (lambda: polyline(np.eye(3)[:2], 1e-3, closed=True), "too_few"),
+        (lambda: circle((0, 0, 0), 0.0, 1e-3), "out_of_range"),
+        (lambda: circle((0, 0, 0), 50.0, 3e-3), "too_many"),
+        (lambda: circle((0, 0, 0), 0.01, -1e-3), "out_of_range"),
+        (lambda: circle((0, 0, 0), 0.01, 1e-3, normal=(0, 0, 0)), "all_zero"),
+        (lambda: sphere_shell((0, 0, 0), 0.1, 1e-3), "too_many"),
+        (lambda: frame_of((0, 0, 1), up=(0, 0, -3)), "all_zero"),
+        (lambda: surface_points(sphere(0.01, edge=4e-3), 1e-4), "too_many"),
+        (lambda: surface_points(sphere(0.01, edge=4e-3), 3e-3, facing=(0, 0, 0)), "out_of_range"),
         (
             lambda: surface_points(sphere(0.01, edge=4e-3), 3e-3, facing=(0, 0, 1), within=0.01),
             "empty",
-            "0 points of the surface face within 0.01 degrees of [0, 0, 1]",
         ),
     ],
 )
-def test_faults_are_rejected_with_a_number(make, code, sentence):
-    with raises_code(code, *sentence.split(" ... ")):
+def test_faults_are_rejected(make, code):
+    with raises_code(code):
         make()
 
 
@@ -177,10 +140,10 @@ def test_a_circle_is_brought_onto_a_ball():
 
 
 def test_an_offset_in_millimetres_and_a_crevice_are_rejected(hand_file):
-    with raises_code("out_of_range", "the offset is 0.5 m, but it must lie between 0 and 0.02"):
+    with raises_code("out_of_range"):
         onto_surface(np.array([[0.0, 0.0, 0.02]]), sphere(0.01, edge=2e-3), offset=0.5)
     hand = load_surface(hand_file)
     between = hand.vertices[hand.vertices[:, 1].argmin()] + [0.0, 0.02, 0.012]
     crowd = between + np.random.default_rng(0).normal(scale=4e-3, size=(300, 3))
-    with raises_code("misplaced", "lies in a crevice or before another part"):
+    with raises_code("misplaced"):
         onto_surface(crowd, hand, offset=0.015)

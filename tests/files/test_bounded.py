@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from airtact.emission.file_link import load_drive
-from airtact.errors import LARGEST_DATA, MOST_COLUMNS
+from airtact.errors import LARGEST_DATA
 from airtact.files.bounded import array_of, arrays_of, bytes_of, datasets_of, text_of
 from airtact.files.text_table import read_text_table
 from airtact.hands.files import load_cloud, load_hand
@@ -23,11 +23,11 @@ from faults import raises_code
 )
 def test_a_pipe_a_folder_and_a_missing_file_are_named(read, tmp_path):
     os.mkfifo(tmp_path / "pipe")
-    with raises_code("file_unreadable", "pipe", "1 device or pipe"):
+    with raises_code("file_unreadable"):
         read(tmp_path / "pipe")
     with raises_code("file_unreadable"):
         read(tmp_path)
-    with raises_code("file_missing", "absent"):
+    with raises_code("file_missing"):
         read(tmp_path / "absent")
     with raises_code("file_missing"):
         read(tmp_path / "a\0b")
@@ -39,7 +39,7 @@ def test_a_pipe_a_folder_and_a_missing_file_are_named(read, tmp_path):
 def test_a_file_that_is_too_large_is_rejected_unread(read, tmp_path):
     with (tmp_path / "large").open("wb") as file:
         file.truncate(LARGEST_DATA + 1)
-    with raises_code("file_too_large", "large"):
+    with raises_code("file_too_large"):
         read(tmp_path / "large")
 
 
@@ -62,14 +62,14 @@ def bomb() -> bytes:
 @pytest.mark.parametrize("read", [arrays_of, load_drive, load_recording])
 def test_an_archive_that_unpacks_to_much_more_is_rejected(read, bomb, tmp_path):
     (tmp_path / "bomb.npz").write_bytes(bomb)
-    with raises_code("file_too_large", "bomb.npz", "300,000,", "268,435,456"):
+    with raises_code("file_too_large", "300,000,", "268,435,456"):
         read(tmp_path / "bomb.npz")
 
 
 def test_a_dataset_of_zeros_without_end_is_rejected(tmp_path):
     with h5py.File(tmp_path / "zeros.h5", "w") as file:
         file.create_dataset("amplitude", (10**6, 10**6), dtype="f8", chunks=(100, 100))
-    with raises_code("file_too_large", "zeros.h5", "8,000,000,000,000"):
+    with raises_code("file_too_large", "8,000,000,000,000"):
         load_drive(tmp_path / "zeros.h5")
 
 
@@ -87,13 +87,13 @@ def test_what_stands_in_another_file_is_not_read(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("words", "code", "number"),
+    ("words", "code"),
     [
-        ("x,y\n1," + "9" * 200_000, "file_unreadable", "line 2"),
-        ("x,y\n1," + "9" * 400, "file_unreadable", "line 2"),
-        ("x,y\n1,1e13", "file_unreadable", "1e+12"),
-        (",".join(["x"] * 100_000), "wrong_shape", "100,000"),
-        (",".join(["%x"] * 100_000) + "\n1,2", "wrong_shape", f"{MOST_COLUMNS:,}"),
+        ("x,y\n1," + "9" * 200_000, "file_unreadable"),
+        ("x,y\n1," + "9" * 400, "file_unreadable"),
+        ("x,y\n1,1e13", "file_unreadable"),
+        (",".join(["x"] * 100_000), "wrong_shape"),
+        (",".join(["%x"] * 100_000) + "\n1,2", "wrong_shape"),
     ],
     ids=[
         "a long cell",
@@ -103,15 +103,15 @@ def test_what_stands_in_another_file_is_not_read(tmp_path):
         "many columns in a comment",
     ],
 )
-def test_a_table_that_hurts_is_rejected(words, code, number, tmp_path):
+def test_a_table_that_hurts_is_rejected(words, code, tmp_path):
     (tmp_path / "table.csv").write_text(words)
-    with raises_code(code, "table.csv", number):
+    with raises_code(code):
         read_text_table(tmp_path / "table.csv").numbers("y")
 
 
 def test_a_pose_of_too_many_digits_is_rejected(tmp_path):
     (tmp_path / "pose.json").write_text(json.dumps({"positions_m": [0]}).replace("0", "9" * 5000))
-    with raises_code("file_unreadable", "pose.json", "4300"):
+    with raises_code("file_unreadable", "4300"):
         load_hand(tmp_path / "pose.json")
 
 
@@ -121,7 +121,7 @@ def test_a_pose_of_too_many_digits_is_rejected(tmp_path):
 def test_a_cloud_that_is_cut_is_rejected(ending, words, tmp_path):
     path = tmp_path / f"cloud.{ending}"
     path.write_text(words)
-    with raises_code("empty" if not words else "file_unreadable", f"cloud.{ending}"):
+    with raises_code("empty" if not words else "file_unreadable"):
         load_cloud(path)
 
 

@@ -5,15 +5,13 @@ from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
-import meshio
 import numpy as np
 import pytest
 import trimesh
-from scipy.spatial import Delaunay
 
 import airtact as at
 from airtact.acoustics.drawings import svg_path
-from airtact.acoustics.field_file import DamagedError, read, written
+from airtact.acoustics.field_file import DamagedError, packed, unpacked
 from airtact.acoustics.solvers.sampled_field import load_samples
 from airtact.acoustics.store import fingerprint
 from airtact.drives.sequence import Sequence
@@ -73,19 +71,6 @@ def whole_tables(folder: Path) -> None:
     (folder / "gains.csv").write_text("element,gain,phase\n0,0.9,0.1\n3,1.1,-0.2\n7,0,0\n")
 
 
-def whole_meshes(folder: Path) -> None:
-    points = np.random.default_rng(0).normal(scale=0.03, size=(30, 3))
-    pressures = at.FreeField().radiate(OPEN_AIR, FAR).at(points)[:, 0]
-    data = {"pressure_real": pressures.real, "pressure_imag": pressures.imag}
-    mesh = meshio.Mesh(points, [("tetra", Delaunay(points).simplices)], point_data=data)
-    for name, settings in (
-        ("packed", {}),
-        ("plain", {"compression": None}),
-        ("text", {"binary": False}),
-    ):
-        meshio.vtu.write(folder / f"{name}.vtu", mesh, **settings)
-
-
 def table(path: Path) -> None:
     """Read a table by the reader that takes its columns."""
     head = path.read_bytes()[:200]
@@ -110,13 +95,13 @@ SOLVER = at.BoundaryElement(accuracy=0.3)
 
 def whole_entries(folder: Path) -> None:
     key = fingerprint(SOLVER, BALL, SOURCE)
-    (folder / "entry.field").write_bytes(written(SOLVER.radiate(BALL, SOURCE), key))
+    (folder / "entry.field").write_bytes(packed(SOLVER.radiate(BALL, SOURCE), key))
 
 
 def entry(path: Path) -> None:
     """Read an entry; a damaged one is left aside and solved again."""
     with suppress(DamagedError):
-        read(path.read_bytes(), fingerprint(SOLVER, BALL, SOURCE), BALL, SOURCE)
+        unpacked(path.read_bytes(), fingerprint(SOLVER, BALL, SOURCE), BALL, SOURCE)
 
 
 KINDS = {
@@ -125,10 +110,6 @@ KINDS = {
     "recordings with gaps": (whole_recordings, partial(load_recording, leave_out=True)),
     "clouds": (whole_clouds, load_cloud),
     "tables": (whole_tables, table),
-    "meshes with a field": (
-        whole_meshes,
-        lambda path: load_samples(path, OPEN_AIR, FAR, "e^{-iωt}"),
-    ),
     "poses": (whole_poses, load_hand),
     "drawings": (whole_drawings, lambda path: svg_path(path, width=0.05, spacing=3e-3)),
     "entries of a store": (whole_entries, entry),

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from airtact.errors import InvalidInput
 from airtact.files.text_table import read_text_table
 from faults import raises_code
 
@@ -28,52 +29,35 @@ def test_names_may_stand_in_the_last_comment_and_numbers_be_complex(tmp_path) ->
 
 
 @pytest.mark.parametrize(
-    ("text", "code", "sentence"),
+    ("text", "code"),
     [
-        ("", "file_unreadable", "a.csv has 0 rows of numbers"),
-        ("1,2\n", "file_unreadable", "a.csv has 1 row of numbers"),
-        ("x;y\n1;2\n", "unknown_format", "line 1 of a.csv has no comma but 1 semicolon;"),
-        ("x\ty\tz\n1\t2\t3\n", "unknown_format", "line 1 of a.csv has no comma but 2 tabs;"),
-        ("% x y z\n1 2 3\n", "unknown_format", "line 2 of a.csv has no comma but 2 spaces;"),
-        ("x,y,X\n1,2,3\n", "given_twice", "a.csv has 2 columns of the name 'x'"),
-        ("y\n1\n", "data_missing", "a.csv has no column x: it needs x, and has 1 column, y."),
-        (
-            "x,y\n1,2\n\n1\n",
-            "wrong_shape",
-            "line 4 of a.csv has 1 cell, but there are 2 columns, x, y.",
-        ),
-        (
-            "x\n1\nabc\n",
-            "file_unreadable",
-            "line 3 of a.csv has 'abc' for x, which is not a number.",
-        ),
-        (
-            "x,y\n1,2\n,2\n",
-            "file_unreadable",
-            "line 3 of a.csv has '' for x, which is not a number.",
-        ),
-        (
-            "x\n1\n-inf\n",
-            "file_unreadable",
-            "line 3 of a.csv has '-inf' for x, which is not finite;",
-        ),
-        (
-            "x\n1+2i\n",
-            "file_unreadable",
-            "line 2 of a.csv has '1+2i' for x, which is not a real number.",
-        ),
+        ("", "file_unreadable"),
+        ("1,2\n", "file_unreadable"),
+        ("x;y\n1;2\n", "unknown_format"),
+        ("x\ty\tz\n1\t2\t3\n", "unknown_format"),
+        ("% x y z\n1 2 3\n", "unknown_format"),
+        ("x,y,X\n1,2,3\n", "given_twice"),
+        ("y\n1\n", "data_missing"),
+        ("x,y\n1,2\n\n1\n", "wrong_shape"),
+        ("x\n1\nabc\n", "file_unreadable"),
+        ("x,y\n1,2\n,2\n", "file_unreadable"),
+        ("x\n1\n-inf\n", "file_unreadable"),
+        ("x\n1+2i\n", "file_unreadable"),
     ],
 )
-def test_what_is_not_a_table_is_rejected_with_its_line(
-    tmp_path, text: str, code: str, sentence: str
-) -> None:
-    with raises_code(code, sentence):
+def test_what_is_not_a_table_is_rejected(tmp_path, text: str, code: str) -> None:
+    with raises_code(code):
         table_of(tmp_path, text).numbers("x")
 
 
+def test_a_fault_names_its_line(tmp_path) -> None:
+    with pytest.raises(InvalidInput, match="line 4"):
+        table_of(tmp_path, "x,y\n1,2\n\n1\n")
+
+
 def test_files_that_are_missing_or_not_text_are_rejected(tmp_path) -> None:
-    with raises_code("file_missing", str(tmp_path / "none.csv")):
+    with raises_code("file_missing"):
         read_text_table(tmp_path / "none.csv")
     (tmp_path / "bytes.csv").write_bytes(b"x,y\xff")
-    with raises_code("file_unreadable", "bytes.csv is not a text file: byte 3 is not UTF-8"):
+    with raises_code("file_unreadable"):
         read_text_table(tmp_path / "bytes.csv")

@@ -6,17 +6,13 @@ import json
 import os
 import random
 import struct
-from functools import partial
 
 import numpy as np
 import pytest
 import trimesh
-from airtact.files.apart import read_apart
-from airtact.files.mesh_limits import _plain_obj, is_plain
 
-from airtact.errors import MOST_FILE_TRIANGLES, MOST_MESH_LINES
-from airtact.files import mesh_reading
-from airtact.geometry.files import load_surface, node_positions
+from airtact.files.meshes import MAX_FILE_TRIANGLES, MAX_MESH_LINES, read_node_positions
+from airtact.geometry.files import load_surface
 from damage import damaged, read_or_rejected, seeds
 from faults import raises_code
 from geometry.mesh.meshes import box_mesh, torus_mesh
@@ -105,9 +101,9 @@ HURTFUL = {
         (VERTEX_LINES + "usemtl a\nf 1 2 3\nusemtl b\n" * 5000).encode(),
         "mesh_faulty",
     ),
-    "lines.obj": (b"\n" * (MOST_MESH_LINES + 1), "file_too_large"),
+    "lines.obj": (b"\n" * (MAX_MESH_LINES + 1), "file_too_large"),
     "a wide face.obj": (
-        VERTEX_LINES.encode() + b"f" + b" 1 2 3" * MOST_FILE_TRIANGLES,
+        VERTEX_LINES.encode() + b"f" + b" 1 2 3" * MAX_FILE_TRIANGLES,
         "too_many",
     ),
     "nought.obj": ((VERTEX_LINES + "f 0 1 2\n").encode(), "file_unreadable"),
@@ -116,11 +112,23 @@ HURTFUL = {
     "flat.obj": ((VERTEX_LINES.replace("0.0\n", "\n") + "f 1 2 3\n").encode(), "file_unreadable"),
     "words.obj": ((VERTEX_LINES + "f 1 2 x\n").encode(), "file_unreadable"),
     "number cut.obj": (("v 0 0 a\n" + VERTEX_LINES + FACE_LINES).encode(), "file_unreadable"),
-    "lines.ply": (PLY + b"\n" * (MOST_MESH_LINES + 1), "file_too_large"),
+    "lines.ply": (PLY + b"\n" * (MAX_MESH_LINES + 1), "file_too_large"),
     "faces.ply": (PLY.replace(b"face 1", b"face 9999999"), "too_many"),
     "corners.ply": (PLY.replace(b"vertex 3", b"vertex 9999999"), "too_many"),
     "properties.ply": (
         PLY.replace(b"end", b"property float y\n" * 20_000 + b"end"),
+        "too_many",
+    ),
+    "wide face.ply": (
+        PLY + b"0 0 0\n" * 3 + b"2000000 " + b"0 " * 2_000_000 + b"\n",
+        "file_too_large",
+    ),
+    "wide face in binary.ply": (
+        PLY.replace(b"ascii", b"binary_little_endian") + bytes(12 + 4 + 9_000_000),
+        "file_too_large",
+    ),
+    "edges.ply": (
+        PLY.replace(b"element face", b"element edge 2000000\nproperty int a\nelement face"),
         "too_many",
     ),
     "no text.stl": (b"\xff\xfe" * 500, "file_unreadable"),
@@ -140,27 +148,7 @@ def test_a_file_that_hurts_is_rejected(name, tmp_path):
         load_surface(folder / name)
 
 
-@pytest.mark.parametrize(
-    ("name", "raw", "plain"),
-    [
-        ("box.stl", b" " * 80 + struct.pack("<I", 100_000) + bytes(50 * 100_000), True),
-        ("text.stl", b"solid a\n" + b" " * 4_000_001, False),
-        ("few.glb", glb(), True),
-        ("many.glb", glb(nodes=[{"mesh": 0}] * 200), False),
-        ("extended.glb", glb(extensionsUsed=["KHR_draco_mesh_compression"]), False),
-        ("beside.gltf", gltf("beside.bin"), False),
-        ("mesh.ply", PLY, True),
-        ("more.ply", PLY.replace(b"element face", b"element edge 1\nelement face"), False),
-        ("comments.obj", b"# a\n" * 2_000_000, True),
-    ],
-    ids=lambda value: value if isinstance(value, str) else "",
-)
-def test_plain_files_are_those_that_their_counts_bound(name, raw, plain):
-    suffix = name[name.index(".") :]
-    assert is_plain(suffix, raw, _plain_obj(raw) if suffix == ".obj" else raw) == plain
-
-
-def test_a_file_that_is_not_plain_is_read_all_the_same(tmp_path):
+def test_a_file_of_many_nodes_is_read(tmp_path):
     vertices, triangles = box_mesh((0.01, 0.02, 0.03))
     path = tmp_path / "nodes.glb"
     scene = trimesh.Scene()
@@ -171,22 +159,11 @@ def test_a_file_that_is_not_plain_is_read_all_the_same(tmp_path):
     assert load_surface(path).volume == pytest.approx(
         trimesh.Trimesh(vertices, triangles).volume, rel=1e-5
     )
-    assert "empty 199" in node_positions(path)
-
-
-def test_a_face_of_millions_of_corners_takes_no_more_memory_than_it_may(tmp_path, monkeypatch):
-    path = tmp_path / "wide.ply"
-    head = PLY.replace(b"float x\n", b"float x\nproperty float y\nproperty float z\n").replace(
-        b"int i", b"int vertex_indices"
-    )
-    path.write_bytes(head + b"0 0 0\n" * 3 + b"9000000 " + b"0 " * 9_000_000 + b"\n")
-    monkeypatch.setattr(mesh_reading, "read_apart", partial(read_apart, memory=10**9))
-    with raises_code("too_little_memory"):
-        load_surface(path)
+    assert "empty 199" in read_node_positions(path)
 
 
 def test_a_sparse_binary_file_of_many_triangles_is_rejected(tmp_path):
-    path, count = tmp_path / "many.stl", MOST_FILE_TRIANGLES + 1
+    path, count = tmp_path / "many.stl", MAX_FILE_TRIANGLES + 1
     with path.open("wb") as file:
         file.write(b" " * 80 + struct.pack("<I", count))
         file.truncate(84 + 50 * count)

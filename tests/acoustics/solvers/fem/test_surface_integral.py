@@ -45,9 +45,9 @@ def test_the_loops_are_those_of_numpy(variant, excitations):
         _kernels.use_variant(before)
 
 
-def loops(room: str) -> set[str]:
+def loops(solver: str) -> set[str]:
     """Compiled loops that the modules of a solver name."""
-    sources = (ROOT / "src" / "airtact" / "acoustics" / "solvers" / room).rglob("*.py")
+    sources = (ROOT / "src/airtact/acoustics/solvers" / solver).rglob("*.py")
     called = r"_kernels\.([a-z]\w+)"
     found = [re.findall(called, path.read_text()) for path in sources]
     return set().union(*found)

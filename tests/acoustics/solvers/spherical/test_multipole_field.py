@@ -161,5 +161,5 @@ def test_expansions_that_do_not_fit_into_memory_are_rejected(monkeypatch):
     ball = at.sphere(radius=5e-3, edge=2e-3)
     scene = at.Scene(at.Medium(343.1, 1.293), [at.sound_hard(ball)], frequency=40e3)
     field = at.SphereSeries().radiate(scene, at.Monopoles(np.array([[0, 0, 8e-3]]), np.ones(1)))
-    with raises_code("too_little_memory", "GiB", "0.00024 GiB"):
+    with raises_code("too_little_memory", "0.00024 GiB"):
         at.multipole_expansion(field)

@@ -223,7 +223,7 @@ def _upper_backwards(form: AssembledForm, free: Bool[np.ndarray, "unknowns"]) ->
     are reversed.
     """
     entries, columns, row_starts = (np.asarray(part) for part in form.mat.CSR())
-    rows = np.repeat(np.arange(len(free)), np.diff(row_starts))
+    rows = np.repeat(np.arange(len(free)), np.diff(row_starts.astype(np.int64)))
     chosen = free[rows] & free[columns]
     number = np.cumsum(free[::-1])[::-1] - 1  # of the free unknowns; the last is 0
     count = int(free.sum())

@@ -216,9 +216,7 @@ def _cut_triangles(
         a, b, c = np.roll(triangles, -corner, axis=1).T
         ab, _, ca = np.roll(middle, -corner, axis=1).T
         two = (ab >= 0) & (ca >= 0)
-        for piece in ((a, ab, ca), (ab, b, c), (ab, c, ca)):
-            pieces.append(np.stack(piece, axis=1)[two])
+        pieces += [np.stack(piece, axis=1)[two] for piece in ((a, ab, ca), (ab, b, c), (ab, c, ca))]
         single = (count == 1) & (ab >= 0)
-        for piece in ((a, ab, c), (ab, b, c)):
-            pieces.append(np.stack(piece, axis=1)[single])
+        pieces += [np.stack(piece, axis=1)[single] for piece in ((a, ab, c), (ab, b, c))]
     return np.concatenate(pieces)

@@ -36,6 +36,9 @@ from airtact.errors import InvalidInput
 from airtact.geometry.primitives import Capsule
 from airtact.timing import Clock
 
+PAIRS_PER_BLOCK = 1 << 14
+"""Pairs of a point and a source that are summed together: as many as fit the cache."""
+
 _CITATIONS = (
     "J. J. Bowman, T. B. A. Senior, P. L. E. Uslenghi, Electromagnetic and Acoustic Scattering by Simple Shapes (1987)",
     "V. C. Anderson, Sound scattering from a fluid sphere, J. Acoust. Soc. Am. 22, 426 (1950)",
@@ -192,13 +195,13 @@ class SphereField(RadiatedField):
         return gradient
 
     def _blocks(self, points: Points, inside: bool, order: Indices) -> Iterator[_Block]:
-        """Yield points in blocks of some 16,000 pairs of a point and a source, which fit the cache."""
+        """Yield points in blocks of ``PAIRS_PER_BLOCK``."""
         radii, directions = self._polar(points)
         source_radii, source_directions = self._polar(self.sources.positions)
         source_radii = np.maximum(source_radii, self.modes.radius)
         if not inside:
             radii = np.maximum(radii, self.modes.radius)
-        rows = max(1, (1 << 14) // len(self.sources.positions))
+        rows = max(1, PAIRS_PER_BLOCK // len(self.sources.positions))
         for first in range(0, len(points), rows):
             index = order[first : first + rows]
             apart = directions[index, None, :] - source_directions
