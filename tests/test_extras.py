@@ -43,7 +43,7 @@ def test_finite_elements_name_their_extra(tmp_path) -> None:
     code, sentence = run_without("fem", "render", tmp_path / "ball.toml", "--out", tmp_path / "out")
     assert code == 2
     assert "pip install 'airtact[fem]'" in sentence
-    assert sentence.endswith("[extra_not_installed]")
+    assert sentence.endswith("[extra_missing]")
 
 
 @pytest.mark.parametrize(
@@ -54,7 +54,7 @@ def test_bodies_of_meshes_and_hands_name_their_extra(command, file, out, tmp_pat
     code, sentence = run_without("mesh", command, HANDS / file, "--out", tmp_path / out)
     assert code == 2
     assert "pip install 'airtact[mesh]'" in sentence
-    assert sentence.endswith("[extra_not_installed]")
+    assert sentence.endswith("[extra_missing]")
 
 
 def test_all_is_every_extra_for_users() -> None:

@@ -164,7 +164,7 @@ def test_suppression_zones_stand_beside_the_foci(read) -> None:
         (
             "inside_body",
             (FINGERS, POINT, "[[suppression]]\npoint = [0.014, 0, 0]"),
-            ("suppression: a suppression point lies inside a body: ", "8 mm"),
+            ("suppression: ", "8 mm"),
         ),
         (
             "misplaced",

@@ -295,10 +295,10 @@ def check_not_inside(
     count = int((depth > CONTACT).sum())
     if count:
         deepest = int(depth.argmax())
+        others = f", the deepest of {count}" if count > 1 else ""
         raise InvalidInput(
-            f"{count} of {len(points)} {what} points {'lies' if count == 1 else 'lie'} inside a body: {what} "
-            f"{deepest} at {in_mm(points[deepest])} is {depth[deepest] * 1e3:.3g} mm deep; move it out or the body "
-            "away.",
+            f"{what} {deepest} at {in_mm(points[deepest])} is {depth[deepest] * 1e3:.3g} mm inside a body{others}; "
+            "move it out or the body away.",
             points[deepest],
             code="inside_body",
         )
