@@ -1,6 +1,4 @@
-"""Motions of a hand that never were, to try streams, recordings and prediction on."""
-
-import functools
+"""Made-up motions of a hand, for streams, recordings and prediction."""
 
 import numpy as np
 
@@ -8,36 +6,55 @@ from airtact.hands.hand import hand_from_joints
 from airtact.hands.tracking.frame import HandFrame
 from references.hand_poses import example
 
+JOINTS, RADII = example("pinch")
+
 SPEED = 0.5
-"""Fastest that the whole hand moves in ``Pinching`` [m/s]."""
-
-REACH, REST = 0.15, 0.25
-"""How far it reaches [m], and how long it rests between [s]."""
+"""Largest speed of the whole hand in ``Pinching`` [m/s]."""
 
 
-@functools.cache
 def pinch_pose() -> tuple[np.ndarray, np.ndarray]:
     """Return joints (25, 3) and radii (25,) of the pinch pose [m]."""
-    return example("pinch")
+    return JOINTS, RADII
 
 
 def still(sequence: int, time: float | None = None, **changed) -> HandFrame:
     """Make a frame of the pinch pose, 30 in a second unless told otherwise."""
-    joints, _ = pinch_pose()
-    fields = {"side": "left", "landmarks": joints, "cloud": None} | changed
+    fields = {"side": "left", "landmarks": JOINTS, "cloud": None} | changed
     return HandFrame(sequence / 30 if time is None else time, sequence=sequence, **fields)
 
 
-def reached(time: float) -> float:
-    """How far a hand is on its way to and fro [m]: minimum jerk, as people reach.
+def mirrored(sequence: int, time: float | None = None) -> HandFrame:
+    """Make a frame of a right hand."""
+    return still(sequence, time, side="right", landmarks=JOINTS * [-1, 1, 1])
+
+
+def _minimum_jerk(time: float, reach: float, lasts: float, rest: float) -> float:
+    """Displacement of a hand that reaches out and back [m]: minimum jerk, as people reach.
 
     Source: T. Flash, N. Hogan, "The coordination of arm movements", J. Neurosci. 5, 1688 (1985).
     """
-    lasts = 1.875 * REACH / SPEED
-    turn, since = divmod(time, lasts + REST)
+    turn, since = divmod(time, lasts + rest)
     share = min(since / lasts, 1.0)
-    there = REACH * (10 * share**3 - 15 * share**4 + 6 * share**5)
-    return REACH - there if int(turn) % 2 else there
+    moved = reach * (10 * share**3 - 15 * share**4 + 6 * share**5)
+    return reach - moved if int(turn) % 2 else moved
+
+
+def reached(time: float) -> float:
+    """Displacement of the hand in ``Pinching`` [m]: 0.15 m to and fro, with rests of 0.25 s."""
+    return _minimum_jerk(time, 0.15, 1.875 * 0.15 / SPEED, 0.25)
+
+
+class Clock:
+    """A clock that goes when told, or while someone sleeps."""
+
+    def __init__(self) -> None:
+        self.now = 1000.0
+
+    def __call__(self) -> float:
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.now += seconds
 
 
 class Pinching:
@@ -47,17 +64,17 @@ class Pinching:
     """
 
     def __init__(self, count: int = 17) -> None:
-        joints, radii = pinch_pose()
-        hand = hand_from_joints(joints, radii)
-        self.radii, self.gaps = radii, np.linspace(0.005, 0.045, count)
+        hand = hand_from_joints(JOINTS, RADII)
+        self.radii = RADII
+        self.gaps = np.linspace(0.005, 0.045, count)
         self.joints = np.array([hand.open_to(gap).joints for gap in self.gaps])
 
     def at(self, time: float) -> np.ndarray:
         """Joints (25, 3) at a time [m]."""
         gap = 0.025 - 0.02 * np.cos(2 * np.pi * time)
-        place = np.interp(gap, self.gaps, np.arange(len(self.gaps)))
-        low = min(int(place), len(self.gaps) - 2)
-        joints = self.joints[low] + (place - low) * (self.joints[low + 1] - self.joints[low])
+        index = np.interp(gap, self.gaps, np.arange(len(self.gaps)))
+        low = min(int(index), len(self.gaps) - 2)
+        joints = self.joints[low] + (index - low) * (self.joints[low + 1] - self.joints[low])
         return joints + np.array([reached(time), 0.0, 0.0])
 
     def frames(
@@ -73,20 +90,17 @@ class Pinching:
 
 
 def to_and_fro(time: float) -> np.ndarray:
-    """Where the hand of ``reaching.jsonl`` is (3,) [m]: 60 mm towards boards and back every 2 s, by minimum jerk."""
-    turn, since = divmod(time, 1.0)
-    share = min(since / 0.6, 1.0)
-    there = 0.06 * (10 * share**3 - 15 * share**4 + 6 * share**5)
-    return np.array([(0.06 - there if int(turn) % 2 else there) - 0.03, 0.0, 0.0])
+    """Position of the hand of ``reaching.jsonl`` (3,) [m]: 60 mm towards boards and back every 2 s."""
+    return np.array([_minimum_jerk(time, 0.06, 0.6, 0.4) - 0.03, 0.0, 0.0])
 
 
 def reaching_recording() -> list[HandFrame]:
     """Make the frames of ``examples/hands/reaching.jsonl``: 4 s at 60 frames/s, which can be played in a loop."""
     motion = Pinching()
-    gone = [np.array([reached(index / 60), 0.0, 0.0]) for index in range(240)]
-    return [
-        HandFrame(
-            index / 60, "left", index, motion.at(index / 60) - gone[index] + to_and_fro(index / 60)
-        )
-        for index in range(240)
-    ]
+    frames = []
+    for index in range(240):
+        time = index / 60
+        gone = np.array([reached(time), 0.0, 0.0])
+        joints = motion.at(time) - gone + to_and_fro(time)
+        frames.append(HandFrame(time, "left", index, joints))
+    return frames

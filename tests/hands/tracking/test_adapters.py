@@ -134,7 +134,7 @@ def test_realsense_without_a_camera_or_pictures_says_so(tmp_path):
     command = [sys.executable, ADAPTERS / "realsense.py", "--side", "left", "--depths", tmp_path]
     done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)
     assert done.returncode == 1
-    assert "holds 0 .npy files" in done.stderr
+    assert str(tmp_path) in done.stderr
 
 
 def test_a_library_of_realsense_that_does_not_load_says_what_it_needs(tmp_path):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
+from airtact.hands.joints import TRACKED
 from airtact.hands.tracking.frame import HandFrame
 from airtact.hands.tracking.prediction import (
     BENDING,
@@ -17,167 +18,169 @@ from airtact.hands.tracking.prediction import (
     transition,
 )
 from faults import raises_code
-from references.motions import Pinching, pinch_pose, still
-
-JOINTS, _ = pinch_pose()
+from references.motions import JOINTS, Pinching, mirrored, still
 
 
-def gliding(sequence, time, velocity=(0.3, -0.2, 0.35)):
-    """A frame of a hand that moves on at a constant velocity of 0.5 m/s."""
-    return still(sequence, time, landmarks=JOINTS + time * np.array(velocity))
+@pytest.fixture(scope="module")
+def motion():
+    return Pinching(5)
+
+
+def gliding(sequence, time):
+    """A frame of a hand that moves at a constant velocity of 0.5 m/s."""
+    return still(sequence, time, landmarks=JOINTS + time * np.array([0.3, -0.2, 0.35]))
+
+
+def taken(predictor, *frames):
+    for frame in frames:
+        predictor.take(frame)
+    return predictor
+
+
+def assert_lands(predictor, time, landmarks, atol=1e-12):
+    np.testing.assert_allclose(predictor.at(time).landmarks, landmarks, atol=atol)
 
 
 @pytest.mark.parametrize("latency", [0.0, 0.05, 0.2])
 def test_a_constant_velocity_is_predicted_exactly(latency):
-    predictor = Predictor(latency)
-    for index, time in enumerate([1.0, 1.03, 1.05, 1.1, 1.12, 1.2]):  # frames of any distance
+    predictor = taken(Predictor(latency), gliding(0, 1.0))
+    for index, time in enumerate([1.03, 1.05, 1.1, 1.12, 1.2], 1):  # frames of any distance
         predictor.take(gliding(index, time))
-        if index:
-            expected = gliding(index, time + latency)
-            predicted = predictor.at(time)
-            assert predicted.time == pytest.approx(expected.time, abs=1e-12)
-            np.testing.assert_allclose(predicted.landmarks, expected.landmarks, atol=1e-12)
+        assert predictor.at(time).time == pytest.approx(time + latency, abs=1e-12)
+        assert_lands(predictor, time, gliding(index, time + latency).landmarks)
 
 
 def test_between_frames_the_hand_is_carried_on():
-    predictor = Predictor(0.02)
-    predictor.take(gliding(0, 0.0))
-    predictor.take(gliding(1, 0.03))
-    np.testing.assert_allclose(predictor.at(0.11).landmarks, gliding(1, 0.13).landmarks, atol=1e-12)
+    predictor = taken(Predictor(0.02), gliding(0, 0.0), gliding(1, 0.03))
+    assert_lands(predictor, 0.11, gliding(1, 0.13).landmarks)
 
 
 def test_two_measurements_give_the_covariance_of_their_line():
     """By hand: the velocity is (z2 - z1)/T, so its variance is 2σ²/T², and it shares z2 with the position: σ²/T."""
-    noise, step = 2e-3, 0.04
+    noise = 2e-3
+    step = 0.04
     motion = measured(first_seen(0.0, JOINTS, noise), step, JOINTS, noise, 1e-12)
     expected = noise**2 * np.array([[1, 1 / step], [1 / step, 2 / step**2]])
     np.testing.assert_allclose(motion.covariance, expected, rtol=1e-6)
 
 
+def steady_variance(step, noise, agility):
+    """Variance of a predicted position, by the Riccati equation."""
+    measures = np.array([[1.0], [0.0]])
+    push = process_noise(step, agility)
+    return solve_discrete_are(transition(step).T, measures, push, np.array([[noise**2]]))[0, 0]
+
+
 @pytest.mark.parametrize(("rate", "noise", "agility"), [(30, 1e-3, 0.3), (90, 3e-3, 5.0)])
 def test_the_covariance_settles_at_the_solution_of_the_riccati_equation(rate, noise, agility):
-    step = 1 / rate
-    forward, seen = transition(step), np.array([[1.0, 0.0]])
-    variance = 0.0
-    for share, agile in ((COMMON, agility), (1.0 - COMMON, BENDING * agility)):
-        steady = solve_discrete_are(
-            forward.T, seen.T, process_noise(step, agile), np.array([[share * noise**2]])
-        )
-        variance += steady[0, 0]
-    predictor = Predictor(step, noise, agility)
+    predictor = Predictor(1 / rate, noise, agility)
     for index in range(200):
-        predictor.take(still(index, index * step))
-    assert predictor.spread(199 * step) == pytest.approx(np.sqrt(variance), rel=1e-6)
+        predictor.take(still(index, index / rate))
+    variance = steady_variance(1 / rate, np.sqrt(COMMON) * noise, agility)
+    variance += steady_variance(1 / rate, np.sqrt(1.0 - COMMON) * noise, BENDING * agility)
+    assert predictor.spread(199 / rate) == pytest.approx(np.sqrt(variance), rel=1e-6)
 
 
 def test_errors_are_as_large_as_the_riccati_equation_says():
     """Points pushed by white noise of acceleration and measured with noise: the model itself, 1,000 times three."""
     random = np.random.default_rng(5)
-    step, noise, agility = 1 / 60, 1e-3, 0.3
-    forward, push = transition(step), np.linalg.cholesky(process_noise(step, agility))
-    steady = solve_discrete_are(
-        forward.T, np.array([[1.0], [0.0]]), process_noise(step, agility), np.array([[noise**2]])
-    )
+    step = 1 / 60
+    noise = 1e-3
+    agility = 0.3
+    push = np.linalg.cholesky(process_noise(step, agility))
     state = np.zeros((2, 1000, 3))
-    motion = first_seen(0.0, state[0] + noise * random.normal(size=(1000, 3)), noise)
+    motion = first_seen(0.0, noise * random.normal(size=(1000, 3)), noise)
     errors = []
     for index in range(1, 80):
-        state = np.tensordot(forward, state, 1) + np.tensordot(
-            push, random.normal(size=(2, 1000, 3)), 1
-        )
+        pushed = np.tensordot(push, random.normal(size=(2, 1000, 3)), 1)
+        state = np.tensordot(transition(step), state, 1) + pushed
         if index > 60:
             errors.append(motion.at(index * step, agility).positions - state[0])
         seen = state[0] + noise * random.normal(size=(1000, 3))
         motion = measured(motion, index * step, seen, noise, agility)
-    assert np.mean(np.square(errors)) == pytest.approx(steady[0, 0], rel=0.03)
+    variance = steady_variance(step, noise, agility)
+    assert np.mean(np.square(errors)) == pytest.approx(variance, rel=0.03)
 
 
 def test_noise_is_smoothed_in_a_hand_that_rests():
     random = np.random.default_rng(2)
-    predictor, errors = Predictor(0.0, agility=1e-4), []
+    predictor = Predictor(0.0, agility=1e-4)
+    errors = []
     for index in range(120):
         predictor.take(still(index, landmarks=JOINTS + 1e-3 * random.normal(size=(25, 3))))
         errors.append(predictor.at(index / 30).landmarks - JOINTS)
     assert np.sqrt(np.mean(np.square(errors[60:]))) < 0.5e-3
 
 
-def test_a_moving_pad_is_predicted_better_than_by_the_last_frame():
-    motion = Pinching(5)
-    frames = motion.frames(30, 1.5, noise=1e-3)
-    predictor, latency, errors, stale = Predictor(0.05), 0.05, [], []
-    for frame in frames:
+def test_a_moving_pad_is_predicted_better_than_by_the_last_frame(motion):
+    latency = 0.05
+    predictor = Predictor(latency)
+    errors = []
+    stale = []
+    for frame in motion.frames(30, 1.5, noise=1e-3):
         predictor.take(frame)
         if frame.sequence >= 6:
-            true = (
-                HandFrame(frame.time, "left", 0, motion.at(frame.time + latency))
-                .hand(motion.radii)
-                .pads[1]
-            )
-            predicted = predictor.at(frame.time).hand(motion.radii).pads[1]
-            errors.append(np.linalg.norm(predicted - true))
-            stale.append(np.linalg.norm(frame.hand(motion.radii).pads[1] - true))
+            true = HandFrame(frame.time, "left", 0, motion.at(frame.time + latency))
+            moments = (true, predictor.at(frame.time), frame)
+            pad, predicted, last = (moment.hand(motion.radii).pads[1] for moment in moments)
+            errors.append(np.linalg.norm(predicted - pad))
+            stale.append(np.linalg.norm(last - pad))
     assert np.mean(errors) < 0.5 * np.mean(stale)
     assert np.mean(errors) < 6e-3
 
 
-def test_a_hand_that_is_lost_is_carried_on_for_a_while_and_begins_anew():
-    predictor = Predictor(0.0, patience=0.1)
-    predictor.take(gliding(0, 0.0))
-    predictor.take(gliding(1, 0.03))
+def test_a_lost_hand_is_carried_on_for_a_while_and_begins_anew():
+    predictor = taken(Predictor(0.0, patience=0.1), gliding(0, 0.0), gliding(1, 0.03))
     predictor.take(still(2, 0.06, landmarks=None))
-    np.testing.assert_allclose(predictor.at(0.12).landmarks, gliding(1, 0.12).landmarks, atol=1e-12)
+    assert_lands(predictor, 0.12, gliding(1, 0.12).landmarks)
     assert predictor.at(0.14).lost
     predictor.take(still(9, 0.5))
-    np.testing.assert_allclose(predictor.at(0.55).landmarks, JOINTS, atol=1e-15)
+    assert_lands(predictor, 0.55, JOINTS)
 
 
 def test_another_number_of_landmarks_begins_anew():
-    predictor = Predictor(0.0)
-    predictor.take(gliding(0, 0.0))
-    predictor.take(gliding(1, 0.03))
-    tracked = np.delete(JOINTS, [5, 10, 15, 20], axis=0)
-    predictor.take(still(2, 0.06, landmarks=tracked))
-    np.testing.assert_allclose(predictor.at(0.06).landmarks, tracked, atol=1e-15)
+    predictor = taken(Predictor(0.0), gliding(0, 0.0), gliding(1, 0.03))
+    predictor.take(still(2, 0.06, landmarks=JOINTS[TRACKED]))
+    assert_lands(predictor, 0.06, JOINTS[TRACKED])
 
 
-@pytest.mark.parametrize("count", [25, 21])
-def test_bones_keep_their_lengths_where_they_would_be_none_of_a_hand(count):
-    kept = np.arange(25) if count == 25 else np.delete(np.arange(25), [5, 10, 15, 20])
+@pytest.mark.parametrize("kept", [np.arange(25), TRACKED], ids=["25", "21"])
+def test_bones_keep_their_lengths_where_they_would_be_impossible(kept):
     random = np.random.default_rng(4)
-    predictor = Predictor(0.5)
-    predictor.take(still(0, 0.0, landmarks=JOINTS[kept]))
-    moved = JOINTS[kept] + 1.5e-3 * random.normal(
-        size=(count, 3)
-    )  # some 60 mm/s, each its own way: 30 mm in half a second
+    # some 60 mm/s, each landmark its own way: 30 mm in half a second
+    moved = JOINTS[kept] + 1.5e-3 * random.normal(size=(len(kept), 3))
+    predictor = taken(Predictor(0.5), still(0, 0.0, landmarks=JOINTS[kept]))
     predictor.take(still(1, 1 / 30, landmarks=moved))
     carried = predictor.at(1 / 30).landmarks
-    tips = [(3, 4), (8, 9), (23, 24)] if count == 25 else [(3, 4), (7, 8), (19, 20)]
-    for one, other in [*tips, (0, 1)]:
-        length = np.linalg.norm(moved[other] - moved[one])
-        assert np.linalg.norm(carried[other] - carried[one]) == pytest.approx(length, abs=1e-12)
+    tips = [(3, 4), (8, 9), (23, 24)] if len(kept) == 25 else [(3, 4), (7, 8), (19, 20)]
+    for start, end in [*tips, (0, 1)]:
+        length = np.linalg.norm(moved[end] - moved[start])
+        assert np.linalg.norm(carried[end] - carried[start]) == pytest.approx(length, abs=1e-12)
     assert np.linalg.norm(carried - moved, axis=1).max() > 0.01
 
 
-def test_what_cannot_be_is_rejected():
-    for latency, shown in ((-0.1, "latency is -0.1 s"), (50.0, "latency is 50 s")):
-        with raises_code("out_of_range", shown):
-            Predictor(latency)
-    for name in ("noise", "agility", "patience"):
-        with raises_code("out_of_range", f"{name} is 0 "):
-            Predictor(0.05, **{name: 0.0})
+@pytest.mark.parametrize(
+    "settings",
+    [{"latency": -0.1}, {"latency": 50.0}, {"noise": 0.0}, {"agility": 0.0}, {"patience": 0.0}],
+)
+def test_settings_out_of_range_are_rejected(settings):
+    with raises_code("out_of_range", *settings):
+        Predictor(**{"latency": 0.05} | settings)
+
+
+def test_frames_of_another_hand_or_of_the_past_are_rejected():
     predictor = Predictor(0.05)
-    with raises_code("empty", "0 frames"):
-        predictor.at(0.0)
-    with raises_code("empty", "0 frames"):
-        predictor.spread(0.0)
+    for ask in (predictor.at, predictor.spread):
+        with raises_code("empty"):
+            ask(0.0)
     predictor.take(still(3, 1.0))
     with raises_code("out_of_range", "from 1 to 0.9 s at frame 4"):
         predictor.take(still(4, 0.9))
     with raises_code("does_not_match", "frame 5"):
-        predictor.take(still(5, 1.1, side="right", landmarks=JOINTS * [-1, 1, 1]))
+        predictor.take(mirrored(5, 1.1))
 
 
-def test_what_a_prediction_leaves_in_doubt() -> None:
+def test_the_uncertainty_of_a_prediction():
     """A turn by as much as the landmarks are off, about their middle."""
     predictor = Predictor(latency=0.02, noise=1e-3)
     for sequence in range(30):
@@ -185,22 +188,19 @@ def test_what_a_prediction_leaves_in_doubt() -> None:
     doubt = predictor.uncertainty(29 / 60)
     assert doubt.position == predictor.spread(29 / 60)
     landmarks = predictor.at(29 / 60).landmarks
-    assert landmarks is not None
     lever = np.sqrt(((landmarks - landmarks.mean(axis=0)) ** 2).sum(axis=1).mean())
     assert doubt.rotation == pytest.approx(np.degrees(doubt.position / lever), rel=0.01)
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.5e-3, 1e-3, 1.5e-3])
-def test_the_noise_of_a_tracker_is_found_from_its_frames(noise):
-    predictor = Predictor(0.0, noise=None)
-    for frame in Pinching().frames(60.0, 2.0, noise):
-        predictor.take(frame)
+def test_the_noise_of_a_tracker_is_estimated_from_its_frames(noise, motion):
+    predictor = taken(Predictor(0.0, noise=None), *motion.frames(60.0, 2.0, noise))
     assert predictor.noise == pytest.approx(max(noise, 1e-4), rel=0.15)
 
 
-def test_landmarks_that_jump_and_frames_that_are_missing_are_no_noise():
+def test_landmarks_that_jump_and_missing_frames_are_no_noise(motion):
     predictor = Predictor(0.0, noise=None)
-    for index, frame in enumerate(Pinching().frames(60.0, 2.0, 0.3e-3)):
+    for index, frame in enumerate(motion.frames(60.0, 2.0, 0.3e-3)):
         landmarks = frame.landmarks.copy()
         landmarks[index % 25] += 0.004 * (index % 7 == 0)
         if index % 10:

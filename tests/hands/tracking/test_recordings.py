@@ -1,7 +1,6 @@
 """Recordings: nothing is lost, every fault is rejected with its place, or left out and counted; replay keeps time."""
 
 import json
-import time
 
 import numpy as np
 import pytest
@@ -9,79 +8,62 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import airtact as at
+from airtact.hands.joints import TRACKED
 from airtact.hands.tracking.messages import to_json
 from airtact.hands.tracking.recordings import load_recording, replay, save_recording
 from faults import raises_code
-from references.hand_poses import example
-from references.motions import still
+from references.motions import JOINTS, Clock, mirrored, still
 
-JOINTS, _ = example("pinch")
-TRACKED = np.delete(JOINTS, [5, 10, 15, 20], axis=0)
 MIXED = [
     still(0),
     still(1, landmarks=None),
-    still(2, landmarks=TRACKED, cloud=JOINTS),
-    still(2, side="right", landmarks=JOINTS * [-1, 1, 1]),
+    still(2, landmarks=JOINTS[TRACKED], cloud=JOINTS),
+    mirrored(2),
     still(5, landmarks=None, cloud=JOINTS[:3]),
 ]
+FRAMES = [still(index) for index in range(4)]
+LINES = [to_json(frame).decode() for frame in FRAMES]
 
 
 @pytest.mark.parametrize(("ending", "exact"), [(".jsonl", 0.6e-6), (".npz", 0.0)])
-def test_what_is_written_is_read(tmp_path, ending, exact):
+def test_a_written_recording_is_read_back(tmp_path, ending, exact):
     path = tmp_path / f"hand{ending}"
     save_recording(path, MIXED)
     recording = load_recording(path)
     assert recording.health.used == 5
     assert recording.health.skipped == 2
-    for one, two in zip(recording.frames, MIXED, strict=True):
-        assert (one.time, one.side, one.sequence, one.lost) == (
-            two.time,
-            two.side,
-            two.sequence,
-            two.lost,
-        )
-        for back, was in ((one.landmarks, two.landmarks), (one.cloud, two.cloud)):
-            assert (back is None) == (was is None)
-            if was is not None:
-                np.testing.assert_allclose(back, was, rtol=0, atol=exact)
+    for frame, original in zip(recording.frames, MIXED, strict=True):
+        for name in ("time", "side", "sequence", "lost"):
+            assert getattr(frame, name) == getattr(original, name)
+        for name in ("landmarks", "cloud"):
+            points = getattr(original, name)
+            assert (getattr(frame, name) is None) == (points is None)
+            if points is not None:
+                np.testing.assert_allclose(getattr(frame, name), points, rtol=0, atol=exact)
     assert [file.name for file in tmp_path.iterdir()] == [path.name]
 
 
-LINES = [to_json(still(index)).decode() for index in range(4)]
+def changed(index, **fields):
+    return json.dumps(json.loads(LINES[index]) | fields)
 
 
-def changed(line, **fields):
-    return json.dumps(json.loads(line) | fields)
-
-
-def scaled(line, factor):
-    return changed(line, landmarks=(factor * np.array(json.loads(line)["landmarks"])).tolist())
-
-
-BAD = {
-    "unreadable": ("rubbish", "line 3"),
-    "not_metres": (scaled(LINES[2], 1000), "line 3: the landmarks span 156.4 m"),
-    "mirrored": (
-        scaled(LINES[2], [-1, 1, 1]),
-        "line 3: the landmarks are given as those of a left hand",
-    ),
-    "half_lost": (scaled(LINES[2], np.nan), "line 3: 25 landmarks"),
-    "unknown_count": (changed(LINES[2], landmarks=[[0.0, 0.0, 0.0]] * 22), "line 3: 22 landmarks"),
-    "backwards": (changed(LINES[2], time=0.01), "line 3: time goes back from 0.0333333 to 0.01 s"),
-    "repeated": (LINES[1], "line 3: frame 1 of the left hand had come before"),
-    "out_of_order": (
-        changed(LINES[2], sequence=1, time=0.01),
-        "line 3: frame 1 of the left hand comes after frame 1",
-    ),
-}
-
-
-@pytest.mark.parametrize("fault", BAD)
-def test_a_fault_is_rejected_with_its_line_or_left_out_and_counted(tmp_path, fault):
-    line, shown = BAD[fault]
+@pytest.mark.parametrize(
+    ("fault", "line"),
+    [
+        ("unreadable", "rubbish"),
+        ("not_metres", changed(2, landmarks=(1e3 * JOINTS).tolist())),
+        ("mirrored", changed(2, landmarks=(JOINTS * [-1, 1, 1]).tolist())),
+        ("half_lost", changed(2, landmarks=(JOINTS * np.nan).tolist())),
+        ("unknown_count", changed(2, landmarks=[[0.0, 0.0, 0.0]] * 22)),
+        ("backwards", changed(2, time=0.01)),
+        ("repeated", LINES[1]),
+        ("out_of_order", changed(2, sequence=1, time=0.01)),
+    ],
+)
+def test_a_fault_is_rejected_with_its_line_or_left_out_and_counted(tmp_path, fault, line):
     path = tmp_path / "hand.jsonl"
     path.write_text("\n".join([*LINES[:2], line, LINES[3]]) + "\n\n")
-    with raises_code(fault, f"hand.jsonl: {shown}"):
+    with raises_code(fault, "hand.jsonl: line 3: "):
         load_recording(path)
     recording = load_recording(path, leave_out=True)
     assert [frame.sequence for frame in recording.frames] == [0, 1, 3]
@@ -90,62 +72,52 @@ def test_a_fault_is_rejected_with_its_line_or_left_out_and_counted(tmp_path, fau
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "code", "shown"),
+    ("name", "content", "code"),
     [
-        ("hand.jsonl", b"", "empty", "0 frames"),
-        ("hand.npz", b"", "file_unreadable", "bytes"),
-        ("hand.npz", b"rubbish", "file_unreadable", "bytes"),
-        ("hand.csv", b"1,2", "unknown_format", "'.csv'"),
+        ("hand.jsonl", b"", "empty"),
+        ("hand.npz", b"", "file_unreadable"),
+        ("hand.npz", b"rubbish", "file_unreadable"),
+        ("hand.csv", b"1,2", "unknown_format"),
+        ("none.jsonl", None, "file_missing"),
+        ("none.npz", None, "file_missing"),
     ],
 )
 @pytest.mark.parametrize("leave_out", [True, False])
-def test_files_that_are_no_recording_are_rejected(tmp_path, name, content, code, shown, leave_out):
-    (tmp_path / name).write_bytes(content)
-    with raises_code(code, f"{name}: ", shown):
+def test_other_files_are_rejected(tmp_path, name, content, code, leave_out):
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    with raises_code(code, name):
         load_recording(tmp_path / name, leave_out)
 
 
-@pytest.mark.parametrize("name", ["none.jsonl", "none.npz"])
-def test_files_that_are_not_there_are_rejected(tmp_path, name):
-    with raises_code("file_missing", name):
-        load_recording(tmp_path / name)
-
-
 @pytest.mark.parametrize(
-    ("broken", "code", "shown"),
+    ("broken", "code", "detail"),
     [
         ({"format_version": np.int64(2)}, "unsupported_version", "version 2"),
+        ({"format_version": None}, "unsupported_version", "None"),
         ({"clouds": None}, "data_missing", "clouds"),
         ({"landmarks": np.zeros((3, 3))}, "wrong_shape", "(100, 3)"),
         ({"sequence": np.zeros(3, dtype=int)}, "wrong_shape", "(3,)"),
         ({"sequence": np.zeros(4)}, "wrong_shape", "float64"),
+        ({"landmark_counts": np.array(["25"] * 4)}, "wrong_shape", "landmark_counts"),
         ({"landmark_counts": np.array([-25, 50, 50, 25])}, "out_of_range", "-25"),
-        ({"time": np.array([{}] * 4)}, "file_unreadable", "bytes"),
+        ({"time": np.array([{}] * 4)}, "file_unreadable", "hand.npz"),
     ],
 )
-def test_arrays_that_do_not_fit_are_rejected(tmp_path, broken, code, shown):
+def test_arrays_that_do_not_fit_are_rejected(tmp_path, broken, code, detail):
     path = tmp_path / "hand.npz"
-    save_recording(path, [still(index) for index in range(4)])
+    save_recording(path, FRAMES)
     arrays = {**np.load(path)} | broken
-    np.savez(path, **{name: one for name, one in arrays.items() if one is not None})
-    with raises_code(code, shown):
+    np.savez(path, **{name: array for name, array in arrays.items() if array is not None})
+    with raises_code(code, detail):
         load_recording(path)
 
 
-def test_a_recording_without_a_version_is_read(tmp_path):
-    path = tmp_path / "hand.npz"
-    save_recording(path, [still(index) for index in range(4)])
-    arrays = {**np.load(path)}
-    assert arrays.pop("format_version") == 1
-    np.savez(path, **arrays)
-    assert len(load_recording(path).frames) == 4
-
-
 def test_nothing_to_write_is_rejected(tmp_path):
-    with raises_code("not_writable", "0 frames", "hand.npz"):
+    with raises_code("not_writable", "hand.npz"):
         save_recording(tmp_path / "hand.npz", [])
-    with raises_code("not_writable", "1 frame", "hand.txt"):
-        save_recording(tmp_path / "hand.txt", [still(0)])
+    with raises_code("not_writable", "hand.txt"):
+        save_recording(tmp_path / "hand.txt", FRAMES)
 
 
 @given(
@@ -163,15 +135,15 @@ def test_no_lines_break_the_reader(tmp_path_factory, lines):
     assert recording.health.used == len(recording.frames)
 
 
-@pytest.mark.parametrize(("speed", "lasts"), [(1.0, 0.1), (0.5, 0.2), (4.0, 0.025), (np.inf, 0.0)])
-def test_replay_gives_no_frame_before_its_time(speed, lasts):
-    began = time.monotonic()
-    given = [
-        (frame.sequence, time.monotonic() - began)
-        for frame in replay((still(index) for index in range(4)), speed)
-    ]
-    assert [index for index, _ in given] == [0, 1, 2, 3]
-    assert all(when >= index / 3 * lasts for index, when in given)
+@pytest.mark.parametrize("speed", [1.0, 0.5, 4.0, np.inf])
+def test_replay_gives_each_frame_at_its_time_or_at_once_where_the_reader_is_slow(speed):
+    clock = Clock()
+    times = []
+    for frame in replay(FRAMES, speed, clock=clock, sleep=clock.sleep):
+        times.append(clock.now - 1000.0)
+        if frame.sequence == 1:
+            clock.now += 1.5 / 30 / speed  # reads until after the next frame is due
+    assert times == pytest.approx(np.array([0.0, 1.0, 2.5, 3.0]) / 30 / speed)
 
 
 def test_a_replay_of_no_speed_is_rejected():

@@ -1,40 +1,32 @@
 """Streams: every kind of bad frame is counted and survived, a lost hand is an event, the newest frame counts."""
 
 import json
-from dataclasses import fields
+import random
+from dataclasses import asdict
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pythonosc.osc_message_builder import OscMessageBuilder
 
+from airtact.errors import LONGEST_SENTENCE
 from airtact.hands.tracking.frame import HandFrame
-from airtact.hands.tracking.messages import side_of_osc, to_json, to_osc
-from airtact.hands.tracking.stream import FARTHEST, RESTART, HandStream
+from airtact.hands.tracking.messages import to_json, to_osc
+from airtact.hands.tracking.stream import MAX_JUMP, MAX_STALE_FRAMES, HandStream
+from damage import damaged, seeds
 from faults import raises_code
-from references.hand_poses import example
-from references.motions import still
-
-JOINTS, _ = example("pinch")
+from references.motions import JOINTS, Clock, mirrored, still
 
 
-class Clock:
-    """A clock that goes when told."""
-
-    def __init__(self):
-        self.now = 1000.0
-
-    def __call__(self):
-        return self.now
+@pytest.fixture
+def clock():
+    return Clock()
 
 
 def counted(stream):
-    """Counts above zero, those of what was received and used left out."""
-    health = stream.health
-    counts = {one.name: getattr(health, one.name) for one in fields(health)}
-    return {
-        name: count for name, count in counts.items() if count and name not in ("received", "used")
-    }
+    """Counts above zero, but of what was received and used."""
+    counts = asdict(stream.health)
+    return {name: n for name, n in counts.items() if n and name not in ("received", "used")}
 
 
 def fed(frames, **settings):
@@ -51,7 +43,6 @@ def test_a_good_stream_has_no_faults():
     stream = fed(still(index) for index in range(10))
     assert counted(stream) == {}
     assert stream.health.used == stream.health.received == 10
-    assert stream.health.received - stream.health.used == 0
     assert str(stream.health) == "10 received, 10 used"
 
 
@@ -62,7 +53,7 @@ def test_a_good_stream_has_no_faults():
         ([0, 1, 4, 5], {"skipped": 2}, 5),
         ([0, 1, 3, 2, 4], {"out_of_order": 1}, 4),
         ([5, 1, 0], {"out_of_order": 2}, 5),
-        ([0, FARTHEST + 1], {"restarted": 1}, FARTHEST + 1),
+        ([0, MAX_JUMP + 1], {"restarted": 1}, MAX_JUMP + 1),
     ],
 )
 def test_the_order_of_frames_is_watched(order, faults, newest):
@@ -77,65 +68,55 @@ def test_time_that_goes_back_is_counted_and_left_out():
     assert stream.latest("left").sequence == 4
 
 
-def test_frames_that_are_no_hand_are_counted_by_kind():
-    stream = HandStream()
+def test_invalid_frames_are_counted_by_kind():
+    stream = HandStream(silence=1e6)
     good = json.loads(to_json(still(0)))
-    holes = [None if index < 9 else row for index, row in enumerate(good["landmarks"])]
-    for changed in (
-        {"landmarks": holes},
-        {"landmarks": good["landmarks"][:20]},
-        {"landmarks": [[1e3 * x for x in row] for row in good["landmarks"]]},
-        {"landmarks": [*good["landmarks"][:24], [0.3, 0.3, 0.3]]},
-        {"side": "right"},
-        {"side": "both"},
-    ):
-        assert stream.feed_json(json.dumps(good | changed)) is not None
+    points = good["landmarks"]
+    for fault, changed in {
+        "half_lost": {"landmarks": [None] * 9 + points[9:]},
+        "unknown_count": {"landmarks": points[:20]},
+        "not_metres": {"landmarks": (1e3 * np.array(points)).tolist()},
+        "impossible": {"landmarks": [*points[:24], [0.3, 0.3, 0.3]]},
+        "mirrored": {"side": "right"},
+        "unreadable": {"side": "both"},
+    }.items():
+        assert stream.feed_json(json.dumps(good | changed)).fault == fault
+        assert counted(stream)[fault] == 1
     assert stream.feed_osc(b"noise").fault == "unreadable"
-    kinds = {
-        "half_lost": 1,
-        "unknown_count": 1,
-        "not_metres": 1,
-        "impossible": 1,
-        "mirrored": 1,
-        "unreadable": 2,
-    }
-    assert counted(stream) == kinds
+    assert stream.health.unreadable == 2
     assert stream.feed_json(to_json(still(0))) is None
     assert stream.latest("left").sequence == 0
     assert stream.latest("right") is None
 
 
-def test_late_frames_are_counted_and_used():
-    clock = Clock()
-    stream = HandStream(patience=0.1, clock=clock)
+def test_late_frames_are_counted_and_used(clock):
+    stream = HandStream(patience=0.1, silence=10.0, clock=clock)
     for index, delay in enumerate([0.02, 0.03, 0.119, 0.02, 0.13, 0.02]):
-        clock.now = 1000.0 + index / 30 * 10 + delay
-        stream.feed(still(index, index / 30 * 10))
+        clock.now = 1000.0 + index / 3 + delay
+        stream.feed(still(index, index / 3))
     assert counted(stream) == {"late": 1}
     assert stream.health.used == 6
 
 
-def test_a_lost_hand_is_an_event_and_comes_back():
-    stream = fed([still(0), still(1, landmarks=None), still(2, landmarks=None), still(3)])
-    assert counted(stream) == {"lost": 1}
+def test_a_lost_hand_is_an_event_and_comes_back(clock):
+    stream = HandStream(clock=clock)
     events = []
-    stream = HandStream()
-    for frame in [still(0), still(1, landmarks=None), still(2)]:
-        stream.feed(frame)
+    for lost in (False, True, True, False):
+        index = len(events)
+        stream.feed(still(index, landmarks=None) if lost else still(index))
         events.append(stream.wait(0.0).lost)
-    assert events == [False, True, False]
+    assert events == [False, True, True, False]
+    assert counted(stream) == {"lost": 1}
 
 
-def test_silence_is_a_lost_hand():
-    clock = Clock()
+def test_silence_is_a_lost_hand(clock):
     stream = HandStream(silence=0.3, clock=clock)
     stream.feed(still(5))
     assert stream.wait(0.0).sequence == 5
     clock.now += 0.29
     assert stream.wait(0.0) is None
     clock.now += 0.02
-    event = stream.wait(0.0)
-    assert event.lost
+    assert stream.wait(0.0).lost
     assert stream.wait(0.0) is None
     assert stream.latest("left").lost
     assert counted(stream) == {"lost": 1}
@@ -143,22 +124,21 @@ def test_silence_is_a_lost_hand():
     assert not stream.latest("left").lost
 
 
-def test_a_tracker_that_begins_anew_is_followed_at_once_after_a_silence():
-    clock = Clock()
+def test_a_tracker_that_restarts_is_followed_at_once_after_a_silence(clock):
     stream = HandStream(clock=clock)
     stream.feed(still(500))
     clock.now += 1.0
     assert stream.latest("left").lost
-    stream.feed(still(500))  # what came before is not news
+    stream.feed(still(500))  # repeated, not a restart
     assert stream.latest("left").lost
     stream.feed(still(0))
     assert stream.latest("left").sequence == 0
     assert counted(stream) == {"lost": 1, "repeated": 1, "restarted": 1}
 
 
-def test_a_tracker_that_begins_anew_without_a_pause_is_followed_after_some_frames():
-    stream = fed([still(500), *(still(index) for index in range(RESTART))])
-    assert stream.latest("left").sequence == RESTART - 1
+def test_a_tracker_that_restarts_without_a_pause_is_followed_after_some_frames():
+    stream = fed([still(500), *(still(index) for index in range(MAX_STALE_FRAMES))])
+    assert stream.latest("left").sequence == MAX_STALE_FRAMES - 1
     assert counted(stream)["restarted"] == 1
     stuck = fed([still(500), *[still(3)] * 100])
     assert stuck.latest("left").sequence == 500
@@ -170,89 +150,57 @@ def test_one_frame_from_the_far_future_does_not_end_the_stream():
     assert counted(stream)["restarted"] == 2
 
 
-def test_a_slow_reader_gets_the_latest_of_each_hand():
-    right = JOINTS * [-1, 1, 1]
-    stream = HandStream()
+def test_a_slow_reader_gets_the_latest_of_each_hand(clock):
+    stream = HandStream(clock=clock)
     for index in range(50):
         stream.feed(still(index))
-        stream.feed(still(index, side="right", landmarks=right))
-    given = [stream.wait(0.0) for _ in range(3)]
-    assert [(one.side, one.sequence) for one in given[:2]] == [("left", 49), ("right", 49)]
-    assert given[2] is None
+        stream.feed(mirrored(index))
+    newest = [stream.wait(0.0), stream.wait(0.0)]
+    assert [(frame.side, frame.sequence) for frame in newest] == [("left", 49), ("right", 49)]
+    assert stream.wait(0.0) is None
 
 
 def test_the_callback_gets_every_frame_that_is_used():
-    got = []
-    fed([still(0), still(1), still(1), still(2)], on_frame=got.append)
-    assert [frame.sequence for frame in got] == [0, 1, 2]
+    used = []
+    fed([still(0), still(1), still(1), still(2)], on_frame=used.append)
+    assert [frame.sequence for frame in used] == [0, 1, 2]
 
 
-def test_of_messages_that_waited_the_newest_good_one_of_each_hand_is_used():
-    right = {"side": "right", "landmarks": JOINTS * [-1, 1, 1]}
-    waited = [to_json(still(index)) for index in range(8)]
-    waited += [to_json(still(index, **right)) for index in range(3)]
-    mirrored = to_json(still(8)).replace(b"left", b"right")
-    waited += [b"rubbish", to_json(still(8))[:200], mirrored]
-    got = []
-    stream = HandStream(patience=10.0, on_frame=got.append)
-    stream.feed_waiting(waited)
-    assert [(frame.side, frame.sequence) for frame in got] == [("left", 7), ("right", 2)]
-    assert stream.health.received == len(waited)
-    assert counted(stream) == {"overtaken": 7 + 2, "unreadable": 2, "mirrored": 1}
-    stream.feed_waiting([to_json(still(index)) for index in (8, 9, 12)])  # 10 and 11 never came
+@pytest.mark.parametrize("form", ["json", "osc"])
+def test_of_waiting_messages_the_newest_good_one_of_each_hand_is_used(form, clock):
+    used = []
+    stream = HandStream(patience=10.0, on_frame=used.append, clock=clock)
+    write = to_json if form == "json" else to_osc
+    feed = stream.feed_waiting if form == "json" else stream.feed_waiting_osc
+    waiting = [write(still(index)) for index in range(8)]
+    waiting += [write(mirrored(index)) for index in range(3)]
+    if form == "json":
+        waiting += [b"rubbish", write(still(8))[:200], write(still(8)).replace(b"left", b"right")]
+        faults = {"unreadable": 2, "mirrored": 1}
+    else:
+        waiting += [b"noise", write(still(8))[:200], write(still(9)).replace(b",dsh", b",dxh")]
+        faults = {"unreadable": 3}
+    feed(waiting)
+    assert [(frame.side, frame.sequence) for frame in used] == [("left", 7), ("right", 2)]
+    assert stream.health.received == len(waiting)
+    assert counted(stream) == {"overtaken": 7 + 2} | faults
+    feed([write(still(index)) for index in (8, 9, 12)])  # 10 and 11 never came
     assert stream.latest("left").sequence == 12
     assert counted(stream)["skipped"] == 2
 
 
-def test_of_packets_of_osc_that_waited_the_newest_good_one_of_each_hand_is_used():
-    right = {"side": "right", "landmarks": JOINTS * [-1, 1, 1]}
-    waited = [to_osc(still(index)) for index in range(8)] + [
-        to_osc(still(index, **right)) for index in range(3)
-    ]
-    waited += [b"noise", to_osc(still(8))[:200], to_osc(still(9)).replace(b",dsh", b",dxh")]
-    got = []
-    stream = HandStream(patience=10.0, on_frame=got.append)
-    stream.feed_waiting_osc(waited)
-    assert [(frame.side, frame.sequence) for frame in got] == [("left", 7), ("right", 2)]
-    assert stream.health.received == len(waited)
-    assert counted(stream) == {"overtaken": 7 + 2, "unreadable": 3}
-    stream.feed_waiting_osc([to_osc(still(index)) for index in (8, 9, 12)])  # 10 and 11 never came
-    assert counted(stream)["skipped"] == 2
-
-
-def test_the_side_of_a_packet_is_read_from_its_head():
-    for frame in (
-        still(3),
-        still(3, side="right", landmarks=JOINTS * [-1, 1, 1]),
-        HandFrame(1.0, "right", 5),
-    ):
-        assert side_of_osc(to_osc(frame)) == frame.side
-    short = OscMessageBuilder("/airtact/hand")
-    for value, kind in ((1.5, "f"), ("right", "s"), (3, "i")):
-        short.add_arg(value, kind)
-    assert side_of_osc(short.build().dgram) == "right"
-    for packet in (
-        b"",
-        b"noise",
-        b"#bundle\0" + bytes(8),
-        to_osc(still(3))[:30],
-        b"/airtact/hand\0\0\0,ds",
-    ):
-        assert side_of_osc(packet) is None
-
-
-def test_every_message_that_waited_is_used_where_it_is_to_be():
-    got = []
-    stream = HandStream(on_frame=got.append, every=True)
+def test_every_waiting_message_is_used_for_a_recording():
+    used = []
+    stream = HandStream(on_frame=used.append, every=True)
     stream.feed_waiting([to_json(still(index)) for index in range(5)])
     stream.feed_waiting_osc([to_osc(still(index)) for index in range(5, 9)])
-    assert [frame.sequence for frame in got] == list(range(9))
-    assert "overtaken" not in counted(stream)
+    assert [frame.sequence for frame in used] == list(range(9))
+    assert stream.health.overtaken == 0
 
 
 @pytest.mark.parametrize("setting", ["patience", "silence"])
 def test_waits_must_be_above_zero(setting):
-    with raises_code("out_of_range", f"{setting} is -0.1 s"):
+    with raises_code("out_of_range", setting, "-0.1"):
         HandStream(**{setting: -0.1})
 
 
@@ -262,11 +210,11 @@ def test_waits_must_be_above_zero(setting):
         max_size=60,
     )
 )
-def test_whatever_comes_all_is_counted_and_the_newest_kept(messages):
+def test_all_messages_are_counted_and_the_newest_is_kept(messages):
     clock = Clock()
     stream = HandStream(clock=clock)
     sent = []
-    for place, (index, kind) in enumerate(messages):
+    for index, kind in messages:
         clock.now += 0.01
         if kind == "json":
             stream.feed_json(b"{%d" % index)
@@ -276,12 +224,35 @@ def test_whatever_comes_all_is_counted_and_the_newest_kept(messages):
             stream.feed_json(to_json(still(index)).replace(b"left", b"right"))
         else:
             stream.feed(HandFrame(index / 30, "left", index, JOINTS if kind == "good" else None))
-            sent.append((index, place))
+            sent.append(index)
     health = stream.health
-    assert health.received == len([kind for _, kind in messages])
-    faults = [one for one in counted(stream) if one not in ("lost", "late", "skipped", "restarted")]
-    assert health.received - health.used == sum(getattr(health, one) for one in faults)
-    if sent:
-        assert stream.latest("left").sequence == max(index for index, _ in sent)
-    else:
-        assert stream.latest("left") is None
+    assert health.received == len(messages)
+    faults = counted(stream)
+    for event in ("lost", "late", "skipped", "restarted"):
+        faults.pop(event, None)
+    assert health.received - health.used == sum(faults.values())
+    newest = stream.latest("left")
+    assert (newest.sequence if newest else None) == max(sent, default=None)
+
+
+CLOUD = np.random.default_rng(0).normal(scale=0.03, size=(20, 3))
+
+
+@pytest.mark.parametrize("batch", seeds(200, 1000))
+@pytest.mark.parametrize("form", ["json", "osc"])
+def test_a_damaged_message_is_used_or_counted_and_the_next_frames_are_used(batch, form):
+    for seed in batch:
+        draw = random.Random(seed)
+        stream = HandStream(silence=1e6)
+        frame = draw.choice([still(5), still(5, landmarks=None), still(5, cloud=CLOUD)])
+        if form == "json":
+            fault = stream.feed_json(damaged(to_json(frame), draw))
+        else:
+            fault = stream.feed_osc(damaged(to_osc(frame), draw))
+        if fault is not None:
+            assert str(fault).isprintable()
+            assert len(str(fault)) <= LONGEST_SENTENCE
+        last = 5 + 2 * MAX_STALE_FRAMES  # the damaged frame may be far ahead
+        for index in range(6, last + 1):
+            stream.feed(still(index))
+        assert stream.latest("left").sequence == last

@@ -1,15 +1,17 @@
-"""One frame of a hand as any tracker gives it: when, which hand, and where its joints or the points of its skin are.
+"""One frame of a hand as any tracker gives it: its time, its side, and its landmarks or the points of its skin.
 
 The time is that of the tracker's own clock at which the picture was taken, as far as the tracker
-knows it; only differences count. Landmarks and cloud are in the tracker's frame, in metres:
-``moved`` brings them into that of the scene.
+knows it; only differences count. Landmarks and cloud are in the tracker's frame of reference, in
+metres; ``moved`` brings them into that of the scene.
 """
 
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float64, Real
+from jaxtyping import Real
 
 from airtact.checks import fixed, number, points_of
 from airtact.errors import InvalidInput
@@ -29,12 +31,9 @@ Fault = Literal[
     "out_of_order",
     "backwards",
 ]
-"""What can be wrong with a frame so that it is left out; ``StreamHealth`` describes each."""
+"""Kinds of faults for which a frame is left out; ``StreamHealth`` describes each."""
 
-LARGEST_CLOUD = 20.0
-"""Points of a cloud farther apart than this cannot be metres [m]."""
-
-LAST_SEQUENCE = 2**53
+MAX_SEQUENCE = 2**53
 """Largest sequence number; JSON's numbers are exact up to here."""
 
 
@@ -43,7 +42,7 @@ class FaultyFrame(InvalidInput):
 
     Attributes
     ----------
-    fault : what is wrong, one of ``Fault``; it is the code, too.
+    fault : the kind, one of ``Fault``; it is the code, too.
     """
 
     def __init__(
@@ -69,8 +68,8 @@ class HandFrame:
     Raises
     ------
     InvalidInput
-        When time, side or sequence number are none, or the landmarks are not those of such a hand: NaN, millimetres, an
-        unknown number, impossible bones, those of the other hand. It is a ``FaultyFrame`` with the kind of ``fault``.
+        Time, side or sequence number are invalid, or the landmarks are not those of such a hand: NaN, millimetres, a
+        wrong count, impossible bones, those of the other hand. It is a ``FaultyFrame`` with the kind of ``fault``.
     """
 
     time: float
@@ -83,32 +82,38 @@ class HandFrame:
 
     def __post_init__(self) -> None:
         """Check everything and keep the arrays read-only."""
-        try:
-            object.__setattr__(self, "time", number(self.time, "the time of a frame", "s"))
-        except InvalidInput as fault:
-            raise FaultyFrame("unreadable", str(fault)) from None
-        if not np.isfinite(self.time):
+        with _as_faulty_frame({}):
+            time = number(self.time, "the time of a frame", "s")
+        if not np.isfinite(time):
             raise FaultyFrame(
-                "unreadable", f"the time of a frame is {self.time:g} s, but it must be finite."
+                "unreadable", f"the time of a frame is {time:g} s; give a finite one."
             )
         if self.side not in ("left", "right"):
-            raise FaultyFrame(
-                "unreadable", f"the side is {self.side!r}, but there are 2: 'left' and 'right'."
-            )
-        if isinstance(self.sequence, bool) or not isinstance(self.sequence, int | np.integer):
+            raise FaultyFrame("unreadable", f"the side is {self.side!r}; give 'left' or 'right'.")
+        integer = isinstance(self.sequence, int | np.integer) and not isinstance(
+            self.sequence, bool
+        )
+        if not integer or not 0 <= self.sequence <= MAX_SEQUENCE:
             raise FaultyFrame(
                 "unreadable",
-                f"the sequence number is {self.sequence!r}, but it must be an integer.",
+                f"the sequence number is {self.sequence!r}; give an integer from 0 to 2^53.",
             )
-        if not 0 <= self.sequence <= LAST_SEQUENCE:
-            raise FaultyFrame(
-                "unreadable", f"the sequence number is {self.sequence}, but it must be 0 to 2^53."
-            )
+        object.__setattr__(self, "time", time)
         object.__setattr__(self, "sequence", int(self.sequence))
         if self.landmarks is not None:
-            object.__setattr__(self, "landmarks", _checked_landmarks(self.landmarks, self.side))
+            with _as_faulty_frame(_LANDMARK_FAULTS):
+                checked_side(joints_of(self.landmarks, what="landmark"), self.side, "landmarks")
+            object.__setattr__(self, "landmarks", fixed(self.landmarks))
         if self.cloud is not None:
-            object.__setattr__(self, "cloud", _checked_cloud(self.cloud))
+            with _as_faulty_frame({}):
+                cloud = points_of(self.cloud, "points of a cloud")
+            span = float(np.ptp(cloud, axis=0).max())
+            if span > 20.0:
+                raise FaultyFrame(
+                    "not_metres",
+                    f"the cloud spans {span:.4g} m: is it in millimetres? Give metres.",
+                )
+            object.__setattr__(self, "cloud", cloud)
 
     @property
     def lost(self) -> bool:
@@ -120,13 +125,11 @@ class HandFrame:
 
         Parameters
         ----------
-        pose : maps the tracker's frame to the one that is wanted; where the tracker stands, seen
-            from there.
+        pose : of the tracker, seen from the other frame of reference.
         """
         landmarks = None if self.landmarks is None else pose.apply(self.landmarks)
-        return replace(
-            self, landmarks=landmarks, cloud=None if self.cloud is None else pose.apply(self.cloud)
-        )
+        cloud = None if self.cloud is None else pose.apply(self.cloud)
+        return replace(self, landmarks=landmarks, cloud=cloud)
 
     def hand(self, radii: Real[np.ndarray, "joints"] | None = None) -> Hand:
         """Build the hand.
@@ -138,15 +141,18 @@ class HandFrame:
         Raises
         ------
         InvalidInput
-            When there are no landmarks, or as ``hand_from_joints``.
+            There are no landmarks, or as ``hand_from_joints``.
         """
         if self.landmarks is None:
-            sentence = f"the {self.side} hand of frame {self.sequence} has 0 landmarks; take another frame."
-            raise InvalidInput(sentence, code="data_missing")
+            raise InvalidInput(
+                f"the {self.side} hand of frame {self.sequence} has no landmarks; take another "
+                "frame.",
+                code="data_missing",
+            )
         return hand_from_joints(self.landmarks, radii, side=self.side)
 
 
-_FAULTS: dict[str, Fault] = {
+_LANDMARK_FAULTS: dict[str, Fault] = {
     "not_finite": "half_lost",
     "joint_count": "unknown_count",
     "empty": "unknown_count",
@@ -154,29 +160,14 @@ _FAULTS: dict[str, Fault] = {
     "bone_length": "impossible",
     "wrong_side": "mirrored",
 }
-"""Faults by the codes of landmarks; others make a frame unreadable."""
+"""Fault of a frame by the error code of its landmarks."""
 
 
-def _checked_landmarks(
-    given: Real[np.ndarray, "landmarks 3"], side: str
-) -> Float64[np.ndarray, "landmarks 3"]:
+@contextmanager
+def _as_faulty_frame(faults: Mapping[str, Fault]) -> Iterator[None]:
+    """Turn any error inside into a fault by its code; codes without one make a frame unreadable."""
     try:
-        checked_side(joints_of(given, what="landmark"), side, "landmarks")
-    except InvalidInput as fault:
-        raise FaultyFrame(
-            _FAULTS.get(fault.code, "unreadable"), str(fault), fault.position
-        ) from None
-    return fixed(given)
-
-
-def _checked_cloud(given: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
-    try:
-        cloud = points_of(given, "points of a cloud")
-    except InvalidInput as fault:
-        raise FaultyFrame("unreadable", str(fault)) from None
-    spread = float(np.ptp(cloud, axis=0).max())
-    if spread > LARGEST_CLOUD:
-        raise FaultyFrame(
-            "not_metres", f"the cloud spans {spread:.4g} m: is it in millimetres? Give metres."
-        )
-    return cloud
+        yield
+    except InvalidInput as error:
+        fault = faults.get(error.code, "unreadable")
+        raise FaultyFrame(fault, str(error), error.position) from None

@@ -6,8 +6,6 @@ pages of other sites in a browser cannot connect to them.
 
 import re
 import socket
-from abc import ABC, abstractmethod
-from collections.abc import Callable
 from contextlib import suppress
 from threading import Lock, Thread
 from typing import TYPE_CHECKING
@@ -18,76 +16,48 @@ from airtact.hands.tracking.stream import HandStream
 if TYPE_CHECKING:
     from websockets.sync.server import ServerConnection
 
-LARGEST_MESSAGE = 2**22
+MAX_MESSAGE = 2**22
 """Longest message that is taken from a websocket [bytes]; a cloud of 50,000 points needs 2 million."""
 
-MOST_WAITING = 256
-"""Most messages of a websocket, or packets of OSC, that are taken at once, where they come faster than are read."""
+MAX_WAITING = 256
+"""Largest number of waiting messages that are taken at once, where they come faster than they are read."""
 
-MOST_CONNECTIONS = 64
-"""Trackers that may be connected at a time; others are turned away with the code 1013, "try again later"."""
-
-LARGEST_PACKET = 2**16
-"""Longest packet of UDP [bytes]."""
-
-LOOKS = 0.1
-"""So often a receiver of UDP looks whether it was closed [s]."""
-
-OWN_PAGES = re.compile(r"https?://(localhost|127\.0\.0\.1)(:\d+)?")
-"""Pages that may send frames; programs that are no browser name no page and may always."""
+MAX_CONNECTIONS = 64
+"""Largest number of connected trackers; others are turned away with the code 1013, "try again later"."""
 
 
-class _Receiver(ABC):
-    """Listens at a port from its making to the end of its block, and feeds a stream."""
-
-    def __init__(
-        self, stream: HandStream | None, kind: socket.SocketKind, port: int, host: str
-    ) -> None:
-        if not 0 <= port <= 65535:
-            raise InvalidInput(
-                f"port {port} does not exist; give 1 to 65535, or 0 for any that is free.",
-                code="out_of_range",
-            )
-        self.stream = HandStream() if stream is None else stream
-        self._socket = socket.socket(socket.AF_INET, kind)
-        try:
-            if kind == socket.SOCK_STREAM:
-                self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            self._socket.bind((host, port))
-            if kind == socket.SOCK_STREAM:
-                self._socket.listen()
-        except OSError as error:
-            self._socket.close()
-            raise InvalidInput(
-                f"the receiver cannot listen at {host}, port {port}: {error.strerror}; take another port.",
-                code="link_in_use",
-            ) from None
-        self.port: int = self._socket.getsockname()[1]
-        self._closed = False
-
-    def __enter__(self) -> "_Receiver":
-        return self
-
-    def __exit__(self, *fault: object) -> None:
-        self.close()
-
-    @abstractmethod
-    def close(self) -> None:
-        """Stop listening."""
-
-    def _start(self, listen: Callable[[], None]) -> None:
-        self._thread = Thread(target=listen, name=f"airtact {type(self).__name__}", daemon=True)
-        self._thread.start()
+def _bound(kind: socket.SocketKind, host: str, port: int) -> socket.socket:
+    """Make a socket that is bound to a port; 0 takes a free one."""
+    if not 0 <= port <= 65535:
+        raise InvalidInput(
+            f"port {port} does not exist; give 1 to 65535, or 0 for any that is free.",
+            code="out_of_range",
+        )
+    bound = socket.socket(socket.AF_INET, kind)
+    try:
+        if kind == socket.SOCK_STREAM:
+            bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        bound.bind((host, port))
+        if kind == socket.SOCK_STREAM:
+            bound.listen()
+    except OSError as error:
+        bound.close()
+        raise InvalidInput(
+            f"the receiver cannot listen at {host}, port {port}: {error.strerror}; take another "
+            "port.",
+            code="link_in_use",
+        ) from None
+    return bound
 
 
-class WebSocketReceiver(_Receiver):
+class WebSocketReceiver:
     """Listens for websockets that send frames in JSON, up to 64 at a time; a message has 4 MiB at most.
 
     Use it in a ``with`` block; it listens from its making to the end of the block.
 
     Parameters
     ----------
-    stream : what is fed; a new one unless given.
+    stream : that is fed; a new one unless given.
     port : to listen at; 0 takes a free one, which the attribute ``port`` holds.
     host : the address to listen at.
 
@@ -103,12 +73,29 @@ class WebSocketReceiver(_Receiver):
         with extra("tracking", "hands by websocket need the package websockets"):
             from websockets.sync.server import serve
 
-        super().__init__(stream, socket.SOCK_STREAM, port, host)
+        self.stream = HandStream() if stream is None else stream
+        bound = _bound(socket.SOCK_STREAM, host, port)
+        self.port: int = bound.getsockname()[1]
+        self._closed = False
         self._connections: set[ServerConnection] = set()
         self._lock = Lock()
-        limits = {"max_size": LARGEST_MESSAGE, "compression": None, "close_timeout": 1}
-        self._server = serve(self._receive, sock=self._socket, origins=[None, OWN_PAGES], **limits)
-        self._start(self._server.serve_forever)
+        self._server = serve(
+            self._receive,
+            sock=bound,
+            # pages of this computer; programs that are no browser name no page
+            origins=[None, re.compile(r"https?://(localhost|127\.0\.0\.1)(:\d+)?")],
+            max_size=MAX_MESSAGE,
+            compression=None,
+            close_timeout=1,
+        )
+        self._thread = Thread(target=self._server.serve_forever, daemon=True)
+        self._thread.start()
+
+    def __enter__(self) -> "WebSocketReceiver":
+        return self
+
+    def __exit__(self, *fault: object) -> None:
+        self.close()
 
     def close(self) -> None:
         """Stop listening and end all connections."""
@@ -126,15 +113,15 @@ class WebSocketReceiver(_Receiver):
         with self._lock:
             if self._closed:
                 return
-            full = len(self._connections) >= MOST_CONNECTIONS
+            full = len(self._connections) >= MAX_CONNECTIONS
             if not full:
                 self._connections.add(connection)
         if full:
-            connection.close(1013, f"{MOST_CONNECTIONS} trackers are connected already")
+            connection.close(1013, f"{MAX_CONNECTIONS} trackers are connected already")
             return
         try:
             while True:
-                self.stream.feed_waiting(_waiting(connection))
+                self.stream.feed_waiting(_waiting_messages(connection))
         except ConnectionClosedOK:
             pass
         except ConnectionClosed:
@@ -144,28 +131,37 @@ class WebSocketReceiver(_Receiver):
                 self._connections.discard(connection)
 
 
-def _waiting(connection: "ServerConnection") -> list[bytes | str]:
-    """Wait for a message, and take those with it that have come as well, ``LARGEST_MESSAGE`` bytes in all at most."""
+def _waiting_messages(connection: "ServerConnection") -> list[bytes | str]:
+    """Wait for a message, and take those with it that wait as well, ``MAX_MESSAGE`` bytes in all at most."""
     from websockets.exceptions import ConnectionClosed
 
-    found = [connection.recv()]
-    size = len(found[0])
+    messages = [connection.recv()]
+    size = len(messages[0])
     with suppress(TimeoutError, ConnectionClosed):  # the next wait raises the latter again
-        while len(found) < MOST_WAITING and size < LARGEST_MESSAGE:
-            found.append(connection.recv(timeout=0))
-            size += len(found[-1])
-    return found
+        while len(messages) < MAX_WAITING and size < MAX_MESSAGE:
+            messages.append(connection.recv(timeout=0))
+            size += len(messages[-1])
+    return messages
 
 
-class OscReceiver(_Receiver):
+class OscReceiver:
     """Listens for OSC over UDP; its parameters, its errors and its use are those of ``WebSocketReceiver``."""
 
     def __init__(
         self, stream: HandStream | None = None, port: int = 0, host: str = "127.0.0.1"
     ) -> None:
-        super().__init__(stream, socket.SOCK_DGRAM, port, host)
-        self._socket.settimeout(LOOKS)
-        self._start(self._listen)
+        self.stream = HandStream() if stream is None else stream
+        self._socket = _bound(socket.SOCK_DGRAM, host, port)
+        self.port: int = self._socket.getsockname()[1]
+        self._closed = False
+        self._thread = Thread(target=self._listen, daemon=True)
+        self._thread.start()
+
+    def __enter__(self) -> "OscReceiver":
+        return self
+
+    def __exit__(self, *fault: object) -> None:
+        self.close()
 
     def close(self) -> None:
         """Stop listening."""
@@ -175,18 +171,13 @@ class OscReceiver(_Receiver):
 
     def _listen(self) -> None:
         while not self._closed:
-            try:
-                packets = self._waiting()
-            except OSError:  # timeout; or of Windows, when an answer could not be delivered: the next packet comes
-                continue
+            packets = []
+            # A timeout lets the thread look whether it was closed; Windows raises other errors
+            # when an answer could not be delivered, and the next packet comes.
+            with suppress(OSError):
+                self._socket.settimeout(0.1)
+                packets.append(self._socket.recv(2**16))
+                self._socket.settimeout(0.0)
+                while len(packets) < MAX_WAITING:
+                    packets.append(self._socket.recv(2**16))
             self.stream.feed_waiting_osc(packets)
-
-    def _waiting(self) -> list[bytes]:
-        """Wait for a packet, and take those with it that have come as well, ``MOST_WAITING`` at most."""
-        found = [self._socket.recv(LARGEST_PACKET)]
-        self._socket.settimeout(0.0)
-        with suppress(OSError):
-            while len(found) < MOST_WAITING:
-                found.append(self._socket.recv(LARGEST_PACKET))
-        self._socket.settimeout(LOOKS)
-        return found

@@ -1,6 +1,6 @@
 """Recordings of hands: JSON lines, one frame in a line as it comes over a wire, or NumPy's .npz.
 
-Also their replay, and where the pads of the fingers were.
+Also their replay, and the pads of the fingers over time.
 """
 
 import time
@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from airtact.checks import counted, fixed, positive
-from airtact.errors import LARGEST_DATA, InvalidInput, about
+from airtact.checks import file_fault, fixed, positive
+from airtact.errors import LARGEST_DATA, LARGEST_TEXT, InvalidInput, about
 from airtact.files.atomic import whole_file
 from airtact.files.bounded import Arrays, arrays_of, check_file
 from airtact.hands.hand import Side
@@ -25,25 +25,15 @@ from airtact.printing import in_short
 ENDINGS = (".jsonl", ".npz")
 """Endings of recordings."""
 
-ARRAYS = ("time", "right", "sequence", "landmark_counts", "landmarks", "cloud_counts", "clouds")
-"""What .npz holds: for each frame its time [s], whether it is a right hand, its number, how many landmarks and how many
-points of a cloud it has; and all landmarks and all points, one after the other (number, 3) [m]."""
-
-VERSION = 1
-"""Version of the .npz format, in its array ``format_version``; files of version 0 have none."""
-
-LONGEST_LINE = 2**26
-"""Lines of a recording are no longer [bytes]."""
-
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What was read from a recording.
+    """Frames of a recording.
 
     Attributes
     ----------
     frames : in the order of the file.
-    health : what was in the file, and what was wrong with it; lateness is not known from a file.
+    health : counts of what was in the file and of faults; lateness is not known from a file.
     """
 
     frames: tuple[HandFrame, ...]
@@ -68,30 +58,30 @@ def load_recording(path: Path, leave_out: bool = False) -> Recording:
         file's name.
     """
     if path.suffix not in ENDINGS:
-        sentence = f"{path.name}: the ending {path.suffix!r} is not 1 of those of recordings: {', '.join(ENDINGS)}."
-        raise InvalidInput(sentence, code="unknown_format")
+        raise InvalidInput(
+            f"{path.name}: a recording ends in {' or '.join(ENDINGS)}, not in {path.suffix!r}.",
+            code="unknown_format",
+        )
     check_file(path)
-    arrays = arrays_of(path) if path.suffix == ".npz" else None
+    entries = _lines(path) if path.suffix == ".jsonl" else _entries(arrays_of(path))
+    now = 0.0
+    stream = HandStream(clock=lambda: now)
+    frames = []
     with about(path.name):
-        now = 0.0
-        stream = HandStream(clock=lambda: now)
-        frames = []
-        for where, frame_in in _lines(path) if arrays is None else _entries(arrays):
+        for position, read in entries:
             try:
-                frame = frame_in()
+                frame = read()
             except FaultyFrame as unreadable:
                 fault = stream.feed(unreadable)
             else:
                 now = frame.time
                 fault = stream.feed(frame)
-                frames += [frame] if fault is None else []
+                if fault is None:
+                    frames.append(frame)
             if fault is not None and not leave_out:
-                raise InvalidInput(f"{where}: {fault}", fault.position, code=fault.code)
+                raise InvalidInput(f"{position}: {fault}", fault.position, code=fault.code)
         if not frames:
-            raise InvalidInput(
-                f"there are 0 frames of a hand that can be used ({stream.health}).",
-                code="empty",
-            )
+            raise InvalidInput(f"no frame can be used ({stream.health}).", code="empty")
         return Recording(tuple(frames), stream.health)
 
 
@@ -106,29 +96,35 @@ def save_recording(path: Path, frames: Iterable[HandFrame]) -> None:
     Raises
     ------
     InvalidInput
-        When there are no frames, or the ending is another one.
+        There are no frames, or the ending is another one.
     """
-    kept = tuple(frames)
-    if path.suffix not in ENDINGS or not kept:
+    frames = tuple(frames)
+    if path.suffix not in ENDINGS or not frames:
         raise InvalidInput(
-            f"{counted(len(kept), 'frame', 'frames')} cannot be written to {path.name}: give at least 1, and an ending "
-            f"of {' or '.join(ENDINGS)}.",
+            f"{len(frames)} frames cannot be written to {path.name}: give at least one, and an "
+            f"ending of {' or '.join(ENDINGS)}.",
             code="not_writable",
         )
     with whole_file(path) as unfinished, unfinished.open("wb") as file:
         if path.suffix == ".jsonl":
-            file.writelines(to_json(frame) + b"\n" for frame in kept)
+            file.writelines(to_json(frame) + b"\n" for frame in frames)
         else:
-            np.savez_compressed(file, allow_pickle=False, **_arrays(kept))
+            np.savez_compressed(file, allow_pickle=False, **_arrays(frames))
 
 
-def replay(frames: Iterable[HandFrame], speed: float = 1.0) -> Iterator[HandFrame]:
+def replay(
+    frames: Iterable[HandFrame],
+    speed: float = 1.0,
+    clock: Callable[[], float] = time.monotonic,
+    sleep: Callable[[float], None] = time.sleep,
+) -> Iterator[HandFrame]:
     """Give frames at the times at which they were taken.
 
     Parameters
     ----------
     frames : of a recording.
     speed : 2 is twice as fast; infinity does not wait.
+    clock, sleep : return the time and wait [s]; the computer's own unless given.
 
     Yields
     ------
@@ -137,106 +133,124 @@ def replay(frames: Iterable[HandFrame], speed: float = 1.0) -> Iterator[HandFram
     Raises
     ------
     InvalidInput
-        When the speed is not above zero.
+        The speed is not above zero.
     """
     if speed != np.inf:
         positive(speed, "the speed of a replay", "times that of the recording")
-    began = start = None
+    begun = start = None
     for frame in frames:
-        if began is None or start is None:
-            began, start = time.monotonic(), frame.time
-        early = (frame.time - start) / speed - (time.monotonic() - began)
+        if begun is None or start is None:
+            begun = clock()
+            start = frame.time
+        early = (frame.time - start) / speed - (clock() - begun)
         if early > 0.0:
-            time.sleep(early)
+            sleep(early)
         yield frame
 
 
+# --- files ------------------------------------------------------------------------------------
+
 Entries = Iterator[tuple[str, Callable[[], HandFrame]]]
-"""Where in a file each frame stands, and what makes it or raises its fault."""
+"""Position of each frame in a file, and a function that makes it or raises its fault."""
 
 
 def _lines(path: Path) -> Entries:
     try:
         with path.open("rb") as file:
-            for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE), b""), start=1):
+            lines = iter(lambda: file.readline(LARGEST_TEXT), b"")
+            for number, line in enumerate(lines, start=1):
                 if line.strip():
                     yield f"line {number}", partial(from_json, line)
     except OSError as error:
-        raise InvalidInput(
-            f"the recording cannot be read: {error.strerror}.", code="file_unreadable"
-        ) from None
+        raise file_fault(path, error) from None
 
 
-def _entries(arrays: Arrays) -> Entries:
-    _check_arrays(arrays)
-    ends = [
-        np.cumsum(arrays[name].astype(np.int64)) for name in ("landmark_counts", "cloud_counts")
-    ]
-    for index, (taken, right, sequence) in enumerate(
-        zip(*(arrays[name] for name in ARRAYS[:3]), strict=True)
-    ):
-        parts = []
-        for name, end in zip(("landmarks", "clouds"), ends, strict=True):
-            start = end[index - 1] if index else 0
-            parts.append(arrays[name][start : end[index]] if end[index] > start else None)
-        side = "right" if right else "left"
-        yield f"frame {index + 1}", partial(HandFrame, float(taken), side, int(sequence), *parts)
-
-
-def _check_arrays(arrays: Arrays) -> None:
-    version = arrays["format_version"].tolist() if "format_version" in arrays else 0
-    if version not in range(VERSION + 1):
-        sentence = f"the recording is of version {version}, and versions 0 to {VERSION} are read: update airtact."
-        raise InvalidInput(sentence, code="unsupported_version")
-    missing = [name for name in ARRAYS if name not in arrays]
-    if missing:
-        are = counted(len(missing), "array is", "arrays are")
-        raise InvalidInput(f"{are} missing, the first is {missing[0]}.", code="data_missing")
-    for name in ("landmark_counts", "cloud_counts"):
-        counts = arrays[name] if arrays[name].dtype.kind in "iu" else np.zeros(0, dtype=np.int64)
-        least, most = int(counts.min(initial=0)), int(counts.max(initial=0))
-        if least < 0 or most > LARGEST_DATA:
-            wrong = least if least < 0 else most
-            raise InvalidInput(
-                f"{name} holds a count of {wrong}; write the recording anew.", code="out_of_range"
-            )
-    count = len(arrays["time"]) if arrays["time"].ndim == 1 else 0
-    counts = {"landmarks": "landmark_counts", "clouds": "cloud_counts"}
-    for name in ARRAYS:
-        one = arrays[name]
-        shape = (int(arrays[counts[name]].sum()), 3) if name in counts else (count,)
-        if one.shape != shape or one.dtype.kind not in (
-            "fiu" if name in counts or name == "time" else "iub"
-        ):
-            sentence = f"{name} has shape {one.shape} and type {one.dtype}, but {count} frames need {shape}."
-            raise InvalidInput(sentence, code="wrong_shape")
+_COUNTS = {"landmarks": "landmark_counts", "clouds": "cloud_counts"}
+"""Arrays of all points, one frame after the other, and those of how many of them each frame has."""
 
 
 def _arrays(
     frames: tuple[HandFrame, ...],
 ) -> dict[str, Float64[np.ndarray, "..."] | Int64[np.ndarray, "..."]]:
-    landmarks = [
-        np.empty((0, 3)) if frame.landmarks is None else frame.landmarks for frame in frames
-    ]
-    clouds = [np.empty((0, 3)) if frame.cloud is None else frame.cloud for frame in frames]
+    none = np.empty((0, 3))
+    points = {
+        "landmarks": [none if frame.landmarks is None else frame.landmarks for frame in frames],
+        "clouds": [none if frame.cloud is None else frame.cloud for frame in frames],
+    }
     return {
-        "format_version": np.array(VERSION),
+        "format_version": np.array(1),
         "time": np.array([frame.time for frame in frames], dtype=np.float64),
         "right": np.array([frame.side == "right" for frame in frames], dtype=np.int64),
         "sequence": np.array([frame.sequence for frame in frames], dtype=np.int64),
-        "landmark_counts": np.array([len(one) for one in landmarks], dtype=np.int64),
-        "landmarks": np.concatenate(landmarks),
-        "cloud_counts": np.array([len(one) for one in clouds], dtype=np.int64),
-        "clouds": np.concatenate(clouds),
+        **{name: np.concatenate(parts) for name, parts in points.items()},
+        **{
+            _COUNTS[name]: np.array([len(part) for part in parts], dtype=np.int64)
+            for name, parts in points.items()
+        },
     }
 
 
-# --- pads over the frames -------------------------------------------------------------------------------------------
+def _entries(arrays: Arrays) -> Entries:
+    _check_arrays(arrays)
+    points = {
+        name: np.split(arrays[name], np.cumsum(arrays[counts].astype(np.int64))[:-1])
+        for name, counts in _COUNTS.items()
+    }
+    for index in range(len(arrays["time"])):
+        yield (
+            f"frame {index + 1}",
+            partial(
+                HandFrame,
+                time=float(arrays["time"][index]),
+                side="right" if arrays["right"][index] else "left",
+                sequence=int(arrays["sequence"][index]),
+                landmarks=points["landmarks"][index] if len(points["landmarks"][index]) else None,
+                cloud=points["clouds"][index] if len(points["clouds"][index]) else None,
+            ),
+        )
+
+
+def _check_arrays(arrays: Arrays) -> None:
+    version = arrays["format_version"].tolist() if "format_version" in arrays else None
+    if version != 1:
+        raise InvalidInput(
+            f"the recording is of version {version}, and version 1 is read: update airtact.",
+            code="unsupported_version",
+        )
+    names = ("time", "right", "sequence", *_COUNTS, *_COUNTS.values())
+    missing = [name for name in names if name not in arrays]
+    if missing:
+        raise InvalidInput(f"the array {missing[0]} is missing.", code="data_missing")
+    frames = len(arrays["time"]) if arrays["time"].ndim == 1 else 0
+    _check_array(arrays, "time", (frames,), "fiu")
+    for name in ("right", "sequence", *_COUNTS.values()):
+        _check_array(arrays, name, (frames,), "iub")
+    for name, counts_name in _COUNTS.items():
+        counts = arrays[counts_name].astype(np.int64)
+        if counts.min(initial=0) < 0 or counts.max(initial=0) > LARGEST_DATA:
+            raise InvalidInput(
+                f"{counts_name} holds counts from {counts.min()} to {counts.max()}; write the "
+                "recording again.",
+                code="out_of_range",
+            )
+        _check_array(arrays, name, (int(counts.sum()), 3), "fiu")
+
+
+def _check_array(arrays: Arrays, name: str, shape: tuple[int, ...], kinds: str) -> None:
+    array = arrays[name]
+    if array.shape != shape or array.dtype.kind not in kinds:
+        raise InvalidInput(
+            f"{name} has shape {array.shape} and type {array.dtype}, but must have shape {shape}.",
+            code="wrong_shape",
+        )
+
+
+# --- pads over the frames ---------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
 class PadTrack:
-    """Where the pads of one hand were.
+    """Positions of the pads of one hand over time.
 
     Attributes
     ----------
@@ -257,8 +271,8 @@ class PadTrack:
     @property
     def fastest(self) -> float:
         """Largest speed of a pad from one frame to the next [m/s]; 0 where there are no two with landmarks."""
-        ways = np.linalg.norm(np.diff(self.pads, axis=0), axis=2)
-        speeds = ways / np.diff(self.times)[:, None]
+        steps = np.linalg.norm(np.diff(self.pads, axis=0), axis=2)
+        speeds = steps / np.diff(self.times)[:, None]
         return float(np.nanmax(speeds)) if np.isfinite(speeds).any() else 0.0
 
     @property
@@ -274,15 +288,18 @@ def pads_over_time(frames: Iterable[HandFrame], side: Side) -> PadTrack:
     Raises
     ------
     InvalidInput
-        When no frame is of that hand.
+        No frame is of that hand.
     """
-    own = [frame for frame in frames if frame.side == side]
-    if not own:
-        raise InvalidInput(f"0 frames are of a {side} hand; take the other one.", code="empty")
-    radii, pads = None, np.full((len(own), 5, 3), np.nan)
-    for index, frame in enumerate(own):
+    frames = [frame for frame in frames if frame.side == side]
+    if not frames:
+        raise InvalidInput(f"no frame is of a {side} hand; take the other one.", code="empty")
+    radii = None
+    pads = np.full((len(frames), 5, 3), np.nan)
+    for index, frame in enumerate(frames):
         if frame.landmarks is not None:
             hand = frame.hand(radii)
-            radii, pads[index] = hand.radii, hand.pads
-    times, sequences = [frame.time for frame in own], [float(frame.sequence) for frame in own]
-    return PadTrack(side, fixed(np.array(times)), fixed(np.array(sequences)), fixed(pads))
+            radii = hand.radii
+            pads[index] = hand.pads
+    times = fixed(np.array([frame.time for frame in frames]))
+    sequences = fixed(np.array([float(frame.sequence) for frame in frames]))
+    return PadTrack(side, times, sequences, fixed(pads))

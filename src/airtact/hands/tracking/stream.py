@@ -1,13 +1,12 @@
-"""A stream of frames as it comes over a wire: whatever is wrong with one is counted, and the next one is waited for.
+"""A stream of frames as it comes over a wire: faulty frames are counted and left out.
 
 A ``HandStream`` takes messages, from as many threads as there are, and keeps the newest good frame
-of each hand: a slow reader gets the latest, never a queue. Frames that cannot be used are left out
-and counted by what is wrong with them. A hand that the tracker no longer sees, or of which nothing
-has come for a while, is an event: a frame that is ``lost``.
+of each hand: a slow reader gets the latest, never a queue. A hand that the tracker no longer sees,
+or of which nothing has come for a while, is an event: a frame that is ``lost``.
 """
 
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
 from threading import Condition
@@ -18,15 +17,11 @@ from airtact.hands.hand import Side
 from airtact.hands.tracking.frame import FaultyFrame, HandFrame
 from airtact.hands.tracking.messages import from_json, from_osc, side_of, side_of_osc
 
-RESTART = 20
-"""So many frames in a row that follow each other, but not the newest one, are a tracker that began anew; after
-a silence the first one is."""
+MAX_STALE_FRAMES = 20
+"""So many frames in a row that follow each other, but not the newest one, are a tracker that restarted."""
 
-FARTHEST = 1000
-"""A sequence number may jump so far; farther is a new count."""
-
-REMEMBERED = 256
-"""Number of frames remembered, to distinguish a repeated frame from one out of order."""
+MAX_JUMP = 1000
+"""Largest jump of the sequence number; a larger one is a new count."""
 
 DRIFT = 1e-3
 """Clocks of trackers may run faster or slower than ours by this share."""
@@ -36,7 +31,7 @@ _Message = TypeVar("_Message", bytes | str, bytes)
 
 @dataclass(frozen=True)
 class StreamHealth:
-    """What came, and what was wrong with it.
+    """Counts of received frames, and of what was wrong with them.
 
     Attributes
     ----------
@@ -55,7 +50,7 @@ class StreamHealth:
     overtaken : frames that waited while newer ones of the same hand came; left out, not even read.
     late : frames that came later than others after their time, but were used.
     skipped : frames missing between those that came.
-    restarted : times that a tracker began anew.
+    restarted : times that a tracker restarted.
     interrupted : connections that ended without being closed, as with a tracker that is killed.
     """
 
@@ -79,23 +74,30 @@ class StreamHealth:
 
     def __str__(self) -> str:
         """List all counts that are not zero."""
-        counts = [(one.name.replace("_", " "), getattr(self, one.name)) for one in fields(self)]
+        counts = {entry.name: getattr(self, entry.name) for entry in fields(self)}
         return ", ".join(
-            f"{count:,} {name}" for name, count in counts if count or name == "received"
+            f"{count:,} {name.replace('_', ' ')}"
+            for name, count in counts.items()
+            if count or name == "received"
         )
 
 
 @dataclass(eq=False)
-class _Seen:
-    """What is known of one hand's frames so far."""
+class _TrackedHand:
+    """State of one hand: its newest frame, when that arrived, and whether a reader has taken it.
+
+    ``recent`` has sequence numbers and times, to distinguish a repeated frame from one out of
+    order; ``stale`` counts frames in a row, the last of which is ``last_stale``, that follow each
+    other but not the newest one.
+    """
 
     newest: HandFrame | None = None
     arrived: float = 0.0
-    given: bool = True
+    taken: bool = True
     silent: bool = False
-    places: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
-    outlier: HandFrame | None = None
-    outliers: int = 0
+    recent: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=256))
+    last_stale: HandFrame | None = None
+    stale: int = 0
 
 
 class HandStream:
@@ -110,12 +112,13 @@ class HandStream:
         record them.
     every : whether frames that are overtaken while they wait are used too, as for a recording;
         without it those that are used are new even where frames come faster than they can be read.
-    clock : what time it is [s]; the computer's own unless given, another one to replay a recording.
+    clock : returns the time [s]; the computer's own unless given, another one to replay a
+        recording.
 
     Raises
     ------
     InvalidInput
-        When patience or silence are not above zero.
+        Patience or silence are not above zero.
     """
 
     def __init__(
@@ -128,15 +131,17 @@ class HandStream:
     ) -> None:
         self._patience = positive(patience, "patience", "s")
         self._silence = positive(silence, "silence", "s")
-        self._on_frame, self._clock, self._every = on_frame, clock, every
+        self._on_frame = on_frame
+        self._clock = clock
+        self._every = every
         self._changed = Condition()
-        self._counts = {one.name: 0 for one in fields(StreamHealth)}
-        self._hands: dict[Side, _Seen] = {"left": _Seen(), "right": _Seen()}
-        self._quickest: tuple[float, float] | None = None
+        self._counts: Counter[str] = Counter()
+        self._hands: dict[Side, _TrackedHand] = {"left": _TrackedHand(), "right": _TrackedHand()}
+        self._quickest: tuple[float, float] | None = None  # shortest delay, and when it was seen
 
     @property
     def health(self) -> StreamHealth:
-        """What came so far, and what was wrong with it."""
+        """Counts of what came so far."""
         with self._changed:
             self._notice_silence()
             return StreamHealth(**self._counts)
@@ -147,6 +152,14 @@ class HandStream:
             return self.feed(from_json(text))
         except FaultyFrame as fault:
             return self.feed(fault)
+
+    def feed_osc(self, packet: bytes) -> FaultyFrame | None:
+        """Take a packet of OSC, whatever it is; return why it, or the last frame in it, was left out, or None."""
+        try:
+            faults = [self.feed(frame) for frame in from_osc(packet)]
+        except FaultyFrame as fault:
+            return self.feed(fault)
+        return faults[-1] if faults else None
 
     def feed_waiting(self, messages: Sequence[bytes | str]) -> None:
         """Take messages in JSON that waited together, oldest first: of each hand the newest that is good is used.
@@ -165,14 +178,9 @@ class HandStream:
         feed: Callable[[_Message], FaultyFrame | None],
         side_of: Callable[[_Message], Side | None],
     ) -> None:
-        """Feed of some messages, oldest first, the newest good one of each hand, and those that name no hand."""
-        if self._every:
-            for message in messages:
-                feed(message)
-            return
         waiting: dict[Side, list[_Message]] = {"left": [], "right": []}
         for message in messages:
-            side = side_of(message)
+            side = None if self._every else side_of(message)
             if side is None:
                 feed(message)
             else:
@@ -182,23 +190,14 @@ class HandStream:
             while of_hand and feed(of_hand.pop()) is not None:
                 pass
             with self._changed:
+                # frames that are overtaken were not skipped by the tracker
+                newly_skipped = max(self._counts["skipped"] - skipped, 0)
+                self._counts["skipped"] -= min(len(of_hand), newly_skipped)
                 self._counts["received"] += len(of_hand)
                 self._counts["overtaken"] += len(of_hand)
-                self._counts["skipped"] -= min(
-                    len(of_hand), max(self._counts["skipped"] - skipped, 0)
-                )
-
-    def feed_osc(self, packet: bytes) -> FaultyFrame | None:
-        """Take a packet of OSC, whatever it is; return why it, or the last frame in it, was left out, or None."""
-        try:
-            frames = from_osc(packet)
-        except FaultyFrame as fault:
-            return self.feed(fault)
-        faults = [self.feed(frame) for frame in frames]
-        return faults[-1] if faults else None
 
     def feed(self, frame: HandFrame | FaultyFrame) -> FaultyFrame | None:
-        """Take a frame as the tracker gave it, or what is wrong with it.
+        """Take a frame as the tracker gave it, or the fault of one that could not be read.
 
         Returns
         -------
@@ -207,15 +206,13 @@ class HandStream:
         with self._changed:
             self._counts["received"] += 1
             if isinstance(frame, FaultyFrame):
-                self._counts[frame.fault] += 1
-                return frame
-            seen, now = self._hands[frame.side], self._clock()
-            fault = self._fault_in_order(frame, seen)
+                fault = frame
+            else:
+                fault = self._fault_in_order(frame, self._hands[frame.side])
             if fault is not None:
                 self._counts[fault.fault] += 1
                 return fault
-            self._notice_delay(frame, now)
-            self._use(frame, seen, now)
+            self._use(frame, self._hands[frame.side])
             self._on_frame(frame)
             return None
 
@@ -225,13 +222,13 @@ class HandStream:
             self._counts["interrupted"] += 1
 
     def latest(self, side: Side) -> HandFrame | None:
-        """Give the newest frame of a hand, a lost one where nothing came for a while, or None where none ever came."""
+        """Newest frame of a hand, a lost one where nothing came for a while, or None where none ever came."""
         with self._changed:
             self._notice_silence()
             return self._hands[side].newest
 
     def wait(self, timeout: float) -> HandFrame | None:
-        """Wait for a frame that was not given yet: the newest of its hand, whatever came in between.
+        """Wait for a frame that was not taken yet: the newest of its hand, whatever came in between.
 
         Parameters
         ----------
@@ -245,83 +242,81 @@ class HandStream:
         with self._changed:
             while True:
                 self._notice_silence()
-                waiting = [seen for seen in self._hands.values() if not seen.given]
+                waiting = [hand for hand in self._hands.values() if not hand.taken]
                 if waiting:
-                    first = min(waiting, key=lambda seen: seen.arrived)
-                    first.given = True
+                    first = min(waiting, key=lambda hand: hand.arrived)
+                    first.taken = True
                     return first.newest
                 left = end - time.monotonic()
                 if left <= 0.0:
                     return None
-                self._changed.wait(
-                    min(left, self._silence / 4)
-                )  # silence makes no noise: look again
+                # nothing wakes this thread when a hand falls silent
+                self._changed.wait(min(left, self._silence / 4))
 
-    def _fault_in_order(self, frame: HandFrame, seen: _Seen) -> FaultyFrame | None:
-        """Return what is wrong with the order of a frame among those before, and notice a tracker that restarted."""
-        last = seen.newest
-        if last is None:
+    def _fault_in_order(self, frame: HandFrame, hand: _TrackedHand) -> FaultyFrame | None:
+        """Fault in the order of a frame among those before; notice a tracker that restarted."""
+        newest = hand.newest
+        if newest is None:
             return None
-        step = frame.sequence - last.sequence
-        if step > 0 and frame.time > last.time:
-            self._counts["restarted"] += step > FARTHEST
-            self._counts["skipped"] += step - 1 if step <= FARTHEST else 0
+        step = frame.sequence - newest.sequence
+        if step > 0 and frame.time > newest.time:
+            if step > MAX_JUMP:
+                self._counts["restarted"] += 1
+            else:
+                self._counts["skipped"] += step - 1
             return None
-        which = f"frame {frame.sequence} of the {frame.side} hand"
-        if (frame.sequence, frame.time) in seen.places:
-            return FaultyFrame("repeated", f"{which} had come before; leave it out.")
-        if seen.silent or self._restarted(frame, seen):
+        name = f"frame {frame.sequence} of the {frame.side} hand"
+        if (frame.sequence, frame.time) in hand.recent:
+            return FaultyFrame("repeated", f"{name} had come before; leave it out.")
+        last = hand.last_stale
+        follows = last is not None and frame.sequence > last.sequence and frame.time > last.time
+        hand.stale = hand.stale + 1 if follows else 1
+        hand.last_stale = frame
+        if hand.silent or hand.stale >= MAX_STALE_FRAMES:
             self._counts["restarted"] += 1
-            seen.places.clear()
+            hand.recent.clear()
             self._quickest = None
             return None
         if step <= 0:
-            self._counts["skipped"] -= (
-                self._counts["skipped"] > 0
-            )  # it was missed, and came after all
+            # it was counted as skipped, and came after all
+            self._counts["skipped"] = max(self._counts["skipped"] - 1, 0)
             return FaultyFrame(
-                "out_of_order", f"{which} comes after frame {last.sequence}; put them in order."
+                "out_of_order", f"{name} comes after frame {newest.sequence}; put them in order."
             )
-        back = f"time goes back from {last.time:g} to {frame.time:g} s"
         return FaultyFrame(
-            "backwards", f"{back} at {which}; give each frame a later time than the one before."
+            "backwards",
+            f"time goes back from {newest.time:g} to {frame.time:g} s at {name}; give each frame a "
+            "later time than the one before.",
         )
 
-    def _restarted(self, frame: HandFrame, seen: _Seen) -> bool:
-        before = seen.outlier
-        follows = (
-            before is not None and frame.sequence > before.sequence and frame.time > before.time
-        )
-        seen.outliers = seen.outliers + 1 if follows else 1
-        seen.outlier = frame
-        return seen.outliers >= RESTART
-
-    def _notice_delay(self, frame: HandFrame, now: float) -> None:
+    def _use(self, frame: HandFrame, hand: _TrackedHand) -> None:
+        now = self._clock()
         delay = now - frame.time
         if self._quickest is not None:
-            quickest, then = self._quickest
-            quickest += DRIFT * (now - then)
-            if delay > quickest + self._patience:
-                self._counts["late"] += 1
-            delay = min(delay, quickest)
-        self._quickest = delay, now
-
-    def _use(self, frame: HandFrame, seen: _Seen, now: float) -> None:
-        if frame.lost and not (seen.newest is not None and seen.newest.lost):
-            self._counts["lost"] += 1
-        seen.newest, seen.arrived, seen.given, seen.silent = frame, now, False, False
-        seen.places.append((frame.sequence, frame.time))
-        seen.outlier, seen.outliers = None, 0
+            shortest, then = self._quickest
+            shortest += DRIFT * (now - then)
+            self._counts["late"] += delay > shortest + self._patience
+            delay = min(delay, shortest)
+        self._quickest = (delay, now)
+        self._counts["lost"] += frame.lost and not (hand.newest is not None and hand.newest.lost)
         self._counts["used"] += 1
+        hand.newest = frame
+        hand.arrived = now
+        hand.taken = False
+        hand.silent = False
+        hand.recent.append((frame.sequence, frame.time))
+        hand.last_stale = None
+        hand.stale = 0
         self._changed.notify_all()
 
     def _notice_silence(self) -> None:
         now = self._clock()
-        for side, seen in self._hands.items():
-            last = seen.newest
-            if last is None or last.lost or now - seen.arrived < self._silence:
+        for side, hand in self._hands.items():
+            newest = hand.newest
+            if newest is None or newest.lost or now - hand.arrived < self._silence:
                 continue
-            seen.newest = HandFrame(last.time, side, last.sequence)
-            seen.given, seen.silent = False, True
+            hand.newest = HandFrame(newest.time, side, newest.sequence)
+            hand.taken = False
+            hand.silent = True
             self._counts["lost"] += 1
             self._changed.notify_all()

@@ -16,25 +16,14 @@ pointables and units.
 import argparse
 import json
 from collections.abc import Iterator
-from typing import Any, TypedDict
-
-SERVICE = "ws://127.0.0.1:6437/v6.json"
+from typing import Any
 
 JOINTS = ("carpPosition", "mcpPosition", "pipPosition", "dipPosition", "btipPosition")
 """Ends of the bones of a finger, from the wrist to the tip; a thumb has no first bone: its first two are one."""
 
 
-class Frame(TypedDict):
-    """A frame as airtact takes it."""
-
-    time: float
-    side: str
-    sequence: int
-    landmarks: list[list[float] | None] | None
-
-
 def main() -> None:
-    """Receive from the service and send the frames, until one of both ends."""
+    """Receive from the service and send the frames, until either connection ends."""
     from websockets.exceptions import ConnectionClosed
     from websockets.sync.client import connect
 
@@ -43,7 +32,7 @@ def main() -> None:
     )
     parser.add_argument("--to", default="ws://127.0.0.1:8765", help="address of the receiver")
     parser.add_argument(
-        "--service", default=SERVICE, help=f"address of the Leap service; {SERVICE} by default"
+        "--service", default="ws://127.0.0.1:6437/v6.json", help="address of the Leap service"
     )
     options = parser.parse_args()
     with (
@@ -58,7 +47,7 @@ def main() -> None:
             return
 
 
-def hands_in(messages: Iterator[str]) -> Iterator[Frame]:
+def hands_in(messages: Iterator[str]) -> Iterator[dict[str, Any]]:
     """Find hands in messages of the service; those that are no frame, such as the greeting, are passed over.
 
     Gives frames of each hand, and one that is lost where a hand is no longer tracked. Joints that
@@ -76,9 +65,8 @@ def hands_in(messages: Iterator[str]) -> Iterator[Frame]:
             hand["type"]: _landmarks(hand, fingers.get(hand["id"], {})) for hand in frame["hands"]
         }
         for side in sorted(seen | set(sides)):
-            taken = 1e-6 * frame["timestamp"]
             yield {
-                "time": taken,
+                "time": 1e-6 * frame["timestamp"],
                 "side": side,
                 "sequence": int(frame["id"]),
                 "landmarks": sides.get(side),
@@ -89,13 +77,11 @@ def hands_in(messages: Iterator[str]) -> Iterator[Frame]:
 def _landmarks(
     hand: dict[str, Any], fingers: dict[int, dict[str, Any]]
 ) -> list[list[float] | None]:
-    places = [hand.get("wrist")]
+    joints = [hand.get("wrist")]
     for kind in range(5):
         finger = fingers.get(kind, {})
-        places += [finger.get(joint) for joint in (JOINTS if kind else JOINTS[1:])]
-    return [
-        None if place is None else [round(1e-3 * number, 6) for number in place] for place in places
-    ]
+        joints += [finger.get(joint) for joint in (JOINTS if kind else JOINTS[1:])]
+    return [joint and [round(1e-3 * coordinate, 6) for coordinate in joint] for joint in joints]
 
 
 if __name__ == "__main__":

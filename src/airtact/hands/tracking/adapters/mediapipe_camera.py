@@ -22,98 +22,92 @@ import json
 import math
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack
-from itertools import pairwise
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-VIEW = 60.0
-"""Angle of view of a camera from side to side unless its focal length is given [degrees]."""
-
-MIDDLE_FINGER = (0, 9, 10, 11, 12)
-"""Wrist to the tip of the middle finger, in MediaPipe's order."""
-
 Picture = Any
 """Rows, columns and three colours of 8 bits: red, green, blue."""
-
-Landmarks = list[list[float]]
 
 
 def main() -> None:
     """Read the pictures, find the hands, send the frames, until there are no more."""
     options = _options()
-    found = _hands_in(_pictures(options), options)
+    frames = _hands_in(_pictures(options), options)
     if options.to is None:
-        for frame in found:
+        for frame in frames:
             print(json.dumps(frame), flush=True)
         return
     from websockets.sync.client import connect
 
     with connect(options.to, compression=None) as receiver:
-        for frame in found:
+        for frame in frames:
             receiver.send(json.dumps(frame))
 
 
 def _hands_in(
     pictures: Iterator[tuple[float, Picture]], options: argparse.Namespace
 ) -> Iterator[dict[str, Any]]:
-    """Give frames of each side seen in pictures with their times [s], and a lost one where a side is seen no longer."""
+    """Yield frames of each side seen in pictures with their times [s], and a lost one where a side is seen no longer."""
     import mediapipe  # pyright: ignore[reportMissingImports]
     import numpy as np
 
     seen: set[str] = set()
-    solution = mediapipe.solutions.hands  # pyright: ignore[reportAttributeAccessIssue]
-    settings = {"max_num_hands": options.hands, "min_detection_confidence": options.confidence}
-    with ExitStack() as finders:
-        # Each follows its own pictures from one to the next, so the mirror images have a finder of
-        # their own.
-        direct, mirrored = (
-            finders.enter_context(
-                solution.Hands(static_image_mode=options.pictures is not None, **settings)
-            )
-            for _ in range(2)
-        )
+    finder = partial(
+        mediapipe.solutions.hands.Hands,  # pyright: ignore[reportAttributeAccessIssue]
+        static_image_mode=options.pictures is not None,
+        max_num_hands=options.hands,
+        min_detection_confidence=options.confidence,
+    )
+    # A finder follows its hand from picture to picture, so the mirror images have one of their own.
+    with finder() as direct, finder() as mirrored:
         for sequence, (taken, picture) in enumerate(pictures):
             looks = _look(direct.process(picture), mirrored=False)
             if not options.once:
                 looks += _look(
                     mirrored.process(np.ascontiguousarray(picture[:, ::-1])), mirrored=True
                 )
-            sides = {side: [look for own, look in looks if own == side] for side, _ in looks}
-            for side in sorted(seen | set(sides) | ({options.side} if options.side else set())):
-                if options.side in (None, side):
-                    there = _placed(sides[side], picture.shape, options) if side in sides else None
-                    yield {"time": taken, "side": side, "sequence": sequence, "landmarks": there}
-            seen = set(sides)
+            by_side: dict[str, list[tuple[Any, Any]]] = {}
+            for side, look in looks:
+                by_side.setdefault(side, []).append(look)
+            sides = sorted(seen | set(by_side)) if options.side is None else [options.side]
+            for side in sides:
+                joints = None
+                if side in by_side:
+                    joints = _placed(by_side[side], picture.shape, options)
+                yield {"time": taken, "side": side, "sequence": sequence, "landmarks": joints}
+            seen = set(by_side)
 
 
 def _look(result: Any, mirrored: bool) -> list[tuple[str, tuple[Any, Any]]]:
-    """Read what was found in a picture, or in its mirror image: sides, landmarks in it and round the hand's middle."""
+    """Read the hands found in a picture, or in its mirror image: sides, landmarks in it and round the hand's middle."""
     import numpy as np
 
-    found = {}
-    lists: list[Any] = [
-        result.multi_handedness,
-        result.multi_hand_landmarks,
-        result.multi_hand_world_landmarks,
-    ]
-    for label, image, world in zip(*(one or () for one in lists), strict=True):
+    def array(points: Any) -> Any:
+        return np.array([[point.x, point.y, point.z] for point in points.landmark])
+
+    hands = {}
+    for label, image, world in zip(
+        result.multi_handedness or (),
+        result.multi_hand_landmarks or (),
+        result.multi_hand_world_landmarks or (),
+        strict=True,
+    ):
         side = label.classification[0].label.lower()
         if not mirrored:  # MediaPipe takes every picture for that of a mirror
             side = "left" if side == "right" else "right"
-        flat, body = (
-            np.array([[one.x, one.y, one.z] for one in points.landmark])
-            for points in (image, world)
-        )
+        flat = array(image)
+        body = array(world)
         if mirrored:
-            flat, body = flat * [-1, 1, 1] + [1, 0, 0], body * [-1, 1, 1]
-        found.setdefault(side, (flat, body))
-    return list(found.items())
+            flat = flat * [-1, 1, 1] + [1, 0, 0]
+            body = body * [-1, 1, 1]
+        hands.setdefault(side, (flat, body))
+    return list(hands.items())
 
 
 def _placed(
     looks: list[tuple[Any, Any]], shape: tuple[int, ...], options: argparse.Namespace
-) -> Landmarks:
+) -> list[list[float]]:
     """Bring the shape of a hand to where it is seen in a picture of some shape, in the camera's frame [m].
 
     ``looks`` are landmarks of MediaPipe, in shares of the picture's sides and in metres round the
@@ -125,41 +119,39 @@ def _placed(
     rows, columns = shape[:2]
     flats = [flat * [columns, rows, columns] for flat, _ in looks]
     first = looks[0][1]
-    body = np.mean(
-        [_brought_onto(one, first) for one in [*(body for _, body in looks), *flats]], axis=0
-    )
+    shapes = [*(body for _, body in looks), *flats]
+    body = np.mean([_aligned(shape, first) for shape in shapes], axis=0)
     if options.hand_length:
-        body *= options.hand_length / sum(
-            float(np.linalg.norm(body[b] - body[a])) for a, b in pairwise(MIDDLE_FINGER)
-        )
+        middle_finger = body[[0, 9, 10, 11, 12]]  # from the wrist to the tip
+        lengths = np.linalg.norm(np.diff(middle_finger, axis=0), axis=1)
+        body *= options.hand_length / float(lengths.sum())
     pixels = np.mean(flats, axis=0)[:, :2].copy()
-    focal = options.focal or 0.5 * columns / math.tan(math.radians(0.5 * VIEW))
+    focal = options.focal or 0.5 * columns / math.tan(math.radians(0.5 * 60.0))
     lens = np.array([[focal, 0.0, columns / 2], [0.0, focal, rows / 2], [0.0, 0.0, 1.0]])
-    # Begin with the shape as it is, so far off that it looks as large: it needs a small rotation
-    # only.
+    # Start with the shape as it is, so far off that it looks as large: then a small rotation is enough.
     size = np.ptp(pixels, axis=0).max() / np.ptp(body[:, :2], axis=0).max()
     away = focal / size
-    middle = (pixels.mean(axis=0) - lens[:2, 2]) / focal * away
-    start = np.zeros(3), np.array([*middle, away])
+    start = np.array([*((pixels.mean(axis=0) - lens[:2, 2]) / focal * away), away])
     _, turn, shift = cv2.solvePnP(
-        body, pixels, lens, None, start[0], start[1], useExtrinsicGuess=True
+        body, pixels, lens, None, np.zeros(3), start, useExtrinsicGuess=True
     )
     rotation, _ = cv2.Rodrigues(turn)
     return (body @ rotation.T + shift.ravel()).round(6).tolist()
 
 
-def _brought_onto(shape: Any, other: Any) -> Any:
-    """Move, turn and scale points (P, 3) so that they lie best on other points (P, 3); no mirror.
+def _aligned(shape: Any, target: Any) -> Any:
+    """Move, turn and scale points (P, 3) so that they lie best on target points (P, 3); no mirror.
 
     Source: S. Umeyama, IEEE Trans. Pattern Anal. Mach. Intell. 13, 376 (1991).
     """
     import numpy as np
 
-    centred, aim = shape - shape.mean(axis=0), other - other.mean(axis=0)
+    centred = shape - shape.mean(axis=0)
+    aim = target - target.mean(axis=0)
     left, sizes, right = np.linalg.svd(aim.T @ centred)
     signs = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
     scale = (sizes * signs).sum() / (centred**2).sum()
-    return scale * centred @ ((left * signs) @ right).T + other.mean(axis=0)
+    return scale * centred @ ((left * signs) @ right).T + target.mean(axis=0)
 
 
 def _pictures(options: argparse.Namespace) -> Iterator[tuple[float, Picture]]:
@@ -172,11 +164,12 @@ def _pictures(options: argparse.Namespace) -> Iterator[tuple[float, Picture]]:
     camera = cv2.VideoCapture(int(options.camera) if options.camera.isdigit() else options.camera)
     if not camera.isOpened():
         raise SystemExit(
-            f"camera {options.camera} cannot be opened; give another number, or the path of a video."
+            f"camera {options.camera} cannot be opened; give another number, or the path of a "
+            "video."
         )
     while True:
-        there, picture = camera.read()
-        if not there:
+        taken, picture = camera.read()
+        if not taken:
             return
         yield time.time(), _upright(picture, options)
 

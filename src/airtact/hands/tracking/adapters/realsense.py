@@ -21,48 +21,37 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-FEWEST = 200
-"""A hand has no fewer points; else it is lost."""
-
-UNIT = 1e-4
-"""Depth that one level of a played picture means [m]."""
-
-MOST_PIXELS = 16_777_216
-"""Pixels of a played picture at most."""
-
 
 def main() -> None:
     """Read the camera, send the frames, until it ends."""
     options = _options()
-    found = _clouds_in(_played(options) if options.depths else _seen(), options)
+    frames = _clouds_in(_played(options) if options.depths else _seen(), options)
     if options.to is None:
-        for frame in found:
+        for frame in frames:
             print(json.dumps(frame), flush=True)
         return
     from websockets.sync.client import connect
 
     with connect(options.to, compression=None) as receiver:
-        for frame in found:
+        for frame in frames:
             receiver.send(json.dumps(frame))
 
 
 def _clouds_in(depths: Iterator[Any], options: argparse.Namespace) -> Iterator[dict[str, Any]]:
-    """Find a hand's points in depth frames; give frames as airtact takes them, lost ones where points are too few."""
+    """Find a hand's points in depth frames; yield frames as airtact takes them, lost ones where points are too few."""
     import numpy as np
 
     cloud = _library().pointcloud()
     for sequence, depth in enumerate(depths):
-        points = (
-            np.asanyarray(cloud.calculate(depth).get_vertices()).view(np.float32).reshape(-1, 3)
-        )
+        vertices = np.asanyarray(cloud.calculate(depth).get_vertices())
+        points = vertices.view(np.float32).reshape(-1, 3)
         points = points[(points[:, 2] > options.nearest) & (points[:, 2] < options.farthest)]
         points = points[:: max(1, -(-len(points) // options.points))].astype(np.float64).round(5)
-        whole = points.tolist() if len(points) >= FEWEST else None
         yield {
             "time": 1e-3 * depth.get_timestamp(),
             "side": options.side,
             "sequence": sequence,
-            "cloud": whole,
+            "cloud": points.tolist() if len(points) >= 200 else None,
         }
 
 
@@ -72,14 +61,16 @@ def _library() -> ModuleType:
         return importlib.import_module("pyrealsense2")
     except ImportError as error:
         raise SystemExit(
-            f"pyrealsense2 does not load ({error}): pip install 'airtact[realsense]', and libusb (libusb-1.0-0)."
+            f"pyrealsense2 does not load ({error}): pip install 'airtact[realsense]', and libusb "
+            "(libusb-1.0-0)."
         ) from None
 
 
 def _seen() -> Iterator[Any]:
     """Take depth frames from the camera that is plugged in."""
     rs = _library()
-    pipeline, config = rs.pipeline(), rs.config()
+    pipeline = rs.pipeline()
+    config = rs.config()
     config.enable_stream(rs.stream.depth, 640, 480, rs.format.z16, 30)
     try:
         pipeline.start(config)
@@ -102,52 +93,55 @@ def _played(options: argparse.Namespace) -> Iterator[Any]:
     files = sorted(file for file in options.depths.glob("*.npy") if file.is_file())
     if not files:
         raise SystemExit(
-            f"{options.depths} holds 0 .npy files; give a folder with pictures of depth."
+            f"{options.depths} holds no .npy files; give a folder with pictures of depth."
         )
     rows, columns = _picture(files[0]).shape
+    lens = rs.intrinsics()
+    lens.width = columns
+    lens.height = rows
+    lens.ppx = columns / 2
+    lens.ppy = rows / 2
+    lens.fx = lens.fy = options.focal
+    lens.model = rs.distortion.none
+    lens.coeffs = [0.0] * 5
+    stream = rs.video_stream()
+    stream.type = rs.stream.depth
+    stream.index = 0
+    stream.uid = 0
+    stream.width = columns
+    stream.height = rows
+    stream.fps = 30
+    stream.bpp = 2
+    stream.fmt = rs.format.z16
+    stream.intrinsics = lens
+    unit = 1e-4  # depth of one level [m]
     device = rs.software_device()
     sensor = device.add_sensor("Depth")
-    lens = rs.intrinsics()
-    lens.width, lens.height, lens.fx, lens.fy = columns, rows, options.focal, options.focal
-    lens.ppx, lens.ppy, lens.model, lens.coeffs = (
-        columns / 2,
-        rows / 2,
-        rs.distortion.none,
-        [0.0] * 5,
-    )
-    stream = rs.video_stream()
-    stream.type, stream.index, stream.uid, stream.width, stream.height = (
-        rs.stream.depth,
-        0,
-        0,
-        columns,
-        rows,
-    )
-    stream.fps, stream.bpp, stream.fmt, stream.intrinsics = 30, 2, rs.format.z16, lens
     profile = rs.video_stream_profile(sensor.add_video_stream(stream))
-    sensor.add_read_only_option(rs.option.depth_units, UNIT)
+    sensor.add_read_only_option(rs.option.depth_units, unit)
     queue = rs.frame_queue(4)
     sensor.open(profile)
     sensor.start(queue)
     for number, file in enumerate(files):
         metres = _picture(file, (rows, columns))
+        levels = np.where(np.isfinite(metres), np.round(metres / unit), 0.0)
         frame = rs.software_video_frame()
-        levels = np.where(np.isfinite(metres), np.round(metres / UNIT), 0.0)
         frame.pixels = np.ascontiguousarray(levels.astype(np.uint16))
-        frame.stride, frame.bpp, frame.depth_units = 2 * columns, 2, UNIT
-        frame.profile, frame.domain = (
-            profile.as_video_stream_profile(),
-            rs.timestamp_domain.hardware_clock,
-        )
-        frame.timestamp, frame.frame_number = 1e3 * number / 30, number
+        frame.stride = 2 * columns
+        frame.bpp = 2
+        frame.depth_units = unit
+        frame.profile = profile.as_video_stream_profile()
+        frame.domain = rs.timestamp_domain.hardware_clock
+        frame.timestamp = 1e3 * number / 30
+        frame.frame_number = number
         sensor.on_video_frame(frame)
         yield queue.wait_for_frame(5000).as_depth_frame()
     sensor.stop()
     sensor.close()
 
 
-def _picture(file: Path, like: tuple[int, int] | None = None) -> Any:
-    """Read a picture of depth; exit with what is wrong with it, which may be that it is not as large as the first."""
+def _picture(file: Path, shape: tuple[int, int] | None = None) -> Any:
+    """Read a picture of depth, of the ``shape`` of the first; exit where it is invalid."""
     import numpy as np
 
     try:
@@ -156,12 +150,15 @@ def _picture(file: Path, like: tuple[int, int] | None = None) -> Any:
         raise SystemExit(
             f"{file.name} is no picture of depth: {error}; save it with numpy.save."
         ) from None
-    if metres.ndim != 2 or not 1 <= metres.size <= MOST_PIXELS or metres.dtype.kind not in "fiu":
-        sentence = f"{file.name} has the shape {metres.shape} of {metres.dtype}; a picture of depth is (H, W) metres"
-        raise SystemExit(f"{sentence}, {MOST_PIXELS:,} pixels at most.")
-    if like is not None and metres.shape != like:
+    if metres.ndim != 2 or not 1 <= metres.size <= 2**24 or metres.dtype.kind not in "fiu":
         raise SystemExit(
-            f"{file.name} has the shape {metres.shape}, and the first picture has {like}; give them one."
+            f"{file.name} has the shape {metres.shape} of {metres.dtype}; a picture of depth is "
+            "(H, W) metres, 2^24 pixels at most."
+        )
+    if shape is not None and metres.shape != shape:
+        raise SystemExit(
+            f"{file.name} has the shape {metres.shape}, and the first picture has {shape}; give "
+            "all the same."
         )
     return metres
 
