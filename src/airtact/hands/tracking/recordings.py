@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from airtact.checks import file_fault, fixed, positive
-from airtact.errors import LARGEST_DATA, LARGEST_TEXT, InvalidInput, about
+from airtact.errors import LARGEST_DATA, InvalidInput, about
 from airtact.files.atomic import whole_file
 from airtact.files.bounded import Arrays, arrays_of, check_file
 from airtact.hands.hand import Side
@@ -157,7 +157,7 @@ Entries = Iterator[tuple[str, Callable[[], HandFrame]]]
 def _lines(path: Path) -> Entries:
     try:
         with path.open("rb") as file:
-            lines = iter(lambda: file.readline(LARGEST_TEXT), b"")
+            lines = iter(lambda: file.readline(2**26), b"")
             for number, line in enumerate(lines, start=1):
                 if line.strip():
                     yield f"line {number}", partial(from_json, line)
