@@ -69,13 +69,13 @@ def test_the_identity_moves_nothing():
         (np.eye(2), np.zeros(3), "wrong_shape", "(2, 2) and (3,)"),
         (np.eye(3), np.zeros(2), "wrong_shape", "(3, 3) and (2,)"),
         (1.01 * np.eye(3), np.zeros(3), "wrong_kind", "0.02"),
-        (np.diag([1.0, 1.0, -1.0]), np.zeros(3), "wrong_kind", "determinant is -1"),
-        (np.full((3, 3), np.nan), np.zeros(3), "not_finite", "rotation hold 9 NaN"),
+        (np.diag([1.0, 1.0, -1.0]), np.zeros(3), "wrong_kind", "-1"),
+        (np.full((3, 3), np.nan), np.zeros(3), "not_finite", "9 NaN"),
         (
             np.eye(3),
             np.array([0.0, np.inf, 0.0]),
             "not_finite",
-            "translation hold 1 NaN or infinite value, the first at index [1]",
+            "[1]",
         ),
     ],
 )
@@ -84,15 +84,15 @@ def test_what_is_no_rigid_motion_is_rejected(rotation, translation, code, said):
         Pose(rotation, translation)
 
 
-def test_a_turn_needs_an_axis_and_an_angle():
-    with raises_code("all_zero", "length 0"):
-        Pose.turn((0, 0, 0), 1.0)
-    with raises_code("all_zero"):
-        Pose.turn((0.0, math.nan, 0.0), 1.0)
-    with raises_code("not_finite", "rotation hold 9 NaN"):
-        Pose.turn((0, 0, 1), math.nan)
-
-
-def test_an_angle_in_degrees_is_rejected():
-    with raises_code("out_of_range", "90 rad", "np.radians(90)"):
-        Pose.turn((0, 0, 1), 90)
+@pytest.mark.parametrize(
+    ("axis", "angle", "code"),
+    [
+        ((0, 0, 0), 1.0, "all_zero"),
+        ((0.0, math.nan, 0.0), 1.0, "all_zero"),
+        ((0, 0, 1), math.nan, "not_finite"),
+        ((0, 0, 1), 90, "out_of_range"),  # degrees
+    ],
+)
+def test_a_turn_needs_an_axis_and_an_angle_in_radians(axis, angle, code):
+    with raises_code(code):
+        Pose.turn(axis, angle)

@@ -132,149 +132,107 @@ def test_any_integers_are_vertex_indices(dtype):
 # ---- surfaces: guards
 
 
-def test_an_open_surface_is_rejected_with_its_edges_and_their_place():
-    vertices, triangles = box_mesh((0, 0, 0), (0.02, 0.03, 0.04))
-    with raises_code("mesh_open", "4 edges", " 0.00) mm"):
-        Surface(vertices, triangles[2:])  # without its bottom, all of whose edges lie at z = 0
-    with raises_code("mesh_open", "3 edges"):
-        Surface(vertices, triangles[1:])
+def two_boxes(shift, reverse: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    one, triangles = box_mesh((0, 0, 0), (0.03, 0.03, 0.03))
+    two, _ = box_mesh((0, 0, 0), (0.01, 0.01, 0.01))
+    second = triangles[:, ::-1] if reverse else triangles
+    return np.concatenate([one, two + shift]), np.concatenate([triangles, second + 8])
 
 
-def test_a_triangle_turned_round_is_rejected():
-    vertices, triangles = box_mesh()
-    triangles[5] = triangles[5, ::-1]
-    with raises_code("mesh_not_oriented", "3 edges"):
-        Surface(vertices, triangles)
-
-
-def test_two_bodies_that_share_an_edge_are_rejected():
+def with_shared_edge() -> tuple[np.ndarray, np.ndarray]:
     one, triangles = box_mesh((0, 0, 0), (0.01, 0.01, 0.01))
-    vertices = np.concatenate([one, one + [0.01, 0.01, 0.0]])
     other = np.arange(8, 16)
     other[[0, 4]] = [3, 7]  # the edge x = y = 10 mm stands in both
-    with raises_code("mesh_not_oriented", "1 edge"):
-        Surface(vertices, np.concatenate([triangles, other[triangles]]))
+    vertices = np.concatenate([one, one + [0.01, 0.01, 0.0]])
+    return vertices, np.concatenate([triangles, other[triangles]])
 
 
-def test_an_inside_out_surface_is_rejected_with_its_volume():
-    vertices, triangles = box_mesh((0, 0, 0), (0.01, 0.02, 0.03))
-    with raises_code("mesh_faulty", "-6 cm³", "12 triangles"):
-        Surface(vertices, triangles[:, ::-1])
-
-
-def test_one_inside_out_piece_of_two_is_found():
-    one, triangles = box_mesh((0, 0, 0), (0.03, 0.03, 0.03))
-    two, _ = box_mesh((0.05, 0, 0), (0.06, 0.01, 0.01))
-    with raises_code("mesh_faulty", "1 of 2 closed pieces", "-1 cm³"):
-        Surface(np.concatenate([one, two]), np.concatenate([triangles, triangles[:, ::-1] + 8]))
-
-
-def test_degenerate_triangles_are_rejected_with_their_number_and_place():
+def with_flat_triangle() -> tuple[np.ndarray, np.ndarray]:
     vertices, triangles = box_mesh((0, 0, 0), (0.02, 0.02, 0.02))
-    middle = len(vertices)
     a, b, c = triangles[0]
-    split = np.array([[a, b, middle], [b, c, middle], [c, a, middle]])
-    flat = np.concatenate(
-        [vertices, vertices[[a, b]].mean(axis=0, keepdims=True)]
-    )  # on the edge ab
-    with raises_code("mesh_faulty", "1 triangle ", "triangle 11"):
-        Surface(flat, np.concatenate([triangles[1:], split]))
+    on_edge = vertices[[a, b]].mean(axis=0, keepdims=True)
+    split = np.array([[a, b, 8], [b, c, 8], [c, a, 8]])
+    return np.concatenate([vertices, on_edge]), np.concatenate([triangles[1:], split])
 
 
-def test_a_vertex_named_twice_is_degenerate():
+def changed(place, vertex: float | None = None, index: int | None = None):
     vertices, triangles = box_mesh()
-    with raises_code("mesh_faulty", "2 triangles", "triangle 12 near ("):
-        Surface(vertices, np.concatenate([triangles, [[0, 1, 1], [1, 0, 0]]]))
+    if vertex is not None:
+        vertices[place] = vertex
+    if index is not None:
+        triangles[place] = index
+    return vertices, triangles
 
 
-@pytest.mark.parametrize("index", [8, -1])
-def test_indices_out_of_range_are_rejected(index):
-    vertices, triangles = box_mesh()
-    triangles[4, 1] = index
-    with raises_code("out_of_range", f"triangle 4 names {index},", "from 0 to 7"):
-        Surface(vertices, triangles)
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_vertices_that_are_not_finite_are_rejected(value):
-    vertices, triangles = box_mesh()
-    vertices[6, 2] = value
-    with raises_code("not_finite", "surface vertices hold 1 NaN", "[6, 2]"):
-        Surface(vertices, triangles)
+BOX = box_mesh()
+TURNED = BOX[1].copy()
+TURNED[5] = TURNED[5, ::-1]
 
 
 @pytest.mark.parametrize(
-    ("scale", "code", "numbers"),
+    ("mesh", "code", "values"),
     [
-        (1e3, "too_many", ("40 m", "2 m", "millimetres?")),
-        (50.01, "too_many", ("2 m",)),
-        (0.01, "out_of_range", ("0.4 mm", "0.5 mm", "millimetres")),
+        ((BOX[0], BOX[1][2:]), "mesh_open", ["4 edges", " 0.00) mm"]),  # without its bottom
+        ((BOX[0], BOX[1][1:]), "mesh_open", ["3 edges"]),
+        ((BOX[0], TURNED), "mesh_not_oriented", ["3 edges"]),
+        (with_shared_edge(), "mesh_not_oriented", ["1 edge"]),
+        ((BOX[0], BOX[1][:, ::-1]), "mesh_faulty", ["-24 cm³", "12 triangles"]),
+        (two_boxes([0.05, 0.0, 0.0], reverse=True), "mesh_faulty", ["1 of 2", "-1 cm³"]),
+        (with_flat_triangle(), "mesh_faulty", ["1 triangle ", "triangle 11"]),
+        (
+            (BOX[0], np.concatenate([BOX[1], [[0, 1, 1], [1, 0, 0]]])),
+            "mesh_faulty",
+            ["2 triangles", "triangle 12"],
+        ),
+        (changed((4, 1), index=8), "out_of_range", ["triangle 4 names 8,", "from 0 to 7"]),
+        (changed((4, 1), index=-1), "out_of_range", ["triangle 4 names -1,"]),
+        (changed((6, 2), vertex=np.nan), "not_finite", ["1 NaN", "[6, 2]"]),
+        (changed((6, 2), vertex=np.inf), "not_finite", ["[6, 2]"]),
+        ((BOX[0] * 1e3, BOX[1]), "too_many", ["40 m", "2 m"]),
+        ((BOX[0] * 50.01, BOX[1]), "too_many", ["2 m"]),
+        ((BOX[0] * 0.01, BOX[1]), "out_of_range", ["0.4 mm", "0.5 mm"]),
     ],
 )
-def test_bodies_too_large_or_too_small_are_rejected(scale, code, numbers):
-    vertices, triangles = box_mesh((0, 0, 0), (0.02, 0.03, 0.04))
-    with raises_code(code, *numbers):
-        Surface(vertices * scale, triangles)
+def test_faulty_meshes_are_rejected_with_their_number_and_place(mesh, code, values):
+    with raises_code(code, *values):
+        Surface(*mesh)
 
 
 @pytest.mark.parametrize("scale", [50.0, 0.0125])
 def test_the_largest_and_the_smallest_body_are_accepted(scale):
-    vertices, triangles = box_mesh((0, 0, 0), (0.02, 0.03, 0.04))
-    assert np.ptp(Surface(vertices * scale, triangles).vertices, axis=0).max() == pytest.approx(
-        0.04 * scale
-    )
+    surface = Surface(BOX[0] * scale, BOX[1])
+    assert np.ptp(surface.vertices, axis=0).max() == pytest.approx(0.04 * scale)
 
 
 @pytest.mark.usefixtures("as_outside_the_tests")
 @pytest.mark.parametrize(
-    ("vertices", "triangles", "code", "said"),
+    ("arrays", "code", "value"),
     [
-        (np.zeros((0, 3)), np.zeros((0, 3), dtype=int), "empty", "surface vertices"),
-        (
-            np.zeros((4, 3)),
-            np.zeros((0, 3), dtype=int),
-            "wrong_shape",
-            "triangles have shape (0, 3)",
-        ),
-        (
-            np.zeros((4, 2)),
-            np.zeros((1, 3), dtype=int),
-            "wrong_shape",
-            "vertices have shape (4, 2)",
-        ),
-        (
-            np.zeros((4, 3)),
-            np.zeros((1, 4), dtype=int),
-            "wrong_shape",
-            "triangles have shape (1, 4)",
-        ),
-        (np.zeros((4, 3)), np.zeros((1, 3)), "not_a_number", "float64"),
+        ((np.zeros((0, 3)), np.zeros((0, 3), dtype=int)), "empty", ""),
+        ((np.zeros((4, 3)), np.zeros((0, 3), dtype=int)), "wrong_shape", "(0, 3)"),
+        ((np.zeros((4, 2)), np.zeros((1, 3), dtype=int)), "wrong_shape", "(4, 2)"),
+        ((np.zeros((4, 3)), np.zeros((1, 4), dtype=int)), "wrong_shape", "(1, 4)"),
+        ((np.zeros((4, 3)), np.zeros((1, 3))), "not_a_number", "float64"),
+        ((*BOX, np.zeros((12, 3))), "wrong_shape", "(12, 3, 3)"),
     ],
 )
-def test_wrong_shapes_are_rejected(vertices, triangles, code, said):
-    with raises_code(code, said):
-        Surface(vertices, triangles)
+def test_wrong_shapes_are_rejected(arrays, code, value):
+    with raises_code(code, value):
+        Surface(*arrays)
 
 
-@pytest.mark.usefixtures("as_outside_the_tests")
-def test_midpoints_of_the_wrong_shape_are_rejected():
-    with raises_code("wrong_shape", "(12, 3)", "12 triangles", "(12, 3, 3)"):
-        Surface(*box_mesh(), np.zeros((12, 3)))
-
-
-def test_midpoints_that_are_not_finite_are_rejected():
+@pytest.mark.parametrize(
+    ("place", "change", "code", "values"),
+    [
+        ((7, 1, 2), np.nan, "not_finite", ["1 NaN", "[7, 1, 2]"]),
+        ((7, 1), np.array([0.0, 0.0, 0.001]), "mesh_faulty", ["1 edge", " 1 mm"]),  # not shared
+    ],
+)
+def test_faulty_midpoints_are_rejected(place, change, code, values):
     body = sphere(0.01, 0.02)
     midpoints = body.midpoints.copy()
-    midpoints[7, 1, 2] = np.nan
-    with raises_code("not_finite", "midpoints hold 1 NaN", "[7, 1, 2]"):
-        Surface(body.vertices, body.triangles, midpoints)
-
-
-def test_midpoints_that_neighbours_do_not_share_are_rejected():
-    body = sphere(0.01, 0.02)
-    midpoints = body.midpoints.copy()
-    midpoints[7, 1] += [0.0, 0.0, 0.001]
-    with raises_code("mesh_faulty", "1 edge", " 1 mm apart"):
+    midpoints[place] += change
+    with raises_code(code, *values):
         Surface(body.vertices, body.triangles, midpoints)
 
 
@@ -282,11 +240,8 @@ def test_midpoints_far_off_their_edges_are_rejected():
     vertices, triangles = box_mesh((0, 0, 0), (0.02, 0.03, 0.04))
     corners = vertices[triangles]
     middles = (corners + np.roll(corners, -1, axis=1)) / 2
-    middles[np.isclose(middles, [0.01, 0.0, 0.0]).all(axis=2)] -= [
-        0.0,
-        0.0,
-        0.011,
-    ]  # of an edge of 20 mm, in both
+    on_edge = np.isclose(middles, [0.01, 0.0, 0.0]).all(axis=2)  # of 20 mm, in both triangles
+    middles[on_edge] -= [0.0, 0.0, 0.011]
     with raises_code("mesh_faulty", " 11 mm", "0.55") as caught:
         Surface(vertices, triangles, middles)
     assert caught.value.position == pytest.approx([0.01, 0.0, -0.011])
@@ -294,9 +249,8 @@ def test_midpoints_far_off_their_edges_are_rejected():
 
 def test_a_primitive_that_is_another_shape_is_rejected():
     ball = sphere(0.01, 0.004)
-    with raises_code("not_supported", " 10 mm off") as caught:
+    with raises_code("not_supported", " 10 mm") as caught:
         Surface(2.0 * ball.vertices, ball.triangles, primitive=ball.primitive)
     assert np.linalg.norm(caught.value.position) == pytest.approx(0.02)
-    assert (
-        Surface(ball.vertices, ball.triangles, primitive=ball.primitive).primitive is ball.primitive
-    )
+    same = Surface(ball.vertices, ball.triangles, primitive=ball.primitive)
+    assert same.primitive is ball.primitive

@@ -49,11 +49,8 @@ def test_shells_are_counted():
     _, box = box_mesh()
     _, torus = torus_mesh(0.02, 0.005)
     labels = shells(np.concatenate([box, torus + 8, box + 400]))
-    assert [len(set(part)) for part in np.split(labels, [len(box), len(box) + len(torus)])] == [
-        1,
-        1,
-        1,
-    ]
+    parts = np.split(labels, [len(box), len(box) + len(torus)])
+    assert [len(set(part)) for part in parts] == [1, 1, 1]
     assert len(set(labels)) == 3
 
 
