@@ -8,8 +8,10 @@ import airtact as at
 from airtact.hands.body import Hulls, hand_hulls, part_name
 from airtact.hands.shape import HandShape
 from airtact.hands.skin_mesh import even_skin, midpoints
-from benchmarks.accuracy import PAPER_AIR, directions, far_points, one_each, relative
+from references import relative_columns as relative
 from references.hand_poses import example
+from worlds import AIR as PAPER_AIR
+from worlds import directions, far_points, one_each
 
 WATER = at.Medium(1481.0, 999.7)
 

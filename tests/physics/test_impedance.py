@@ -5,7 +5,8 @@ import pytest
 
 import airtact as at
 from airtact.acoustics.solvers.problem import RadiatedField
-from benchmarks.accuracy import PAPER_AIR, directions, one_each
+from worlds import AIR as PAPER_AIR
+from worlds import directions, one_each
 
 RATIOS = [0.5, 2.0, 2 + 2j, 20.0]
 K = PAPER_AIR.wavenumber(40e3).real

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 import airtact as at
-from benchmarks.accuracy import PAPER_AIR, one_each, relative
 from faults import raises_code
+from references import relative_columns as relative
+from worlds import AIR as PAPER_AIR
+from worlds import one_each
 
 SCENE = at.Scene(PAPER_AIR, [at.sound_hard(at.sphere(0.004, 0.002))])
 SOURCES = one_each(np.array([[0.0, 0.0, 0.006], [0.0, 0.007, 0.0]]))

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 import airtact as at
-from benchmarks.estimate import case_of
-from references import axisymmetric
+from references import axisymmetric, relative
+from references.random_scenes import case_of
+from worlds import AIR, hard
 
-AIR = at.Medium(sound_speed=343.1, density=1.293)
-FREQUENCY = 40e3
 SOURCE = np.array([[0.06, 0.02, 0.05]])
 
 
@@ -19,17 +18,13 @@ def solved(
 ) -> at.acoustics.RadiatedField:
     """Solve bodies of revolution, meshed with 1 mm triangles, beside a unit source."""
     bodies = [at.sound_hard(axisymmetric.surface(meridian, 1e-3)) for meridian in meridians]
-    scene = at.Scene(AIR, bodies, frequency=FREQUENCY)
+    scene = at.Scene(AIR, bodies)
     return at.BoundaryElement(accuracy=accuracy).radiate(scene, at.Monopoles(source, np.eye(1)))
-
-
-def relative(found: np.ndarray, true: np.ndarray) -> float:
-    return float(np.linalg.norm(found - true) / np.linalg.norm(true))
 
 
 def test_rings_of_monopoles_agree_with_the_series_of_a_sphere() -> None:
     points = np.array([[0.03, 0.0, 0.0], [0.0, -0.012, 0.0], [0.01, 0.02, -0.03]])
-    scene = at.Scene(AIR, [at.sound_hard(at.sphere(0.01, 0.004))], frequency=FREQUENCY)
+    scene = hard(at.sphere(0.01, 0.004))
     true = at.SphereSeries().radiate(scene, at.Monopoles(SOURCE, np.eye(1))).at(points)
     found, own = axisymmetric.pressure_at(
         [axisymmetric.spheroid(0.01, 0.01)], scene.wavenumber, SOURCE, points

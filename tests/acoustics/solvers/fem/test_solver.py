@@ -12,9 +12,11 @@ from airtact.acoustics.solvers.fem.field import FiniteField, touching_warnings
 from airtact.acoustics.solvers.fem.orders import longest_served
 from airtact.acoustics.solvers.fem.surface_mesh import surface_mesh
 from airtact.acoustics.solvers.fem.symmetry import mirrors_of
-from benchmarks.accuracy import PAPER_AIR, directions, far_points, one_each, relative
 from faults import raises_code
+from references import relative_columns as relative
 from references.hand_poses import example
+from worlds import AIR as PAPER_AIR
+from worlds import directions, far_points, one_each
 
 WATER = at.Medium(1481.0, 999.7)
 BALL = at.sphere(0.005, 0.0025)
