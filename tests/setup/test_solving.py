@@ -7,7 +7,7 @@ import pytest
 
 from airtact.acoustics.medium import Medium
 from airtact.acoustics.scene import impedance
-from airtact.acoustics.solvers.bem.solver import BoundaryElement, _warnings
+from airtact.acoustics.solvers.bem.solver import OF_THE_DIRECT, BoundaryElement
 from airtact.acoustics.solvers.fem.solver import FiniteElement
 from airtact.acoustics.solvers.free_field import FreeField
 from airtact.acoustics.solvers.problem import Solver
@@ -68,7 +68,9 @@ class Warned(Solver):
         field = SphereSeries().radiate(scene, sources)
         return replace(
             field,
-            report=replace(field.report, warnings=(*_warnings(0.05, 0.01), "coarse triangles")),
+            report=replace(
+                field.report, warnings=(f"{OF_THE_DIRECT} is 5 % off", "coarse triangles")
+            ),
         )
 
 

@@ -6,11 +6,10 @@ Together with the elements they are the sources of a second, small solve around 
 which is accurate on and near their surfaces too.
 """
 
-from dataclasses import dataclass, field, replace
-from functools import partial
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Bool
 
 from airtact import _kernels
 from airtact.acoustics.scene import Scene
@@ -23,18 +22,6 @@ from airtact.checks import points_of
 NOT_ESTIMATED = (
     "the estimated error is that around the bodies, without errors of the boards' reflections"
 )
-
-
-@dataclass(frozen=True, eq=False)
-class Emitting(Monopoles):
-    """Monopoles beside which panels are not refined, except beside some points [m]."""
-
-    refined: Float64[np.ndarray, "fine 3"] = field(default_factory=partial(np.empty, (0, 3)))
-
-    @property
-    def refined_positions(self) -> Float64[np.ndarray, "fine 3"]:
-        """Positions near which a solver refines its panels [m]."""
-        return self.refined
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,17 +92,16 @@ def without_boards(scene: Scene) -> Scene:
     return replace(scene, obstacles=bodies)
 
 
-def elements_and_boards(solved: BoundaryField, refined: Float64[np.ndarray, "fine 3"]) -> Emitting:
+def elements_and_boards(solved: BoundaryField) -> Monopoles:
     """Return the sources of a field, and the monopoles by which its boards scatter."""
     transposed = solved.without_images.transposed
     nodes = np.isin(transposed.surface.nodes.body, solved.scene.boards)
     of_boards = np.concatenate([nodes, nodes[:: _kernels.sharing]])
     emitted = transposed.emitted
     scattering = transposed.scattering
-    return Emitting(
+    return Monopoles(
         np.concatenate([emitted.positions, scattering.positions[of_boards]]),
         np.concatenate([emitted.strengths, scattering.strengths[of_boards]]),
-        refined,
     )
 
 

@@ -12,7 +12,7 @@ angle of the bodies, which tells points inside from points outside.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Complex, Complex128, Float64, Int64
+from jaxtyping import Complex128
 from scipy.sparse import csr_array
 
 from airtact import _kernels
@@ -29,6 +29,7 @@ from airtact.acoustics.solvers.arrays import (
 from airtact.acoustics.solvers.bem.quadrature import (
     CONTACT_REACH,
     NODAL,
+    NearPairs,
     Nodes,
     integrate_near,
     near_lists,
@@ -127,7 +128,12 @@ def double_layer_pressure(
     points = np.ascontiguousarray(points, dtype=np.float64)
     layer = nodes.layer(wavenumber)
     if cells is None:
-        least, precision = _resolved_distance(nodes, near_rule, precision)
+        # float32 does not resolve the position of a node nearer than ``least``; the plain sum may
+        # leave such nodes out if their panels are all near ones
+        least = 1e-3 * float(np.abs(nodes.points - nodes.points.mean(axis=0)).max())
+        if precision != "float32" or least >= 0.5 * (near_rule.reach - 1) * nodes.radii.min():
+            least = 0.0
+            precision = "float64"
         out = np.empty((len(points), pressure.shape[1]), dtype=np.complex128)
         _kernels.apply_double_layer(
             points, layer, np.ascontiguousarray(pressure), least, precision, out
@@ -177,17 +183,6 @@ def _near_groups(
     ]
 
 
-def _resolved_distance(nodes: Nodes, near_rule: NearRule, precision: str) -> tuple[float, str]:
-    """Distance below which float32 does not resolve a node's position, and the precision to use.
-
-    In float64 if panels that far away are not all near ones.
-    """
-    least = 1e-3 * float(np.abs(nodes.points - nodes.points.mean(axis=0)).max())
-    if precision == "float32" and least < 0.5 * (near_rule.reach - 1) * float(nodes.radii.min()):
-        return least, precision
-    return 0.0, "float64"
-
-
 def double_layer_transposed(
     points: Points,
     nodes: Nodes,
@@ -211,60 +206,34 @@ def double_layer_transposed(
         np.add.at(by_panel, rows.panel, rows.excess[:, :, None] * pairs[:, None])
         near |= group
     layer = nodes.layer(wavenumber)
-    # BLAS is faster for many excitations; for few the compiled loop leaves no threads spinning
-    add_up = _transposed_by_blas if excitations > 64 else _transposed_by_loop
     for group, kind in ((near, "float64"), (~near, precision)):
-        if group.any():
-            total += add_up(points[group], layer, strengths[group], len(nodes.points), kind)
+        if not group.any():
+            continue
+        sources = points[group]
+        out = np.zeros_like(total)
+        if excitations <= 64:  # BLAS would be slower, and leave threads spinning
+            _kernels.apply_transposed(sources, layer, strengths[group], kind, out)
+        else:
+            dtype = np.complex64 if kind == "float32" else np.complex128
+            for start in range(0, len(sources), 512):  # bounds the memory of the matrix
+                block = slice(start, start + 512)
+                rows = np.empty((len(sources[block]), len(total)), dtype=dtype)
+                _kernels.double_layer_matrix(sources[block], layer, rows)
+                out += rows.T @ strengths[group][block].astype(dtype)
+        total += out
     return total
 
 
-def _transposed_by_loop(
-    points: Vectors, layer: _kernels.Layer, strengths: Pressures, nodes: int, precision: str
-) -> Complex128[np.ndarray, "nodes excitations"]:
-    out = np.empty((nodes, strengths.shape[1]), dtype=np.complex128)
-    _kernels.apply_transposed(points, layer, strengths, precision, out)
-    return out
-
-
-def _transposed_by_blas(
-    points: Vectors, layer: _kernels.Layer, strengths: Pressures, nodes: int, precision: str
-) -> Complex128[np.ndarray, "nodes excitations"]:
-    out = np.zeros((nodes, strengths.shape[1]), dtype=np.complex128)
-    kind = np.complex64 if precision == "float32" else np.complex128
-    for start in range(0, len(points), 512):  # bounds the memory of the matrix
-        block = slice(start, start + 512)
-        rows = np.empty((len(points[block]), nodes), dtype=kind)
-        _kernels.double_layer_matrix(points[block], layer, rows)
-        out += rows.T @ strengths[block].astype(kind)
-    return out
-
-
-@dataclass(frozen=True, eq=False)
-class Contacts:
-    """Points that touch the surface or are close to it, each with its nearest panel.
-
-    Attributes
-    ----------
-    target, panel : indices of each point and of its panel.
-    reference : reference coordinates of the point's projection onto the panel.
-    distance : from the point to the panel [m].
-    """
-
-    target: Int64[np.ndarray, "contacts"]
-    panel: Int64[np.ndarray, "contacts"]
-    reference: Float64[np.ndarray, "contacts 2"]
-    distance: Float64[np.ndarray, "contacts"]
-
-
-def find_contacts(nodes: Nodes, points: Points, within: float = 0.0) -> Contacts:
-    """Find the points that touch the surface or are nearer to it than ``within`` [m]."""
+def find_contacts(nodes: Nodes, points: Points, within: float = 0.0) -> NearPairs:
+    """Find the points that touch the surface or are nearer than ``within`` [m], and their panel."""
     near = integrate_near(nodes, points, 1.1, 0j, (1, 1))  # only distances are of interest
     touching = np.flatnonzero(near.distance < np.maximum(nodes.contact[near.panel], within))
     nearest_first = touching[np.argsort(near.distance[touching], kind="stable")]
     target, first = np.unique(near.target[nearest_first], return_index=True)
     pair = nearest_first[first]
-    return Contacts(target, near.panel[pair], near.reference[pair], near.distance[pair])
+    return NearPairs(
+        target, near.panel[pair], near.values[pair], near.distance[pair], near.reference[pair]
+    )
 
 
 def project_contacts(nodes: Nodes, points: Points) -> tuple[Vectors, Mask]:
@@ -328,29 +297,21 @@ def locate(scene: Scene, nodes: Nodes, points: Points, near_rule: NearRule) -> L
         depth = scene.depth(positions[measured])
         outside[measured] = depth < 0
         in_box[measured] = False
-        outside[in_box] = _outside_far_panels(nodes, positions[in_box])
+        # the solid angle is −1 inside; away from the panels each of them is summed as one node
+        area = nodes.weighted_normals.reshape(-1, 6, 3).sum(axis=1)
+        layer = _kernels.Layer(nodes.centres, area, np.empty(0, dtype=np.complex128), 0j)
+        ones = np.ones((len(nodes.points), 1), dtype=np.complex128)
+        solid = np.empty((np.count_nonzero(in_box), 1), dtype=np.complex128)
+        _kernels.apply_double_layer(
+            positions[in_box], layer, ones[: len(area)], 0.0, "float32", solid
+        )
+        outside[in_box] = solid[:, 0].real > -0.5
         close = measured[np.abs(depth) < CONTACT_REACH * touch[measured]]
         positions[close], contact[close] = project_contacts(nodes, positions[close])
         outside[contact] = True
         doubtful = measured[(np.abs(depth) < touch[measured]) & ~contact[measured]]
-        ones = np.ones((len(nodes.points), 1), dtype=np.complex128)
         solid = double_layer_pressure(positions[doubtful], nodes, ones, 0j, near_rule, "float32")
-        outside[doubtful] = _less_than_half(solid)
+        outside[doubtful] = solid[:, 0].real > -0.5
     if scene.planes:
         outside[~before_planes(scene.planes, points)] = False
     return Located(positions, near, contact, outside)
-
-
-def _outside_far_panels(nodes: Nodes, points: Vectors) -> Mask:
-    """Whether points away from the surface are outside, each panel being summed as one node."""
-    area = nodes.weighted_normals.reshape(-1, 6, 3).sum(axis=1)
-    layer = _kernels.Layer(nodes.centres, area, np.empty(0, dtype=np.complex128), 0j)
-    ones = np.ones((len(area), 1), dtype=np.complex128)
-    solid = np.empty((len(points), 1), dtype=np.complex128)
-    _kernels.apply_double_layer(points, layer, ones, 0.0, "float32", solid)
-    return _less_than_half(solid)
-
-
-def _less_than_half(solid: Complex[np.ndarray, "points 1"]) -> Bool[np.ndarray, "points"]:
-    """Whether the bodies fill less than half of the solid angle, which is −1 inside."""
-    return np.real(solid[:, 0]) > -0.5

@@ -1,7 +1,7 @@
 """BoundaryElement: the field of monopoles around bodies, by boundary elements."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -21,6 +21,7 @@ from airtact.acoustics.scene import (
 from airtact.acoustics.solvers.arrays import Points
 from airtact.acoustics.solvers.bem.block_matrix import (
     BlockMatrix,
+    Store,
     block_order,
     blocks_of,
     check_memory,
@@ -31,7 +32,6 @@ from airtact.acoustics.solvers.bem.block_matrix import (
 from airtact.acoustics.solvers.bem.board_field import (
     NOT_ESTIMATED,
     BoardField,
-    Emitting,
     elements_and_boards,
     in_boards,
     reach_of,
@@ -237,7 +237,7 @@ class BoundaryElement(Solver):
         inside = in_boards(scene, sources)
         if inside.any():
             return self._from_boards(scene, sources, inside)
-        return self._radiate(scene, sources)
+        return self._radiate(scene, sources, sources.refined_positions)
 
     def _from_boards(
         self, scene: Scene, sources: Monopoles, inside: Bool[np.ndarray, "sources"]
@@ -248,13 +248,12 @@ class BoundaryElement(Solver):
         Together with the sources they are solved for around the other bodies.
         """
         refined = sources.positions[~inside]
-        emitting = Emitting(sources.positions, sources.strengths, refined)
         # ten times the usual accuracy, because its error is not estimated
-        with_boards = self._radiate(scene, emitting, 0.1 * self.accuracy, ("transposed",))
+        with_boards = self._radiate(scene, sources, refined, 0.1 * self.accuracy, ("transposed",))
         rest = without_boards(scene)
-        from_all = elements_and_boards(with_boards, refined)
+        from_all = elements_and_boards(with_boards)
         if rest.obstacles:
-            around = self._radiate(rest, from_all)
+            around = self._radiate(rest, from_all, refined)
         else:
             around = FreeField().radiate(rest, from_all)
         boards = replace(
@@ -271,6 +270,7 @@ class BoundaryElement(Solver):
         self,
         scene: Scene,
         sources: Monopoles,
+        refined: Points,
         tolerance: float | None = None,
         equations: Sequence[Equation] = (),
     ) -> BoundaryField:
@@ -278,6 +278,7 @@ class BoundaryElement(Solver):
 
         Parameters
         ----------
+        refined : points beside which the panels are smaller [m].
         tolerance : residual to stop at; follows from the accuracy unless given.
         equations : which to solve. By default both for an estimate; else the direct one for
             elements in boards, or the transposed one.
@@ -290,20 +291,22 @@ class BoundaryElement(Solver):
         clock = Clock(self.progress)
         excitations = sources.strengths.shape[1]
         with clock.step("panels", "covering the bodies with panels"):
-            panels = _in_block_order(self._panels(scene, sources.refined_positions))
+            panels = _in_block_order(self._panels(scene, refined))
             nodes = _place_nodes(panels, scene)
         count = len(nodes.points)
         by_elimination = worth_eliminating(count, excitations)
 
         with clock.step("matrix", f"filling the matrix of {count} unknowns"):
             surface = self._surface(nodes, scene, scene.obstacles)
+            store: Store = self.precision
+            error = None
             if by_elimination:
-                check_memory(count, self.precision, 2 * blocks_of(count) ** 2)  # with its factors
-                store, error = self.precision, None
-            else:
-                rounded = self.precision == "float32" and self.accuracy >= SETTINGS.bfloat16
-                store = "bfloat16" if rounded else self.precision
-                error = self._low_rank_error(scene)
+                check_memory(count, store, 2 * blocks_of(count) ** 2)  # with its factors
+            elif self.precision == "float32":
+                if self.accuracy >= SETTINGS.bfloat16:
+                    store = "bfloat16"
+                before_plane = SETTINGS.low_rank_before_plane if scene.planes else 1.0
+                error = SETTINGS.low_rank_error * self.accuracy * before_plane
             matrices = [assemble(surface, store, error, plane) for plane in (None, *scene.planes)]
 
         solved: dict[Equation, GmresResult] = {}
@@ -358,10 +361,15 @@ class BoundaryElement(Solver):
         with clock.step("estimate", "estimating the error"):
             probes = _probes(scene, nodes, surface.near_rule.reach)
             estimate = float(solved_field.error_at(probes).max())
-        warnings = (*_warnings(estimate, self.wanted), *report.warnings)
-        return replace(
-            solved_field, report=replace(report, estimated_error=estimate, warnings=warnings)
-        )
+        report = replace(report, estimated_error=estimate)
+        if estimate > 1.5 * self.wanted:
+            warning = (
+                f"{OF_THE_DIRECT} is estimated to be {100 * estimate:.1f} % off, and "
+                f"{100 * self.wanted:.1f} % was asked: uneven triangles, a narrow gap, or a source "
+                "on the surface; a transfer matrix is more accurate then"
+            )
+            report = replace(report, warnings=(warning, *report.warnings))
+        return replace(solved_field, report=report)
 
     def factorised(self, scene: Scene, refined: Points | None = None) -> FactorisedBodies:
         """Factorise each body once: a solver for these bodies, for any sources and rigid motions.
@@ -567,13 +575,6 @@ class BoundaryElement(Solver):
         nodes = SETTINGS.yielding_nodes if yielding else 1.0
         return 0.5 * self.panel_edge(scene.wavelength) / math.sqrt(nodes)
 
-    def _low_rank_error(self, scene: Scene) -> float | None:
-        """Relative error of the low-rank blocks; None, for no such blocks, in double precision."""
-        if self.precision == "float64":
-            return None
-        factor = SETTINGS.low_rank_before_plane if scene.planes else 1.0
-        return SETTINGS.low_rank_error * self.accuracy * factor
-
     def _tolerance(self, scene: Scene) -> float:
         """Relative residual to stop at."""
         if self.precision == "float64":
@@ -629,12 +630,3 @@ def _probes(scene: Scene, nodes: Nodes, reach: float) -> Float64[np.ndarray, "pr
     panels = panels[:: math.ceil(len(panels) / SETTINGS.board_probes)]
     before = nodes.centres[panels] + 2.0 * nodes.radii[panels, None] * nodes.normals[6 * panels]
     return before[(scene.depth(before) < 0.0) & ~near_surface(nodes, before, reach)]
-
-
-def _warnings(estimate: float, accuracy: float) -> Iterator[str]:
-    if estimate > 1.5 * accuracy:
-        yield (
-            f"{OF_THE_DIRECT} is estimated to be {100 * estimate:.1f} % off, and "
-            f"{100 * accuracy:.1f} % was asked: uneven triangles, a narrow gap, or a source on the "
-            "surface; a transfer matrix is more accurate then"
-        )

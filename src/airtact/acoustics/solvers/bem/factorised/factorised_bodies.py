@@ -1,32 +1,264 @@
-"""Bodies factorised one by one, for foci that change and bodies that move rigidly."""
+"""Bodies factorised one by one, for foci that change and bodies that move rigidly.
+
+Each body is reduced once (``reduced_body``). Where the bodies stand, their skeletons scatter each
+other's field, and radiate the field around them.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Complex, Complex128, Float64
 
+from airtact import _kernels
 from airtact.acoustics.scene import Obstacle, Scene, check_sources
-from airtact.acoustics.solvers.bem.factorised.placed_body import (
-    Coupling,
-    FactorisedField,
-    PlacedBody,
+from airtact.acoustics.solvers.arrays import (
+    Mask,
+    NodeValues,
+    Points,
+    Pressures,
+    SourcePoints,
+    Strengths,
+    Vectors,
 )
 from airtact.acoustics.solvers.bem.factorised.products import Matrix, product, rounded
 from airtact.acoustics.solvers.bem.factorised.reduced_body import ReducedBody
-from airtact.acoustics.solvers.bem.layer_potentials import project_contacts
+from airtact.acoustics.solvers.bem.layer_potentials import double_layer_transposed, project_contacts
 from airtact.acoustics.solvers.bem.quadrature import CONTACT_REACH
 from airtact.acoustics.solvers.gmres import GmresResult, gmres
-from airtact.acoustics.solvers.problem import RadiatedField, Solver, SolveReport
+from airtact.acoustics.solvers.monopoles import monopole_pressure
+from airtact.acoustics.solvers.problem import (
+    RadiatedField,
+    Solver,
+    SolveReport,
+    SurfaceField,
+    receivers,
+)
 from airtact.acoustics.sources import Monopoles
-from airtact.checks import counted
+from airtact.checks import counted, points_of
 from airtact.errors import InvalidInput
 from airtact.geometry.panels import LARGEST_TO_POINT, LONGEST_TO_EQUILATERAL
 from airtact.geometry.pose import Pose
 from airtact.geometry.surface import rigid_motion
-from airtact.printing import one_line
+from airtact.printing import in_short, one_line
 from airtact.timing import Clock
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedBody:
+    """A reduced body, and the pose from its own frame to the scene."""
+
+    reduced: ReducedBody
+    pose: Pose
+
+    __repr__ = in_short
+
+    @cached_property
+    def local(self) -> Pose:
+        """From the scene to the body's own frame."""
+        return self.pose.inverse()
+
+    @cached_property
+    def ball(self) -> tuple[Float64[np.ndarray, "3"], float]:
+        """Centre and radius of a ball that holds all nodes [m]."""
+        tree = self.reduced.tree
+        centre = self.pose.apply(0.5 * (tree.mins + tree.maxes))
+        return centre, 0.5 * float(np.linalg.norm(tree.maxes - tree.mins))
+
+    def clear_of(self, points: Points, reach: float) -> bool:
+        """Whether all points are beyond a reach [m] of all nodes, by the ball alone."""
+        centre, radius = self.ball
+        offset = points - centre
+        squares = np.einsum("pd,pd->p", offset, offset)
+        return bool(squares.min(initial=np.inf) > (radius + reach) ** 2)
+
+    def reaches(self, points: Points) -> Mask:
+        """Which points are too near for the skeletons."""
+        reach = self.reduced.reach
+        near = self.in_box(points, reach)
+        if near.any():
+            local = self.local.apply(points[near])
+            near[near] = np.isfinite(self.reduced.tree.query(local, distance_upper_bound=reach)[0])
+        return near
+
+    def in_box(self, points: Points, beyond: float = 0.0) -> Mask:
+        """Which points lie in the box around the body, or within ``beyond`` [m] of it."""
+        tree = self.reduced.tree
+        local = self.local.apply(points)
+        return ((local > tree.mins - beyond) & (local < tree.maxes + beyond)).all(axis=1)
+
+    def right_side(
+        self,
+        positions: SourcePoints,
+        strengths: Strengths,
+        contact: Bool[np.ndarray, "sources"],
+    ) -> NodeValues:
+        """Right-hand side at all nodes for monopoles; ``contact`` marks those on a surface."""
+        surface = self.reduced.surface
+        return double_layer_transposed(
+            self.local.apply(positions),
+            surface.nodes,
+            strengths,
+            surface.wavenumber,
+            near_rule=surface.near_rule,
+            precision=surface.precision,
+            contact=contact,
+        )
+
+    def coupling_from(self, source: "PlacedBody") -> Complex[np.ndarray, "rows columns"]:
+        """−D(x) + i D(x') at the rows' skeleton, D the double layer of the source's columns."""
+        count = len(self.reduced.rows)
+        points = self.pose.apply(self.reduced.row_points)
+        nodes, normals, single = source.reduced.column_nodes
+        layer = _kernels.Layer(
+            source.pose.apply(nodes),
+            source.pose.rotate(normals),
+            single,
+            complex(self.reduced.surface.wavenumber),
+        )
+        block = np.empty((count, len(nodes)), dtype=self.reduced.solved.dtype)
+        _kernels.dual_matrix(points[:count], points[count:], layer, block)
+        return block
+
+
+@dataclass(frozen=True, eq=False)
+class Coupling:
+    """How placed bodies scatter each other's field: a block for each (receiving, emitting) pair."""
+
+    placed: tuple[PlacedBody, ...]
+    blocks: dict[tuple[int, int], Complex[np.ndarray, "rows columns"]]
+
+    __repr__ = in_short
+
+    @classmethod
+    def of(cls, placed: Sequence[PlacedBody]) -> "Coupling | None":
+        """Couple each body to each other one; None where two are too near for their skeletons."""
+        for index, first in enumerate(placed):
+            for second in placed[:index]:
+                points = second.pose.apply(second.reduced.surface.nodes.points)
+                if first.reaches(points).any():
+                    return None
+        blocks = {
+            (receiver, emitter): placed[receiver].coupling_from(placed[emitter])
+            for receiver in range(len(placed))
+            for emitter in range(len(placed))
+            if receiver != emitter
+        }
+        return cls(tuple(placed), blocks)
+
+    def times(
+        self, densities: Complex[np.ndarray, "excitations rows"]
+    ) -> Complex[np.ndarray, "excitations rows"]:
+        """Apply the equation for the densities y on all skeletons: y_b + Σ_c S_b K_cbᵀ y_c."""
+        out = densities.copy()
+        for body, own in enumerate(self.parts):
+            incident = [
+                product(self.blocks[emitter, body], densities[:, part], transposed=True)
+                for emitter, part in enumerate(self.parts)
+                if emitter != body
+            ]
+            if incident:
+                total = incident[0] if len(incident) == 1 else np.sum(incident, axis=0)
+                out[:, own] += product(self.placed[body].reduced.scattering, total)
+        return out
+
+    @cached_property
+    def parts(self) -> list[slice]:
+        """Where the densities of each body stand among those of all."""
+        ends = np.cumsum([len(body.reduced.rows) for body in self.placed]).tolist()
+        return [slice(begin, end) for begin, end in pairwise([0, *ends])]
+
+
+@dataclass(frozen=True, eq=False)
+class FactorisedField(RadiatedField):
+    """The field of some monopoles around factorised bodies, known away from their surfaces only.
+
+    Attributes
+    ----------
+    densities : strengths of the skeletons' monopoles, which radiate the scattered field [Pa·m].
+    factors : 1 for sources off the surface, 2 for those on it, which radiate with their image.
+    """
+
+    scene: Scene
+    sources: Monopoles
+    placed: tuple[PlacedBody, ...]
+    densities: Complex128[np.ndarray, "rows excitations"]
+    factors: Float64[np.ndarray, "sources"]
+    report: SolveReport
+
+    __repr__ = RadiatedField.__repr__
+
+    @property
+    def on_surface(self) -> SurfaceField:
+        """Raise InvalidInput: the reduced scattering does not give the pressure on the surfaces."""
+        raise InvalidInput(
+            "the pressure on the surface of factorised bodies is not solved for; solve the scene "
+            "with BoundaryElement.",
+            code="not_supported",
+        )
+
+    def valid(self, points: Points) -> Mask:
+        """Whether points lie outside the bodies and farther off than the skeletons' reach."""
+        points = points_of(points, "points", least=0)
+        if all(body.clear_of(points, body.reduced.reach) for body in self.placed):
+            return np.ones(len(points), dtype=bool)
+        valid = ~np.any([body.reaches(points) for body in self.placed], axis=0)
+        within = valid & np.any([body.in_box(points) for body in self.placed], axis=0)
+        valid[within] = self.scene.depth(points[within]) < 0
+        return valid
+
+    def at(self, points: Points) -> Pressures:
+        """Total pressure [Pa] of each excitation, off the sources; NaN where ``valid`` is False."""
+        emitted = self.factors[:, None] * self.sources.strengths
+        return self._pressure(receivers(points, self.sources), self.sources.positions, emitted)
+
+    def scattered_at(self, points: Points) -> Pressures:
+        """Scattered pressure [Pa], also at the sources; NaN where ``valid`` is False."""
+        image = self.factors > 1
+        return self._pressure(
+            points_of(points, "points", least=0),
+            self.sources.positions[image],
+            self.sources.strengths[image],
+        )
+
+    def _pressure(
+        self, points: Vectors, positions: SourcePoints, strengths: Strengths
+    ) -> Pressures:
+        """Pressure [Pa] of the skeletons and of some monopoles in open air."""
+        valid = self.valid(points)
+        inside = points if valid.all() else points[valid]
+        wavenumber = self.scene.wavenumber
+        precision = self.placed[0].reduced.surface.precision
+        pressure = monopole_pressure(inside, positions, strengths, wavenumber, "float64")
+        scattering, densities = self._scattering(inside)
+        pressure += monopole_pressure(inside, scattering, densities, wavenumber, precision)
+        if valid.all():
+            return pressure
+        out = np.full((len(points), pressure.shape[1]), np.nan, dtype=np.complex128)
+        out[valid] = pressure
+        return out
+
+    def _scattering(
+        self, points: Vectors
+    ) -> tuple[Float64[np.ndarray, "sources 3"], Complex[np.ndarray, "sources excitations"]]:
+        """Monopoles that radiate to some points: those at the skeletons, or fewer if far."""
+        positions = []
+        strengths = []
+        begin = 0
+        for body in self.placed:
+            reduced = body.reduced
+            far = reduced.far
+            own = self.densities[begin : begin + len(reduced.rows)]
+            begin += len(own)
+            if body.clear_of(points, far.reach):
+                positions.append(body.pose.apply(far.positions))
+                strengths.append(product(far.combinations, own.T).T)
+            else:
+                positions.append(body.pose.apply(reduced.row_points))
+                strengths += [own, -1j * own]
+        return np.concatenate(positions), np.concatenate(strengths)
 
 
 @dataclass(frozen=True, eq=False)
