@@ -12,7 +12,7 @@ import pytest
 import airtact as at
 from airtact.geometry.primitives import Capsule
 from paths import ROOT
-from references import axisymmetric, two_spheres
+from references import axisymmetric, relative, two_spheres
 
 SPHERES = json.loads((ROOT / "tests/references/acoustotreams.json").read_text())
 STRENGTHS = json.loads((ROOT / "tests/references/echosms.json").read_text())
@@ -25,10 +25,6 @@ FAR = 1000.0
 def shapes(case: dict) -> list[Capsule]:
     placed = zip(case["radii"], case["centres"], strict=True)
     return [Capsule(radius, 0.0, at.Pose(np.eye(3), np.array(centre))) for radius, centre in placed]
-
-
-def relative(found: np.ndarray, true: np.ndarray) -> float:
-    return float(np.linalg.norm(found - true) / np.linalg.norm(true))
 
 
 @pytest.mark.parametrize("case", SPHERES["cases"], ids=lambda case: f"{len(case['radii'])} spheres")

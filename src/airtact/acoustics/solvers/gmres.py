@@ -85,6 +85,7 @@ def gmres(
             basis = np.concatenate([basis, np.empty_like(basis)])
         basis[step] = product(basis[step - 1])
         _kernels.krylov_step(basis[: step + 1], spaces)
+        # Givens rotations leave the residual in the last entry
         residuals = np.abs(spaces.right[:, step])
         if not (residuals < tolerance).all():  # NaN is never small
             continue

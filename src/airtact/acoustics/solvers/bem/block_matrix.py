@@ -118,6 +118,7 @@ class BlockMatrix:
         pairs = BlockPairs.of(whole)
         others = BlockPairs.of(~whole)
         rows = len(pairs.column) * lanes
+        # blocks and factors share one piece of memory, which the next matrix may reuse
         memory = _allocate((rows + room) * 2 * words * word.itemsize)
         numbers = memory[: (rows + room) * 2 * words * word.itemsize].view(word)
         ranks, begin = np.zeros((2, len(others.column)), dtype=np.int64)
@@ -223,9 +224,11 @@ def eliminate(
     total: Complex[np.ndarray, "nodes nodes"] = matrices[0].dense()
     for matrix in matrices[1:]:
         total += matrix.dense()
+    # in place: the matrix is the largest object of a solve
     factors = scipy.linalg.lu_factor(total, overwrite_a=True, check_finite=False)
     sides = right.astype(total.dtype)
     solution = scipy.linalg.lu_solve(factors, sides, trans=int(transposed), check_finite=False)
+    # one product checks all right-hand sides at once
     summed = np.ascontiguousarray(solution.sum(axis=1)[None])
     product = sum(matrix.times(summed, transposed)[0] for matrix in matrices)
     wanted = right.sum(axis=1)

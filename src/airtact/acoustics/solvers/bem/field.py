@@ -192,6 +192,7 @@ class BoundaryField(RadiatedField):
             out[away] = self.direct_at(located.points[away], total)
             return out
         out[away] = self.transposed.at(located.points[away], total)
+        # the mean of both is symmetric in source and receiver
         both = self._served_by_both
         if both.any():
             direct = self.direct_at(located.points[away], total)[:, both]
@@ -209,6 +210,7 @@ class BoundaryField(RadiatedField):
         direct = self._served_by_both | (self.density is None)
         if not direct.all() and not near.all():
             out[off] = self.transposed.at(points, total, cells)
+        # near the surface, or for sources away from it, the direct solution is the better one
         close = located.near & located.outside
         if direct.any() or close.any():
             refined = self.direct.refined(located.points[close])
@@ -252,6 +254,7 @@ class BoundaryField(RadiatedField):
         if self.pressure is None or self.density is None:
             return np.full(self._excitations, np.nan), np.full(len(points), np.nan)
         points = self._lifted(points)
+        # their difference shows the errors that they do not share
         transposed = self.transposed.at(points)
         size = np.linalg.norm(transposed, axis=0)
         difference = self.direct_at(points) - transposed
@@ -269,6 +272,7 @@ class BoundaryField(RadiatedField):
         nearest = KDTree(nodes.points).query(points[near])[1]
         radius = nodes.radii[nearest // 6]
         away = points[near] + radius[:, None] * nodes.normals[nearest]
+        # moved points must not come near another surface
         free = -self.scene.depth(away) > 0.5 * radius
         points = points.copy()
         points[near[free]] = away[free]
@@ -318,6 +322,7 @@ class BoundaryField(RadiatedField):
         away = located.outside & ~located.near
         close, gradient_close = self._gradient_at_surface(points, np.flatnonzero(located.outside))
         gradient[close] = gradient_close
+        # points at the surface are done; two kinds are left
         between[close] = False
         away[close] = False
         gradient[between] = self._gradient_near(points[between])
@@ -350,11 +355,13 @@ class BoundaryField(RadiatedField):
         panel = contacts.panel
         feet, normals = points_at(nodes.quadratic_triangles[panel], contacts.reference)
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        # blend from the surface (0) to the least height of differences (1)
         touching = contacts.distance < nodes.contact[panel]
         height = np.where(touching, 0.0, contacts.distance / least)
         gradient = surface_gradient(nodes, panel, contacts.reference, self.direct_at)
         yielding = nodes.admittance[panel] != 0
         if yielding.any():
+            # an impedance prescribes the normal slope: ∂p/∂n = −(ikρc/Z) p
             rates = -1j * self.scene.wavenumber * nodes.admittance[panel[yielding], None]
             rises = rates * self.direct_at(feet[yielding])
             gradient[yielding] += normals[yielding, :, None] * rises[:, None]

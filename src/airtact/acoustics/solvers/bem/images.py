@@ -23,6 +23,7 @@ def surface_with_images(surface: DualSurface, planes: Sequence[Plane]) -> DualSu
     for plane in planes:
         nodes = surface.nodes
         panels = nodes.quadratic_triangles
+        # the images count as further bodies
         mirrored = plane.image(panels.reshape(-1, 3)).reshape(panels.shape)[:, _MIRRORED]
         bodies = nodes.body[::6]
         both = place_nodes(

@@ -200,6 +200,7 @@ def double_layer_transposed(
     excitations = strengths.shape[1]
     total = np.zeros((len(nodes.points), excitations), dtype=np.complex128)
     near = np.zeros(len(points), dtype=bool)
+    # near sources in double precision, because they may touch a panel at its edge
     for group, rows in _near_groups(nodes, points, contact, wavenumber, near_rule, "float64"):
         pairs = np.repeat(strengths[group], np.diff(rows.first), axis=0)
         by_panel = total.reshape(-1, 6, excitations)
@@ -228,6 +229,7 @@ def find_contacts(nodes: Nodes, points: Points, within: float = 0.0) -> NearPair
     """Find the points that touch the surface or are nearer than ``within`` [m], and their panel."""
     near = integrate_near(nodes, points, 1.1, 0j, (1, 1))  # only distances are of interest
     touching = np.flatnonzero(near.distance < np.maximum(nodes.contact[near.panel], within))
+    # keep each point once, with the panel that is nearest
     nearest_first = touching[np.argsort(near.distance[touching], kind="stable")]
     target, first = np.unique(near.target[nearest_first], return_index=True)
     pair = nearest_first[first]
@@ -284,11 +286,13 @@ def locate(scene: Scene, nodes: Nodes, points: Points, near_rule: NearRule) -> L
     outside = np.ones(len(positions), dtype=bool)
     first, panel = near_lists(nodes, positions, near_rule.reach * nodes.radii)
     near = np.diff(first) > 0
+    # outside the box around all panels every point is outside
     reach = nodes.radii[:, None]
     lower = (nodes.centres - reach).min(axis=0)
     upper = (nodes.centres + reach).max(axis=0)
     in_box = ((positions > lower) & (positions < upper)).all(axis=1)
     if near.any() or in_box.any():
+        # distance within which a point may touch one of its near panels
         touch = np.zeros(len(positions))
         if len(panel):
             touch[near] = np.maximum.reduceat(nodes.contact[panel], first[:-1][near])
@@ -305,13 +309,15 @@ def locate(scene: Scene, nodes: Nodes, points: Points, near_rule: NearRule) -> L
         _kernels.apply_double_layer(
             positions[in_box], layer, ones[: len(area)], 0.0, "float32", solid
         )
-        outside[in_box] = solid[:, 0].real > -0.5
+        outside[in_box] = np.real(solid[:, 0]) > -0.5
+        # the panels deviate from the true surface, so its distance only preselects contacts
         close = measured[np.abs(depth) < CONTACT_REACH * touch[measured]]
         positions[close], contact[close] = project_contacts(nodes, positions[close])
         outside[contact] = True
+        # between true surface and panel the panels decide, because they carry the field
         doubtful = measured[(np.abs(depth) < touch[measured]) & ~contact[measured]]
         solid = double_layer_pressure(positions[doubtful], nodes, ones, 0j, near_rule, "float32")
-        outside[doubtful] = solid[:, 0].real > -0.5
+        outside[doubtful] = np.real(solid[:, 0]) > -0.5
     if scene.planes:
         outside[~before_planes(scene.planes, points)] = False
     return Located(positions, near, contact, outside)

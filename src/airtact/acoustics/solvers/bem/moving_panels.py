@@ -64,6 +64,7 @@ class MovingPanels:
         """
         nodes = self._surface(self.corners, self.inside).nodes
         normals = nodes.panel_normals
+        # a panel faces a point that is before its plane
         height = np.einsum("pd,pd->p", normals, nodes.centres)
         seen = np.einsum("pd,qd->pq", normals, points) > height[:, None]
         kept = seen.mean(axis=1) >= share

@@ -84,6 +84,7 @@ def dual_surface(
     ``least`` is a lower bound of the thickness at each node [m].
     """
     wavelength = 2 * np.pi / wavenumber.real
+    # deeper points would come near the opposite side of a thin body
     depth = 0.3 * thickness(nodes, THICK * wavelength, least)
     inside = (nodes.points - depth[:, None] * nodes.normals).reshape(-1, _kernels.sharing, 3)
     shifted = np.einsum("gsd->gd", inside) / _kernels.sharing  # np.mean takes ten times as long
@@ -118,9 +119,11 @@ def assemble(
         points = image.image(points)
         shifted = image.image(shifted)
         centres = image.image(centres)
+    # entries of panels near a collocation point are corrected by a near integral
     both = np.concatenate([points, shifted])
     rows = near_rows(nodes, both, surface.wavenumber, surface.near_rule, surface.precision)
     near, near_shifted = rows.split(len(points))
+    # blocks with such entries, or with panels close to each other, are stored whole
     blocks = blocks_of(len(points))
     whole = np.ones((blocks, blocks), dtype=bool)
     if error is not None:
@@ -184,6 +187,7 @@ def transposed_right_side(
     surface, 2 on it, where Green's formula gives half the pressure.
     """
     positions, contact = project_contacts(surface.nodes, positions)
+    # a source on a hard surface acts together with its image
     factors = np.where(contact, 2.0, 1.0)
     emitting = with_images(planes, Monopoles(positions, factors[:, None] * strengths))
     touching = np.zeros(len(emitting.positions), dtype=bool)

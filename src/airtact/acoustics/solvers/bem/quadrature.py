@@ -33,7 +33,8 @@ def _degree_four_rule() -> tuple[Float64[np.ndarray, "6 2"], Float64[np.ndarray,
     """
     root = np.sqrt(38 - 44 * np.sqrt(2 / 5))
     spread = np.sqrt(213125 - 53320 * np.sqrt(10))
-    points, weights = [], []
+    points = []
+    weights = []
     for sign in (1, -1):
         a = (8 - np.sqrt(10) + sign * root) / 18
         points += [[a, a], [1 - 2 * a, a], [a, 1 - 2 * a]]
@@ -148,6 +149,7 @@ def place_nodes(
         weights=weights,
         body=np.repeat(body, 6),
         quadratic_triangles=panels,
+        # a thousandth of the radius, or more where the panel misses the true surface
         contact=np.maximum(1e-3 * radii, 1.5 * deviation),
         centres=centres,
         radii=radii,

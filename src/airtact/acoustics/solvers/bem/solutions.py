@@ -112,11 +112,13 @@ class DirectSolution:
         close[panel[~in_plane]] = True
         if not close.any():
             return nodes, self.pressure
+        # the pressure on the pieces is that of the integral equation, by Nyström interpolation
         pieces, parents = cut(nodes.quadratic_triangles[close], np.full(int(close.sum()), 2))
         contact = nodes.contact[close][parents]
         admittance = nodes.admittance[close][parents]
         fine = place_nodes(pieces, np.zeros(len(pieces), dtype=np.int64), contact, admittance)
         fine_pressure = self.at(fine.points, np.ones(len(fine.points), dtype=bool), nodal=True)
+        # all other panels stay as they are
         mixed = np.concatenate([nodes.quadratic_triangles[~close], pieces])
         placed = place_nodes(
             mixed,
@@ -160,6 +162,7 @@ class TransposedSolution:
         self,
     ) -> tuple[Float64[np.ndarray, "monopoles 3"], Complex128[np.ndarray, "monopoles excitations"]]:
         """Their positions and strengths, without the checks of ``Monopoles``."""
+        # three nodes share a second point, which radiates −i times the sum of their strengths
         groups = self.density.reshape(-1, _kernels.sharing, self.density.shape[1])
         points = np.concatenate([self.surface.nodes.points, self.surface.shifted])
         return points, np.concatenate([self.density, -1j * np.einsum("gns->gs", groups)])
@@ -200,6 +203,7 @@ def incident_pressure(
         beside = np.flatnonzero(nearest_source(points, sources, near)[0] < near)
         pressure[beside] = incident_pressure(points[beside], sources, surface)
         return pressure
+    # beside a source, float32 leaves a large relative error of the distance
     close = np.ones(len(points), dtype=bool)
     if surface.precision == "float32":
         wavelength = 2 * np.pi / surface.wavenumber.real
@@ -249,7 +253,7 @@ def surface_gradient(
         samples = np.einsum("tkn,tnd->tkd", shape, triangles).reshape(-1, 3)
         sampled = pressure(samples).reshape(len(triangles), len(_SAMPLES), -1)
         # the point has the same reference coordinates in the shrunken triangle as in the panel
-        u, v = point[:, 0], point[:, 1]
+        u, v = point.T
         along_u = np.stack([a * u ** max(a - 1, 0) * v**b for a, b in _POWERS], axis=1)
         along_v = np.stack([b * u**a * v ** max(b - 1, 0) for a, b in _POWERS], axis=1)
         rises = np.stack(
@@ -262,6 +266,7 @@ def surface_gradient(
         tangents = np.stack(
             [np.einsum("tn,tnd->td", slope, triangles) for slope in shape_gradients(point)], axis=1
         )
+        # slopes along the reference coordinates become a tangential vector
         metric = np.linalg.inv(tangents @ tangents.transpose(0, 2, 1))
         gradients.append(np.einsum("tad,tab,tbs->tds", tangents, metric, rises))
     return np.concatenate(gradients)

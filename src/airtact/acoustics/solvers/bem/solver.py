@@ -341,6 +341,7 @@ class BoundaryElement(Solver):
             iterations=max(result.iterations for result in solved.values()),
             citations=citations,
         )
+        # images have the pressure and the density of their bodies, so they need no solve
         values = {
             equation: values_with_images(result.solution.astype(np.complex128).T, scene.planes)
             for equation, result in solved.items()
@@ -404,6 +405,7 @@ class BoundaryElement(Solver):
         bodies = []
         for body, obstacle in enumerate(scene.obstacles):
             with clock.step("bodies", f"factorising body {body}"):
+                # each body has a matrix of its own, without low-rank blocks
                 own = panels.body == body
                 nodes = place_nodes(
                     panels.quadratic_triangles[own],
@@ -533,6 +535,7 @@ class BoundaryElement(Solver):
 
     def _surface(self, nodes: Nodes, scene: Scene, obstacles: Sequence[Obstacle]) -> DualSurface:
         """Place the second collocation points, and choose how near panels are integrated."""
+        # closed forms know how thick they are; only elsewhere is the thickness measured
         least = np.empty(len(nodes.points))
         for index, obstacle in enumerate(obstacles):
             own = nodes.body == index
@@ -550,6 +553,7 @@ class BoundaryElement(Solver):
     def _panels(self, scene: Scene, refined: Points) -> Panels:
         """Cover the bodies with panels, smaller ones near the refined points."""
         smallest = self._smallest_edge(scene)
+        # a panel may turn by a part of a full circle
         around = _at_accuracy(SETTINGS.panels_around, self.accuracy)
         if not self.estimate and self.accuracy >= SETTINGS.drives:
             around = SETTINGS.panels_around_for_drives
@@ -628,5 +632,6 @@ def _probes(scene: Scene, nodes: Nodes, reach: float) -> Float64[np.ndarray, "pr
         return surrounding_points(scene, nodes.points)
     panels = np.flatnonzero(np.isin(nodes.body[::6], scene.boards))
     panels = panels[:: math.ceil(len(panels) / SETTINGS.board_probes)]
+    # two radii off, because the monopoles of the transposed solution act one by one nearer
     before = nodes.centres[panels] + 2.0 * nodes.radii[panels, None] * nodes.normals[6 * panels]
     return before[(scene.depth(before) < 0.0) & ~near_surface(nodes, before, reach)]

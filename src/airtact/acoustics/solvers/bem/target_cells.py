@@ -77,6 +77,7 @@ class Cells:
         bounds = len(self.grids) // cells * np.arange(cells + 1)
         at_grids = _kernels.Cells(self.grids, bounds, self.centres, self.reach)
         _kernels.apply_in_cells(at_grids, False, layer, strengths, least, far)
+        # the far part is smooth in a cell: interpolate it
         cell = np.repeat(np.arange(cells), np.diff(self.first))
         _, b, c = (part.shape[1] for part in self.weights)
         steps = np.array([b * c * excitations, c * excitations])
@@ -96,6 +97,7 @@ def cells_of(points: Points, wavelength: float, error: float) -> Cells | None:
     order, beyond = grids[0]
     middle = points.mean(axis=0)
     across = np.ascontiguousarray((points - middle).T)
+    # cells lie along the principal axes of the points, so that a picture has one layer of them
     _, axes = np.linalg.eigh(across @ across.T)  # the thinnest first
     local = axes.T @ across
     low = local.min(axis=1)
@@ -107,6 +109,7 @@ def cells_of(points: Points, wavelength: float, error: float) -> Cells | None:
     if count.prod() > 2**16 or size.prod() > MAX_GRID_SHARE * len(points):
         return None
     width = np.where(deep, extent, wavelength) / count
+    # number the cells row by row, and leave out empty ones
     number = np.zeros(len(points), dtype=np.int64)
     for axis in np.flatnonzero(count > 1):
         index = ((local[axis] - low[axis]) / width[axis]).astype(np.int64)
@@ -118,6 +121,7 @@ def cells_of(points: Points, wavelength: float, error: float) -> Cells | None:
     number = np.searchsorted(used, number[sorting])
     centres = low + (np.stack(np.unravel_index(used, count), axis=1) + 0.5) * width
     centres[:, ~deep] = (low + 0.5 * extent)[~deep]
+    # Chebyshev points in each cell, and their weights at the points
     nodes = [np.cos(np.pi * (np.arange(n) + 0.5) / n) for n in size.tolist()]
     grid = np.stack(np.meshgrid(*nodes, indexing="ij"), axis=-1).reshape(-1, 3) * width / 2
     weights = [

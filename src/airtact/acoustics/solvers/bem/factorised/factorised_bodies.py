@@ -154,6 +154,7 @@ class Coupling:
         """Apply the equation for the densities y on all skeletons: y_b + Σ_c S_b K_cbᵀ y_c."""
         out = densities.copy()
         for body, own in enumerate(self.parts):
+            # field of the other bodies at the columns of this one, then its scattering
             incident = [
                 product(self.blocks[emitter, body], densities[:, part], transposed=True)
                 for emitter, part in enumerate(self.parts)
@@ -252,6 +253,7 @@ class FactorisedField(RadiatedField):
             far = reduced.far
             own = self.densities[begin : begin + len(reduced.rows)]
             begin += len(own)
+            # far receivers such as an array take fewer monopoles
             if body.clear_of(points, far.reach):
                 positions.append(body.pose.apply(far.positions))
                 strengths.append(product(far.combinations, own.T).T)
@@ -319,6 +321,7 @@ class FactorisedBodies(Solver):
             ]
             densities = np.concatenate(alone, axis=1)
             if coupling is self._at_rest:
+                # bodies that have not moved need no iteration
                 inverse, residual = self._inverse
                 solution = product(inverse, densities, transposed=True)
                 result = GmresResult(solution, np.full(len(densities), residual), 0)

@@ -127,6 +127,7 @@ def reduced_body(surface: DualSurface, reach: float, wanted: float) -> ReducedBo
     while True:
         rows, of_rows = _skeleton(_direct_sides, surface, proxies, count, tolerance)
         columns, of_columns = _skeleton(_transposed_sides, surface, proxies, count, tolerance)
+        # solve for the skeleton of the rows only: a few columns instead of all nodes
         exact = scipy.linalg.lu_solve(factors, of_rows.T.astype(kind), check_finite=False)
         full = np.ascontiguousarray(exact.T)
         scattering = rounded(full @ of_columns.T.astype(kind), wanted)
@@ -160,6 +161,7 @@ def _far_monopoles(
     open_air = _open_air(points, candidates, surface.wavenumber)
     radiated = open_air[:, : len(rows)] - 1j * open_air[:, len(rows) :]
     decomposed = scipy.linalg.qr(open_air, mode="economic", pivoting=True, check_finite=False)
+    # pivoted QR picks the columns (monopoles) that span the others
     unitary, upper, order = (np.asarray(part) for part in decomposed)
     few = int(np.count_nonzero(np.abs(np.diag(upper)) > tolerance * np.abs(upper[0, 0])))
     projected = unitary[:, :few].conj().T @ radiated
@@ -276,6 +278,7 @@ def _skeleton(
     while True:
         shape = len(proxies), count
         strengths = random.standard_normal(shape) + 1j * random.standard_normal(shape)
+        # columns of the sketch are right-hand sides at all nodes; dependent nodes are redundant
         sketch = right_sides(surface, proxies, strengths)
         decomposed = scipy.linalg.qr(
             sketch.T.astype(kind), mode="r", pivoting=True, check_finite=False
