@@ -13,7 +13,7 @@ import numpy as np
 
 import airtact as at
 from airtact.drives import goal_value, robust_phase_only, robust_upper_bound
-from airtact.drives.sampling.ensemble import matrices_at
+from airtact.drives.transfer_ensemble import matrices_at
 
 AIR = at.Medium(sound_speed=343.1, density=1.293)
 DRIVES = {"time reversal": at.time_reversal, "robust": at.robust}

@@ -38,8 +38,7 @@ from .drives.drive import quantise as quantise
 from .drives.gerchberg_saxton import weighted_gerchberg_saxton as weighted_gerchberg_saxton
 from .drives.linear_methods import time_reversal as time_reversal
 from .drives.methods import best as best
-from .drives.samples.robust import robust as robust
-from .drives.sampling.ensemble import ensemble as ensemble
+from .drives.robust_drives import robust as robust
 from .drives.transfer import (
     Drive as Drive,
 )
@@ -55,6 +54,7 @@ from .drives.transfer import (
 from .drives.transfer import (
     transfer_matrix as transfer_matrix,
 )
+from .drives.transfer_ensemble import ensemble as ensemble
 from .drives.weakest_focus import max_min as max_min
 from .emission.autd3_link import AUTD3Link as AUTD3Link
 from .emission.emission import Emission as Emission

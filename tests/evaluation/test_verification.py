@@ -172,17 +172,11 @@ def test_a_side_lobe_is_the_strongest_sound_farther_than_a_wavelength_from_the_f
 def test_a_verification_reads_as_sentences(beside_a_ball) -> None:
     exact, _ = beside_a_ball
     text = str(exact)
-    assert "with the energy of this drive" in text
-    assert "mN on the" in text
-    assert "skin round 1 of 2 foci" in text
-    assert "Dalecki" in text
-    assert "Howard" in text
     assert "safety" not in text
     with_head = str(
         replace(exact, head=np.array([101.0, 104.26]), suppression_points=np.array([1.0 + 0j]))
     )
     assert "at the head at most 104.3 dB SPL. This is no safety assessment" in with_head
-    assert "mean p² of 1 suppression points -" in with_head
     assert "334 Pa, with spatiotemporal modulation" in exact.over_thresholds("spatiotemporal")
 
 

@@ -18,7 +18,7 @@ from airtact.drives.linear_methods import (
     time_reversal,
 )
 from airtact.drives.reach import asked_rows, check_foci
-from airtact.drives.samples.robust import robust, robust_phase_only
+from airtact.drives.robust_drives import robust, robust_phase_only
 from airtact.drives.transfer import TransferMatrix
 from airtact.drives.weakest_focus import Stalled, max_min
 from airtact.transducers.levels import FULL_SCALE

@@ -16,41 +16,23 @@ from jaxtyping import Float64, Real
 from airtact.acoustics.scene import Scene
 from airtact.acoustics.target import Target
 from airtact.acoustics.target_points import MAX_OFFSET, frame_of, onto_surface, outward
-from airtact.checks import counted, of_kind, positive
+from airtact.checks import of_kind, positive
 from airtact.drives.methods import MakeDrive, best
-from airtact.drives.sequence import FEWEST, Sequence, sequence_through
+from airtact.drives.sequence import MIN_FRAMES, Sequence, sequence_through
 from airtact.drives.transfer import TransferMatrix
 from airtact.errors import InvalidInput
 
-LATERAL_FREQUENCY = 50.0
-"""Rounds a second of lateral modulation: about the middle, in octaves, of the 10 to 200 Hz of Takahashi and others."""
-
-LATERAL_RADIUS = 3e-3
-"""Radius of its circle [m], which a finger pad holds (T. Morisaki et al., arXiv 2301.11572)."""
-
-DRAWING_SPEED = 7.0
-"""Speed of a focus that draws a shape [m/s], between the 5 and 8 m/s of Frier and others."""
-
-LARGEST_SIZE = 0.1
-"""Largest radius or length of a path [m]: the foci leave any hand beyond it."""
-
-DRAWING_RADIUS = 10e-3
-"""Radius of a circle that is drawn around a single focus [m]."""
-
-FRAMES = 16
+DEFAULT_FRAMES = 16
 """Positions on a path around a focus."""
 
-MOST_FRAMES = 1024
+MAX_FRAMES = 1024
 """As many as an AUTD3 board keeps."""
 
-PATHS, ALONG = ("circle", "line", "points"), ("skin", "array")
-"""The words that a motion takes."""
-
-Kind = Literal["lm", "stm"]
-Path = Literal["circle", "line", "points"]
-Along = Literal["skin", "array"]
+PATHS = ("circle", "line", "points")
+ALONG = ("skin", "array")
 
 Paths = Float64[np.ndarray, "foci frames 3"]
+"""Positions of each focus in each frame [m]."""
 
 
 @dataclass(frozen=True)
@@ -75,58 +57,58 @@ class Motion:
     Raises
     ------
     InvalidInput
-        If a word is none of these, a number is not above zero, there are under 4 or over 1024 frames, or a size or
-        frames are given for the points of the target, which have their own.
+        If a word is unknown, a number is not above zero, there are under 4 or over 1024 frames, or
+        a size or frames are given for the points of the target, which have their own.
     """
 
-    kind: Kind
-    path: Path | None = None
+    kind: Literal["lm", "stm"]
+    path: Literal["circle", "line", "points"] | None = None
     size: float | None = None
     frequency: float | None = None
     frames: int | None = None
-    along: Along | None = None
+    along: Literal["skin", "array"] | None = None
 
     def __post_init__(self) -> None:
-        words = {"kind": ("lm", "stm"), "path": PATHS, "along": ALONG}
-        for name, known in words.items():
-            value = getattr(self, name)
-            if value not in known and not (value is None and name != "kind"):
+        for name, words in (("kind", ("lm", "stm")), ("path", PATHS), ("along", ALONG)):
+            word = getattr(self, name)
+            if word not in words and (word is not None or name == "kind"):
                 raise InvalidInput(
-                    f"the {name} of a motion is {value!r}, but it must be one of {len(known)}: {', '.join(known)}.",
+                    f"the {name} of a motion is {word!r}, but it must be one of "
+                    f"{', '.join(words)}.",
                     code="unknown_name",
                 )
         for name, unit in (("size", "m"), ("frequency", "Hz")):
-            if getattr(self, name) is not None:
-                object.__setattr__(
-                    self, name, positive(getattr(self, name), f"the {name} of a motion", unit)
-                )
-        if self.size is not None and self.size > LARGEST_SIZE:
+            if (value := getattr(self, name)) is not None:
+                object.__setattr__(self, name, positive(value, f"the {name} of a motion", unit))
+        if self.size is not None and self.size > 0.1:  # beyond that foci leave any hand
             raise InvalidInput(
-                f"the radius or length of a path is {self.size:g} m, but a path over a hand has {LARGEST_SIZE:g} m at "
-                "most; is this in millimetres?",
+                f"the radius or length of a path is {self.size:g} m, but a path over a hand has "
+                "0.1 m at most; is this in millimetres?",
                 code="out_of_range",
             )
-        if self.frames is not None and not FEWEST <= self.frames <= MOST_FRAMES:
+        if self.frames is not None and not MIN_FRAMES <= self.frames <= MAX_FRAMES:
             raise InvalidInput(
-                f"a path has {FEWEST} to {MOST_FRAMES} frames, not {self.frames}.",
+                f"a path has {MIN_FRAMES} to {MAX_FRAMES} frames, not {self.frames}.",
                 code="sizes_differ",
             )
-        given = [name for name in ("size", "frames", "along") if getattr(self, name) is not None]
-        if self.path == "points" and given:
+        if self.path != "points":
+            return
+        for name in ("size", "frames", "along"):
+            if getattr(self, name) is not None:
+                raise InvalidInput(
+                    f"{name} = {getattr(self, name)} does not go with the points of the target, "
+                    "which have their own: leave it out.",
+                    code="options_clash",
+                )
+        if self.kind == "lm":
             raise InvalidInput(
-                f"{given[0]} = {getattr(self, given[0])} does not go with the points of the target, which have their "
-                "own: leave it out.",
-                code="options_clash",
-            )
-        if self.path == "points" and self.kind == "lm":
-            raise InvalidInput(
-                'lateral modulation runs around each of the foci, so its path is one of 2: circle or line; "points" '
-                'goes with kind "stm".',
+                "lateral modulation runs around each of the foci, so its path is a circle or a "
+                'line; "points" goes with kind "stm".',
                 code="unknown_name",
             )
 
     def through_points(self, foci: int) -> bool:
-        """Whether one focus runs through the points of a target that has so many."""
+        """Whether one focus runs through the points of a target of this many foci."""
         return self.path == "points" or (self.kind == "stm" and self.path is None and foci > 1)
 
     def paths(self, scene: Scene, target: Target, array_middle: Real[np.ndarray, "3"]) -> Paths:
@@ -140,80 +122,84 @@ class Motion:
 
         Returns
         -------
-        (F, N, 3) a circle begins to the right of its focus, a line at its middle; a line runs to and fro.
+        (F, N, 3); a circle begins to the right of its focus, a line at its middle, and a line runs
+        to and fro.
 
         Raises
         ------
         InvalidInput
-            If a path cannot lie along the surface: it runs into a crevice or before another part of the body.
+            If a path cannot lie along the surface: it runs into a crevice or before another part of the
+        body.
         """
         return np.stack([self._laid(scene, focus, array_middle)[0] for focus in target.points])
 
     def strayed(
         self, scene: Scene, target: Target, array_middle: Real[np.ndarray, "3"]
     ) -> Float64[np.ndarray, "foci frames"]:
-        """Return how much farther from the nearest body than its focus each position is before it is laid on the skin.
+        """Return how much farther from the body each position is than its focus, if left flat.
 
         Parameters are those of ``paths``; (F, N) [m], 0 where a focus is in the air.
         """
-        off = np.zeros((len(target.points), self.frames or FRAMES))
+        off = np.zeros((len(target.points), self.frames or DEFAULT_FRAMES))
         if scene.obstacles:
-            for index, (focus, depth) in enumerate(
-                zip(target.points, scene.depth(target.points), strict=True)
-            ):
+            depths = scene.depth(target.points)
+            for index, (focus, depth) in enumerate(zip(target.points, depths, strict=True)):
                 if -depth <= MAX_OFFSET:
-                    off[index] = depth - scene.depth(self._laid(scene, focus, array_middle)[1])
+                    flat = self._laid(scene, focus, array_middle)[1]
+                    off[index] = depth - scene.depth(flat)
         return off
 
-    def _drawn(self) -> Float64[np.ndarray, "frames 2"]:
+    def _flat_path(self) -> Float64[np.ndarray, "frames 2"]:
         """Return the path in a plane, around the origin [m]."""
-        count = self.frames or FRAMES
-        radius = self.size or (LATERAL_RADIUS if self.kind == "lm" else DRAWING_RADIUS)
-        angles = 2.0 * np.pi * np.arange(count) / count
-        right, upward = np.cos(angles), np.sin(angles)
-        if self.path == "line":
-            radius = radius / 2.0 if self.size else radius
-            right, upward = 2.0 / np.pi * np.arcsin(np.sin(angles)), np.zeros(count)
-        return radius * np.stack([right, upward], axis=1)
+        frames = self.frames or DEFAULT_FRAMES
+        angles = 2.0 * np.pi * np.arange(frames) / frames
+        # A finger pad holds a circle of 3 mm (T. Morisaki et al., arXiv 2301.11572).
+        radius = self.size or (3e-3 if self.kind == "lm" else 10e-3)
+        if self.path != "line":
+            return radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        reach = self.size / 2.0 if self.size else radius
+        to_and_fro = 2.0 / np.pi * np.arcsin(np.sin(angles))
+        return reach * np.stack([to_and_fro, np.zeros(frames)], axis=1)
 
     def _laid(
         self, scene: Scene, focus: Float64[np.ndarray, "3"], array_middle: Real[np.ndarray, "3"]
     ) -> tuple[Float64[np.ndarray, "frames 3"], Float64[np.ndarray, "frames 3"]]:
-        """Lay the path around a focus; return it, and before it was brought to a surface."""
-        plane = self._drawn()
+        """Lay the path around a focus; return it on the skin, and flat before that."""
         surfaces = [obstacle.surface for obstacle in scene.obstacles]
-        away = [-float(surface.depth(focus[None])[0]) for surface in surfaces]
-        nearest = int(np.argmin(away)) if away else -1
-        if self.along == "skin" and (not away or away[nearest] > MAX_OFFSET):
-            far = f"{1e3 * away[nearest]:.3g} mm" if away else "without a body"
+        distances = [-float(surface.depth(focus[None])[0]) for surface in surfaces]
+        distance = min(distances, default=np.inf)
+        on_skin = distance <= MAX_OFFSET
+        if self.along == "skin" and not on_skin:
+            where = f"{1e3 * distance:.3g} mm from the nearest body" if surfaces else "in open air"
             raise InvalidInput(
-                f"a path along the skin is asked, and the focus is {far} away from one, over {1e3 * MAX_OFFSET:g} mm: "
-                'give along = "array".',
+                f"a path along the skin is asked, and the focus is {where}; the limit is "
+                f'{1e3 * MAX_OFFSET:g} mm: give along = "array".',
                 focus,
                 code="misplaced",
             )
-        if self.along == "array" or not away or away[nearest] > MAX_OFFSET:
-            towards = np.asarray(array_middle) - focus
-            normal = towards if np.linalg.norm(towards) > 1e-3 else np.array([0.0, 0.0, 1.0])
-            flat = focus + plane @ np.stack(frame_of(tuple(normal))[:2])
+        if self.along == "array" or not on_skin:
+            normal = np.asarray(array_middle) - focus
+            if np.linalg.norm(normal) <= 1e-3:  # the focus is in the array's middle
+                normal = np.array([0.0, 0.0, 1.0])
+            flat = focus + self._flat_path() @ np.stack(frame_of(tuple(normal))[:2])
             return flat, flat
-        surface = surfaces[nearest]
+        surface = surfaces[distances.index(distance)]
         (normal,) = outward(surface.depth, focus[None])
-        flat = focus + plane @ np.stack(frame_of(tuple(normal))[:2])
-        return onto_surface(flat, surface, away[nearest]), flat
+        flat = focus + self._flat_path() @ np.stack(frame_of(tuple(normal))[:2])
+        return onto_surface(flat, surface, distance), flat
 
     def turns(self, paths: Paths) -> float:
-        """Return how often a second the paths are run: the frequency, or that of the drawing speed [Hz]."""
+        """Return the rounds a second [Hz]: the frequency, or that of the drawing speed."""
         if self.frequency is not None:
             return self.frequency
         if self.kind == "lm":
-            return LATERAL_FREQUENCY
+            return 50.0  # the middle, in octaves, of the 10 to 200 Hz of Takahashi and others
         steps = np.linalg.norm(np.roll(paths, -1, axis=1) - paths, axis=2)
-        return DRAWING_SPEED / float(steps.sum(axis=1).max())
+        return 7.0 / float(steps.sum(axis=1).max())  # between the 5 and 8 m/s of Frier and others
 
 
 def moving_target(target: Target, paths: Paths) -> Target:
-    """Return a target of all positions of all foci, frame by frame, each with what its focus asks.
+    """Return a target of all positions of all foci, frame by frame, with their requests.
 
     Parameters
     ----------
@@ -226,11 +212,9 @@ def moving_target(target: Target, paths: Paths) -> Target:
     suppressed = target.suppression_points
     if target.pressures is not None:
         return Target(points, asked, suppression_points=suppressed)
-    return Target(
-        points,
-        shares=None if target.shares is None and target.phases is None else asked,
-        suppression_points=suppressed,
-    )
+    if target.shares is None and target.phases is None:
+        return Target(points, suppression_points=suppressed)
+    return Target(points, shares=asked, suppression_points=suppressed)
 
 
 def moving_foci(
@@ -256,29 +240,30 @@ def moving_foci(
 
     Returns
     -------
-    A sequence of at least 4 frames; its rounds a second are the nearest to those asked that whole periods allow.
+    A sequence of at least 4 frames; its rounds a second are the nearest that whole periods allow.
 
     Raises
     ------
     InvalidInput
-        If the points do not fill whole frames, the rounds are too many for the clock (how many are possible), or as
-        the method.
+        If the points do not fill whole frames, the rounds are too many for the clock, or as the
+        method.
     """
     of_kind(target, Target, "the target", "moving_target(target, paths)")
-    count, rest = divmod(len(target.points), foci)
-    if rest or not count:
-        points = counted(len(target.points), "point is", "points are")
+    points = len(target.points)
+    if points % foci or not points:
         raise InvalidInput(
-            f"{points} no whole frames of {counted(foci, 'focus', 'foci')}.", code="sizes_differ"
+            f"{points} points do not make whole frames of {foci} foci.", code="sizes_differ"
         )
-    repeat = -(-FEWEST // count)
-    places = np.repeat(np.arange(len(target.points)).reshape(count, foci), repeat, axis=0)
+    # Boards need a few frames; each position is repeated until there are enough.
+    repeat = -(-MIN_FRAMES * foci // points)
+    indices = np.repeat(np.arange(points).reshape(-1, foci), repeat, axis=0)
     turns = positive(turns, "the frequency of the modulation", "Hz")
-    if turns * len(places) > clock:
+    frames = len(indices)
+    if turns * frames > clock:
         raise InvalidInput(
-            f"{turns:g} rounds of {len(places)} frames are more than the {clock:g} periods of the sound in a second: "
-            f"give {clock / len(places):.4g} Hz or less.",
+            f"{turns:g} rounds of {frames} frames are more than the {clock:g} periods of the sound "
+            f"in a second: give {clock / frames:.4g} Hz or less.",
             code="out_of_range",
         )
-    periods = round(clock / (turns * len(places)))
-    return sequence_through(transfer, target, places, clock / periods, method)
+    periods = round(clock / (turns * frames))
+    return sequence_through(transfer, target, indices, clock / periods, method)

@@ -1,4 +1,4 @@
-"""Sequences of drives: modulation makes ultrasound perceptible, which is too fast to be felt by itself.
+"""Sequences of drives, which make ultrasound perceptible; by itself it is too fast to be felt.
 
 Skin feels changes of a few to a few hundred hertz. They come from varying the amplitude (amplitude
 modulation), from moving a focus to and fro (lateral modulation; R. Takahashi, K. Hasegawa, H.
@@ -15,8 +15,8 @@ from jaxtyping import Complex128, Float64, Int64
 
 from airtact.acoustics.scene import Scene
 from airtact.acoustics.target import Target
-from airtact.checks import check_finite, complex_numbers, counted, of_kind, positive
-from airtact.drives.drive import Drive, check_drive
+from airtact.checks import check_finite, complex_numbers, of_kind, positive
+from airtact.drives.drive import Amplitudes, Drive, check_drive
 from airtact.drives.drive_file import save_drives
 from airtact.drives.linear_methods import phase_conjugate
 from airtact.drives.methods import MakeDrive
@@ -28,15 +28,13 @@ from airtact.transducers.layout import PhasedArray
 from airtact.transducers.levels import EIGHT_BITS, FULL_SCALE, Levels
 from airtact.transducers.modulation import FREQUENCY, AmplitudeModulation
 
-FEWEST = 4
-"""Frames that one period of a modulation takes at least."""
-
-Amplitudes = Complex128[np.ndarray, "elements"]
+MIN_FRAMES = 4
+"""Smallest number of frames in one period of a modulation."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sequence:
-    """Drives that are played one after another, and again from the first.
+    """Drives that are played one after another, repeatedly.
 
     Attributes
     ----------
@@ -46,8 +44,8 @@ class Sequence:
     Raises
     ------
     InvalidInput
-        If there is no frame, a number is not finite, a magnitude passes 1 (in which frame), or the rate is not above
-        zero.
+        If there is no frame, a number is not finite, a magnitude exceeds 1, or the rate is not
+        above zero.
     """
 
     drives: Complex128[np.ndarray, "frames elements"]
@@ -79,11 +77,11 @@ class Sequence:
 
     @property
     def seconds(self) -> float:
-        """How long it takes until it begins again [s]."""
+        """Duration of all frames [s]."""
         return len(self.drives) / self.rate
 
     def drive(self, index: int) -> Drive:
-        """Return one frame, counted from 0; raises ``InvalidInput`` if there is no such frame."""
+        """Return one frame, counted from 0; raise ``InvalidInput`` if there is no such frame."""
         if not 0 <= index < len(self):
             raise InvalidInput(
                 f"there is no frame {index}; the sequence has frames 0 to {len(self) - 1}.",
@@ -92,14 +90,9 @@ class Sequence:
         return Drive(self.drives[index])
 
     def pressure(self, transfer: TransferMatrix) -> Complex128[np.ndarray, "frames foci"]:
-        """Pressure at each focus in every frame [Pa]; raises ``InvalidInput`` if the elements differ in number."""
+        """Return the pressure at each focus in every frame [Pa]."""
         of_kind(transfer, TransferMatrix, "the transfer matrix", "transfer_matrix(beacons, array)")
-        if self.drives.shape[1] != transfer.matrix.shape[1]:
-            raise InvalidInput(
-                f"a sequence for {counted(self.drives.shape[1], 'element', 'elements')} does not fit a transfer matrix "
-                f"of {counted(transfer.matrix.shape[1], 'element', 'elements')}.",
-                code="sizes_differ",
-            )
+        transfer.check_fits(self.drive(0))
         return self.drives @ transfer.matrix.T
 
     def save(
@@ -113,7 +106,7 @@ class Sequence:
         levels: Levels = EIGHT_BITS,
         texts: Mapping[str, str] | None = None,
     ) -> None:
-        """Write all frames to a file, which ``load_drive`` reads and ``airtact emit`` sends to boards.
+        """Write all frames to a file, which ``load_drive`` reads and ``airtact emit`` sends.
 
         Parameters and errors are those of ``Drive.save``. A .csv has one line for each element in
         each frame, and its times give the rate where there are 2 frames or more.
@@ -132,7 +125,9 @@ class Sequence:
 
     @property
     def slew(self) -> Float64[np.ndarray, "frames"]:
-        """(N,) largest change |Δd| of an element from each frame to the next, the last to the first: 0 to 2.
+        """(N,) largest change |Δd| of an element from each frame to the next, from 0 to 2.
+
+        The last frame is followed by the first.
 
         Steps of the amplitude make audible noise, and boards that smooth their output lag behind
         large ones.
@@ -158,12 +153,13 @@ def amplitude_modulation(
     Raises
     ------
     InvalidInput
-        If the rate is no whole multiple of the frequency, or less than four times it (the nearest that is), or the
-        depth is outside 0 to 1.
+        If the rate is no whole multiple of the frequency, or less than four times it, or the depth
+        is outside 0 to 1.
 
     Examples
     --------
-    >>> modulated = amplitude_modulation(Drive(np.ones(2, dtype=complex)), frequency=200.0, rate=800.0)
+    >>> drive = Drive(np.ones(2, dtype=complex))
+    >>> modulated = amplitude_modulation(drive, frequency=200.0, rate=800.0)
     >>> (np.abs(modulated.drives[:, 0]) ** 2).round(12).tolist()
     [1.0, 0.5, 0.0, 0.5]
     """
@@ -211,11 +207,11 @@ def spatiotemporal_modulation(
 def sequence_through(
     transfer: TransferMatrix,
     target: Target,
-    places: Int64[np.ndarray, "frames foci"],
+    foci: Int64[np.ndarray, "frames foci"],
     rate: float,
     method: MakeDrive = phase_conjugate,
 ) -> Sequence:
-    """Focus on some points of a target after others, on those of each row at the same time.
+    """Make the sequence that focuses on some points of a target in each frame.
 
     Each frame has the global phase that brings it nearest to the one before, so that steps between
     frames are small.
@@ -223,8 +219,8 @@ def sequence_through(
     Parameters
     ----------
     transfer : of all the points, and of the target's suppression points after them or not.
-    target : the points, with what each asks.
-    places : (N, F) indices of the points of each frame.
+    target : the points and the pressures asked there.
+    foci : (N, F) indices of the points of each frame.
     rate : frames a second.
     method : makes the drive of each frame.
 
@@ -234,63 +230,65 @@ def sequence_through(
         If the target does not fit the matrix, or as the method.
     """
     check_foci(transfer, target)
-    _, first = np.unique(places, axis=0, return_index=True)
     made: dict[tuple[int, ...], Amplitudes] = {}
+    frames = []
     before = None
-    for index in np.sort(first):
-        drive = _frame(transfer, target, places[index], method)
-        if before is not None:
-            turn = np.vdot(drive, before)
-            drive = drive * (turn / abs(turn) if abs(turn) > 0.0 else 1.0)
-        before = drive if drive.any() else before
-        made[tuple(places[index].tolist())] = drive
-    return Sequence(np.stack([made[tuple(row)] for row in places.tolist()]), rate)
+    for indices in foci:
+        key = tuple(indices.tolist())
+        if key not in made:
+            amplitudes = _frame_amplitudes(transfer, target, indices, method)
+            if before is not None:
+                turn = np.vdot(amplitudes, before)
+                amplitudes = amplitudes * (turn / abs(turn) if abs(turn) > 0.0 else 1.0)
+            if amplitudes.any():
+                before = amplitudes
+            made[key] = amplitudes
+        frames.append(made[key])
+    return Sequence(np.stack(frames), rate)
 
 
-def _frame(
-    transfer: TransferMatrix, target: Target, chosen: Int64[np.ndarray, "foci"], method: MakeDrive
+def _frame_amplitudes(
+    transfer: TransferMatrix, target: Target, foci: Int64[np.ndarray, "foci"], method: MakeDrive
 ) -> Amplitudes:
-    """Make the drive of one frame; a frame of which nothing is asked is silent."""
-    phases = 1.0 if target.phases is None else np.exp(1j * target.phases[chosen])
-    weights = target.weights[chosen]
+    """Make the drive of one frame; a frame in which nothing is asked is silent."""
+    weights = target.weights[foci]
     if not weights.any():
         return np.zeros(transfer.matrix.shape[1], dtype=np.complex128)
-    given = (
-        {}
-        if target.pressures is None and target.shares is None
-        else {"pressures": weights * phases}
-    )
-    share = 1.0
+    phases = 1.0 if target.phases is None else np.exp(1j * target.phases[foci])
+    # Shares hold between frames, too: a frame of weaker foci is weaker as a whole.
+    scale = 1.0
+    asked = {}
     if target.shares is not None:
-        given, share = {"shares": weights * phases}, float(weights.max() / target.shares.max())
-    suppressed = transfer.matrix[len(target.points) :]
-    alone = Target(
-        target.points[chosen],
-        **given,
-        suppression_points=target.suppression_points[: len(suppressed)],
+        scale = float(weights.max() / target.shares.max())
+        asked = {"shares": weights * phases}
+    elif target.pressures is not None:
+        asked = {"pressures": weights * phases}
+    suppressed = len(transfer.matrix) - len(target.points)
+    frame_target = Target(
+        target.points[foci], **asked, suppression_points=target.suppression_points[:suppressed]
     )
-    rows = np.append(chosen, np.arange(len(target.points), len(transfer.matrix)))
-    return (
-        share
-        * method(replace(transfer.of_rows(rows), foci=None, wavelength=None), alone).amplitudes
-    )
+    rows = np.append(foci, np.arange(len(target.points), len(transfer.matrix)))
+    # Without their positions the foci of one frame may be at one place.
+    frame_transfer = replace(transfer.of_rows(rows), foci=None, wavelength=None)
+    return scale * method(frame_transfer, frame_target).amplitudes
 
 
-def _frames_of_period(frequency: float, rate: float, least: int = FEWEST) -> int:
+def _frames_of_period(frequency: float, rate: float, least: int = MIN_FRAMES) -> int:
     """Count the frames of a period, and check that the rate fits the frequency."""
     frequency = positive(frequency, "the frequency of the modulation", "Hz")
     rate = positive(rate, "the rate of a sequence", "frames/s")
-    least = max(least, FEWEST)
+    least = max(least, MIN_FRAMES)
     count = round(rate / frequency)
     if count < least:
         raise InvalidInput(
-            f"{rate:g} frames/s give {rate / frequency:.3g} frames a period of {frequency:g} Hz, and {least} are "
-            f"needed: give {least * frequency:g} frames/s or more.",
+            f"{rate:g} frames/s give {rate / frequency:.3g} frames in a period of {frequency:g} "
+            f"Hz, and {least} are needed: give {least * frequency:g} frames/s or more.",
             code="out_of_range",
         )
     if abs(count * frequency - rate) > 1e-6 * rate:
         raise InvalidInput(
-            f"{rate:g} frames/s are no whole multiple of {frequency:g} Hz: the nearest is {count * frequency:.7g}.",
+            f"{rate:g} frames/s are no whole multiple of {frequency:g} Hz: the nearest is "
+            f"{count * frequency:.7g}.",
             code="out_of_range",
         )
     return count

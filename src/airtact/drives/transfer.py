@@ -1,4 +1,4 @@
-"""The transfer matrix H from a drive d to the pressures at the foci, p = H d, and drives by distance alone."""
+"""The transfer matrix H from a drive d to the pressures at the foci, p = H d."""
 
 from dataclasses import dataclass, replace
 
@@ -49,17 +49,19 @@ class TransferMatrix:
 
     def __repr__(self) -> str:
         foci, elements = self.matrix.shape
-        error = f"estimated error {100 * self.estimated_error:.2g} %" * bool(
-            np.isfinite(self.estimated_error)
-        )
+        error = self.estimated_error
         return one_line(
-            self, counted(foci, "focus", "foci"), counted(elements, "element", "elements"), error
+            self,
+            counted(foci, "focus", "foci"),
+            counted(elements, "element", "elements"),
+            f"estimated error {100 * error:.2g} %" if np.isfinite(error) else "",
         )
 
     def _repr_html_(self) -> str:
-        sums, mean = np.abs(self.matrix).sum(axis=1), np.abs(self.matrix).mean(axis=1)
+        magnitudes = np.abs(self.matrix)
         rows = [
-            [str(focus), f"{sums[focus]:.0f}", f"{mean[focus]:.4g}"] for focus in range(len(sums))
+            [str(focus), f"{row.sum():.0f}", f"{row.mean():.4g}"]
+            for focus, row in enumerate(magnitudes)
         ]
         head = ["focus", "alone at full scale [Pa]", "mean of an element [Pa]"]
         return html_table(repr(self), head, rows)
@@ -67,12 +69,15 @@ class TransferMatrix:
     def __post_init__(self) -> None:
         matrix = complex_numbers(self.matrix, "the transfer matrix")
         if matrix.ndim != 2 or matrix.size == 0:
-            words = f"a transfer matrix has the shape (foci, elements), not {matrix.shape}."
-            raise InvalidInput(words, code="wrong_shape")
+            raise InvalidInput(
+                f"a transfer matrix has the shape (foci, elements), not {matrix.shape}.",
+                code="wrong_shape",
+            )
         check_finite(matrix, "the transfer matrix (focus, element)")
         if not matrix.any():
-            words = f"all {matrix.size} entries of the transfer matrix are 0: no element reaches a focus."
-            raise InvalidInput(words, code="all_zero")
+            raise InvalidInput(
+                "the transfer matrix is 0: no element reaches a focus.", code="all_zero"
+            )
         matrix.flags.writeable = False
         object.__setattr__(self, "matrix", matrix)
 
@@ -84,24 +89,27 @@ class TransferMatrix:
         InvalidInput
             If the drive is for another number of elements.
         """
+        self.check_fits(drive)
+        return self.matrix @ drive.amplitudes
+
+    def check_fits(self, drive: Drive) -> None:
+        """Raise ``InvalidInput`` unless given a drive of as many elements."""
         check_drive(drive, "the drive")
         if len(drive) != self.matrix.shape[1]:
             raise InvalidInput(
-                f"a drive of {counted(len(drive), 'element', 'elements')} does not fit a transfer matrix of "
-                f"{counted(self.matrix.shape[1], 'element', 'elements')}.",
+                f"a drive of {counted(len(drive), 'element', 'elements')} does not fit a transfer "
+                f"matrix of {self.matrix.shape[1]}.",
                 code="sizes_differ",
             )
-        return self.matrix @ drive.amplitudes
 
-    def of_rows(self, chosen: Int64[np.ndarray, "rows"]) -> "TransferMatrix":
+    def of_rows(self, rows: Int64[np.ndarray, "rows"]) -> "TransferMatrix":
         """Return the matrix of some of the rows, in this order."""
-        return replace(
-            self, matrix=self.matrix[chosen], foci=None if self.foci is None else self.foci[chosen]
-        )
+        foci = None if self.foci is None else self.foci[rows]
+        return replace(self, matrix=self.matrix[rows], foci=foci)
 
 
 def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatrix:
-    """Build the (F, E) transfer matrix of F foci and E elements by reciprocity, from one solve with unit beacons.
+    """Build the (F, E) transfer matrix by reciprocity, from one solve with unit beacons.
 
     A beacon is a virtual unit source at a focus. Its pressure at an element equals the pressure
     that the element with the same source strength makes at the focus (reciprocity, equation 3 of
@@ -114,8 +122,8 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
     every translation and rotation of the array relative to the bodies (section 3.3 of the paper).
 
     Where the scene has the array's boards (``reflecting_boards``), b_f is the pressure on their
-    faces and counts half: a face of no end doubles it, and its elements have their sensitivity with
-    the board behind them.
+    faces and counts half: an infinite face doubles it, and the sensitivity of its elements is that
+    with the board behind them.
 
     Parameters
     ----------
@@ -125,13 +133,14 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
 
     Returns
     -------
-    The matrix [Pa], with the relative error at the elements that the solver estimates for the worst beacon.
+    The matrix [Pa], with the relative error at the elements that the solver estimates for the worst
+    beacon.
 
     Raises
     ------
     InvalidInput
-        If the sources are not unit beacons, an element reaches into a body, a focus or a body is behind the face of a
-        directional element, or the field is unknown at an element.
+        If the sources are not unit beacons, an element reaches into a body, a focus or a body is
+        behind the face of a directional element, or the field is unknown at an element.
     """
     of_kind(
         beacons,
@@ -142,34 +151,37 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
     sources = beacons.sources
     count = len(sources.positions)
-    if sources.strengths.shape != (count, count) or not np.array_equal(
-        sources.strengths, np.eye(count)
-    ):
+    if not np.array_equal(sources.strengths, np.eye(count)):
         raise InvalidInput(
-            f"the field must be that of unit beacons, one excitation of 1 Pa·m per point, not strengths of shape "
-            f"{sources.strengths.shape} with the largest {np.abs(sources.strengths).max():g} Pa·m: solve for "
-            "target.beacons().",
+            "the field must be that of unit beacons, one excitation of 1 Pa·m per point, not "
+            f"strengths of shape {sources.strengths.shape} with the largest "
+            f"{np.abs(sources.strengths).max():g} Pa·m: solve for target.beacons().",
             code="wrong_kind",
         )
     check_placement(beacons.scene, array, sources.positions)
-    element, strength = array.element, strength_in(beacons.scene, array)
     received = beacons.at(array.face_points.reshape(-1, 3)).reshape(len(array), -1, count)
-    _check_known(received, array)
-    matrix = (
-        strength
-        * element.sensitivity
-        * np.einsum("eqf,q->fe", received, element.weights)
-        * array.gains
-    )
+    unknown = ~np.isfinite(received).all(axis=(1, 2))
+    if unknown.any():
+        first = int(unknown.argmax())
+        raise InvalidInput(
+            f"the field is not known at {int(unknown.sum())} of {len(array)} elements, first "
+            f"element {first} at {in_mm(array.positions[first])}; give a field that reaches them "
+            "all.",
+            array.positions[first],
+            code="data_missing",
+        )
+    element = array.element
+    means = np.einsum("eqf,q->fe", received, element.weights)
+    matrix = strength_in(beacons.scene, array) * element.sensitivity * means * array.gains
     error = float(np.max(beacons.error_at(array.positions)))
     return TransferMatrix(matrix, error, sources.positions, beacons.scene.wavelength)
 
 
 def open_air_matrix(scene: Scene, array: PhasedArray, target: Target) -> TransferMatrix:
-    """Build the transfer matrix as if the bodies were not there, in closed form: the control of every comparison.
+    """Build the transfer matrix without the bodies, in closed form: the control of comparisons.
 
     A drive made from it by the same method as another one, and emitted with the bodies there, shows
-    what knowing the bodies is worth: compare the two at equal peak or equal energy (``compare``).
+    the gain of considering the bodies: compare the two at equal peak or equal energy (``compare``).
     Directivity and calibration of the elements count in both.
 
     Parameters
@@ -193,24 +205,10 @@ def open_air_matrix(scene: Scene, array: PhasedArray, target: Target) -> Transfe
     return transfer_matrix(FreeField().radiate(empty, target.beacons(suppression=True)), array)
 
 
-def _check_known(
-    received: Complex128[np.ndarray, "elements face foci"], array: PhasedArray
-) -> None:
-    unknown = ~np.isfinite(received).all(axis=(1, 2))
-    if unknown.any():
-        first = int(unknown.argmax())
-        raise InvalidInput(
-            f"{int(unknown.sum())} of {len(array)} elements stand where the field is not known, first element {first} "
-            f"at {in_mm(array.positions[first])}; give a field that reaches them all.",
-            array.positions[first],
-            code="data_missing",
-        )
-
-
 def focus_by_distance(
     array: PhasedArray, target: Target, medium: Medium, frequency: float
 ) -> Drive:
-    """Focus as if there were no hand, as a control: the phase of each element follows from its distances to the foci.
+    """Focus by the distances of each element to the foci, as if there were no hand; a control.
 
     d_e = Σ_f e^{−ik r_ef}, the paper's equation 11 in its equation 5, scaled to a largest amplitude
     of 1. All foci count alike, whatever pressures they ask for, and k is the real part of the
@@ -224,17 +222,17 @@ def focus_by_distance(
     Raises
     ------
     InvalidInput
-        If a focus is behind the face of a directional element, the frequency is outside 1 kHz to 1 MHz, or something is
-        of the wrong kind.
+        If a focus is behind the face of a directional element, the frequency is outside 1 kHz to
+        1 MHz, or something is of the wrong kind.
     """
     amplitudes = _by_distance(array, target, medium, frequency)
-    return Drive(amplitudes / np.abs(amplitudes).max())
+    return Drive(amplitudes / np.abs(amplitudes).max())  # a sum of several foci may exceed 1
 
 
 def focus_by_distance_phase_only(
     array: PhasedArray, target: Target, medium: Medium, frequency: float
 ) -> Drive:
-    """Return the phases of ``focus_by_distance`` with every element at full scale; parameters and errors as there."""
+    """Return the phases of ``focus_by_distance`` with every element at full scale."""
     return Drive(np.exp(1j * np.angle(_by_distance(array, target, medium, frequency))))
 
 

@@ -12,7 +12,8 @@ from airtact.acoustics.target import Target
 from airtact.checks import counted, of_kind
 from airtact.drives.drive import Drive, check_drive
 from airtact.errors import InvalidInput
-from airtact.evaluation.metrics import not_modelled, radiate_drives
+from airtact.evaluation.field import radiate_drives
+from airtact.evaluation.metrics import not_modelled
 from airtact.printing import html_table, one_line
 from airtact.timing import Progress
 from airtact.transducers.layout import PhasedArray
@@ -31,7 +32,7 @@ class Comparison:
 
     Attributes
     ----------
-    names : of the D drives.
+    names : of the D drives; the first is the reference.
     target : the foci.
     pressures : for each normalisation of ``HELD_EQUAL``, (D, F) peak pressure of each drive at each
         focus [Pa].
@@ -45,18 +46,25 @@ class Comparison:
     field: RadiatedField
 
     def __repr__(self) -> str:
-        weakest = self.weakest("equal peak")
-        best = int(np.argmax(weakest))
+        pressure, name = self._strongest()
         return one_line(
             self,
             counted(len(self.names), "drive", "drives"),
             counted(len(self.target.points), "focus", "foci"),
-            f"strongest weakest focus at equal peak {weakest[best]:.0f} Pa by {self.names[best]!r}",
+            f"strongest weakest focus at equal peak {pressure:.0f} Pa by {name!r}",
         )
 
     def _repr_html_(self) -> str:
-        title = f"Weakest of {counted(len(self.target.points), 'focus', 'foci')} [Pa], over the first drive's"
-        return html_table(title, ["drive", *self.pressures], self._weakest_rows(), self._notes())
+        foci = counted(len(self.target.points), "focus", "foci")
+        head = ["drive", *self.pressures]
+        title = f"Weakest of {foci} [Pa], over the first drive's"
+        return html_table(title, head, self._weakest_rows(), self._notes())
+
+    def _strongest(self) -> tuple[float, str]:
+        """Return the largest pressure at the weakest focus at equal peak, and its drive's name."""
+        weakest = self.weakest("equal peak")
+        best = int(np.argmax(weakest))
+        return float(weakest[best]), self.names[best]
 
     @property
     def report(self) -> SolveReport:
@@ -64,13 +72,13 @@ class Comparison:
         return self.field.report_at(self.target.points)
 
     def column(self, name: str, phase_only: bool = False) -> int:
-        """Return the index of the right-hand side of ``field`` that belongs to a drive, or to its phases alone.
+        """Return the excitation of ``field`` that belongs to a drive, or to its phases alone.
 
         It raises ``InvalidInput`` where no drive has that name.
         """
         if name not in self.names:
             raise InvalidInput(
-                f"{name!r} is not one of the {len(self.names)} drives: {', '.join(self.names)}.",
+                f"{name!r} is none of the drives: {', '.join(self.names)}.",
                 code="unknown_name",
             )
         return self.names.index(name) + len(self.names) * phase_only
@@ -97,7 +105,7 @@ class Comparison:
         """
         if held_equal not in self.pressures:
             raise InvalidInput(
-                f"{held_equal!r} is not one of the {len(self.pressures)} normalisations: {', '.join(self.pressures)}.",
+                f"{held_equal!r} is none of the normalisations: {', '.join(self.pressures)}.",
                 code="unknown_name",
             )
         return self.pressures[held_equal]
@@ -147,65 +155,56 @@ class Comparison:
         """
         rows: list[dict[str, str | int | float]] = []
         for held_equal, pressures in self.pressures.items():
-            first = np.where(pressures[0] > 0.0, pressures[0], np.nan)
-            for name, got in zip(self.names, pressures, strict=True):
-                for focus, (point, pressure) in enumerate(
-                    zip(self.target.points.tolist(), got.tolist(), strict=True)
-                ):
-                    position = dict(zip("xyz", point, strict=True))
-                    numbers = {"pressure": pressure, "ratio": float(pressure / first[focus])}
+            reference = np.where(pressures[0] > 0.0, pressures[0], np.nan)
+            for drive, name in enumerate(self.names):
+                for focus, (x, y, z) in enumerate(self.target.points.tolist()):
+                    pressure = float(pressures[drive, focus])
                     rows.append(
                         {
                             "held_equal": held_equal,
                             "drive": name,
                             "focus": focus,
-                            **position,
-                            **numbers,
+                            "x": x,
+                            "y": y,
+                            "z": z,
+                            "pressure": pressure,
+                            "ratio": float(pressure / reference[focus]),
                         }
                     )
         return rows
 
     def __str__(self) -> str:
-        count = counted(len(self.target.points), "focus", "foci")
-        head = [f"weakest of {count} [Pa]", *self.pressures]
-        rows = [head, *self._weakest_rows()]
-        widths = [max(len(row[column]) for row in rows) for column in range(len(head))]
-        lines = [
-            "  ".join(
-                [
-                    row[0].ljust(widths[0]),
-                    *(text.rjust(width) for text, width in zip(row[1:], widths[1:], strict=True)),
-                ]
-            )
-            for row in rows
-        ]
+        foci = counted(len(self.target.points), "focus", "foci")
+        rows = [[f"weakest of {foci} [Pa]", *self.pressures], *self._weakest_rows()]
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        lines = []
+        for name, *texts in rows:
+            cells = [text.rjust(width) for text, width in zip(texts, widths[1:], strict=True)]
+            lines.append("  ".join([name.ljust(widths[0]), *cells]))
         return "\n".join([*lines, *self._notes()])
 
     def _notes(self) -> list[str]:
-        weakest = self.weakest("equal peak")
-        best = int(np.argmax(weakest))
+        pressure, name = self._strongest()
+        report = self.report
         return [
-            f"What hardware limits is the peak: at equal peak {self.names[best]!r} is the strongest, "
-            f"{weakest[best]:.0f} Pa at the weakest focus.",
-            "Beside each pressure: that over the first drive's. table() has every focus.",
+            f"Hardware limits the peak: at equal peak {name!r} is the strongest, {pressure:.0f} Pa "
+            "at the weakest focus.",
+            "In brackets: ratio to the first drive. table() lists every focus.",
             *(f"{held_equal}: {meaning}" for held_equal, meaning in HELD_EQUAL.items()),
-            f"peak pressures by {self.report.solver}, estimated error {self.report.estimated_error:.2g}. "
-            f"{not_modelled(self.report)}",
-            *self.report.warnings,
+            f"peak pressures by {report.solver}, estimated error {report.estimated_error:.2g}. "
+            f"{not_modelled(report)}",
+            *report.warnings,
         ]
 
     def _weakest_rows(self) -> list[list[str]]:
-        """Return for each drive its name and, under each normalisation, the weakest focus and that over the first's."""
-        columns = []
+        """Return for each drive its name and its weakest focus under each normalisation."""
+        rows = [[name] for name in self.names]
         for held_equal in self.pressures:
             weakest = self.weakest(held_equal)
-            ratios = weakest / weakest[0] if weakest[0] > 0.0 else np.full(len(weakest), np.nan)
-            columns.append(
-                [f"{got:.0f} ({ratio:.2f})" for got, ratio in zip(weakest, ratios, strict=True)]
-            )
-        return [
-            [name, *(column[drive] for column in columns)] for drive, name in enumerate(self.names)
-        ]
+            reference = weakest[0] if weakest[0] > 0.0 else np.nan
+            for row, pressure in zip(rows, weakest, strict=True):
+                row.append(f"{pressure:.0f} ({pressure / reference:.2f})")
+        return rows
 
 
 def compare(
@@ -217,7 +216,7 @@ def compare(
     solver: Solver,
     progress: Progress | None = None,
 ) -> Comparison:
-    """Compare drives at the foci by one solve with two excitations per drive: scaled to full scale, and phases alone.
+    """Compare drives at the foci by one solve, each at full scale and by its phases alone.
 
     Parameters
     ----------
@@ -227,34 +226,36 @@ def compare(
         matter.
     target : the F foci; the pressures asked there do not matter.
     solver : another one than made the drives, or a more accurate one.
-    progress : callback that gets the words of each step as it begins, such as ``print``.
+    progress : called with a description of each step as it begins, such as ``print``.
 
     Returns
     -------
-    Pressure of each drive at each focus under each normalisation of ``HELD_EQUAL``. The normalisation can reverse a
-    conclusion: drives that leave most elements nearly silent are strong at equal energy and weak at equal peak.
+    Pressure of each drive at each focus under each normalisation of ``HELD_EQUAL``. The
+    normalisation can reverse a conclusion: drives that leave most elements nearly silent are strong
+    at equal energy and weak at equal peak.
 
     Raises
     ------
     InvalidInput
-        If there is no drive, a drive is silent or for another number of elements, or the array, the scene and the foci
-        do not go together (see ``evaluate``).
+        If there is no drive, a drive is silent or for another number of elements, or the array, the
+        scene and the foci do not go together (see ``evaluate``).
     """
     of_kind(drives, Mapping, "the drives", 'a dict of drives by name, {"hand considered": drive}')
+    of_kind(target, Target, "the target", "Target(points, pressures)")
     for name, drive in drives.items():
         check_drive(drive, f"drive {name!r}")
         if drive.peak == 0.0:
-            raise InvalidInput(
-                f"drive {name!r} is silent: all {len(drives[name])} amplitudes are 0.",
-                code="all_zero",
-            )
+            raise InvalidInput(f"drive {name!r} is silent: all amplitudes are 0.", code="all_zero")
     strongest = [drive.at_full_scale() for drive in drives.values()]
-    emitted = [*strongest, *(drive.phase_only() for drive in strongest)]
-    field = radiate_drives(scene, array, emitted, target, solver, progress=progress)
-    at_foci = np.ascontiguousarray(field.at(target.points).T)
-    equal_peak, phase_only = np.abs(at_foci[: len(drives)]), np.abs(at_foci[len(drives) :])
-    weakest = min(strongest, key=lambda drive: drive.energy)
-    factors = np.array([drive.factor_to_match(weakest) for drive in strongest])
-    equal_energy = equal_peak * factors[:, None]
-    pressures = dict(zip(HELD_EQUAL, (equal_peak, equal_energy, phase_only), strict=True))
+    excitations = [*strongest, *(drive.phase_only() for drive in strongest)]
+    field = radiate_drives(scene, array, excitations, solver, foci=target.points, progress=progress)
+    magnitudes = np.abs(np.ascontiguousarray(field.at(target.points).T))
+    equal_peak = magnitudes[: len(drives)]
+    least_energetic = min(strongest, key=lambda drive: drive.energy)
+    factors = np.array([drive.factor_to_match(least_energetic) for drive in strongest])
+    pressures = {
+        "equal peak": equal_peak,
+        "equal energy": equal_peak * factors[:, None],
+        "phase only": magnitudes[len(drives) :],
+    }
     return Comparison(tuple(drives), target, pressures, field)

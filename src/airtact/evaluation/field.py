@@ -1,12 +1,12 @@
-"""The field that a drive makes, computed forwards: all elements emit at once, and the scene scatters."""
+"""The field of a drive, computed forwards: all elements emit at once, and the scene scatters."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
-from jaxtyping import Complex128, Real
+from jaxtyping import Complex128, Float64, Real
 
-from airtact.acoustics.scene import Scene
-from airtact.acoustics.solvers.problem import Solver
+from airtact.acoustics.scene import Scene, check_outside
+from airtact.acoustics.solvers.problem import RadiatedField, Solver
 from airtact.acoustics.sources import Monopoles, check_off_sources
 from airtact.checks import counted, of_kind, points_of
 from airtact.drives.drive import Drive, check_drive
@@ -15,12 +15,6 @@ from airtact.timing import Progress, no_progress
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_placement
 from airtact.transducers.plates import strength_in
-
-
-def check_solver(solver: Solver) -> None:
-    """Raise ``InvalidInput`` for what is no solver, such as a solver's class."""
-    name = solver.__name__ if isinstance(solver, type) else "BoundaryElement"
-    of_kind(solver, Solver, "the solver", f"one such as {name}()")
 
 
 def drive_sources(
@@ -37,8 +31,8 @@ def drive_sources(
 
     Returns
     -------
-    E·Q monopoles, element by element, each with S strengths sensitivity · w_j · g_e · d_e [Pa·m], g_e being the gain of
-    element e.
+    E·Q monopoles, element by element, each with S strengths sensitivity · w_j · g_e · d_e [Pa·m],
+    g_e being the gain of element e.
 
     Raises
     ------
@@ -47,23 +41,54 @@ def drive_sources(
     """
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
     if len(drives) == 0:
-        raise InvalidInput("an array needs at least 1 drive to emit, not 0.", code="too_few")
+        raise InvalidInput("an array needs a drive to emit, and none is given.", code="too_few")
     for index, drive in enumerate(drives):
         check_drive(drive, f"drive {index}" if len(drives) > 1 else "the drive")
         if len(drive) != len(array):
             raise InvalidInput(
-                f"drive {index} is for {counted(len(drive), 'element', 'elements')}, and the array has {len(array)}.",
+                f"drive {index} is for {counted(len(drive), 'element', 'elements')}, and the array "
+                f"has {len(array)}.",
                 code="sizes_differ",
             )
         if not (array.gains * drive.amplitudes).any():
             raise InvalidInput(
-                f"drive {index} is silent: all {len(drive)} amplitudes are 0 or of dead elements.",
+                f"drive {index} is silent: all amplitudes are 0 or of dead elements.",
                 code="all_zero",
             )
     amplitudes = array.gains[:, None] * np.stack([drive.amplitudes for drive in drives], axis=1)
-    full = array.element.sensitivity * (1.0 if scene is None else strength_in(scene, array))
-    strengths = full * array.element.weights[None, :, None] * amplitudes[:, None, :]
+    sensitivity = array.element.sensitivity * (1.0 if scene is None else strength_in(scene, array))
+    strengths = sensitivity * array.element.weights[None, :, None] * amplitudes[:, None, :]
     return Monopoles(array.face_points.reshape(-1, 3), strengths.reshape(-1, len(drives)))
+
+
+def radiate_drives(
+    scene: Scene,
+    array: PhasedArray,
+    drives: Sequence[Drive],
+    solver: Solver,
+    *,
+    foci: Real[np.ndarray, "foci 3"] | None = None,
+    points: Mapping[str, Float64[np.ndarray, "points 3"]] | None = None,
+    progress: Progress | None = None,
+) -> RadiatedField:
+    """Solve for several drives at once, one right-hand side a drive.
+
+    This is where all evaluations check the placement of the array, the foci and other ``points`` (by
+    the word for one of them), which must be off the bodies and the elements. The errors are those
+    of ``evaluate``.
+    """
+    kind = solver.__name__ if isinstance(solver, type) else "BoundaryElement"
+    of_kind(solver, Solver, "the solver", f"an instance such as {kind}()")
+    sources = drive_sources(array, drives, scene)
+    check_placement(scene, array, foci)
+    checked = dict(points or {})
+    if foci is not None:
+        checked = {"focus": foci, **checked}
+    for word, positions in checked.items():
+        if len(positions):
+            check_outside(scene, positions, word)
+            check_off_sources(positions, sources)
+    return solver.reporting(progress).radiate(scene, sources)
 
 
 def field_map(
@@ -75,7 +100,7 @@ def field_map(
     solver: Solver,
     progress: Progress | None = None,
 ) -> Complex128[np.ndarray, "points"]:
-    """Return the complex pressure that a drive makes at any points, scattering by all bodies included.
+    """Return the complex pressure of a drive at any points, scattering by all bodies included.
 
     It takes one solve with all face points of all elements as sources of one excitation. No
     transfer matrix is involved, so the result can verify a drive that was made from one.
@@ -84,11 +109,11 @@ def field_map(
     ----------
     scene : what is in the air.
     array : the transducers in the scene's frame, see ``PhasedArray.seen_from``.
-    drive : what they emit.
+    drive : the drive of the array.
     points : (P, 3) points [m]. Behind the faces of directional elements the result is meaningless:
         real ones are shielded there.
     solver : another one than made the drive, or a more accurate one.
-    progress : callback that gets the words of each step as it begins, such as ``print``.
+    progress : called with a description of each step as it begins, such as ``print``.
 
     Returns
     -------
@@ -97,14 +122,12 @@ def field_map(
     Raises
     ------
     InvalidInput
-        If the drive is silent or for another number of elements, an element is inside a body, a body is behind the face
-        of a directional element, a point is NaN, infinite or on a source, or something is of the wrong kind.
+        If the drive is silent or for another number of elements, an element is inside a body, a
+        body is behind the face of a directional element, a point is NaN, infinite or on a source,
+        or something is of the wrong kind.
     """
-    check_solver(solver)
     points = points_of(points, "points", least=0)
-    sources = drive_sources(array, [drive], scene)
-    check_placement(scene, array)
-    check_off_sources(points, sources)
-    field = solver.reporting(progress).radiate(scene, sources)
+    check_off_sources(points, drive_sources(array, [drive], scene))
+    field = radiate_drives(scene, array, [drive], solver, progress=progress)
     (progress or no_progress)(f"evaluating the field at {counted(len(points), 'point', 'points')}")
     return field.at(points)[:, 0]

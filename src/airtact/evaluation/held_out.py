@@ -1,4 +1,4 @@
-"""What drives keep where hand, air and transducers are not as expected: samples that no drive was made for."""
+"""Pressure of drives where hand, air and transducers deviate, on samples no drive was made for."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from jaxtyping import Float64
 from airtact.acoustics.solvers.problem import RadiatedField, Solver
 from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive
-from airtact.drives.sampling.ensemble import TransferEnsemble, matrices_at
+from airtact.drives.transfer_ensemble import TransferEnsemble, matrices_at
 from airtact.errors import InvalidInput
 from airtact.evaluation.headline import pascals
 from airtact.evaluation.windows import Window
@@ -17,23 +17,23 @@ from airtact.geometry.pose import Pose
 from airtact.printing import in_short
 from airtact.transducers.layout import PhasedArray
 
-SAMPLES = 256
+HELD_OUT_SAMPLES = 256
 """Number of samples that drives are tried on."""
 
-SOLVED_SAMPLES = 64
+SOLVED_HELD_OUT_SAMPLES = 64
 """Their number where each of them is solved, before a plane."""
 
 
 @dataclass(frozen=True, eq=False)
 class ShiftMap:
-    """The weakest focus under some drives where the hand is shifted, its foci along with it.
+    """The weakest focus under several drives for a shifted hand, its foci along with it.
 
     Attributes
     ----------
     shifts : a window around no shift at all; its points are shifts of the hand in the obstacles'
         frame [m].
     pressures : (D, P) peak pressure of the weakest focus at each shift, at the energy of the first
-        drive [Pa]; NaN where the hand cannot be.
+        drive [Pa]; NaN where a shift is impossible.
     """
 
     shifts: Window
@@ -44,16 +44,16 @@ class ShiftMap:
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """The weakest focus under some drives over samples that none of them was made for.
+    """The weakest focus under several drives over samples that none of them was made for.
 
     Attributes
     ----------
     names : of the D drives.
     pressures : (D, S) peak pressure of the weakest focus in each sample, at the energy of the first
         drive [Pa].
-    expected : (D,) the same with nothing in doubt [Pa].
-    left_out : number of samples that cannot be.
-    maps : the same where the hand as a whole is shifted in a plane; may be none.
+    expected : (D,) the same without deviations [Pa].
+    left_out : number of impossible samples.
+    maps : the same for a hand that is shifted in a plane; may be none.
     """
 
     names: tuple[str, ...]
@@ -66,21 +66,20 @@ class HeldOut:
 
     @property
     def lowest_tenth(self) -> Float64[np.ndarray, "drives"]:
-        """(D,) what the weakest focus gets 9 of 10 times [Pa]."""
+        """(D,) pressure that the weakest focus exceeds 9 of 10 times [Pa]."""
         return np.quantile(self.pressures, 0.1, axis=1)
 
     def sentence(self) -> str:
-        """Say what the weakest focus gets 9 of 10 times."""
+        """State the pressure that the weakest focus exceeds 9 of 10 times."""
         first, *others = self.lowest_tenth
-        beside = ", ".join(
+        words = [
             f"{name}: {pascals(low)}" for name, low in zip(self.names[1:], others, strict=True)
-        )
-        left = f"; {self.left_out} samples cannot be" * bool(self.left_out)
+        ]
+        compared = f" ({', '.join(words)} at equal energy)" if words else ""
+        left_out = f"; {self.left_out} samples are impossible" if self.left_out else ""
         return (
-            f"With what is in doubt, 9 of 10 times the weakest focus gets at least {pascals(first)}, of "
-            f"{pascals(self.expected[0])} expected"
-            + f" ({beside} at equal energy)" * bool(others)
-            + f"{left}."
+            "With the given uncertainty, 9 of 10 times the weakest focus gets at least "
+            f"{pascals(first)}, of {pascals(self.expected[0])} expected{compared}{left_out}."
         )
 
 
@@ -99,16 +98,19 @@ def held_out(samples: TransferEnsemble, target: Target, drives: Mapping[str, Dri
         "empty": there is no drive; or a drive is for another number of elements.
     """
     if not drives:
-        raise InvalidInput("there are 0 drives to try; give one or more by name.", code="empty")
-    asked = np.flatnonzero(target.weights > 0.0)
+        raise InvalidInput("there is no drive to try; give one or more by name.", code="empty")
+    asked = target.weights > 0.0
     factors = _factors(drives)
-    found = [np.abs(samples.pressures(drive))[:, asked].min(axis=1) for drive in drives.values()]
-    nominal = [np.abs(samples.pressure(drive))[asked].min() for drive in drives.values()]
+    sampled = []
+    nominal = []
+    for drive in drives.values():
+        sampled.append(np.abs(samples.pressures(drive))[:, : len(asked)][:, asked].min(axis=1))
+        nominal.append(np.abs(samples.pressure(drive))[: len(asked)][asked].min())
     return HeldOut(
-        tuple(drives),
-        factors[:, None] * np.stack(found),
-        factors * np.array(nominal),
-        samples.left_out,
+        names=tuple(drives),
+        pressures=factors[:, None] * np.stack(sampled),
+        expected=factors * np.array(nominal),
+        left_out=samples.left_out,
     )
 
 
@@ -121,28 +123,23 @@ def shift_map(
     *,
     solver: Solver | None = None,
 ) -> ShiftMap:
-    """Evaluate drives, each at the energy of the first, for a hand that is shifted as a whole.
+    """Evaluate drives, each at the energy of the first, for a shifted hand.
 
     Parameters
     ----------
     beacons : field of unit beacons in the foci.
-    array, target, drives : as they are made for the hand where it is expected.
+    array, target, drives : for the hand where it is expected.
     shifts : a window around no shift at all.
     solver : solves the scene anew for each distance from a plane, if there is one.
     """
     asked = np.flatnonzero(target.weights > 0.0)
     amplitudes = np.stack([drive.amplitudes for drive in drives.values()], axis=1)
+    weakest = np.full((len(drives), len(shifts.points)), np.nan)
     poses = (Pose(np.eye(3), shift) for shift in shifts.points)
-    found = np.stack(
-        [
-            np.full(len(drives), np.nan)
-            if matrix is None
-            else np.abs(matrix[asked] @ amplitudes).min(axis=0)
-            for matrix in matrices_at(beacons, array, poses, solver=solver)
-        ],
-        axis=1,
-    )
-    return ShiftMap(shifts, _factors(drives)[:, None] * found)
+    for index, matrix in enumerate(matrices_at(beacons, array, poses, solver=solver)):
+        if matrix is not None:
+            weakest[:, index] = np.abs(matrix[asked] @ amplitudes).min(axis=0)
+    return ShiftMap(shifts, _factors(drives)[:, None] * weakest)
 
 
 def _factors(drives: Mapping[str, Drive]) -> Float64[np.ndarray, "drives"]:

@@ -1,4 +1,4 @@
-"""Radiation pressure of the total field on the surfaces of bodies, and the force on the skin round a focus."""
+"""Radiation pressure on the surfaces of bodies, and the force on the skin round a focus."""
 
 from dataclasses import dataclass
 
@@ -6,26 +6,18 @@ import numpy as np
 from jaxtyping import Bool, Complex128, Float64, Int64, Real
 
 from airtact.acoustics.medium import Medium
-from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.bem.quadrature import place_nodes
-from airtact.acoustics.solvers.problem import RadiatedField, Solver, SolveReport
+from airtact.acoustics.solvers.problem import RadiatedField, SolveReport
 from airtact.checks import in_mm, positive
-from airtact.drives.drive import Drive
 from airtact.errors import InvalidInput
-from airtact.evaluation.field import check_solver, drive_sources
 from airtact.geometry.mesh.arrays import QuadraticTriangles
 from airtact.geometry.panels import panels_of
 from airtact.printing import one_line
-from airtact.transducers.layout import PhasedArray
-from airtact.transducers.placement import check_placement
-
-EDGE = 1.0 / 3.0
-"""Edge of the panels that carry radiation pressure, in wavelengths: it varies over half a wavelength."""
 
 PAD_RADIUS = 5e-3
 """Radius of the pad round a focus [m]; a fingertip has about 1 cm²."""
 
-PAD_REACH = 2e-3
+MAX_PAD_DISTANCE = 2e-3
 """A focus farther than this from the skin has no pad [m]."""
 
 
@@ -70,7 +62,7 @@ class Pad:
     ----------
     centre : (3,) the point of the skin nearest the focus [m].
     area : [m²].
-    force : with which sound presses on it [N], into the skin where positive.
+    force : of the sound on it [N], into the skin where positive.
     """
 
     centre: Float64[np.ndarray, "3"]
@@ -111,7 +103,7 @@ class RadiationMap:
         )
 
     def force(self, body: int) -> Float64[np.ndarray, "3"]:
-        """(3,) force of the sound on a whole body, by its number [N]; raises ``InvalidInput`` for one not there."""
+        """(3,) force of the sound on a body, by its number [N]."""
         count = int(self.body.max()) + 1
         if not 0 <= body < count:
             raise InvalidInput(
@@ -122,7 +114,7 @@ class RadiationMap:
         return -(self.areas * self.radiation_pressure)[chosen] @ self.normals[chosen]
 
     def pad(self, focus: Real[np.ndarray, "3"], radius: float = PAD_RADIUS) -> Pad | None:
-        """Return the skin round a focus with the force of the sound on it; None where the skin is more than 2 mm away.
+        """Return the skin round a focus with the force on it; None if the skin is over 2 mm away.
 
         Parameters
         ----------
@@ -132,7 +124,7 @@ class RadiationMap:
         Raises
         ------
         InvalidInput
-            If the radius is not positive, or so small that it holds no point of the skin.
+            If the radius is not positive, or too small to hold a point of the skin.
         """
         radius = positive(radius, "the radius of a pad", "m")
         chosen, centre = self.around(focus, radius)
@@ -141,8 +133,9 @@ class RadiationMap:
         if not chosen.any():
             nearest = np.linalg.norm(self.points - centre, axis=1).min()
             raise InvalidInput(
-                f"a pad of {1e3 * radius:.3g} mm round the focus at {in_mm(np.asarray(focus))} holds 0 points of the "
-                f"skin, the nearest being {1e3 * nearest:.3g} mm away; give a larger radius.",
+                f"a pad of {1e3 * radius:.3g} mm round the focus at {in_mm(np.asarray(focus))} "
+                f"holds no point of the skin, the nearest being {1e3 * nearest:.3g} mm away; give "
+                "a larger radius.",
                 code="out_of_range",
             )
         force = float(np.sum((self.areas * self.radiation_pressure)[chosen]))
@@ -151,83 +144,68 @@ class RadiationMap:
     def around(
         self, focus: Real[np.ndarray, "3"], radius: float
     ) -> tuple[Bool[np.ndarray, "points"], Float64[np.ndarray, "3"] | None]:
-        """Return which points belong to the pad round a focus (Q,), and its centre (3,), None where the skin is far."""
+        """Return which points belong to the pad round a focus (Q,), and its centre (3,).
+
+        The centre is None where the skin is far away.
+        """
         away = np.linalg.norm(self.points - focus, axis=1)
         nearest = int(away.argmin())
-        # the nearest point of the skin lies below the focus, in the tangent plane of the nearest
-        # node
+        # The nearest point of the skin is below the focus, in the tangent plane of the nearest node.
         height = float((np.asarray(focus) - self.points[nearest]) @ self.normals[nearest])
-        if height > PAD_REACH:
+        if height > MAX_PAD_DISTANCE:
             return np.zeros(len(away), dtype=bool), None
         centre = focus - height * self.normals[nearest]
         body = np.repeat(self.body, 6)
+        # The other side of a finger may be within the radius, too.
         facing = self.normals @ self.normals[nearest] > 0.0
-        return (np.linalg.norm(self.points - centre, axis=1) < radius) & facing & (
-            body == body[nearest]
-        ), centre
-
-
-def radiation_map(
-    scene: Scene, array: PhasedArray, drive: Drive, *, solver: Solver
-) -> RadiationMap:
-    """Compute the sound and the radiation pressure on the surfaces of all bodies under a drive.
-
-    Parameters
-    ----------
-    scene : sound-hard bodies.
-    array : the transducers in the scene's frame.
-    drive : what they emit.
-    solver : another one than made the drive, or a more accurate one.
-
-    Raises
-    ------
-    InvalidInput
-        If there is no body, a body is not sound-hard, or the array, the scene and the drive do not go together.
-    """
-    check_solver(solver)
-    sources = drive_sources(array, [drive], scene)
-    check_placement(scene, array)
-    _check_hard(scene)
-    return radiation_of(solver.radiate(scene, sources), 0)
+        within = np.linalg.norm(self.points - centre, axis=1) < radius
+        return within & facing & (body == body[nearest]), centre
 
 
 def radiation_of(field: RadiatedField, excitation: int) -> RadiationMap:
-    """Compute the map for one excitation of a solved field of sound-hard bodies.
+    """Compute the radiation pressure on all surfaces for one excitation of a solved field.
 
     It raises ``InvalidInput`` if there is no body, one is not sound-hard, or the velocity on a
     surface is not known.
     """
     scene = field.scene
-    _check_hard(scene)
-    shapes = [obstacle.surface.shape for obstacle in scene.obstacles]
-    edge = EDGE * scene.wavelength
-    panels = panels_of(shapes, edge, np.empty((0, 3)), smallest=edge)
-    nodes = place_nodes(panels.quadratic_triangles, panels.body, panels.deviation)
-    points = np.array(nodes.points)
-    for index, shape in enumerate(shapes):
-        own = nodes.body == index
-        points[own] = shape.project(points[own])
-    pressure, velocity = field.at(points)[:, excitation], field.velocity(points)[:, :, excitation]
-    lost = int(np.sum(~np.isfinite(pressure) | ~np.isfinite(velocity).all(axis=1)))
-    if lost:
-        raise InvalidInput(
-            f"{field.report.solver} returns no pressure or velocity at {lost} of {len(points)} points of the surfaces; "
-            "take BoundaryElement for radiation pressure.",
-            code="data_missing",
-        )
-    pushing = radiation_pressure(pressure, velocity, scene.medium)
-    surface = panels.quadratic_triangles, panels.body, points, nodes.normals, nodes.weights
-    return RadiationMap(*surface, pressure, velocity, pushing, field.report)
-
-
-def _check_hard(scene: Scene) -> None:
     if not scene.obstacles:
         raise InvalidInput(
-            "the scene has 0 obstacles, so there is no surface to press on.", code="empty"
+            "the scene has no obstacle, so there is no surface to press on.", code="empty"
         )
     for index, obstacle in enumerate(scene.obstacles):
         if obstacle.boundary != "sound_hard":
             raise InvalidInput(
-                f"body {index} is {obstacle.boundary}, but radiation pressure is computed on sound_hard bodies only.",
+                f"body {index} is {obstacle.boundary}, but radiation pressure is computed on "
+                "sound_hard bodies only.",
                 code="not_supported",
             )
+    shapes = [obstacle.surface.shape for obstacle in scene.obstacles]
+    # Radiation pressure varies over half a wavelength.
+    edge = scene.wavelength / 3.0
+    panels = panels_of(shapes, edge, np.empty((0, 3)), smallest=edge)
+    nodes = place_nodes(panels.quadratic_triangles, panels.body, panels.deviation)
+    points = np.array(nodes.points)
+    for index, shape in enumerate(shapes):
+        on_body = nodes.body == index
+        points[on_body] = shape.project(points[on_body])
+    pressure = field.at(points)[:, excitation]
+    velocity = field.velocity(points)[:, :, excitation]
+    lost = int(np.sum(~np.isfinite(pressure) | ~np.isfinite(velocity).all(axis=1)))
+    if lost:
+        raise InvalidInput(
+            f"{field.report.solver} returns no pressure or velocity at {lost} of {len(points)} "
+            "points of the surfaces; take BoundaryElement for radiation pressure.",
+            code="data_missing",
+        )
+    return RadiationMap(
+        quadratic_triangles=panels.quadratic_triangles,
+        body=panels.body,
+        points=points,
+        normals=nodes.normals,
+        areas=nodes.weights,
+        pressure=pressure,
+        velocity=velocity,
+        radiation_pressure=radiation_pressure(pressure, velocity, scene.medium),
+        report=field.report,
+    )

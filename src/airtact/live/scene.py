@@ -16,8 +16,8 @@ from airtact.acoustics.medium import Medium
 from airtact.acoustics.planes import Plane
 from airtact.acoustics.scene import check_no_boards
 from airtact.checks import counted, fixed
-from airtact.drives.motion import FRAMES, Motion
-from airtact.drives.sequence import FEWEST
+from airtact.drives.motion import DEFAULT_FRAMES, Motion
+from airtact.drives.sequence import MIN_FRAMES
 from airtact.errors import InvalidInput
 from airtact.hands.hand import PLACES, Hand, Side
 from airtact.hands.joints import CHAINS, check_finger_order, cross, joints_of, radii_of, unit
@@ -224,13 +224,13 @@ def _moving_foci(setup: Setup, motion: Motion, scene: LiveScene) -> MovingFoci:
         shifts = np.einsum("fnj,fij->nfi", paths - target.points[:, None], frames)
         places = np.tile(np.arange(foci), (len(shifts), 1))
         words = "each focus runs along a path"
-    repeat = -(-FEWEST // len(places))
+    repeat = -(-MIN_FRAMES // len(places))
     places = np.repeat(places, repeat, axis=0)
     shifts = np.repeat(shifts, repeat, axis=0)
     if len(places) > 64:  # each frame is a drive, and all are made anew for each pose
         raise InvalidInput(
             f"{setup.path.name}: live makes at most 64 frames of a path for each pose, not "
-            f"{len(places)}: give frames = {FRAMES}.",
+            f"{len(places)}: give frames = {DEFAULT_FRAMES}.",
             code="sizes_differ",
         )
     rounds = motion.turns(paths)

@@ -12,7 +12,7 @@ from airtact.acoustics.planes import Plane
 from airtact.acoustics.scene import Obstacle
 from airtact.acoustics.solvers.problem import SolveReport
 from airtact.checks import counted, in_mm
-from airtact.drives.sampling.ensemble import TransferEnsemble
+from airtact.drives.transfer_ensemble import TransferEnsemble
 from airtact.evaluation.comparison import HELD_EQUAL
 from airtact.evaluation.headline import pascals
 from airtact.evaluation.metrics import not_modelled

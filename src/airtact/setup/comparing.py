@@ -19,7 +19,7 @@ from airtact.drives.transfer import TransferMatrix
 from airtact.errors import InvalidInput
 from airtact.evaluation.comparison import Comparison
 from airtact.evaluation.comparison import compare as compare_drives
-from airtact.evaluation.metrics import radiate_drives
+from airtact.evaluation.field import radiate_drives
 from airtact.files.atomic import whole_file, writable_folder
 from airtact.printing import one_line
 from airtact.setup.rendering import save_drive
@@ -256,8 +256,8 @@ def _compare_methods(setup: Setup, store: Path | None, clock: Clock) -> MethodCo
             setup.scene,
             setup.array,
             list(emitted.values()),
-            setup.target,
             stored(verification_solver(setup), store),
+            foci=setup.target.points,
         )
         at_foci = np.abs(field.at(setup.target.points).T)
         suppressed = np.abs(field.at(setup.target.suppression_points).T)

@@ -11,10 +11,16 @@ from airtact.acoustics.solvers.problem import RadiatedField
 from airtact.drives.drive import Drive
 from airtact.drives.linear_methods import time_reversal
 from airtact.drives.methods import FOR_SAMPLES
-from airtact.drives.samples.robust import robust
-from airtact.drives.sampling.ensemble import TransferEnsemble, ensemble
+from airtact.drives.robust_drives import robust
 from airtact.drives.transfer import TransferMatrix
-from airtact.evaluation.held_out import SAMPLES, SOLVED_SAMPLES, HeldOut, held_out, shift_map
+from airtact.drives.transfer_ensemble import TransferEnsemble, ensemble
+from airtact.evaluation.held_out import (
+    HELD_OUT_SAMPLES,
+    SOLVED_HELD_OUT_SAMPLES,
+    HeldOut,
+    held_out,
+    shift_map,
+)
 from airtact.evaluation.windows import Window, plane_of_scene
 from airtact.setup.setup import Setup
 from airtact.setup.solving import solver_of_samples
@@ -24,7 +30,7 @@ def other_samples(setup: Setup, beacons: RadiatedField) -> TransferEnsemble:
     """Sample the uncertainty with another seed, for hands that no drive of the setup was made for."""
     assert setup.uncertainty is not None
     solver = solver_of_samples(setup)
-    count = SAMPLES if solver is None else SOLVED_SAMPLES
+    count = HELD_OUT_SAMPLES if solver is None else SOLVED_HELD_OUT_SAMPLES
     return ensemble(beacons, setup.array, setup.uncertainty, count, setup.seed + 1, solver=solver)
 
 

@@ -130,7 +130,7 @@ class Setup:
         with about("drive"):
             check_method(self.method, self.followed or self.uncertainty is not None)
         if self.uncertainty is not None:
-            from airtact.drives.sampling.ensemble import check_counts, check_doubts
+            from airtact.drives.transfer_ensemble import check_counts, check_doubts
 
             with about("uncertainty"):
                 check_counts(self.samples, self.seed)

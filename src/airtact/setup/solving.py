@@ -71,7 +71,7 @@ def transfer_to_array(
         )
         report = replace(beacons.report, warnings=warned)
     if setup.uncertainty is not None:
-        from airtact.drives.sampling.ensemble import ensemble
+        from airtact.drives.transfer_ensemble import ensemble
 
         with clock.step(
             "samples", f"evaluating them at {setup.samples} samples of the uncertainty"
@@ -144,7 +144,7 @@ def control_drive(setup: Setup, method: Callable[[TransferMatrix, Target], Drive
         return None
     open_air = open_air_matrix(setup.scene, setup.array, setup.target)
     if setup.uncertainty is not None and setup.method in FOR_SAMPLES:
-        from airtact.drives.sampling.ensemble import ensemble
+        from airtact.drives.transfer_ensemble import ensemble
 
         empty = replace(setup.scene, obstacles=[])
         beacons = FreeField().radiate(empty, setup.target.beacons(suppression=True))

@@ -119,7 +119,7 @@ def _check_far(distance: Float64[np.ndarray, "elements"], what: str) -> None:
         raise InvalidInput(
             f"element {farthest} stands {distance[farthest]:.4g} m from {what}, more than "
             f"{MAX_ELEMENT_DISTANCE:g} m: is the array or its pose in millimetres? Give metres.",
-            code="out_of_range",
+            code="not_in_metres",
         )
 
 

@@ -7,8 +7,8 @@ import numpy as np
 
 import airtact as at
 from airtact.acoustics.planes import with_images
-from airtact.drives.sampling.draws import draws
-from airtact.drives.sampling.ensemble import matrices_at
+from airtact.drives.draws import draws
+from airtact.drives.transfer_ensemble import matrices_at
 from faults import raises_code
 
 MEDIUM = at.air(celsius=20.0)

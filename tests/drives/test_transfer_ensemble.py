@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.drives.sampling.draws import draws
-from airtact.drives.sampling.ensemble import TransferEnsemble, matrices_at
+from airtact.drives.draws import draws
+from airtact.drives.transfer_ensemble import TransferEnsemble, matrices_at
 from airtact.transducers.layout import join
 from faults import raises_code
 
@@ -191,7 +191,7 @@ def test_samples_that_cannot_be_are_left_out_and_counted() -> None:
 
 @pytest.mark.parametrize(("samples", "seed"), [(0, 0), (100_000, 0), (4, -1)])
 def test_wrong_numbers_of_samples_raise(samples, seed) -> None:
-    with raises_code("out_of_range", str(samples if seed == 0 else seed)):
+    with raises_code("out_of_range"):
         at.ensemble(in_open_air(), FLAT, at.Uncertainty(), samples=samples, seed=seed)
 
 

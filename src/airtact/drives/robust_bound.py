@@ -1,4 +1,4 @@
-"""What no drive exceeds over the samples of an ensemble, with a certificate that anyone can check."""
+"""A bound on any drive over the samples of an ensemble, with a certificate anyone can check."""
 
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -8,7 +8,7 @@ from jaxtyping import Complex128, Float64
 
 from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive
-from airtact.drives.samples.robust import robust, sampled_rows
+from airtact.drives.robust_drives import robust, sampled_rows
 from airtact.drives.transfer import TransferMatrix
 from airtact.errors import InvalidInput
 from airtact.printing import one_line
@@ -16,16 +16,10 @@ from airtact.printing import one_line
 BoundedGoal = Literal["worst", "mean"]
 """The goals that have a bound."""
 
-SOFTNESS = (8, 32, 128)
-"""Powers whose trace norm stands for the largest eigenvalue, one descent after another."""
-
-ITERATIONS = 60
-"""Largest number of steps of one descent."""
-
 
 @dataclass(frozen=True, eq=False)
 class RobustBound:
-    """A bound on the worst or the mean of the weakest focus over the samples, for drives of equal energy.
+    """A bound on the worst or mean weakest focus over the samples, for drives of equal energy.
 
     For multipliers m_sf ≥ 0, λ being the largest eigenvalue of Σ m_sf h_sfᴴ h_sf, every drive of
     energy Σ|d|² = 1 has Σ m_sf |h_sf d|² ≤ λ. With v_s the weakest focus of sample s that is at
@@ -56,16 +50,16 @@ class RobustBound:
         return _bound(self.goal, self.multipliers, largest)
 
     def reached(self, ensemble: TransferMatrix, target: Target, drive: Drive) -> float:
-        """Return what a drive reaches of the goal at its own energy, over the bound: 1 is the best possible."""
+        """Return the goal under a drive over the bound at its energy; 1 is the best possible."""
         values = np.abs(sampled_rows(ensemble, target) @ drive.amplitudes).min(axis=1)
-        got = values.min() if self.goal == "worst" else values.mean()
-        return float(got / (self.value * np.linalg.norm(drive.amplitudes)))
+        value = values.min() if self.goal == "worst" else values.mean()
+        return float(value / (self.value * np.linalg.norm(drive.amplitudes)))
 
 
 def robust_upper_bound(
     ensemble: TransferMatrix, target: Target, goal: BoundedGoal = "worst"
 ) -> RobustBound:
-    """Bound what any drive of energy Σ|d|² = 1 gives the weakest focus, in the worst sample or in the mean.
+    """Bound the weakest focus under any drive of energy Σ|d|² = 1, in the worst sample or the mean.
 
     The dual of the semidefinite relaxation of the problem, for the samples given and the nominal
     gains of the elements. Its multipliers are found by descent from those of ``robust``; the bound
@@ -74,7 +68,7 @@ def robust_upper_bound(
     Parameters
     ----------
     ensemble : the samples.
-    target : the foci and what is asked there; suppression points are ignored.
+    target : the foci and the pressures asked there; suppression points are ignored.
     goal : "worst" or "mean".
 
     Returns
@@ -94,64 +88,69 @@ def robust_upper_bound(
             code="unknown_name",
         )
     rows = sampled_rows(ensemble, target)
-    shape = rows.shape[:2]
-    flat = rows.reshape(-1, rows.shape[2])
+    samples, foci, elements = rows.shape
+    flat = rows.reshape(-1, elements)
     products = flat @ flat.conj().T
-    without = Target(target.points, target.pressures, shares=target.shares)
-    drive = robust(ensemble.of_rows(np.arange(len(target.points))), without, goal)
-    size = np.abs(flat @ drive.amplitudes).reshape(shape)
-    low = size.min(axis=1, keepdims=True)
-    weights = np.exp(8.0 * (1.0 - size / low)) / low ** (1 if goal == "mean" else 3)
-    numbers, best = np.log(weights / weights.sum()).reshape(-1), None
-    for power in SOFTNESS:
-        given = products, shape, goal, power
-        numbers = minimize(
+    # The multipliers that the optimality conditions of ``robust`` suggest are a good start.
+    asked = Target(target.points, target.pressures, shares=target.shares)
+    drive = robust(ensemble.of_rows(np.arange(len(target.points))), asked, goal)
+    pressures = np.abs(rows @ drive.amplitudes)
+    weakest = pressures.min(axis=1, keepdims=True)
+    weights = np.exp(8.0 * (1.0 - pressures / weakest)) / weakest ** (1 if goal == "mean" else 3)
+    logs = np.log(weights / weights.sum()).reshape(-1)
+    best = None
+    # Trace norms of ever higher powers stand for the largest eigenvalue.
+    for power in (8, 32, 128):
+        logs = minimize(
             _soft_bound,
-            numbers,
-            given,
+            logs,
+            (products, (samples, foci), goal, power),
             jac=True,
             method="L-BFGS-B",
-            options={"maxiter": ITERATIONS},
+            options={"maxiter": 60},
         ).x
-        multipliers = np.exp(numbers - numbers.max()).reshape(shape)
+        multipliers = np.exp(logs - logs.max()).reshape(samples, foci)
         half = np.sqrt(multipliers.reshape(-1))
         largest = float(np.linalg.eigvalsh(half[:, None] * products * half)[-1])
-        found = RobustBound(goal, _bound(goal, multipliers, largest), multipliers)
-        best = found if best is None or found.value < best.value else best
+        bound = RobustBound(goal, _bound(goal, multipliers, largest), multipliers)
+        if best is None or bound.value < best.value:
+            best = bound
     assert best is not None
     return best
 
 
 def _bound(goal: str, multipliers: Float64[np.ndarray, "samples foci"], largest: float) -> float:
-    each = multipliers.sum(axis=1)
+    by_sample = multipliers.sum(axis=1)
     if goal == "worst":
-        return float(np.sqrt(largest / each.sum()))
-    return float(np.sqrt(largest * np.sum(1.0 / each)) / len(each))
+        return float(np.sqrt(largest / by_sample.sum()))
+    return float(np.sqrt(largest * np.sum(1.0 / by_sample)) / len(by_sample))
 
 
 def _soft_bound(
-    numbers: Float64[np.ndarray, "rows"],
+    logs: Float64[np.ndarray, "rows"],
     products: Complex128[np.ndarray, "rows rows"],
     shape: tuple[int, int],
     goal: str,
     power: int,
 ) -> tuple[float, Float64[np.ndarray, "rows"]]:
-    """Logarithm of the squared bound with a trace norm in place of the largest eigenvalue, and its gradient."""
-    multipliers = np.exp(numbers - numbers.max())
+    """Logarithm of the squared bound, with a trace norm for the eigenvalue, and its gradient.
+
+    Both are functions of the logarithms of the multipliers.
+    """
+    multipliers = np.exp(logs - logs.max())
     half = np.sqrt(multipliers)
     values, vectors = np.linalg.eigh(half[:, None] * products * half)
     largest = float(values[-1])
     values = np.maximum(values, 0.0) / largest
-    shares = values**power
-    total = shares.sum()
-    level = np.log(total) / power + np.log(largest)
+    powers = values**power
+    level = np.log(powers.sum()) / power + np.log(largest)
     # d λ_k / d log m_j = λ_k |v_jk|²
-    slope = (np.abs(vectors) ** 2) @ shares / total
-    each = multipliers.reshape(shape).sum(axis=1)
-    within = multipliers.reshape(shape) / each[:, None]
+    slope = (np.abs(vectors) ** 2) @ powers / powers.sum()
+    by_sample = multipliers.reshape(shape).sum(axis=1)
+    within = multipliers.reshape(shape) / by_sample[:, None]
     if goal == "worst":
-        own = within * (each / each.sum())[:, None]
-        return level - np.log(each.sum()), slope - own.reshape(-1)
-    inverse = 1.0 / each
-    own = within * (inverse / inverse.sum())[:, None]
-    return level + np.log(inverse.sum()), slope - own.reshape(-1)
+        shares = within * (by_sample / by_sample.sum())[:, None]
+        return level - np.log(by_sample.sum()), slope - shares.reshape(-1)
+    inverse = 1.0 / by_sample
+    shares = within * (inverse / inverse.sum())[:, None]
+    return level + np.log(inverse.sum()), slope - shares.reshape(-1)

@@ -1,0 +1,516 @@
+"""Drives for uncertain hands: the best for many sampled transfer matrices at once (``robust``).
+
+Each sample has a value: the pressure of its weakest focus over what that focus asks. A goal is a
+statistic of these values: their mean, their lowest tenth, or the worst. The search maximises a
+smooth stand-in for it, the power mean of the values with some exponent: 1 is the mean, and far
+below zero the worst value decides. The lowest tenth is no smooth function of the drive; the power
+mean of exponent −2 stands for it. It raises the lowest tenth of other samples as much as a smoothed
+quantile does, without fitting the few samples at the quantile.
+
+``robust`` takes these steps:
+
+1. It balances the foci of the nominal matrix (``balanced``), which is the result where nothing is
+   uncertain.
+2. From there it climbs the power mean by L-BFGS, with exponents ever nearer to the goal. At equal
+   energy Σ|d|² the best drive is a sum of conjugated rows, so that search needs one number per row
+   however many elements there are (``_climb_at_equal_energy``); with limited elements it runs over
+   all phases and magnitudes (``_climb_with_limited_elements``).
+3. With suppression points it repeats step 2 with a growing penalty on their energy, until the goal
+   has lost 15 %.
+"""
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from jaxtyping import Complex128, Float64
+from scipy.linalg import cho_solve, cholesky, solve_triangular
+
+from airtact.acoustics.target import Target
+from airtact.drives.drive import Amplitudes, Drive
+from airtact.drives.gerchberg_saxton import phase
+from airtact.drives.reach import FociRows, asked_rows, suppression_rows
+from airtact.drives.transfer import TransferMatrix
+from airtact.drives.transfer_ensemble import TransferEnsemble
+from airtact.drives.weakest_focus import strongest_sources
+from airtact.errors import InvalidInput
+from airtact.timing import one_thread
+
+Goal = Literal["lowest tenth", "mean", "worst"]
+"""The statistic of the weakest focus over the samples."""
+
+Limit = Literal["energy", "amplitude", "phases"]
+"""What is held equal: the energy Σ|d|², full scale of each element, or full scale everywhere."""
+
+SampledRows = Complex128[np.ndarray, "samples foci elements"]
+"""Rows at the foci in each sample, over what each focus asks."""
+
+Rows = Complex128[np.ndarray, "rows"]
+"""One number for each focus of each sample, sample by sample."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Numbers of the search that were tuned together.
+
+    Attributes
+    ----------
+    exponents : sequences of exponents of the power mean, by goal. Each is one descent after
+        another. Hands that are off by much have many good drives far apart, of which each sequence
+        finds another one; the best is kept.
+    focus_sharpness : minus the exponent of the power mean over the foci of one sample, which stands
+        for the weakest of them.
+    steps : largest number of L-BFGS steps of one descent.
+    balancing_steps, starting_steps : steps that balance the foci of one matrix, where that is the
+        result and where samples go on from there.
+    allowed_loss : share of the goal that suppression points may cost.
+    penalties : weights of the mean energy at the suppression points over that of the elements,
+        tried in turn.
+    ridge : share of the mean eigenvalue added to products of rows, which may be dependent.
+    momentum_steps : steps of the quick search with momentum.
+    momentum_turn : root mean square turn of the phases in each of them [rad].
+    slope_memory, square_memory : shares of the running means of the slope and of its square that
+        each of them keeps.
+    """
+
+    exponents: dict[str, tuple[tuple[float, ...], ...]]
+    focus_sharpness: float = 8.0
+    steps: int = 60
+    balancing_steps: int = 2000
+    starting_steps: int = 30
+    allowed_loss: float = 0.15
+    penalties: tuple[float, ...] = tuple(float(10.0 ** (power / 2)) for power in range(-5, 7))
+    ridge: float = 1e-10
+    momentum_steps: int = 20
+    momentum_turn: float = 0.1
+    slope_memory: float = 0.8
+    square_memory: float = 0.95
+
+
+SETTINGS = Settings(
+    exponents={
+        "mean": ((1.0,),),
+        "lowest tenth": ((-2.0,), (1.0, -2.0)),
+        "worst": ((-2.0, -8.0, -32.0), (1.0, -2.0, -8.0, -32.0)),
+    }
+)
+
+
+def robust(
+    ensemble: TransferMatrix,
+    target: Target,
+    goal: Goal = "lowest tenth",
+    *,
+    limit: Limit = "energy",
+) -> Drive:
+    """Make the drive that is best over all samples of an ensemble, for an uncertain hand.
+
+    The gains of single elements are left to chance: they are as likely for one drive as for
+    another, and a drive that fitted those of the samples would be worse for others. Phases at the
+    foci are chosen by the method.
+
+    Parameters
+    ----------
+    ensemble : the samples, from ``ensemble``; a matrix without samples counts as certain.
+    target : the foci and the pressures asked there. Suppression points may cost 15 % of the goal.
+    goal : "lowest tenth", the pressure that the weakest focus exceeds 9 of 10 times; its "mean"; or
+        its "worst" sample.
+    limit : "energy": the goal is best for the energy Σ|d|² that the drive emits. "amplitude": it is
+        best with no element over full scale. "phases": with every element at full scale.
+
+    Returns
+    -------
+    The drive. Its largest amplitude is 1, or less where the goal then reaches what the foci ask
+    for. With certainty it is the drive of the strongest worst focus at that limit, and for one
+    focus that of ``time_reversal`` (``phase_conjugate`` for "amplitude" and "phases").
+
+    Raises
+    ------
+    InvalidInput
+        As ``weighted_gerchberg_saxton``; "unknown_name": there is no such goal or limit;
+        "data_missing".
+
+    Examples
+    --------
+    >>> import airtact as at
+    >>> target = at.Target(np.zeros((1, 3)))
+    >>> beacons = at.FreeField().radiate(at.Scene(at.air(), [], frequency=40e3), target.beacons())
+    >>> samples = at.ensemble(beacons, at.surrounding_box(), at.Uncertainty(position=2e-3))
+    >>> lowest = goal_value(samples, target, robust(samples, target))
+    >>> bool(lowest > goal_value(samples, target, at.time_reversal(samples, target)))
+    True
+    """
+    for word, allowed in ((goal, get_args(Goal)), (limit, get_args(Limit))):
+        if word not in allowed:
+            raise InvalidInput(
+                f'"{word}" is not known here; give {", ".join(allowed)}.', code="unknown_name"
+            )
+    nominal, wanted = asked_rows(ensemble, target)
+    search = _Search(
+        sampled_rows(ensemble, target), _suppressed_rows(ensemble, target), goal, limit
+    )
+    with one_thread():  # threads would wait for each other, because the products are small
+        amplitudes = _best(nominal / wanted[:, None], search)
+    full = Drive(amplitudes / np.abs(amplitudes).max())
+    if target.pressures is None:
+        return full
+    return Drive(full.amplitudes / max(goal_value(ensemble, target, full, goal), 1.0))
+
+
+def robust_phase_only(
+    ensemble: TransferMatrix, target: Target, goal: Goal = "lowest tenth"
+) -> Drive:
+    """Make the drive of ``robust`` with every element at full scale."""
+    return robust(ensemble, target, goal, limit="phases")
+
+
+def goal_value(
+    ensemble: TransferMatrix, target: Target, drive: Drive, goal: Goal = "lowest tenth"
+) -> float:
+    """Return what a drive reaches of a goal over the samples.
+
+    It is a pressure [Pa], or a share of what the foci ask for.
+
+    Parameters
+    ----------
+    ensemble, target : as for ``robust``.
+    drive : of the elements of the ensemble.
+    goal : the statistic of the weakest focus.
+
+    Raises
+    ------
+    InvalidInput
+        If the elements or the foci do not match.
+    """
+    return _statistic(weakest_in_samples(ensemble, target, drive), goal)
+
+
+def _statistic(values: Float64[np.ndarray, "samples"], goal: str) -> float:
+    if goal == "mean":
+        return float(values.mean())
+    return float(values.min() if goal == "worst" else np.quantile(values, 0.1))
+
+
+def weakest_in_samples(
+    ensemble: TransferMatrix, target: Target, drive: Drive
+) -> Float64[np.ndarray, "samples"]:
+    """Pressure of the weakest focus in each sample (S,) [Pa], over what it asks if it does."""
+    _, wanted = asked_rows(ensemble, target)
+    if isinstance(ensemble, TransferEnsemble):
+        pressures = ensemble.pressures(drive)
+    else:
+        pressures = ensemble.pressure(drive)[None]
+    asked = np.flatnonzero(target.weights > 0.0)
+    return (np.abs(pressures[:, asked]) / wanted).min(axis=1)
+
+
+def sampled_rows(ensemble: TransferMatrix, target: Target) -> SampledRows:
+    """Return the rows of each sample at the foci, over what they ask; one sample if all agree."""
+    nominal, wanted = asked_rows(ensemble, target)
+    if not isinstance(ensemble, TransferEnsemble):
+        return (nominal / wanted[:, None])[None]
+    rows = ensemble.geometry[:, np.flatnonzero(target.weights > 0.0)]
+    if np.abs(rows - nominal).max() <= 1e-9 * np.abs(nominal).max():
+        rows = nominal[None]
+    return rows / wanted[:, None]
+
+
+def _suppressed_rows(
+    ensemble: TransferMatrix, target: Target
+) -> Complex128[np.ndarray, "suppressed elements"]:
+    """Return the rows at the suppression points of all samples; energies are means over samples."""
+    nominal = suppression_rows(ensemble, target)
+    if not len(nominal) or not isinstance(ensemble, TransferEnsemble):
+        return nominal
+    rows = ensemble.geometry[:, len(target.points) :]
+    return rows.reshape(-1, rows.shape[2]) / np.sqrt(len(rows))
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """The rows at the foci over what they ask, those at suppression points, and what is sought."""
+
+    samples: SampledRows
+    suppressed: Complex128[np.ndarray, "suppressed elements"]
+    goal: Goal
+    limit: Limit
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of samples and of foci."""
+        samples, foci, _ = self.samples.shape
+        return samples, foci
+
+    @property
+    def rows(self) -> Complex128[np.ndarray, "rows elements"]:
+        """(S F, E) the rows of all samples."""
+        return self.samples.reshape(-1, self.samples.shape[2])
+
+    def value(self, amplitudes: Amplitudes) -> float:
+        """Return the goal at the limit."""
+        scale = np.linalg.norm(amplitudes) if self.limit == "energy" else np.abs(amplitudes).max()
+        return _statistic(np.abs(self.samples @ amplitudes).min(axis=1), self.goal) / float(scale)
+
+    def climbed(self, start: Amplitudes, penalty: float) -> Amplitudes:
+        """Climb from a start; the energy at the suppression points counts by the penalty."""
+        climb = _climb_at_equal_energy if self.limit == "energy" else _climb_with_limited_elements
+        sequences = SETTINGS.exponents[self.goal]
+        if penalty:  # the start comes from the best sequence already
+            sequences = sequences[:1]
+        ends = [climb(self, start, penalty, exponents) for exponents in sequences]
+        return max(ends, key=self.value)
+
+
+def _best(nominal: FociRows, search: _Search) -> Amplitudes:
+    suppressed = search.suppressed
+    certain = len(search.samples) == 1
+    final = certain and not len(suppressed)
+    steps = SETTINGS.balancing_steps if final else SETTINGS.starting_steps
+    best = balanced(nominal, search.limit != "energy", steps)
+    if not certain:
+        best = max(best, search.climbed(best, 0.0), key=search.value)
+    if not len(suppressed):
+        return best
+    lowest = (1.0 - SETTINGS.allowed_loss) * search.value(best)
+    elements = suppressed.shape[1]
+    energy = float(np.sum(np.abs(suppressed) ** 2))
+    for penalty in SETTINGS.penalties:
+        candidate = search.climbed(best, penalty * elements / energy)
+        if search.value(candidate) < lowest:
+            break
+        best = candidate
+    return best
+
+
+def improved(samples: SampledRows, start: Amplitudes, limit: Limit) -> Amplitudes:
+    """Raise the lowest tenth over few samples in one descent from a start, in milliseconds.
+
+    Parameters
+    ----------
+    samples : rows of the foci in each sample.
+    start : a drive that is good where nothing is uncertain.
+    limit : "energy" by the descent of ``robust``, else every element at full scale by a few steps
+        with momentum.
+
+    Returns
+    -------
+    The drive with the largest magnitude 1; the start if the power mean over the samples does not
+    rise.
+    """
+    if limit != "energy":
+        return _climb_with_momentum(samples, start)
+    search = _Search(samples, np.empty((0, len(start)), dtype=np.complex128), "lowest tenth", limit)
+    exponents = SETTINGS.exponents["lowest tenth"][0]
+
+    def mean(drive: Amplitudes) -> float:
+        received = search.rows @ drive / np.linalg.norm(drive)
+        return _power_mean(received, search.shape, exponents[-1])[0]
+
+    with one_thread():
+        best = max(start, _climb_at_equal_energy(search, start, 0.0, exponents), key=mean)
+    return best / np.abs(best).max()
+
+
+# --- one matrix -------------------------------------------------------------------------------
+
+
+def balanced(matrix: FociRows, phases: bool, steps: int = SETTINGS.balancing_steps) -> Amplitudes:
+    """Make the weakest focus of one matrix strongest, by weighted alternating projections.
+
+    With ``phases`` every element is at full scale, else the energy is limited; ``matrix`` has rows
+    over what each focus asks.
+    """
+    if phases:
+        return phase(matrix.conj().T @ strongest_sources(matrix, 300))
+    foci = len(matrix)
+    if foci == 1:
+        return matrix[0].conj()
+    products = matrix @ matrix.conj().T
+    # Start with the foci in phase, and with phases that turn by 1, 2 and 3 quarters from one focus
+    # to the next.
+    starts = [np.exp(2j * np.pi * quarters * np.arange(foci) / 4) for quarters in range(4)]
+    ends = [_balanced_sources(products, start, steps) for start in starts]
+    strengths = np.array(
+        [np.abs(products @ end).min() / np.sqrt(np.vdot(end, products @ end).real) for end in ends]
+    )
+    # Of equal ends the first, whatever the rounding.
+    best = int(np.argmax(np.round(strengths / strengths.max(), 9)))
+    return matrix.conj().T @ ends[best]
+
+
+def _balanced_sources(
+    products: Complex128[np.ndarray, "foci foci"],
+    sources: Complex128[np.ndarray, "foci"],
+    steps: int,
+) -> Complex128[np.ndarray, "foci"]:
+    weights = np.ones(len(sources))
+    for _ in range(steps):
+        received = products @ sources
+        magnitudes = np.maximum(np.abs(received), np.finfo(float).tiny)
+        change = magnitudes.mean() / magnitudes
+        weights = weights * np.sqrt(change)
+        weights = weights / weights.mean()
+        sources = weights * received / magnitudes
+        if np.abs(change - 1.0).max() < 1e-12:
+            break
+    return sources
+
+
+# --- all samples ------------------------------------------------------------------------------
+
+
+def _climb_at_equal_energy(
+    search: _Search, start: Amplitudes, penalty: float, exponents: tuple[float, ...]
+) -> Amplitudes:
+    """Climb the power mean at equal energy, that at suppression points R included by the penalty.
+
+    The best drive has the form d = M⁻¹ Aᴴ s, A being all rows and M = 1 + penalty Rᴴ R. It gives
+    the pressures P s with P = A M⁻¹ Aᴴ = L Lᴴ, at the energy sᴴ P s = ‖Lᴴ s‖². In x = Lᴴ s the
+    pressures are L x and the energy is ‖x‖², so that the search runs over the direction of x.
+    """
+    from scipy.optimize import minimize
+
+    back = search.rows.conj().T
+    if penalty:
+        suppressed = search.suppressed
+        energy = np.eye(len(start)) + penalty * suppressed.conj().T @ suppressed
+        back = cho_solve((cholesky(energy, lower=True), True), back)
+    products = search.rows @ back
+    products = 0.5 * (products + products.conj().T)
+    count = len(products)
+    ridge = SETTINGS.ridge * np.trace(products).real / count
+    lower = cholesky(products + ridge * np.eye(count), lower=True)
+
+    def objective(
+        coordinates: Float64[np.ndarray, "coordinates"], exponent: float
+    ) -> tuple[float, Float64[np.ndarray, "coordinates"]]:
+        numbers = coordinates[:count] + 1j * coordinates[count:]
+        norm = np.linalg.norm(numbers)
+        unit = numbers / norm
+        mean, by_pressure = _power_mean(lower @ unit, search.shape, exponent)
+        by_unit = lower.conj().T @ by_pressure
+        # Only the part of the gradient across x turns its direction.
+        slope = (by_unit - unit * np.vdot(unit, by_unit).real) / norm
+        return -mean, -np.concatenate([np.real(slope), np.imag(slope)])
+
+    numbers = solve_triangular(lower, search.rows @ start, lower=True)
+    for exponent in exponents:
+        # L-BFGS (Liu and Nocedal, Math. Program. 45, 503 (1989)).
+        coordinates = minimize(
+            objective,
+            np.concatenate([np.real(numbers), np.imag(numbers)]) / np.linalg.norm(numbers),
+            (exponent,),
+            jac=True,
+            method="L-BFGS-B",
+            options={"maxiter": SETTINGS.steps, "ftol": 1e-5},
+        ).x
+        numbers = coordinates[:count] + 1j * coordinates[count:]
+    return back @ solve_triangular(lower.conj().T, numbers / np.linalg.norm(numbers), lower=False)
+
+
+def _climb_with_limited_elements(
+    search: _Search, start: Amplitudes, penalty: float, exponents: tuple[float, ...]
+) -> Amplitudes:
+    """Climb the power mean with each element at most, or exactly, at full scale.
+
+    Magnitudes are sines of angles, which keeps them within full scale without bounds.
+    """
+    from scipy.optimize import minimize
+
+    rows = search.rows
+    back = rows.conj().T
+    suppressed = search.suppressed
+    all_full = search.limit == "phases"
+    count = len(start)
+
+    def drive_of(angles: Float64[np.ndarray, "angles"]) -> Amplitudes:
+        magnitudes = np.ones(count) if all_full else np.sin(angles[count:])
+        return magnitudes * np.exp(1j * angles[:count])
+
+    def objective(
+        angles: Float64[np.ndarray, "angles"], exponent: float
+    ) -> tuple[float, Float64[np.ndarray, "angles"]]:
+        amplitudes = drive_of(angles)
+        mean, by_pressure = _power_mean(rows @ amplitudes, search.shape, exponent)
+        slope = back @ by_pressure
+        if penalty:
+            pressure = suppressed @ amplitudes
+            energy = count + penalty * float(np.vdot(pressure, pressure).real)
+            mean -= 0.5 * np.log(energy)
+            slope = slope - penalty * suppressed.conj().T @ pressure / energy
+        by_phase = np.real(np.conj(slope) * 1j * amplitudes)
+        if all_full:
+            return -mean, -by_phase
+        by_magnitude = np.real(np.conj(slope) * np.exp(1j * angles[:count]))
+        return -mean, -np.concatenate([by_phase, by_magnitude * np.cos(angles[count:])])
+
+    angles = np.angle(start)
+    if not all_full:
+        # Just below full scale, where the sine still has a slope.
+        angles = np.concatenate([angles, np.full(count, 0.45 * np.pi)])
+    for exponent in exponents:
+        angles = minimize(
+            objective,
+            angles,
+            (exponent,),
+            jac=True,
+            method="L-BFGS-B",
+            options={"maxiter": SETTINGS.steps},
+        ).x
+    return drive_of(angles)
+
+
+def _climb_with_momentum(samples: SampledRows, start: Amplitudes) -> Amplitudes:
+    """Climb the power mean over the phases of all elements, in steps of one size, and keep the best.
+
+    This is Adam (D. P. Kingma, J. Ba, "Adam: a method for stochastic optimization", ICLR 2015,
+    algorithm 1) with one second moment for all phases.
+    """
+    rows = samples.reshape(-1, len(start)).astype(np.complex64)
+    exponent = SETTINGS.exponents["lowest tenth"][0][-1]
+    phases = np.angle(start)
+    slope = np.zeros(len(start))
+    square = 0.0
+    best = start
+    largest = -np.inf
+    for step in range(1, SETTINGS.momentum_steps + 2):
+        drive = np.exp(1j * phases)
+        received = (rows @ drive.astype(np.complex64)).astype(np.complex128)
+        mean, by_pressure = _power_mean(received, samples.shape[:2], exponent)
+        if mean > largest:
+            best = drive
+            largest = mean
+        by_phase = -np.imag((by_pressure.conj().astype(np.complex64) @ rows) * drive)
+        keep = SETTINGS.slope_memory
+        slope = keep * slope + (1.0 - keep) * by_phase
+        keep_square = SETTINGS.square_memory
+        square = keep_square * square + (1.0 - keep_square) * float(np.mean(by_phase**2))
+        # The running means start at 0; the powers undo that.
+        size = np.sqrt(square / (1.0 - keep_square**step)) + np.finfo(float).tiny
+        phases = phases + SETTINGS.momentum_turn / size * slope / (1.0 - keep**step)
+    return best
+
+
+def _power_mean(pressures: Rows, shape: tuple[int, int], exponent: float) -> tuple[float, Rows]:
+    """Logarithm of the power mean over the samples of the weakest focus, and its gradient.
+
+    Parameters
+    ----------
+    pressures : at each focus of each sample.
+    shape : number of samples and of foci.
+    exponent : of the mean over the samples.
+
+    Returns
+    -------
+    The logarithm, and g: it changes by Re Σ conj(g) δp.
+    """
+    logs = np.log(np.maximum(np.abs(pressures), np.finfo(float).tiny)).reshape(shape)
+    # Values relative to the smallest or largest, so that no power overflows.
+    lowest = logs.min(axis=1, keepdims=True)
+    foci = np.exp(SETTINGS.focus_sharpness * (lowest - logs))
+    values = lowest[:, 0] - np.log(foci.mean(axis=1)) / SETTINGS.focus_sharpness
+    peak = (exponent * values).max()
+    samples = np.exp(exponent * values - peak)
+    mean = (peak + np.log(samples.mean())) / exponent
+    shares = (samples / samples.sum())[:, None] * foci / foci.sum(axis=1, keepdims=True)
+    return float(mean), (shares / np.exp(2.0 * logs)).reshape(-1) * pressures

@@ -1,1 +1,0 @@
-"""Drives for many sampled transfer matrices at once, and what no drive exceeds over them."""

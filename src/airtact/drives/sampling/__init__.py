@@ -1,1 +1,0 @@
-"""Samples of hands, air and transducers that are in doubt, and the transfer matrix of each."""

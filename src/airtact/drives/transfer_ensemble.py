@@ -1,0 +1,644 @@
+"""Transfer matrices of sampled hands (``ensemble``), from one solve where hands move rigidly.
+
+Warmer air scales the wavenumber by s. The field is then the one that was solved with all lengths
+scaled by s, the bodies among them: the array is evaluated at distances scaled about the middle of
+the foci, which neglects that bodies and distances of foci would change by 1 − s, 0.2 % for each
+kelvin, and that absorption changes. Against solves of a pinch in air that is 2 K (5 K) warmer the
+matrix is 1.3 % (3.2 %) off in a box, 0.9 % (2.3 %) before flat boards, of 24 to 138 % without
+scaling, and the pressure of a drive at the weakest focus 0.2 % (0.4 %) at most
+(``benchmarks/robust.py warmer``).
+
+Elements count by the pressure at their centres times their directivity towards each focus; the
+remainder of the nominal element is carried along. Against the mean over their faces that is 0.1 %
+off for 2 mm and 3 degrees before flat boards, 1 % in a box.
+
+Before a rigid plane one solve serves the samples whose hands see the plane at the same place: those
+that were shifted along it or turned about its normal. All others are solved, in air of their own
+temperature.
+"""
+
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from itertools import islice
+from typing import TypeVar
+
+import numpy as np
+from jaxtyping import Complex128, Float64, Int64, Real
+
+from airtact.acoustics.planes import Plane
+from airtact.acoustics.scene import Scene, check_no_boards
+from airtact.acoustics.solvers.free_field import FreeField
+from airtact.acoustics.solvers.problem import RadiatedField, Solver
+from airtact.acoustics.solvers.spherical.multipole_field import (
+    MultipoleField,
+    ball_of,
+    multipole_expansion,
+)
+from airtact.acoustics.sources import Monopoles
+from airtact.acoustics.target import Beacons
+from airtact.acoustics.target_points import frame_of, outward
+from airtact.acoustics.uncertainty import Uncertainty
+from airtact.checks import check_seed, counted, of_kind
+from airtact.drives.draws import Draw, draws, gains
+from airtact.drives.drive import Drive
+from airtact.drives.transfer import TransferMatrix, transfer_matrix
+from airtact.errors import InvalidInput
+from airtact.geometry.pose import Pose
+from airtact.printing import in_short, one_line
+from airtact.transducers.boards import kind_of_array
+from airtact.transducers.layout import PhasedArray, join
+from airtact.transducers.placement import check_placement
+
+MAX_SAMPLES = 10_000
+"""Largest number of samples; more are probably a mistake."""
+
+FociRows = Complex128[np.ndarray, "foci elements"]
+
+Made = TypeVar("Made")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class TransferEnsemble(TransferMatrix):
+    """The nominal transfer matrix, and those of S sampled hands; ``ensemble`` makes it.
+
+    It serves wherever a ``TransferMatrix`` does, as the nominal one. ``robust`` makes drives for
+    all samples.
+
+    Attributes
+    ----------
+    geometry : (S, F, E) the matrix of each sample with the nominal gains of the elements [Pa].
+    gains : (S, E) factor of each element in each sample, or None where it is 1.
+    uncertainty : the distributions that the samples were drawn from.
+    seed : of the samples.
+    left_out : number of impossible samples, such as hands that a transducer would reach into.
+
+    Raises
+    ------
+    InvalidInput
+        As ``TransferMatrix``, or the samples are none or of another shape.
+    """
+
+    geometry: Complex128[np.ndarray, "samples foci elements"]
+    gains: Complex128[np.ndarray, "samples elements"] | None = None
+    uncertainty: Uncertainty = field(default_factory=Uncertainty)
+    seed: int = 0
+    left_out: int = 0
+
+    def __repr__(self) -> str:
+        samples, foci, elements = self.geometry.shape
+        return one_line(
+            self,
+            counted(samples, "sample", "samples"),
+            counted(foci, "focus", "foci"),
+            counted(elements, "element", "elements"),
+            f"{self.left_out} left out" if self.left_out else "",
+        )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        shape = np.shape(self.geometry)
+        if len(shape) != 3 or shape[0] == 0 or shape[1:] != self.matrix.shape:
+            foci, elements = self.matrix.shape
+            raise InvalidInput(
+                f"the samples have shape {shape}, but they need (samples, {foci}, {elements}), with "
+                "1 sample or more.",
+                code="wrong_shape",
+            )
+        for array in (self.geometry, self.gains):
+            if array is not None:
+                array.flags.writeable = False
+
+    def of_rows(self, rows: Int64[np.ndarray, "rows"]) -> "TransferEnsemble":
+        """Return the ensemble of some of the rows."""
+        foci = None if self.foci is None else self.foci[rows]
+        return replace(self, matrix=self.matrix[rows], foci=foci, geometry=self.geometry[:, rows])
+
+    @property
+    def matrices(self) -> Complex128[np.ndarray, "samples foci elements"]:
+        """(S, F, E) the matrix of each sample [Pa]."""
+        return self.geometry if self.gains is None else self.geometry * self.gains[:, None, :]
+
+    def pressures(self, drive: Drive) -> Complex128[np.ndarray, "samples foci"]:
+        """Return the complex pressure (S, F) at each focus of each sample under a drive [Pa].
+
+        Raises
+        ------
+        InvalidInput
+            If the drive is for another number of elements.
+        """
+        self.check_fits(drive)
+        if self.gains is None:
+            return self.geometry @ drive.amplitudes
+        return np.einsum("sfe,se->sf", self.geometry, self.gains * drive.amplitudes)
+
+
+def ensemble(
+    beacons: RadiatedField,
+    array: PhasedArray,
+    uncertainty: Uncertainty,
+    samples: int = 64,
+    seed: int = 0,
+    *,
+    solver: Solver | None = None,
+) -> TransferEnsemble:
+    """Compute the transfer matrices of random hands, air and transducers.
+
+    A hand that is off as a whole needs no new solve: the array is evaluated from where it then is,
+    in the multipole expansion of the beacons. Without ``solver``, each focus of a body that is off
+    by itself, or along its skin, is evaluated as if all bodies moved with it; with ``solver``, each
+    sample is solved with its bodies where they are, in milliseconds by
+    ``BoundaryElement().factorised(scene, refined=target.points)``. Warmer air scales the
+    wavenumber. Before a rigid plane one solve serves hands that are off along it; ``solver`` solves
+    all others.
+
+    Parameters
+    ----------
+    beacons : field of unit beacons in the foci, ``solver.radiate(scene, target.beacons())``.
+    array : the transducers in the obstacles' frame.
+    uncertainty : standard deviations.
+    samples : number of them, 1 to 10 000; a power of 2 spreads best.
+    seed : of the random numbers, 0 or more.
+    solver : solves each sample where bodies move by themselves or foci are off along the skin, and
+        before a plane.
+
+    Returns
+    -------
+    The nominal matrix and those of the samples. Impossible samples, in which an element or a focus
+    is inside a body or something is behind a face, are left out and counted.
+
+    Raises
+    ------
+    InvalidInput
+        As ``transfer_matrix``; "out_of_range": of samples or seed; "empty"; "not_converged": a
+        plane needs the solver; "does_not_match": an uncertainty does not apply to the scene or
+        array.
+
+    Examples
+    --------
+    >>> import airtact as at
+    >>> scene, target = at.Scene(at.air(), [], frequency=40e3), at.Target(np.zeros((1, 3)))
+    >>> beacons = at.FreeField().radiate(scene, target.beacons())
+    >>> ensemble(beacons, at.surrounding_box(), Uncertainty(position=1e-3), samples=16)
+    TransferEnsemble(16 samples, 1 focus, 996 elements)
+    """
+    of_kind(uncertainty, Uncertainty, "the uncertainty", "Uncertainty(position=1e-3, rotation=2.0)")
+    check_counts(samples, seed)
+    nominal = transfer_matrix(beacons, array)
+    check_doubts(uncertainty, beacons.scene, array)
+    sampler = _Sampler.of(beacons, array, nominal.matrix, uncertainty, solver)
+    matrices = [
+        matrix for matrix in sampler.matrices(sampler.draw(samples, seed)) if matrix is not None
+    ]
+    if not matrices:
+        raise InvalidInput(
+            f"all {samples} samples are impossible: an element reaches into a body, or something "
+            "is behind a face; give smaller deviations or move the array away.",
+            code="empty",
+        )
+    return TransferEnsemble(
+        matrix=nominal.matrix,
+        estimated_error=nominal.estimated_error,
+        foci=nominal.foci,
+        wavelength=nominal.wavelength,
+        geometry=np.stack(matrices),
+        gains=gains(uncertainty, len(matrices), seed, len(array)),
+        uncertainty=uncertainty,
+        seed=seed,
+        left_out=samples - len(matrices),
+    )
+
+
+def matrices_at(
+    beacons: RadiatedField,
+    array: PhasedArray,
+    poses: Iterable[Pose],
+    slower: float = 1.0,
+    solver: Solver | None = None,
+) -> Iterator[FociRows | None]:
+    """Yield the transfer matrix (F, E) of a hand that is moved rigidly by each pose [Pa].
+
+    ``slower`` scales the wavenumber, for warmer air. Impossible poses, in which an element would
+    reach into a body or something is behind a face, give None. Before a plane ``solver`` solves
+    each pose that does not keep the plane. Raises as ``transfer_matrix``, and "not_converged".
+    """
+    nominal = transfer_matrix(beacons, array).matrix
+    sampler = _Sampler.of(beacons, array, nominal, Uncertainty(), solver)
+    return sampler.matrices(sampler.at_rest(pose, slower) for pose in poses)
+
+
+def check_counts(samples: int, seed: int) -> None:
+    """Raise "out_of_range" for an impossible number of samples or seed."""
+    whole = isinstance(samples, int | np.integer) and not isinstance(samples, bool)
+    if not whole or not 1 <= samples <= MAX_SAMPLES:
+        raise InvalidInput(
+            f"the number of samples is {samples!r}, but it must be a whole number from 1 to "
+            f"{MAX_SAMPLES}.",
+            code="out_of_range",
+        )
+    check_seed(seed)
+
+
+def check_doubts(uncertainty: Uncertainty, scene: Scene, array: PhasedArray) -> None:
+    """Raise "does_not_match" or "empty" for an uncertainty of what scene or array do not have."""
+    speed = scene.medium.sound_speed
+    if (uncertainty.temperature or uncertainty.humidity) and not 300.0 <= speed <= 370.0:
+        raise InvalidInput(
+            f"temperature or humidity are uncertain, but a medium with {speed:g} m/s is not air; "
+            "leave them 0.",
+            code="does_not_match",
+        )
+    if uncertainty.along_skin and not scene.obstacles:
+        raise InvalidInput(
+            "along_skin is given, but the scene has no body; leave it 0.", code="empty"
+        )
+    on_boards = uncertainty.board_position or uncertainty.board_rotation
+    if on_boards and kind_of_array(array.positions, array.normals) is None:
+        raise InvalidInput(
+            "the boards are uncertain, but the elements are not laid out as boards; leave "
+            "board_position and board_rotation 0.",
+            code="empty",
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Sampler:
+    """Computes the matrices of draws.
+
+    Attributes
+    ----------
+    field : of the beacons, as a multipole expansion where there are bodies.
+    array : the transducers.
+    pieces : its boards where they are uncertain, else none.
+    uncertainty : the distributions.
+    solver : for bodies that move by themselves, and for hands that move towards a plane; or None.
+    groups : indices of the foci that move together.
+    bodies : (F,) the body that each focus is nearest to; 0 in open air.
+    middle : (3,) of the foci [m], about which the hand turns.
+    ball : centre and radius of a ball around the bodies [m], or None.
+    remainder : (F, E) part of the nominal matrix beyond centres and directivity, over its carrier
+        wave [Pa].
+    """
+
+    field: RadiatedField
+    array: PhasedArray
+    pieces: tuple[PhasedArray, ...]
+    uncertainty: Uncertainty
+    solver: Solver | None
+    groups: tuple[Int64[np.ndarray, "_"], ...]
+    bodies: Int64[np.ndarray, "foci"]
+    middle: Float64[np.ndarray, "3"]
+    ball: tuple[Float64[np.ndarray, "3"], float] | None
+    remainder: Complex128[np.ndarray, "foci elements"]
+
+    __repr__ = in_short
+
+    @classmethod
+    def of(
+        cls,
+        beacons: RadiatedField,
+        array: PhasedArray,
+        nominal: FociRows,
+        uncertainty: Uncertainty,
+        solver: Solver | None,
+    ) -> "_Sampler":
+        """Prepare the parts that samples share; ``nominal`` is the matrix without deviations."""
+        of_kind(solver, Solver | None, "the solver", "BoundaryElement()")
+        scene = beacons.scene
+        foci = beacons.sources.positions
+        check_no_boards(scene, "an ensemble, whose hands move against it,")
+        if scene.planes and not scene.obstacles:
+            solver = FreeField()
+        by_themselves = uncertainty.own_position or uncertainty.own_rotation
+        moving = scene.obstacles and (by_themselves or uncertainty.along_skin)
+        if not moving and not scene.planes:
+            solver = None
+        if scene.obstacles and solver is None:
+            beacons = _expanded(beacons)
+        ball = None
+        if isinstance(beacons, MultipoleField):
+            ball = beacons.ball
+        elif scene.obstacles:
+            ball = ball_of(scene)
+        bodies = np.zeros(len(foci), dtype=np.int64)
+        if len(scene.obstacles) > 1:
+            depths = [obstacle.surface.depth(foci) for obstacle in scene.obstacles]
+            bodies = np.argmax(depths, axis=0)
+        # Suppression points do not move the middle.
+        asked = beacons.sources.foci if isinstance(beacons.sources, Beacons) else len(foci)
+        boards_move = uncertainty.board_position or uncertainty.board_rotation
+        sampler = cls(
+            field=beacons,
+            array=array,
+            pieces=_boards(array) if boards_move else (),
+            uncertainty=uncertainty,
+            solver=solver,
+            groups=_groups(bodies, bool(by_themselves), bool(uncertainty.along_skin)),
+            bodies=bodies,
+            middle=foci[:asked].mean(axis=0),
+            ball=ball,
+            remainder=np.zeros_like(nominal),
+        )
+        if solver is not None or scene.planes:
+            return sampler
+        everything = np.arange(len(foci))
+        centres, carrier = sampler._at_centres([(array, Pose.identity(), 1.0)], everything)
+        return replace(sampler, remainder=(nominal - centres[0] * array.gains) / carrier[0])
+
+    @property
+    def together(self) -> bool:
+        """Whether all foci move as one."""
+        uncertainty = self.uncertainty
+        return not (uncertainty.own_position or uncertainty.own_rotation or uncertainty.along_skin)
+
+    @cached_property
+    def pattern(self) -> tuple[Float64[np.ndarray, "angles"], Float64[np.ndarray, "angles"]]:
+        """Sines of angles off an element's axis, and its far pressure over that on the axis."""
+        sines = np.linspace(0.0, 1.0, 400)
+        directions = np.stack([sines, np.zeros_like(sines), np.sqrt(1.0 - sines**2)], axis=1)
+        wavenumber = self.field.scene.wavenumber.real
+        return sines, np.real(self.array.element.far_pattern(directions, wavenumber))
+
+    def draw(self, samples: int, seed: int) -> Iterator[Draw]:
+        """Draw samples; with a solver each body has its own motion, else each group of foci."""
+        foci = self.field.sources.positions
+        obstacles = self.field.scene.obstacles
+        if self.solver is None or not obstacles:
+            pivots = [foci[group].mean(axis=0) for group in self.groups]
+        else:
+            pivots = []
+            for body, obstacle in enumerate(obstacles):
+                carried = foci[self.bodies == body]
+                pivots.append((carried if len(carried) else obstacle.surface.vertices).mean(axis=0))
+        boards = [piece.positions.mean(axis=0) for piece in self.pieces]
+        return draws(self.uncertainty, samples, seed, self.middle, pivots, len(foci), boards)
+
+    def at_rest(self, pose: Pose, slower: float) -> Draw:
+        """Return the draw of a motion of the whole hand and a scale of the wavenumber alone."""
+        still = (Pose.identity(),) * len(self.groups)
+        return Draw(pose, still, np.zeros((len(self.field.sources.positions), 2)), (), slower)
+
+    def matrices(self, samples: Iterable[Draw]) -> Iterator[FociRows | None]:
+        """Yield the transfer matrix of each draw; None for impossible ones."""
+        if self.field.scene.planes:
+            yield from self._before_planes(list(samples))
+        elif self.solver is not None:
+            for draw in samples:
+                yield _if_possible(self._solved, draw)
+        else:
+            remaining = iter(samples)
+            while batch := list(islice(remaining, 16)):
+                placed = [_if_possible(self._placed, draw) for draw in batch]
+                rows = iter(self._evaluated([place for place in placed if place is not None]))
+                yield from (None if place is None else next(rows) for place in placed)
+
+    def _array(self, draw: Draw) -> PhasedArray:
+        if not self.pieces:
+            return self.array
+        pairs = zip(self.pieces, draw.boards, strict=True)
+        return join([piece.moved(pose) for piece, pose in pairs])
+
+    # --- from one solve ---
+
+    def _placed(self, draw: Draw) -> tuple[PhasedArray, Sequence[Pose], float]:
+        """Return the array of a draw and the motion of each group of foci; raise if impossible."""
+        array = self._array(draw)
+        foci = self.field.sources.positions
+        poses = [draw.hand] * len(self.groups)
+        if not self.together:
+            shifts = along_skin(self.field.scene, foci, draw.skin)
+            poses = [
+                draw.hand @ Pose(own.rotation, own.translation + shifts[group[0]])
+                for own, group in zip(draw.own, self.groups, strict=True)
+            ]
+        for pose, group in zip(poses, self.groups, strict=True):
+            self._check(self.field.scene, array, pose, foci[group], self.ball)
+        return array, poses, draw.slower
+
+    def _evaluated(
+        self, placed: Sequence[tuple[PhasedArray, Sequence[Pose], float]]
+    ) -> Complex128[np.ndarray, "samples foci elements"]:
+        """Evaluate the solved field at the array from where each group of foci sees it."""
+        rows = np.empty((len(placed), *self.remainder.shape), dtype=np.complex128)
+        if not placed:
+            return rows
+        for number, group in enumerate(self.groups):
+            seen = [(array, poses[number], slower) for array, poses, slower in placed]
+            centres, carrier = self._at_centres(seen, group)
+            rows[:, group] = centres * self.array.gains + self.remainder[group] * carrier
+        return rows
+
+    def _at_centres(
+        self, seen: Sequence[tuple[PhasedArray, Pose, float]], group: Int64[np.ndarray, "group"]
+    ) -> tuple[
+        Complex128[np.ndarray, "samples group elements"],
+        Complex128[np.ndarray, "samples group elements"],
+    ]:
+        """Pressure at the centres of the elements times their directivity, and the carrier wave.
+
+        That costs a twelfth of the mean over their faces. The remainder is taken from the nominal
+        matrix, carried by the wave from the focus to the centre.
+        """
+        element = self.array.element
+        slower = np.array([[[factor]] for _, _, factor in seen])
+        turned = [(array.positions - pose.translation) @ pose.rotation for array, pose, _ in seen]
+        # Scaled about the middle: see the module docstring.
+        points = self.middle + slower * (np.stack(turned) - self.middle)
+        foci = self.middle + slower * (self.field.sources.positions[group] - self.middle)
+        away = points[:, None] - foci[:, :, None]
+        distance = np.sqrt(np.einsum("sfed,sfed->sfe", away, away))
+        carrier = slower * np.exp(1j * self.field.scene.wavenumber * distance) / distance
+        received = _columns(self.field, points.reshape(-1, 3), group)
+        received = received.reshape(*points.shape[:2], -1).transpose(0, 2, 1)
+        if len(element.weights) > 1:
+            normals = np.stack([array.normals @ pose.rotation for array, pose, _ in seen])
+            cosines = np.einsum("sfed,sed->sfe", away, normals) / distance
+            sines = slower * np.sqrt(np.maximum(1.0 - cosines**2, 0.0))
+            received = received * np.interp(sines, *self.pattern)
+        return slower * element.sensitivity * received, carrier
+
+    # --- solved one by one ---
+
+    def _solved(self, draw: Draw) -> FociRows:
+        """Solve the scene with its bodies where they are by themselves."""
+        assert self.solver is not None
+        scene, foci = self._moved(draw, self.field.scene)
+        array = self._array(draw)
+        field = self.solver.radiate(scene, Monopoles(foci, self.field.sources.strengths))
+        self._check(scene, array, draw.hand, foci, ball_of(scene))
+        element = array.element
+        faces = array.face_points
+        points = (faces.reshape(-1, 3) - draw.hand.translation) @ draw.hand.rotation
+        points = self.middle + draw.slower * (points - self.middle)
+        received = field.at(points).reshape(*faces.shape[:2], -1)
+        means = np.einsum("eqf,q->fe", received, element.weights)
+        return draw.slower * element.sensitivity * means * array.gains
+
+    def _moved(self, draw: Draw, scene: Scene) -> tuple[Scene, Float64[np.ndarray, "foci 3"]]:
+        """Move the bodies of a scene, and the foci, by their own deviations."""
+        foci = self.field.sources.positions
+        if self.together:
+            return scene, foci
+        carrying = self.bodies if scene.obstacles else np.arange(len(foci))
+        obstacles = [
+            replace(obstacle, surface=obstacle.surface.moved(pose))
+            for obstacle, pose in zip(scene.obstacles, draw.own, strict=False)
+        ]
+        scene = replace(scene, obstacles=obstacles)
+        pairs = zip(carrying, foci, strict=True)
+        foci = np.stack([draw.own[body].apply(point) for body, point in pairs])
+        if draw.skin.any():
+            shifted = foci + along_skin(scene, foci, draw.skin)
+            # Keep the distance from the skin, which is not flat.
+            deeper = scene.depth(shifted) - scene.depth(foci)
+            foci = shifted + deeper[:, None] * outward(scene.depth, shifted)
+        return scene, foci
+
+    # --- before planes ---
+
+    def _before_planes(self, samples: Sequence[Draw]) -> Iterator[FociRows | None]:
+        """Yield matrices before a plane, by one field for all hands that see it alike."""
+        alike: dict[Hashable, list[int]] = {}
+        for index, draw in enumerate(samples):
+            alike.setdefault(self._view(draw) if self.together else index, []).append(index)
+        matrices: list[FociRows | None] = [None] * len(samples)
+        for indices in alike.values():
+            field = _if_possible(self._over_plane, samples[indices[0]])
+            if field is None:
+                continue
+            if len(indices) >= 4 and field.scene.obstacles:  # from there on an expansion pays
+                field = _expanded(field)
+            for index in indices:
+                matrices[index] = _if_possible(partial(self._at_array, field), samples[index])
+        yield from matrices
+
+    def _view(self, draw: Draw) -> Hashable:
+        """Return a key that is equal for hands that see the planes, and their air, alike."""
+        planes = [_plane_seen(plane, draw.hand) for plane in self.field.scene.planes]
+        numbers = [(*plane.normal, plane.height(np.zeros((1, 3)))[0]) for plane in planes]
+        return draw.slower, *(np.round(np.concatenate(numbers), 9) + 0.0).tolist()
+
+    def _over_plane(self, draw: Draw) -> RadiatedField:
+        """Return the field of the foci of a draw in the frame of its hand, solved if need be."""
+        scene = self.field.scene
+        planes = [_plane_seen(plane, draw.hand) for plane in scene.planes]
+        pairs = zip(planes, scene.planes, strict=True)
+        if all(plane is before for plane, before in pairs) and self.together and draw.slower == 1.0:
+            return self.field
+        if self.solver is None:
+            raise InvalidInput(
+                "a sample before a plane in which the hand is lifted or tilted, or bodies, foci or "
+                "air deviate, is another scene: give solver=BoundaryElement(), which solves each, "
+                "or leave these deviations 0.",
+                code="not_converged",
+            )
+        medium = replace(scene.medium, sound_speed=scene.medium.sound_speed / draw.slower)
+        moved, foci = self._moved(draw, replace(scene, medium=medium, planes=planes))
+        return self.solver.radiate(moved, Monopoles(foci, self.field.sources.strengths))
+
+    def _at_array(self, field: RadiatedField, draw: Draw) -> FociRows:
+        return transfer_matrix(field, self._array(draw).seen_from(draw.hand)).matrix
+
+    @staticmethod
+    def _check(
+        scene: Scene,
+        array: PhasedArray,
+        pose: Pose,
+        foci: Real[np.ndarray, "group 3"],
+        ball: tuple[Float64[np.ndarray, "3"], float] | None,
+    ) -> None:
+        """Check the placement of an array, but only where something is near enough to fail."""
+        spheres = pose.apply(foci)
+        radii = np.zeros(len(foci))
+        suspect = False
+        if ball is not None:
+            centre, radius = ball
+            spheres = np.vstack([spheres, pose.apply(centre)])
+            radii = np.append(radii, radius)
+            nearest = np.linalg.norm(array.positions - spheres[-1], axis=1).min()
+            suspect = nearest <= radius + array.element.reach
+        if array.element.directional:
+            heights = spheres @ array.normals.T - np.sum(array.positions * array.normals, axis=1)
+            suspect = suspect or not (heights > radii[:, None]).all()
+        if suspect:
+            check_placement(scene, array.seen_from(pose), foci)
+
+
+def _expanded(field: RadiatedField) -> RadiatedField:
+    return field if isinstance(field, MultipoleField) else multipole_expansion(field)
+
+
+def _plane_seen(plane: Plane, hand: Pose) -> Plane:
+    """Return a plane in the frame of a moved hand: the plane itself after motions that keep it."""
+    return plane if plane.kept_by(hand) else plane.moved(hand.inverse())
+
+
+def _if_possible(make: Callable[[Draw], Made], draw: Draw) -> Made | None:
+    """Make something of a draw; None if bodies, foci, elements and planes are in each other's way.
+
+    Any other fault, such as a hand that is metres away, is one of the input.
+    """
+    try:
+        return make(draw)
+    except InvalidInput as fault:
+        if fault.code not in (
+            "bodies_overlap",
+            "inside_body",
+            "behind_faces",
+            "behind_plane",
+            "not_in_metres",
+        ):
+            raise
+        return None
+
+
+def along_skin(
+    scene: Scene, foci: Real[np.ndarray, "foci 3"], shifts: Real[np.ndarray, "foci 2"]
+) -> Float64[np.ndarray, "foci 3"]:
+    """Return shifts of foci (F, 3) [m] for shifts in two directions along the surface."""
+    if not shifts.any():
+        return np.zeros((len(foci), 3))
+    frames = np.stack([np.stack(frame_of(normal)[:2]) for normal in outward(scene.depth, foci)])
+    return np.einsum("fi,fid->fd", shifts, frames)
+
+
+def _columns(
+    field: RadiatedField, points: Float64[np.ndarray, "points 3"], group: Int64[np.ndarray, "group"]
+) -> Complex128[np.ndarray, "points group"]:
+    """Pressure of some of the beacons at points, by the part of an expansion that they need."""
+    sources = field.sources
+    if len(group) == len(sources.positions) or not isinstance(field, MultipoleField):
+        return field.at(points)[:, group]
+    away = np.linalg.norm(points - field.spheres.centre, axis=1)
+    if away.min() < field.spheres.radius:
+        return field.at(points)[:, group]
+    spheres = replace(field.spheres, values=np.ascontiguousarray(field.spheres.values[..., group]))
+    beacons = Monopoles(sources.positions[group], np.eye(len(group)))
+    return replace(field, sources=beacons, spheres=spheres).at(points)
+
+
+def _groups(
+    bodies: Int64[np.ndarray, "foci"], by_themselves: bool, along_skin: bool
+) -> tuple[Int64[np.ndarray, "_"], ...]:
+    """Find the foci that move together: those of a body, or each by itself on a single body.
+
+    A single body is taken for a hand, whose foci are on different bones.
+    """
+    if not (by_themselves or along_skin):
+        return (np.arange(len(bodies)),)
+    different = np.unique(bodies)
+    if along_skin or len(different) == 1:
+        return tuple(np.arange(len(bodies))[:, None])
+    return tuple(np.flatnonzero(bodies == body) for body in different)
+
+
+def _boards(array: PhasedArray) -> tuple[PhasedArray, ...]:
+    """Take an array of boards apart."""
+    boards = kind_of_array(array.positions, array.normals)
+    count = len(boards[1]) if boards else 1
+    parts = (array.positions, array.normals, array.tangents, array.gains)
+    pieces = zip(*(np.split(part, count) for part in parts), strict=True)
+    return tuple(
+        PhasedArray(positions, normals, array.element, tangents, gains)
+        for positions, normals, tangents, gains in pieces
+    )
