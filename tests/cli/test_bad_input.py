@@ -430,14 +430,14 @@ KINDS = {
     ),
     "array far off": (
         lambda: at.evaluate(SCENE, ARRAY.moved(FAR), DRIVE, TARGET, solver=FREE),
-        "out_of_range",
+        "not_in_metres",
         "100 m",
         "10 m",
         "millimetres",
     ),
     "focus from far off": (
         lambda: at.focus_by_distance(ARRAY.moved(FAR), TARGET, AIR, 40e3),
-        "out_of_range",
+        "not_in_metres",
         "100 m",
     ),
     "focus by pistons in mm": (

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.special import gamma, j1
 
-from airtact.transducers.element import LARGEST_PISTON, Element, check_pattern, monopole, piston
+from airtact.transducers.element import MAX_PISTON_SIZE, Element, check_pattern, monopole, piston
 from faults import raises_code
 
 
@@ -36,7 +36,7 @@ def test_far_pattern_of_a_piston_is_the_closed_form(ka: float) -> None:
 
 
 def test_far_pattern_holds_up_to_the_largest_piston_and_not_much_further() -> None:
-    for points, largest in LARGEST_PISTON.items():
+    for points, largest in MAX_PISTON_SIZE.items():
         assert _pattern_error(largest, points=points) < 1.5e-3
         assert _pattern_error(1.25 * largest, points=points) > 1.5e-3
 

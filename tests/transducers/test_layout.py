@@ -157,7 +157,7 @@ POINT, UP = np.zeros((2, 3)), np.tile([0.0, 0.0, 1.0], (2, 1))
         (lambda: PhasedArray(POINT + [[0], [np.inf]], UP), "not_finite"),
         (lambda: PhasedArray(POINT, UP * [[1.0], [0.0]]), "all_zero"),
         (lambda: PhasedArray(POINT, UP * np.nan), "all_zero"),
-        (lambda: PhasedArray(POINT, UP, None, UP + [0.0, 1.0, 0.0]), "all_zero"),
+        (lambda: PhasedArray(POINT, UP, None, UP + [0.0, 1.0, 0.0]), "out_of_range"),
         (lambda: flat_boards(0, 2), "too_few"),
     ],
 )

@@ -26,7 +26,7 @@ from airtact.errors import InvalidInput
 from airtact.printing import in_short
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.levels import EIGHT_BITS, FULL_SCALE, Levels
-from airtact.transducers.modulation import FREQUENCY, AmplitudeModulation
+from airtact.transducers.modulation import DEFAULT_FREQUENCY, AmplitudeModulation
 
 MIN_FRAMES = 4
 """Smallest number of frames in one period of a modulation."""
@@ -136,7 +136,7 @@ class Sequence:
 
 
 def amplitude_modulation(
-    drive: Drive, frequency: float = FREQUENCY, rate: float = 4000.0, depth: float = 1.0
+    drive: Drive, frequency: float = DEFAULT_FREQUENCY, rate: float = 4000.0, depth: float = 1.0
 ) -> Sequence:
     """Vary the amplitude of a drive so that the force on the skin follows a cosine.
 

@@ -32,7 +32,7 @@ from airtact.transducers.boards import MURATA_RADIUS, board_named
 from airtact.transducers.calibration import calibrated_by
 from airtact.transducers.element import (
     DEFAULT_SENSITIVITY,
-    LARGEST_PISTON,
+    MAX_PISTON_SIZE,
     Element,
     monopole,
     piston,
@@ -256,7 +256,7 @@ def _element(table: tables.ArrayTable, wavenumber: float) -> Element:
         return monopole(sensitivity)
     radius = _own_radius(table) if table.piston_radius is None else table.piston_radius
     return piston(
-        radius, sensitivity, points=12 if wavenumber * radius <= LARGEST_PISTON[12] else 19
+        radius, sensitivity, points=12 if wavenumber * radius <= MAX_PISTON_SIZE[12] else 19
     )
 
 

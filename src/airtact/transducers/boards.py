@@ -1,4 +1,4 @@
-"""Boards as data: the positions of their transducers, and which channel of a message drives which of them."""
+"""Boards as data: the positions of their transducers, and their channels in a message."""
 
 from contextlib import suppress
 from dataclasses import dataclass
@@ -11,13 +11,10 @@ from airtact.errors import InvalidInput
 from airtact.geometry.pose import Pose, nearest_motion
 from airtact.printing import in_short
 
-MAX_MISPLACEMENT = 1e-4
-"""Largest distance of an element from its position on the board [m]."""
-
 NICERA_RADIUS = 4.0e-3
-"""Radius of the piston with the pattern of Nippon Ceramic's T4010A1 at 40 kHz, in a case of 5 mm radius [m].
+"""Radius of the piston with the pattern of Nippon Ceramic's T4010A1 at 40 kHz [m].
 
-It is 6 dB down at 50 degrees off the axis, as the maker's curve is, which the AUTD3 SDK holds as a
+Its case has a radius of 5 mm. It is 6 dB down at 50 degrees off the axis, as the maker's curve is, which the AUTD3 SDK holds as a
 table (its ``T4010A1``: 0.708, 0.501 and 0.355 of the axis at 40, 50 and 60 degrees; the piston has
 0.62, 0.49 and 0.38)."""
 
@@ -85,7 +82,7 @@ def board_named(name: str) -> Board:
     """
     if name not in BOARDS:
         raise InvalidInput(
-            f"{name!r} is none of the {len(BOARDS)} boards: there is {', '.join(BOARDS)}.",
+            f"{name!r} is none of the boards: there is {', '.join(BOARDS)}.",
             code="unknown_name",
         )
     return BOARDS[name]
@@ -102,8 +99,8 @@ def boards_needed(board: Board, elements: int) -> int:
     count = _whole_boards(board, elements)
     if count > board.most:
         raise InvalidInput(
-            f"{elements} elements are {count} {board.name} boards, and one link takes at most {board.most}: make a "
-            f"drive for {board.most * len(board)} elements or fewer.",
+            f"{elements} elements are {count} {board.name} boards, and one link takes at most "
+            f"{board.most}: make a drive for {board.most * len(board)} elements or fewer.",
             code="too_many",
         )
     return count
@@ -114,8 +111,8 @@ def _whole_boards(board: Board, elements: int) -> int:
     if rest or count == 0:
         near = len(board) * min(max(count, 1), board.most)
         raise InvalidInput(
-            f"{counted(elements, 'element does', 'elements do')} not fill whole {board.name} boards of {len(board)}: "
-            f"give a drive for {near} elements.",
+            f"{counted(elements, 'element does', 'elements do')} not fill whole {board.name} "
+            f"boards of {len(board)}: give a drive for {near} elements.",
             code="sizes_differ",
         )
     return count
@@ -124,7 +121,7 @@ def _whole_boards(board: Board, elements: int) -> int:
 def kind_of_array(
     positions: Real[np.ndarray, "elements 3"], normals: Real[np.ndarray, "elements 3"]
 ) -> tuple[Board, list[Pose]] | None:
-    """Find the kind of board that an array consists of, and the pose of each board; None where it is of none."""
+    """Find the kind of the boards of an array and their poses; None if it is not made of boards."""
     for board in BOARDS.values():
         if board.placed:
             with suppress(InvalidInput):
@@ -148,56 +145,51 @@ def poses_of_boards(
 
     Returns
     -------
-    One pose per board, from the board's frame to the array's; the identity for boards that do not fix the positions of
-    their transducers.
+    One pose per board, from the board's frame to the array's; the identity for boards that do not
+    fix the positions of their transducers.
 
     Raises
     ------
     InvalidInput
-        If the elements do not fill whole boards, or are not laid out like them: which board, how far off.
+        If the elements do not fill whole boards, or are not laid out like them.
     """
     board = board_named(board) if isinstance(board, str) else board
     count = _whole_boards(board, len(positions))
     if not board.placed:
         return [Pose.identity()] * count
-    parts = zip(
-        np.split(np.asarray(positions), count), np.split(np.asarray(normals), count), strict=True
-    )
-    return [_pose(board, index, *part) for index, part in enumerate(parts)]
+    parts = zip(np.split(positions, count), np.split(normals, count), strict=True)
+    return [_board_pose(board, index, *part) for index, part in enumerate(parts)]
 
 
-def _pose(
+def _board_pose(
     board: Board,
     index: int,
     positions: Real[np.ndarray, "elements 3"],
     normals: Real[np.ndarray, "elements 3"],
 ) -> Pose:
-    # The normals keep the fit from turning a board over, which a mirrored order of its elements
-    # would look like.
-    local, there = (
-        np.concatenate([points + 0.1 * normal, points - 0.1 * normal])
-        for points, normal in (
-            (board.positions, np.array([0.0, 0.0, 1.0])),
-            (positions, np.asarray(normals)),
-        )
-    )
-    pose = Pose(*nearest_motion(local, there))
+    # Points on both sides of the board keep the fit from turning it over, which a mirrored order of
+    # its elements would look like.
+    up = 0.1 * np.array([0.0, 0.0, 1.0])
+    nominal = np.concatenate([board.positions + up, board.positions - up])
+    actual = np.concatenate([positions + 0.1 * normals, positions - 0.1 * normals])
+    pose = Pose(*nearest_motion(nominal, actual))
     off = np.linalg.norm(pose.apply(board.positions) - positions, axis=1)
     lean = np.linalg.norm(normals - pose.rotation[:, 2], axis=1)
     worst = int(off.argmax())
-    if off[worst] > MAX_MISPLACEMENT or lean.max() > 1e-3:
+    if off[worst] > 1e-4 or lean.max() > 1e-3:  # 0.1 mm, and 0.06 degrees
         first = index * len(board)
         raise InvalidInput(
-            f"elements {first} to {first + len(board) - 1} are not laid out like board {index} of {board.name}: "
-            f"element {first + worst} stands {off[worst] * 1e3:.3g} mm off its position and normals lean by up to "
-            f"{np.degrees(lean.max()):.3g} degrees; make the drive for that board's layout.",
+            f"elements {first} to {first + len(board) - 1} are not laid out like board {index} of "
+            f"{board.name}: element {first + worst} is {off[worst] * 1e3:.3g} mm off its position "
+            f"and normals lean by up to {np.degrees(lean.max()):.3g} degrees; make the drive for "
+            "that board's layout.",
             code="wrong_kind",
         )
     return pose
 
 
 def _autd3() -> Board:
-    """Lay out 18 (x) by 14 (y) cells, x fastest, three of them empty; the origin is transducer 0."""
+    """Lay out 18 (x) by 14 (y) cells, x fastest, three of them empty, from transducer 0."""
     missing = {(1, 1), (2, 1), (16, 1)}
     cells = [
         (column, row, 0)
@@ -223,7 +215,7 @@ def _autd3() -> Board:
 
 
 def _sonicsurface() -> Board:
-    """Lay out 16 by 16 cells around the origin in the order of its channels: blocks of 4 (x) by 2 (y), y first."""
+    """Lay out 16 by 16 cells in the order of channels: blocks of 4 (x) by 2 (y), y first."""
     block = [(0, 0), (2, 0), (3, 0), (1, 1), (0, 1), (3, 1), (2, 1), (1, 0)]
     cells = [
         (4 * group + x, 2 * pair + y, 7.5)
@@ -269,10 +261,8 @@ def _nano16() -> Board:
 
 
 def _openmpd() -> Board:
-    """Lay out 16 by 16 cells, columns one after the other from the top; its pins come in blocks of 4 (x) by 2 (y)."""
-    columns, rows = (
-        index.ravel() for index in np.meshgrid(np.arange(16), np.arange(16), indexing="ij")
-    )
+    """Lay out 16 by 16 cells, columns from the top; its pins come in blocks of 4 (x) by 2 (y)."""
+    columns, rows = np.divmod(np.arange(256), 16)
     pins = np.array([[1, 5], [0, 4], [3, 6], [2, 7]])
     return Board(
         name="openmpd",

@@ -1,4 +1,4 @@
-"""The gain of each transducer relative to a nominal one, and how far off its position it stands, from a table."""
+"""The gain of each transducer and its deviation from its position, in a table."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -7,24 +7,18 @@ import numpy as np
 from jaxtyping import Complex128
 from scipy.spatial.transform import Rotation
 
-from airtact.checks import counted, of_kind
+from airtact.checks import of_kind
 from airtact.errors import InvalidInput, about
 from airtact.files.atomic import whole_file
-from airtact.files.text_table import TextTable, read_text_table
+from airtact.files.text_table import read_text_table
 from airtact.geometry.pose import Pose
 from airtact.transducers.layout import PhasedArray
 
 COLUMNS = ("element", "gain", "phase")
-"""Columns of the table: index from 0, amplitude over the wanted one, phase by which it lags [rad]."""
+"""Columns of the table: index from 0, amplitude over the nominal one, phase lag [rad]."""
 
 MOTION = ("x", "y", "z", "turn_x", "turn_y", "turn_z")
-"""Further columns, all or none: how far the element stands off its position [m], and the turn of its face [rad]."""
-
-LARGEST_GAIN = 10.0
-"""Gains over this are probably in per cent."""
-
-FARTHEST = 0.1
-"""Elements that stand farther off their position were given in millimetres [m]."""
+"""Further columns, all or none: deviation from the position [m], and turn of the face [rad]."""
 
 
 def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, "elements"]:
@@ -46,56 +40,71 @@ def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, 
     Raises
     ------
     InvalidInput
-        If the file cannot be read, a column is missing, or a line holds a cell that is not a number, an element that
-        does not exist or appeared before, or a gain that is negative or over 10; the sentence holds the line.
+        If the file cannot be read, a column is missing, or a line holds a cell that is not a
+        number, an element that does not exist or appeared before, or a gain that is negative or
+        over 10; the sentence names the line.
     """
     path = Path(of_kind(path, str | Path, "the calibration", "the path of a .csv file"))
     table = read_text_table(path)
     table.require(*COLUMNS)
     indices, levels, phases = (table.numbers(name) for name in COLUMNS)
     gains = np.ones(elements, dtype=np.complex128)
-    seen: dict[int, int] = {}
+    lines: dict[int, int] = {}
     for line, index, gain, phase in zip(table.lines, indices, levels, phases, strict=True):
         with about(f"line {line} of {path.name}"):
-            element = _element(index, elements)
-            if element in seen:
+            element = int(index)
+            if element != index:
+                raise InvalidInput(f"element {index:g} is not a whole number.", code="not_a_number")
+            if not 0 <= element < elements:
                 raise InvalidInput(
-                    f"element {element} was given in line {seen[element]} already.",
+                    f"there is no element {element} among {elements}.", code="unknown_name"
+                )
+            if element in lines:
+                raise InvalidInput(
+                    f"element {element} was given in line {lines[element]} already.",
                     code="given_twice",
                 )
-            if not 0.0 <= gain <= LARGEST_GAIN:
+            if not 0.0 <= gain <= 10.0:  # a larger one is probably in per cent
                 raise InvalidInput(
-                    f"gain {gain:g} of element {element} must be 0 to {LARGEST_GAIN:g}.",
-                    code="out_of_range",
+                    f"gain {gain:g} of element {element} must be 0 to 10.", code="out_of_range"
                 )
-            seen[element], gains[element] = line, gain * np.exp(1j * phase)
+            lines[element] = line
+            gains[element] = gain * np.exp(1j * phase)
     return gains
 
 
 def calibrated_by(path: str | Path, array: PhasedArray) -> PhasedArray:
-    """Give an array the gains of a calibration, and the positions and angles of its elements where it has these.
+    """Give an array the gains of a calibration, and its deviations if the file has them.
 
     Parameters
     ----------
     path : file as of ``load_calibration``. Its further columns x, y, z [m] say how far an element
         stands off its position, and turn_x, turn_y, turn_z [rad], the vector of a turn, how its
         face is turned there, in the array's frame; 0 for elements that are not listed.
-    array : as it was drawn.
+    array : the nominal array.
 
     Raises
     ------
     InvalidInput
-        As ``load_calibration``; "out_of_range": an element is 0.1 m off or turned by half a turn, or more.
+        As ``load_calibration``; "out_of_range": an element is off by 0.1 m or half a turn, or more.
     """
     gains = load_calibration(path, len(array))
     table = read_text_table(Path(path))
     if not any(name in table.names for name in MOTION):
         return array.calibrated(gains)
+    for column in MOTION:
+        limit, unit = (np.pi, "rad") if column.startswith("turn") else (0.1, "m")
+        values = np.abs(table.numbers(column))
+        if values.max(initial=0.0) >= limit:
+            row = int(values.argmax())
+            raise InvalidInput(
+                f"line {table.lines[row]} of {Path(path).name} has {values[row]:g} {unit} for "
+                f"{column}, and {limit:.3g} is too far: give metres and radians.",
+                code="out_of_range",
+            )
     motions = np.zeros((len(array), 6))
-    motions[table.numbers(COLUMNS[0]).astype(np.int64)] = np.stack(
-        [table.numbers(name) for name in MOTION], axis=1
-    )
-    _check_motions(table, Path(path).name)
+    elements = table.numbers(COLUMNS[0]).astype(np.int64)
+    motions[elements] = np.stack([table.numbers(name) for name in MOTION], axis=1)
     turns = Rotation.from_rotvec(motions[:, 3:])
     return PhasedArray(
         array.positions + motions[:, :3],
@@ -106,27 +115,13 @@ def calibrated_by(path: str | Path, array: PhasedArray) -> PhasedArray:
     )
 
 
-def _check_motions(table: TextTable, name: str) -> None:
-    """Raise "out_of_range" for positions in millimetres and turns in degrees."""
-    for names, most, unit in ((MOTION[:3], FARTHEST, "m"), (MOTION[3:], np.pi, "rad")):
-        for column in names:
-            values = np.abs(table.numbers(column))
-            if values.max(initial=0.0) >= most:
-                row = int(values.argmax())
-                raise InvalidInput(
-                    f"line {table.lines[row]} of {name} has {values[row]:g} {unit} for {column}, and {most:.3g} is too "
-                    "far: give metres and radians.",
-                    code="out_of_range",
-                )
-
-
 def save_calibration(
     path: str | Path,
     gains: Complex128[np.ndarray, "elements"],
-    off: Sequence[Pose],
+    deviations: Sequence[Pose],
     array: PhasedArray,
 ) -> None:
-    """Write gains (E,) and a rigid motion of each element of an array as a table that ``calibrated_by`` reads.
+    """Write gains (E,) and a deviation of each element as a table that ``calibrated_by`` reads.
 
     Raises
     ------
@@ -138,32 +133,18 @@ def save_calibration(
         raise InvalidInput(
             f"{path.name} is no calibration: its ending must be .csv.", code="unknown_format"
         )
-    places = np.stack(
-        [pose.apply(point) - point for pose, point in zip(off, array.positions, strict=True)]
-    )
-    turns = Rotation.from_matrix(np.stack([pose.rotation for pose in off])).as_rotvec()
-    numbers = np.column_stack([np.abs(gains), np.angle(gains), places, turns])
-    rows = [
-        f"{index}," + ",".join(f"{value:.9g}" for value in row) for index, row in enumerate(numbers)
-    ]
+    pairs = zip(deviations, array.positions, strict=True)
+    shifts = np.stack([pose.apply(point) - point for pose, point in pairs])
+    turns = Rotation.from_matrix(np.stack([pose.rotation for pose in deviations])).as_rotvec()
+    numbers = np.column_stack([np.abs(gains), np.angle(gains), shifts, turns])
+    lines = [",".join((*COLUMNS, *MOTION))]
+    for index, row in enumerate(numbers):
+        lines.append(",".join([str(index), *(f"{value:.9g}" for value in row)]))
     try:
         with whole_file(path) as partial:
-            partial.write_text(
-                "\n".join([",".join((*COLUMNS, *MOTION)), *rows]) + "\n", encoding="utf-8"
-            )
+            partial.write_text("\n".join(lines) + "\n", encoding="utf-8")
     except OSError as error:
         raise InvalidInput(
             f"cannot write {path}: {error.strerror} (error {error.errno}).",
             code="not_writable",
         ) from None
-
-
-def _element(index: float, elements: int) -> int:
-    if index != int(index):
-        raise InvalidInput(f"element {index:g} is not a whole number.", code="not_a_number")
-    if not 0 <= index < elements:
-        raise InvalidInput(
-            f"there is no element {index:g} among {counted(elements, 'element', 'elements')}.",
-            code="unknown_name",
-        )
-    return int(index)

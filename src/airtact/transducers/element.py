@@ -16,19 +16,17 @@ AUTD3's constant, 3.10 Pa rms at 1 m (the transducer amplitude of its SDK), time
 other sources differ by a factor of 2, so give the measured value of your own device where pascals
 matter."""
 
-LARGEST_PISTON = {12: 3.5, 19: 4.8}
-"""Largest product of wavenumber and radius at which so many points keep the far pattern of a piston to 1.5e-3."""
+MAX_PISTON_SIZE = {12: 3.5, 19: 4.8}
+"""Largest product of wavenumber and radius, by number of points.
 
-LARGEST_RADIUS = 0.1
-"""Largest radius of a piston [m]; a larger one was meant in millimetres."""
-
-HALF = 2.2151
-"""Argument at which the pattern 2 J₁(x)/x of a piston is 6 dB (a half) under that on the axis."""
+Up to there the points keep the far pattern of a piston to 1.5e-3."""
 
 
 @dataclass(frozen=True, eq=False)
 class Element:
-    """One transducer as weighted monopoles on its face, in its own frame (face in the plane z = 0, radiating to +z).
+    """One transducer as weighted monopoles on its face.
+
+    In its own frame the face is in the plane z = 0 and radiates to +z.
 
     Attributes
     ----------
@@ -42,8 +40,8 @@ class Element:
     Raises
     ------
     InvalidInput
-        If a number is not finite, the weights do not match the points or do not add up to 1, the sensitivity is not
-        positive, or the radius is negative.
+        If a number is not finite, the weights do not match the points or do not add up to 1, the
+        sensitivity is not positive, or the radius is negative.
 
     Examples
     --------
@@ -61,37 +59,38 @@ class Element:
         return one_line(self, self.kind, f"{self.sensitivity:.4g} Pa·m")
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "points", points_of(self.points, "face points"))
-        object.__setattr__(self, "weights", real_numbers(self.weights, "face weights"))
-        if self.weights.shape != (len(self.points),):
-            count = counted(len(self.points), "face point", "face points")
+        points = points_of(self.points, "face points")
+        weights = real_numbers(self.weights, "face weights")
+        if weights.shape != (len(points),):
             raise InvalidInput(
-                f"an element of {count} needs as many weights, not {self.weights.shape}.",
+                f"an element of {counted(len(points), 'face point', 'face points')} needs as many "
+                f"weights, not {weights.shape}.",
                 code="wrong_shape",
             )
-        if not abs(self.weights.sum() - 1.0) < 1e-9:
+        if not abs(weights.sum() - 1.0) < 1e-9:
             raise InvalidInput(
-                f"the weights of an element must add up to 1, not {self.weights.sum():g}.",
+                f"the weights of an element must add up to 1, not {weights.sum():g}.",
                 code="out_of_range",
             )
         sensitivity = positive(self.sensitivity, "the sensitivity of an element", "Pa·m")
-        object.__setattr__(self, "sensitivity", sensitivity)
-        object.__setattr__(self, "radius", number(self.radius, "the radius of an element", "m"))
-        if not 0.0 <= self.radius < np.inf:
+        radius = number(self.radius, "the radius of an element", "m")
+        if not 0.0 <= radius < np.inf:
             raise InvalidInput(
-                f"the radius of an element cannot be {self.radius:g} m: give 0 or a length in metres.",
+                f"the radius of an element cannot be {radius:g} m: give 0 or a length in metres.",
                 code="out_of_range",
             )
+        object.__setattr__(self, "points", points)
+        object.__setattr__(self, "weights", weights)
+        object.__setattr__(self, "sensitivity", sensitivity)
+        object.__setattr__(self, "radius", radius)
 
     @property
     def kind(self) -> str:
-        """What it is, in words: "monopoles", "pistons of 4.5 mm"."""
-        shape = f"pistons of {1e3 * self.radius:g} mm" if self.radius else "monopoles"
-        return (
-            shape
-            if self.radius or len(self.points) == 1
-            else f"elements of {len(self.points)} points"
-        )
+        """The kind in words: "monopoles", "pistons of 4.5 mm"."""
+        if self.radius:
+            return f"pistons of {1e3 * self.radius:g} mm"
+        count = len(self.points)
+        return "monopoles" if count == 1 else f"elements of {count} points"
 
     @property
     def reach(self) -> float:
@@ -107,12 +106,11 @@ class Element:
         if self.radius == 0.0:
             return "directional" if self.directional else "monopoles, alike in all directions"
         size = wavenumber * self.radius
-        wide = (
-            f"-6 dB at {np.degrees(np.arcsin(HALF / size)):.0f} degrees"
-            if size > HALF
-            else "over -6 dB to all sides"
-        )
-        return f"pistons of {self.radius * 1e3:.3g} mm radius ({wide}), nothing behind them"
+        half = 2.2151  # argument at which the pattern 2 J₁(x)/x of a piston is a half, −6 dB
+        width = "over -6 dB to all sides"
+        if size > half:
+            width = f"-6 dB at {np.degrees(np.arcsin(half / size)):.0f} degrees"
+        return f"pistons of {self.radius * 1e3:.3g} mm radius ({width}), nothing behind them"
 
     def same_as(self, other: "Element") -> bool:
         """Whether both elements are the same in every number."""
@@ -141,7 +139,7 @@ class Element:
 
 
 def monopole(sensitivity: float = DEFAULT_SENSITIVITY) -> Element:
-    """Build a transducer that radiates alike in all directions, as in the simulation of Inoue and others 2014 (4.1).
+    """Build a transducer that radiates alike in all directions (section 4.1 of the paper).
 
     Parameters
     ----------
@@ -182,8 +180,8 @@ def piston(radius: float, sensitivity: float = DEFAULT_SENSITIVITY, points: int 
     Raises
     ------
     InvalidInput
-        If the radius or the sensitivity is not positive, the radius is over 0.1 m, or there is no rule of so many
-        points.
+        If the radius or the sensitivity is not positive, the radius is over 0.1 m, or the number of
+        points is neither 12 nor 19.
 
     Examples
     --------
@@ -194,12 +192,13 @@ def piston(radius: float, sensitivity: float = DEFAULT_SENSITIVITY, points: int 
     0.216
     """
     radius = positive(radius, "the radius of a piston", "m")
-    if radius > LARGEST_RADIUS:
+    if radius > 0.1:
         raise InvalidInput(
-            f"a piston of {radius:g} m radius is no transducer: is it in millimetres? Give metres, such as 4.5e-3.",
+            f"a piston of {radius:g} m radius is no transducer: is it in millimetres? Give metres, "
+            "such as 4.5e-3.",
             code="out_of_range",
         )
-    if points not in LARGEST_PISTON:
+    if points not in MAX_PISTON_SIZE:
         raise InvalidInput(
             f"there is no piston of {points} points: take 12 or 19.", code="out_of_range"
         )
@@ -210,47 +209,44 @@ def piston(radius: float, sensitivity: float = DEFAULT_SENSITIVITY, points: int 
 def _degree_7() -> tuple[Float64[np.ndarray, "12 3"], Float64[np.ndarray, "12"]]:
     """Return the points and weights of S2 7-1 on the unit disc."""
     root = np.sqrt(29.0)
-    turns = np.arange(4) * np.pi / 2
     rings = (
         (np.sqrt(3 / 4), 2 / 27, 0.0),
         (np.sqrt((27 - 3 * root) / 52), (551 + 41 * root) / 6264, np.pi / 4),
         (np.sqrt((27 + 3 * root) / 52), (551 - 41 * root) / 6264, np.pi / 4),
     )
-    return np.concatenate(
-        [_ring(distance, turn + turns) for distance, _, turn in rings]
-    ), np.repeat([weight for _, weight, _ in rings], 4)
+    points = np.concatenate([_ring(distance, 4, start) for distance, _, start in rings])
+    return points, np.repeat([weight for _, weight, _ in rings], 4)
 
 
 def _degree_9() -> tuple[Float64[np.ndarray, "19 3"], Float64[np.ndarray, "19"]]:
     """Return the points and weights of S2 9-1 on the unit disc."""
     root = np.sqrt(111.0)
-    turns = np.arange(6) * np.pi / 3
     rings = (
         (np.sqrt((96 - 4 * root) / 155), (110297 + 5713 * root) / 2045952, 0.0),
         (np.sqrt(4 / 5), 125 / 3072, np.pi / 6),
         (np.sqrt((96 + 4 * root) / 155), (110297 - 5713 * root) / 2045952, 0.0),
     )
-    places = [np.zeros((1, 3)), *(_ring(distance, turn + turns) for distance, _, turn in rings)]
-    return np.concatenate(places), np.array(
-        [251 / 2304, *np.repeat([weight for _, weight, _ in rings], 6)]
-    )
+    points = [_ring(distance, 6, start) for distance, _, start in rings]
+    weights = np.repeat([weight for _, weight, _ in rings], 6)
+    return np.concatenate([np.zeros((1, 3)), *points]), np.append(251 / 2304, weights)
 
 
-def _ring(
-    distance: float, angles: Float64[np.ndarray, "points"]
-) -> Float64[np.ndarray, "points 3"]:
-    return distance * np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=1)
+def _ring(distance: float, count: int, start: float) -> Float64[np.ndarray, "points 3"]:
+    """Return points at equal angles from a first one, around the centre."""
+    angles = start + 2.0 * np.pi / count * np.arange(count)
+    return distance * np.stack([np.cos(angles), np.sin(angles), np.zeros(count)], axis=1)
 
 
 def check_pattern(element: Element, wavenumber: complex | float) -> None:
-    """Raise "out_of_range" where k times the radius of the face is too much for its points, k in rad/m."""
-    size, count = wavenumber.real * element.radius, len(element.points)
-    largest = LARGEST_PISTON.get(count, LARGEST_PISTON[19])
+    """Raise "out_of_range" where the points of a face are too few for a wavenumber [rad/m]."""
+    size = wavenumber.real * element.radius
+    count = len(element.points)
+    largest = MAX_PISTON_SIZE.get(count, MAX_PISTON_SIZE[19])
     if size > largest:
-        finer = ", piston(radius, points=19)" if size <= LARGEST_PISTON[19] else ""
+        finer = ", piston(radius, points=19)" if size <= MAX_PISTON_SIZE[19] else ""
         raise InvalidInput(
-            f"a face of {element.radius * 1e3:.3g} mm radius has ka = {size:.2f}, and its {count} points keep the "
-            f"pattern only up to {largest}: take a radius of at most {largest / wavenumber.real * 1e3:.3g} mm{finer} "
-            "or a lower frequency.",
+            f"a face of {element.radius * 1e3:.3g} mm radius has ka = {size:.2f}, and its {count} "
+            f"points keep the pattern only up to {largest}: take a radius of at most "
+            f"{largest / wavenumber.real * 1e3:.3g} mm{finer} or a lower frequency.",
             code="out_of_range",
         )

@@ -24,9 +24,6 @@ from airtact.printing import html_table, one_line, sides_in_mm
 from airtact.transducers.boards import Board, board_named
 from airtact.transducers.element import Element, monopole, piston
 
-LEAST_FRONT = 0.3
-"""Least length of the mean normal of an array that has a front."""
-
 MAX_ARRAY_EXTENT = 10.0
 """Largest extent of an array [m]."""
 
@@ -48,8 +45,8 @@ class PhasedArray:
     Raises
     ------
     InvalidInput
-        If there is no element, shapes do not match, a number is not finite, the elements span over 10 m, a normal is
-        zero, a tangent is not across its normal, or all elements are dead.
+        If there is no element, shapes do not match, a number is not finite, the elements span over
+        10 m, a normal is zero, a tangent is not across its normal, or all elements are dead.
     """
 
     positions: Float64[np.ndarray, "elements 3"]
@@ -65,15 +62,14 @@ class PhasedArray:
         return html_table("PhasedArray", [], self._facts().items())
 
     def _facts(self) -> dict[str, str]:
-        """Return what the array is, in words."""
         dead = int(np.sum(self.gains == 0.0))
+        size = counted(len(self), "element", "elements")
+        calibrated = np.any((self.gains != 1.0) & (self.gains != 0.0))
         return {
-            "elements": counted(len(self), "element", "elements") + f", {dead} dead" * bool(dead),
+            "elements": f"{size}, {dead} dead" if dead else size,
             "kind": self.element.kind,
             "size": sides_in_mm(self.positions),
-            "calibration": "calibrated"
-            if np.any((self.gains != 1.0) & (self.gains != 0.0))
-            else "",
+            "calibration": "calibrated" if calibrated else "",
         }
 
     def __init__(
@@ -92,28 +88,27 @@ class PhasedArray:
                 "millimetres? Give metres.",
                 code="out_of_range",
             )
-        if element is not None:
-            of_kind(element, Element, "the element of an array", "monopole() or piston(radius)")
-        unit_normals = _unit(_as_many(normals, positions, "normal"), "normal")
+        element = monopole() if element is None else element
+        of_kind(element, Element, "the element of an array", "monopole() or piston(radius)")
+        normals = _unit(_as_many(normals, positions, "normal"), "normal")
         if tangents is None:
-            tangents = _crosswise(unit_normals)
-        unit_tangents = _unit(_as_many(tangents, positions, "tangent"), "tangent")
-        slant = np.abs(np.einsum("ed,ed->e", unit_normals, unit_tangents))
+            # Across each normal: from x, or from y where the normal is near x.
+            along_x = np.abs(normals[:, :1]) >= 0.9
+            tangents = _across(np.where(along_x, [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]), normals)
+        tangents = _unit(_as_many(tangents, positions, "tangent"), "tangent")
+        slant = np.abs(np.einsum("ed,ed->e", normals, tangents))
         if slant.max() > 1e-5:
             first = int(np.argmax(slant))
             raise InvalidInput(
-                f"the tangent of element {first} must be across its normal, but their cosine is {slant[first]:g}.",
-                code="all_zero",
+                f"the tangent of element {first} must be across its normal, but their cosine is "
+                f"{slant[first]:g}.",
+                code="out_of_range",
             )
         object.__setattr__(self, "positions", positions)
-        object.__setattr__(self, "normals", unit_normals)
-        object.__setattr__(self, "element", monopole() if element is None else element)
-        object.__setattr__(self, "tangents", _unit(_across(unit_tangents, unit_normals), "tangent"))
-        object.__setattr__(
-            self,
-            "gains",
-            _gains(np.ones(len(positions)) if gains is None else gains, len(positions)),
-        )
+        object.__setattr__(self, "normals", normals)
+        object.__setattr__(self, "element", element)
+        object.__setattr__(self, "tangents", _unit(_across(tangents, normals), "tangent"))
+        object.__setattr__(self, "gains", _checked_gains(gains, len(positions)))
 
     def __len__(self) -> int:
         return len(self.positions)
@@ -121,29 +116,25 @@ class PhasedArray:
     @cached_property
     def face_points(self) -> Float64[np.ndarray, "elements face 3"]:
         """(E, Q, 3) points on the faces of the elements [m]."""
-        frames = np.stack(
-            [self.tangents, np.cross(self.normals, self.tangents), self.normals], axis=1
-        )
-        return fixed(
-            self.positions[:, None, :] + np.einsum("qi,eij->eqj", self.element.points, frames)
-        )
+        axes = [self.tangents, np.cross(self.normals, self.tangents), self.normals]
+        offsets = np.einsum("qi,eij->eqj", self.element.points, np.stack(axes, axis=1))
+        return fixed(self.positions[:, None, :] + offsets)
 
     def moved(self, pose: Pose) -> "PhasedArray":
         """Move the array rigidly: positions x become pose.apply(x), and the faces turn with it."""
         of_kind(pose, Pose, "the motion of an array", "Pose(rotation, translation)")
-        copy = object.__new__(PhasedArray)  # a rigid motion preserves all that was checked
+        moved = object.__new__(PhasedArray)  # a rigid motion preserves all that was checked
         normals = _unit(pose.rotate(self.normals), "normal")
-        object.__setattr__(copy, "positions", fixed(pose.apply(self.positions)))
-        object.__setattr__(copy, "normals", normals)
-        object.__setattr__(copy, "element", self.element)
-        object.__setattr__(
-            copy, "tangents", _unit(_across(pose.rotate(self.tangents), normals), "tangent")
-        )
-        object.__setattr__(copy, "gains", self.gains)
-        return copy
+        tangents = _unit(_across(pose.rotate(self.tangents), normals), "tangent")
+        object.__setattr__(moved, "positions", fixed(pose.apply(self.positions)))
+        object.__setattr__(moved, "normals", normals)
+        object.__setattr__(moved, "element", self.element)
+        object.__setattr__(moved, "tangents", tangents)
+        object.__setattr__(moved, "gains", self.gains)
+        return moved
 
     def facing(self, point: Vector, direction: Vector, distance: float) -> "PhasedArray":
-        """Move the array so that its middle stands away from a point and radiates towards it.
+        """Move the array to a distance from a point, so that it radiates towards it.
 
         Parameters
         ----------
@@ -154,35 +145,37 @@ class PhasedArray:
         Raises
         ------
         InvalidInput
-            If the elements radiate to all sides, so that the array has no front, the direction is zero, or the distance
-            is not above zero.
+            If the elements radiate to all sides, so that the array has no front, the direction is
+            zero, or the distance is not above zero.
 
         Examples
         --------
         >>> board = autd3_board().facing((0, 0, 0), direction=(-1, 0, 0), distance=0.2)
-        >>> (np.round(board.positions.mean(axis=0), 9) + 0.0).tolist(), np.round(board.normals[0], 9).tolist()
-        ([-0.2, 0.0, 0.0], [1.0, 0.0, 0.0])
+        >>> (np.round(board.positions.mean(axis=0), 9) + 0.0).tolist()
+        [-0.2, 0.0, 0.0]
+        >>> np.round(board.normals[0], 9).tolist()
+        [1.0, 0.0, 0.0]
         """
         distance = positive(distance, "the distance of an array", "m")
         outward = _unit(point_of(direction, "the direction to an array")[None], "direction")[0]
         front = self.normals.mean(axis=0)
-        if np.linalg.norm(front) < LEAST_FRONT:
+        if np.linalg.norm(front) < 0.3:
             raise InvalidInput(
-                f"the normals of {counted(len(self), 'element', 'elements')} point to all sides, so the array has no "
-                "front: move it by moved(pose).",
+                f"the normals of {counted(len(self), 'element', 'elements')} point to all sides, "
+                "so the array has no front: move it by moved(pose).",
                 code="misplaced",
             )
         front = front / np.linalg.norm(front)
         axis = np.cross(front, -outward)
-        if np.linalg.norm(axis) < 1e-9:
+        angle = float(np.arctan2(np.linalg.norm(axis), front @ -outward))
+        if np.linalg.norm(axis) < 1e-9:  # it faces there, or the other way
             axis = self.tangents[0]
-        angle = float(np.arctan2(np.linalg.norm(np.cross(front, -outward)), front @ -outward))
         turned = self.moved(Pose.turn(axis, angle))
         middle = point_of(point, "the point that an array faces") + distance * outward
         return turned.moved(Pose(np.eye(3), middle - turned.positions.mean(axis=0)))
 
     def calibrated(self, gains: Num[np.ndarray, "gains"]) -> "PhasedArray":
-        """Set the gain of each element; the transfer matrix, and so every method, then includes it.
+        """Set the gain of each element, which the transfer matrix then includes.
 
         Parameters
         ----------
@@ -206,25 +199,29 @@ class PhasedArray:
 
         Returns
         -------
-        A new array, moved by the inverse of the pose: a motion of the hand is the inverse motion of the array.
+        A new array, moved by the inverse of the pose.
         """
         of_kind(pose, Pose, "where the hand is", "Pose(rotation, translation)")
         return self.moved(pose.inverse())
 
 
 def _as_many(
-    given: Real[np.ndarray, "directions 3"], positions: Float64[np.ndarray, "elements 3"], name: str
+    directions: Real[np.ndarray, "directions 3"],
+    positions: Float64[np.ndarray, "elements 3"],
+    name: str,
 ) -> Float64[np.ndarray, "elements 3"]:
     """Return one direction for each element; raise for another number of them."""
-    vectors = real_numbers(given, f"element {name}s")
+    vectors = real_numbers(directions, f"element {name}s")
     if vectors.ndim != 2 or vectors.shape[1] != 3:
         raise InvalidInput(
             f"element {name}s have shape {vectors.shape}, but they need ({len(positions)}, 3).",
             code="wrong_shape",
         )
     if len(vectors) != len(positions):
-        need = counted(len(positions), "position needs", "positions need")
-        raise InvalidInput(f"{need} as many {name}s, not {len(vectors)}.", code="sizes_differ")
+        raise InvalidInput(
+            f"{len(positions)} positions need as many {name}s, not {len(vectors)}.",
+            code="sizes_differ",
+        )
     return vectors
 
 
@@ -234,9 +231,8 @@ def _unit(vectors: Real[np.ndarray, "elements 3"], name: str) -> Float64[np.ndar
     bad = ~np.isfinite(lengths) | (lengths < 1e-12)
     if bad.any():
         first = int(np.argmax(bad))
-        count = counted(int(bad.sum()), "element", "elements")
         raise InvalidInput(
-            f"the {name}s of {count} have no direction, first that of element {first}: {vectors[first]}.",
+            f"the {name} of element {first} has no direction: {vectors[first]}.",
             code="all_zero",
         )
     return fixed(vectors / lengths[:, None])
@@ -249,25 +245,19 @@ def _across(
     return vectors - np.einsum("ed,ed->e", vectors, normals)[:, None] * normals
 
 
-def _crosswise(normals: Float64[np.ndarray, "elements 3"]) -> Float64[np.ndarray, "elements 3"]:
-    """Choose a vector across each normal: from x, or from y where the normal is near x."""
-    axes = np.where(
-        np.abs(normals[:, :1]) < 0.9, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
-    )
-    return _across(axes, normals)
-
-
-def _gains(given: Num[np.ndarray, "gains"], count: int) -> Complex128[np.ndarray, "elements"]:
+def _checked_gains(
+    gains: Num[np.ndarray, "gains"] | None, count: int
+) -> Complex128[np.ndarray, "elements"]:
     """Return one finite gain for each element, read-only."""
-    gains = complex_numbers(given, "element gains")
+    gains = complex_numbers(np.ones(count) if gains is None else gains, "element gains")
     if gains.shape != (count,):
-        need = counted(count, "element needs one gain", "elements need as many gains")
-        raise InvalidInput(f"{need}, not an array of shape {gains.shape}.", code="wrong_shape")
+        raise InvalidInput(
+            f"element gains need shape ({count},), not {gains.shape}.", code="wrong_shape"
+        )
     check_finite(gains, "element gains")
     if not gains.any():
         raise InvalidInput(
-            f"all {count} elements are dead: their gains are 0, so nothing is emitted.",
-            code="all_zero",
+            "all elements are dead: their gains are 0, so nothing is emitted.", code="all_zero"
         )
     gains.flags.writeable = False
     return gains
@@ -276,7 +266,7 @@ def _gains(given: Num[np.ndarray, "gains"], count: int) -> Complex128[np.ndarray
 def board_array(
     board: str = "autd3", poses: Sequence[Pose] | None = None, element: Element | None = None
 ) -> PhasedArray:
-    """Place boards of one kind, each with its transducers in its own order; ``airtact boards`` lists the kinds.
+    """Place boards of one kind, which ``airtact boards`` lists.
 
     Parameters
     ----------
@@ -292,7 +282,8 @@ def board_array(
 
     Examples
     --------
-    >>> len(board_array("sonicsurface", [Pose.identity(), Pose.turn((1, 0, 0), np.pi, (0, 0, 0.2))]))
+    >>> facing_down = Pose.turn((1, 0, 0), np.pi, (0, 0, 0.2))
+    >>> len(board_array("sonicsurface", [Pose.identity(), facing_down]))
     512
     """
     flat = _flat(board_named(board), element)
@@ -327,13 +318,13 @@ def autd3_board(pose: Pose | None = None, element: Element | None = None) -> Pha
 
 
 def _centred(board: Board, element: Element | None) -> PhasedArray:
-    """Place a board with the middle of its transducers, which is that of its outline, at the origin."""
-    low, high = board.positions.min(axis=0), board.positions.max(axis=0)
-    return _flat(board, element).moved(Pose(np.eye(3), -(low + high) / 2))
+    """Place a board with the middle of its transducers and its outline at the origin."""
+    middle = (board.positions.min(axis=0) + board.positions.max(axis=0)) / 2
+    return _flat(board, element).moved(Pose(np.eye(3), -middle))
 
 
 def surrounding_box(element: Element | None = None, board: str | None = None) -> PhasedArray:
-    """Build the array of Inoue and others 2014 (3.3): four AUTD3 boards, 996 transducers, around 14 x 14 x 18 cm.
+    """Build the paper's array (section 3.3): four AUTD3 boards around a box of 14 x 14 x 18 cm.
 
     The origin is the centre of the box and z its long axis. The faces stand at x = +70 mm, x = -70
     mm, y = +70 mm and y = -70 mm, in that order, each a board centred on its face and radiating
@@ -353,8 +344,8 @@ def surrounding_box(element: Element | None = None, board: str | None = None) ->
     Raises
     ------
     InvalidInput
-        If there is no such board ("unknown_name"), or its outline is not known, as for nano16 and openmpd
-        ("unknown_name").
+        "unknown_name": there is no such board, or its outline is not known, as for nano16 and
+        openmpd.
 
     Examples
     --------
@@ -364,7 +355,7 @@ def surrounding_box(element: Element | None = None, board: str | None = None) ->
     kind = board_named("autd3" if board is None else board)
     if kind.outline is None:
         raise InvalidInput(
-            f"{len(kind)} transducers of {kind.name} have no known outline, so no box can be closed.",
+            f"the outline of {kind.name} is not known, so no box can be closed.",
             code="unknown_name",
         )
     distance = 70e-3 if board is None else kind.outline[1] / 2
@@ -373,9 +364,8 @@ def surrounding_box(element: Element | None = None, board: str | None = None) ->
         np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]),
         np.array([distance, 0.0, 0.0]),
     )
-    turns = [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)]
     faces = []
-    for cosine, sine in turns:
+    for cosine, sine in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)):
         about_z = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
         faces.append(flat.moved(Pose(about_z, np.zeros(3)) @ stand_up))
     return join(faces)
@@ -407,30 +397,31 @@ def flat_boards(rows: int = 2, columns: int = 2, element: Element | None = None)
             raise InvalidInput(
                 f"flat boards need a whole number of {name}, not {count!r}.", code="not_a_number"
             )
-    if rows < 1 or columns < 1:
-        raise InvalidInput(
-            f"flat boards need at least 1 row and 1 column, not {rows} and {columns}.",
-            code="too_few",
-        )
+        if count < 1:
+            raise InvalidInput(
+                f"flat boards need at least one of their {name}, not {count}.", code="too_few"
+            )
     autd3 = board_named("autd3")
     width, height = autd3.outline or (0.0, 0.0)
     extent = max(rows * height, columns * width)
     if extent > MAX_ARRAY_EXTENT:
         raise InvalidInput(
-            f"{rows} by {columns} flat boards span {extent:.4g} m, more than {MAX_ARRAY_EXTENT:g} m; take fewer.",
+            f"{rows} by {columns} flat boards span {extent:.4g} m, more than "
+            f"{MAX_ARRAY_EXTENT:g} m; take fewer.",
             code="out_of_range",
         )
     board = _centred(autd3, element)
-    centres = [
-        np.array([(column - (columns - 1) / 2) * width, (row - (rows - 1) / 2) * height, 0.0])
-        for row in range(rows)
-        for column in range(columns)
-    ]
-    return join([board.moved(Pose(np.eye(3), centre)) for centre in centres])
+    boards = []
+    for row in range(rows):
+        for column in range(columns):
+            x = (column - (columns - 1) / 2) * width
+            y = (row - (rows - 1) / 2) * height
+            boards.append(board.moved(Pose(np.eye(3), np.array([x, y, 0.0]))))
+    return join(boards)
 
 
 def join(arrays: Sequence[PhasedArray]) -> PhasedArray:
-    """One array of several with the same element, in the order given.
+    """Join arrays with the same element into one, in the order given.
 
     Raises
     ------
@@ -439,16 +430,17 @@ def join(arrays: Sequence[PhasedArray]) -> PhasedArray:
     """
     if not isinstance(arrays, Sequence):
         raise InvalidInput(
-            f"joining needs a list of 1 or more arrays, not a {type(arrays).__name__}.",
+            f"joining needs a list of arrays, not a {type(arrays).__name__}.",
             code="wrong_kind",
         )
     if len(arrays) == 0:
-        raise InvalidInput("joining needs at least 1 array, not 0.", code="empty")
+        raise InvalidInput("joining needs at least one array.", code="empty")
     for index, array in enumerate(arrays):
         of_kind(array, PhasedArray, f"array {index}", "such as autd3_board(pose)")
         if not array.element.same_as(arrays[0].element):
             raise InvalidInput(
-                f"array {index} has another element than array 0: only equal elements can be joined.",
+                f"array {index} has another element than array 0: only equal elements can be "
+                "joined.",
                 code="sizes_differ",
             )
     return PhasedArray(

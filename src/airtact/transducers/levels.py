@@ -1,4 +1,4 @@
-"""What a board can emit: levels of amplitude and of phase, in the phasor Re[d e^{−iωt}]."""
+"""Levels of amplitude and of phase that a board can emit, in the phasor Re[d e^{−iωt}]."""
 
 from dataclasses import dataclass
 
@@ -10,13 +10,7 @@ from airtact.errors import InvalidInput
 from airtact.printing import in_short
 
 FULL_SCALE = 1.0 + 1e-9
-"""Largest magnitude of a drive: full scale, and what rounding adds to it."""
-
-MOST_LEVELS = 256
-"""Levels are stored in bytes."""
-
-ON = 1e-3
-"""A board with two levels of amplitude switches on every element above this share of full scale."""
+"""Largest magnitude of a drive: full scale, with an allowance for rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +26,8 @@ class Levels:
     Raises
     ------
     InvalidInput
-        If there are fewer than 2 or more than 256 of either, or the amplitudes do not rise from 0 to 1.
+        If there are fewer than 2 or more than 256 of either, or the amplitudes do not rise from 0
+        to 1.
 
     Examples
     --------
@@ -47,17 +42,19 @@ class Levels:
 
     def __post_init__(self) -> None:
         amplitudes = real_numbers(self.amplitudes, "levels of amplitude")
-        if amplitudes.ndim != 1 or not 2 <= len(amplitudes) <= MOST_LEVELS:
+        if amplitudes.ndim != 1:
             raise InvalidInput(
-                f"levels of amplitude are 2 to {MOST_LEVELS} shares, not of shape {amplitudes.shape}.",
+                f"levels of amplitude are a row of shares, not of shape {amplitudes.shape}.",
                 code="out_of_range",
             )
+        _check_count(len(amplitudes), "amplitude")
         if amplitudes[0] != 0.0 or amplitudes[-1] != 1.0 or not np.all(np.diff(amplitudes) > 0.0):
             raise InvalidInput(
-                f"levels of amplitude must rise from 0 to 1, not from {amplitudes[0]:g} to {amplitudes[-1]:g}.",
+                f"levels of amplitude must rise from 0 to 1, not from {amplitudes[0]:g} to "
+                f"{amplitudes[-1]:g}.",
                 code="out_of_range",
             )
-        object.__setattr__(self, "phases", _count(self.phases, "phase"))
+        object.__setattr__(self, "phases", _check_count(self.phases, "phase"))
         object.__setattr__(self, "amplitudes", amplitudes)
 
     @classmethod
@@ -78,7 +75,7 @@ class Levels:
         >>> Levels.even(amplitudes=5, phases=16)
         Levels(amplitudes=[0.0, 0.25, 0.5, 0.75, 1.0], phases=16)
         """
-        count = _count(amplitudes, "amplitude")
+        count = _check_count(amplitudes, "amplitude")
         return cls(np.arange(count) / float(count - 1), phases)
 
     @property
@@ -91,31 +88,30 @@ class Levels:
         return self.phases == other.phases and np.array_equal(self.amplitudes, other.amplitudes)
 
     def nearest(self, shares: Real[np.ndarray, "*elements"]) -> Int64[np.ndarray, "*elements"]:
-        """Find the nearest level to each share of full scale; with two levels, all above ``ON`` are on."""
+        """Find the nearest level to each share of full scale.
+
+        Boards with two levels switch on every element above a thousandth of full scale.
+        """
         if self.phase_only:
-            return (shares > ON).astype(np.int64)
-        return np.searchsorted(
-            (self.amplitudes[1:] + self.amplitudes[:-1]) / 2, shares, side="right"
-        ).astype(np.int64)
+            return (shares > 1e-3).astype(np.int64)
+        middles = (self.amplitudes[1:] + self.amplitudes[:-1]) / 2
+        return np.searchsorted(middles, shares, side="right").astype(np.int64)
 
     def rounded(
         self, drives: Complex[np.ndarray, "*elements"]
     ) -> tuple[UInt8[np.ndarray, "*elements"], UInt8[np.ndarray, "*elements"]]:
-        """Round complex drives to a level of amplitude and one of phase; off elements get phase level 0."""
+        """Round complex drives to levels of amplitude and phase; off elements get phase level 0."""
         amplitude = self.nearest(np.abs(drives))
         turns = np.rint(np.angle(drives) * (self.phases / (2.0 * np.pi))).astype(np.int64)
         phase = np.where(amplitude > 0, turns % self.phases, 0)
         return amplitude.astype(np.uint8), phase.astype(np.uint8)
 
 
-def _count(levels: int, what: str) -> int:
-    if (
-        isinstance(levels, bool)
-        or not isinstance(levels, int | np.integer)
-        or not 2 <= levels <= MOST_LEVELS
-    ):
+def _check_count(levels: int, what: str) -> int:
+    whole = isinstance(levels, int | np.integer) and not isinstance(levels, bool)
+    if not whole or not 2 <= levels <= 256:  # levels are stored in bytes
         raise InvalidInput(
-            f"there are 2 to {MOST_LEVELS} levels of {what}, not {levels}.", code="out_of_range"
+            f"there are 2 to 256 levels of {what}, not {levels}.", code="out_of_range"
         )
     return int(levels)
 

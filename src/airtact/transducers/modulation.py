@@ -1,4 +1,4 @@
-"""Amplitude modulation: what makes a constant focus of ultrasound perceptible, without frames of its own."""
+"""Amplitude modulation, which makes a constant focus of ultrasound perceptible."""
 
 from dataclasses import dataclass
 
@@ -8,16 +8,13 @@ from jaxtyping import Float64
 from airtact.checks import number, positive
 from airtact.errors import InvalidInput
 
-FREQUENCY = 200.0
-"""Frequency of amplitude modulation unless another is given [Hz]."""
-
-FASTEST = 1000.0
-"""Frequency above which skin hardly feels vibration, and boards do not follow [Hz]."""
+DEFAULT_FREQUENCY = 200.0
+"""Frequency of amplitude modulation [Hz]."""
 
 
 @dataclass(frozen=True)
 class AmplitudeModulation:
-    """The amplitude of all elements varies together, so that the force at every focus follows a cosine.
+    """A common amplitude of all elements under which the force at every focus follows a cosine.
 
     Skin hardly feels a constant force. It is most sensitive to vibration at 200 to 300 Hz (S. J.
     Bolanowski et al., J. Acoust. Soc. Am. 84, 1680, 1988).
@@ -33,17 +30,16 @@ class AmplitudeModulation:
         If the frequency is not above zero or over 1000 Hz, or the depth is outside 0 to 1.
     """
 
-    frequency: float = FREQUENCY
+    frequency: float = DEFAULT_FREQUENCY
     depth: float = 1.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(
-            self, "frequency", positive(self.frequency, "the frequency of the modulation", "Hz")
-        )
-        if self.frequency > FASTEST:
+        frequency = positive(self.frequency, "the frequency of the modulation", "Hz")
+        object.__setattr__(self, "frequency", frequency)
+        if frequency > 1000.0:
             raise InvalidInput(
-                f"the frequency of the modulation is {self.frequency:g} Hz, but skin feels vibration up to some "
-                f"{FASTEST:g} Hz: give that or less, such as {FREQUENCY:g}.",
+                f"the frequency of the modulation is {frequency:g} Hz, but skin feels vibration up "
+                "to some 1000 Hz: give that or less, such as 200.",
                 code="out_of_range",
             )
         depth = number(self.depth, "the depth of the modulation", "shares of 1")
@@ -55,7 +51,7 @@ class AmplitudeModulation:
         object.__setattr__(self, "depth", depth)
 
     def envelope(self, frames: int) -> Float64[np.ndarray, "frames"]:
-        """Return the factor on the amplitudes in each of so many frames of a period, from the largest, which is 1.
+        """Return the factor on the amplitudes in each frame of a period; it starts at 1.
 
         Radiation force goes with the square of the pressure, so frame n has √(1 − depth (1 − cos
         2πn/N)/2).
@@ -70,11 +66,11 @@ class AmplitudeModulation:
 
 
 def check_rate(rate: float, clock: float, slowest: int, board: str) -> None:
-    """Raise "out_of_range" unless a rate [frames/s] is a clock [Hz] over a whole number up to ``slowest``."""
+    """Check that a rate [frames/s] is a clock [Hz] over a whole number up to ``slowest``."""
     divide = min(max(round(clock / rate), 1), slowest)
     if abs(clock / divide - rate) > 1e-6 * rate:
         raise InvalidInput(
-            f"{rate:g} frames/s are not {clock:g} Hz over a whole number up to {slowest}: the nearest that {board} "
-            f"plays is {clock / divide:.7g} frames/s.",
+            f"{rate:g} frames/s are not {clock:g} Hz over a whole number up to {slowest}: the "
+            f"nearest that {board} plays is {clock / divide:.7g} frames/s.",
             code="out_of_range",
         )

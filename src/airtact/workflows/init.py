@@ -20,7 +20,7 @@ from airtact.hands.hand import Hand
 from airtact.setup.examples import example
 from airtact.setup.targets import DEFAULT_OFFSET
 from airtact.transducers.boards import Board, board_named
-from airtact.transducers.modulation import FREQUENCY
+from airtact.transducers.modulation import DEFAULT_FREQUENCY
 
 SCENE, HAND, LICENCE = "scene.toml", "hand.json", "hand-LICENSE.txt"
 """What is written into a folder; the last two only where no hand is given."""
@@ -103,7 +103,7 @@ def _text(name: str, board: Board, hand: Hand, file: str) -> str:
         foci="\n\n".join(f'[[foci]]\nat = "{place}"' for place in _felt(hand, board)),
         amplitudes=board.amplitudes,
         phases=board.phases,
-        frequency=min(FREQUENCY, float(np.floor(codec_of(board).fastest_frames() / 2.0))),
+        frequency=min(DEFAULT_FREQUENCY, float(np.floor(codec_of(board).fastest_frames() / 2.0))),
     )
 
 
