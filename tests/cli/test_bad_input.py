@@ -321,7 +321,7 @@ KINDS = {
         lambda: at.evaluate(SCENE, ARRAY, SILENT, TARGET, solver=FREE),
         "all_zero",
         "drive 0",
-        "all 2 amplitudes",
+        "silent",
     ),
     "evaluate on an element": (
         lambda: at.evaluate(SCENE, ARRAY, DRIVE, at.Target(ARRAY.positions[1:]), solver=FREE),
@@ -339,7 +339,7 @@ KINDS = {
     "field of silence": (
         lambda: at.field_map(SCENE, ARRAY, SILENT, TARGET.points, solver=FREE),
         "all_zero",
-        "all 2 amplitudes",
+        "silent",
     ),
     "field without a scene": (
         lambda: at.field_map(AIR, ARRAY, DRIVE, TARGET.points, solver=FREE),
@@ -401,7 +401,7 @@ KINDS = {
     "joining one": (
         lambda: at.transducers.join(ARRAY),
         "wrong_kind",
-        "a list of 1 or more arrays",
+        "a list of arrays",
         "a PhasedArray",
     ),
     "joining others": (
