@@ -11,7 +11,7 @@ from scipy.special import ndtri
 from airtact.acoustics.target import Target
 from airtact.drives.gerchberg_saxton import weighted_gerchberg_saxton
 from airtact.drives.methods import FOR_SAMPLES, METHODS
-from airtact.drives.samples.robust import balanced, improved
+from airtact.drives.robust_drives import balanced, improved
 from airtact.drives.transfer import TransferMatrix
 from airtact.errors import InvalidInput
 from airtact.hands.joints import joints_of
