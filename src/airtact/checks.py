@@ -44,7 +44,8 @@ def of_kind(value: Value, kind: type | UnionType, what: str, instead: str) -> Va
     if not isinstance(value, kind):
         name = kind.__name__ if isinstance(kind, type) else str(kind)
         raise InvalidInput(
-            f"{what} is {_described(value)}, but it must be {_article(name)} {name}: give {instead}.",
+            f"{what} is {_described(value)}, but it must be {_article(name)} {name}: give "
+            f"{instead}.",
             code="wrong_kind",
         )
     return value
@@ -114,13 +115,15 @@ def between(value: float, low: float, high: float, what: str, unit: str, slip: s
     >>> between(40, 1e3, 1e6, "frequency", "Hz", "is it in kHz?")
     Traceback (most recent call last):
     ...
-    airtact.errors.InvalidInput: frequency is 40 Hz, but it must lie between 1000 and 1e+06 Hz: is it in kHz?
+    airtact.errors.InvalidInput: frequency is 40 Hz, but it must lie between 1000 and 1e+06 Hz: is
+    it in kHz?
     """
     given = number(value, what, unit)
     if not low <= given <= high:
         unit = f" {unit}" if unit else ""
         raise InvalidInput(
-            f"{what} is {given:g}{unit}, but it must lie between {low:g} and {high:g}{unit}: {slip}",
+            f"{what} is {given:g}{unit}, but it must lie between {low:g} and {high:g}{unit}: "
+            f"{slip}",
             code="out_of_range",
         )
     return given
@@ -166,14 +169,15 @@ def real_numbers(array: Real[np.ndarray, "..."], what: str) -> Float64[np.ndarra
         ) from None
     if given.dtype.kind not in "iuf" and given.size:
         raise InvalidInput(
-            f"{what} are {_described(array)} of type {given.dtype} and shape {given.shape}; give real numbers.",
+            f"{what} are {_described(array)} of type {given.dtype} and shape {given.shape}; give "
+            "real numbers.",
             code="not_a_number",
         )
     return fixed(given)
 
 
 def complex_numbers(array: Num[np.ndarray, "..."], what: str) -> Complex128[np.ndarray, "..."]:
-    """Return an array, or nested lists, of numbers of any shape as a complex128 copy, or raise "not_a_number"."""
+    """Return numbers of any shape as a complex128 copy, or raise "not_a_number"."""
     try:
         return np.array(array, dtype=np.complex128)
     except (TypeError, ValueError):
@@ -186,14 +190,17 @@ def complex_numbers(array: Num[np.ndarray, "..."], what: str) -> Complex128[np.n
 def points_of(
     array: Real[np.ndarray, "..."], what: str, least: int = 1
 ) -> Float64[np.ndarray, "points 3"]:
-    """Return at least ``least`` (0 or 1) points (P, 3) as read-only float64; one point (3,) is not a list of points.
+    """Return at least ``least`` (0 or 1) points (P, 3) as read-only float64.
+
+    One point (3,) is not a list of points.
 
     Raise as ``real_numbers``, or "wrong_shape", "empty" or "not_finite".
     """
     points = real_numbers(array, what)
     if points.ndim != 2 or points.shape[1] != 3:
         raise InvalidInput(
-            f"{what} have shape {points.shape}, but points are an array of shape (number of points, 3).",
+            f"{what} have shape {points.shape}, but points are an array of shape (number of "
+            "points, 3).",
             code="wrong_shape",
         )
     if len(points) < least:
@@ -214,7 +221,7 @@ def point_of(vector: Vector, what: str) -> Float64[np.ndarray, "3"]:
 
 
 def check_finite(array: np.ndarray, what: str) -> None:
-    """Raise "not_finite" where an array holds NaN or infinity, with their number and the index of the first."""
+    """Raise "not_finite" where an array holds NaN or infinity."""
     bad = np.argwhere(~np.isfinite(array))
     if len(bad):
         values = counted(len(bad), "NaN or infinite value", "NaN or infinite values")

@@ -40,7 +40,7 @@ LARGEST_DATA = 2**28
 
 
 def one_sentence(text: str) -> str:
-    r"""Write a message on one line of ``LONGEST_SENTENCE`` characters at most, all of them printable.
+    r"""Write a message on one line of ``LONGEST_SENTENCE`` printable characters at most.
 
     Examples
     --------
@@ -69,8 +69,8 @@ class InvalidInput(ValueError):  # noqa: N818 (reads well in a traceback)
     Attributes
     ----------
     position : (3,) where the fault is [m], so that it can be drawn; None if it is at no one point.
-    code : kind of fault, such as "inside_body". It stays when the message changes; ``docs/errors.md``
-        lists all.
+    code : kind of fault, such as "inside_body". It stays when the message changes;
+        ``docs/errors.md`` lists all.
     """
 
     def __init__(

@@ -20,12 +20,14 @@ PRINTED_IN_FULL = 9
 LONGEST_PART = 60
 """Longer parts of an object are printed by their type or length alone [characters]."""
 
-MOST_ROWS = 12
+MAX_ROWS = 12
 """Rows of a table for a notebook; it names how many more there are."""
 
 
 def in_short(self: _Dataclass) -> str:
-    """Write a dataclass in one line, its larger parts by type and shape; a class uses it by ``__repr__ = in_short``.
+    """Write a dataclass in one line, its larger parts by type and shape.
+
+    A class uses it by ``__repr__ = in_short``.
 
     Examples
     --------
@@ -81,7 +83,7 @@ def sides_in_mm(points: Real[np.ndarray, "points 3"]) -> str:
 
 
 def span(values: Iterable[float], unit: str, form: str = ".4g") -> str:
-    """Write the smallest and the largest of some values with their unit, or the one value that all have.
+    """Write the range of some values with their unit, or the one value that all have.
 
     Examples
     --------
@@ -96,38 +98,28 @@ def span(values: Iterable[float], unit: str, form: str = ".4g") -> str:
 def html_table(
     title: str, head: Sequence[str], rows: Iterable[Sequence[str]], below: Iterable[str] = ()
 ) -> str:
-    """Make a small table for a notebook, in the colours of its page, light or dark, with sentences below it.
+    """Make a small table for a notebook, in the colours of its page, light or dark.
 
     Examples
     --------
     >>> html_table("Drive", ["element", "amplitude"], [["0", "0.5"]]).count("<td")
     1
     """
-    cell = "padding:.15em .7em;border-bottom:1px solid rgba(128,128,128,.35);background:none;color:inherit;"
+    cell = "padding:.15em .7em;border-bottom:1px solid rgba(128,128,128,.35)"
+    cell += ";background:none;color:inherit;text-align:"
     written = list(rows)
-    line = "<tr>{}</tr>".format
-    parts = (
-        [
-            line(
-                "".join(
-                    f'<th scope="col" style="{cell}text-align:right">{escape(name)}</th>'
-                    for name in head
-                )
-            )
-        ]
-        if head
-        else []
-    )
-    for row in written[:MOST_ROWS]:
+    lines = []
+    if head:
+        names = [f'<th scope="col" style="{cell}right">{escape(name)}</th>' for name in head]
+        lines.append("".join(names))
+    for row in written[:MAX_ROWS]:
         first, *others = (escape(text) for text in row)
-        numbers = "".join(f'<td style="{cell}text-align:right">{text}</td>' for text in others)
-        parts.append(
-            line(
-                f'<th scope="row" style="{cell}text-align:left;font-weight:normal">{first}</th>{numbers}'
-            )
-        )
-    caption = f'<caption style="caption-side:top;text-align:left;color:inherit;padding:.3em 0">{escape(title)}</caption>'
-    more = f"<div>and {len(written) - MOST_ROWS} more</div>" if len(written) > MOST_ROWS else ""
+        name = f'<th scope="row" style="{cell}left;font-weight:normal">{first}</th>'
+        lines.append(name + "".join(f'<td style="{cell}right">{text}</td>' for text in others))
+    body = "".join(f"<tr>{line}</tr>" for line in lines)
+    style = "caption-side:top;text-align:left;color:inherit;padding:.3em 0"
+    caption = f'<caption style="{style}">{escape(title)}</caption>'
+    style = "border-collapse:collapse;color:inherit;background:none"
+    more = f"<div>and {len(written) - MAX_ROWS} more</div>" if len(written) > MAX_ROWS else ""
     sentences = "".join(f"<div>{escape(sentence)}</div>" for sentence in below)
-    table = f'<table style="border-collapse:collapse;color:inherit;background:none">{caption}{"".join(parts)}</table>'
-    return f"{table}{more}{sentences}"
+    return f'<table style="{style}">{caption}{body}</table>{more}{sentences}'

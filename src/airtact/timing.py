@@ -1,4 +1,7 @@
-"""Wall time by step, for reports and for lines of progress; and threads and processes that would only lengthen it."""
+"""Wall time by step, for reports and for lines of progress.
+
+And threads and processes that would only lengthen it.
+"""
 
 import os
 import time
@@ -39,7 +42,7 @@ class Clock:
 
     @contextmanager
     def step(self, name: str, words: str | None = None) -> Iterator[None]:
-        """Report a step in ``words`` (or by its name), and add the time spent inside to ``seconds[name]``."""
+        """Report a step in ``words`` or by its name, and add its time to ``seconds[name]``."""
         if self._progress is not None:
             self._progress(words or name)
         begun = time.perf_counter()
@@ -51,7 +54,7 @@ class Clock:
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Let linear algebra use one thread inside the block, where threads would wait for each other."""
+    """Let linear algebra use one thread inside the block."""
     with _threads().limit(limits=1, user_api="blas"):
         yield
 

@@ -33,7 +33,9 @@ def text(
     normal: Vector = (0.0, 0.0, 1.0),
     up: Vector | None = None,
 ) -> Points:
-    """Points (F, 3) [m] of writing in single strokes: the centre lines of letters (A. V. Hershey's fonts, 1967).
+    """Points (F, 3) [m] of writing in single strokes.
+
+    The strokes are the centre lines of letters (A. V. Hershey's fonts, 1967).
 
     Parameters
     ----------
@@ -83,7 +85,9 @@ def svg_path(
     normal: Vector = (0.0, 0.0, 1.0),
     up: Vector | None = None,
 ) -> Points:
-    """Points (F, 3) [m] of the lines of an SVG drawing: its paths, polygons, circles and so on, with transforms.
+    """Points (F, 3) [m] of the lines of an SVG drawing.
+
+    Paths, polygons, circles and so on are drawn, with their transforms.
 
     Parameters
     ----------
@@ -156,9 +160,12 @@ def _corners(line: Any) -> Float64[np.ndarray, "corners 2"]:
 
 
 def _checked_drawing(drawing: bytes, name: str) -> bytes:
-    """Count what an SVG file holds before a reader expands it; parts that are used again count again.
+    """Count what an SVG file holds before a reader expands it.
 
-    Returns the file without style sheets, for which the reader takes minutes and which move no line.
+    Parts that are used again count again.
+
+    Returns the file without style sheets, for which the reader takes minutes and which move no
+    line.
     """
     try:
         root = ElementTree.fromstring(drawing)
@@ -235,7 +242,7 @@ def _laid_out(
 
 
 def _along(corners: Float64[np.ndarray, "corners 3"], spacing: float) -> Points:
-    """Place points evenly along a stroke, and at its ends and sharp corners, however close its corners are."""
+    """Place points evenly along a stroke, and at its ends and sharp corners."""
     steps = np.diff(corners, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
     moving = lengths > 0.0

@@ -1,4 +1,4 @@
-"""A solved field as one HDF5 file whose first 512 bytes (the user block) hold a checksum of the rest.
+"""A solved field as one HDF5 file whose user block, its first 512 bytes, holds a checksum.
 
 The field's dataclasses become a tree in JSON and its arrays datasets. Scene and sources are not
 stored: whoever looks for the field has them.
@@ -31,7 +31,10 @@ class DamagedError(Exception):
 
 
 def packed(field: RadiatedField, key: str) -> bytes:
-    """Pack a field into the bytes of its file; raise "wrong_kind" for objects of other libraries."""
+    """Pack a field into the bytes of its file.
+
+    Raise "wrong_kind" for objects of other libraries.
+    """
     import h5py
 
     arrays: list[np.ndarray] = []
@@ -48,7 +51,7 @@ def packed(field: RadiatedField, key: str) -> bytes:
 
 
 def unpacked(content: bytes, key: str, scene: Scene, sources: Monopoles) -> RadiatedField:
-    """Restore a field; raise ``DamagedError`` where the bytes were changed or are of another key."""
+    """Restore a field; raise ``DamagedError`` for changed bytes or another key."""
     import h5py
 
     if content[:USER_BLOCK] != _user_block(content):
@@ -71,7 +74,7 @@ def unpacked(content: bytes, key: str, scene: Scene, sources: Monopoles) -> Radi
 
 
 def save(path: Path, content: bytes) -> None:
-    """Write a file that appears only once all its bytes are on the disk, even if others write it too.
+    """Write a file that appears only once all its bytes are on the disk.
 
     After an ``OSError`` nothing of it is left.
     """

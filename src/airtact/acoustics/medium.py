@@ -33,8 +33,8 @@ class Medium:
     Raises
     ------
     InvalidInput
-        When a number is not finite, zero or negative (absorption may be zero), or outside the range of fluids: 100 to
-        10000 m/s, 0.01 to 30000 kg/m³.
+        When a number is not finite, zero or negative (absorption may be zero), or outside the range
+        of fluids: 100 to 10000 m/s, 0.01 to 30000 kg/m³.
 
     Examples
     --------
@@ -62,7 +62,7 @@ class Medium:
             object.__setattr__(self, name, number)
 
     def wavenumber(self, frequency: float) -> complex:
-        """Wavenumber k = 2πf/c + i·absorption [1/m] at a frequency [Hz], so that e^{ikr} decays with distance."""
+        """Wavenumber k = 2πf/c + i·absorption [1/m] at a frequency [Hz]; e^{ikr} decays."""
         angular = 2.0 * math.pi * positive(frequency, "frequency", "Hz")
         return complex(angular / self.sound_speed, self.absorption)
 

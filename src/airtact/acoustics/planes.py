@@ -1,4 +1,7 @@
-"""Rigid planes, such as a table or a wall: what sound does before one follows from images behind it."""
+"""Rigid planes, such as a table or a wall.
+
+What sound does before one follows from images behind it.
+"""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -18,12 +21,16 @@ ON_PLANE = 1e-9
 """Points up to this deep behind a plane count as on it [m]."""
 
 MIN_GAP = 0.5 * NEAREST
-"""Air between a body and a plane at least [m]: the body and its image are then as far apart as two bodies must be."""
+"""Air between a body and a plane at least [m]: the body and its image are then as far apart as two
+bodies must be.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """A rigid plane without end; sound is on the side that its normal points to. ``plane`` makes it.
+    """A rigid plane without end.
+
+    Sound is on the side that its normal points to. ``plane`` makes it.
 
     Attributes
     ----------
@@ -52,7 +59,9 @@ class Plane:
         return Plane(fixed(motion.apply(self.point)), fixed(motion.rotate(self.normal)))
 
     def kept_by(self, motion: Pose) -> bool:
-        """Whether a rigid motion brings the plane onto itself: along it, and turns about its normal.
+        """Whether a rigid motion brings the plane onto itself.
+
+        Shifts along the plane and turns about its normal do.
 
         After such a motion of the bodies a field solved before the plane still holds for them and
         the plane, which has stayed where it was.
@@ -63,7 +72,9 @@ class Plane:
 
 
 def plane(point: Vector, normal: Vector, ratio: complex | float | None = None) -> Plane:
-    """Make a rigid plane, such as a table or a wall: ∂p/∂n = 0 all over it, and all sound before it.
+    """Make a rigid plane, such as a table or a wall.
+
+    On it ∂p/∂n = 0, and all sound is before it.
 
     The image of each source and body in the plane makes the field exactly. A source or element on
     the plane radiates twice the pressure that it has in open air, as one let into a table does
@@ -104,7 +115,10 @@ def plane(point: Vector, normal: Vector, ratio: complex | float | None = None) -
 
 
 def planes_of(planes: Sequence[Plane], surfaces: Sequence[Surface]) -> tuple[Plane, ...]:
-    """Return the planes of a scene, at most one; raise where a body touches it or reaches behind it."""
+    """Return the planes of a scene, at most one.
+
+    Raise where a body touches it or reaches behind it.
+    """
     if isinstance(planes, Plane) or not isinstance(planes, Iterable):
         raise InvalidInput(
             f"the planes of a scene are a {type(planes).__name__}; put it into a list: [plane].",
@@ -117,8 +131,8 @@ def planes_of(planes: Sequence[Plane], surfaces: Sequence[Surface]) -> tuple[Pla
         # The images between parallel planes fall off only as one over their number, so that their
         # sum does not converge; planes that cross make a corner, which has other images.
         raise InvalidInput(
-            f"the scene has {len(planes)} planes, but only one can be solved; leave out those that are farther "
-            "from the foci.",
+            f"the scene has {len(planes)} planes, but only one can be solved; leave out those that "
+            "are farther from the foci.",
             code="too_many",
         )
     for plane in planes:
@@ -128,8 +142,9 @@ def planes_of(planes: Sequence[Plane], surfaces: Sequence[Surface]) -> tuple[Pla
             if gap < MIN_GAP * (1.0 - 1e-6):
                 side = "behind" if gap < 0.0 else "before"
                 raise InvalidInput(
-                    f"body {index} reaches {1e3 * abs(gap):.3g} mm {side} the plane at {in_mm(nearest)}, but it must "
-                    f"stay {1e3 * MIN_GAP:g} mm or more before it: move it away, or turn the normal of the plane.",
+                    f"body {index} reaches {1e3 * abs(gap):.3g} mm {side} the plane at "
+                    f"{in_mm(nearest)}, but it must stay {1e3 * MIN_GAP:g} mm or more before it: "
+                    "move it away, or turn the normal of the plane.",
                     nearest,
                     code="bodies_overlap",
                 )
@@ -144,7 +159,10 @@ def images_in(
 
 
 def with_images(planes: Sequence[Plane], sources: Monopoles) -> Monopoles:
-    """Return sources and their images in the plane, which emit with them; without planes the sources themselves."""
+    """Return sources and their images in the plane, which emit with them.
+
+    Without planes the sources themselves are returned.
+    """
     if not planes:
         return sources
     strengths = np.tile(sources.strengths, (1 + len(planes), 1))
@@ -164,16 +182,19 @@ def before_planes(
 def check_before_planes(
     planes: Sequence[Plane], points: Real[np.ndarray, "points 3"], what: str
 ) -> None:
-    """Raise "behind_plane" where one of the points (P, 3) [m] is behind a plane; ``what`` names one point."""
+    """Raise "behind_plane" where one of the points (P, 3) [m] is behind a plane.
+
+    ``what`` names one point.
+    """
     for plane in planes:
         height = plane.height(points)
         behind = np.flatnonzero(height < -ON_PLANE)
         if len(behind):
             deepest = int(height.argmin())
             raise InvalidInput(
-                f"{len(behind)} of {len(points)} {what} points behind the plane: {what} {deepest} at "
-                f"{in_mm(points[deepest])} by {-1e3 * height[deepest]:.3g} mm; move it to the front, or turn the "
-                "normal of the plane.",
+                f"{len(behind)} of {len(points)} {what} points behind the plane: {what} {deepest} "
+                f"at {in_mm(points[deepest])} by {-1e3 * height[deepest]:.3g} mm; move it to the "
+                "front, or turn the normal of the plane.",
                 points[deepest],
                 code="behind_plane",
             )

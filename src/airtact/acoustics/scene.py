@@ -25,7 +25,9 @@ CONTACT = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Obstacle:
-    """A body and the boundary condition on its surface; built by ``sound_hard``, ``impedance`` and ``filled``.
+    """A body and the boundary condition on its surface.
+
+    ``sound_hard``, ``impedance`` and ``filled`` build it.
 
     Attributes
     ----------
@@ -65,8 +67,9 @@ class Obstacle:
             self.medium is not None
         ) != (self.boundary == "filled"):
             raise InvalidInput(
-                f"an obstacle of boundary {self.boundary} has ratio {self.ratio} and medium {self.medium}, but an "
-                "impedance takes a ratio, a filled one a medium, and none takes both.",
+                f"an obstacle of boundary {self.boundary} has ratio {self.ratio} and medium "
+                f"{self.medium}, but an impedance takes a ratio, a filled one a medium, and none "
+                "takes both.",
                 code="options_clash",
             )
         if self.medium is not None:
@@ -81,8 +84,8 @@ class Obstacle:
         ratio = complex(self.ratio)
         if not np.isfinite(ratio) or ratio == 0.0 or ratio.real < 0.0:
             raise InvalidInput(
-                f"the impedance ratio is {ratio:g}, but it must be finite, not zero, and its real part not negative "
-                "(the surface would emit power).",
+                f"the impedance ratio is {ratio:g}, but it must be finite, not zero, and its real "
+                "part not negative (the surface would emit power).",
                 code="out_of_range",
             )
         object.__setattr__(self, "ratio", ratio)
@@ -130,10 +133,10 @@ class Scene:
     Raises
     ------
     InvalidInput
-        When the frequency is outside its range or so low that every body is under 1/50 of a wavelength, a body is
-        over 10 m from the origin, the absorption exceeds 1 Np per wavelength, a surface crosses itself, two
-        bodies overlap, a body touches a plane or reaches behind it, there are several planes, or something is of the
-        wrong kind.
+        When the frequency is outside its range or so low that every body is under 1/50 of a
+        wavelength, a body is over 10 m from the origin, the absorption exceeds 1 Np per wavelength,
+        a surface crosses itself, two bodies overlap, a body touches a plane or reaches behind it,
+        there are several planes, or something is of the wrong kind.
 
     Examples
     --------
@@ -188,27 +191,28 @@ class Scene:
         object.__setattr__(self, "planes", planes_of(self.planes, surfaces))
 
     def _check_units(self) -> None:
-        """Raise where the bodies' size or position, or the absorption, is probably in another unit."""
+        """Raise where a size, position or absorption is probably in another unit."""
         extent = max((obstacle.surface.extent for obstacle in self.obstacles), default=np.inf)
         if extent < self.wavelength / 50.0:  # smaller bodies do not change the field
             raise InvalidInput(
-                f"the largest body spans {extent * 1e3:.3g} mm, less than 1/50 of the wavelength of "
-                f"{self.wavelength * 1e3:.4g} mm at {self.frequency:g} Hz: is the frequency in kHz? Give hertz.",
+                f"the largest body spans {extent * 1e3:.3g} mm, less than 1/50 of the wavelength "
+                f"of {self.wavelength * 1e3:.4g} mm at {self.frequency:g} Hz: is the frequency in "
+                "kHz? Give hertz.",
                 code="out_of_range",
             )
         for index, obstacle in enumerate(self.obstacles):
             distance = math.hypot(*obstacle.surface.vertices[obstacle.surface.triangles[0, 0]])
             if distance > 10.0:
                 raise InvalidInput(
-                    f"body {index} stands {distance:.4g} m from the origin, more than 10 m: is it in millimetres? "
-                    "Give metres.",
+                    f"body {index} stands {distance:.4g} m from the origin, more than 10 m: is it "
+                    "in millimetres? Give metres.",
                     code="out_of_range",
                 )
         decay = self.medium.absorption * self.wavelength
         if decay > 1.0:
             raise InvalidInput(
-                f"an absorption of {self.medium.absorption:g} Np/m leaves {np.exp(-decay):.2g} of the sound after one "
-                "wavelength: is it in dB/km? Divide that by 8686.",
+                f"an absorption of {self.medium.absorption:g} Np/m leaves {np.exp(-decay):.2g} of "
+                "the sound after one wavelength: is it in dB/km? Divide that by 8686.",
                 code="out_of_range",
             )
 
@@ -228,7 +232,9 @@ class Scene:
         return self.medium.wavelength(self.frequency)
 
     def depth(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
-        """Depth of points (P, 3) [m] in a body [m]: the largest over all, negative outside, -inf when there are none.
+        """Depth of points (P, 3) [m] in a body [m].
+
+        It is the largest over all bodies, negative outside, -inf when there are none.
 
         Raise ``InvalidInput`` when they are of another shape, NaN or infinite.
         """
@@ -242,8 +248,8 @@ class Scene:
 def _obstacles_of(obstacles: Sequence[Obstacle]) -> tuple[Obstacle, ...]:
     if isinstance(obstacles, Obstacle | Surface) or not isinstance(obstacles, Iterable):
         raise InvalidInput(
-            f"the obstacles of a scene are a {type(obstacles).__name__}, but they must be a list, empty or such as "
-            "[sound_hard(surface)].",
+            f"the obstacles of a scene are a {type(obstacles).__name__}, but they must be a list, "
+            "empty or such as [sound_hard(surface)].",
             code="wrong_kind",
         )
     obstacles = tuple(obstacles)
@@ -253,7 +259,7 @@ def _obstacles_of(obstacles: Sequence[Obstacle]) -> tuple[Obstacle, ...]:
 
 
 def _check_off_boards(obstacles: Sequence[Obstacle]) -> None:
-    """Raise "bodies_overlap" where a body overlaps a reflecting board or comes nearer than ``NEAREST`` to it."""
+    """Raise where a body overlaps a reflecting board or is nearer than ``NEAREST`` to it."""
     boards = [obstacle for obstacle in obstacles if obstacle.board]
     for index, obstacle in enumerate(obstacles):
         for board in boards:
@@ -265,8 +271,8 @@ def _check_off_boards(obstacles: Sequence[Obstacle]) -> None:
                 if contact.overlap is None:
                     gap = f"is {1e3 * contact.distance:.3g} mm off"
                 raise InvalidInput(
-                    f"body {index} {gap} a reflecting board at {in_mm(contact.position)}, but it must stay "
-                    f"{1e3 * NEAREST:g} mm or more off it: move the body or the array.",
+                    f"body {index} {gap} a reflecting board at {in_mm(contact.position)}, but it "
+                    f"must stay {1e3 * NEAREST:g} mm or more off it: move the body or the array.",
                     contact.position,
                     code="bodies_overlap",
                 )
@@ -279,7 +285,7 @@ def admittances(scene: Scene) -> Complex128[np.ndarray, "bodies"]:
 
 
 def check_outside(scene: Scene, points: Real[np.ndarray, "points 3"], what: str) -> None:
-    """Raise as ``check_not_inside`` where points lie in bodies, or "behind_plane" where they lie behind a plane.
+    """Raise "inside_body" or "behind_plane" where points lie in a body or behind a plane.
 
     ``what`` names one point: "focus", "transducer".
     """
@@ -297,8 +303,8 @@ def check_not_inside(
         deepest = int(depth.argmax())
         others = f", the deepest of {count}" if count > 1 else ""
         raise InvalidInput(
-            f"{what} {deepest} at {in_mm(points[deepest])} is {depth[deepest] * 1e3:.3g} mm inside a body{others}; "
-            "move it out or the body away.",
+            f"{what} {deepest} at {in_mm(points[deepest])} is {depth[deepest] * 1e3:.3g} mm inside "
+            f"a body{others}; move it out or the body away.",
             points[deepest],
             code="inside_body",
         )
@@ -311,15 +317,17 @@ def check_near(scene: Scene, points: Real[np.ndarray, "points 3"], what: str) ->
     farthest = int(distance.argmax())
     if distance[farthest] > 1.0:
         raise InvalidInput(
-            f"{what} point {farthest} stands {distance[farthest]:.4g} m from the nearest body, more than 1 m: is it "
-            "in millimetres? Give metres.",
+            f"{what} point {farthest} stands {distance[farthest]:.4g} m from the nearest body, "
+            "more than 1 m: is it in millimetres? Give metres.",
             points[farthest],
             code="out_of_range",
         )
 
 
 def check_sources(scene: Scene, sources: Monopoles, planes: bool = False) -> None:
-    """Raise where a solver cannot radiate the sources: a wrong kind, a source inside a body or behind a plane.
+    """Raise where a solver cannot radiate the sources.
+
+    They are of a wrong kind, inside a body or behind a plane.
 
     The sentence calls the sources of ``Target.beacons`` foci. ``planes`` says that the solver knows
     planes.
@@ -338,8 +346,9 @@ def check_no_planes(scene: Scene, who: str) -> None:
     """Raise where the scene has planes or the array's boards, which ``who`` does not know."""
     if scene.planes:
         raise InvalidInput(
-            f"the scene has {counted(len(scene.planes), 'plane', 'planes')}, which {who} does not take: leave the "
-            "planes out, or solve with BoundaryElement, or FreeField where there is no body.",
+            f"the scene has {counted(len(scene.planes), 'plane', 'planes')}, which {who} does not "
+            "take: leave the planes out, or solve with BoundaryElement, or FreeField where there "
+            "is no body.",
             code="not_supported",
         )
     check_no_boards(scene, who)
@@ -349,7 +358,7 @@ def check_no_boards(scene: Scene, who: str) -> None:
     """Raise where the scene has the array's boards, which ``who`` does not know."""
     if scene.boards:
         raise InvalidInput(
-            f"the scene has {counted(len(scene.boards), 'body', 'bodies')} of reflecting boards, which {who} does not "
-            "take: leave them out, or solve with BoundaryElement.",
+            f"the scene has {counted(len(scene.boards), 'body', 'bodies')} of reflecting boards, "
+            f"which {who} does not take: leave them out, or solve with BoundaryElement.",
             code="not_supported",
         )

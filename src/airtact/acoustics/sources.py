@@ -57,8 +57,9 @@ class Monopoles:
             strengths = strengths[:, None]
         if strengths.ndim != 2 or len(strengths) != len(positions):
             raise InvalidInput(
-                f"monopole strengths have shape {strengths.shape}, but there are {len(positions)} positions; give "
-                f"({len(positions)},) for one excitation or ({len(positions)}, number of excitations).",
+                f"monopole strengths have shape {strengths.shape}, but there are {len(positions)} "
+                f"positions; give ({len(positions)},) for one excitation or ({len(positions)}, "
+                "number of excitations).",
                 code="wrong_shape",
             )
         if strengths.shape[1] == 0:
@@ -72,14 +73,17 @@ class Monopoles:
 
 
 def check_off_sources(points: Real[np.ndarray, "points 3"], sources: Monopoles) -> None:
-    """Raise "misplaced" where a receiver is nearer to a source than ``STANDS_ON``: its pressure is infinite."""
+    """Raise "misplaced" where a receiver is nearer to a source than ``STANDS_ON``.
+
+    The pressure is infinite there.
+    """
     distance, source = nearest_source(points, sources, STANDS_ON)
     near = np.flatnonzero(distance < STANDS_ON)
     if len(near):
         first = int(near[0])
         raise InvalidInput(
-            f"point {first} stands on source {int(source[first])} ({1e3 * distance[first]:g} mm away), where the "
-            "pressure is infinite; move it off.",
+            f"point {first} stands on source {int(source[first])} ({1e3 * distance[first]:g} mm "
+            "away), where the pressure is infinite; move it off.",
             code="misplaced",
         )
 
@@ -87,7 +91,7 @@ def check_off_sources(points: Real[np.ndarray, "points 3"], sources: Monopoles) 
 def nearest_source(
     points: Real[np.ndarray, "points 3"], sources: Monopoles, within: float
 ) -> tuple[Float64[np.ndarray, "points"], Int64[np.ndarray, "points"]]:
-    """Distance [m] and number of the source nearest to each point, where it is nearer than ``within`` [m].
+    """Distance [m] and number of the nearest source of each point, where within reach.
 
     Elsewhere either may be anything farther.
     """

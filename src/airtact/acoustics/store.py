@@ -58,7 +58,7 @@ def name_of(*values: object) -> str:
 
 @cache
 def program(package: Path = Path(errors.__file__).parent) -> str:
-    """Name the code: the version of airtact and a digest of its Python files and compiled kernels."""
+    """Version of airtact and a digest of its Python files and compiled kernels."""
     digest = hashlib.blake2b(digest_size=20)
     for file in [*sorted(package.rglob("*.py")), Path(str(_kernels.__file__))]:
         digest.update(file.name.encode() + hashlib.blake2b(file.read_bytes()).digest())
@@ -66,7 +66,7 @@ def program(package: Path = Path(errors.__file__).parent) -> str:
 
 
 def _feed(update: Callable[[bytes], None], value: object) -> None:
-    """Feed kind, length and bytes of a value to a digest, so that no two values give the same bytes."""
+    """Feed kind, length and bytes of a value to a digest, unambiguously."""
     kind = type(value)
     if isinstance(value, np.ndarray) and value.dtype.kind in "biufc":
         update(f"array {value.dtype.str} {value.shape} ".encode())
@@ -93,13 +93,14 @@ def _feed(update: Callable[[bytes], None], value: object) -> None:
             _feed(update, value[key])
     else:
         raise InvalidInput(
-            f"a {kind.__qualname__} cannot be compared with another: it is no dataclass of numbers.",
+            f"a {kind.__qualname__} cannot be compared with another: it is no dataclass of "
+            "numbers.",
             code="does_not_match",
         )
 
 
 class Stored(Solver):
-    """A solver that keeps its fields in memory and in a folder, and reads them instead of solving again.
+    """A solver that keeps its fields in memory and in a folder, and reads them again.
 
     A field is found again by everything that determines it, to the last bit: every vertex and
     mid-edge point, boundary, medium, frequency, source, setting of the solver, and airtact itself.
@@ -153,7 +154,7 @@ class Stored(Solver):
         self._memory: OrderedDict[str, RadiatedField] = OrderedDict()
 
     def reporting(self, progress: Progress | None) -> "Stored":
-        """Return the store with a callback that gets the words of each step of its solver as it begins."""
+        """Return the store with a callback that gets the words of each step of its solver."""
         reporting = copy.copy(self)  # shares the fields in memory
         reporting.solver = self.solver.reporting(progress)
         return reporting
@@ -197,7 +198,10 @@ class Stored(Solver):
         return _with_report(field, replace(field.report, seconds=seconds))
 
     def _into_folder(self, key: str, field: RadiatedField, scene: Scene) -> str:
-        """Write an entry and delete the oldest-used ones; return why it was not kept, or nothing."""
+        """Write an entry and delete the oldest-used ones.
+
+        Return why it was not kept, or nothing.
+        """
         if len(field.scene.obstacles) != len(scene.obstacles):
             # An entry is read with the scene that is asked for, so it cannot hold another one.
             return "this field is kept in memory only: it is the one without reflecting boards"
@@ -219,7 +223,7 @@ class Stored(Solver):
         return ""
 
     def _make_room(self) -> None:
-        """Delete the oldest-used entries beyond the bound, and files that killed processes left half written."""
+        """Delete the oldest-used entries beyond the bound, and abandoned files."""
         entries = []
         for path in self.folder.iterdir():
             with suppress(FileNotFoundError):  # another process may delete it at the same time

@@ -1,4 +1,7 @@
-"""What a person is to feel: foci in the obstacles' frame, the pressures wanted there, and points to suppress."""
+"""What a person is to feel.
+
+Foci in the obstacles' frame, the pressures wanted there, and points to suppress.
+"""
 
 from dataclasses import dataclass
 
@@ -24,7 +27,10 @@ Wanted = Num[np.ndarray, "foci"] | complex | float | int
 
 @dataclass(frozen=True, eq=False)
 class Beacons(Monopoles):
-    """The virtual sources of a target: the first ``foci`` at foci, the others, unrefined, at suppression points."""
+    """The virtual sources of a target.
+
+    The first ``foci`` stand at foci, the others, unrefined, at suppression points.
+    """
 
     foci: int = 0
 
@@ -114,9 +120,10 @@ class Target:
         Raises
         ------
         InvalidInput
-            No points, NaN or infinity, a point over 2 m from the origin, a negative number, none above zero, not one
-            per focus, pressures together with shares, or a suppression point nearer than 1 µm to a focus; or the points
-            are a position and a normal, as ``hand.place`` gives them.
+            No points, NaN or infinity, a point over 2 m from the origin, a negative number, none
+            above zero, not one per focus, pressures together with shares, or a suppression point
+            nearer than 1 µm to a focus; or the points are a position and a normal, as
+            ``hand.place`` gives them.
         """
         _check_no_normal(points)
         foci = points_of(points, "target points")
@@ -155,12 +162,14 @@ class Target:
 
     @property
     def wanted(self) -> Complex128[np.ndarray, "foci"]:
-        """(F,) weights with the phases wanted, or with phase 0 where they are left to the method."""
+        """(F,) weights with the phases wanted, 0 where they are left to the method."""
         phases = 0.0 if self.phases is None else self.phases
         return self.weights * np.exp(1j * np.asarray(phases))
 
     def beacons(self, suppression: bool = False) -> Monopoles:
-        """One virtual source of 1 Pa·m at every focus, each its own excitation: strengths are the identity (F, F).
+        """One virtual source of 1 Pa·m at every focus, each its own excitation.
+
+        The strengths are the identity (F, F).
 
         Parameters
         ----------
@@ -185,13 +194,14 @@ def _per_focus(wanted: Wanted, foci: int, what: str, unit: str) -> Num[np.ndarra
     check_finite(numbers, f"{what}s")
     if numbers.ndim != 0 and numbers.shape != (foci,):
         raise InvalidInput(
-            f"{what}s have shape {numbers.shape}, but the target has {counted(foci, 'focus', 'foci')}; give one "
-            f"number or ({foci},).",
+            f"{what}s have shape {numbers.shape}, but the target has "
+            f"{counted(foci, 'focus', 'foci')}; give one number or ({foci},).",
             code="wrong_shape",
         )
     if not np.iscomplexobj(numbers) and numbers.min() < 0.0:
         raise InvalidInput(
-            f"a {what} is {numbers.min():g}{unit}, but it must not be negative; a complex number gives a phase.",
+            f"a {what} is {numbers.min():g}{unit}, but it must not be negative; a complex number "
+            "gives a phase.",
             code="out_of_range",
         )
     if np.abs(numbers).max() == 0.0:
@@ -209,8 +219,9 @@ def _check_suppressed_foci(
         distance = np.linalg.norm(suppressed - focus, axis=1)
         if len(distance) and distance.min() < 1e-6:
             raise InvalidInput(
-                f"suppression point {int(distance.argmin())} is {1e3 * distance.min():.2g} mm from focus {index} at "
-                f"{in_mm(focus)}, so both cannot hold; leave it out of the suppression zone.",
+                f"suppression point {int(distance.argmin())} is {1e3 * distance.min():.2g} mm from "
+                f"focus {index} at {in_mm(focus)}, so both cannot hold; leave it out of the "
+                "suppression zone.",
                 focus,
                 code="misplaced",
             )
@@ -225,20 +236,23 @@ def _check_no_normal(points: Real[np.ndarray, "foci 3"]) -> None:
         and abs(np.linalg.norm(points[1]) - 1.0) < 1e-6
     ):
         raise InvalidInput(
-            "the target points are a position and its unit normal, as hand.place gives them. Give the position, or a "
-            "focus before it: point + 0.5e-3 * normal.",
+            "the target points are a position and its unit normal, as hand.place gives them. Give "
+            "the position, or a focus before it: point + 0.5e-3 * normal.",
             code="misplaced",
         )
 
 
 def _check_near_origin(points: Float64[np.ndarray, "points 3"], what: str) -> None:
-    """Raise where a point is farther than 2 m, the largest body, from the origin: it is probably in millimetres."""
+    """Raise where a point is farther than 2 m, the largest body, from the origin.
+
+    The point is probably in millimetres.
+    """
     distance = np.linalg.norm(points, axis=1)
     if distance.max(initial=0.0) > 2.0:
         worst = int(distance.argmax())
         raise InvalidInput(
-            f"{what} {worst} at {in_mm(points[worst])} is {distance[worst]:.4g} m from the origin of the obstacles' "
-            "frame, more than 2 m: is this in millimetres? Give metres.",
+            f"{what} {worst} at {in_mm(points[worst])} is {distance[worst]:.4g} m from the origin "
+            "of the obstacles' frame, more than 2 m: is this in millimetres? Give metres.",
             points[worst],
             code="out_of_range",
         )

@@ -33,7 +33,8 @@ def segment(start: Vector, end: Vector, spacing: float) -> Points:
     Raises
     ------
     InvalidInput
-        If the two ends are one point, a number is not finite, or there would be more than 4096 points.
+        If the two ends are one point, a number is not finite, or there would be more than 4096
+        points.
 
     Examples
     --------
@@ -46,7 +47,7 @@ def segment(start: Vector, end: Vector, spacing: float) -> Points:
 def polyline(
     corners: Real[np.ndarray, "corners 3"], spacing: float, closed: bool = False
 ) -> Points:
-    """Points (F, 3) [m] of straight lines from corner to corner, evenly spaced on each, all corners among them.
+    """Points (F, 3) [m] of straight lines between corners, evenly spaced on each.
 
     Parameters
     ----------
@@ -63,7 +64,8 @@ def polyline(
     least = 3 if closed else 2
     if len(corners) < least:
         raise InvalidInput(
-            f"a {'closed ' if closed else ''}polyline has {len(corners)} corners, but needs {least}.",
+            f"a {'closed ' if closed else ''}polyline has {len(corners)} corners, but needs "
+            f"{least}.",
             code="too_few",
         )
     spacing = positive(spacing, "the spacing", "m")
@@ -74,7 +76,8 @@ def polyline(
     lengths = np.linalg.norm(steps, axis=1)
     if lengths.min() == 0.0:
         raise InvalidInput(
-            f"line {int(lengths.argmin())} of a polyline has no length: its two ends are one point.",
+            f"line {int(lengths.argmin())} of a polyline has no length: its two ends are one "
+            "point.",
             code="all_zero",
         )
     counts = np.maximum(np.ceil(lengths / spacing - 1e-9), 1.0)
@@ -91,7 +94,7 @@ def polyline(
 def circle(
     centre: Vector, radius: float, spacing: float, normal: Vector = (0.0, 0.0, 1.0)
 ) -> Points:
-    """Points (F, 3) [m] of a circle, evenly spaced, anticlockwise seen from where the normal points to.
+    """Points (F, 3) [m] of a circle, evenly spaced, anticlockwise about the normal.
 
     Parameters
     ----------
@@ -103,8 +106,8 @@ def circle(
     Raises
     ------
     InvalidInput
-        If a number is not finite, a length is not above zero, the normal is zero, or there would be more than 4096
-        points.
+        If a number is not finite, a length is not above zero, the normal is zero, or there would be
+        more than 4096 points.
 
     Examples
     --------
@@ -157,7 +160,9 @@ def sphere_shell(centre: Vector, radius: float, spacing: float) -> Points:
 def surface_points(
     surface: Surface, spacing: float, facing: Vector | None = None, within: float = 90.0
 ) -> Points:
-    """Points (Q, 3) [m] on the exact surface of a body, or on its side that faces a direction: a suppression zone.
+    """Points (Q, 3) [m] on the exact surface of a body, or on its side that faces a direction.
+
+    They make a suppression zone.
 
     Parameters
     ----------
@@ -169,7 +174,8 @@ def surface_points(
     Raises
     ------
     InvalidInput
-        If the spacing is not above zero or gives more than 4096 points, or no part of the surface faces there.
+        If the spacing is not above zero or gives more than 4096 points, or no part of the surface
+        faces there.
     """
     of_kind(surface, Surface, "the surface", "one Surface, such as pinch().surfaces[0]")
     spacing = positive(spacing, "the spacing", "m")
@@ -184,14 +190,17 @@ def surface_points(
         centres = centres[cosine >= np.cos(np.radians(within)) - 1e-12]
     if not len(centres):
         raise InvalidInput(
-            f"no part of the surface faces within {within:g} degrees of {np.asarray(facing).tolist()}.",
+            f"no part of the surface faces within {within:g} degrees of "
+            f"{np.asarray(facing).tolist()}.",
             code="empty",
         )
     return spaced_apart(surface.shape.project(centres), 0.85 * spacing)
 
 
 def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Points:
-    """Project points to a surface and shift them (P, 3) [m] off it along the normal: a drawing for the hand.
+    """Project points to a surface and shift them (P, 3) [m] off it along the normal.
+
+    This brings a drawing onto the hand.
 
     Parameters
     ----------
@@ -202,8 +211,8 @@ def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Po
     Raises
     ------
     InvalidInput
-        If the offset is negative or over 20 mm, or a shifted point is nearer to the surface than half of it, as in
-        a crevice (which one).
+        If the offset is negative or over 20 mm, or a shifted point is nearer to the surface than
+        half of it, as in a crevice (which one).
 
     Examples
     --------
@@ -220,8 +229,8 @@ def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Po
     if len(short):
         where = projected[short[0]]
         raise InvalidInput(
-            f"point {int(short[0])}, shifted {1e3 * offset:.3g} mm off the surface at {in_mm(where)}, lies in "
-            "a crevice or before another part of it; move the drawing.",
+            f"point {int(short[0])}, shifted {1e3 * offset:.3g} mm off the surface at "
+            f"{in_mm(where)}, lies in a crevice or before another part of it; move the drawing.",
             where,
             code="misplaced",
         )
@@ -243,7 +252,7 @@ def spaced_apart(points: Points, least: float) -> Float64[np.ndarray, "kept 3"]:
 def frame_of(
     normal: Vector, up: Vector | None = None
 ) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
-    """Give unit vectors to the right and up in a plane, and its normal, seen from where the normal points to.
+    """Return unit vectors right, up and along the normal of a plane seen from its front.
 
     ``up`` is projected to the plane; None stands for y, or z where the normal is nearly y.
     """
@@ -261,7 +270,8 @@ def frame_of(
     upwards = direction - (direction @ towards) * towards
     if np.linalg.norm(upwards) <= 1e-6 * np.linalg.norm(direction):
         raise InvalidInput(
-            f"up is {direction.tolist()}, along the normal {towards.tolist()}; give another direction up.",
+            f"up is {direction.tolist()}, along the normal {towards.tolist()}; give another "
+            "direction up.",
             code="all_zero",
         )
     upwards /= np.linalg.norm(upwards)
@@ -272,8 +282,9 @@ def check_count(count: float, spacing: float) -> None:
     """Raise "too_many" where a spacing [m] gives more than ``MOST_POINTS``."""
     if count > MOST_POINTS:
         raise InvalidInput(
-            f"a spacing of {1e3 * spacing:.3g} mm gives {count:.0f} points, more than {MOST_POINTS}: are the "
-            "other lengths in millimetres? Give metres, and at 40 kHz a spacing of 2e-3 to 4e-3.",
+            f"a spacing of {1e3 * spacing:.3g} mm gives {count:.0f} points, more than "
+            f"{MOST_POINTS}: are the other lengths in millimetres? Give metres, and at 40 kHz a "
+            "spacing of 2e-3 to 4e-3.",
             code="too_many",
         )
 
@@ -282,7 +293,10 @@ def outward(
     depth: Callable[[Float64[np.ndarray, "positions 3"]], Float64[np.ndarray, "positions"]],
     points: Real[np.ndarray, "points 3"],
 ) -> Float64[np.ndarray, "points 3"]:
-    """Find unit directions (P, 3) in which ``Surface.depth`` or ``Scene.depth`` falls fastest; z where it is level."""
+    """Find unit directions (P, 3) in which ``Surface.depth`` or ``Scene.depth`` falls fastest.
+
+    The direction is z where it is level.
+    """
     step = 1e-4  # [m]
     shifts = step * np.concatenate([np.eye(3), -np.eye(3)])
     around = depth((points[:, None] + shifts).reshape(-1, 3)).reshape(-1, 6)

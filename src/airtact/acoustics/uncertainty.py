@@ -9,7 +9,9 @@ from airtact.errors import InvalidInput, Vector
 from airtact.printing import one_line
 
 SMALLEST_ANGLE = 0.1
-"""Angles above zero and below this were probably meant in radians [degree]; they move nothing that counts."""
+"""Angles above zero and below this were probably meant in radians [degree]; they move nothing that
+counts.
+"""
 
 _MILLIMETRES = "is it in millimetres? Give metres."
 
@@ -33,7 +35,7 @@ _LIMITS = {
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Standard deviations of the hand's position, the air and the transducers (normal distributions).
+    """Standard deviations of the hand's position, the air and the transducers.
 
     All are zero by default.
 
@@ -57,8 +59,8 @@ class Uncertainty:
     Raises
     ------
     InvalidInput
-        "not_a_number"; "out_of_range": a number is negative, not finite or larger than makes sense in its unit, or an
-        angle is between 0 and 0.1 degrees, which was probably meant in radians.
+        "not_a_number"; "out_of_range": a number is negative, not finite or larger than makes sense
+        in its unit, or an angle is between 0 and 0.1 degrees, which was probably meant in radians.
 
     Examples
     --------
@@ -97,8 +99,8 @@ class Uncertainty:
             value = between(getattr(self, name), 0.0, largest, what, unit, slip)
             if unit == "degrees" and 0.0 < value < SMALLEST_ANGLE:
                 raise InvalidInput(
-                    f"{what} is {value:g} degrees: is it in radians? Give degrees, np.degrees({value:g}) = "
-                    f"{np.degrees(value):.2g}, or 0.",
+                    f"{what} is {value:g} degrees: is it in radians? Give degrees, "
+                    f"np.degrees({value:g}) = {np.degrees(value):.2g}, or 0.",
                     code="out_of_range",
                 )
             object.__setattr__(self, name, value)
@@ -109,7 +111,7 @@ class Uncertainty:
 
     @property
     def shift(self) -> float:
-        """Standard deviation of a focus along one axis, but for rotations and its place on the skin [m]."""
+        """Standard deviation of a focus along one axis, without rotations [m]."""
         late = self.age * np.linalg.norm(self.velocity)
         return float(np.sqrt(self.position**2 + self.own_position**2 + late**2))
 

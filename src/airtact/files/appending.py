@@ -1,4 +1,4 @@
-"""Appends rows to an HDF5 file in a process of its own, so that neither a slow disk nor a killed program harms it.
+"""Appends rows to an HDF5 file in a process of its own, safe from slow disks and kills.
 
 ``python -m airtact.files.appending FILE`` reads messages from its standard input: 8 bytes of
 length, then a pickled mapping from names to values. ``"attributes"`` are those of the file, a name

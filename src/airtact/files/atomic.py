@@ -10,7 +10,10 @@ from airtact.errors import InvalidInput
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """Yield another path in the same folder to write to, then rename it: the file appears only once it is finished."""
+    """Yield another path in the same folder to write to, then rename it.
+
+    The file appears only once it is finished.
+    """
     partial = path.with_name(f".{path.name}.partial")
     try:
         yield partial

@@ -22,7 +22,7 @@ Arrays = dict[str, Shaped[np.ndarray, "..."]]
 
 
 def check_file(path: Path, largest: int = LARGEST_DATA) -> None:
-    """Raise "file_missing", "file_unreadable", or "file_too_large" for a file of more than ``largest`` bytes."""
+    """Raise for a file that is missing, no file, or larger than ``largest`` bytes."""
     try:
         status = path.stat()
     except OSError as error:
@@ -69,12 +69,17 @@ def array_of(path: Path) -> Shaped[np.ndarray, "..."]:
 
 
 def arrays_of(path: Path) -> Arrays:
-    """Read the arrays of NumPy's .npz, ``LARGEST_DATA`` bytes unpacked at most; raise as ``check_file``."""
+    """Read the arrays of NumPy's .npz, ``LARGEST_DATA`` bytes unpacked at most.
+
+    Raise as ``check_file``.
+    """
     return _decoded(_archive, path, ".npz")
 
 
 def datasets_of(path: Path) -> Mapping[str, Shaped[np.ndarray, "..."] | np.generic | str]:
-    """Read the datasets at the top of an HDF5 file, ``LARGEST_DATA`` bytes at most; raise as ``check_file``.
+    """Read the datasets at the top of an HDF5 file, ``LARGEST_DATA`` bytes at most.
+
+    Raise as ``check_file``.
 
     Links to other files, and data that stand in other files, are passed over.
     """
@@ -134,6 +139,7 @@ def _datasets(content: bytes) -> dict[str, Any]:
 def _check_size(size: int) -> None:
     if size > LARGEST_DATA:
         raise InvalidInput(
-            f"its arrays have {size:,} bytes, more than {LARGEST_DATA:,}; make them fewer or shorter.",
+            f"its arrays have {size:,} bytes, more than {LARGEST_DATA:,}; make them fewer or "
+            "shorter.",
             code="file_too_large",
         )

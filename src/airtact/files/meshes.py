@@ -1,4 +1,6 @@
-"""Surfaces and scene graphs read by trimesh, after what a file holds is counted: arrays in units of the file.
+"""Surfaces and scene graphs read by trimesh, after what a file holds is counted.
+
+Arrays in units of the file.
 
 trimesh expands what a small file may only name: instances of a mesh, corners of one face, accessors
 that share their bytes. So a GLB or glTF is measured by its JSON and the others by their headers and
@@ -25,7 +27,9 @@ SUFFIXES = (".stl", ".ply", ".obj", ".glb", ".gltf")
 """File name endings that are read."""
 
 MAX_FILE_TRIANGLES = 250_000
-"""Largest number of triangles of a surface from a file: to read and check so many takes some 10 s and 0.9 GB."""
+"""Largest number of triangles of a surface from a file: to read and check so many takes some 10 s
+and 0.9 GB.
+"""
 
 MAX_MESH_LINES = 2_500_000
 """Largest number of lines of a surface in text: an STL of ``MAX_FILE_TRIANGLES`` has 1,750,000."""
@@ -78,7 +82,8 @@ def _scene(path: Path) -> Any:
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise InvalidInput(
-            f"{path.name} ends in {path.suffix!r}, but surfaces are read from {', '.join(SUFFIXES)}.",
+            f"{path.name} ends in {path.suffix!r}, but surfaces are read from "
+            f"{', '.join(SUFFIXES)}.",
             code="unknown_format",
         )
     if not path.is_file():
@@ -106,7 +111,7 @@ def _scene(path: Path) -> Any:
 
 @contextmanager
 def _describing_damage(path: Path) -> Iterator[None]:
-    """Turn whatever trimesh raises, and a number that it would pass over, into a fault of the file."""
+    """Turn whatever trimesh raises or warns of into a fault of the file."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -123,7 +128,7 @@ def _describing_damage(path: Path) -> Iterator[None]:
 
 
 class _OwnFolder:
-    """Opens what a glTF file names, in its own folder only, and ``LARGEST_MESH_FILE`` bytes in all at most."""
+    """Opens what a glTF file names: in its own folder only, and with a limit in all."""
 
     def __init__(self, path: Path) -> None:
         self.folder = path.parent.resolve()
@@ -148,8 +153,8 @@ class _OwnFolder:
 def _check_triangles(count: int) -> None:
     if count > MAX_FILE_TRIANGLES:
         raise InvalidInput(
-            f"it has {count:,} triangles, more than {MAX_FILE_TRIANGLES:,}; simplify it, as with MeshLab: edges of "
-            "1 mm are fine enough for 40 kHz.",
+            f"it has {count:,} triangles, more than {MAX_FILE_TRIANGLES:,}; simplify it, as with "
+            "MeshLab: edges of 1 mm are fine enough for 40 kHz.",
             code="too_many",
         )
 
@@ -167,7 +172,8 @@ def _check_lines(content: bytes) -> None:
     count = sum(content.count(byte) for byte in breaks)
     if count > MAX_MESH_LINES:
         raise InvalidInput(
-            f"it has {count:,} lines, more than {MAX_MESH_LINES:,}; simplify it, or save it in binary.",
+            f"it has {count:,} lines, more than {MAX_MESH_LINES:,}; simplify it, or save it in "
+            "binary.",
             code="file_too_large",
         )
 
@@ -185,8 +191,8 @@ def _check_stl(content: bytes) -> None:
         content.decode()
     except UnicodeDecodeError as error:
         raise InvalidInput(
-            f"its {len(content):,} bytes are neither those of {count:,} triangles, as its head says, nor text: byte "
-            f"{error.start} is not UTF-8; export it again.",
+            f"its {len(content):,} bytes are neither those of {count:,} triangles, as its head "
+            f"says, nor text: byte {error.start} is not UTF-8; export it again.",
             code="file_unreadable",
         ) from None
 
@@ -243,8 +249,8 @@ def _plain_obj(content: bytes) -> bytes:
         corners = re.findall(rb"([-+]?\d{1,18})(?:/[-+/\d]*)?(?:\s|$)", words)
         if len(corners) < len(words.split()) or any(int(corner) == 0 for corner in corners):
             raise InvalidInput(
-                f"a face has the corners {words[:40].decode(errors='replace')!r}, but they are numbers of vertices "
-                "from 1.",
+                f"a face has the corners {words[:40].decode(errors='replace')!r}, but they are "
+                "numbers of vertices from 1.",
                 code="file_unreadable",
             )
         triangles += max(len(corners) - 2, 0)
@@ -271,7 +277,8 @@ def _json_of(content: bytes) -> Mapping[str, Any]:
 def _parsed(text: bytes) -> Mapping[str, Any]:
     if text.count(b",") > 1_000_000:
         raise InvalidInput(
-            f"its JSON has {text.count(b','):,} values, more than 1,000,000; leave out what is no mesh.",
+            f"its JSON has {text.count(b','):,} values, more than 1,000,000; leave out what is no "
+            "mesh.",
             code="file_too_large",
         )
     try:
@@ -284,7 +291,7 @@ def _parsed(text: bytes) -> Mapping[str, Any]:
 
 
 def _check_scene_graph(tree: Mapping[str, Any]) -> None:
-    """Count nodes, levels, numbers and triangles of a glTF scene as they will be when all is in its place."""
+    """Count nodes, levels, numbers and triangles of a glTF scene as trimesh expands it."""
     try:
         nodes = tree.get("nodes", [])
         meshes = tree.get("meshes", [])
@@ -308,7 +315,10 @@ def _check_scene_graph(tree: Mapping[str, Any]) -> None:
 
 
 def _check_levels(tree: Mapping[str, Any], children: list[list[int]]) -> None:
-    """Follow the children of each node from the roots; a node that is reached again has another parent, or itself."""
+    """Follow the children of each node from the roots.
+
+    A node that is reached again has another parent, or itself.
+    """
     scenes = tree.get("scenes", [])
     level = list(scenes[tree.get("scene", 0)].get("nodes", [])) if scenes else []
     reached: set[int] = set()
@@ -341,7 +351,8 @@ def _check_sizes(tree: Mapping[str, Any]) -> None:
     size = max(sum(views), sum(accessors))
     if size > LARGEST_MESH_FILE:
         raise InvalidInput(
-            f"its accessors and views have {size:,} bytes, more than {LARGEST_MESH_FILE:,}; simplify it.",
+            f"its accessors and views have {size:,} bytes, more than {LARGEST_MESH_FILE:,}; "
+            "simplify it.",
             code="file_too_large",
         )
 

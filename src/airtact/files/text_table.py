@@ -19,7 +19,10 @@ MAX_CELLS = 4_000_000
 
 @dataclass(frozen=True, eq=False)
 class TextTable:
-    """Cells of a file, not yet read as numbers: names of columns in small letters, and the line of each row, from 1."""
+    """Cells of a file, not yet read as numbers.
+
+    Names of columns are in small letters; lines of rows count from 1.
+    """
 
     file: str
     names: tuple[str, ...]
@@ -33,13 +36,16 @@ class TextTable:
         missing = [name for name in names if name not in self.names]
         if missing:
             raise InvalidInput(
-                f"{self.file} has no column {', '.join(missing)}: it needs {', '.join(names)}, and has "
-                f"{', '.join(self.names)}.",
+                f"{self.file} has no column {', '.join(missing)}: it needs {', '.join(names)}, and "
+                f"has {', '.join(self.names)}.",
                 code="data_missing",
             )
 
     def numbers(self, name: str) -> Float64[np.ndarray, "rows"]:
-        """Read a column as real numbers; raise "data_missing", or "file_unreadable" for NaN or infinity too."""
+        """Read a column as real numbers.
+
+        Raise "data_missing", or "file_unreadable" for NaN or infinity too.
+        """
         values = self.complex_numbers(name)
         not_real = np.flatnonzero(np.imag(values))
         if len(not_real):
@@ -105,7 +111,8 @@ def read_text_table(path: Path) -> TextTable:
             lines.append(line)
     if not header:
         raise InvalidInput(
-            f"{file} has {counted(len(rows), 'row', 'rows')} of numbers, but no line that names its columns.",
+            f"{file} has {counted(len(rows), 'row', 'rows')} of numbers, but no line that names "
+            "its columns.",
             code="file_unreadable",
         )
     names = tuple(name.lower() for name in _cells(file, 1, header))
@@ -140,12 +147,14 @@ def _cells(file: str, line: int, text: str) -> tuple[str, ...]:
         cells = tuple(cell.strip() for cell in next(csv.reader([text], skipinitialspace=True)))
     except csv.Error as error:
         raise InvalidInput(
-            f"line {line} of {file}, of {len(text):,} characters, has a cell that cannot be read: {error}.",
+            f"line {line} of {file}, of {len(text):,} characters, has a cell that cannot be read: "
+            f"{error}.",
             code="file_unreadable",
         ) from None
     if len(cells) > MAX_COLUMNS:
         raise InvalidInput(
-            f"line {line} of {file} has {len(cells):,} cells, more than {MAX_COLUMNS:,}; leave columns out.",
+            f"line {line} of {file} has {len(cells):,} cells, more than {MAX_COLUMNS:,}; leave "
+            "columns out.",
             code="wrong_shape",
         )
     return cells

@@ -44,7 +44,8 @@ class SampledField(RadiatedField):
     Raises
     ------
     InvalidInput
-        Shapes that do not match, NaN or infinity, fewer than four nodes, repeated ones, or nodes in one plane.
+        Shapes that do not match, NaN or infinity, fewer than four nodes, repeated ones, or nodes in
+        one plane.
     """
 
     scene: Scene
@@ -65,8 +66,8 @@ class SampledField(RadiatedField):
         excitations = self.sources.strengths.shape[1]
         if pressures.shape != (len(nodes), excitations):
             raise InvalidInput(
-                f"the pressures have shape {pressures.shape}, but {len(nodes)} nodes and sources of {excitations} "
-                f"excitations ask for ({len(nodes)}, {excitations}).",
+                f"the pressures have shape {pressures.shape}, but {len(nodes)} nodes and sources "
+                f"of {excitations} excitations ask for ({len(nodes)}, {excitations}).",
                 code="wrong_shape",
             )
         check_finite(pressures, "pressures")
@@ -74,8 +75,8 @@ class SampledField(RadiatedField):
         if len(pairs):
             first, second = pairs[0]
             raise InvalidInput(
-                f"{len(pairs)} pairs of nodes have the same position, nodes {first} and {second} at "
-                f"{in_mm(nodes[first])}; keep one of each, or check the scale.",
+                f"{len(pairs)} pairs of nodes have the same position, nodes {first} and {second} "
+                f"at {in_mm(nodes[first])}; keep one of each, or check the scale.",
                 nodes[first],
                 code="given_twice",
             )
@@ -103,8 +104,8 @@ class SampledField(RadiatedField):
         except QhullError:
             spread = np.linalg.svd(nodes - nodes.mean(axis=0), compute_uv=False)[-1]
             raise InvalidInput(
-                f"the {len(nodes)} nodes lie in one plane, to {1e3 * spread / np.sqrt(len(nodes)):.2g} mm; give "
-                "nodes that fill a space.",
+                f"the {len(nodes)} nodes lie in one plane, to "
+                f"{1e3 * spread / np.sqrt(len(nodes)):.2g} mm; give nodes that fill a space.",
                 code="misplaced",
             ) from None
 
@@ -159,7 +160,7 @@ class SampledField(RadiatedField):
         values: Complex128[np.ndarray, "nodes excitations"],
         centres: Sequence[SourcePoints],
     ) -> Pressures:
-        """Interpolate each excitation after division by e^{ikr}/r of the centre nearest to its tetrahedron, if any."""
+        """Interpolate after division by e^{ikr}/r of the centre nearest to the tetrahedron."""
         pressures = np.full((len(points), values.shape[1]), np.nan + 0j)
         number = self._simplices(points)
         inside = np.flatnonzero(number >= 0)
@@ -204,8 +205,8 @@ def load_samples(
     Raises
     ------
     InvalidInput
-        The file cannot be read, columns are missing, nodes repeated or in one plane, numbers NaN or pressures all 0, or
-        the phases beside the sources contradict ``time_sign`` or ``scale``.
+        The file cannot be read, columns are missing, nodes repeated or in one plane, numbers NaN or
+        pressures all 0, or the phases beside the sources contradict ``time_sign`` or ``scale``.
     """
     path = Path(path)
     check_choice(time_sign, "time_sign", ("e^{-iωt}", "e^{+jωt}"))
@@ -249,14 +250,17 @@ def _excitations(
         excitations.append(values)
     if not excitations:
         raise InvalidInput(
-            "it has no columns of pressure; name them pressure, or pressure_real and pressure_imag.",
+            "it has no columns of pressure; name them pressure, or pressure_real and "
+            "pressure_imag.",
             code="data_missing",
         )
     return np.stack(excitations, axis=1)
 
 
 def _check_contradiction(sampled: SampledField, time_sign: str, scale: float) -> tuple[str, ...]:
-    """Check that the phase grows away from the sources, and as fast as it must; warn where neither can be seen.
+    """Check that the phase grows away from the sources, and as fast as it must.
+
+    Warn where neither can be seen.
 
     Around a source in open air all fits are 1 or near 0; around sources on bodies 0.57 to 1 and up
     to 0.16. Another sign or scale is believed where it fits 1.5 times as well, and to 0.4 at least.
@@ -264,8 +268,9 @@ def _check_contradiction(sampled: SampledField, time_sign: str, scale: float) ->
     stated, opposite = _fits(sampled, 1.0)
     if opposite > max(1.5 * stated, 0.4):
         raise InvalidInput(
-            f"time_sign is {time_sign}, but round the sources the pressures fit the other one {opposite / stated:.2g} "
-            "times better; state the other sign, or check where the sources stand and what a unit of length is.",
+            f"time_sign is {time_sign}, but round the sources the pressures fit the other one "
+            f"{opposite / stated:.2g} times better; state the other sign, or check where the "
+            "sources stand and what a unit of length is.",
             code="does_not_match",
         )
     if stated > 0.4:
@@ -276,19 +281,19 @@ def _check_contradiction(sampled: SampledField, time_sign: str, scale: float) ->
     best = int(fits.argmax())
     if fits[best] > max(1.5 * stated, 0.4):
         raise InvalidInput(
-            f"the scale is {scale:.4g} metres per unit, but round the sources the phases vary as if it were "
-            f"{lengths[best]:.3g} (a fit of {fits[best]:.2f} instead of {stated:.2f}); state that scale, or check the "
-            "frequency, the medium and where the sources stand.",
+            f"the scale is {scale:.4g} metres per unit, but round the sources the phases vary as "
+            f"if it were {lengths[best]:.3g} (a fit of {fits[best]:.2f} instead of {stated:.2f}); "
+            "state that scale, or check the frequency, the medium and where the sources stand.",
             code="does_not_match",
         )
     return (
-        f"the samples do not show the sign of time (a fit of {stated:.2g} against {opposite:.2g}); {time_sign} was "
-        "stated",
+        f"the samples do not show the sign of time (a fit of {stated:.2g} against {opposite:.2g}); "
+        f"{time_sign} was stated",
     )
 
 
 def _fits(sampled: SampledField, stretch: float) -> Float64[np.ndarray, "2"]:
-    """How well the phases around the sources fit waves that leave and waves that arrive, from 0 to 1.
+    """Fit of the phases around the sources to leaving and arriving waves, 0 to 1.
 
     The positions of the nodes are multiplied by ``stretch``.
     """

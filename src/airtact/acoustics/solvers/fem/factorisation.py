@@ -1,4 +1,7 @@
-"""Factorises the sparse complex symmetric matrix of finite elements: MKL's Pardiso, or NGSolve's sparse Cholesky."""
+"""Factorises the sparse complex symmetric matrix of finite elements.
+
+MKL's Pardiso, or NGSolve's sparse Cholesky.
+"""
 
 import ctypes
 import importlib.metadata
@@ -33,7 +36,7 @@ COARSE_ORDER = 5
 
 
 class Factor(ABC):
-    """A factorised matrix whose unknowns inside tetrahedra are eliminated before (static condensation).
+    """A factorised matrix after the unknowns inside tetrahedra are eliminated.
 
     ``free`` are the unknowns shared by tetrahedra that are solved for; the others are 0.
     """
@@ -129,7 +132,10 @@ class Pardiso(Factor):
         self._release = weakref.finalize(self, self._call, -1)
 
     def solve_shared(self, right: Coefficients) -> Coefficients:
-        """Solve, and solve again for the residual; raise ``NotConverged`` where that fails in double precision too."""
+        """Solve, and solve again for the residual.
+
+        Raise ``NotConverged`` where that fails in double precision too.
+        """
         solution, worst = self._refined(right)
         if worst > self._residual and self._kind == np.complex64:
             self._release()
@@ -137,9 +143,9 @@ class Pardiso(Factor):
             solution, worst = self._refined(right)
         if worst > self._residual:
             raise NotConverged(
-                f"Pardiso leaves a residual of {worst:.2g} of the right-hand side after {MAX_REFINEMENTS} "
-                f"refinements, more than {self._residual:.2g}: the matrix is nearly singular; take factorisation "
-                "'sparsecholesky'.",
+                f"Pardiso leaves a residual of {worst:.2g} of the right-hand side after "
+                f"{MAX_REFINEMENTS} refinements, more than {self._residual:.2g}: the matrix is "
+                "nearly singular; take factorisation 'sparsecholesky'.",
                 code="not_converged",
             )
         return solution
@@ -195,7 +201,10 @@ def _pardiso(
     right: np.ndarray | None = None,
     solution: np.ndarray | None = None,
 ) -> None:
-    """Run a phase of Pardiso: 12 factorises, 33 solves for the columns of ``right``, -1 releases the memory."""
+    """Run a phase of Pardiso.
+
+    12 factorises, 33 solves for the columns of ``right``, -1 releases the memory.
+    """
 
     def integer(number: int) -> Any:
         return ctypes.byref(ctypes.c_int(number))
@@ -247,14 +256,17 @@ def pardiso_library() -> str | None:
 
 
 def chosen_method(method: str) -> str:
-    """Factorisation taken for "found", "sparsecholesky" or "pardiso"; raise where ``mkl`` is not installed for it."""
+    """Factorisation taken for "found", "sparsecholesky" or "pardiso".
+
+    Raise "extra_missing" where ``mkl`` is not installed for "pardiso".
+    """
     installed = pardiso_library() is not None
     if method == "found":
         return "pardiso" if installed else "sparsecholesky"
     if method == "pardiso" and not installed:
         raise InvalidInput(
-            "the factorisation 'pardiso' was asked for, but the package mkl is not installed; pip install "
-            "'airtact[mkl]', or take 'sparsecholesky'.",
+            "the factorisation 'pardiso' was asked for, but the package mkl is not installed; pip "
+            "install 'airtact[mkl]', or take 'sparsecholesky'.",
             code="extra_missing",
         )
     return method
@@ -272,7 +284,7 @@ def factorised(
 def check_memory(
     box: Box, wavelength: float, order: int, elements_per_wavelength: float, method: str
 ) -> None:
-    """Raise "too_little_memory" where the machine lacks the memory of a factorisation, before it is taken."""
+    """Raise "too_little_memory" before a factorisation for which the machine lacks memory."""
     volume = float((box.outer_high - box.outer_low).prod()) / wavelength**3
     # Netgen fills a cube whose edge is that of the tetrahedra with some 8 of them.
     unknowns = 8.0 * volume * elements_per_wavelength**3 * order**3 / 6
@@ -282,8 +294,10 @@ def check_memory(
     free = available_memory()
     if size > 0.9 * free:
         raise InvalidInput(
-            f"finite elements of order {order} need some {unknowns:.2g} unknowns and {size / 2**30:.1f} GiB for a box "
-            f"of {(box.high - box.low).prod() / wavelength**3:.0f} cubic wavelengths, but {free / 2**30:.1f} GiB of "
-            "memory are free; take BoundaryElement, a lower order for a preview, or fewer bodies.",
+            f"finite elements of order {order} need some {unknowns:.2g} unknowns and "
+            f"{size / 2**30:.1f} GiB for a box of "
+            f"{(box.high - box.low).prod() / wavelength**3:.0f} cubic wavelengths, but "
+            f"{free / 2**30:.1f} GiB of memory are free; take BoundaryElement, a lower order for a "
+            "preview, or fewer bodies.",
             code="too_little_memory",
         )

@@ -1,4 +1,7 @@
-"""The field that finite elements solved: from the tetrahedra beside the bodies, from a surface integral elsewhere."""
+"""The field that finite elements solved.
+
+From the tetrahedra beside the bodies, from a surface integral elsewhere.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,7 +27,9 @@ from airtact.acoustics.sources import STANDS_ON, Monopoles, nearest_source
 from airtact.checks import in_mm, points_of
 
 TOUCHING = 0.04
-"""Distance from a filled body up to which a source is a point load for its own surroundings too [λ]."""
+"""Distance from a filled body up to which a source is a point load for its own surroundings too
+[λ].
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +79,7 @@ class FiniteField(RadiatedField):
 
     @cached_property
     def _scattering(self) -> Solution:
-        """The solution for the scattered pressure of all sources but those that touch filled bodies."""
+        """Solution for the scattered pressure of all sources that touch no filled body."""
         if not (self.workspace or beside(self.scene, self.sources.positions).any()):
             return self.from_afar
         touching = self._touching_filled
@@ -88,7 +93,9 @@ class FiniteField(RadiatedField):
 
     @cached_property
     def _images(self) -> list[PointSources]:
-        """Images of the sources beside bodies that sound does not enter: what is left to solve for is smooth there.
+        """Images of the sources beside bodies that sound does not enter.
+
+        What is left to solve for is smooth there.
 
         An image stands as deep in the nearest body as meshed as its source stands off it; where the
         body is too thin to hold it, there is none.
@@ -110,7 +117,10 @@ class FiniteField(RadiatedField):
         return mirrored
 
     def valid(self, points: Points) -> Mask:
-        """Whether points (P, 3) [m] lie outside the bodies, on them or in a filled one; and in the workspace."""
+        """Whether points (P, 3) [m] lie outside the bodies, on them or in a filled one.
+
+        Where a workspace is meshed, valid points lie in it.
+        """
         points = points_of(points, "points", least=0)
         valid = np.ones(len(points), dtype=np.bool_)
         if self.workspace:
@@ -188,7 +198,7 @@ class FiniteField(RadiatedField):
         return np.full((len(points), self.sources.strengths.shape[1]), np.nan, dtype=np.complex128)
 
     def _close_and_away(self, points: Points) -> tuple[Mask, Mask]:
-        """Find the valid points beside the bodies or in a meshed workspace, and the other valid ones."""
+        """Find valid points beside the bodies or in a meshed workspace, and other valid ones."""
         valid = self.valid(points)
         near = self.workspace | beside(self.scene, points)
         return valid & near, valid & ~near
@@ -199,7 +209,10 @@ class FiniteField(RadiatedField):
         return self._scattered_away(points, fine) + free_field
 
     def _scattered_away(self, points: Points, fine: bool = False) -> Pressures:
-        """Scattered pressure at points off the bodies; if not ``fine``, from few quadrature points where those do."""
+        """Scattered pressure at points off the bodies.
+
+        Few quadrature points are used where those suffice, unless ``fine``.
+        """
         length = self.scene.wavelength
         clear = np.zeros(len(points), dtype=bool)
         if not fine:
@@ -218,7 +231,7 @@ def beside(scene: Scene, points: Points) -> Mask:
 
 
 def solved_from_afar(system: System, scene: Scene, sources: Monopoles, workspace: bool) -> Solution:
-    """Solve with the sources beside the bodies (or all) as point loads, and the others by what they scatter.
+    """Solve with the sources beside the bodies (or all) as point loads.
 
     Away from the bodies this is as right as the pressure of a far source is beside them, by
     reciprocity.
@@ -229,17 +242,20 @@ def solved_from_afar(system: System, scene: Scene, sources: Monopoles, workspace
 
 
 def touching_warnings(scene: Scene, sources: Monopoles) -> tuple[str, ...]:
-    """Warn of sources that touch bodies that are not sound-hard: right beside them the pressure is rough."""
+    """Warn of sources that touch bodies that are not sound-hard.
+
+    Right beside them the pressure is rough.
+    """
     gap = TOUCHING * scene.wavelength
     touching = _touching(scene, sources.positions, ("impedance", "filled"), gap)
     if not touching.any():
         return ()
     first = sources.positions[np.argmax(touching)]
     return (
-        f"{touching.sum()} of {len(sources.positions)} sources touch impedance or filled bodies, the first at "
-        f"{in_mm(first)}: within {1e3 * 0.5 * scene.wavelength:.3g} mm of such a source the pressure beside the "
-        f"bodies is 4 to 50 % off (elsewhere it is not); move sources {1e3 * gap:.2g} mm off the body to evaluate "
-        "it there.",
+        f"{touching.sum()} of {len(sources.positions)} sources touch impedance or filled bodies, "
+        f"the first at {in_mm(first)}: within {1e3 * 0.5 * scene.wavelength:.3g} mm of such a "
+        "source the pressure beside the bodies is 4 to 50 % off (elsewhere it is not); move "
+        f"sources {1e3 * gap:.2g} mm off the body to evaluate it there.",
     )
 
 

@@ -64,7 +64,10 @@ def many_threads() -> Iterator[None]:
 
 @contextmanager
 def heeding_interrupts() -> Iterator[None]:
-    """Let Ctrl-C raise ``KeyboardInterrupt`` again: after meshing, Netgen lets it end the process."""
+    """Let Ctrl-C raise ``KeyboardInterrupt`` again.
+
+    After meshing, Netgen lets it end the process.
+    """
     try:
         yield
     finally:

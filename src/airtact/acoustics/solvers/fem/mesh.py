@@ -111,8 +111,9 @@ def meshed(
         position = curved.corners[number].mean(axis=0) * scene.wavelength
         depths = [obstacle.surface.depth(position[None])[0] for obstacle in scene.obstacles]
         fault = InvalidInput(
-            f"body {int(np.argmax(depths))} bends too much for tetrahedra of {1e3 * edge:.3g} mm at "
-            f"{in_mm(position)}: one is folded; ask for more elements_per_wavelength, or smooth the body there.",
+            f"body {int(np.argmax(depths))} bends too much for tetrahedra of {1e3 * edge:.3g} mm "
+            f"at {in_mm(position)}: one is folded; ask for more elements_per_wavelength, or smooth "
+            "the body there.",
             position,
             code="mesh_faulty",
         )
@@ -123,7 +124,9 @@ def meshed(
 def _tetrahedra(
     surface: SurfaceMesh, box: Box, filled: Sequence[bool], wavelength: float, size: float
 ) -> NetgenMesh:
-    """Fill a box with tetrahedra of edges up to ``size`` [λ]: Netgen's mesh in wavelengths, before it is curved.
+    """Fill a box with tetrahedra of edges up to ``size`` [λ].
+
+    The result is Netgen's mesh in wavelengths, before it is curved.
 
     The boundaries are named ``surface0``, ``surface1`` ... for the bodies and ``wall0``, ``wall2``,
     ``wall4`` for mirrors across x, y, z; the materials ``air``, ``layer`` and ``body0``, ``body1``
@@ -168,7 +171,7 @@ def _flat_faces(
     Int64[np.ndarray, "triangles 3"],
     Int64[np.ndarray, "triangles 3"],
 ]:
-    """Mesh the faces of the box, of the perfectly matched layer and of the mirrors less the cuts of hollow bodies.
+    """Mesh the faces of box, layer and mirrors, less the cuts of hollow bodies.
 
     Returns vertices [λ], triangles turned outwards, and the materials on both sides and the face's
     number of each triangle.
@@ -270,7 +273,10 @@ def _outlines(surface: SurfaceMesh, mirror: Mirror) -> list[Int64[np.ndarray, "v
 def _loop(
     chain: Real[np.ndarray, "vertices 3"], mirror: Mirror, mirrors: Sequence[Mirror]
 ) -> Float64[np.ndarray, "corners 3"]:
-    """Close a chain that ends at other mirrors; a closed one ends where it began, which is left out."""
+    """Close a chain that ends at other mirrors.
+
+    A closed chain ends where it began; that vertex is left out.
+    """
     if np.array_equal(chain[0], chain[-1]):
         return chain[:-1]
     first, last = (
@@ -294,7 +300,7 @@ def _straight(
 
 
 def _curved(mesh: NetgenMesh, surface: SurfaceMesh, wavelength: float) -> Tetrahedra:
-    """Take the tetrahedra out of a mesh of Netgen's, and bend those beside the bodies to their surfaces."""
+    """Tetrahedra of a mesh of Netgen's, bent to the surfaces of the bodies beside them."""
     vertices, corners = _straight(mesh)
     on_surface = np.asarray(KDTree(vertices).query(surface.vertices / wavelength)[1])
     triangles = on_surface[surface.triangles]
@@ -313,7 +319,7 @@ def _curved(mesh: NetgenMesh, surface: SurfaceMesh, wavelength: float) -> Tetrah
 def _fills_box(
     mesh: NetgenMesh, box: Box, surface: SurfaceMesh, filled: Sequence[bool], wavelength: float
 ) -> bool:
-    """Whether tetrahedra fill the box but for the bodies that no sound enters, to a millionth of its volume."""
+    """Whether tetrahedra fill the box but for the bodies that no sound enters."""
     vertices, corners = _straight(mesh)
     if not len(corners):
         return False
@@ -334,8 +340,8 @@ def _crossing(surface: SurfaceMesh, edge: float) -> InvalidInput:
     if not len(pairs):
         return InvalidInput(
             "Netgen cannot fill the box round the bodies with tetrahedra, their surfaces having "
-            f"{len(surface.triangles)} triangles of {1e3 * edge:.3g} mm; give smoother or thicker bodies, or take "
-            "BoundaryElement.",
+            f"{len(surface.triangles)} triangles of {1e3 * edge:.3g} mm; give smoother or thicker "
+            "bodies, or take BoundaryElement.",
             code="mesh_faulty",
         )
     first, second = surface.body[pairs[0]]
@@ -344,8 +350,9 @@ def _crossing(surface: SurfaceMesh, edge: float) -> InvalidInput:
     if first == second:
         bodies = f"body {first} crosses itself"
     return InvalidInput(
-        f"{bodies} at {in_mm(position)} when meshed with triangles of {1e3 * edge:.3g} mm ({len(pairs)} pairs of "
-        "them): too thin or too near for these; ask for more elements_per_wavelength, thicken the body or move it away.",
+        f"{bodies} at {in_mm(position)} when meshed with triangles of {1e3 * edge:.3g} mm "
+        f"({len(pairs)} pairs of them): too thin or too near for these; ask for more "
+        "elements_per_wavelength, thicken the body or move it away.",
         position,
         code="bodies_overlap",
     )

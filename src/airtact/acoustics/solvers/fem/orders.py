@@ -40,7 +40,9 @@ def grade_orders(
     size: float,
     surface: Real[np.ndarray, "nodes 3"] | None,
 ) -> None:
-    """Give edges, faces and tetrahedra the orders that their lengths ask for: ``order`` where an edge is ``size`` [λ].
+    """Give edges, faces and tetrahedra the orders that their lengths ask for.
+
+    ``order`` where an edge is ``size`` [λ].
 
     ``surface`` are points all over the surfaces [λ]; None where the pressure is read off the mesh
     far from them too.
@@ -85,7 +87,7 @@ def _served(
 
 
 def _shortening(scene: Scene, mesh: CurvedMesh) -> Float64[np.ndarray, "edges"]:
-    """Divide the wave in air by the one beside each edge, where that is in a filled body and shorter."""
+    """Wavelength in air over the one beside each edge, at least 1."""
     factors = np.ones(mesh.nedge)
     for body, obstacle in enumerate(scene.obstacles):
         if obstacle.medium is not None:

@@ -1,4 +1,4 @@
-"""Solves an assembled system for monopoles, part by part of their symmetry, and evaluates the solution."""
+"""Solves an assembled system for monopoles, one parity at a time, and evaluates it."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -53,7 +53,7 @@ class PointSources:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Solution:
-    """Pressure in the box: the free field of some monopoles plus finite elements, even and odd about the mirrors.
+    """Pressure in the box: the free field of some monopoles plus finite elements.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class Solution:
         return self.finite_elements(points) + self.outer.pressure(points, self.system.wavenumber)
 
     def finite_elements(self, points: Points) -> Pressures:
-        """Total pressure less the free field of the outer monopoles at points (P, 3) [λ] in the box."""
+        """Total pressure less the free field of the outer monopoles at points (P, 3) [λ]."""
         folded, image = self.system.folded(points)
         mapped = self.system.mesh_points(*self.system.holding(folded))
         pressure = np.zeros((len(points), self.outer.strengths.shape[1]), dtype=np.complex128)
@@ -81,7 +81,7 @@ class Solution:
         return pressure
 
     def gradients(self, points: Points) -> tuple[Gradients, Lengths]:
-        """Gradient of the total pressure at points (P, 3) [λ] in the box [1/λ²], and the density there [kg/m³]."""
+        """Gradient of the total pressure at points (P, 3) [λ], and the density [kg/m³] there."""
         ngsolve = ngsolve_library()
         folded, image = self.system.folded(points)
         number, weights = self.system.holding(folded)
@@ -98,7 +98,7 @@ class Solution:
         return gradients, self.system.density_at(number, weights)
 
     def _functions(self, image: Indices) -> Iterator[tuple[Lengths, int, Any]]:
-        """Yield each part and excitation as a function of NGSolve's, with its sign at each point's image.
+        """Yield sign at each image, excitation and NGSolve's function of each part.
 
         The next function replaces the one before it.
         """
@@ -156,7 +156,7 @@ class Solution:
 
 
 def solve(system: System, outer: PointSources, inner: PointSources) -> Solution:
-    """Solve for ``outer`` monopoles by the pressure that they scatter, for ``inner`` ones (in the box) as loads."""
+    """Solve for ``outer`` monopoles by what they scatter, for ``inner`` ones as loads."""
     every = parities(system.mirrors)
     right = np.zeros((len(every), system.unknowns, outer.strengths.shape[1]), dtype=np.complex128)
     if len(outer.positions):

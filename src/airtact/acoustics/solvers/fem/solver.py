@@ -24,7 +24,8 @@ from airtact.timing import Clock, Progress
 CITATIONS = (
     "S. Inoue, Y. Makino, H. Shinoda, SICE 2014, equation (8): finite elements with time reversal",
     "J. Schöberl, C++11 implementation of finite elements in NGSolve, TU Wien (2014)",
-    "F. Collino, P. Monk, SIAM J. Sci. Comput. 19 (1998) 2061: perfectly matched layer in curvilinear coordinates",
+    "F. Collino, P. Monk, SIAM J. Sci. Comput. 19 (1998) 2061: perfectly matched layer in "
+    "curvilinear coordinates",
 )
 
 MARGIN = 0.3
@@ -37,7 +38,9 @@ PAPER_BOX = ((-0.07, -0.07, -0.09), (0.07, 0.07, 0.09))
 """The paper's workspace, 14 x 14 x 18 cm [m]."""
 
 RECOMMEND_MKL_FROM = 100_000
-"""Unknowns from which the progress callback recommends the package ``mkl`` where it is not installed."""
+"""Unknowns from which the progress callback recommends the package ``mkl`` where it is not
+installed.
+"""
 
 
 @dataclass(frozen=True)
@@ -107,7 +110,8 @@ class FiniteElement(Solver):
             isinstance(self.symmetry, str) or set(self.symmetry) - set(AXES)
         ):
             raise InvalidInput(
-                f"symmetry is {self.symmetry!r}, but it must be 'found' or axes such as ('x', 'y').",
+                f"symmetry is {self.symmetry!r}, but it must be 'found' or axes such as ('x', "
+                "'y').",
                 code="unknown_name",
             )
         check_choice(self.domain, "domain", ("tight", "box"))
@@ -115,8 +119,8 @@ class FiniteElement(Solver):
         low, high = np.array(self.box, dtype=np.float64)
         if not (np.isfinite([low, high]).all() and (high > low).all()):
             raise InvalidInput(
-                f"the workspace goes from {in_mm(low)} to {in_mm(high)}, but its second corner must lie above the "
-                "first along x, y and z.",
+                f"the workspace goes from {in_mm(low)} to {in_mm(high)}, but its second corner "
+                "must lie above the first along x, y and z.",
                 code="out_of_range",
             )
 
@@ -140,14 +144,16 @@ class FiniteElement(Solver):
         Raises
         ------
         InvalidInput
-            No bodies, a source inside a body (or outside the workspace for ``domain="box"``), symmetry that is not
-            there, a body that cannot be meshed, or too little memory.
+            No bodies, a source inside a body (or outside the workspace for ``domain="box"``),
+            symmetry that is not there, a body that cannot be meshed, or too little memory.
         """
         check_sources(scene, sources)
         return self.factorised(scene).radiate(scene, sources)
 
     def factorised(self, scene: Scene, refined: Points | None = None) -> "FactorisedScene":
-        """Mesh and assemble a scene once, to be solved for many sources: a solver for this scene alone.
+        """Mesh and assemble a scene once, to be solved for many sources.
+
+        The result is a solver for this scene alone.
 
         ``refined`` are points (P, 3) [m] near which sources will stand; the surface triangles are
         smaller there.
@@ -225,8 +231,8 @@ class FiniteElement(Solver):
             if whole_workspace and off > 1e-6:
                 raise InvalidInput(
                     f"the workspace is not symmetric about the plane {AXES[mirror.axis]} = "
-                    f"{1e3 * mirror.position:.4g} mm as the bodies are; shift the box, or leave that axis out of "
-                    "symmetry.",
+                    f"{1e3 * mirror.position:.4g} mm as the bodies are; shift the box, or leave "
+                    "that axis out of symmetry.",
                     code="does_not_match",
                 )
             low[mirror.axis] = mirror.position
@@ -235,7 +241,9 @@ class FiniteElement(Solver):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FactorisedScene(Solver):
-    """A scene that is meshed and assembled, and factorised as far as was needed: it solves for any sources.
+    """A scene that is meshed and assembled, and factorised as far as was needed.
+
+    It solves for any sources.
 
     Attributes
     ----------
@@ -275,7 +283,8 @@ class FactorisedScene(Solver):
             and first.method == "sparsecholesky"
             and first.unknowns > RECOMMEND_MKL_FROM
         ):
-            words += f" {first.unknowns:,} unknowns (a sixth of the time with pip install 'airtact[mkl]')"
+            words += f" {first.unknowns:,} unknowns"
+            words += " (a sixth of the time with pip install 'airtact[mkl]')"
         with self.clock.step("factorising and solving", words):
             solutions = [
                 solved_from_afar(system, scene, sources, workspace) for system in self.systems
@@ -311,16 +320,21 @@ def _check_beyond(
         worst = int(beyond.argmax())
         if beyond[worst] > 0:
             raise InvalidInput(
-                f"body {body} reaches {1e3 * beyond[worst]:.3g} mm too far at {in_mm(points[worst])} for the workspace "
-                f"from {in_mm(low)} to {in_mm(high)}, which must hold all bodies with "
-                f"{1e3 * MIN_WORKSPACE_MARGIN * scene.wavelength:.2g} mm to spare; take a larger box.",
+                f"body {body} reaches {1e3 * beyond[worst]:.3g} mm too far at "
+                f"{in_mm(points[worst])} for the workspace from {in_mm(low)} to {in_mm(high)}, "
+                "which must hold all bodies with "
+                f"{1e3 * MIN_WORKSPACE_MARGIN * scene.wavelength:.2g} mm to spare; take a larger "
+                "box.",
                 points[worst],
                 code="misplaced",
             )
 
 
 def _check_in_layer(box: Box, sources: Monopoles) -> None:
-    """Check that a meshed workspace holds the sources: the layer round it would absorb what they emit."""
+    """Check that a meshed workspace holds the sources.
+
+    The layer round it would absorb what they emit.
+    """
     low = np.array(box.low)
     high = box.high
     for mirror in box.mirrors:
@@ -329,8 +343,9 @@ def _check_in_layer(box: Box, sources: Monopoles) -> None:
     worst = int(beyond.argmax())
     if beyond[worst] > 0:
         raise InvalidInput(
-            f"source {worst} at {in_mm(sources.positions[worst])} stands {1e3 * beyond[worst]:.3g} mm outside the "
-            "workspace, in the perfectly matched layer that absorbs sound; take a larger box, or domain 'tight'.",
+            f"source {worst} at {in_mm(sources.positions[worst])} stands {1e3 * beyond[worst]:.3g} "
+            "mm outside the workspace, in the perfectly matched layer that absorbs sound; take a "
+            "larger box, or domain 'tight'.",
             sources.positions[worst],
             code="misplaced",
         )

@@ -1,4 +1,7 @@
-"""Integrals over the surfaces of the bodies: quadrature points, and the compiled loops that no other solver uses."""
+"""Integrals over the surfaces of the bodies.
+
+Quadrature points, and the compiled loops that no other solver uses.
+"""
 
 from dataclasses import dataclass
 
@@ -17,7 +20,8 @@ from airtact.acoustics.solvers.arrays import (
 from airtact.acoustics.solvers.fem.libraries import CurvedMesh, FiniteSpace, ngsolve_library
 
 MAX_RULE_ORDER = 5
-"""Highest order of quadrature in tetrahedra: NGSolve 6.2.2608 mixes up the points of higher ones."""
+"""Highest order of quadrature in tetrahedra: NGSolve 6.2.2608 mixes up the points of higher ones.
+"""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -44,7 +48,7 @@ class QuadraturePoints:
 
 
 def quadrature(mesh: CurvedMesh, space: FiniteSpace, kind: str, order: int) -> QuadraturePoints:
-    """Quadrature points, exact to twice an order, of the boundaries ``surface0`` ... or the materials ``body0`` ..."""
+    """Quadrature points of the boundaries ``surface0`` ... or the materials ``body0`` ..."""
     ngsolve = ngsolve_library()
     on_surface = kind == "surface"
     names = mesh.GetBoundaries() if on_surface else mesh.GetMaterials()
@@ -97,7 +101,7 @@ def surface_integral(
     dipoles: Complex128[np.ndarray, "nodes excitations"],
     wavenumber: complex,
 ) -> Pressures:
-    """Return Σ_j m_j G(x, y_j) + d_j ∂G(x, y_j)/∂n_j with G = e^{ikr}/r at points x off the positions y_j."""
+    """Return Σ_j m_j G(x, y_j) + d_j ∂G(x, y_j)/∂n_j with G = e^{ikr}/r at points x."""
     pressure = np.empty((len(points), monopoles.shape[1]), dtype=np.complex128)
     _kernels.surface_integral(
         np.ascontiguousarray(points, dtype=np.float64),

@@ -1,4 +1,4 @@
-"""Curved triangles over the bodies' surfaces that meet corner to corner, as a volume mesh needs them.
+"""Curved triangles over the bodies' surfaces that meet corner to corner.
 
 Where a mirror plane cuts a body, the triangles follow the cut, and only those on its positive side
 are kept.
@@ -27,7 +27,7 @@ BEND_RATIO = 0.6
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SurfaceMesh:
-    """Curved triangles over the surfaces of all bodies, or of those parts that are on the positive side of mirrors.
+    """Curved triangles over the surfaces of all bodies, on the positive side of mirrors.
 
     Attributes
     ----------
@@ -150,7 +150,7 @@ def _projected(
     held: Bool[np.ndarray, "points mirrors"],
     mirrors: Sequence[Mirror],
 ) -> Vectors:
-    """Nearest points of the surface, on its sharp edges and on the mirrors where those are asked for."""
+    """Nearest points of the surface, on sharp edges and mirrors where those are asked for."""
     points = _put_on(points, held, mirrors)
     projected = shape.project(points)
     if on_sharp.any():

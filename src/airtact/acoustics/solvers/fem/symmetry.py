@@ -32,7 +32,7 @@ class Mirror:
 
 
 def mirrors_of(scene: Scene, axes: Sequence[str] | None) -> tuple[Mirror, ...]:
-    """Planes across x, y and z, through the middle of the bodies, that the scene is symmetric about.
+    """Planes through the middle of the bodies that the scene is symmetric about.
 
     ``axes`` are those of the planes to take, None for all that the scene is symmetric about; raise
     "does_not_match" where it is not symmetric about one of ``axes``.
@@ -56,15 +56,18 @@ def mirrors_of(scene: Scene, axes: Sequence[str] | None) -> tuple[Mirror, ...]:
                     f"the bodies are {1e3 * off:.3g} mm off it, more than {1e3 * tolerance:.2g} mm"
                 )
             raise InvalidInput(
-                f"symmetry about the plane {name} = {1e3 * mirror.position:.4g} mm was asked for, but {why}; "
-                f"leave {name!r} out of symmetry.",
+                f"symmetry about the plane {name} = {1e3 * mirror.position:.4g} mm was asked for, "
+                f"but {why}; leave {name!r} out of symmetry.",
                 code="does_not_match",
             )
     return tuple(mirrors)
 
 
 def images(mirrors: Sequence[Mirror], points: Points) -> list[Vectors]:
-    """Points (P, 3) reflected by every choice of the mirrors: 1, 2, 4 or 8 sets, in the order of ``parities``."""
+    """Points (P, 3) reflected by every choice of the mirrors.
+
+    1, 2, 4 or 8 sets, in the order of ``parities``.
+    """
     sets = []
     for choice in parities(mirrors):
         image = np.array(points, dtype=np.float64)
@@ -86,7 +89,10 @@ def signs(parity: Sequence[int]) -> Float64[np.ndarray, "images"]:
 
 
 def _asymmetry(scene: Scene, mirror: Mirror) -> float:
-    """Largest distance of mirrored surfaces from the surfaces [m]; infinite where bodies of different kinds face."""
+    """Largest distance of mirrored surfaces from the surfaces [m].
+
+    It is infinite where bodies of different kinds face each other.
+    """
     largest = 0.0
     for obstacle in scene.obstacles:
         image = mirror.image(obstacle.surface.quadratic_triangles.reshape(-1, 3))

@@ -1,4 +1,7 @@
-"""The assembled equation of a scene on curved tetrahedra: its matrix, factorised, and its right-hand sides."""
+"""The assembled equation of a scene on curved tetrahedra.
+
+A system has the factorised matrix and makes right-hand sides.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -86,7 +89,10 @@ class System:
 
     @property
     def wavenumber(self) -> complex:
-        """Wavenumber times the wavelength: 2π, and the absorption in a wavelength as its imaginary part."""
+        """Wavenumber times the wavelength.
+
+        2π, and the absorption in a wavelength as its imaginary part.
+        """
         return complex(self.scene.wavenumber * self.scene.wavelength)
 
     @cached_property
@@ -101,7 +107,10 @@ class System:
         return {parity: self._free(parity, shared=False) for parity in parities(self.mirrors)}
 
     def _free(self, parity: Sequence[int], shared: bool) -> Bool[np.ndarray, "unknowns"]:
-        """Of one parity: 0 on the mirrors that it is odd about; or only those unknowns that tetrahedra share."""
+        """Of one parity: 0 on the mirrors that it is odd about.
+
+        Where ``shared``, only those unknowns count that tetrahedra share.
+        """
         dofs = self.space.FreeDofs(shared)
         free = type(dofs)(dofs)  # a copy
         for mirror, odd in zip(self.mirrors, parity, strict=True):
@@ -142,7 +151,7 @@ class System:
     def point_load(
         self, number: int, weights: Real[np.ndarray, "4"]
     ) -> Complex128[np.ndarray, "unknowns"]:
-        """Right-hand side of a monopole of unit strength inside a tetrahedron, at barycentric coordinates."""
+        """Right-hand side of a unit monopole at barycentric coordinates of a tetrahedron."""
         ngsolve = ngsolve_library()
         element = ngsolve.ElementId(ngsolve.VOL, number)
         load = np.zeros(self.unknowns, dtype=np.complex128)
@@ -151,7 +160,10 @@ class System:
         return load
 
     def folded(self, points: Points) -> tuple[Vectors, Indices]:
-        """Mirror points to the positive side of all mirrors; also the number of the image that each came from."""
+        """Mirror points to the positive side of all mirrors.
+
+        The number of the image that each came from is returned too.
+        """
         folded = np.array(points, dtype=np.float64)
         image = np.zeros(len(points), dtype=np.int64)
         for mirror in self.mirrors:
@@ -168,20 +180,23 @@ class System:
         return axis_signs
 
     def holding(self, points: Points) -> tuple[Indices, Barycentric]:
-        """Tetrahedron of each folded point [λ] and its coordinates there; raise "misplaced" where there is none."""
+        """Tetrahedron of each folded point [λ] and its coordinates there.
+
+        Raise "misplaced" where there is none.
+        """
         number, weights = self.tetrahedra.holding(points)
         lost = np.flatnonzero(number < 0)
         if len(lost):
             raise InvalidInput(
                 f"{len(lost)} of {len(points)} points lie in no tetrahedron, the first at "
-                f"{in_mm(points[lost[0]] * self.scene.wavelength)}; ask for more elements_per_wavelength, which "
-                "follow the surface more closely.",
+                f"{in_mm(points[lost[0]] * self.scene.wavelength)}; ask for more "
+                "elements_per_wavelength, which follow the surface more closely.",
                 code="misplaced",
             )
         return number, weights
 
     def nearest_on_surface(self, points: Points) -> tuple[Vectors, Vectors]:
-        """Nearest points (P, 3) [λ] of the surfaces as meshed, and the unit normals out of the bodies there."""
+        """Nearest points (P, 3) [λ] of the meshed surfaces, and the unit normals there."""
         folded, image = self.folded(points)
         panel, reference, _ = self.panels.closest(folded)
         nearest, normals = points_at(self.panels.quadratic_triangles[panel], reference)[:2]
@@ -262,7 +277,7 @@ def assembled(
 
 
 def _bend(mesh: CurvedMesh, tetrahedra: Tetrahedra) -> None:
-    """Bend the tetrahedra beside the bodies by a deformation that is quadratic along their edges."""
+    """Bend the tetrahedra beside the bodies by a quadratic deformation."""
     ngsolve = ngsolve_library()
     deformation = ngsolve.GridFunction(ngsolve.VectorH1(mesh, order=2))
     plain = ngsolve.H1(mesh, order=2)

@@ -18,7 +18,7 @@ INSIDE = -1e-7
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Tetrahedra:
-    """Quadratic tetrahedra: corners, and offsets of the midpoints of the edges from the straight ones [λ]."""
+    """Quadratic tetrahedra: corners, and offsets of the midpoints of the edges [λ]."""
 
     corners: Float64[np.ndarray, "tetrahedra 4 3"]
     bends: Float64[np.ndarray, "tetrahedra 6 3"]
@@ -43,7 +43,9 @@ class Tetrahedra:
         return (along[:, :3] - along[:, 3:]).transpose(0, 2, 1)
 
     def smallest_stretch(self) -> tuple[float, int]:
-        """Smallest ratio of a volume element to that of the straight tetrahedron, and where; 0 or less is folded.
+        """Smallest ratio of a volume element to that of the straight tetrahedron, and where.
+
+        0 or less is folded.
 
         It is sampled 15 % of the way in from the corners and midpoints: between two faces on a
         smooth surface the ratio is 0, which does no harm.
@@ -60,7 +62,7 @@ class Tetrahedra:
         return float(smallest.min()), int(smallest.argmin())
 
     def holding(self, points: Points) -> tuple[Indices, Barycentric]:
-        """Find the tetrahedron of each point (P, 3) [λ], -1 for none, and its barycentric coordinates there.
+        """Tetrahedron of each point (P, 3) [λ], -1 for none, and barycentric coordinates.
 
         The tetrahedra with the nearest centres are tried, more and more of them for the points that
         are still outside all.
@@ -93,7 +95,7 @@ class Tetrahedra:
         return best, weights
 
     def _weights(self, number: Indices, points: Points) -> Barycentric:
-        """Barycentric coordinates of points in given tetrahedra, by Newton's method where those are curved."""
+        """Barycentric coordinates, by Newton's method in curved tetrahedra."""
         weights = np.full((len(points), 4), 0.25)
         bent = np.arange(len(points))
         for _ in range(6):

@@ -100,7 +100,7 @@ def boundary_weights(scene: Scene) -> Complex128[np.ndarray, "3 bodies"]:
 
 
 def _filling(scene: Scene, medium: Medium) -> tuple[float, complex]:
-    """Density of the air over that of a filling, and the square of the filling's wavenumber [1/λ²]."""
+    """Ratio of the air's density to a filling's, and the filling's k² [1/λ²]."""
     wavenumber = complex(medium.wavenumber(scene.frequency) * scene.wavelength)
     return scene.medium.density / medium.density, wavenumber**2
 

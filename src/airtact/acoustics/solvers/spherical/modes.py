@@ -1,4 +1,6 @@
-"""One sphere in the field of point sources: the separated series, summed to a given accuracy at any distance.
+"""One sphere in the field of point sources.
+
+The separated series, summed to a given accuracy at any distance.
 
 With γ the angle between point and source, z = ka and h_n the outgoing spherical Hankel function,
 the scattered pressure of a monopole e^{ikR}/R at radius r0 >= a is Σ t_n [h_n(kr)/h_n(z)]
@@ -34,7 +36,9 @@ from airtact.acoustics.solvers.spherical.radial_functions import (
 from airtact.errors import NotConverged
 
 ACCURACY = 1e-8
-"""Largest error of the summed series over the open-air pressure of the same source at the same point."""
+"""Largest error of the summed series over the open-air pressure of the same source at the same
+point.
+"""
 
 _MAX_TERMS = 20_000
 
@@ -76,7 +80,7 @@ class SphereModes:
             yield -factor * derivative
 
     def terms(self, inside: bool) -> Iterator[complex]:
-        """Yield t_n (outside) or u_n (inside) for n = 0, 1, 2 ... [1/m], by the Wronskian j h' - j' h = i/z²."""
+        """Yield t_n (outside) or u_n (inside) [1/m], by the Wronskian j h' - j' h = i/z²."""
         factor = self.wavenumber / self.size**2
         laws = zip(
             outgoing_derivatives(self.size),
@@ -96,7 +100,10 @@ class SphereModes:
                 )
 
     def images(self, inside: bool) -> tuple[complex, complex]:
-        """Strengths (A, B) of t_n or u_n = A - B/(n + 1) + O(1/n²) [1/m]: the static point and line images."""
+        """Strengths (A, B) of t_n or u_n = A - B/(n + 1) + O(1/n²) [1/m].
+
+        They are those of the static point and line images.
+        """
         if self.inner_wavenumber is None:
             return complex(1.0 / self.radius), (
                 1.0 - 2j * self.admittance * self.size
@@ -121,7 +128,9 @@ class SphereModes:
         versine: Pairs,
         scale: Pairs,
     ) -> ComplexPairs:
-        """Scattered pressure of unit monopoles outside, or total pressure inside a fluid sphere: (P, N) [Pa].
+        """Scattered pressure of unit monopoles outside, or total pressure inside a fluid sphere.
+
+        (P, N) [Pa].
 
         ``versine`` is 1 - cos γ of every point and source, ``scale`` the pressure [Pa] that
         ``ACCURACY`` is of. The points are all ``inside`` the sphere or all outside.
@@ -129,7 +138,8 @@ class SphereModes:
         Raises
         ------
         NotConverged
-            If 20000 terms do not reach ``ACCURACY``: a point within micrometres of a source on the surface.
+            If 20000 terms do not reach ``ACCURACY``: a point within micrometres of a source on the
+            surface.
         """
         if inside and self.inner_wavenumber is not None:
             point_waves = regular_ratios(
@@ -149,9 +159,10 @@ class SphereModes:
         pressure = _summed(waves, tail, self.first_safe_order(), 1e-10 * scale)
         if pressure is None:
             raise NotConverged(
-                f"the series of a sphere of radius {1e3 * self.radius:g} mm did not reach {ACCURACY:g} within "
-                f"{_MAX_TERMS} terms at a point {1e3 / float(np.max(scale)):.3g} mm from a source; keep points "
-                "further from sources that touch the surface.",
+                f"the series of a sphere of radius {1e3 * self.radius:g} mm did not reach "
+                f"{ACCURACY:g} within {_MAX_TERMS} terms at a point "
+                f"{1e3 / float(np.max(scale)):.3g} mm from a source; keep points further from "
+                "sources that touch the surface.",
                 code="not_converged",
             )
         return pressure
@@ -172,8 +183,8 @@ class SphereModes:
         Raises
         ------
         NotConverged
-            If 4000 terms do not suffice: both a point and a source are within about 0.3 % of the radius from the
-            surface.
+            If 4000 terms do not suffice: both a point and a source are within about 0.3 % of the
+            radius from the surface.
         """
         radii = np.maximum(radii, 1e-6 * self.radius)  # the centre has no direction
         outward = np.zeros(versine.shape, dtype=np.complex128)
@@ -204,9 +215,10 @@ class SphereModes:
             if order == 4000:
                 break
         raise NotConverged(
-            f"the gradient of the series of a sphere of radius {1e3 * self.radius:g} mm did not converge in 4000 terms "
-            f"at a point {1e3 * (float(radii.min()) - self.radius):.2g} mm and a source "
-            f"{1e3 * (float(source_radii.min()) - self.radius):.2g} mm off the surface; move one of them away from it.",
+            f"the gradient of the series of a sphere of radius {1e3 * self.radius:g} mm did not "
+            f"converge in 4000 terms at a point {1e3 * (float(radii.min()) - self.radius):.2g} mm "
+            f"and a source {1e3 * (float(source_radii.min()) - self.radius):.2g} mm off the "
+            "surface; move one of them away from it.",
             code="not_converged",
         )
 
@@ -236,7 +248,7 @@ class SphereModes:
 
 @dataclass(frozen=True, eq=False)
 class _Tail:
-    """Static part of the terms, scale·x^n (A - B/(n+1)), and what remains of the series past a given order."""
+    """Static part of the terms, scale·x^n (A - B/(n+1)), and the rest of the series."""
 
     ratio: Pairs
     versine: Pairs
@@ -252,7 +264,10 @@ class _Tail:
         source_radii: Float64[np.ndarray, "sources"],
         versine: Pairs,
     ) -> "_Tail":
-        """Take x = a²/(r r0) outside and r/r0 inside; the waves' quotients of order n go over to scale·x^n."""
+        """Take x = a²/(r r0) outside and r/r0 inside.
+
+        The waves' quotients of order n go over to scale·x^n.
+        """
         scale = np.broadcast_to((modes.radius / source_radii)[None, :], versine.shape)
         if inside:
             ratio = radii[:, None] / source_radii
@@ -267,7 +282,7 @@ class _Tail:
         return self.scale * (self.images[0] * point - self.images[1] * line)
 
     def beyond(self, partial: ComplexPairs, recent: list[_Term], order: int) -> ComplexPairs:
-        """Whole sum from the partial sum up to order + 2, by two summations by parts after ``order``.
+        """Whole sum from the partial sum up to order + 2, by two summations by parts.
 
         Multiplying a Legendre series of terms d_n by q = 1 - 2x cos γ + x² gives the series of (1 +
         x²) d_n - 2x [α_(n-1) d_(n-1) + β_(n+1) d_(n+1)], smaller by 1/n² for smooth d_n/x^n, with
@@ -308,7 +323,10 @@ def _summed(
     first_check: int,
     tolerance: Pairs,
 ) -> ComplexPairs | None:
-    """Add terms until two estimates of the whole, a quarter more terms apart, agree; None if they never do."""
+    """Add terms until two estimates of the whole, a quarter more terms apart, agree.
+
+    Return None if they never do.
+    """
     check = first_check
     last_estimate = None
     partial = tail.closed_form()

@@ -1,4 +1,6 @@
-"""The scattered field as a multipole expansion: evaluated around the bodies without another sum over their surfaces.
+"""The scattered field as a multipole expansion.
+
+Evaluated around the bodies without another sum over their surfaces.
 
 Outside the smallest ball around the bodies the scattered pressure is Σ a_nm h_n(kr) Y_nm, and
 orders far beyond k times the radius of the ball are negligible. The coefficients are found on one
@@ -43,7 +45,9 @@ from airtact.printing import in_short
 from airtact.timing import Clock, Progress
 
 MARGIN = 1.0
-"""Gap between the bodies and the smallest sphere, in wavelengths: nearer, some solutions are not valid."""
+"""Gap between the bodies and the smallest sphere, in wavelengths: nearer, some solutions are not
+valid.
+"""
 
 SPREAD = 5
 """Points along each angle that one value is interpolated from."""
@@ -51,7 +55,7 @@ SPREAD = 5
 
 @dataclass(frozen=True, eq=False)
 class InterpolationSpheres:
-    """The scattered pressure over its spherical carrier wave, on concentric spheres around some bodies.
+    """Scattered pressure over its carrier wave, on concentric spheres around some bodies.
 
     Attributes
     ----------
@@ -71,7 +75,7 @@ class InterpolationSpheres:
     __repr__ = in_short
 
     def at(self, offsets: Vectors, wavenumber: complex) -> Pressures:
-        """Scattered pressure [Pa] at points (P, 3) relative to the centre [m], outside the smallest sphere."""
+        """Scattered pressure [Pa] at points (P, 3) relative to the centre [m]."""
         _, azimuths, radii, excitations = self.values.shape
         distance = np.sqrt(np.einsum("pd,pd->p", offsets, offsets))
         step = 2 * np.pi / (azimuths - SPREAD)
@@ -96,7 +100,9 @@ class InterpolationSpheres:
 
 @dataclass(frozen=True, eq=False)
 class MultipoleField(RadiatedField):
-    """A solved field whose scattered part is a multipole expansion; ``multipole_expansion`` makes it.
+    """A solved field whose scattered part is a multipole expansion.
+
+    ``multipole_expansion`` makes it.
 
     Attributes
     ----------
@@ -133,7 +139,10 @@ class MultipoleField(RadiatedField):
         return valid
 
     def at(self, points: Points) -> Pressures:
-        """Total pressure [Pa] at points (P, 3): from the expansion, or as it was solved nearer to the bodies."""
+        """Total pressure [Pa] at points (P, 3).
+
+        It is from the expansion, or as it was solved nearer to the bodies.
+        """
         points = receivers(points, self.sources)
         away = self._expanded(points)
         if away.all():
@@ -144,7 +153,9 @@ class MultipoleField(RadiatedField):
         return out
 
     def scattered_at(self, points: Points) -> Pressures:
-        """Scattered pressure [Pa] at points (P, 3), also at the sources: from the expansion, or as solved nearer by.
+        """Scattered pressure [Pa] at points (P, 3), also at the sources.
+
+        It is from the expansion, or as it was solved nearer to the bodies.
 
         Before a plane it is as solved everywhere.
         """
@@ -162,7 +173,7 @@ class MultipoleField(RadiatedField):
         return self.solved.velocity(points)
 
     def error_at(self, points: Points) -> Float64[np.ndarray, "excitations"]:
-        """Relative error of each excitation around the bodies, as estimated when the expansion was made."""
+        """Relative error of each excitation, estimated when the expansion was made."""
         return self.errors
 
     def _away(self, points: Vectors) -> Pressures:
@@ -176,7 +187,10 @@ class MultipoleField(RadiatedField):
         )
 
     def _expanded(self, points: Vectors) -> Mask:
-        """Whether the expansion serves points (P, 3): before the planes, they and their images outside the spheres."""
+        """Whether the expansion serves points (P, 3).
+
+        They lie before the planes, and they and their images outside the spheres.
+        """
         planes = self.scene.planes
         offsets = images_in(planes, points) - self.spheres.centre
         outside = np.einsum("pd,pd->p", offsets, offsets) >= self.spheres.radius**2
@@ -185,7 +199,7 @@ class MultipoleField(RadiatedField):
 
 
 def multipole_expansion(field: RadiatedField, *, progress: Progress | None = None) -> RadiatedField:
-    """Expand the scattered part of a field in outgoing spherical waves, for a hand that moves rigidly.
+    """Expand the scattered part of a field in outgoing waves, for a hand that moves rigidly.
 
     Evaluation then takes the same short time whatever the number of unknowns: a transfer matrix of
     996 elements after a rigid motion in about 2 ms. Points inside the ball around the bodies (plus
@@ -199,8 +213,8 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
 
     Returns
     -------
-    The same field. Its report's ``settings`` hold the relative error of the expansion, ``expansion_error``, measured at
-    100 random points; above 0.001 the report has a warning.
+    The same field. Its report's ``settings`` hold the relative error of the expansion,
+    ``expansion_error``, measured at 100 random points; above 0.001 the report has a warning.
 
     Raises
     ------
@@ -210,8 +224,10 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
     Examples
     --------
     >>> import airtact as at
-    >>> scene = at.Scene(at.Medium(343.1, 1.293), [at.sound_hard(at.sphere(radius=5e-3, edge=2e-3))], frequency=40e3)
-    >>> beacons = at.SphereSeries().radiate(scene, at.Monopoles(np.array([[0, 0, 0.01]]), np.ones(1)))
+    >>> ball = at.sound_hard(at.sphere(radius=5e-3, edge=2e-3))
+    >>> scene = at.Scene(at.Medium(343.1, 1.293), [ball], frequency=40e3)
+    >>> source = at.Monopoles(np.array([[0, 0, 0.01]]), np.ones(1))
+    >>> beacons = at.SphereSeries().radiate(scene, source)
     >>> moving, elements = at.multipole_expansion(beacons), np.array([[0.0, 0.05, 0.1]])
     >>> bool(abs(moving.at(elements) - beacons.at(elements)) < 1e-3 * abs(beacons.at(elements)))
     True
@@ -220,14 +236,15 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
     scene = field.scene
     if not scene.obstacles:
         raise InvalidInput(
-            "the scene of the field has no obstacles, so nothing is scattered; evaluate it as it is.",
+            "the scene of the field has no obstacles, so nothing is scattered; evaluate it as it "
+            "is.",
             code="empty",
         )
     alone = field.without_images
     if alone is None:
         raise InvalidInput(
-            f"a field by {field.report.solver} before a plane is not known without the images of its bodies; solve "
-            "with BoundaryElement.",
+            f"a field by {field.report.solver} before a plane is not known without the images of "
+            "its bodies; solve with BoundaryElement.",
             code="not_supported",
         )
     clock = Clock(progress)
@@ -255,7 +272,8 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
     warnings = report.warnings
     if worst > 1e-3:
         warnings += (
-            f"the multipole expansion is {100 * worst:.2g} % off, in addition to the error of the solution",
+            f"the multipole expansion is {100 * worst:.2g} % off, in addition to the error of the "
+            "solution",
         )
     report = replace(
         report,
@@ -290,7 +308,7 @@ def ball_of(scene: Scene) -> tuple[Float64[np.ndarray, "3"], float]:
 def interpolation_spheres(
     field: RadiatedField, centre: Float64[np.ndarray, "3"], radius: float, order: int, count: int
 ) -> InterpolationSpheres:
-    """Expand the field that leaves a sphere around all bodies, and tabulate it on spheres from there to infinity.
+    """Tabulate the field on spheres from one around all bodies to infinity.
 
     Raises "data_missing" where the field is not known on all of the sphere.
     """
@@ -305,7 +323,7 @@ def interpolation_spheres(
 def _coefficients(
     field: RadiatedField, centre: Float64[np.ndarray, "3"], radius: float, order: int
 ) -> Complex128[np.ndarray, "orders degrees excitations"]:
-    """Coefficients of the waves Y_nm h_n(kr)/h_n(k radius), m as Fourier series have it (0, 1, ... -2, -1)."""
+    """Coefficients of the waves Y_nm h_n(kr)/h_n(k radius), m = 0, 1, ... -2, -1."""
     cosines, weights = np.polynomial.legendre.leggauss(order + 1)
     polar = np.arccos(cosines)[:, None]
     azimuth = 2 * np.pi * np.arange(2 * order + 1) / (2 * order + 1)
@@ -319,8 +337,8 @@ def _coefficients(
     unknown = int((~np.isfinite(scattered)).any(axis=1).sum())
     if unknown:
         raise InvalidInput(
-            f"the field is not known at {unknown} of {len(points)} points {1e3 * radius:.3g} mm from the middle of "
-            "the bodies; give one that is known all around them.",
+            f"the field is not known at {unknown} of {len(points)} points {1e3 * radius:.3g} mm "
+            "from the middle of the bodies; give one that is known all around them.",
             code="data_missing",
         )
     scattered = scattered.reshape(order + 1, 2 * order + 1, -1)
@@ -347,8 +365,9 @@ def _table(
     free = available_memory()
     if size > 0.5 * free:
         raise InvalidInput(
-            f"an expansion of {orders} orders needs {size / 2**30:.2g} GiB for its spheres, but {free / 2**30:.2g} GiB "
-            "of memory are free; evaluate the field itself, or solve for fewer sources.",
+            f"an expansion of {orders} orders needs {size / 2**30:.2g} GiB for its spheres, but "
+            f"{free / 2**30:.2g} GiB of memory are free; evaluate the field itself, or solve for "
+            "fewer sources.",
             code="too_little_memory",
         )
     wide = np.zeros((fine, fine, *series.shape[2:]), dtype=np.complex64)
@@ -373,7 +392,7 @@ def _test_points(spheres: InterpolationSpheres) -> Float64[np.ndarray, "checked 
 
 
 def _window(angles: Lengths, step: float) -> tuple[Indices, Float32[np.ndarray, "points spread"]]:
-    """First grid point beside each angle, as an index of the table, and the weights of it and the next ones."""
+    """Index of the first grid point beside each angle, and the weights from there on."""
     position = angles / step
     first = np.ceil(position - SPREAD / 2).astype(np.int64)
     off = (position - first)[:, None] - np.arange(SPREAD)

@@ -36,7 +36,10 @@ def outgoing_ratios(
 def outgoing_shapes(
     arguments: Complex[np.ndarray, "arguments"], reference: complex
 ) -> Iterator[Complex128[np.ndarray, "arguments"]]:
-    """Yield h_n(z)/h_n(z0) over h_0(z)/h_0(z0) for n = 0, 1, 2 ...: ``outgoing_ratios`` without the carrier wave."""
+    """Yield h_n(z)/h_n(z0) over h_0(z)/h_0(z0) for n = 0, 1, 2 ....
+
+    ``outgoing_ratios`` without the carrier wave.
+    """
     shape = np.ones(len(arguments), dtype=np.complex128)
     quotient = 1.0 / arguments - 1j
     for order, reference_quotient in enumerate(outgoing_quotients(reference), start=1):
@@ -48,7 +51,9 @@ def outgoing_shapes(
 def regular_quotients(
     arguments: Complex[np.ndarray, "arguments"], first: int, last: int
 ) -> Complex128[np.ndarray, "orders arguments"]:
-    """Quotients j_n(z)/j_(n-1)(z) for n = first ... last by downward recurrence: (last - first + 1, M).
+    """Quotients j_n(z)/j_(n-1)(z) for n = first ... last by downward recurrence.
+
+    (last - first + 1, M).
 
     z may be zero; where j_(n-1) vanishes the quotient is about 1e30 instead of infinite.
     """
@@ -69,7 +74,10 @@ def regular_quotients(
 def regular_ratios(
     arguments: Complex[np.ndarray, "arguments"], reference: complex
 ) -> Iterator[Complex128[np.ndarray, "arguments"]]:
-    """Yield j_n(z)/j_n(z0) for n = 0, 1, 2 ..., which stay bounded for |z| <= |z0|; z may be zero."""
+    """Yield j_n(z)/j_n(z0) for n = 0, 1, 2 ..., which stay bounded for |z| <= |z0|.
+
+    The argument z may be zero.
+    """
     both = np.append(arguments, reference).astype(np.complex128)
     first = 1
     ratio = np.ones(0)
@@ -87,7 +95,7 @@ def regular_ratios(
 def _lowest_regular(
     arguments: Complex128[np.ndarray, "arguments"], quotients: Complex128[np.ndarray, "arguments"]
 ) -> Complex128[np.ndarray, "arguments"]:
-    """Compute j_0(z), near its zeros from j_1 and j_1/j_0 so that products with that quotient keep their digits."""
+    """Compute j_0(z), near its zeros from j_1 and j_1/j_0, so that products keep digits."""
     safe = np.where(arguments == 0.0, 1.0, arguments)
     zeroth = np.where(arguments == 0.0, 1.0, np.sin(safe) / safe)
     first = np.where(arguments == 0.0, 0.0, (np.sin(safe) / safe - np.cos(safe)) / safe)
@@ -103,7 +111,7 @@ def outgoing_derivatives(argument: complex) -> Iterator[complex]:
 
 
 def regular_derivatives(argument: complex) -> Iterator[complex]:
-    """Yield the logarithmic derivatives j_n'(z)/j_n(z) for n = 0, 1, 2 ... (DLMF 10.51.2), about 1e30 at zeros."""
+    """Yield the logarithmic derivatives j_n'(z)/j_n(z) (DLMF 10.51.2), about 1e30 at zeros."""
     first = 1
     while True:
         quotients = regular_quotients(
@@ -117,7 +125,7 @@ def regular_derivatives(argument: complex) -> Iterator[complex]:
 def legendre_polynomials(
     versine: Float64[np.ndarray, "*shape"],
 ) -> Iterator[Float64[np.ndarray, "*shape"]]:
-    """Yield P_n(cos γ) for n = 0, 1, 2 ... from 1 - cos γ, which keeps its digits at small angles."""
+    """Yield P_n(cos γ) from 1 - cos γ, which keeps its digits at small angles."""
     polynomial = np.ones_like(versine)
     step = np.zeros_like(versine)
     order = 0
@@ -131,7 +139,9 @@ def legendre_polynomials(
 def image_sums(
     ratio: Float64[np.ndarray, "*shape"], versine: Float64[np.ndarray, "*shape"]
 ) -> tuple[Float64[np.ndarray, "*shape"], Float64[np.ndarray, "*shape"]]:
-    """Sum Σ x^n P_n(cos γ) and Σ x^n P_n(cos γ)/(n + 1) in closed form: a point and a line of images (DLMF 18.12.11).
+    """Sum Σ x^n P_n(cos γ) and Σ x^n P_n(cos γ)/(n + 1) in closed form.
+
+    They belong to a point and a line of images (DLMF 18.12.11).
 
     They are 1/√(1 - 2x cos γ + x²) and its mean over [0, x], for x in [0, 1] but not both x = 1 and
     γ = 0.

@@ -40,7 +40,8 @@ PAIRS_PER_BLOCK = 1 << 14
 """Pairs of a point and a source that are summed together: as many as fit the cache."""
 
 _CITATIONS = (
-    "J. J. Bowman, T. B. A. Senior, P. L. E. Uslenghi, Electromagnetic and Acoustic Scattering by Simple Shapes (1987)",
+    "J. J. Bowman, T. B. A. Senior, P. L. E. Uslenghi, Electromagnetic and Acoustic Scattering by "
+    "Simple Shapes (1987)",
     "V. C. Anderson, Sound scattering from a fluid sphere, J. Acoust. Soc. Am. 22, 426 (1950)",
     "D. R. Yennie, D. G. Ravenhall, R. N. Wilson, Phys. Rev. 95, 500 (1954)",
 )
@@ -63,7 +64,10 @@ class _Block:
 
 @dataclass(frozen=True, eq=False)
 class SphereField(RadiatedField):
-    """The field of monopoles around one sphere, and inside it if it is filled; ``centre`` is the sphere's [m]."""
+    """The field of monopoles around one sphere, and inside it if it is filled.
+
+    ``centre`` is the sphere's [m].
+    """
 
     scene: Scene
     sources: Monopoles
@@ -75,7 +79,7 @@ class SphereField(RadiatedField):
 
     @property
     def on_surface(self) -> SurfaceField:
-        """Pressure at Gauss-Legendre latitudes and equal longitudes, with the exact area of the sphere."""
+        """Pressure at Gauss-Legendre latitudes and equal longitudes."""
         latitudes = int(np.ceil(2.0 * abs(self.modes.size))) + 12
         cosine, weight = np.polynomial.legendre.leggauss(latitudes)
         longitude = 2.0 * np.pi * (np.arange(2 * latitudes) + 0.5) / (2 * latitudes)
@@ -88,14 +92,19 @@ class SphereField(RadiatedField):
         return SurfaceField(points, normals, areas, self.at(points))
 
     def valid(self, points: Points) -> Mask:
-        """Whether the field exists at points (P, 3) [m]: not inside a sphere that is hard or has an impedance."""
+        """Whether the field exists at points (P, 3) [m].
+
+        It does not inside a sphere that is hard or has an impedance.
+        """
         points = points_of(points, "points", least=0)
         if self.modes.inner_wavenumber is not None:
             return np.ones(len(points), dtype=np.bool_)
         return ~self._inside(points)
 
     def at(self, points: Points) -> Pressures:
-        """Total pressure [Pa] at points (P, 3) [m], as ``RadiatedField.at``; right to 1e-8 of the open-air pressures.
+        """Total pressure [Pa] at points (P, 3) [m], as ``RadiatedField.at``.
+
+        It is right to 1e-8 of the open-air pressures.
 
         Raises
         ------
@@ -113,7 +122,10 @@ class SphereField(RadiatedField):
         return pressure
 
     def scattered_at(self, points: Points) -> Pressures:
-        """Scattered pressure [Pa] at points (P, 3) [m], the series itself; errors as of ``at``, but for sources."""
+        """Scattered pressure [Pa] at points (P, 3) [m], the series itself.
+
+        Errors as of ``at``, but for sources.
+        """
         points = points_of(points, "points", least=0)
         pressure = np.full((len(points), self.sources.strengths.shape[1]), np.nan + 0j)
         inside = self._inside(points)
@@ -155,7 +167,7 @@ class SphereField(RadiatedField):
         return np.linalg.norm(points - self.centre, axis=1) < self.modes.radius - CONTACT
 
     def _scattered(self, points: Points, inside: bool, alone: bool = False) -> Pressures:
-        """Sum the series for points on one side of the surface, in blocks of points that need about as many terms.
+        """Sum the series on one side of the surface, in blocks that need about as many terms.
 
         It is right to ``ACCURACY`` of the open-air pressure; or, ``alone``, of that at the distance
         of the image too, which is finite at the source itself.
@@ -238,7 +250,8 @@ class SphereSeries(Solver):
         Raises
         ------
         InvalidInput
-            If the scene is not one sphere, a source lies inside it, or one of the two is of another kind.
+            If the scene is not one sphere, a source lies inside it, or one of the two is of another
+            kind.
         """
         check_sources(scene, sources)
         clock = Clock()
@@ -269,8 +282,8 @@ def _only_sphere(scene: Scene) -> tuple[Obstacle, Capsule]:
     if not isinstance(shape, Capsule) or shape.length != 0.0:
         kind = "a capsule" if isinstance(shape, Capsule) else "a mesh"
         raise InvalidInput(
-            f"SphereSeries solves for exact spheres only, and the obstacle is {kind}; make it with sphere(radius, "
-            "edge, centre), or take BoundaryElement.",
+            f"SphereSeries solves for exact spheres only, and the obstacle is {kind}; make it with "
+            "sphere(radius, edge, centre), or take BoundaryElement.",
             code="not_supported",
         )
     return obstacle, shape
