@@ -138,17 +138,14 @@ def test_damaged_files_are_rejected(tmp_path, suffix, content):
     path.write_bytes(content)
     with pytest.raises(InvalidInput) as caught:
         load_surface(path)
+    assert caught.value.code in ("file_unreadable", "empty")
     assert f"damaged{suffix}" in str(caught.value)
-    number = {"file_unreadable": f"({len(content)} bytes)", "empty": "0 triangles"}[
-        caught.value.code
-    ]
-    assert number in str(caught.value)
 
 
 def test_a_truncated_file_is_rejected(tmp_path, hand_file):
     path = tmp_path / "cut.glb"
     path.write_bytes(hand_file.read_bytes()[:50_000])
-    with raises_code("file_unreadable", "cut.glb (50000 bytes)"):
+    with raises_code("file_unreadable", "cut.glb"):
         load_surface(path)
 
 
