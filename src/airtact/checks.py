@@ -112,11 +112,10 @@ def between(value: float, low: float, high: float, what: str, unit: str, slip: s
 
     Examples
     --------
-    >>> between(40, 1e3, 1e6, "frequency", "Hz", "is it in kHz?")
+    >>> between(5, 0, 1, "gain", "", "5 % is 0.05.")
     Traceback (most recent call last):
     ...
-    airtact.errors.InvalidInput: frequency is 40 Hz, but it must lie between 1000 and 1e+06 Hz: is
-    it in kHz?
+    airtact.errors.InvalidInput: gain is 5, but it must lie between 0 and 1: 5 % is 0.05.
     """
     given = number(value, what, unit)
     if not low <= given <= high:
