@@ -93,12 +93,13 @@ class Hulls:
         """
         points = np.ascontiguousarray(points, dtype=np.float64)
         count = len(points)
-        distance = np.empty(count)
-        gradient = np.empty((count, 3))
-        bend = np.empty(count)
-        facing = np.empty(count)
-        nearest = np.empty(count, np.int64)
-        look = Look(distance, gradient, bend, facing, nearest)
+        look = Look(
+            distance=np.empty(count),
+            gradient=np.empty((count, 3)),
+            bend=np.empty(count),
+            facing=np.empty(count),
+            nearest=np.empty(count, np.int64),
+        )
         reach = max(reach, carve, float(self.blend.max()))
         _kernels.blended_distance(
             points, self.balls, self.parts, self.blend, self.apart, carve, reach, *look
@@ -132,7 +133,7 @@ class Hulls:
 
 
 WEB_BALL = 25
-"""Index of the ball in the middle of the thumb's metacarpal, from which skin spans to the index finger."""
+"""Index of the ball in the middle of the thumb's metacarpal, where the web begins."""
 
 
 def _parts() -> Int64[np.ndarray, "hulls 3"]:

@@ -1,4 +1,4 @@
-"""Read hands from JSON poses and from the rigs of mesh files, landmarks of trackers, and point clouds."""
+"""Read hands from JSON and from rigs of mesh files, landmarks of trackers, and point clouds."""
 
 import io
 import json
@@ -37,8 +37,8 @@ def load_hand(path: str | Path, gap: float | None = None) -> Hand:
     Raises
     ------
     InvalidInput
-        The file cannot be read or is no pose, no hand has these joints, or no turn gives the gap; the sentence begins
-        with the file's name.
+        The file cannot be read or is no pose, no hand has these joints, or no turn gives the gap;
+        the sentence begins with the file's name.
     """
     path = Path(path)
     with about(path.name or str(path)):
@@ -168,7 +168,8 @@ def load_rigged_hand(path: str | Path, scale: float = 1.0, side: Side | None = N
     Raises
     ------
     InvalidInput
-        The file cannot be read, its rig lacks joints (how many, and the first names), or no hand has these joints.
+        The file cannot be read, its rig lacks joints (how many, and the first names), or no hand
+        has these joints.
     """
     of_kind(path, str | Path, "the path of a hand", "the name of a file")
     path = Path(path)

@@ -81,7 +81,7 @@ class Hand:
 
     @cached_property
     def surface(self) -> Surface:
-        """The closed skin, with exact points over the middles of edges; fine at the pads, coarse elsewhere.
+        """The closed skin, with exact points over the middles of edges.
 
         Edges are 7 mm long, 2.5 mm beside the pads; solvers make their own panels.
         """
@@ -98,7 +98,7 @@ class Hand:
 
     @cached_property
     def places(self) -> Mapping[str, Place]:
-        """Positions on the skin (3,) [m] that a target can name, and the outward unit normals there (3,).
+        """Positions (3,) [m] that a target can name, and the outward unit normals there (3,).
 
         The names are ``"thumb.pad"``, ``"index.pad"``, ``"middle.pad"``, ``"ring.pad"``,
         ``"pinky.pad"``, ``"palm"``.
@@ -106,7 +106,7 @@ class Hand:
         return {name: self.position(name) for name in PLACES}
 
     def position(self, name: str) -> Place:
-        """Find one of ``places`` (3,) [m] and its outward unit normal (3,), even where it lies inside the body.
+        """Find one of ``places`` and its normal, even where it lies inside the body.
 
         Raises
         ------
@@ -130,8 +130,8 @@ class Hand:
         Raises
         ------
         InvalidInput
-            The name is unknown, or the position lies inside the body because a finger touches it; the sentence has the
-            depth and the gap that frees the position.
+            The name is unknown, or the position lies inside the body because a finger touches it;
+            the sentence has the depth and the gap that frees the position.
         """
         point, normal = self.position(name)
         depth = float(self.shape.depth(point[None])[0])
@@ -159,7 +159,7 @@ class Hand:
         return "move the fingers away from it"
 
     def open_to(self, gap: float, first: str = "thumb", second: str = "index") -> "Hand":
-        """Turn two fingers about their roots until the skins of their last phalanges are a gap apart.
+        """Turn two fingers about their roots until their last phalanges are a gap apart.
 
         Parameters
         ----------
@@ -169,8 +169,8 @@ class Hand:
         Raises
         ------
         InvalidInput
-            The gap is out of range, a finger is unknown, or no turn gives the gap; the sentence has the gaps that turns
-            give.
+            The gap is out of range, a finger is unknown, or no turn gives the gap; the sentence has
+            the gaps that turns give.
         """
         gap = within(gap, 0.0, 0.15, "gap", "m", "is it in millimetres? Give metres.")
         if first not in FINGERS or second not in FINGERS or first == second:
@@ -183,10 +183,10 @@ class Hand:
         return hand_from_joints(joints, self.radii, side=self.side)
 
     def posed(self, joints: Real[np.ndarray, "joints 3"]) -> "Hand":
-        """Return the next frame of the same hand, whose meshes keep their triangles where the motion is small.
+        """Return the next frame of the same hand.
 
-        Its meshes depend on the poses of the sequence alone, and not on what was computed of
-        earlier frames.
+        Its meshes keep their triangles where the motion is small. They depend on the poses of the
+        sequence alone, and not on what was computed of earlier frames.
 
         Parameters
         ----------
@@ -245,8 +245,9 @@ def hand_from_joints(
     Raises
     ------
     InvalidInput
-        Joints missing, NaN or in millimetres; a bone of impossible length; fingers out of order, because joints are
-        swapped; radii that no hand has; a side that the bends contradict, or that they leave open and is not given.
+        Joints missing, NaN or in millimetres; a bone of impossible length; fingers out of order,
+        because joints are swapped; radii that no hand has; a side that the bends contradict, or
+        that they leave open and is not given.
     """
     joints = joints_of(positions)
     check_finger_order(joints)
@@ -264,13 +265,15 @@ def places_on(surface: Surface, hand: Hand) -> Mapping[str, Place]:
 
     Returns
     -------
-    The point of the surface (3,) [m] nearest to each of ``hand.places``, and the outward unit normal there (3,).
+    The point of the surface (3,) [m] nearest to each of ``hand.places``, and the outward unit
+    normal there (3,).
 
     Raises
     ------
     InvalidInput
-        A pad or the palm is farther than 10 mm from the surface, or faces another way by more than 60 degrees, as where
-        the joints are of another frame or another pose, or fingers touch there.
+        A pad or the palm is farther than 10 mm from the surface, or faces another way by more than
+        60 degrees, as where the joints are of another frame or another pose, or fingers touch
+        there.
     """
     of_kind(surface, Surface, "the surface", "one Surface, such as load_surface(path)")
     of_kind(hand, Hand, "the hand", "one Hand, such as load_rigged_hand(path)")

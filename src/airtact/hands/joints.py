@@ -1,4 +1,4 @@
-"""Joints of a hand: their names and order, the sizes that hands have, and checks of a tracker's joints.
+"""Joints of a hand: names, order, the sizes that hands have, and checks of a tracker's joints.
 
 Trackers give 25 joints (WebXR) or 21 (MediaPipe, Leap).
 
@@ -229,7 +229,7 @@ def checked_side(
 
 
 def side_evidence(joints: Joints) -> float:
-    """Sum of the sines of all bends of the fingers and of the thumb's lean; positive for a right hand."""
+    """Sum of the sines of all bends and of the thumb's lean; positive for a right hand."""
     across = unit(joints[6] - joints[21])
     back = unit(cross(joints[11] - joints[0], across))
     bones = np.diff(joints[np.array(CHAINS[1:])], axis=1)

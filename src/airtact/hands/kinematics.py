@@ -14,11 +14,11 @@ from airtact.hands.body import OWNER, PARTS, Hulls
 from airtact.hands.joints import BONES, CHAINS, FINGERS, Joints, Point, Radii, cross, unit
 
 LAST_BEND_SHARE = 2.0 / 3.0
-"""Usual bend of a finger's last joint over that of its middle one, by the tendon that they share."""
+"""Usual bend of a finger's last joint over that of its middle one; they share a tendon."""
 
 
 def bending_axis(joints: Joints, side: str, finger: int) -> Point:
-    """Find the unit axis (3,) about which a positive angle bends a finger, 0 to 4 from thumb to little."""
+    """Find the unit axis (3,) about which a positive angle bends a finger, 0 (thumb) to 4."""
     sign = 1.0 if side == "right" else -1.0
     across = unit(joints[6] - joints[21])
     bones = np.diff(joints[list(CHAINS[finger][-4:])], axis=0)
@@ -46,7 +46,7 @@ def turned(joints: Joints, side: str, finger: int, angle: float) -> Joints:
 
 
 def evenly_bent(landmarks: Joints, lengths: Float64[np.ndarray, "bones"], side: str) -> Joints:
-    """Bend fingers, with ``lengths`` of ``BONES`` [m], so that they reach from rough knuckles to rough tips.
+    """Bend fingers, with bones of some ``lengths`` [m], to reach from rough knuckles to rough tips.
 
     Landmarks that are off by the length of a bone do not show the bends between them, but the
     distance from a knuckle to a tip still does; the bends at the joints between are usual ones.
@@ -94,7 +94,7 @@ def gap_of(joints: Joints, radii: Radii, fingers: tuple[int, int]) -> float:
 
 
 def opened(joints: Joints, radii: Radii, side: str, pair: tuple[int, int], gap: float) -> Joints:
-    """Turn two fingers at their roots by the same angle until their last phalanges are a gap [m] apart."""
+    """Turn two fingers at their roots by the same angle until they are a gap [m] apart."""
 
     def both_turned(angle: float) -> Joints:
         moved = joints

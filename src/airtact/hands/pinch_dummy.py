@@ -66,7 +66,9 @@ class Pinch:
 
 
 def pinch(gap: float = 0.012, edge: float = 2.5e-3) -> Pinch:
-    """Build thumb and finger of a pinch: tip centres at (∓(gap/2 + 8 mm), 0, 0), axes 44 mm down (-z) and 20° outward.
+    """Build thumb and finger of a pinch.
+
+    Tip centres are at (∓(gap/2 + 8 mm), 0, 0), axes run 44 mm down (-z) and 20° outward.
 
     Parameters
     ----------

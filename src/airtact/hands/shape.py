@@ -1,4 +1,4 @@
-"""The shape of a hand for solvers: exact distance, curved panels, and meshes that follow the pose."""
+"""Shape of a hand for solvers: exact distance, curved panels, meshes that follow the pose."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -50,7 +50,7 @@ class HandShape(Shape):
 
     @cached_property
     def keyframe(self) -> "HandShape":
-        """The shape that the next frame may follow: the keyframe of this one while that is near, else this one."""
+        """The shape that the next frame may follow: this one's keyframe while near, else itself."""
         if self.follows is None or motion(self.follows.hulls, self.hulls) > NEAR_KEYFRAME:
             return self
         return self.follows
@@ -62,7 +62,7 @@ class HandShape(Shape):
 
     @staticmethod
     def following(hulls: Hulls, keyframe: "HandShape | None") -> "HandShape":
-        """Make the shape of a body that follows a keyframe where it has moved little and the same parts touch."""
+        """Make a shape that follows a keyframe if it has moved little and the same parts touch."""
         if keyframe is not None and np.array_equal(hulls.apart, keyframe.hulls.apart):
             moved = motion(keyframe.hulls, hulls)
             # beyond 12 mm no mesh is deformed
@@ -141,7 +141,7 @@ class HandShape(Shape):
         return [RidgedMesh(self.pose.apply(skin.vertices), skin.triangles, no_ridges)]
 
     def skin(self, edge: float) -> HandMesh:
-        """Mesh it at rest with even triangles of an edge [m]; the mesh of the keyframe is deformed if possible."""
+        """Mesh it at rest with even triangles of an edge [m], from a keyframe's if possible."""
         if edge not in self.meshes:
             mesh = None
             if self.follows is not None:
@@ -171,7 +171,7 @@ def motion(before: Hulls, now: Hulls) -> float:
 
 
 def deformed(before: Hulls, mesh: HandMesh, now: Hulls, edge: float) -> HandMesh | None:
-    """Deform the mesh of a body, made with an edge [m], to another pose in which the same hulls are joined.
+    """Deform the mesh of a body, made with an edge [m], to another pose with the same hulls joined.
 
     The triangles stay the same; None where one gets too thin or too long.
     """
@@ -185,7 +185,7 @@ def deformed(before: Hulls, mesh: HandMesh, now: Hulls, edge: float) -> HandMesh
 
 
 def hull_weights(hulls: Hulls, vertices: Vertices) -> Float64[np.ndarray, "vertices hulls"]:
-    """Weigh hulls by how near they are to vertices (V, 3) [m] on the skin; the weights of each vertex add up to 1."""
+    """Weigh hulls by how near they are to vertices (V, 3) [m]; weights of a vertex sum to 1."""
     distance = hulls.each(vertices)
     weight = np.exp(-((distance - distance.min(axis=1, keepdims=True)) / 3e-3))
     return weight / weight.sum(axis=1, keepdims=True)
@@ -194,7 +194,7 @@ def hull_weights(hulls: Hulls, vertices: Vertices) -> Float64[np.ndarray, "verti
 def moved_with_hulls(
     before: Hulls, now: Hulls, vertices: Vertices, weight: Float64[np.ndarray, "vertices hulls"]
 ) -> Vertices:
-    """Carry vertices (V, 3) [m] along with the hulls, by their ``hull_weights``, to near the skin of another pose."""
+    """Carry vertices (V, 3) [m] along with the hulls to another pose, by their ``hull_weights``."""
     turn, shift = nearest_motion(before.balls[:, :3], now.balls[:, :3])
     old = before.balls[:, :3] @ turn.T + shift
     new = now.balls[:, :3]
@@ -214,7 +214,7 @@ def moved_with_hulls(
 def _motion_of_pair(
     old: Float64[np.ndarray, "2 3"], new: Float64[np.ndarray, "2 3"]
 ) -> tuple[Float64[np.ndarray, "3 3"], Point]:
-    """Rotation and shift that bring two points nearest to two others, without a twist about their line."""
+    """Rotation and shift that bring two points nearest to two others, without a twist."""
     start = unit(old[1] - old[0])
     end = unit(new[1] - new[0])
     x, y, z = np.cross(start, end)

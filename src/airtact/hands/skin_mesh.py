@@ -115,7 +115,7 @@ class HandMesh:
 
 
 def even_skin(hulls: Hulls, edge: float) -> HandMesh:
-    """Cover a body with equilateral triangles of about an edge [m]; bends and narrow gaps get smaller ones."""
+    """Cover a body with even triangles of about an edge [m], smaller at bends and narrow gaps."""
     best = None
     best_fault = np.inf
     usual_step = min(
@@ -152,7 +152,7 @@ def graded(hulls: Hulls, mesh: HandMesh, edge: float, fine: float, points: Point
 
 
 def settled(hulls: Hulls, mesh: HandMesh, edge: float) -> HandMesh:
-    """Project triangles near a body, made with an edge [m], onto it and smooth them; they stay connected as they are."""
+    """Project triangles of an edge [m] onto a body near them and smooth them; none are added."""
     mesh = _projected(hulls, mesh, edge)
     for _ in range(2):
         mesh = _evened(hulls, mesh, edge, keep=True)
@@ -169,7 +169,7 @@ def midpoints(hulls: Hulls, mesh: HandMesh) -> Float64[np.ndarray, "triangles 3 
 
 
 def _repaired(hulls: Hulls, mesh: HandMesh, edge: float) -> tuple[float, HandMesh]:
-    """Make poor triangles more even, and smaller where skins meet; return the least fault and its mesh."""
+    """Make poor triangles more even, smaller where skins meet; return least fault and its mesh."""
     best = mesh
     best_fault = _fault(hulls, mesh)
     for attempt in range(SETTINGS.repairs):
@@ -321,7 +321,7 @@ def _evened(
 def _projected(
     hulls: Hulls, mesh: HandMesh, edge: float, max_sizes: Sizes | float = np.inf
 ) -> HandMesh:
-    """Project the vertices onto the skin and find the size of edges that bends and gaps allow there."""
+    """Project the vertices onto the skin and find the edges that bends and gaps allow there."""
     vertices = hulls.project(mesh.vertices)
     look = hulls.look(vertices, reach=edge)
     smallest = max(SETTINGS.smallest_share * edge, min(SETTINGS.smallest_edge, edge))
@@ -339,7 +339,7 @@ def _projected(
 def _middles(
     hulls: Hulls, mesh: HandMesh, ends: Ends
 ) -> tuple[Float64[np.ndarray, "edges 3"], Float64[np.ndarray, "edges"]]:
-    """Points of the skin over the middles of edges (E, 3) [m], and their distance over the edge's length (E,)."""
+    """Points of the skin over the middles of edges (E, 3) [m]; distances over edge lengths (E,)."""
     starts = mesh.vertices[ends[:, 0]]
     edges = mesh.vertices[ends[:, 1]] - starts
     straight = starts + 0.5 * edges

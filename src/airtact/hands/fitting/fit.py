@@ -23,7 +23,14 @@ from airtact.hands.fitting.gauss_newton import (
     skin_residuals,
     skin_spread,
 )
-from airtact.hands.fitting.priors import JOINTS, SIZES, HandAnatomy, Sizes, population_prior
+from airtact.hands.fitting.priors import (
+    JOINTS,
+    SIZE_RADII,
+    SIZES,
+    HandAnatomy,
+    Sizes,
+    population_prior,
+)
 from airtact.hands.fitting.silhouette import silhouette_of
 from airtact.hands.hand import Hand
 from airtact.hands.joints import (
@@ -48,7 +55,7 @@ from airtact.printing import in_short
 from airtact.timing import Progress, no_progress, one_thread
 
 EDGES = (3.5e-3, 2.5e-3)
-"""Edges of the fitted skin that are tried in turn [m]: flat triangles may cross where fingers all but touch."""
+"""Edges of the fitted skin, tried in turn until no triangles cross between close fingers [m]."""
 
 LANDMARK_SPREAD = 6e-3
 """Standard deviation of each coordinate of a landmark [m]."""
@@ -92,21 +99,25 @@ class FittedHand:
 
     @property
     def uncertainty(self) -> Uncertainty:
-        """What is in doubt after the fit: each bone by itself, by the root mean square of the joints' errors."""
+        """Uncertainty of each bone by itself: the root mean square of the joints' errors."""
         return Uncertainty(own_position=float(np.sqrt(np.mean(self.joint_errors**2) / 3.0)))
 
     @cached_property
     def surface(self) -> Surface:
-        """The closed skin of the hand, moved to the points of the cloud; ``hand.surface`` is not moved."""
+        """The closed skin, moved to the points of the cloud; ``hand.surface`` is not moved."""
         return self.skin(*EDGES)
 
     def skin(self, *edges: float) -> Surface:
-        """Make that skin of triangles of an edge [m]; where it would cross itself, of the next one, or ``hand.surface``."""
+        """Make that skin of triangles of an edge [m].
+
+        Where it would cross itself the next edge is tried, and in the end ``hand.surface``
+        returned.
+        """
         moved = with_offset(self.hand.shape.hulls, self.points[~self.outliers], edges)
         return self.hand.surface if moved is None else moved
 
     def place(self, name: str) -> Place:
-        """Find one of ``hand.places`` on ``surface`` (3,) [m] and the outward unit normal there, as ``Hand.place``."""
+        """Find one of ``hand.places`` on ``surface``; as ``Hand.place``."""
         point, normal = self.hand.place(name)
         return fixed(self.surface.shape.project(point[None])[0]), normal
 
@@ -146,8 +157,9 @@ def fit_hand(
     Raises
     ------
     InvalidInput
-        If landmarks are missing, NaN, in millimetres, swapped or impossible; the side is unclear; the cloud is tiny, in
-        millimetres, far off or holds another body; the camera is among the points; or the hand does not match them.
+        If landmarks are missing, NaN, in millimetres, swapped or impossible; the side is unclear;
+        the cloud is tiny, in millimetres, far off or holds another body; the camera is among the
+        points; or the hand does not match them.
     """
     joints = joints_of(landmarks, LANDMARK_TOLERANCE)
     check_finger_order(joints, LANDMARK_TOLERANCE)
@@ -174,7 +186,7 @@ def fit_hand(
 
 
 def _start_from(before: FittedHand, joints: Joints) -> Joints | None:
-    """Move the hand of the frame before rigidly to new landmarks; None where these have another pose."""
+    """Move the hand of the frame before to new landmarks; None where these have another pose."""
     turn, shift = nearest_motion(before.hand.joints, joints)
     moved = before.hand.joints @ turn.T + shift
     return moved if np.linalg.norm(moved - joints, axis=1).max() < 25e-3 else None
@@ -183,7 +195,6 @@ def _start_from(before: FittedHand, joints: Joints) -> Joints | None:
 def _best_estimate(
     seen: Observation, start: Joints | None, sizes: Sizes, report_step: Progress
 ) -> HandEstimate:
-    """Find the hand of a cloud from the frame before, or, where that gives no start, from the landmarks alone."""
     prior = seen.anatomy
     cloud = counted(len(seen.points), "point", "points")
     if start is not None:
@@ -204,7 +215,8 @@ def _fitted(
     if not person.settled:
         anatomy = person.learned(estimate.sizes, estimate.covariance[SIZES, SIZES])
     keyframe = None if before is None else before.hand.shape.keyframe
-    hand = Hand(fixed(estimate.joints), fixed(estimate.radii), seen.side, keyframe)
+    radii = np.exp(estimate.sizes[SIZE_RADII])
+    hand = Hand(fixed(estimate.joints), fixed(radii), seen.side, keyframe)
     # a joint under skin is known to 1 mm in each coordinate at best
     variance = np.diag(estimate.covariance)[JOINTS].reshape(25, 3).sum(axis=1) + 3.0 * 1e-3**2
     spread = skin_spread(estimate)
@@ -236,8 +248,8 @@ def _check_explained(seen: Observation, fitted: FittedHand, cloud: Points) -> No
     if explained < 0.8:
         raise InvalidInput(
             f"the hand explains {100 * explained:.0f} % to 6 mm of the {len(cloud)} points within "
-            f"{1e3 * HAND_RADIUS:g} mm of the landmarks: is there a second hand or another body, or "
-            f"are the landmarks of another moment{hint}?",
+            f"{1e3 * HAND_RADIUS:g} mm of the landmarks: is there a second hand or another body, "
+            f"or are the landmarks of another moment{hint}?",
             code="pose_not_found",
         )
     off = np.linalg.norm(fitted.hand.joints - seen.landmarks, axis=1)
@@ -258,9 +270,9 @@ def _checked_camera(camera: Real[np.ndarray, "3"], cloud: Points) -> Point:
     ahead = (cloud - eye) @ sight / max(float(np.linalg.norm(sight)), 30e-3)
     if ahead.min() < 30e-3:
         raise InvalidInput(
-            f"the camera stands at {in_mm(eye)}, and {(ahead < 30e-3).sum()} of {len(cloud)} points "
-            "lie beside it, behind it or less than 30 mm before it: give the place they were seen "
-            "from, in metres.",
+            f"the camera stands at {in_mm(eye)}, and {(ahead < 30e-3).sum()} of {len(cloud)} "
+            "points lie beside it, behind it or less than 30 mm before it: give the place that "
+            "they were seen from, in metres.",
             eye,
             code="misplaced",
         )
@@ -348,10 +360,10 @@ def cell_means(points: Points, cell: float = 4e-3) -> Float64[np.ndarray, "fewer
 
 
 def with_offset(hulls: Hulls, points: Points, edges: tuple[float, ...] = EDGES) -> Surface | None:
-    """Move the skin of a body to the points (N, 3) of the true skin [m]; None where its triangles would cross.
+    """Move the skin of a body to points (N, 3) of the true skin [m].
 
-    Between a body of balls and a hand of flesh lie half a millimetre to two, which matters to sound
-    of 8.6 mm.
+    Return None where its triangles would cross. Between a body of balls and a hand of flesh lie
+    half a millimetre to two, which matters to sound of 8.6 mm.
     """
     for edge in edges:
         skin = even_skin(hulls, edge)

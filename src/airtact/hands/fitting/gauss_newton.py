@@ -1,4 +1,4 @@
-"""The hand that explains a cloud best: Gauss-Newton steps with exact derivatives, outliers weighted down.
+"""Find the hand that explains a cloud best, by Gauss-Newton steps; outliers are weighted down.
 
 Sources
 -------
@@ -44,7 +44,7 @@ from airtact.hands.fitting.priors import (
     usual_last_bones,
 )
 from airtact.hands.fitting.silhouette import Silhouette
-from airtact.hands.joints import Joints, PerPoint, Point, Points, Radii, Side
+from airtact.hands.joints import Joints, PerPoint, Point, Points, Side
 
 HullIndices = Int64[np.ndarray, "points"]
 FingersAndPalm = Float64[np.ndarray, "2"]
@@ -117,15 +117,16 @@ class SkinResiduals(NamedTuple):
 
 
 def skin_residuals(points: Points, hulls: Hulls, camera: Point | None = None) -> SkinResiduals:
-    """Distances of points from the skin of a body, by the three nearest hulls, and their derivatives.
+    """Distances of points from the skin, by the three nearest hulls, and their derivatives.
 
     Points that a ``camera`` (3,) [m] saw belong to skin that faces it.
     """
     count = len(points)
-    distance = np.empty(count)
-    by_balls = np.empty((count, hulls.balls.size))
-    hull = np.empty(count, dtype=np.int64)
-    residuals = SkinResiduals(distance, by_balls, hull)
+    residuals = SkinResiduals(
+        distance=np.empty(count),
+        by_balls=np.empty((count, hulls.balls.size)),
+        hull=np.empty(count, dtype=np.int64),
+    )
     eye = np.zeros(0) if camera is None else np.ascontiguousarray(camera, dtype=np.float64)
     points = np.ascontiguousarray(points)
     facing = -0.05  # cosine to the line of sight below which skin faces away from the camera
@@ -168,7 +169,7 @@ class NormalEquations:
 def normal_equations(
     seen: Observation, joined_as: Hulls, unknowns: Unknowns, min_scale: float
 ) -> NormalEquations:
-    """Set up the normal equations at some unknowns; ``min_scale`` is the least scale of the misfit [m]."""
+    """Set up the normal equations; ``min_scale`` is the least scale of the misfit [m]."""
     matrix, gradient, squares = equations_of_rules(seen, unknowns)
     hulls = replace(joined_as, balls=balls_at(unknowns))
     residuals = skin_residuals(seen.points, hulls, seen.camera)
@@ -226,7 +227,7 @@ def equations_of_rules(
 def _equations_of_points(
     residuals: SkinResiduals, weights: PerPoint, sizes: Sizes
 ) -> tuple[Float64[np.ndarray, "100 100"], Float64[np.ndarray, "100"]]:
-    """Set up the normal equations of points with some weights [1/m²], for the unknowns of the body."""
+    """Set up the normal equations of points with weights [1/m²], for the unknowns of the body."""
     used = np.flatnonzero(weights)
     root = np.sqrt(weights[used])
     rows = residuals.by_balls[used] * root[:, None]
@@ -260,11 +261,6 @@ class HandEstimate:
     weights: PerPoint
     common: FingersAndPalm
 
-    @property
-    def radii(self) -> Radii:
-        """Radii of the skin round the joints (25,) [m]."""
-        return np.exp(self.sizes[SIZE_RADII])
-
 
 # The scale of the misfit is at least this in the first step [m], so that a finger that is off may
 # come, and a smaller share of it in each later one.
@@ -274,7 +270,7 @@ FIRST_SCALE = 3e-3
 def best_hand(
     seen: Observation, starts: Sequence[Joints], sizes: Sizes, hold: bool
 ) -> HandEstimate:
-    """Find the hand that explains a cloud best, from several joints [m] and once more from the best end.
+    """Find the hand that explains a cloud best, from several joints [m] and again from the best.
 
     ``sizes`` are logarithms to start with; ``hold`` keeps them as they are.
     """
@@ -359,10 +355,10 @@ def _descended(
 
 
 def skin_spread(estimate: HandEstimate) -> Float64[np.ndarray, "hulls"]:
-    """Return the standard deviation of the skin of each hull (H,) along its normal, averaged all round [m].
+    """Return the standard deviation of the skin of each hull (H,) along its normal [m].
 
-    It includes what the shape of the body cannot follow, at least as much as the misfit that
-    neighbouring points share.
+    It is averaged all round and includes what the shape of the body cannot follow, at least as much
+    as the misfit that neighbouring points share.
     """
     normals = np.vstack([np.eye(3), -np.eye(3)])
     by_numbers = np.column_stack([normals, np.ones(len(normals))])
@@ -409,7 +405,7 @@ def _estimate(seen: Observation, here: NormalEquations, hold: bool) -> HandEstim
 
 
 def _shared_misfit(points: Points, off: PerPoint, hull: HullIndices) -> tuple[float, float]:
-    """Return the number of neighbouring points that count as one, and the misfit that they share [m].
+    """Return the number of neighbouring points that count as one and their shared misfit [m].
 
     Points of a hull in a cube of 25 mm share their misfit, by the same fault of the shape.
     """

@@ -1,4 +1,4 @@
-"""The unknowns of the fit, and what is known of hands before: sizes, limits of joints, rough landmarks.
+"""The unknowns of the fit, and its priors: sizes, limits of joints, rough landmarks.
 
 The 137 unknowns are the 75 coordinates of the joints [m], then the logarithms of 62 sizes: 37
 lengths [m], as ``SPANS`` orders them, and the radii at 25 joints [m]. The 100 unknowns of the body
@@ -155,7 +155,7 @@ _GENERIC_LENGTHS = 1e-3 * np.array(
 
 
 def population_prior(joints: Joints) -> HandAnatomy:
-    """Sizes of people's hands, scaled to the palm of rough joints (25, 3) [m], from wrist to knuckles."""
+    """Sizes of people's hands, scaled to the distances from wrist to knuckles of rough joints."""
     knuckles = [chain[1] for chain in CHAINS[1:]]
     metacarpals = [SPANS.index((chain[0], chain[1])) for chain in CHAINS[1:]]
     generic = _GENERIC_LENGTHS[1:5] + _GENERIC_LENGTHS[metacarpals]
@@ -251,7 +251,7 @@ def bending_axes(joints: Joints, side: str) -> Axes:
 
 
 def usual_last_bones(joints: Joints, axes: Axes) -> Float64[np.ndarray, "4 3"]:
-    """Find the usual unit directions (4, 3) of the last bones of fingers that bend about axes (5, 3)."""
+    """Find the usual unit directions (4, 3) of last bones of fingers with bending axes (5, 3)."""
     along = joints[_FINGER_BONES[:, 1]] - joints[_FINGER_BONES[:, 0]]
     ways = along / np.sqrt((along**2).sum(axis=1))[:, None]
     first = ways[_FIRST]
@@ -265,7 +265,7 @@ def usual_last_bones(joints: Joints, axes: Axes) -> Float64[np.ndarray, "4 3"]:
 
 
 def bend_rules(joints: Joints, axes: Axes, usual: Float64[np.ndarray, "4 3"]) -> Rules:
-    """Hold fingers in their planes, bends within the limits of joints, and last bones near their usual directions.
+    """Hold fingers in planes, bends within limits, and last bones near their usual directions.
 
     The 52 residuals are those of 14 bends backwards, 14 bends too far, 8 middle and last phalanges
     out of the plane of the first, 4 turns to a side, and 4 last bones (3 each). The axes (5, 3) and
@@ -336,9 +336,10 @@ def _by_joints(
 def landmark_pull(
     off: Joints, spread: Float64[np.ndarray, "25"]
 ) -> tuple[Float64[np.ndarray, "25"], float]:
-    """Weight landmarks [1/m] that are ``off`` [m] by the density of Cauchy's distribution of a ``spread`` [m].
+    """Return weights [1/m] of landmarks that are ``off`` by (25, 3) [m], and twice their cost.
 
-    Also returns twice their cost, whose gradient is twice the squares of the weights times ``off``.
+    Errors have Cauchy's distribution of a ``spread`` (25,) [m]. The second number is twice the
+    cost, whose gradient is twice the squares of the weights times ``off``.
     """
     far = np.linalg.norm(off, axis=1) / (3.0 * spread)
     return 1.0 / (spread * np.sqrt(1.0 + far**2)), 9.0 * float(np.log1p(far**2).sum())

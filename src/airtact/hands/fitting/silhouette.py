@@ -1,4 +1,4 @@
-"""The silhouette that a camera saw. Beside it the camera looked past the hand, so no part of the hand is there."""
+"""The silhouette that a camera saw; no part of the hand can lie beside it."""
 
 from dataclasses import dataclass
 from itertools import combinations
@@ -88,7 +88,7 @@ class Silhouette:
     def _at(
         self, positions: Float64[np.ndarray, "positions 2"]
     ) -> tuple[Float64[np.ndarray, "positions"], Float64[np.ndarray, "positions 2"]]:
-        """Interpolate the distance from the silhouette between the middles of pixels; also its gradient."""
+        """Interpolate the distance from the silhouette between pixels; also return its gradient."""
         cell = (positions - self.corner) / self.pixel - 0.5
         cell = np.clip(cell, 0.0, np.array(self.outside.shape) - 1.001)
         low = cell.astype(np.int64)

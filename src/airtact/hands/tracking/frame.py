@@ -1,4 +1,4 @@
-"""One frame of a hand as any tracker gives it: its time, its side, and its landmarks or the points of its skin.
+"""One frame of a hand as any tracker gives it: time, side, and landmarks or points of its skin.
 
 The time is that of the tracker's own clock at which the picture was taken, as far as the tracker
 knows it; only differences count. Landmarks and cloud are in the tracker's frame of reference, in
@@ -68,8 +68,9 @@ class HandFrame:
     Raises
     ------
     InvalidInput
-        Time, side or sequence number are invalid, or the landmarks are not those of such a hand: NaN, millimetres, a
-        wrong count, impossible bones, those of the other hand. It is a ``FaultyFrame`` with the kind of ``fault``.
+        Time, side or sequence number are invalid, or the landmarks are not those of such a hand:
+        NaN, millimetres, a wrong count, impossible bones, those of the other hand. It is a
+        ``FaultyFrame`` with the kind of ``fault``.
     """
 
     time: float

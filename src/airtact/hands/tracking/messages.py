@@ -1,4 +1,4 @@
-"""Frames as messages: JSON, for websockets and recordings, and OSC, for programs of sound and light.
+"""Frames as messages: JSON for websockets and recordings, OSC for programs of sound and light.
 
 JSON: one object, such as ``{"time": 1.5, "side": "left", "sequence": 45, "landmarks": [[x, y, z],
 ...]}``, with a ``cloud`` of points where there is one. Neither landmarks nor cloud, or null for
@@ -45,7 +45,7 @@ _head_decoder = msgspec.json.Decoder(_Head)
 
 
 def to_json(frame: HandFrame) -> bytes:
-    """Write a frame as a line of JSON, without the line's end; coordinates are rounded to micrometres."""
+    """Write a frame as JSON in one line; coordinates are rounded to micrometres."""
     landmarks = None if frame.landmarks is None else np.round(frame.landmarks, 6).tolist()
     cloud = None if frame.cloud is None else np.round(frame.cloud, 6).tolist()
     return msgspec.json.encode(Message(frame.time, frame.side, frame.sequence, landmarks, cloud))
@@ -112,7 +112,7 @@ def to_osc(frame: HandFrame) -> bytes:
 
 
 def from_osc(packet: bytes) -> list[HandFrame]:
-    """Read the frames in an OSC packet: one message, or a bundle of several; other addresses are passed over.
+    """Read the frames in an OSC packet, a message or a bundle; other addresses are passed over.
 
     Raises
     ------
@@ -139,8 +139,8 @@ def _frame_of_osc(arguments: list[Any]) -> HandFrame:
     if len(floats) % 3 or len(blob) % 12 or not numeric:
         raise FaultyFrame(
             "unreadable",
-            f"{len(floats)} arguments and {len(blob)} bytes are not floats x, y, z of each landmark "
-            "and point.",
+            f"{len(floats)} arguments and {len(blob)} bytes are not floats x, y, z of each "
+            "landmark and point.",
         )
     head = dict(zip(("time", "side", "sequence"), arguments, strict=False))
     try:

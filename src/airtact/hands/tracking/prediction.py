@@ -1,4 +1,4 @@
-"""Prediction of a hand at the time when the sound arrives: noise is smoothed, and latency made up for.
+"""Prediction of a hand at the time when the sound arrives; noise is smoothed.
 
 A Kalman filter keeps the velocity of every coordinate up to white noise of the acceleration. There
 are two: one of the middle of all landmarks, and a slower one of the landmarks about it, since a
@@ -27,8 +27,11 @@ from airtact.hands.joints import CHAINS, Points
 from airtact.hands.tracking.frame import FaultyFrame, HandFrame
 
 AGILITY = 0.3
-"""Default spectral density of the acceleration of a landmark [m²/s³]: best or nearly for reaching and pinching at
-0.5 m/s, at 30 to 90 frames a second and noise of 0.5 to 3 mm (``benchmarks/hand_tracking.py``)."""
+"""Default spectral density of the acceleration of a landmark [m²/s³].
+
+It is best or nearly so for reaching and pinching at 0.5 m/s, at 30 to 90 frames a second and noise
+of 0.5 to 3 mm (``benchmarks/hand_tracking.py``).
+"""
 
 # The error that 1 mm of noise leaves between the foci is 0.6 of that with one filter (motions of
 # ``benchmarks/live.py``), and 0.02 mm larger without noise.
@@ -36,7 +39,7 @@ BENDING = 0.05
 """Agility of landmarks about their middle over that of the middle."""
 
 COMMON = 0.5
-"""Share of the variance of the noise that is common to all landmarks: cameras err by the whole hand too."""
+"""Share of the variance of the noise that is common to all landmarks."""
 
 
 # --- Kalman filter ----------------------------------------------------------------------------
@@ -79,7 +82,7 @@ def transition(step: float) -> Float64[np.ndarray, "2 2"]:
 
 
 def process_noise(step: float, agility: float) -> Float64[np.ndarray, "2 2"]:
-    """Return the covariance that random acceleration adds to position and velocity in a step of time."""
+    """Return the covariance that random acceleration adds in a step [s]."""
     size = abs(step)
     return agility * np.array([[size**3 / 3.0, step * size / 2.0], [step * size / 2.0, size]])
 
@@ -122,7 +125,7 @@ def measured(
 
 
 class NoiseEstimate:
-    """Noise of a tracker, estimated from its frames as white noise; a tracker that smooths hides its own.
+    """White noise of a tracker, estimated from its frames; a tracker that smooths hides its own.
 
     The third difference of four positions at even steps of time hardly knows the motion of a hand:
     at 60 frames a second a finger that waves by 20 mm once a second leaves 0.02 mm, and white noise
@@ -208,7 +211,8 @@ class Predictor:
         Raises
         ------
         InvalidInput
-            It is of the other hand, or not later than the one before; a ``HandStream`` gives no such frames.
+            It is of the other hand, or not later than the one before; a ``HandStream`` gives no
+            such frames.
         """
         if self._newest is not None:
             newest = self._newest[0]
@@ -249,7 +253,7 @@ class Predictor:
 
     @property
     def noise(self) -> float:
-        """Standard deviation of each coordinate of the landmarks, as given or as estimated from the frames [m]."""
+        """Standard deviation of each coordinate, as given or as estimated from the frames [m]."""
         return self._estimate.noise if self._given_noise is None else self._given_noise
 
     def at(self, time: float) -> HandFrame:
@@ -261,9 +265,9 @@ class Predictor:
 
         Returns
         -------
-        The frame of that later time, with the newest one's number; a lost one where the hand was not seen for longer
-        than the patience. Where the predicted landmarks are no possible hand, bones keep their lengths; where that is
-        impossible too, the newest landmarks are returned.
+        The frame of that later time, with the newest one's number; a lost one where the hand was
+        not seen for longer than the patience. Where the predicted landmarks are no possible hand,
+        bones keep their lengths; where that is impossible too, the newest landmarks are returned.
 
         Raises
         ------
@@ -286,12 +290,12 @@ class Predictor:
             return HandFrame(then, frame.side, frame.sequence, frame.landmarks)
 
     def spread(self, time: float) -> float:
-        """Return the standard deviation of each coordinate [m] a latency after a time [s]; raises as ``at``."""
+        """Return the standard deviation of each coordinate [m] a latency after a time [s]."""
         reach, bend = self._carried(time + self.latency)
         return float(np.sqrt(reach.covariance[0, 0] + bend.covariance[0, 0]))
 
     def velocities(self) -> Float64[np.ndarray, "landmarks 3"]:
-        """Return the velocities of the landmarks at the time of the newest frame [m/s]; raises as ``at``."""
+        """Return the velocities of the landmarks at the time of the newest frame [m/s]."""
         _, reach, bend = self._state()
         return reach.velocities + bend.velocities
 

@@ -1,7 +1,8 @@
-"""Sockets that trackers send their frames to; each listens in threads of its own and feeds a ``HandStream``.
+"""Sockets that trackers send their frames to.
 
-They are for trackers on this computer: they listen at 127.0.0.1 unless another host is given, and
-pages of other sites in a browser cannot connect to them.
+Each listens in threads of its own and feeds a ``HandStream``. They are for trackers on this
+computer: they listen at 127.0.0.1 unless another host is given, and pages of other sites in a
+browser cannot connect to them.
 """
 
 import re
@@ -17,13 +18,13 @@ if TYPE_CHECKING:
     from websockets.sync.server import ServerConnection
 
 MAX_MESSAGE = 2**22
-"""Longest message that is taken from a websocket [bytes]; a cloud of 50,000 points needs 2 million."""
+"""Longest message on a websocket [bytes]; a cloud of 50,000 points needs 2 million."""
 
 MAX_WAITING = 256
-"""Largest number of waiting messages that are taken at once, where they come faster than they are read."""
+"""Largest number of waiting messages that are taken at once."""
 
 MAX_CONNECTIONS = 64
-"""Largest number of connected trackers; others are turned away with the code 1013, "try again later"."""
+"""Largest number of connected trackers; others get the code 1013, "try again later"."""
 
 
 def _bound(kind: socket.SocketKind, host: str, port: int) -> socket.socket:
@@ -51,9 +52,10 @@ def _bound(kind: socket.SocketKind, host: str, port: int) -> socket.socket:
 
 
 class WebSocketReceiver:
-    """Listens for websockets that send frames in JSON, up to 64 at a time; a message has 4 MiB at most.
+    """Listens for websockets that send frames in JSON.
 
-    Use it in a ``with`` block; it listens from its making to the end of the block.
+    Up to 64 may be connected; a message has 4 MiB at most. Use it in a ``with`` block; it listens
+    from its making to the end of the block.
 
     Parameters
     ----------
@@ -132,7 +134,7 @@ class WebSocketReceiver:
 
 
 def _waiting_messages(connection: "ServerConnection") -> list[bytes | str]:
-    """Wait for a message, and take those with it that wait as well, ``MAX_MESSAGE`` bytes in all at most."""
+    """Wait for a message and take those that wait as well, about ``MAX_MESSAGE`` bytes at most."""
     from websockets.exceptions import ConnectionClosed
 
     messages = [connection.recv()]
@@ -145,7 +147,7 @@ def _waiting_messages(connection: "ServerConnection") -> list[bytes | str]:
 
 
 class OscReceiver:
-    """Listens for OSC over UDP; its parameters, its errors and its use are those of ``WebSocketReceiver``."""
+    """Listens for OSC over UDP; parameters, errors and use are those of ``WebSocketReceiver``."""
 
     def __init__(
         self, stream: HandStream | None = None, port: int = 0, host: str = "127.0.0.1"

@@ -54,8 +54,8 @@ def load_recording(path: Path, leave_out: bool = False) -> Recording:
     Raises
     ------
     InvalidInput
-        The file cannot be read, or holds no frame, or one that cannot be used: which and why, beginning with the
-        file's name.
+        The file cannot be read, or holds no frame, or one that cannot be used: which and why,
+        beginning with the file's name.
     """
     if path.suffix not in ENDINGS:
         raise InvalidInput(
@@ -270,20 +270,20 @@ class PadTrack:
 
     @property
     def fastest(self) -> float:
-        """Largest speed of a pad from one frame to the next [m/s]; 0 where there are no two with landmarks."""
+        """Largest speed of a pad from one frame to the next [m/s]; 0 for fewer than two frames."""
         steps = np.linalg.norm(np.diff(self.pads, axis=0), axis=2)
         speeds = steps / np.diff(self.times)[:, None]
         return float(np.nanmax(speeds)) if np.isfinite(speeds).any() else 0.0
 
     @property
     def longest_gap(self) -> float:
-        """Longest time between two frames that follow each other with landmarks [s]; 0 where there are no two."""
+        """Longest time between two successive frames with landmarks [s]; 0 for fewer than two."""
         seen = self.times[np.isfinite(self.pads[:, 0, 0])]
         return float(np.diff(seen).max()) if len(seen) > 1 else 0.0
 
 
 def pads_over_time(frames: Iterable[HandFrame], side: Side) -> PadTrack:
-    """Find the pads of a hand in every frame; the radii of the skin are those of the first frame's hand.
+    """Find the pads of a hand in every frame, with the skin's radii of the first.
 
     Raises
     ------

@@ -18,7 +18,7 @@ from airtact.hands.tracking.frame import FaultyFrame, HandFrame
 from airtact.hands.tracking.messages import from_json, from_osc, side_of, side_of_osc
 
 MAX_STALE_FRAMES = 20
-"""So many frames in a row that follow each other, but not the newest one, are a tracker that restarted."""
+"""From so many successive frames that do not follow the newest one, the tracker has restarted."""
 
 MAX_JUMP = 1000
 """Largest jump of the sequence number; a larger one is a new count."""
@@ -147,14 +147,14 @@ class HandStream:
             return StreamHealth(**self._counts)
 
     def feed_json(self, text: bytes | str) -> FaultyFrame | None:
-        """Take a message in JSON, whatever it is; return why it was left out, or None where it is used."""
+        """Take a message in JSON, whatever it is; return why it was left out, or None if used."""
         try:
             return self.feed(from_json(text))
         except FaultyFrame as fault:
             return self.feed(fault)
 
     def feed_osc(self, packet: bytes) -> FaultyFrame | None:
-        """Take a packet of OSC, whatever it is; return why it, or the last frame in it, was left out, or None."""
+        """Take a packet of OSC, whatever it is; return why its last frame was left out, or None."""
         try:
             faults = [self.feed(frame) for frame in from_osc(packet)]
         except FaultyFrame as fault:
@@ -162,14 +162,15 @@ class HandStream:
         return faults[-1] if faults else None
 
     def feed_waiting(self, messages: Sequence[bytes | str]) -> None:
-        """Take messages in JSON that waited together, oldest first: of each hand the newest that is good is used.
+        """Take messages in JSON that waited together, oldest first.
 
-        Those before it are overtaken, unless ``every`` frame is to be used.
+        Of each hand the newest good one is used. Those before it are overtaken, unless ``every``
+        frame is to be used.
         """
         self._feed_newest(messages, self.feed_json, side_of)
 
     def feed_waiting_osc(self, packets: Sequence[bytes]) -> None:
-        """Take packets of OSC that waited together, as ``feed_waiting`` takes messages; bundles are used whole."""
+        """Take packets of OSC that waited together, as ``feed_waiting``; bundles are used whole."""
         self._feed_newest(packets, self.feed_osc, side_of_osc)
 
     def _feed_newest(
@@ -201,7 +202,8 @@ class HandStream:
 
         Returns
         -------
-        Why it was left out, which may be that it is not newer than the last one of its hand, or None where it is used.
+        Why it was left out, which may be that it is not newer than the last one of its hand, or
+        None where it is used.
         """
         with self._changed:
             self._counts["received"] += 1
@@ -217,18 +219,18 @@ class HandStream:
             return None
 
     def interrupt(self) -> None:
-        """Count a connection that ended without being closed; the hands it brought are lost when nothing more comes."""
+        """Count a connection that ended without being closed."""
         with self._changed:
             self._counts["interrupted"] += 1
 
     def latest(self, side: Side) -> HandFrame | None:
-        """Newest frame of a hand, a lost one where nothing came for a while, or None where none ever came."""
+        """Newest frame of a hand: a lost one after a silence, or None where none ever came."""
         with self._changed:
             self._notice_silence()
             return self._hands[side].newest
 
     def wait(self, timeout: float) -> HandFrame | None:
-        """Wait for a frame that was not taken yet: the newest of its hand, whatever came in between.
+        """Wait for a frame that was not taken yet, the newest of its hand.
 
         Parameters
         ----------

@@ -19,7 +19,7 @@ from collections.abc import Iterator
 from typing import Any
 
 JOINTS = ("carpPosition", "mcpPosition", "pipPosition", "dipPosition", "btipPosition")
-"""Ends of the bones of a finger, from the wrist to the tip; a thumb has no first bone: its first two are one."""
+"""Ends of the bones of a finger, from the wrist to the tip; the thumb lacks the first."""
 
 
 def main() -> None:
@@ -48,10 +48,10 @@ def main() -> None:
 
 
 def hands_in(messages: Iterator[str]) -> Iterator[dict[str, Any]]:
-    """Find hands in messages of the service; those that are no frame, such as the greeting, are passed over.
+    """Yield the hands in messages of the service; messages that are no frame are passed over.
 
-    Gives frames of each hand, and one that is lost where a hand is no longer tracked. Joints that
-    the service does not give are null.
+    There is a frame of each hand, and one that is lost where a hand is no longer tracked. Joints
+    that the service does not give are null.
     """
     seen: set[str] = set()
     for message in messages:

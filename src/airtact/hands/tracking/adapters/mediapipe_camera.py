@@ -1,4 +1,4 @@
-"""Send the hands that MediaPipe finds in a camera's pictures to airtact, as frames in JSON by websocket.
+"""Send the hands that MediaPipe finds in a camera's pictures to airtact, in JSON by websocket.
 
 MediaPipe 0.10.21 wants NumPy 1, airtact NumPy 2, so this file imports nothing of airtact and runs
 in an environment of its own::
@@ -48,7 +48,7 @@ def main() -> None:
 def _hands_in(
     pictures: Iterator[tuple[float, Picture]], options: argparse.Namespace
 ) -> Iterator[dict[str, Any]]:
-    """Yield frames of each side seen in pictures with their times [s], and a lost one where a side is seen no longer."""
+    """Yield frames of each side seen in timed pictures, a lost one when it is no longer seen."""
     import mediapipe  # pyright: ignore[reportMissingImports]
     import numpy as np
 
@@ -80,7 +80,7 @@ def _hands_in(
 
 
 def _look(result: Any, mirrored: bool) -> list[tuple[str, tuple[Any, Any]]]:
-    """Read the hands found in a picture, or in its mirror image: sides, landmarks in it and round the hand's middle."""
+    """Return the sides of hands in a picture, and landmarks in it and round the hand's middle."""
     import numpy as np
 
     def array(points: Any) -> Any:
@@ -108,7 +108,7 @@ def _look(result: Any, mirrored: bool) -> list[tuple[str, tuple[Any, Any]]]:
 def _placed(
     looks: list[tuple[Any, Any]], shape: tuple[int, ...], options: argparse.Namespace
 ) -> list[list[float]]:
-    """Bring the shape of a hand to where it is seen in a picture of some shape, in the camera's frame [m].
+    """Bring the shape of a hand to where it is seen in a picture, in the camera's frame [m].
 
     ``looks`` are landmarks of MediaPipe, in shares of the picture's sides and in metres round the
     hand's middle.
@@ -128,7 +128,7 @@ def _placed(
     pixels = np.mean(flats, axis=0)[:, :2].copy()
     focal = options.focal or 0.5 * columns / math.tan(math.radians(0.5 * 60.0))
     lens = np.array([[focal, 0.0, columns / 2], [0.0, focal, rows / 2], [0.0, 0.0, 1.0]])
-    # Start with the shape as it is, so far off that it looks as large: then a small rotation is enough.
+    # Start with the shape at the distance where it looks as large: a small rotation is enough.
     size = np.ptp(pixels, axis=0).max() / np.ptp(body[:, :2], axis=0).max()
     away = focal / size
     start = np.array([*((pixels.mean(axis=0) - lens[:2, 2]) / focal * away), away])

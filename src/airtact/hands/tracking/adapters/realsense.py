@@ -1,4 +1,4 @@
-"""Send the points that a RealSense depth camera sees of a hand to airtact, as frames in JSON by websocket.
+"""Send the points that a RealSense depth camera sees of a hand to airtact, in JSON by websocket.
 
 It needs ``pyrealsense2`` (which needs the system's libusb 1.0), NumPy and ``websockets``::
 
@@ -38,7 +38,7 @@ def main() -> None:
 
 
 def _clouds_in(depths: Iterator[Any], options: argparse.Namespace) -> Iterator[dict[str, Any]]:
-    """Find a hand's points in depth frames; yield frames as airtact takes them, lost ones where points are too few."""
+    """Yield frames with a hand's points in depth frames, lost ones where points are too few."""
     import numpy as np
 
     cloud = _library().pointcloud()
@@ -86,7 +86,7 @@ def _seen() -> Iterator[Any]:
 
 
 def _played(options: argparse.Namespace) -> Iterator[Any]:
-    """Give pictures of depth, .npy files (H, W) in metres, to a software device and take its frames."""
+    """Play pictures of depth, .npy files (H, W) in metres, through a software device."""
     import numpy as np
 
     rs = _library()
