@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
-from airtact.geometry.mesh.repair.pipeline import repaired
+from airtact.geometry.mesh.repair import repaired
 
 import airtact as at
 from airtact.geometry.mesh.quadratic_triangles import enclosed_volume, smallest_angles
