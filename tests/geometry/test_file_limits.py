@@ -1,4 +1,4 @@
-"""Files of surfaces that would hurt are rejected before they are expanded, and nothing outside their folder is read."""
+"""Harmful files are rejected before they are expanded; none reads outside its folder."""
 
 import base64
 import copy

@@ -1,4 +1,4 @@
-"""Curved panels: sizes follow what is asked, shapes keep their surface, volume and edges, also those from meshes."""
+"""Curved panels: their sizes are those asked for; surface, volume and edges are kept."""
 
 import numpy as np
 import pytest
@@ -69,7 +69,7 @@ def test_a_plate_gets_no_slivers_on_its_narrow_sides():
 
 @pytest.mark.parametrize("level", [2, 3, 5])
 def test_a_round_mesh_becomes_round(level):
-    """A mesh of flat triangles whose corners stand on a sphere: the panels lie on the sphere, not on the triangles."""
+    """Panels of flat triangles with corners on a sphere lie on the sphere."""
     surface = surface_of(trimesh.creation.icosphere(level, radius=0.01))
     panels = surface.panelled(4e-3).quadratic_triangles
     off = np.abs(np.linalg.norm(panels, axis=2) - 0.01).max()
@@ -192,7 +192,8 @@ def test_triangles_and_panels_apart_are_measured():
 
 
 def test_panels_of_a_smooth_mesh_lie_as_near_as_asked():
-    ring, tube = 8e-3, 2e-3
+    ring = 8e-3
+    tube = 2e-3
     shape = axisymmetric.surface(axisymmetric.torus(ring, tube), 1e-3).shape
 
     def off(away: float) -> float:

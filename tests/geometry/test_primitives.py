@@ -47,7 +47,8 @@ def test_every_mesh_is_closed_round_well_shaped_and_on_the_shape(shape, relative
 @given(rod, pose, st.floats(0.3, 3.0))
 def test_meshes_move_with_their_pose(shape, motion, relative_edge):
     edge = relative_edge * shape.radius
-    meshed_there, moved_there = shape.moved(motion).mesh(edge), shape.mesh(edge).moved(motion)
+    meshed_there = shape.moved(motion).mesh(edge)
+    moved_there = shape.mesh(edge).moved(motion)
     assert np.array_equal(meshed_there.triangles, moved_there.triangles)
     assert np.abs(meshed_there.vertices - moved_there.vertices).max() < 1e-12
     assert np.abs(meshed_there.midpoints - moved_there.midpoints).max() < 1e-12
@@ -97,7 +98,8 @@ def test_area_and_volume_come_from_the_closed_forms_at_fourth_order(length):
 
 
 def test_depth_is_the_distance_to_the_surface(rng):
-    start, end, radius = np.array([0.01, 0.0, 0.02]), np.array([0.01, 0.03, 0.06]), 0.008
+    start, end = np.array([[0.01, 0.0, 0.02], [0.01, 0.03, 0.06]])
+    radius = 0.008
     body = capsule(start, end, radius, 0.003)
     along = (end - start) / 0.05
     aside = np.cross(along, [1.0, 0.0, 0.0])

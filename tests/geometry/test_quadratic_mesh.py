@@ -1,4 +1,4 @@
-"""The closest point on curved panels, against brute force over dense samples, and the sign of the depth."""
+"""The closest point on curved panels against dense samples, and the sign of the depth."""
 
 import numpy as np
 import pytest
@@ -71,7 +71,7 @@ def test_points_off_the_surface_along_its_normal_are_that_deep(rng, step):
 
 
 def test_off_edges_and_corners_the_sign_is_right(rng):
-    """Seen from a corner or edge of a box the closest panels disagree, and their weighted normal decides."""
+    """Off a corner or edge of a box the closest panels disagree; the weighted normal decides."""
     box = at.Surface(*box_mesh(high=(0.01, 0.02, 0.03)))
     points = rng.uniform(-0.01, 0.04, size=(4000, 3))
     outside = np.maximum(np.maximum(-points, points - [0.01, 0.02, 0.03]), 0)

@@ -41,10 +41,8 @@ def test_balls_that_nearly_touch_are_bridged_and_stay_elsewhere(gap):
 
 
 def test_a_rod_through_a_box_and_three_in_a_row():
-    box, rod = (
-        Surface(*box_mesh(high=(0.02,) * 3)),
-        capsule((-0.02, 0.01, 0.01), (0.04, 0.01, 0.01), 0.004, 0.003),
-    )
+    box = Surface(*box_mesh(high=(0.02,) * 3))
+    rod = capsule((-0.02, 0.01, 0.01), (0.04, 0.01, 0.01), 0.004, 0.003)
     body = merged([box, rod])
     check_surface(body)
     inside = np.pi * 0.004**2 * 0.02

@@ -29,7 +29,8 @@ def tube(radius: float, length: float, sections: int = 24, rings: int = 30) -> M
     rim = radius * np.stack([np.cos(angle), np.sin(angle), np.zeros(sections)], axis=1)
     vertices = np.concatenate([rim + [0.0, 0.0, z] for z in np.linspace(0.0, length, rings)])
     i, j = np.meshgrid(np.arange(rings - 1), np.arange(sections), indexing="ij")
-    a, b = i * sections + j, i * sections + (j + 1) % sections
+    a = i * sections + j
+    b = i * sections + (j + 1) % sections
     triangles = np.stack([a, b, b + sections, a, b + sections, a + sections], axis=2).reshape(-1, 3)
     return vertices, triangles
 

@@ -1,4 +1,4 @@
-"""How small panels must be: by the radius of tight bends and the width of narrow strips, not by kinks or thin walls."""
+"""Limits of edges: by the radius of tight bends and the width of narrow strips."""
 
 import numpy as np
 import pytest

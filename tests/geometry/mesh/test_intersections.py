@@ -1,4 +1,4 @@
-"""Triangle crossings against linear programming, an independent way to ask whether triangles have a common point."""
+"""Triangle crossings against linear programming, which finds common points independently."""
 
 import numpy as np
 import pytest
@@ -18,12 +18,12 @@ from geometry.mesh.meshes import box_mesh, torus_mesh
 def common_point(
     first: np.ndarray, second: np.ndarray, keep_off: int | None = None
 ) -> float | None:
-    """Least weight of corner ``keep_off`` of the first triangle in a common point; None when there is no such point."""
+    """Least weight of corner ``keep_off`` of the first triangle in a common point, or None."""
     cost = np.zeros(6)
     if keep_off is not None:
         cost[keep_off] = 1.0
     equal = np.zeros((5, 6))
-    equal[:3, :3], equal[:3, 3:] = first.T, -second.T
+    equal[:3] = np.concatenate([first, -second]).T
     equal[3, :3] = equal[4, 3:] = 1.0
     found = linprog(cost, A_eq=equal, b_eq=[0, 0, 0, 1, 1], bounds=(0, None), method="highs")
     return float(found.fun) if found.status == 0 else None
@@ -145,7 +145,8 @@ def test_a_fine_mesh_has_no_false_alarm():
 
 
 def test_segment_and_triangle(rng):
-    segments, corners = rng.uniform(size=(300, 2, 3)), rng.uniform(size=(300, 3, 3))
+    segments = rng.uniform(size=(300, 2, 3))
+    corners = rng.uniform(size=(300, 3, 3))
     distance = segment_triangle_distances(segments, corners)
     touching = [
         common_point(np.vstack([s, s[:1]]), c) is not None
@@ -153,7 +154,8 @@ def test_segment_and_triangle(rng):
     ]
     assert np.array_equal(distance == 0, touching)
     # From outside, no sampled pair of points is nearer, and some pair is nearly as near.
-    t, weights = rng.uniform(size=(300, 400, 1)), rng.dirichlet([0.5, 0.5, 0.5], size=(300, 400))
+    t = rng.uniform(size=(300, 400, 1))
+    weights = rng.dirichlet([0.5, 0.5, 0.5], size=(300, 400))
     here = segments[:, :1] + t * (segments[:, 1:] - segments[:, :1])
     sampled = np.linalg.norm(here - np.einsum("nsk,nki->nsi", weights, corners), axis=2).min(axis=1)
     assert (distance <= sampled + 1e-12).all()

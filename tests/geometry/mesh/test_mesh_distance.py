@@ -1,4 +1,4 @@
-"""Closest points held to what defines them: no point of a convex set lies beyond the plane through the nearest one."""
+"""Closest points by their definition: no point of a convex set is beyond their plane."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from airtact.geometry.mesh.mesh_distance import (
 
 
 def beyond(points: np.ndarray, nearest: np.ndarray, corners: np.ndarray) -> float:
-    """How far any corner reaches past the plane through the nearest point: at most 0 for the true one."""
+    """Distance of any corner past the plane through the nearest point: at most 0."""
     gap = points - nearest
     length = np.maximum(np.linalg.norm(gap, axis=1), 1e-300)
     return float((np.einsum("ni,nki->nk", gap, corners - nearest[:, None]) / length[:, None]).max())
