@@ -93,7 +93,7 @@ def test_panels_of_a_rough_scan_lie_in_its_middle_and_are_as_few():
 
 
 def test_sharp_edges_stay_sharp_and_round_rims_round():
-    """A cylinder of 24 sides: its caps stay flat, its rim becomes the circle, its side the cylinder."""
+    """The caps of a cylinder of 24 sides stay flat, its rim and side become round."""
     cylinder = surface_of(trimesh.creation.cylinder(radius=0.008, height=0.02, sections=24))
     panels = cylinder.panelled(3e-3).quadratic_triangles
     assert np.abs(panels[:, :, 2]).max() == pytest.approx(0.01, rel=1e-6)

@@ -145,32 +145,38 @@ def check_apart(surfaces: Sequence[Surface]) -> None:
         )
 
 
-def approach(one: Surface, two: Surface, within: float = np.inf) -> Approach | None:
+def approach(first: Surface, second: Surface, within: float = np.inf) -> Approach | None:
     """Distance of the true surfaces of two bodies; None if it is ``within`` [m] or more.
 
     Capsules are measured exactly, meshes by their triangles and by which lies in the other.
     """
-    match one.shape, two.shape:
-        case Capsule() as capsule, Capsule() as other:
-            distance, here, there = segment_distances(capsule.axis[None], other.axis[None])
+    match first.shape, second.shape:
+        case Capsule() as capsule, Capsule() as other_capsule:
+            distance, on_first, on_second = segment_distances(
+                capsule.axis[None], other_capsule.axis[None]
+            )
             near = _round_bodies(
-                float(distance[0]), here[0], there[0], capsule.radius, other.radius
+                float(distance[0]), on_first[0], on_second[0], capsule.radius, other_capsule.radius
             )
         case Capsule() as capsule, _:
-            near = _capsule_and_mesh(capsule, two, within)
+            near = _capsule_and_mesh(capsule, second, within)
         case _, Capsule() as capsule:
-            near = _capsule_and_mesh(capsule, one, within)
+            near = _capsule_and_mesh(capsule, first, within)
         case _:
-            near = _meshes(one, two, within)
+            near = _meshes(first, second, within)
     return near if near is not None and near.distance < within else None
 
 
 def _round_bodies(
-    distance: float, here: Vector3, there: Vector3, radius: float, other_radius: float
+    distance: float, on_first: Vector3, on_second: Vector3, radius: float, other_radius: float
 ) -> Approach:
     """Approach of all points within radii of two bodies, from the closest points of these."""
     gap = distance - radius - other_radius
-    middle = here + (radius + gap / 2.0) * (there - here) / distance if distance > 0.0 else here
+    middle = (
+        on_first + (radius + gap / 2.0) * (on_second - on_first) / distance
+        if distance > 0.0
+        else on_first
+    )
     if gap <= TOUCH:
         return Approach(0.0, middle, f"{-gap * 1e3:.3g} mm deep near {in_mm(middle)}")
     return Approach(gap, middle)
@@ -193,32 +199,32 @@ def _capsule_and_mesh(capsule: Capsule, mesh: Surface, within: float) -> Approac
         where = corners[nearest].mean(axis=0)
         deep = f"{(capsule.radius + inside) * 1e3:.3g} mm deep near {in_mm(where)}"
         return Approach(0.0, where, deep)
-    distance, here, there = segment_to_triangle(axes[[nearest]], corners[[nearest]])
-    return _round_bodies(float(distance[0]), here[0], there[0], capsule.radius, 0.0)
+    distance, on_axis, on_mesh = segment_to_triangle(axes[[nearest]], corners[[nearest]])
+    return _round_bodies(float(distance[0]), on_axis[0], on_mesh[0], capsule.radius, 0.0)
 
 
-def _meshes(one: Surface, two: Surface, within: float) -> Approach | None:
-    bulges = (_bulge(one), _bulge(two))
-    low = np.maximum(one.vertices.min(axis=0), two.vertices.min(axis=0))
-    high = np.minimum(one.vertices.max(axis=0), two.vertices.max(axis=0))
+def _meshes(first: Surface, second: Surface, within: float) -> Approach | None:
+    bulges = (_bulge(first), _bulge(second))
+    low = np.maximum(first.vertices.min(axis=0), second.vertices.min(axis=0))
+    high = np.minimum(first.vertices.max(axis=0), second.vertices.max(axis=0))
     if np.linalg.norm(np.maximum(low - high, 0.0)) >= within + sum(bulges):
         return None
     # A small body is first compared by its vertices: no point of a triangle is farther from its
     # corners than the longest edge over the square root of three.
-    if len(one.vertices) <= 2000:
-        between = float(one.edge_lengths.max()) / np.sqrt(3.0)
-        if -two.depth(one.vertices).max() > within + max(bulges) + between:
+    if len(first.vertices) <= 2000:
+        between = float(first.edge_lengths.max()) / np.sqrt(3.0)
+        if -second.depth(first.vertices).max() > within + max(bulges) + between:
             return None
-    overlap = _wide_overlap(one, two, max(bulges))
+    overlap = _wide_overlap(first, second, max(bulges))
     if overlap is not None:
         return overlap
-    near = _triangles(one.corners, two.corners, within + sum(bulges))
+    near = _triangles(first.corners, second.corners, within + sum(bulges))
     if near is not None and max(bulges) > FLAT_TOLERANCE:
-        near = _triangles(corners_of(flattened(one)), corners_of(flattened(two)), within)
+        near = _triangles(corners_of(flattened(first)), corners_of(flattened(second)), within)
     if near is not None and near.overlap is not None:
         return near
     # Where no triangles cross, a piece of one body may lie wholly in the other.
-    for inner, outer in ((one, two), (two, one)):
+    for inner, outer in ((first, second), (second, first)):
         first_triangles = np.unique(shells(inner.triangles), return_index=True)[1]
         nested = _deepest(inner.corners[first_triangles, 0], outer)
         if nested is not None:
@@ -236,31 +242,31 @@ def _deepest(points: Points, body: Surface) -> Approach | None:
     return Approach(0.0, where, deep)
 
 
-def _wide_overlap(one: Surface, two: Surface, bulge: float) -> Approach | None:
+def _wide_overlap(first: Surface, second: Surface, bulge: float) -> Approach | None:
     """Overlap that some 200 vertices show, before all triangles are compared.
 
     A body that is given twice has all its vertices on the surface of the other.
     """
     if (
-        one.vertices.shape == two.vertices.shape
-        and np.abs(one.vertices - two.vertices).max() <= TOUCH
+        first.vertices.shape == second.vertices.shape
+        and np.abs(first.vertices - second.vertices).max() <= TOUCH
     ):
-        where = one.vertices[0]
-        same = f"one has all its {len(one.vertices)} vertices on the other, near {in_mm(where)}"
+        where = first.vertices[0]
+        same = f"one has all its {len(first.vertices)} vertices on the other, near {in_mm(where)}"
         return Approach(0.0, where, same)
-    for inner, outer in ((one, two), (two, one)):
+    for inner, outer in ((first, second), (second, first)):
         samples = inner.vertices[:: 1 + len(inner.vertices) // 200]
         if np.count_nonzero(outer.depth(samples) > bulge + TOUCH) > len(samples) // 5:
             return _deepest(samples, outer)
     return None
 
 
-def _triangles(one: FirstCorners, two: SecondCorners, within: float) -> Approach | None:
-    pairs = crossings_between(one, two)
+def _triangles(first: FirstCorners, second: SecondCorners, within: float) -> Approach | None:
+    pairs = crossings_between(first, second)
     if len(pairs):
-        where = one[pairs[0, 0]].mean(axis=0)
+        where = first[pairs[0, 0]].mean(axis=0)
         return Approach(0.0, where, f"{_pairs_meet(len(pairs))}, the first near {in_mm(where)}")
-    nearest = nearest_between(one, two, within)
+    nearest = nearest_between(first, second, within)
     return None if nearest is None else Approach(nearest[0], (nearest[1] + nearest[2]) / 2.0)
 
 
@@ -310,13 +316,13 @@ def flattened(surface: Surface) -> FlatMesh:
         vertices = np.concatenate([vertices, middles[once]])
         pattern = split @ np.array([1, 2, 4])
         nodes = []
-        whole = []
+        rows = []
         for bits in (0, 7, 1, 3, 2, 6, 4, 5):
             chosen = np.flatnonzero(pattern == bits)
             nodes.append(np.tile(pieces[bits], (len(chosen), 1)))
-            whole.append(np.repeat(chosen, len(pieces[bits])))
+            rows.append(np.repeat(chosen, len(pieces[bits])))
         node = np.concatenate(nodes).astype(np.int64)
-        row = np.concatenate(whole)
+        row = np.concatenate(rows)
         triangles = np.concatenate([triangles, number], axis=1)[row[:, None], node]
         references = np.concatenate([references, between], axis=1)[row[:, None], node]
         parent = parent[row]

@@ -96,8 +96,8 @@ def panels_of(
     refined = []
     for index, shape in enumerate(shapes):
         obstacles = [np.empty((0, 3))]
-        for other, panels in enumerate(bodies):
-            if other != index:
+        for neighbour, panels in enumerate(bodies):
+            if neighbour != index:
                 obstacles.append(panels.reshape(-1, 3))
         if image is not None:
             obstacles += [image(panels.reshape(-1, 3)) for panels in bodies]
@@ -215,14 +215,14 @@ def _halved_in_corners(panels: QuadraticTriangles) -> Pieces:
     edge = np.unique(np.round(middles / 1e-9), axis=0, return_inverse=True)[1].ravel()
     order = np.argsort(edge, kind="stable")
     first = np.flatnonzero(edge[order][:-1] == edge[order][1:])
-    one = order[first]
-    two = order[first + 1]
+    edge_use = order[first]
+    twin = order[first + 1]
     centres, normals = middles_of(panels[flat])
-    towards = unit(centres[two // 3] - middles[one])
+    towards = unit(centres[twin // 3] - middles[edge_use])
     # The second panel rises by over 30 degrees in front of the first.
-    rising = np.einsum("ed,ed->e", towards, normals[one // 3]) > 0.5
+    rising = np.einsum("ed,ed->e", towards, normals[edge_use // 3]) > 0.5
     parts = np.ones(len(panels), dtype=np.int64)
-    parts[flat[np.concatenate([one[rising], two[rising]]) // 3]] = 2
+    parts[flat[np.concatenate([edge_use[rising], twin[rising]]) // 3]] = 2
     return cut(panels, parts)[0]
 
 

@@ -292,10 +292,10 @@ def _triangles(rings: int, around: int, bands: int) -> Triangles:
     below = np.r_[last + around + np.arange(above), last + np.arange(around)]
     steps = np.arange(around)
     ring = above + around * np.arange(bands)[:, None]
-    here = ring + steps
-    after = ring + (steps + 1) % around
-    down = np.stack([here, here + around, after], axis=2)
-    up = np.stack([after, here + around, after + around], axis=2)
+    point = ring + steps
+    next_point = ring + (steps + 1) % around
+    down = np.stack([point, point + around, next_point], axis=2)
+    up = np.stack([next_point, point + around, next_point + around], axis=2)
     belt = np.concatenate([down, up]).reshape(-1, 3)
     result = np.concatenate([triangles, belt, below[triangles][:, ::-1]]).astype(np.int64)
     result.flags.writeable = False
@@ -344,10 +344,10 @@ def _cap(rings: int, around: int) -> tuple[Vertices, Triangles]:
         height = 0.0 if ring == rings else math.cos(polar)
         flat = math.sin(polar) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
         points.append(np.column_stack([flat, np.full(count, height)]))
-        here = np.arange(count)
-        before = ((2 * here + 1) * fewer + count - 1) // (2 * count) % fewer
+        index = np.arange(count)
+        before = ((2 * index + 1) * fewer + count - 1) // (2 * count) % fewer
         triangles.append(
-            np.stack([inner + before, outer + here, outer + (here + 1) % count], axis=1)
+            np.stack([inner + before, outer + index, outer + (index + 1) % count], axis=1)
         )
         if fewer > 1:
             above = np.arange(fewer)

@@ -49,8 +49,8 @@ BALL_RADIUS = 0.3e-3
 class Link:
     """Two bodies no farther apart than the gap, by index, and a position (3,) between them [m]."""
 
-    one: int
-    two: int
+    first: int
+    second: int
     position: Vector3
 
 
@@ -159,23 +159,23 @@ def _lies_in(
 def _links(bodies: Sequence[Surface], chosen: list[int], gap: float) -> list[Link]:
     """Pairs of bodies no farther apart than the gap; raise ``InvalidInput`` if not all connect."""
     links = []
-    for one, two in combinations(chosen, 2):
-        near = approach(bodies[one], bodies[two], gap * (1.0 + 1e-9))
+    for first, second in combinations(chosen, 2):
+        near = approach(bodies[first], bodies[second], gap * (1.0 + 1e-9))
         if near is not None:
-            links.append(Link(one, two, near.position))
-    ends = np.array([(link.one, link.two) for link in links], dtype=np.int64).reshape(-1, 2)
+            links.append(Link(first, second, near.position))
+    ends = np.array([(link.first, link.second) for link in links], dtype=np.int64).reshape(-1, 2)
     part = components(ends[:, 0], ends[:, 1], len(bodies))
     apart = []
-    for one, two in combinations(chosen, 2):
-        near = approach(bodies[one], bodies[two]) if part[one] != part[two] else None
+    for first, second in combinations(chosen, 2):
+        near = approach(bodies[first], bodies[second]) if part[first] != part[second] else None
         if near is not None:
-            apart.append((near.distance, one, two, near.position))
+            apart.append((near.distance, first, second, near.position))
     if apart:
-        distance, one, two, where = min(apart, key=lambda pair: pair[0])
+        distance, first, second, where = min(apart, key=lambda pair: pair[0])
         raise InvalidInput(
-            f"bodies {one} and {two} are {distance * 1e3:.3g} mm apart near {in_mm(where)}, the "
-            f"nearest that are not connected, but only {gap * 1e3:.3g} mm are bridged; move them "
-            "together, leave one out, or give a larger gap.",
+            f"bodies {first} and {second} are {distance * 1e3:.3g} mm apart near {in_mm(where)}, "
+            f"the nearest that are not connected, but only {gap * 1e3:.3g} mm are bridged; move "
+            "them together, leave one out, or give a larger gap.",
             where,
             code="misplaced",
         )
@@ -186,11 +186,11 @@ def _bridges(
     bodies: Sequence[Surface], meshes: dict[int, FlatMesh], link: Link, gap: float, radius: float
 ) -> list[FlatMesh]:
     """Meshes that fill the air between two bodies, made of balls if a radius is given."""
-    vertices = meshes[link.one][0]
-    other_vertices = meshes[link.two][0]
+    vertices = meshes[link.first][0]
+    other_vertices = meshes[link.second][0]
     filling = Filling(
-        bodies[link.one].depth,
-        bodies[link.two].depth,
+        bodies[link.first].depth,
+        bodies[link.second].depth,
         low=np.maximum(vertices.min(axis=0), other_vertices.min(axis=0)) - 2.0 * gap,
         high=np.minimum(vertices.max(axis=0), other_vertices.max(axis=0)) + 2.0 * gap,
         width=gap,
@@ -266,8 +266,8 @@ class Filling:
     ``width`` is the largest sum of the distances to the bodies [m].
     """
 
-    one: Depth
-    two: Depth
+    first: Depth
+    second: Depth
     low: Vector3
     high: Vector3
     width: float
@@ -294,7 +294,7 @@ class Filling:
         self, points: Float64[np.ndarray, "points 3"]
     ) -> tuple[Float64[np.ndarray, "points"], Float64[np.ndarray, "points"]]:
         """Distance of points (P, 3) [m] from each body [m], negative inside."""
-        return -self.one(points), -self.two(points)
+        return -self.first(points), -self.second(points)
 
     @property
     def _reach(self) -> float:
@@ -308,11 +308,11 @@ class Filling:
         counts = np.maximum(np.ceil((self.high - self.low) / size).astype(np.int64), 1)
         cubes = np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=3).reshape(-1, 3)
         while True:
-            one, two = self._distances(self.low + size * (cubes + 0.5))
+            first, second = self._distances(self.low + size * (cubes + 0.5))
             radius = np.sqrt(0.75) * size
             cubes = cubes[
-                (np.minimum(one, two) > -self._reach - radius)
-                & (one + two < self.width + 2.0 * radius)
+                (np.minimum(first, second) > -self._reach - radius)
+                & (first + second < self.width + 2.0 * radius)
             ]
             if len(cubes) > 1e6:
                 raise InvalidInput(
@@ -331,9 +331,9 @@ class Filling:
         self, grid: "_Grid"
     ) -> tuple[Float64[np.ndarray, "points"], Float64[np.ndarray, "points"]]:
         """Level of grid points, negative in the filling, and distance from both bodies [m]."""
-        one, two = self._distances(grid.points)
-        total = one + two
-        outside = np.minimum(one, two)
+        first, second = self._distances(grid.points)
+        total = first + second
+        outside = np.minimum(first, second)
         # The gradient of the sum of distances is the sum of two outward normals: 0 where surfaces
         # face each other, of length 1.41 at a right angle. From 0.3 on the width decreases, at 0.9
         # nothing is filled, and beyond the filling keeps off a furrow.
@@ -393,10 +393,10 @@ def _level_set(grid: _Grid, level: Float64[np.ndarray, "points"]) -> FlatMesh:
     """Mesh the zero level by marching tetrahedra, with the negative side inside."""
     # Six right-handed tetrahedra around a diagonal of the cube, from corner 0 to corner 7.
     paths = []
-    for one, two, _ in permutations((1, 2, 4)):
-        path = [0, one, one + two, 7]
+    for step, next_step, _ in permutations((1, 2, 4)):
+        path = [0, step, step + next_step, 7]
         right_handed = np.linalg.det(_CORNERS[path[1:]]) > 0.0
-        paths.append(path if right_handed else [0, one + two, one, 7])
+        paths.append(path if right_handed else [0, step + next_step, step, 7])
     tetrahedra = grid.corners[:, np.array(paths)].reshape(-1, 4)
     # Triangles between inside and outside, for each set of inside corners (bits). A corner of a
     # triangle is given by the two ends of the edge that it lies on.
@@ -412,7 +412,7 @@ def _level_set(grid: _Grid, level: Float64[np.ndarray, "points"]) -> FlatMesh:
         ends.append(tetrahedra[pattern == bits][:, table].reshape(-1, 3, 2))
     keys = np.sort(np.concatenate(ends).reshape(-1, 2), axis=1) @ np.array([len(level), 1])
     edges, triangles = np.unique(keys, return_inverse=True)
-    here, there = np.divmod(edges, len(level))
-    share = (level[here] / (level[here] - level[there]))[:, None]
-    vertices = grid.points[here] * (1.0 - share) + grid.points[there] * share
+    start, end = np.divmod(edges, len(level))
+    share = (level[start] / (level[start] - level[end]))[:, None]
+    vertices = grid.points[start] * (1.0 - share) + grid.points[end] * share
     return vertices, triangles.reshape(-1, 3).astype(np.int64)

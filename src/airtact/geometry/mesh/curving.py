@@ -169,9 +169,9 @@ def _sectors(triangles: Triangles, twins: Twins, sharp: EdgeMask) -> Int64[np.nd
     if not sharp.any():
         return triangles.ravel()
     # Edge c of a triangle starts at its corner c, and the twin of that edge ends there.
-    here = np.flatnonzero(~sharp.ravel())
-    twin = twins.ravel()[here]
-    return components(here, twin - twin % 3 + (twin + 1) % 3, 3 * len(triangles))
+    corner = np.flatnonzero(~sharp.ravel())
+    twin = twins.ravel()[corner]
+    return components(corner, twin - twin % 3 + (twin + 1) % 3, 3 * len(triangles))
 
 
 def _ridge_tangents(

@@ -221,10 +221,10 @@ def _next_edges(
         going = np.flatnonzero(starts == vertex)
         around = vertices[triangles[(triangles == vertex).any(axis=1)]]
         normal = unit(area_vectors(around)).sum(axis=0)
-        one = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
-        two = np.cross(normal, one) / max(float(np.linalg.norm(normal)), 1e-300)
+        x_axis = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
+        y_axis = np.cross(normal, x_axis) / max(float(np.linalg.norm(normal)), 1e-300)
         away = vertices[np.r_[starts[coming], ends[going]]] - vertices[vertex]
-        angle = np.arctan2(away @ two, away @ one)
+        angle = np.arctan2(away @ y_axis, away @ x_axis)
         clockwise = (angle[: len(coming), None] - angle[None, len(coming) :]) % (2.0 * np.pi)
         # Give each incoming edge its own outgoing edge, the smallest turn first.
         for _ in range(len(going)):

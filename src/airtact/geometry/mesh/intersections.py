@@ -57,7 +57,10 @@ def crossings_between(first: FirstCorners, second: SecondCorners) -> IndexPairs:
     tolerance = _tolerance(np.concatenate([first, second]))
     groups = product(size_groups(first), size_groups(second))
     pairs = np.concatenate(
-        [pairs_of_groups(one, two, one.reach + two.reach + tolerance) for one, two in groups]
+        [
+            pairs_of_groups(group, other_group, group.reach + other_group.reach + tolerance)
+            for group, other_group in groups
+        ]
     )
     pairs = pairs[_boxes_overlap(first, second, pairs, tolerance)]
     unshared = np.zeros((len(pairs), 3), dtype=bool)
@@ -112,8 +115,8 @@ def _separated(
     """Whether all unshared corners of the first triangle lie on one side of the second's plane."""
     normals = unit(area_vectors(second))
     offsets = np.einsum("ti,ti->t", normals, second[:, 0])
-    here, there = pairs.T
-    height = np.einsum("pki,pi->pk", first[here], normals[there]) - offsets[there, None]
+    i, j = pairs.T
+    height = np.einsum("pki,pi->pk", first[i], normals[j]) - offsets[j, None]
     above = ((height > tolerance) | shared).all(axis=1)
     below = ((height < -tolerance) | shared).all(axis=1)
     return above | below
@@ -175,15 +178,15 @@ def _pairs_within(corners: Corners, tolerance: float) -> IndexPairs:
 def _boxes_overlap(
     first: FirstCorners, second: SecondCorners, pairs: IndexPairs, tolerance: float
 ) -> Bool[np.ndarray, "_"]:
-    here, there = pairs.T
+    i, j = pairs.T
     low = first.min(axis=1)
     high = first.max(axis=1)
     other_low = second.min(axis=1)
     other_high = second.max(axis=1)
     overlap = np.ones(len(pairs), dtype=bool)
     for axis in range(3):  # one axis at a time, without copies of (pairs, 3)
-        overlap &= low[here, axis] <= other_high[there, axis] + tolerance
-        overlap &= other_low[there, axis] <= high[here, axis] + tolerance
+        overlap &= low[i, axis] <= other_high[j, axis] + tolerance
+        overlap &= other_low[j, axis] <= high[i, axis] + tolerance
     return overlap
 
 
@@ -195,10 +198,12 @@ class Group(NamedTuple):
     reach: float
 
 
-def pairs_of_groups(one: Group, two: Group, within: float) -> IndexPairs:
+def pairs_of_groups(first: Group, second: Group, within: float) -> IndexPairs:
     """Pairs of a triangle of each group whose centres are within a distance [m]."""
-    table = one.tree.sparse_distance_matrix(two.tree, within, output_type="ndarray")
-    return np.stack([one.members[table["i"]], two.members[table["j"]]], axis=1).astype(np.int64)
+    table = first.tree.sparse_distance_matrix(second.tree, within, output_type="ndarray")
+    return np.stack([first.members[table["i"]], second.members[table["j"]]], axis=1).astype(
+        np.int64
+    )
 
 
 def size_groups(corners: Corners) -> tuple[Group, ...]:

@@ -137,22 +137,22 @@ def nearest_between(first: FirstCorners, second: SecondCorners, within: float) -
     Boxes around the triangles are halved repeatedly. Pairs of boxes farther apart than the nearest
     pair of triangles so far are dropped.
     """
-    near = _box_gaps(first, second.min(axis=(0, 1)), second.max(axis=(0, 1))) < within
-    others = _box_gaps(second, first.min(axis=(0, 1)), first.max(axis=(0, 1))) < within
-    first = first[near]
-    second = second[others]
+    near_first = _box_gaps(first, second.min(axis=(0, 1)), second.max(axis=(0, 1))) < within
+    near_second = _box_gaps(second, first.min(axis=(0, 1)), first.max(axis=(0, 1))) < within
+    first = first[near_first]
+    second = second[near_second]
     if len(first) == 0 or len(second) == 0:
         return None
     # A first search among few pairs of boxes finds roughly where the meshes are nearest. The full
     # search uses boxes along that direction, which fit most closely where it matters.
     rough = _descend(first, second, None, 64)
-    distance, here, there = rough
+    distance, on_first, on_second = rough
     if distance == 0.0:
         return rough
-    frame = np.linalg.qr(np.column_stack([there - here, np.eye(3)]))[0]
-    bound = (min(distance, within), here @ frame, there @ frame)
-    distance, here, there = _descend(first @ frame, second @ frame, bound, None)
-    return (distance, frame @ here, frame @ there) if distance < within else None
+    frame = np.linalg.qr(np.column_stack([on_second - on_first, np.eye(3)]))[0]
+    bound = (min(distance, within), on_first @ frame, on_second @ frame)
+    distance, on_first, on_second = _descend(first @ frame, second @ frame, bound, None)
+    return (distance, frame @ on_first, frame @ on_second) if distance < within else None
 
 
 def _descend(
@@ -163,25 +163,31 @@ def _descend(
     batch = 4096  # pairs of triangles measured at a time
     # Pairs that could be nearer by rounding only are dropped.
     shrink = 1.0 - 1e-9
-    boxes = _halvings(first)
-    other_boxes = _halvings(second)
+    first_levels = _halvings(first)
+    second_levels = _halvings(second)
     best = bound if bound else (np.inf, first[0, 0], second[0, 0])
     pairs = np.zeros((1, 2), dtype=np.int64)
     gaps = np.zeros(1)
-    for level in range(max(len(boxes), len(other_boxes))):
-        one = boxes[min(level, len(boxes) - 1)]
-        two = other_boxes[min(level, len(other_boxes) - 1)]
+    for level in range(max(len(first_levels), len(second_levels))):
+        first_level = first_levels[min(level, len(first_levels) - 1)]
+        second_level = second_levels[min(level, len(second_levels) - 1)]
         if level:
-            pairs = _halved(pairs, level < len(boxes), level < len(other_boxes))
-        below = two.low[pairs[:, 1]] - one.high[pairs[:, 0]]
-        above = one.low[pairs[:, 0]] - two.high[pairs[:, 1]]
+            pairs = _halved(pairs, level < len(first_levels), level < len(second_levels))
+        below = second_level.low[pairs[:, 1]] - first_level.high[pairs[:, 0]]
+        above = first_level.low[pairs[:, 0]] - second_level.high[pairs[:, 1]]
         gaps = np.linalg.norm(np.maximum(np.maximum(below, above), 0.0), axis=-1)
         order = np.argsort(gaps)[: np.count_nonzero(gaps < best[0] * shrink)][:max_pairs]
         pairs = pairs[order]
         gaps = gaps[order]
         samples = pairs[:tried]
-        best = _nearer(best, first[one.member[samples[:, 0]]], second[two.member[samples[:, 1]]])
-    pairs = np.stack([boxes[-1].member[pairs[:, 0]], other_boxes[-1].member[pairs[:, 1]]], axis=1)
+        best = _nearer(
+            best,
+            first[first_level.member[samples[:, 0]]],
+            second[second_level.member[samples[:, 1]]],
+        )
+    pairs = np.stack(
+        [first_levels[-1].member[pairs[:, 0]], second_levels[-1].member[pairs[:, 1]]], axis=1
+    )
     for start in range(tried, len(pairs), batch):
         rest = pairs[start : start + batch]
         rest = rest[gaps[start : start + batch] < best[0] * shrink]
@@ -193,10 +199,10 @@ def _nearer(best: Nearest, first: PairedCorners, second: PairedCorners) -> Neare
     """Return the nearest of the pairs of triangles if it is nearer than the best so far."""
     if len(first) == 0:
         return best
-    distance, here, there = triangle_to_triangle(first, second)
+    distance, on_first, on_second = triangle_to_triangle(first, second)
     least = int(distance.argmin())
     if distance[least] < best[0]:
-        return float(distance[least]), here[least], there[least]
+        return float(distance[least]), on_first[least], on_second[least]
     return best
 
 
@@ -232,9 +238,11 @@ def _halvings(corners: Corners) -> list[_Boxes]:
 
 def _halved(pairs: IndexPairs, first: bool, second: bool) -> IndexPairs:
     """Pairs of the halves of pairs of boxes, where the first and the second mesh still have any."""
-    here = 2 * pairs[:, :1] + [0, 1] if first else pairs[:, :1]
-    there = 2 * pairs[:, 1:] + [0, 1] if second else pairs[:, 1:]
-    return np.stack(np.broadcast_arrays(here[:, :, None], there[:, None, :]), axis=3).reshape(-1, 2)
+    first_halves = 2 * pairs[:, :1] + [0, 1] if first else pairs[:, :1]
+    second_halves = 2 * pairs[:, 1:] + [0, 1] if second else pairs[:, 1:]
+    return np.stack(
+        np.broadcast_arrays(first_halves[:, :, None], second_halves[:, None, :]), axis=3
+    ).reshape(-1, 2)
 
 
 def pairs_near(

@@ -337,11 +337,11 @@ def _oriented(vertices: Vertices, triangles: Triangles, notes: list[str]) -> Tri
     agreeing nodes of its neighbours. An orientable piece falls into two mirrored components. A
     one-sided piece is one component, and raises ``InvalidInput``.
     """
-    here, there, agree = _neighbours(vertices, triangles)
+    triangle, neighbour, agree = _neighbours(vertices, triangles)
     count = len(triangles)
-    mirrored = np.where(agree, there, there + count)
+    mirrored = np.where(agree, neighbour, neighbour + count)
     label = components(
-        np.concatenate([here, here + count]),
+        np.concatenate([triangle, triangle + count]),
         np.concatenate([mirrored, (mirrored + count) % (2 * count)]),
         2 * count,
     )
@@ -381,20 +381,21 @@ def _neighbours(
     _, starts, sizes = np.unique(keys[order], return_index=True, return_counts=True)
     crowded = np.flatnonzero(sizes > 2)
     if len(crowded):
-        first = crowded[order[starts[crowded]].argmin()]
-        edge = edge_ends(triangles).reshape(-1, 2)[order[starts[first]]]
+        worst = crowded[order[starts[crowded]].argmin()]
+        edge = edge_ends(triangles).reshape(-1, 2)[order[starts[worst]]]
         where = vertices[edge].mean(axis=0)
         raise InvalidInput(
             f"{counted(len(crowded), 'edge has', 'edges have')} more than two triangles, the first "
-            f"{sizes[first]} of them near {in_mm(where)}: bodies meet there or a fin stands out; "
+            f"{sizes[worst]} of them near {in_mm(where)}: bodies meet there or a fin stands out; "
             "separate them or remove it.",
             where,
             code="mesh_faulty",
         )
     pair = starts[sizes == 2]
-    one = order[pair]
-    two = order[pair + 1]
-    return one // 3, two // 3, triangles.ravel()[one] != triangles.ravel()[two]
+    first = order[pair]
+    second = order[pair + 1]
+    agree = triangles.ravel()[first] != triangles.ravel()[second]
+    return first // 3, second // 3, agree
 
 
 def _turned_outward(

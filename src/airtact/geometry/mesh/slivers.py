@@ -38,7 +38,7 @@ def without_slivers(vertices: Vertices, triangles: Triangles, notes: list[str]) 
         left_alone[crossing] = True
     else:
         return triangles
-    for removed, one, many in (
+    for removed, singular, plural in (
         (needles, "needle was collapsed", "needles were collapsed"),
         (
             caps,
@@ -48,7 +48,7 @@ def without_slivers(vertices: Vertices, triangles: Triangles, notes: list[str]) 
     ):
         if removed:
             where = in_mm(vertices[triangles[removed[0]]].mean(axis=0))
-            notes.append(f"{counted(len(removed), one, many)}, the first near {where}.")
+            notes.append(f"{counted(len(removed), singular, plural)}, the first near {where}.")
     return mesh.triangles[mesh.alive]
 
 

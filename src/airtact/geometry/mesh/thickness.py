@@ -67,12 +67,13 @@ def thin_position(
     pairs = pairs[~(same_corners(triangles, pairs).any(axis=(1, 2)) & slim[pairs].any(axis=1))]
     batch = 4096  # pairs measured at a time
     for start in range(0, len(pairs), batch):
-        one, two = pairs[start : start + batch].T
-        thin = triangle_to_triangle(inner[one], corners[two])[0] < 0.5 * thinnest * (1.0 - 1e-9)
+        first, second = pairs[start : start + batch].T
+        distance, _, _ = triangle_to_triangle(inner[first], corners[second])
+        thin = distance < 0.5 * thinnest * (1.0 - 1e-9)
         if thin.any():
-            one = one[thin]
+            first = first[thin]
             ball = _thinnest_ball(
-                touched[one], corners[two[thin]], normals[one], depth, thinnest, short
+                touched[first], corners[second[thin]], normals[first], depth, thinnest, short
             )
             if ball is not None:
                 return ball
@@ -88,10 +89,10 @@ def _thinnest_ball(
     short: float,
 ) -> tuple[float, Vector3] | None:
     """Find the smallest inner ball between two triangles of a pair: its diameter and centre."""
-    _, here, there = triangle_to_triangle(touched, bounding)
+    _, on_touched, on_bounding = triangle_to_triangle(touched, bounding)
     # Balls are laid at points from the nearest ones of both triangles to their centres.
     shares = (0.0, 0.02, 0.1, 0.3, 0.6, 1.0)
-    paths = [(here, touched.mean(axis=1)), (there, bounding.mean(axis=1))]
+    paths = [(on_touched, touched.mean(axis=1)), (on_bounding, bounding.mean(axis=1))]
     points = np.concatenate(
         [start + share * (end - start) for start, end in paths for share in shares]
     )
@@ -158,9 +159,9 @@ def _opposite(
     first = _groups(inner, upper, level, np.where(level < 0, 0.0, reach))
     second = _groups(outer, side < np.sin(_MAX_ANGLE), level, reach)
     chosen = [np.zeros((0, 2), dtype=np.int64)]
-    for one, two in product(first, second):
-        within = float(np.hypot(0.5 * thinnest + one.reach + two.reach, normal_gap))
-        pairs = pairs_of_groups(one, two, within)
+    for inner_group, outer_group in product(first, second):
+        within = float(np.hypot(0.5 * thinnest + inner_group.reach + outer_group.reach, normal_gap))
+        pairs = pairs_of_groups(inner_group, outer_group, within)
         cosine = np.einsum("ni,ni->n", normals[pairs[:, 0]], normals[pairs[:, 1]])
         chosen.append(pairs[cosine < -np.cos(_MAX_ANGLE)])
     return np.concatenate(chosen)

@@ -158,7 +158,7 @@ def check_not_degenerate(vertices: AnyVertices, triangles: AnyTriangles) -> None
 def check_closed(vertices: AnyVertices, triangles: AnyTriangles) -> Twins:
     """Return ``edge_twins``; raise unless each edge has one neighbour of opposite direction."""
     twins = edge_twins(triangles)
-    for mark, one, many, fault, code in (
+    for mark, singular, plural, fault, code in (
         (
             -2,
             "edge is",
@@ -181,8 +181,8 @@ def check_closed(vertices: AnyVertices, triangles: AnyTriangles) -> Twins:
             count = len(np.unique(np.sort(ends, axis=1), axis=0))
             where = vertices[ends[0]].mean(axis=0)
             raise InvalidInput(
-                f"{counted(count, one, many)} {fault}; the first is near {in_mm(where)}: repair "
-                "the mesh.",
+                f"{counted(count, singular, plural)} {fault}; the first is near {in_mm(where)}: "
+                "repair the mesh.",
                 where,
                 code=code,
             )
