@@ -627,16 +627,16 @@ def mesh_sizes(results: Results, extent: Extent) -> None:
     for mesh in waiting:
         size = mesh.elements_per_wavelength
         line = (mesh.domain, mesh.order)
-        # The unknowns grow with the cube of the size, the time a little faster than they do.
-        over_limit = expected.get(line, 0.0) * size**4 > extent.study_limit
+        # The unknowns grow with the cube of the size; the time does, too, until the factor dominates.
+        over_limit = expected.get(line, 0.0) * size**3 > extent.study_limit
         if over_limit or time.perf_counter() - begun > extent.study_budget:
             continue
         print(f"    order {mesh.order} at λ/{size:g}, {mesh.domain} domain", flush=True)
-        done = run_mesh(mesh, exact[:, 0], 2 * extent.study_limit + 30)
+        done = run_mesh(mesh, exact[:, 0], 1.5 * extent.study_limit + 20)
         if done is None:
             expected[line] = math.inf
             continue
-        expected[line] = done.seconds / size**4
+        expected[line] = done.seconds / size**3
         solved.append(done)
         rows = [tuple(vars(one).values()) for one in solved]
         results.data("mesh_sizes", [*header, "memory_B", "error"], rows)
