@@ -29,9 +29,8 @@ from airtact.sensing import (
     simulate_transmissions,
     unexplained,
 )
-from airtact.sensing.array_waves import array_waves
 from airtact.sensing.calibration_fit import moved
-from airtact.sensing.echo_model import EchoModel, motion_of
+from airtact.sensing.echo_model import EchoModel, array_waves, motion_of
 from airtact.sensing.registration import SPARE_ORDERS
 from airtact.sensing.transmission import boards_of
 

@@ -42,29 +42,29 @@ def test_a_file_by_others_may_leave_out_receivers_and_noise(tmp_path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "code", "number"),
+    ("given", "code"),
     [
-        ({"codes": 1.5 * CODES}, "over_full_scale", "1.5"),
-        ({"codes": CODES[:, :2]}, "sizes_differ", "2"),
-        ({"codes": CODES * [1, 0, 1]}, "silent", "transmission 1"),
-        ({"codes": np.ones(6)}, "wrong_shape", "(6,)"),
-        ({"pressures": PRESSURES * [1, np.nan, 1]}, "not_finite", "2"),
-        ({"pressures": np.ones((0, 3))}, "empty", "(0, 3)"),
-        ({"receivers": np.array([1, 6])}, "out_of_range", "6"),
-        ({"receivers": np.array([1, 1])}, "given_twice", "1"),
-        ({"receivers": np.array([1, 2, 3])}, "sizes_differ", "3"),
-        ({"receivers": np.array([1.0, 2.0])}, "not_a_number", "float64"),
-        ({"receivers": None}, "sizes_differ", "6"),
-        ({"frequency": 40.0}, "out_of_range", "40"),
-        ({"noise": 0.0}, "out_of_range", "0"),
-        ({"valid": np.zeros((2, 3), dtype=bool)}, "link_failed", "0 of 6"),
-        ({"valid": np.ones((2, 2), dtype=bool)}, "sizes_differ", "(2, 2)"),
+        ({"codes": 1.5 * CODES}, "over_full_scale"),
+        ({"codes": CODES[:, :2]}, "sizes_differ"),
+        ({"codes": CODES * [1, 0, 1]}, "all_zero"),
+        ({"codes": np.ones(6)}, "wrong_shape"),
+        ({"pressures": PRESSURES * [1, np.nan, 1]}, "not_finite"),
+        ({"pressures": np.ones((0, 3))}, "empty"),
+        ({"receivers": np.array([1, 6])}, "out_of_range"),
+        ({"receivers": np.array([1, 1])}, "given_twice"),
+        ({"receivers": np.array([1, 2, 3])}, "sizes_differ"),
+        ({"receivers": np.array([1.0, 2.0])}, "not_a_number"),
+        ({"receivers": None}, "sizes_differ"),
+        ({"frequency": 40.0}, "out_of_range"),
+        ({"noise": 0.0}, "out_of_range"),
+        ({"valid": np.zeros((2, 3), dtype=bool)}, "link_failed"),
+        ({"valid": np.ones((2, 2), dtype=bool)}, "sizes_differ"),
     ],
 )
 @pytest.mark.usefixtures("as_outside_the_tests")
-def test_echoes_that_cannot_be_are_rejected(given, code, number) -> None:
+def test_echoes_that_cannot_be_are_rejected(given, code) -> None:
     right = {"codes": CODES, "pressures": PRESSURES, "receivers": np.array([0, 5])}
-    with raises_code(code, number):
+    with raises_code(code):
         at.Echoes(**{**right, **given})
 
 
@@ -75,11 +75,11 @@ def test_files_that_are_none_are_rejected(tmp_path) -> None:
     with h5py.File(path, "w") as file:
         file["format_version"] = 1
         file["frequency"] = 40e3
-    with raises_code("data_missing", "4 of the 5"):
+    with raises_code("data_missing"):
         load_echoes(path)
     with h5py.File(path, "w") as file:
         file["format_version"] = 7
-    with raises_code("unsupported_version", "7"):
+    with raises_code("unsupported_version"):
         load_echoes(path)
     path.write_bytes(b"no file")
     with raises_code("file_unreadable"):

@@ -161,11 +161,11 @@ def test_waves_about_a_moved_centre_are_those_of_moved_sources() -> None:
 
 
 def test_bodies_that_have_no_matrix_are_rejected() -> None:
-    with raises_code("empty", "0"):
+    with raises_code("empty"):
         at.scattering_matrix(at.SphereSeries(), at.Scene(AIR, [], frequency=40e3))
-    with raises_code("out_of_range", "0.5"):
+    with raises_code("out_of_range"):
         at.scattering_matrix(at.SphereSeries(), ball(), accuracy=0.5)
-    with raises_code("too_many", "80"):
+    with raises_code("too_many"):
         at.scattering_matrix(
             at.SphereSeries(), at.Scene(AIR, [at.sound_hard(at.sphere(0.12, 0.03))], frequency=40e3)
         )

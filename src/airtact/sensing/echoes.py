@@ -38,10 +38,8 @@ from airtact.printing import one_line
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.levels import FULL_SCALE
 
-VERSIONS = 1, 2
-"""Versions of the file that are read; the second is written where some pressures are not valid."""
-
-_NUMBERS = "codes_real", "codes_imaginary", "pressures_real", "pressures_imaginary"
+Codes = Complex128[np.ndarray, "elements transmissions"]
+Receivers = Int64[np.ndarray, "receivers"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,9 +65,9 @@ class Echoes:
     Raises
     ------
     InvalidInput
-        "wrong_shape", "empty", "sizes_differ": shapes that do not fit each other; "not_finite": leave dead receivers
-        out of ``receivers``; "over_full_scale"; "out_of_range", "given_twice": of receivers; "silent": a transmission
-        of no element; "out_of_range": noise; "link_failed": no pressure is valid.
+        "wrong_shape", "empty", "sizes_differ": shapes that do not match; "not_finite": leave dead
+        receivers out of ``receivers``; "over_full_scale"; "out_of_range", "given_twice": receivers;
+        "all_zero": a transmission without sound; "link_failed": no pressure is valid.
 
     Examples
     --------
@@ -95,33 +93,33 @@ class Echoes:
         )
 
     def __post_init__(self) -> None:
-        codes, pressures = _table(self.codes, "codes"), _table(self.pressures, "pressures")
+        codes = _table(self.codes, "codes")
+        pressures = _table(self.pressures, "pressures")
         if codes.shape[1] != pressures.shape[1]:
             raise InvalidInput(
-                f"{codes.shape[1]} codes have {pressures.shape[1]} columns of pressures; give one for each.",
+                f"{codes.shape[1]} codes have {pressures.shape[1]} columns of pressures; give one "
+                "for each.",
                 code="sizes_differ",
             )
         _check_codes(codes)
-        valid = None if self.valid is None else _valid(self.valid, pressures.shape)
+        valid = self.valid
         if valid is not None:
+            valid = _checked_valid(valid, pressures.shape)
             pressures = np.where(valid, pressures, 0.0)
-        receivers = _receivers(self.receivers, len(codes), len(pressures))
-        noise = None if self.noise is None else positive(self.noise, "the noise of echoes", "Pa")
-        stored = {
-            "codes": codes,
-            "pressures": pressures,
-            "receivers": receivers,
-            "noise": noise,
-            "valid": valid,
-        }
-        for name, value in stored.items():
-            if isinstance(value, np.ndarray):
-                value.flags.writeable = False
-            object.__setattr__(self, name, value)
+        receivers = _checked_receivers(self.receivers, len(codes), len(pressures))
+        for array in (codes, pressures, receivers, valid):
+            if array is not None:
+                array.flags.writeable = False
+        object.__setattr__(self, "codes", codes)
+        object.__setattr__(self, "pressures", pressures)
+        object.__setattr__(self, "receivers", receivers)
+        object.__setattr__(self, "valid", valid)
+        if self.noise is not None:
+            object.__setattr__(self, "noise", positive(self.noise, "the noise of echoes", "Pa"))
         object.__setattr__(self, "frequency", check_frequency(self.frequency))
 
     @property
-    def receiving(self) -> Int64[np.ndarray, "receivers"]:
+    def receiving(self) -> Receivers:
         """(R,) numbers of the elements that receive."""
         assert self.receivers is not None  # the constructor stores them
         return np.asarray(self.receivers, dtype=np.int64)
@@ -147,7 +145,7 @@ class Echoes:
         import h5py
 
         path = _checked_path(path)
-        columns = {
+        datasets = {
             "format_version": 1 if self.valid is None else 2,
             "frequency": self.frequency,
             "codes_real": np.real(self.codes),
@@ -155,19 +153,18 @@ class Echoes:
             "pressures_real": np.real(self.pressures),
             "pressures_imaginary": np.imag(self.pressures),
             "receivers": self.receiving,
-            "noise": self.noise,
-            "valid": None if self.valid is None else np.asarray(self.valid, dtype=np.uint8),
         }
+        if self.noise is not None:
+            datasets["noise"] = self.noise
+        if self.valid is not None:
+            datasets["valid"] = np.asarray(self.valid, dtype=np.uint8)
         try:
             with whole_file(path) as partial, h5py.File(partial, "w") as file:
-                for name, values in columns.items():
-                    if values is not None:
-                        file[name] = values
+                for name, values in datasets.items():
+                    file[name] = values
         except OSError as error:
             reason = error.strerror or str(error)
-            raise InvalidInput(
-                f"cannot write {path}: {reason} (error {error.errno}).", code="not_writable"
-            ) from None
+            raise InvalidInput(f"cannot write {path}: {reason}.", code="not_writable") from None
 
 
 def load_echoes(path: str | Path) -> Echoes:
@@ -176,40 +173,43 @@ def load_echoes(path: str | Path) -> Echoes:
     Raises
     ------
     InvalidInput
-        "file_missing", "file_unreadable", "unknown_format", "unsupported_version", "data_missing", or as ``Echoes``.
+        "file_missing", "file_unreadable", "unknown_format", "unsupported_version", "data_missing",
+        or as ``Echoes``.
     """
     path = _checked_path(path)
     raw = datasets_of(path)
     with about(path.name):
         version = raw.get("format_version")
-        if not isinstance(version, int | np.integer) or version not in VERSIONS:
+        if not isinstance(version, int | np.integer) or version not in (1, 2):
             raise InvalidInput(
-                f"its format_version is {version}, but versions {VERSIONS[0]} and {VERSIONS[1]} of echoes are read: "
-                "write it as Echoes.save does.",
+                f"its format_version is {version}, but versions 1 and 2 of echoes are read. Write "
+                "it as Echoes.save does.",
                 code="unsupported_version",
             )
-        if missing := [name for name in ("frequency", *_NUMBERS) if name not in raw]:
-            raise InvalidInput(
-                f"{len(missing)} of the 5 datasets of echoes are missing: {', '.join(missing)}.",
-                code="data_missing",
-            )
-        parts = [real_numbers(np.asarray(raw[name]), name) for name in _NUMBERS]
-        for one, other, name in ((*parts[:2], "codes"), (*parts[2:], "pressures")):
-            if one.shape != other.shape:
+        parts = ("codes_real", "codes_imaginary", "pressures_real", "pressures_imaginary")
+        missing = [name for name in ("frequency", *parts) if name not in raw]
+        if missing:
+            raise InvalidInput(f"it lacks {', '.join(missing)}.", code="data_missing")
+        numbers = {
+            name: real_numbers(np.asarray(raw[name]), name)
+            for name in ("frequency", "noise", "valid", *parts)
+            if name in raw
+        }
+        for name in ("codes", "pressures"):
+            real, imaginary = numbers[f"{name}_real"], numbers[f"{name}_imaginary"]
+            if real.shape != imaginary.shape:
                 raise InvalidInput(
-                    f"real and imaginary parts of the {name} have shapes {one.shape} and {other.shape}.",
+                    f"real and imaginary parts of the {name} have shapes {real.shape} and "
+                    f"{imaginary.shape}.",
                     code="sizes_differ",
                 )
-        receivers = np.asarray(raw["receivers"]) if "receivers" in raw else None
         return Echoes(
-            parts[0] + 1j * parts[1],
-            parts[2] + 1j * parts[3],
-            receivers,
-            float(real_numbers(np.asarray(raw["frequency"]), "the frequency").reshape(-1)[0]),
-            float(real_numbers(np.asarray(raw["noise"]), "the noise").reshape(-1)[0])
-            if "noise" in raw
-            else None,
-            real_numbers(np.asarray(raw["valid"]), "valid") != 0 if "valid" in raw else None,
+            numbers["codes_real"] + 1j * numbers["codes_imaginary"],
+            numbers["pressures_real"] + 1j * numbers["pressures_imaginary"],
+            np.asarray(raw["receivers"]) if "receivers" in raw else None,
+            float(numbers["frequency"].reshape(-1)[0]),
+            float(numbers["noise"].reshape(-1)[0]) if "noise" in numbers else None,
+            numbers["valid"] != 0 if "valid" in numbers else None,
         )
 
 
@@ -217,9 +217,20 @@ def check_elements(echoes: Echoes, array: PhasedArray, what: str) -> None:
     """Raise "sizes_differ" where echoes, named in words, are of another array."""
     if len(echoes.codes) != len(array):
         raise InvalidInput(
-            f"the {what} are of an array of {counted(len(echoes.codes), 'element', 'elements')}, and this one has "
-            f"{len(array)}: give the one that they were measured with.",
+            f"the {what} are of an array of {len(echoes.codes)} elements, and this one has "
+            f"{len(array)}. Give the array that they were measured with.",
             code="sizes_differ",
+        )
+
+
+def check_not_clipped(values: Num[np.ndarray, "pressures"]) -> None:
+    """Raise "signal_unusable" where over 5 % of the values share the largest size."""
+    equal = int(np.sum(values > (1.0 - 1e-6) * values.max())) if len(values) else 0
+    if equal > max(0.05 * len(values), 8):
+        raise InvalidInput(
+            f"{equal} of {len(values)} pressures have the same largest value of "
+            f"{values.max():.4g} Pa: they were clipped. Measure again with less gain.",
+            code="signal_unusable",
         )
 
 
@@ -227,92 +238,94 @@ def _checked_path(path: str | Path) -> Path:
     path = Path(of_kind(path, str | Path, "the file of echoes", 'its path, such as "echoes.h5"'))
     if path.suffix.lower() != ".h5":
         raise InvalidInput(
-            f"{path.name} is no file of echoes: its ending must be .h5.", code="unknown_format"
+            f"{path.name} is not a file of echoes: its ending must be .h5.", code="unknown_format"
         )
     return path
 
 
 def _table(
-    given: Num[np.ndarray, "rows columns"], what: str
+    values: Num[np.ndarray, "rows columns"], what: str
 ) -> Complex128[np.ndarray, "rows columns"]:
     """Return finite numbers (rows, transmissions)."""
-    table = complex_numbers(given, what)
+    table = complex_numbers(values, what)
     if table.ndim != 2:
         raise InvalidInput(
-            f"{what} have shape {table.shape}, but they are a table with a column for each transmission.",
+            f"{what} have shape {table.shape}, but they are a table with a column for each "
+            "transmission.",
             code="wrong_shape",
         )
     if table.size == 0:
-        raise InvalidInput(
-            f"{what} of shape {table.shape} hold 0 numbers; give at least one.", code="empty"
-        )
+        raise InvalidInput(f"{what} of shape {table.shape} are empty.", code="empty")
     check_finite(table, what)
     return table
 
 
-def _check_codes(codes: Complex128[np.ndarray, "elements transmissions"]) -> None:
+def _check_codes(codes: Codes) -> None:
     magnitude = np.abs(codes)
     if magnitude.max() > FULL_SCALE:
-        element, column = (
-            int(index) for index in np.unravel_index(magnitude.argmax(), codes.shape)
-        )
+        element, column = np.unravel_index(magnitude.argmax(), codes.shape)
         raise InvalidInput(
-            f"codes are shares of full scale, but element {element} has {magnitude[element, column]:.4g} in "
+            f"codes are shares of full scale, but element {element} has {magnitude.max():.4g} in "
             f"transmission {column}; divide them by that.",
             code="over_full_scale",
         )
     silent = np.flatnonzero(~codes.any(axis=0))
     if len(silent):
         raise InvalidInput(
-            f"{counted(len(silent), 'transmission is', 'transmissions are')} of no element, first transmission "
-            f"{silent[0]}; leave them out.",
-            code="all_zero",
+            f"no element emits in transmission {silent[0]}; leave it out.", code="all_zero"
         )
 
 
-def _valid(
-    given: Bool[np.ndarray, "receivers transmissions"], shape: tuple[int, ...]
+def _checked_valid(
+    valid: Bool[np.ndarray, "receivers transmissions"], shape: tuple[int, ...]
 ) -> Bool[np.ndarray, "receivers transmissions"]:
-    """Return which pressures were received, a value for each."""
-    valid = np.array(given)
+    valid = np.array(valid)
     if valid.dtype != np.bool_ or valid.shape != shape:
         raise InvalidInput(
-            f"valid is {valid.dtype} of shape {valid.shape}, but it is True or False for each pressure, {shape}.",
+            f"valid is {valid.dtype} of shape {valid.shape}, but it is True or False for each "
+            f"pressure, {shape}.",
             code="sizes_differ",
         )
     if not valid.any():
         raise InvalidInput(
-            f"0 of {valid.size} pressures are valid: let a part of the elements emit while the others receive.",
+            "no pressure is valid; let some elements emit while the others receive.",
             code="link_failed",
         )
     return valid
 
 
-def _receivers(
-    given: Integer[np.ndarray, "receivers"] | None, elements: int, rows: int
-) -> Int64[np.ndarray, "receivers"]:
+def _checked_receivers(
+    receivers: Integer[np.ndarray, "receivers"] | None, elements: int, rows: int
+) -> Receivers:
     """Return the number of the element of each row of pressures."""
-    numbers = np.arange(elements) if given is None else np.asarray(given)
+    numbers = np.arange(elements) if receivers is None else np.asarray(receivers)
     if numbers.ndim != 1 or numbers.dtype.kind not in "iu":
         raise InvalidInput(
-            f"receivers are {numbers.dtype} of shape {numbers.shape}, but they are whole numbers (R,).",
+            f"receivers are {numbers.dtype} of shape {numbers.shape}, but they are whole numbers "
+            "(R,).",
             code="wrong_shape" if numbers.ndim != 1 else "not_a_number",
         )
     if len(numbers) != rows:
         raise InvalidInput(
-            f"{counted(len(numbers), 'receiver has', 'receivers have')} {rows} rows of pressures; give one for each.",
+            f"{counted(len(numbers), 'receiver has', 'receivers have')} {rows} rows of pressures; "
+            "give one for each.",
             code="sizes_differ",
         )
-    wrong = numbers[(numbers < 0) | (numbers >= elements)]
-    if len(wrong):
-        raise InvalidInput(
-            f"receiver {wrong[0]} is none of {elements} elements, which are 0 to {elements - 1}.",
-            code="out_of_range",
-        )
+    check_numbers(numbers, elements, "receiver")
     values, counts = np.unique(numbers, return_counts=True)
     if counts.max() > 1:
         raise InvalidInput(
-            f"element {values[counts.argmax()]} stands {counts.max()} times among the receivers.",
+            f"element {values[counts.argmax()]} occurs {counts.max()} times among the receivers.",
             code="given_twice",
         )
     return numbers.astype(np.int64)
+
+
+def check_numbers(numbers: Integer[np.ndarray, "numbers"], elements: int, what: str) -> None:
+    """Raise "out_of_range" where a number is none of an element."""
+    wrong = numbers[(numbers < 0) | (numbers >= elements)]
+    if len(wrong):
+        raise InvalidInput(
+            f"{what} {wrong[0]} does not exist: elements are 0 to {elements - 1}.",
+            code="out_of_range",
+        )

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Complex, Float64, Int64
+from scipy.cluster.vq import kmeans2
 from scipy.stats import qmc
 
 from airtact.acoustics.scene import Scene
@@ -21,59 +22,51 @@ from airtact.checks import counted, of_kind
 from airtact.errors import InvalidInput
 from airtact.geometry.pose import Pose
 from airtact.printing import one_line
-from airtact.sensing.array_waves import array_waves
-from airtact.sensing.doubt import disagreement, information_of, power
-from airtact.sensing.echo_model import EchoModel, Motion, Received, motion_of
-from airtact.sensing.echoes import Echoes, check_elements
-from airtact.sensing.family import ScatteringFamily
-from airtact.sensing.scattering import ScatteringMatrix, check_own, scattering_matrix
+from airtact.sensing.echo_model import EchoModel, Motion, Received, array_waves, motion_of
+from airtact.sensing.echoes import Echoes, check_elements, check_not_clipped
+from airtact.sensing.scattering import (
+    ScatteringFamily,
+    ScatteringMatrix,
+    check_own,
+    scattering_matrix,
+)
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_placement
 
-EXPLAINED = 0.1
-"""Echoes that a pose leaves unexplained beyond noise, as a share of all, up to which it is believed."""
-
-REACH = 6e-3, np.radians(9.0)
-"""Translation [m] and turn [rad] around the start within which other starts are tried."""
+MAX_MISFIT = 0.1
+"""Largest share of the echoes that a believed pose leaves unexplained beyond noise."""
 
 SPARE_ORDERS = 9
 """Orders beyond those of the bodies that a motion of a few millimetres takes waves from."""
 
-STARTS, FOLLOWED, BEST = 128, 16, 2
-"""Number of other starts whose echoes are computed, of those from which steps are taken, and of those that end at the
-best poses, which are compared by all receivers."""
 
-FEW_RECEIVERS, FEW_TRANSMISSIONS = 160, 8
-"""Receivers and transmissions that the first steps are taken by, and other starts compared."""
+@dataclass(frozen=True)
+class Settings:
+    """Search for a pose, tuned together on pinches 2 to 5 mm and 3 to 8 degrees off the start.
 
-MOST_STEPS = 25
-MOST_DAMPING = 1e6
-SETTLED = 1e-7
-"""Length of a step at which a pose is settled [m]."""
+    Attributes
+    ----------
+    shift, turn : largest translation [m] and turn [rad] of other starts.
+    starts, followed, compared : other starts that are tried, those from which steps are taken, and
+        the best poses that are compared by all receivers.
+    receivers, transmissions : used for the first steps and to compare starts.
+    settled : length of a step at which a pose is settled [m].
+    kept : length of a step after which derivatives, which change by a few per cent, are kept [m].
+    """
 
-KEPT = 3e-5
-"""Length of a step after which derivatives are not computed again, as they change by a few per cent [m]."""
+    shift: float = 6e-3
+    turn: float = float(np.radians(9.0))
+    starts: int = 128
+    followed: int = 16
+    compared: int = 2
+    receivers: int = 160
+    transmissions: int = 8
+    steps: int = 25
+    settled: float = 1e-7
+    kept: float = 3e-5
 
-UNDETERMINED = 1e-3
-"""Least over largest effect of two motions of the same length on the echoes."""
 
-UNDETERMINED_OPENING = 5e-3
-"""The same where an opening is sought: its derivative lacks the waves that the matrices leave out."""
-
-OF_ERROR = 10.0
-"""The same over the error of a family's interpolation: its derivative is off by more than its matrix is."""
-
-CLIPPED = 0.05
-"""Share of pressures of one size, the largest, from which on they were clipped."""
-
-SOLVED = 0.05
-"""Part of the echoes that errors of solvers and of interpolation leave unexplained, which is not the shape's."""
-
-SHAPE_FREEDOM = 8
-"""Ways in which a wrong shape leaves echoes unexplained: two fingers' ends and radii, less the six of a pose."""
-
-MISSING = 5.0
-"""Residual of a receiver over that of the median from which on it is left out."""
+SETTINGS = Settings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,9 +161,9 @@ def locate(
     Raises
     ------
     InvalidInput
-        "sizes_differ", "does_not_match", "does_not_match": of echoes or scattering matrix; "signal_unusable", "clipped";
-        "bodies_overlap", "inside_body", "behind_faces", "bodies_overlap": the start cannot be;
-        "pose_not_found": the echoes do not determine some motion, such as a turn of a ball, or the opening;
+        "sizes_differ", "does_not_match": echoes or scattering matrix; "signal_unusable";
+        "bodies_overlap", "inside_body", "behind_faces": the start is impossible; "pose_not_found":
+        the echoes do not determine some motion, such as a turn of a ball, or the opening;
         "given_twice": a family and a scattering matrix; or as ``scattering_matrix``.
 
     Examples
@@ -186,50 +179,38 @@ def locate(
     >>> bool(found.converged and np.abs(found.pose.translation - true.translation).max() < 2e-5)
     True
     """
-    family = scene if isinstance(scene, ScatteringFamily) else None
-    scene = scene.scene if isinstance(scene, ScatteringFamily) else scene
+    family = None
+    if isinstance(scene, ScatteringFamily):
+        family = scene
+        scene = family.scene
+        if scattering is not None or solver is not None:
+            raise InvalidInput(
+                f"a family has {len(family.matrices)} scattering matrices of its own: leave "
+                "scattering and solver out.",
+                code="given_twice",
+            )
     seen = check_start(echoes, scene, array, start)
-    scattering = _scattering(family, scene, scattering, solver)
-    waves = array_waves(scattering, seen, scattering.order + SPARE_ORDERS, single=True)
-    model = EchoModel.of(
-        scattering, waves, np.asarray(echoes.codes), echoes.receiving, echoes.valid
-    )
-    fit = _Fit(
-        model, np.asarray(echoes.pressures).astype(np.complex64), echoes.noise or 0.0, family
-    )
-    found = fit.best()
-    missing = fit.missing(found)
-    if len(missing):
-        fit = fit.part(
-            np.setdiff1d(np.arange(len(echoes.receiving)), missing), model.emitted.shape[1]
-        )
-        found = fit.follow(*found.place)
-    places = array.positions[
-        np.setdiff1d(echoes.receiving, echoes.receiving[missing], assume_unique=True)
-    ]
-    return _located(fit, found, start, echoes.receiving[missing], places)
-
-
-def _scattering(
-    family: ScatteringFamily | None,
-    scene: Scene,
-    given: ScatteringMatrix | None,
-    solver: Solver | None,
-) -> ScatteringMatrix:
-    """Return the scattering matrix that was given, or of the start of a family, or solve for it."""
-    if family is None:
-        scattering = given or scattering_matrix(
-            solver or BoundaryElement(accuracy=0.005, estimate=False), scene
-        )
+    if family is not None:
+        scattering = family.at(family.start)
+    else:
+        solver = solver or BoundaryElement(accuracy=0.005, estimate=False)
+        scattering = scattering or scattering_matrix(solver, scene)
         check_own(scattering, scene)
-        _ = scattering.patterns  # every pose that is tried uses them
-        return scattering
-    if given is not None or solver is not None:
-        raise InvalidInput(
-            f"a family has {len(family.matrices)} scattering matrices of its own: leave scattering and solver out.",
-            code="given_twice",
-        )
-    return family.at(family.start)
+        _ = scattering.patterns  # found once, as every pose that is tried uses them
+    waves = array_waves(scattering, seen, scattering.order + SPARE_ORDERS, single=True)
+    codes = np.asarray(echoes.codes)
+    model = EchoModel.of(scattering, waves, codes, echoes.receiving, echoes.valid)
+    measured = np.asarray(echoes.pressures).astype(np.complex64)
+    fit = _Fit(model, measured, echoes.noise or 0.0, family)
+    best = fit.best()
+    receivers = np.arange(len(echoes.receiving))
+    missing = fit.missing(best)
+    if len(missing):
+        fit = fit.part(np.setdiff1d(receivers, missing), model.emitted.shape[1])
+        best = fit.follow(best.motion, best.opening, best.steps)
+    counted_receivers = echoes.receiving[np.setdiff1d(receivers, missing)]
+    places = array.positions[counted_receivers]
+    return _located(fit, best, start, echoes.receiving[missing], places)
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,12 +223,7 @@ class _Found:
     settled: bool
     opening: float | None = None
     derivatives: Complex[np.ndarray, "unknowns receivers transmissions"] | None = None
-    """Of the echoes, per metre, radian and unit of the opening, not farther away than ``KEPT``."""
-
-    @property
-    def place(self) -> tuple[Motion, float | None, int]:
-        """Where to go on from, and after how many steps."""
-        return self.motion, self.opening, self.steps
+    """Of the echoes, per metre, radian and unit of the opening, not farther away than ``Settings.kept``."""
 
     @property
     def cost(self) -> float:
@@ -267,11 +243,14 @@ class _Fit:
     def best(self) -> _Found:
         """Follow the start, and where that explains nothing, the other starts: by few receivers, then by all."""
         few = self.few()
-        near = few.follow(np.eye(4), None if self.family is None else self.family.start)
-        if few.explained(near) and self.explained(found := self.follow(*near.place)):
-            return found
-        tried = sorted([near, *few.others()], key=lambda one: one.cost)
-        return min((self.follow(*one.place) for one in tried[:BEST]), key=lambda one: one.cost)
+        start = few.follow(np.eye(4), None if self.family is None else self.family.start)
+        if few.explained(start):
+            pose = self.follow(start.motion, start.opening, start.steps)
+            if self.explained(pose):
+                return pose
+        tried = sorted([start, *few.others()], key=lambda pose: pose.cost)[: SETTINGS.compared]
+        poses = [self.follow(pose.motion, pose.opening, pose.steps) for pose in tried]
+        return min(poses, key=lambda pose: pose.cost)
 
     def start(
         self, motion: Motion, opening: float | None, steps: int = 0, *, derive: bool = False
@@ -292,7 +271,7 @@ class _Fit:
         damping, units = 1e-3, self.units
         here = self.start(motion, opening, steps, derive=True)
         by = here.derivatives
-        for count in range(steps + 1, steps + MOST_STEPS + 1):
+        for count in range(steps + 1, steps + SETTINGS.steps + 1):
             assert by is not None  # of the start
             information = information_of(by)
             squares = units[:, None] * information * units
@@ -301,12 +280,12 @@ class _Fit:
                 least = np.diag(np.diag(squares) + 1e-12 * squares.max())
                 step = -np.linalg.solve(squares + damping * least, slope)
                 length = float(np.linalg.norm(step))
-                if length < SETTLED:
+                if length < SETTINGS.settled:
                     return replace(here, steps=count, settled=True, derivatives=by)
-                tried = self._moved(here, step * units, count, derive=length > KEPT)
+                tried = self._moved(here, step * units, count, derive=length > SETTINGS.kept)
                 if tried.cost < here.cost:
                     break
-                if damping > MOST_DAMPING:
+                if damping > 1e6:
                     return replace(here, steps=count, derivatives=by)
                 damping *= 6.0
             small = tried.cost > (1.0 - 1e-7) * here.cost
@@ -338,28 +317,27 @@ class _Fit:
     def few(self) -> "_Fit":
         """Return the fit of few receivers, chosen at random, and of the first transmissions."""
         receivers, transmissions = self.measured.shape
-        some = np.sort(np.random.default_rng(0).permutation(receivers)[:FEW_RECEIVERS])
-        return self.part(some, min(transmissions, FEW_TRANSMISSIONS))
+        some = np.sort(np.random.default_rng(0).permutation(receivers)[: SETTINGS.receivers])
+        return self.part(some, min(transmissions, SETTINGS.transmissions))
 
     def others(self) -> Iterator[_Found]:
         """Follow other starts, those whose echoes are nearest to the measured ones first, until one explains them."""
         family = self.family
-        cubes = 2.0 * qmc.Sobol(6 if family is None else 7, rng=0).random(4 * STARTS) - 1.0
-        inside = [
-            one for one in cubes if max(np.linalg.norm(one[:3]), np.linalg.norm(one[3:6])) <= 1.0
-        ][:STARTS]
+        starts = (
+            2.0 * qmc.Sobol(6 if family is None else 7, rng=0).random(4 * SETTINGS.starts) - 1.0
+        )
+        lengths = np.linalg.norm(starts[:, :6].reshape(-1, 2, 3), axis=2).max(axis=1)
+        reach = np.repeat([SETTINGS.shift, SETTINGS.turn], 3)
         tried = []
-        for one in inside:
-            opening = (
-                None
-                if family is None
-                else 0.5 * (family.low + family.high + one[6] * (family.high - family.low))
-            )
-            tried.append(self.start(motion_of(np.repeat(REACH, 3) * one[:6]), opening))
-        for one in sorted(tried, key=lambda one: one.cost)[:FOLLOWED]:
-            found = self.follow(*one.place)
-            yield found
-            if self.explained(found):
+        for start in starts[lengths <= 1.0][: SETTINGS.starts]:
+            opening = None
+            if family is not None:
+                opening = 0.5 * (family.low + family.high + start[6] * (family.high - family.low))
+            tried.append(self.start(motion_of(reach * start[:6]), opening))
+        for start in sorted(tried, key=lambda start: start.cost)[: SETTINGS.followed]:
+            pose = self.follow(start.motion, start.opening, start.steps)
+            yield pose
+            if self.explained(pose):
                 return
 
     def part(self, receivers: Int64[np.ndarray, "some"], transmissions: int) -> "_Fit":
@@ -380,17 +358,19 @@ class _Fit:
         pose has taken up of it is about as much for each of its own, so that it is divided by these
         and not by the number of pressures.
         """
-        whole = power(self.measured)
-        return 2.0 * max(self.misfit(found) ** 2 - SOLVED**2, 0.0) * whole / SHAPE_FREEDOM
+        # Solvers and interpolation leave 5 % unexplained, which is not the shape's. A wrong shape has
+        # about 8 degrees of freedom: two fingers' ends and radii, less the six of a pose.
+        excess = max(self.misfit(found) ** 2 - 0.05**2, 0.0)
+        return 2.0 * excess * power(self.measured) / 8
 
     def explained(self, found: _Found) -> bool:
         """Whether a pose is to be believed; receivers that fit nothing do not count."""
         missing = self.missing(found)
         if not len(missing):
-            return self.misfit(found) <= EXPLAINED
+            return self.misfit(found) <= MAX_MISFIT
         kept = np.setdiff1d(np.arange(len(self.measured)), missing)
         alone = replace(found, residual=found.residual[kept], derivatives=None)
-        return _Fit(self.model, self.measured[kept], self.noise).misfit(alone) <= EXPLAINED
+        return _Fit(self.model, self.measured[kept], self.noise).misfit(alone) <= MAX_MISFIT
 
     def missing(self, found: _Found) -> Int64[np.ndarray, "missing"]:
         """Rows of receivers that fit nothing while most do: at most one in five."""
@@ -398,7 +378,7 @@ class _Fit:
         size = np.sqrt(np.mean(np.abs(self.measured) ** 2, axis=1))
         expected = np.sqrt(np.mean(np.abs(found.residual + self.measured) ** 2, axis=1))
         bad = np.flatnonzero(
-            (own > MISSING * np.median(own)) & (own > 0.5 * np.maximum(size, expected))
+            (own > 5.0 * np.median(own)) & (own > 0.5 * np.maximum(size, expected))
         )
         return bad if len(bad) <= 0.2 * len(own) else np.zeros(0, dtype=np.int64)
 
@@ -417,11 +397,11 @@ def _located(
     by = found.derivatives
     assert by is not None  # the last pose of steps has them
     information = information_of(by)
-    least = (
-        UNDETERMINED
-        if fit.family is None
-        else max(UNDETERMINED_OPENING, OF_ERROR * fit.family.error)
-    )
+    least = 1e-3
+    if fit.family is not None:
+        # The derivative by the opening lacks the waves that the matrices leave out, and is off by
+        # more than the interpolated matrix is.
+        least = max(5e-3, 10.0 * fit.family.error)
     _check_determined(information, fit.units, least, pose, *fit.measured.shape)
     to_array = np.eye(len(information))
     to_array[:6, :6] = np.kron(np.eye(2), pose.rotation)
@@ -437,7 +417,7 @@ def _located(
         bound=(fit.noise**2 if fit.noise else np.nan) * unit,
         residual=float(np.sqrt(found.cost / size)),
         misfit=misfit,
-        converged=bool(found.settled and misfit <= EXPLAINED and inside),
+        converged=bool(found.settled and misfit <= MAX_MISFIT and inside),
         steps=found.steps,
         centre=pose.apply(centre[None])[0],
         left_out=left_out,
@@ -458,13 +438,12 @@ def _check_determined(
     if values[0] > least**2 * values[-1]:
         return
     effect, motion = np.sqrt(max(values[0], 0.0) / values[-1]), vectors[:, 0]
-    shift, turn, opening = (
-        float(np.linalg.norm(motion[some])) for some in (slice(3), slice(3, 6), slice(6, 7))
-    )
+    shift = float(np.linalg.norm(motion[:3]))
+    turn = float(np.linalg.norm(motion[3:6]))
+    opening = float(np.linalg.norm(motion[6:]))
     x, y, z = pose.rotate(motion[3:6] if turn > shift else motion[:3]) / max(shift, turn, 1e-12)
-    parts = [
-        f"{'a turn about' if turn > shift else 'a translation along'} ({x:.2f}, {y:.2f}, {z:.2f})"
-    ]
+    kind = "a turn about" if turn > shift else "a translation along"
+    parts = [f"{kind} ({x:.2f}, {y:.2f}, {z:.2f})"]
     if opening > 0.1:
         parts = ["a change of the opening", *(parts if max(shift, turn) > 0.1 else [])]
     raise InvalidInput(
@@ -495,29 +474,97 @@ def check_start(echoes: Echoes, scene: Scene, array: PhasedArray, start: Pose) -
         )
     seen = array.seen_from(start)
     check_placement(scene, seen)
-    _check_pressures(echoes)
+    pressures = np.asarray(echoes.pressures)
+    if echoes.valid is not None:
+        pressures = pressures[np.asarray(echoes.valid)]
+    rms = float(np.sqrt(np.mean(np.abs(pressures) ** 2)))
+    if rms == 0.0 or (echoes.noise is not None and rms < 1.05 * echoes.noise):
+        raise InvalidInput(
+            f"the echoes have {rms:.3g} Pa rms, hardly more than the noise of "
+            f"{echoes.noise or 0.0:.3g} Pa: they say nothing about the bodies.",
+            code="signal_unusable",
+        )
+    for values in (np.abs(pressures), np.abs(np.real(pressures)), np.abs(np.imag(pressures))):
+        check_not_clipped(values.reshape(-1))
     return seen
 
 
-def _check_pressures(echoes: Echoes) -> None:
-    """Raise "signal_unusable" or "clipped"."""
-    pressures = np.asarray(echoes.pressures)[
-        () if echoes.valid is None else np.asarray(echoes.valid)
-    ]
-    size = np.abs(pressures)
-    rms = float(np.sqrt(np.mean(size**2)))
-    if rms == 0.0 or (echoes.noise is not None and rms < 1.05 * echoes.noise):
-        raise InvalidInput(
-            f"the echoes have {rms:.3g} Pa rms, hardly more than the noise of {echoes.noise or 0.0:.3g} Pa: they hold "
-            "nothing of the bodies.",
-            code="signal_unusable",
-        )
-    parts = np.abs(np.stack([np.real(pressures), np.imag(pressures)]))
-    for values in (size, *parts):
-        equal = int(np.sum(values > (1.0 - 1e-6) * values.max()))
-        if equal > max(CLIPPED * values.size, 8):
-            raise InvalidInput(
-                f"{equal} of {values.size} pressures have the same largest value of {values.max():.4g} Pa: they were "
-                "clipped; measure again with less gain.",
-                code="signal_unusable",
-            )
+def power(pressures: Received) -> float:
+    """Sum of squares [Pa²]."""
+    return float(np.sum(np.abs(pressures) ** 2, dtype=np.float64))
+
+
+def information_of(
+    by: Complex[np.ndarray, "unknowns receivers transmissions"],
+) -> Float64[np.ndarray, "unknowns unknowns"]:
+    """Real part of the products of derivatives."""
+    parts = np.ascontiguousarray(by).reshape(len(by), -1).view(np.real(by).dtype)
+    return (parts @ parts.T).astype(np.float64)
+
+
+def disagreement(
+    by: Complex[np.ndarray, "unknowns receivers transmissions"],
+    residual: Received,
+    inverse: Float64[np.ndarray, "unknowns unknowns"],
+    places: Float64[np.ndarray, "receivers 3"],
+) -> float:
+    """How much more receivers in different places disagree about the pose than noise would make them; about 1 for that.
+
+    What a wrong shape leaves unexplained is alike at neighbouring receivers, so that many of them
+    make the pose no surer. Groups of neighbours are taken as the independent data, as in K.-Y.
+    Liang and S. L. Zeger, Biometrika 73, 13 (1986): the mean over all unknowns of the variance by
+    groups over that of independent receivers.
+    """
+    count = min(16, len(places) // 4)
+    if count < 2:
+        return 1.0
+    groups = kmeans2(places, count, rng=0, minit="++")[1]
+    scores = np.real(by.conj() * residual).sum(axis=2, dtype=np.float64)
+    summed = np.stack([np.bincount(groups, one, count) for one in scores])
+    mean = power(residual) / max(np.count_nonzero(residual), 1) / 2.0
+    return float(np.sum(summed * (inverse @ summed))) * count / (count - 1) / (mean * len(by))
+
+
+def unexplained(
+    echoes: Echoes, scattering: ScatteringMatrix, array: PhasedArray, pose: Pose
+) -> Float64[np.ndarray, "receivers"]:
+    """Return what the model leaves unexplained at each receiver, noise included, over the rms of all echoes.
+
+    Parameters
+    ----------
+    echoes : measured, less what the empty array receives.
+    scattering : of the bodies.
+    array : the transducers in their own frame, in the order of the codes.
+    pose : of the bodies, from their frame to the array's, such as ``Located.pose``.
+
+    Returns
+    -------
+    (R,) root mean square over the transmissions; NaN where a receiver received none. About 1.4 everywhere for a pose
+    that explains nothing, and the share of noise for one that explains all.
+
+    Raises
+    ------
+    InvalidInput
+        "sizes_differ": echoes of another array; "bodies_overlap": an element stands among the bodies.
+
+    Examples
+    --------
+    >>> import airtact as at
+    >>> scene = at.Scene(at.air(celsius=20.0), [at.sound_hard(at.sphere(radius=5e-3, edge=2e-3))])
+    >>> array, codes = at.surrounding_box(), at.sensing.random_codes(996, 4)
+    >>> scattering = at.scattering_matrix(at.SphereSeries(), scene)
+    >>> echoes = at.simulate_echoes(scattering, scene, array, codes, noise=40.0)
+    >>> bool(unexplained(echoes, scattering, array, at.Pose.identity()).max() < 0.03)
+    True
+    """
+    check_elements(echoes, array, "echoes")
+    waves = array_waves(scattering, array.seen_from(pose), scattering.order)
+    expected = waves.echo(scattering, np.asarray(echoes.codes))[echoes.receiving]
+    received = (
+        np.ones(expected.shape, dtype=bool) if echoes.valid is None else np.asarray(echoes.valid)
+    )
+    pressures = np.asarray(echoes.pressures)
+    off = np.sum(np.abs(np.where(received, pressures - expected, 0.0)) ** 2, axis=1)
+    count = received.sum(axis=1)
+    mean = np.divide(off, count, out=np.full(len(off), np.nan), where=count > 0)
+    return np.sqrt(mean / np.mean(np.abs(pressures[received]) ** 2))

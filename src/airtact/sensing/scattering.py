@@ -8,23 +8,26 @@ none, the scattered pressure on the same sphere. (The matrix: P. C. Waterman, J.
 45, 1417, 1969; P. A. Martin, Multiple Scattering, 2006, chapter 7.)
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 import scipy.linalg
 from jaxtyping import Complex64, Complex128, Float32, Float64
+from numpy.polynomial import chebyshev
 
 from airtact.acoustics.scene import Scene, check_no_planes
 from airtact.acoustics.solvers.problem import Solver, SolveReport
 from airtact.acoustics.solvers.spherical.multipole_field import ball_of
 from airtact.acoustics.sources import Monopoles
-from airtact.checks import counted, of_kind, within
+from airtact.checks import number, of_kind, within
 from airtact.errors import InvalidInput
 from airtact.geometry.mesh.quadratic_triangles import panel_areas, points_at, unit
 from airtact.printing import one_line
 from airtact.sensing.waves import (
     Waves,
+    along_motions,
     harmonics,
     mixed,
     of_waves,
@@ -35,39 +38,11 @@ from airtact.sensing.waves import (
     wave_count,
 )
 
-GAP = 1.0
-"""Gap between the ball around the bodies and the sphere of sources, in wavelengths."""
-
-SPARE = 3
-"""Orders beyond those of the matrix that the quadrature on the sphere tells apart."""
-
-LEAST_REACHING = 1.0
-"""Least pressure on and under the surfaces of the patterns that the bodies are solved for, relative to the strongest,
-over the accuracy of the matrix. Two fingers' matrix is 0.0002 off at 0.005."""
-
-PATTERNS_LEFT_OUT = 3e-4
-"""Part of the matrix (Frobenius) that may be left out of products with it in single precision."""
-
-LOSSES = 1e-3
-"""Part of the matrix among the patterns (Frobenius) off its diagonal up to which that is taken for a solver's error."""
-
-SHARE = 0.618
-"""Part of the imaginary part that is added to the real one, so that different eigenvalues make different sums."""
-
-LARGEST_ORDER = 80
+MAX_ORDER = 80
 """Highest order of a matrix: 6,561 waves."""
 
-DENSITY = 30
-"""Points on the surfaces, per square wavelength."""
-
-UNDER = 0.2
-"""Depth of the points under the surfaces, in wavelengths."""
-
-AT_ONCE = 4096
-"""Points at which waves are computed at once."""
-
-WORTHWHILE = 0.8
-"""Patterns over waves from which on they save no work."""
+MAX_INTERPOLATION_ERROR = 0.02
+"""Largest relative error of a matrix interpolated between those of a family."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,12 +85,13 @@ class ScatteringMatrix:
         Few patterns of the waves reach the bodies where these fill little of their ball, which
         halves the work.
         """
-        patterns = self.__dict__.get("patterns")  # not worth finding for a matrix that serves once
+        # Looked up, not computed: finding the patterns does not pay for a matrix that serves once.
+        patterns = self.__dict__.get("patterns")
         if patterns is None:
             return self.single @ regular
-        some, among = patterns
-        inside = mixed(some.T, regular)
-        return mixed(some, among @ inside if among.shape[1] > 1 else among * inside)
+        basis, among = patterns
+        inside = mixed(basis.T, regular)
+        return mixed(basis, among @ inside if among.shape[1] > 1 else among * inside)
 
     @cached_property
     def patterns(
@@ -136,17 +112,20 @@ class ScatteringMatrix:
         squares, patterns = scipy.linalg.eigh(parts.T @ parts, overwrite_a=True, check_finite=False)
         left_out = np.cumsum(np.maximum(squares, 0.0), dtype=np.float64)
         count = len(squares)
-        kept = count - int(np.searchsorted(left_out, PATTERNS_LEFT_OUT**2 * left_out[-1]))
+        # Up to 3e-4 of the matrix (Frobenius) is left out, far below a solver's error.
+        kept = count - int(np.searchsorted(left_out, 3e-4**2 * left_out[-1]))
         if kept * (count + kept) > count**2:
             return None
-        some = np.ascontiguousarray(patterns[:, -kept:])
-        among = mixed(some.T, mixed(some.T, self.single).T)
-        own = _eigenvectors(among.astype(np.complex128)).astype(np.float32)
-        alone = mixed(own.T, mixed(own.T, among).T)
-        eigenvalues = np.diag(alone)[:, None]
-        if np.linalg.norm(alone - np.diag(eigenvalues[:, 0])) > LOSSES * np.linalg.norm(alone):
-            return some, among
-        return some @ own, eigenvalues.copy()
+        basis = np.ascontiguousarray(patterns[:, -kept:])
+        among = mixed(basis.T, mixed(basis.T, self.single).T)
+        turn = _eigenvectors(among.astype(np.complex128)).astype(np.float32)
+        diagonal = mixed(turn.T, mixed(turn.T, among).T)
+        eigenvalues = np.diag(diagonal)[:, None]
+        off_diagonal = diagonal - np.diag(eigenvalues[:, 0])
+        # A larger rest is absorption, not a solver's error, and then there are no such eigenvectors.
+        if np.linalg.norm(off_diagonal) > 1e-3 * np.linalg.norm(diagonal):
+            return basis, among
+        return basis @ turn, eigenvalues.copy()
 
     @cached_property
     def single(self) -> Complex64[np.ndarray, "waves waves"]:
@@ -180,7 +159,8 @@ def _eigenvectors(
     one = np.eye(len(among))
     unitary = one + 2.0 * among
     unitary = unitary @ (1.5 * one - 0.5 * unitary.conj().T @ unitary)
-    both = unitary.real + SHARE * unitary.imag
+    # An irrational share, so that different eigenvalues make different sums.
+    both = unitary.real + 0.618 * unitary.imag
     return scipy.linalg.eigh(0.5 * (both + both.T), overwrite_a=True, check_finite=False)[1]
 
 
@@ -207,8 +187,8 @@ def scattering_matrix(
     Raises
     ------
     InvalidInput
-        "empty", "out_of_range", "too_many": bodies that need more than order 80, "data_missing": the solver
-        gives no field around them; or as the solver.
+        "empty", "out_of_range", "too_many": bodies that need more than order 80, "data_missing":
+        the solver gives no field around them; or as the solver.
 
     Examples
     --------
@@ -222,33 +202,34 @@ def scattering_matrix(
     accuracy = within(accuracy, 1e-4, 0.1, "accuracy", "parts of 1", "1 per cent is 0.01.")
     if not scene.obstacles:
         raise InvalidInput(
-            "the scene has 0 obstacles, so nothing is scattered; give bodies.", code="empty"
+            "the scene has no obstacles, so nothing is scattered; give bodies.", code="empty"
         )
     check_no_planes(scene, "a scattering matrix")
-    return _about(solver, scene, *(ball_of(scene) if ball is None else ball), accuracy)
-
-
-def _about(
-    solver: Solver, scene: Scene, centre: Float64[np.ndarray, "3"], radius: float, accuracy: float
-) -> ScatteringMatrix:
-    """Solve the bodies of a scene for the regular waves about the middle of a ball that holds them."""
+    centre, radius = ball_of(scene) if ball is None else ball
     order = _order(scene.wavenumber.real * radius, accuracy)
-    outer = radius + GAP * scene.wavelength
-    directions, weights = _quadrature(order + SPARE)
+    outer = radius + scene.wavelength  # radius of the layer of sources
+    # Three spare orders keep the quadrature from mistaking waves for one another.
+    directions, weights = _quadrature(order + 3)
     waves = harmonics(order, directions)
     radial = of_waves(order, outgoing_radial(order, np.array([outer]), scene.wavenumber))
-    patterns = reaching_patterns(scene, centre, order, LEAST_REACHING * accuracy)
+    patterns = reaching_patterns(scene, centre, order, accuracy)
     amplitudes = 1.0 / (4j * np.pi * scene.wavenumber * radial)
     amplitudes = np.diag(amplitudes[:, 0]) if patterns is None else amplitudes * patterns
     layer = mixed((weights * waves).T, amplitudes)
     field = solver.radiate(scene, Monopoles(centre + outer * directions, layer))
-    if (sources := field.scattering_sources) is not None:
-        scattered = projected(
-            order, sources.positions - centre, sources.strengths, scene.wavenumber
-        )
+    sources = field.scattering_sources
+    if sources is not None:
+        offsets = sources.positions - centre
+        scattered = projected(order, offsets, sources.strengths, scene.wavenumber)
     else:
-        known = _known(field.scattered_at(centre + outer * directions), outer)
-        scattered = (weights * waves) @ known / radial
+        pressures = field.scattered_at(centre + outer * directions)
+        if not np.isfinite(pressures).all():
+            raise InvalidInput(
+                f"the solver gives no field {1e3 * outer:.3g} mm from the middle of the bodies. "
+                "Give a solver whose field is known all around them.",
+                code="data_missing",
+            )
+        scattered = (weights * waves) @ pressures / radial
     among = scattered if patterns is None else mixed(patterns.T, scattered)
     asymmetry = float(np.linalg.norm(among - among.T) / np.linalg.norm(among))
     matrix = _symmetric(scattered, patterns)
@@ -276,25 +257,10 @@ def _symmetric(
 def check_own(scattering: ScatteringMatrix, scene: Scene) -> None:
     """Raise "does_not_match" where the matrix is not of this very scene."""
     if scattering.scene is not scene:
-        count = counted(len(scattering.scene.obstacles), "body", "bodies")
         raise InvalidInput(
-            f"the scattering matrix is of another scene of {count}: give its own, scattering.scene.",
+            "the scattering matrix belongs to another scene; use scattering.scene.",
             code="does_not_match",
         )
-
-
-def _known(
-    scattered: Complex128[np.ndarray, "points waves"], outer: float
-) -> Complex128[np.ndarray, "points waves"]:
-    """Raise "data_missing" where a pressure on the sphere is unknown."""
-    if not np.isfinite(scattered).all():
-        unknown = int((~np.isfinite(scattered)).any(axis=1).sum())
-        raise InvalidInput(
-            f"the field is not known at {unknown} of {len(scattered)} points {1e3 * outer:.3g} mm from the middle of "
-            "the bodies; give a solver that knows it all around them.",
-            code="data_missing",
-        )
-    return scattered
 
 
 def _order(reach: float, accuracy: float) -> int:
@@ -305,9 +271,9 @@ def _order(reach: float, accuracy: float) -> int:
     measured on pairs of capsules.
     """
     order = int(np.ceil(reach + 0.8 * (-np.log10(accuracy)) ** (2 / 3) * np.cbrt(reach)))
-    if order > LARGEST_ORDER:
+    if order > MAX_ORDER:
         raise InvalidInput(
-            f"the bodies need waves up to order {order}, more than {LARGEST_ORDER}: give smaller bodies, such as the "
+            f"the bodies need waves up to order {order}, more than {MAX_ORDER}: give smaller bodies, such as the "
             "fingers without the hand, or a lower accuracy.",
             code="too_many",
         )
@@ -321,14 +287,11 @@ def _quadrature(
     cosines, weights = np.polynomial.legendre.leggauss(order + 1)
     azimuth = 2 * np.pi * np.arange(2 * order + 1) / (2 * order + 1)
     sines = np.sqrt(1.0 - cosines**2)
-    parts = (
-        np.outer(sines, np.cos(azimuth)),
-        np.outer(sines, np.sin(azimuth)),
-        np.outer(cosines, np.ones_like(azimuth)),
-    )
-    return np.stack(parts, axis=-1).reshape(-1, 3), np.repeat(
-        weights, len(azimuth)
-    ) * 2 * np.pi / len(azimuth)
+    x = np.outer(sines, np.cos(azimuth))
+    y = np.outer(sines, np.sin(azimuth))
+    z = np.outer(cosines, np.ones_like(azimuth))
+    weights = np.repeat(weights, len(azimuth)) * 2 * np.pi / len(azimuth)
+    return np.stack([x, y, z], axis=-1).reshape(-1, 3), weights
 
 
 def reaching_patterns(
@@ -346,34 +309,210 @@ def reaching_patterns(
     """
     points = _points_of(scene) - centre
     squares = np.zeros((wave_count(order), wave_count(order)), dtype=np.float32)
-    for first in range(0, len(points), AT_ONCE):
-        waves = regular_waves(order, points[first : first + AT_ONCE], scene.wavenumber.real).astype(
-            np.float32
-        )
+    for block in np.split(points, range(4096, len(points), 4096)):
+        waves = regular_waves(order, block, scene.wavenumber.real).astype(np.float32)
         squares += waves @ waves.T
     values, patterns = scipy.linalg.eigh(
         squares, overwrite_a=True, check_finite=False, driver="evd"
     )
     kept = int(np.count_nonzero(values > least**2 * values[-1]))
-    return patterns[:, -kept:].astype(np.float64) if kept < WORTHWHILE * len(values) else None
+    # With most of the patterns kept, the detour through them saves no work.
+    return patterns[:, -kept:].astype(np.float64) if kept < 0.8 * len(values) else None
 
 
 def _points_of(scene: Scene) -> Float64[np.ndarray, "points 3"]:
     """Points at random, evenly on the surfaces, and as many under them [m]."""
     random = np.random.default_rng(0)
-    surfaces = [one.surface for one in scene.obstacles]
     curved = np.concatenate(
         [
-            np.concatenate([one.corners, one.shape.edge_middles(one.corners)], axis=1)
-            for one in surfaces
+            np.concatenate([surface.corners, surface.shape.edge_middles(surface.corners)], axis=1)
+            for surface in (body.surface for body in scene.obstacles)
         ]
     )
     areas = np.cumsum(panel_areas(curved))
-    count = int(np.ceil(DENSITY * areas[-1] / scene.wavelength**2))
-    chosen = np.searchsorted(
-        areas, (np.arange(count) + random.random(count)) / count * areas[-1], side="right"
-    )
+    count = int(np.ceil(30 * areas[-1] / scene.wavelength**2))  # 30 per square wavelength
+    levels = (np.arange(count) + random.random(count)) / count * areas[-1]
+    chosen = np.minimum(np.searchsorted(areas, levels, side="right"), len(areas) - 1)
     places = random.random((count, 2))
     places = np.where(places.sum(axis=1, keepdims=True) > 1.0, 1.0 - places, places)
-    points, normals = points_at(curved[np.minimum(chosen, len(areas) - 1)], places)
-    return np.concatenate([points, points - UNDER * scene.wavelength * unit(normals)])
+    points, normals = points_at(curved[chosen], places)
+    return np.concatenate([points, points - 0.2 * scene.wavelength * unit(normals)])
+
+
+@dataclass(frozen=True, eq=False)
+class ScatteringFamily:
+    """What bodies scatter that change with one unknown parameter; ``scattering_family`` makes it.
+
+    Each entry of the matrix is the polynomial through its values at the zeros of a Chebyshev
+    polynomial, where interpolation of smooth functions is near the best (L. N. Trefethen,
+    Approximation Theory and Approximation Practice, 2013, chapters 3 and 4). The derivative by the
+    parameter is that of the polynomial, so a fit is exact for its own model.
+
+    Attributes
+    ----------
+    scene_of : makes the bodies for a value of the number.
+    low, high : least and largest value.
+    start : value from which ``locate`` starts.
+    matrices : of the N values at which the bodies were solved, all about one centre.
+    """
+
+    scene_of: Callable[[float], Scene]
+    low: float
+    high: float
+    start: float
+    matrices: tuple[ScatteringMatrix, ...]
+
+    def __repr__(self) -> str:
+        first = self.matrices[0]
+        return one_line(
+            self,
+            f"{len(self.matrices)} values from {self.low:.4g} to {self.high:.4g}",
+            f"{len(first.matrix)} waves, order {first.order}",
+            f"ball of {1e3 * first.radius:.3g} mm",
+            f"interpolated to {100 * self.error:.2g} %",
+        )
+
+    @property
+    def scene(self) -> Scene:
+        """The bodies at one of the values that were solved; medium and frequency are the same for all."""
+        return self.matrices[0].scene
+
+    def at(self, value: float) -> ScatteringMatrix:
+        """Return the scattering matrix for a value, which has no report or scene of its own."""
+        return self._sum(chebyshev.chebvander(self._scaled(value), len(self.matrices) - 1)[0])
+
+    def derivative(self, value: float) -> ScatteringMatrix:
+        """Return the derivative of the scattering matrix by the number."""
+        terms = np.eye(len(self.matrices))
+        by_scaled = np.asarray(
+            chebyshev.chebval(self._scaled(value), chebyshev.chebder(terms, axis=0))
+        )
+        return self._sum(2.0 / (self.high - self.low) * by_scaled)
+
+    @cached_property
+    def error(self) -> float:
+        """Relative error of the interpolation, from how fast the coefficients of Chebyshev polynomials fall."""
+        sizes = np.linalg.norm(self._coefficients, axis=1)
+        return float(sizes[-1] ** 2 / max(sizes[-2] * sizes[0], 1e-300))
+
+    @cached_property
+    def effect(self) -> float:
+        """How much a change of the number changes the matrix, over what a translation of 1 m changes."""
+        middle = 0.5 * (self.low + self.high)
+        here, change = self.at(middle).matrix, self.derivative(middle).matrix
+        wavenumber = self.scene.wavenumber.real
+        moved = [one + one.T for one in along_motions(np.ascontiguousarray(here), wavenumber)[:3]]
+        return float(
+            np.linalg.norm(change) / np.sqrt(np.mean([np.linalg.norm(one) ** 2 for one in moved]))
+        )
+
+    def _scaled(self, value: float) -> float:
+        return (2.0 * value - self.low - self.high) / (self.high - self.low)
+
+    @cached_property
+    def _coefficients(self) -> Complex128[np.ndarray, "values entries"]:
+        """Coefficients of Chebyshev polynomials of each entry of the matrix."""
+        count = len(self.matrices)
+        terms = chebyshev.chebvander(chebyshev.chebpts1(count), count - 1) * (2.0 / count)
+        terms[:, 0] *= 0.5
+        return terms.T @ np.stack([one.matrix.reshape(-1) for one in self.matrices])
+
+    def _sum(self, weights: Float64[np.ndarray, "values"]) -> ScatteringMatrix:
+        first = self.matrices[0]
+        return replace(first, matrix=(weights @ self._coefficients).reshape(first.matrix.shape))
+
+
+def scattering_family(
+    solver: Solver,
+    scene_of: Callable[[float], Scene],
+    low: float,
+    high: float,
+    *,
+    start: float | None = None,
+    values: int = 5,
+    accuracy: float = 0.005,
+) -> ScatteringFamily:
+    """Solve bodies that change with one number, such as the gap of two fingers, for a few values of it.
+
+    ``locate`` finds the number together with the pose. Each value takes a scattering matrix, which
+    ``Stored(solver, folder)`` keeps. Between the values the matrix is interpolated: five values
+    reach to 2 mm on both sides at 40 kHz.
+
+    Parameters
+    ----------
+    solver : solves the bodies, as for ``scattering_matrix``.
+    scene_of : makes the bodies for a value of the number, always as many, in the same frame, medium
+        and frequency.
+    low, high : least and largest value of the number.
+    start : value from which ``locate`` starts; the middle unless given.
+    values : number of values that are solved, 3 to 12.
+    accuracy : as for ``scattering_matrix``.
+
+    Raises
+    ------
+    InvalidInput
+        "out_of_range": of the values; "does_not_match": the scenes do not belong together; "all_zero": the bodies do
+        not change with the number; "too_few": interpolation between them is more than 2 % off; or as
+        ``scattering_matrix``.
+
+    Examples
+    --------
+    >>> import airtact as at
+    >>> def balls(gap):
+    ...     two = [at.sphere(3e-3, 2e-3, (side * (3e-3 + gap / 2), 0, 0)) for side in (-1, 1)]
+    ...     return at.Scene(at.air(celsius=20.0), [at.sound_hard(one) for one in two], frequency=40e3)
+    >>> family = scattering_family(at.BoundaryElement(accuracy=0.05, estimate=False), balls, 4e-3, 6e-3, values=4)
+    >>> family.error < 0.01
+    True
+    """
+    of_kind(solver, Solver, "the solver", "one such as BoundaryElement()")
+    low = number(low, "an end of the range", "the number's unit")
+    high = number(high, "an end of the range", "the number's unit")
+    middle = 0.5 * (low + high)
+    start = middle if start is None else number(start, "the start", "the number's unit")
+    if not -np.inf < low < high < np.inf or not low <= start <= high:
+        raise InvalidInput(
+            f"the range {low:g} to {high:g} with the start {start:g} is not valid; give low < high "
+            "and a start between them.",
+            code="out_of_range",
+        )
+    if not isinstance(values, int | np.integer) or not 3 <= values <= 12:
+        raise InvalidInput(
+            f"a family is solved for a whole number of values from 3 to 12, not {values!r}.",
+            code="out_of_range",
+        )
+    chosen = middle + 0.5 * (high - low) * chebyshev.chebpts1(int(values))
+    scenes = [scene_of(float(value)) for value in chosen]
+    first = scenes[0]
+    for scene in scenes:
+        of_kind(scene, Scene, "what scene_of makes", "Scene(medium, bodies)")
+        if not scene.obstacles:
+            raise InvalidInput("a scene of the family has no obstacles.", code="empty")
+        if scene.wavenumber != first.wavenumber or len(scene.obstacles) != len(first.obstacles):
+            raise InvalidInput(
+                f"scenes of one family have {len(first.obstacles)} and {len(scene.obstacles)} "
+                f"bodies at {first.frequency:g} and {scene.frequency:g} Hz, in {first.medium} and "
+                f"{scene.medium}: only the shape of the bodies may change.",
+                code="does_not_match",
+            )
+    balls = [ball_of(scene) for scene in scenes]
+    centre = np.mean([middle for middle, _ in balls], axis=0)
+    radius = max(float(np.linalg.norm(middle - centre)) + size for middle, size in balls)
+    ball = (centre, radius)
+    matrices = tuple(scattering_matrix(solver, scene, accuracy, ball) for scene in scenes)
+    family = ScatteringFamily(scene_of, low, high, start, matrices)
+    shift = 0.5 * (high - low) * family.effect
+    if shift < 1e-7:
+        raise InvalidInput(
+            f"from {low:g} to {high:g} the bodies change no more than if they moved by "
+            f"{1e3 * shift:.1g} mm: scene_of must use the number.",
+            code="all_zero",
+        )
+    if family.error > MAX_INTERPOLATION_ERROR:
+        raise InvalidInput(
+            f"{len(matrices)} values from {low:g} to {high:g} are too few: between them the "
+            f"scattering matrix is {100 * family.error:.2g} % off, more than "
+            f"{100 * MAX_INTERPOLATION_ERROR:g} %. Give more values, or a smaller range.",
+            code="too_few",
+        )
+    return family

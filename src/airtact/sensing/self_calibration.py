@@ -26,29 +26,17 @@ from airtact.errors import InvalidInput
 from airtact.geometry.pose import Pose
 from airtact.printing import one_line
 from airtact.sensing.calibration_fit import ArrayFit, ArrayState, Information, motion_of
-from airtact.sensing.echoes import Echoes, check_elements
+from airtact.sensing.echoes import Echoes, check_elements, check_not_clipped
 from airtact.sensing.transmission import Pairs, boards_of, facing
 from airtact.transducers.calibration import save_calibration
 from airtact.transducers.element import check_pattern
 from airtact.transducers.layout import PhasedArray, join
 
-EXPLAINED = 0.1
-"""Direct sound that is left unexplained beyond noise, as a share of all, up to which a calibration is believed."""
+MAX_MISFIT = 0.1
+"""Largest share of the direct sound that a believed calibration leaves unexplained beyond noise."""
 
-DEAD = 0.1
-"""Rms of the direct sound from or at an element, over that of the median, under which the element is dead."""
-
-APART = 1e-6
-"""Least over largest eigenvalue of codes that tell the elements apart."""
-
-CLIPPED = 0.05
-"""Share of pressures of one size, the largest, from which on they were clipped."""
-
-WORST_DEVIATION = 1e-3
-"""Largest standard deviation of a combination of unknowns that counts as determined [m]."""
-
-NAMED = 0.3
-"""Share of a combination from which on an unknown is named."""
+SAME_POWER = 1e-6
+"""Smallest ratio of eigenvalues of codes that separate the elements."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,11 +97,9 @@ class Calibrated:
     @property
     def shifts(self) -> Float64[np.ndarray, "boards 3"]:
         """(B, 3) how far the middle of each board is off where it was believed to be [m]."""
-        middles = (
-            one.positions.reshape(len(self.motions), -1, 3).mean(axis=1)
-            for one in (self.array, self.believed)
-        )
-        return next(middles) - next(middles)
+        boards = len(self.motions)
+        here = self.array.positions.reshape(boards, -1, 3).mean(axis=1)
+        return here - self.believed.positions.reshape(boards, -1, 3).mean(axis=1)
 
     def as_emitted(self, echoes: Echoes) -> Echoes:
         """Return echoes as received by the gains by which the elements emit, which ``locate`` takes as those of both.
@@ -123,11 +109,7 @@ class Calibrated:
         InvalidInput
             "sizes_differ": echoes of another array; "data_missing": leave these out of ``receivers`` first.
         """
-        if len(echoes.codes) != len(self.array):
-            raise InvalidInput(
-                f"the echoes are of {len(echoes.codes)} elements, and the array has {len(self.array)}.",
-                code="sizes_differ",
-            )
+        check_elements(echoes, self.array, "echoes")
         received = self.reception[echoes.receiving]
         if dead := echoes.receiving[received == 0.0].tolist():
             raise InvalidInput(
@@ -171,9 +153,9 @@ def calibrate(
     Raises
     ------
     InvalidInput
-        "sizes_differ", "unknown_name": of the array; "given_twice": codes that do not separate the elements;
-        "misplaced": elements or boards that face no others; "signal_unusable", "clipped"; "pose_not_found": the
-        transmissions do not determine some combination, which is named.
+        "sizes_differ", "unknown_name": the array; "given_twice": codes that do not separate the
+        elements; "misplaced": elements or boards that face no others; "signal_unusable";
+        "pose_not_found": the transmissions do not determine some combination, which is named.
 
     Examples
     --------
@@ -190,7 +172,12 @@ def calibrate(
     >>> found.converged, f"{1e3 * found.shifts[1, 0]:.2f} mm"
     (True, '0.30 mm')
     """
-    parts = _checked(echoes, array, medium, boards)
+    of_kind(echoes, Echoes, "the transmissions", "Echoes(codes, pressures)")
+    of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
+    of_kind(medium, Medium, "the medium", "air(celsius=20.0)")
+    check_elements(echoes, array, "transmissions")
+    check_pattern(array.element, medium.wavenumber(echoes.frequency))
+    parts = boards_of(array, boards)
     alone, noise = _separated(echoes)
     heard = _facing_pairs(echoes, parts)
     dead = _dead(alone, heard, noise)
@@ -198,20 +185,8 @@ def calibrate(
     _check_heard(alone, heard, len(parts), noise, dead)
     fit = ArrayFit(np.where(heard, alone, 0.0), heard)
     level = noise**2 * int(heard.sum()) / float(np.sum(np.abs(fit.measured) ** 2))
-    found = fit.best(tuple(parts), medium.wavenumber(echoes.frequency), 1.5 * level + EXPLAINED**2)
+    found = fit.best(tuple(parts), medium.wavenumber(echoes.frequency), 1.5 * level + MAX_MISFIT**2)
     return _calibrated(fit, found, noise, array, echoes, dead)
-
-
-def _checked(
-    echoes: Echoes, array: PhasedArray, medium: Medium, boards: int | None
-) -> list[PhasedArray]:
-    """Return the boards; raise for echoes of another array."""
-    of_kind(echoes, Echoes, "the transmissions", "Echoes(codes, pressures)")
-    of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
-    of_kind(medium, Medium, "the medium", "air(celsius=20.0)")
-    check_elements(echoes, array, "transmissions")
-    check_pattern(array.element, medium.wavenumber(echoes.frequency))
-    return boards_of(array, boards)
 
 
 def _separated(echoes: Echoes) -> tuple[Pairs, float]:
@@ -219,9 +194,9 @@ def _separated(echoes: Echoes) -> tuple[Pairs, float]:
     codes, receivers = np.asarray(echoes.codes), echoes.receiving
     squares = codes @ codes.conj().T
     power = np.diag(np.diag(squares))
-    orthogonal = np.abs(squares - power).max() < APART * np.abs(power).max()
+    orthogonal = np.abs(squares - power).max() < SAME_POWER * np.abs(power).max()
     values = np.real(np.diag(squares)) if orthogonal else np.linalg.eigvalsh(squares)
-    apart = int(np.sum(values > APART * values.max()))
+    apart = int(np.sum(values > SAME_POWER * values.max()))
     if apart < len(codes):
         raise InvalidInput(
             f"{counted(codes.shape[1], 'transmission tells', 'transmissions tell')} {apart} of {len(codes)} elements "
@@ -247,19 +222,9 @@ def _facing_pairs(
                 heard[here, there] = facing(boards[one], boards[other])
     heard[np.setdiff1d(np.arange(total), echoes.receiving)] = False
     emitting = np.asarray(echoes.codes) != 0.0
-    _check_clipped(np.abs(np.asarray(echoes.pressures))[heard[echoes.receiving] @ emitting])
+    facing_pairs = heard[echoes.receiving] @ emitting
+    check_not_clipped(np.abs(np.asarray(echoes.pressures))[facing_pairs])
     return heard
-
-
-def _check_clipped(size: Float64[np.ndarray, "pressures"]) -> None:
-    """Raise where many pressures have the same largest size."""
-    equal = int(np.sum(size > (1.0 - 1e-6) * size.max())) if len(size) else 0
-    if equal > max(CLIPPED * len(size), 8):
-        raise InvalidInput(
-            f"{equal} of {len(size)} pressures have the same largest value of {size.max():.4g} Pa: they were clipped; "
-            "measure again with less gain.",
-            code="signal_unusable",
-        )
 
 
 def _dead(
@@ -271,7 +236,7 @@ def _dead(
         count = heard.sum(axis=axis)
         size = np.sqrt(np.maximum(power.sum(axis=axis) / np.maximum(count, 1) - noise**2, 0.0))
         typical = np.median(size[count > 0]) if count.any() else 0.0
-        dead.append(np.flatnonzero((count > 0) & (size < DEAD * typical)))
+        dead.append(np.flatnonzero((count > 0) & (size < 0.1 * typical)))
     return np.union1d(*dead)
 
 
@@ -325,7 +290,7 @@ def _calibrated(
     misfit = float(np.sqrt(max(found.cost - of_noise, 0.0) / max(whole - of_noise, 1e-300)))
     equations = fit.information(found)
     variance = found.cost / max(int(fit.counted.sum()) - 2 * len(array), 1) / 2.0
-    converged = bool(found.settled and misfit <= EXPLAINED)
+    converged = bool(found.settled and misfit <= MAX_MISFIT)
     if converged:
         _check_determined(equations, variance, echoes)
     covariance = variance * np.linalg.pinv(equations.squares, hermitian=True)
@@ -356,15 +321,14 @@ def _calibrated(
 def _check_determined(equations: Information, variance: float, echoes: Echoes) -> None:
     """Raise "pose_not_found" where a combination of unknowns is not determined."""
     values, vectors = np.linalg.eigh(equations.squares)
-    if values[0] > 1e-12 * values[-1] and variance < values[0] * WORST_DEVIATION**2:
+    # A combination known to better than 1 mm is determined.
+    if values[0] > 1e-12 * values[-1] and variance < values[0] * 1e-3**2:
         return
     boards = range(1, 1 + len(values) // 6)
     names = [f"the {what} of board {board}" for board in boards for what in ("position", "angles")]
     shares = np.append(np.linalg.norm(vectors[:-1, 0].reshape(-1, 3), axis=1), abs(vectors[-1, 0]))
     named = [
-        name
-        for name, share in zip([*names, "the sound speed"], shares, strict=True)
-        if share > NAMED
+        name for name, share in zip([*names, "the sound speed"], shares, strict=True) if share > 0.3
     ]
     sure = 1e3 * np.sqrt(variance / max(values[0], 1e-12 * values[-1]))
     raise InvalidInput(

@@ -1,7 +1,8 @@
-"""Echoes as a receiving array would measure them, from any solver: with noise, direct sound and dead receivers."""
+"""Simulated echoes of coded transmissions with the faults of a measurement, and the codes themselves."""
 
 import numpy as np
-from jaxtyping import Bool, Complex128, Int64, Integer, Num
+from jaxtyping import Bool, Complex128, Float64, Integer, Num
+from scipy.linalg import hadamard
 from scipy.spatial.distance import cdist
 
 from airtact.acoustics.scene import Scene, check_no_planes
@@ -9,14 +10,101 @@ from airtact.acoustics.solvers.problem import Solver
 from airtact.acoustics.sources import Monopoles
 from airtact.checks import between, check_seed, of_kind
 from airtact.errors import InvalidInput
-from airtact.sensing.array_waves import array_waves, direct_sound, emitted_by_faces, heard_by_faces
-from airtact.sensing.echoes import Echoes
+from airtact.sensing.echo_model import array_waves
+from airtact.sensing.echoes import Codes, Echoes, check_numbers
 from airtact.sensing.scattering import ScatteringMatrix, check_own
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_placement
 
-LARGEST_RATIO = 300.0
-"""Largest ratio in decibels."""
+
+def single_codes(elements: int) -> Codes:
+    """One element alone in each of E transmissions, (E, E): the identity.
+
+    Raises
+    ------
+    InvalidInput
+        "out_of_range": of elements.
+    """
+    return np.eye(_count(elements, "elements"), dtype=np.complex128)
+
+
+def hadamard_codes(elements: int, transmissions: int | None = None) -> Codes:
+    """Signs from the rows of a Hadamard matrix by Sylvester's construction: all elements emit in every transmission.
+
+    Parameters
+    ----------
+    elements : E.
+    transmissions : M, from 1 to the next power of 2 at or above E, which is taken unless given;
+        with that many, each element's part can be separated, at the noise of E transmissions of it
+        alone.
+
+    Returns
+    -------
+    (E, M) codes of 1 and −1.
+
+    Raises
+    ------
+    InvalidInput
+        "out_of_range": of elements or transmissions.
+    """
+    size = 1 << (_count(elements, "elements") - 1).bit_length()
+    count = size if transmissions is None else _count(transmissions, "transmissions", size)
+    return hadamard(size)[:elements, :count].astype(np.complex128)
+
+
+def random_codes(
+    elements: int,
+    transmissions: int,
+    seed: int = 0,
+    parts: Integer[np.ndarray, "elements"] | None = None,
+) -> Codes:
+    """All elements at full scale with random phases, the same for the same seed: a field of speckles everywhere.
+
+    Parameters
+    ----------
+    elements, transmissions : E and M.
+    seed : of the random numbers, 0 or more.
+    parts : (E,) number of the part that each element belongs to, such as its board: the parts emit
+        in turn, one in each transmission, and the others can receive while it rings. All emit
+        together unless given.
+
+    Returns
+    -------
+    (E, M) codes of magnitude 1, or 0 where a part is silent.
+
+    Raises
+    ------
+    InvalidInput
+        "out_of_range": of elements, transmissions or seed; "sizes_differ": not one part for each
+        element.
+
+    Examples
+    --------
+    >>> random_codes(996, 16).shape
+    (996, 16)
+    """
+    shape = _count(elements, "elements"), _count(transmissions, "transmissions")
+    check_seed(seed)
+    codes = np.exp(2j * np.pi * np.random.default_rng(seed).random(shape))
+    if parts is None:
+        return codes
+    if len(parts) != elements:
+        raise InvalidInput(
+            f"{len(parts)} parts are given for {elements} elements; give one each.",
+            code="sizes_differ",
+        )
+    names = np.unique(parts)
+    emitting = names[np.arange(transmissions) % len(names)]
+    return np.where(np.asarray(parts)[:, None] == emitting, codes, 0.0)
+
+
+def _count(count: int, what: str, largest: int = 4096) -> int:
+    if not isinstance(count, int | np.integer) or not 1 <= count <= largest:
+        raise InvalidInput(
+            f"codes need a whole number of {what} from 1 to {largest}, not {count!r}.",
+            code="out_of_range",
+        )
+    return int(count)
 
 
 def simulate_echoes(
@@ -32,7 +120,7 @@ def simulate_echoes(
     ring_down: float | None = None,
     seed: int = 0,
 ) -> Echoes:
-    """Compute the echoes of coded transmissions, and spoil them as a measurement is spoilt.
+    """Compute the echoes of coded transmissions, with the faults of a measurement.
 
     An element receives the mean of the scattered pressure over its face, times its gain. The array
     reflects nothing.
@@ -57,9 +145,9 @@ def simulate_echoes(
     Raises
     ------
     InvalidInput
-        As ``Echoes`` and ``transfer_matrix``; "bodies_overlap"; "sizes_differ": codes of another array;
-        "does_not_match": the scattering matrix is of another scene; "out_of_range": of noise, subtraction, dead, ring_down
-        or seed; "link_failed": all elements ring when the echoes come.
+        As ``Echoes`` and ``transfer_matrix``; "bodies_overlap"; "sizes_differ": codes of another
+        array; "does_not_match": the scattering matrix is of another scene; "out_of_range": noise,
+        subtraction, dead, ring_down or seed; "link_failed": all elements ring when the echoes come.
 
     Examples
     --------
@@ -69,62 +157,9 @@ def simulate_echoes(
     >>> simulate_echoes(at.BoundaryElement(accuracy=0.05, estimate=False), scene, array, codes, noise=20.0)
     Echoes(249 elements, 4 transmissions, 249 receivers, 40000 Hz)
     """
-    of_kind(
-        made_by,
-        Solver | ScatteringMatrix,
-        "what echoes are made by",
-        "a solver or a scattering matrix",
-    )
+    solvers = Solver | ScatteringMatrix
+    of_kind(made_by, solvers, "what echoes are made by", "a solver or a scattering matrix")
     check_placement(scene, array)
-    given, receiving = _checked(array, codes, receivers, seed)
-    pressures = _scattered(made_by, scene, array, given)[receiving]
-    valid = None if ring_down is None else received_after(ring_down, scene, array, given)[receiving]
-    random, size = np.random.default_rng(seed), _rms(pressures, valid)
-    if subtraction is not None:
-        rest = ratio_of(subtraction, "the subtraction of direct sound") * direct_sound(
-            array, scene.wavenumber, given
-        )
-        pressures = pressures + rest[receiving] * normal_noise(random, pressures.shape)
-    pressures[np.isin(receiving, _dead(dead, len(array)))] = 0.0
-    deviation = None if noise is None else size * ratio_of(noise, "the noise")
-    pressures += (deviation or 0.0) * normal_noise(random, pressures.shape)
-    return Echoes(given, pressures, receiving, scene.frequency, deviation, valid)
-
-
-def received_after(
-    ring_down: float,
-    scene: Scene,
-    array: PhasedArray,
-    codes: Complex128[np.ndarray, "elements transmissions"],
-) -> Bool[np.ndarray, "elements transmissions"]:
-    """Whether an element is silent in a transmission, or its first echo comes after it has rung down, (E, M)."""
-    ring_down = between(
-        ring_down, 0.0, 1.0, "the ring-down", "s", "is it in milliseconds? Give seconds."
-    )
-    corners = np.unique(
-        np.concatenate([one.surface.corners.reshape(-1, 3) for one in scene.obstacles]), axis=0
-    )
-    away = cdist(array.positions, corners)
-    emits = codes != 0
-    first = np.stack([(away + away[some].min(axis=0)).min(axis=1) for some in emits.T], axis=1)
-    return ~emits | (first >= ring_down * scene.medium.sound_speed)
-
-
-def _rms(
-    pressures: Complex128[np.ndarray, "receivers transmissions"],
-    valid: Bool[np.ndarray, "receivers transmissions"] | None,
-) -> float:
-    some = pressures if valid is None else pressures[valid]
-    return float(np.linalg.norm(some) / np.sqrt(max(some.size, 1)))
-
-
-def _checked(
-    array: PhasedArray,
-    codes: Num[np.ndarray, "elements transmissions"],
-    receivers: Integer[np.ndarray, "receivers"] | None,
-    seed: int,
-) -> tuple[Complex128[np.ndarray, "elements transmissions"], Int64[np.ndarray, "receivers"]]:
-    """Return the codes and the numbers of the receivers, checked."""
     if len(codes) != len(array):
         raise InvalidInput(
             f"the codes are for {len(codes)} elements, and the array has {len(array)}.",
@@ -133,29 +168,90 @@ def _checked(
     check_seed(seed)
     count = len(array) if receivers is None else len(receivers)
     checked = Echoes(codes, np.zeros((count, codes.shape[1])), receivers)
-    return np.asarray(checked.codes), checked.receiving
-
-
-def _scattered(
-    made_by: Solver | ScatteringMatrix,
-    scene: Scene,
-    array: PhasedArray,
-    codes: Complex128[np.ndarray, "elements transmissions"],
-) -> Complex128[np.ndarray, "elements transmissions"]:
-    """Scattered pressure that each element receives [Pa]."""
+    drives, receiving = np.asarray(checked.codes), checked.receiving
     if isinstance(made_by, ScatteringMatrix):
         check_own(made_by, scene)
-        return array_waves(made_by, array, made_by.order).echo(made_by, codes)
-    faces = array.face_points.reshape(-1, 3)
+        pressures = array_waves(made_by, array, made_by.order).echo(made_by, drives)
+    else:
+        pressures = _solved_echoes(made_by, scene, array, drives)
+    pressures = pressures[receiving]
+    valid = None
+    size = pressures
+    if ring_down is not None:
+        valid = _received_after(ring_down, scene, array, drives)[receiving]
+        size = pressures[valid]
+    rms = float(np.linalg.norm(size) / np.sqrt(max(size.size, 1)))
+    random = np.random.default_rng(seed)
+    if subtraction is not None:
+        rest = ratio_of(subtraction, "the subtraction of direct sound")
+        direct = rest * direct_sound(array, scene.wavenumber, drives)
+        pressures = pressures + direct[receiving] * normal_noise(random, pressures.shape)
+    if dead is not None:
+        check_numbers(np.asarray(dead), len(array), "the dead element")
+        pressures[np.isin(receiving, dead)] = 0.0
+    deviation = None if noise is None else rms * ratio_of(noise, "the noise")
+    pressures += (deviation or 0.0) * normal_noise(random, pressures.shape)
+    return Echoes(drives, pressures, receiving, scene.frequency, deviation, valid)
+
+
+def _received_after(
+    ring_down: float, scene: Scene, array: PhasedArray, codes: Codes
+) -> Bool[np.ndarray, "elements transmissions"]:
+    """Whether an element is silent in a transmission, or its first echo comes after it has rung down."""
+    slip = "is it in milliseconds? Give seconds."
+    ring_down = between(ring_down, 0.0, 1.0, "the ring-down", "s", slip)
+    corners = [body.surface.corners.reshape(-1, 3) for body in scene.obstacles]
+    away = cdist(array.positions, np.unique(np.concatenate(corners), axis=0))
+    emits = codes != 0
+    paths = [(away + away[emitting].min(axis=0)).min(axis=1) for emitting in emits.T]
+    return ~emits | (np.stack(paths, axis=1) >= ring_down * scene.medium.sound_speed)
+
+
+def _solved_echoes(solver: Solver, scene: Scene, array: PhasedArray, codes: Codes) -> Codes:
+    """Scattered pressure that each element receives [Pa], by a solve for each code."""
     check_no_planes(scene, "a simulation of echoes")
-    field = made_by.radiate(scene, Monopoles(faces, emitted_by_faces(array, codes)))
-    return heard_by_faces(array, np.arange(len(array)), field.scattered_at(faces))
+    faces = array.face_points.reshape(-1, 3)
+    weights = array.element.weights
+    gains = (array.element.sensitivity * array.gains)[:, None, None] * weights[:, None]
+    strengths = (gains * codes[:, None, :]).reshape(-1, codes.shape[1])
+    scattered = solver.radiate(scene, Monopoles(faces, strengths)).scattered_at(faces)
+    over_faces = scattered.reshape(len(array), len(weights), -1)
+    return array.gains[:, None] * np.einsum("q,rqm->rm", weights, over_faces)
+
+
+def direct_sound(
+    array: PhasedArray, wavenumber: complex, codes: Codes
+) -> Float64[np.ndarray, "elements transmissions"]:
+    """Root of the summed squares of the pressures [Pa] that each element receives from all others.
+
+    In open air, each by its distance and the far patterns of both elements. An element with a front
+    neither emits nor receives behind its face; neighbours in the plane of its face count as at 90
+    degrees.
+    """
+    offsets = array.positions[:, None, :] - array.positions[None, :, :]
+    distance = np.linalg.norm(offsets, axis=-1)
+    np.fill_diagonal(distance, 1.0)
+    power = np.exp(-2 * wavenumber.imag * distance) / distance**2
+    np.fill_diagonal(power, 0.0)
+    if array.element.directional:
+        angles = np.radians(np.arange(91.0))
+        along = np.stack([np.sin(angles), 0 * angles, np.cos(angles)], axis=1)
+        pattern = np.abs(array.element.far_pattern(along, wavenumber.real)) ** 2
+        for cosine in (
+            np.einsum("red,ed->re", offsets, array.normals) / distance,
+            np.einsum("red,rd->re", -offsets, array.normals) / distance,
+        ):
+            towards = np.interp(cosine, np.cos(angles[::-1]), pattern[::-1])
+            power *= np.where(cosine < -1e-9, 0.0, towards)
+    gains = np.abs(array.gains) ** 2
+    power *= array.element.sensitivity**2 * gains[:, None] * gains
+    return np.sqrt(power @ np.abs(codes) ** 2)
 
 
 def ratio_of(decibels: float, what: str) -> float:
-    """Amplitude of the rest relative to that of echoes so many decibels above it."""
+    """Amplitude ratio of a disturbance that is so many decibels under the echoes."""
     slip = "it is how far the echoes, or the direct sound, stand above the rest."
-    return 10.0 ** (-between(decibels, -LARGEST_RATIO, LARGEST_RATIO, what, "dB", slip) / 20.0)
+    return 10.0 ** (-between(decibels, -300.0, 300.0, what, "dB", slip) / 20.0)
 
 
 def normal_noise(
@@ -163,14 +259,3 @@ def normal_noise(
 ) -> Complex128[np.ndarray, "receivers transmissions"]:
     """Complex normal numbers of unit mean square."""
     return (random.normal(size=shape) + 1j * random.normal(size=shape)) / np.sqrt(2.0)
-
-
-def _dead(given: Integer[np.ndarray, "dead"] | None, elements: int) -> Integer[np.ndarray, "dead"]:
-    numbers = np.zeros(0, dtype=np.int64) if given is None else np.asarray(given)
-    wrong = numbers[(numbers < 0) | (numbers >= elements)]
-    if len(wrong):
-        raise InvalidInput(
-            f"the dead element {wrong[0]} is none of {elements}: 0 to {elements - 1}.",
-            code="out_of_range",
-        )
-    return numbers

@@ -21,15 +21,6 @@ from airtact.transducers.boards import kind_of_array
 from airtact.transducers.element import check_pattern
 from airtact.transducers.layout import PhasedArray
 
-AT_ONCE = 1 << 18
-"""Pairs of face points whose sums are taken at once."""
-
-STEEPEST = 0.5
-"""Least cosine between a normal and the way of sound that counts: 60 degrees, beyond which real pistons differ."""
-
-NEAREST = 0.02
-"""Least distance of two elements whose direct sound counts [m]."""
-
 Pairs = Complex128[np.ndarray, "receivers emitters"]
 
 
@@ -59,7 +50,7 @@ def transmission(
     pressures = np.empty((len(receiving), emitters), dtype=np.complex128)
     slopes = np.empty((13, *pressures.shape), dtype=np.complex128)
     strengths = receiving.element.sensitivity * np.outer(weights, weights)
-    rows = max(1, AT_ONCE // (len(sources) * count))
+    rows = max(1, (1 << 18) // (len(sources) * count))
     for first in range(0, len(receiving), rows):
         block = slice(first, first + rows)
         points = faces[block].reshape(-1, 3)
@@ -94,10 +85,13 @@ def _summed(pairs: Complex128[np.ndarray, "points sources"], count: int, emitter
 def facing(
     receiving: PhasedArray,
     emitting: PhasedArray,
-    cosine: float = STEEPEST,
-    nearest: float = NEAREST,
+    cosine: float = 0.5,
+    nearest: float = 0.02,
 ) -> Bool[np.ndarray, "receivers emitters"]:
-    """Whether elements of two boards face each other, within 60 degrees, and are not side by side at an edge."""
+    """Whether elements of two boards face each other, and are not side by side at an edge.
+
+    By default within 60 degrees, beyond which real pistons differ, and more than 20 mm apart.
+    """
     away = receiving.positions[:, None, :] - emitting.positions
     distance = np.linalg.norm(away, axis=2)
     ahead = np.einsum("red,ed->re", away, emitting.normals)

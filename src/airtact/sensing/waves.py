@@ -26,9 +26,6 @@ from airtact import _kernels
 Waves = Complex[np.ndarray, "waves columns"]
 """Coefficients of waves, in single or double precision."""
 
-CUT = 1e-7
-"""Terms of an exponential below this are left out; in single precision those below ten times as much."""
-
 
 def wave_count(order: int) -> int:
     """Count the waves up to an order."""
@@ -211,9 +208,8 @@ def moved(twist: Real[np.ndarray, "6"], waves: Waves, wavenumber: float) -> Wave
     total = as_real(waves.copy())
     single = total.dtype == np.float32
     bessel = jv(np.arange(int(size + 8 * np.cbrt(size)) + 12), size)
-    bessel = bessel[
-        : max(int(np.flatnonzero(np.abs(bessel) > (10 * CUT if single else CUT))[-1]) + 1, 2)
-    ]
+    smallest = 1e-6 if single else 1e-7  # smaller terms of the sum are left out
+    bessel = bessel[: max(int(np.flatnonzero(np.abs(bessel) > smallest)[-1]) + 1, 2)]
     bessel[1:] *= 2.0
     parts = np.concatenate([wavenumber * np.asarray(twist[:3]), twist[3:]]) / size
     values, columns, rows = _together(order)

@@ -19,13 +19,15 @@ from airtact.errors import InvalidInput, NotConverged
 from airtact.files.atomic import whole_file, writable_folder
 from airtact.geometry.pose import Pose
 from airtact.reports.sense_page import Sensed, write_sense_page
-from airtact.sensing.codes import random_codes
 from airtact.sensing.echoes import Echoes, load_echoes
-from airtact.sensing.family import ScatteringFamily, scattering_family
-from airtact.sensing.registration import Located, locate
-from airtact.sensing.residual import unexplained
-from airtact.sensing.scattering import ScatteringMatrix, scattering_matrix
-from airtact.sensing.simulation import simulate_echoes
+from airtact.sensing.registration import Located, locate, unexplained
+from airtact.sensing.scattering import (
+    ScatteringFamily,
+    ScatteringMatrix,
+    scattering_family,
+    scattering_matrix,
+)
+from airtact.sensing.simulation import random_codes, simulate_echoes
 from airtact.setup import tables
 from airtact.setup.building import read_scene
 from airtact.setup.parsing import parse_scene

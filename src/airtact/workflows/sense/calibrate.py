@@ -9,9 +9,9 @@ from airtact.checks import check_seed
 from airtact.errors import InvalidInput, NotConverged
 from airtact.files.atomic import writable_folder
 from airtact.sensing.calibration_fit import moved
-from airtact.sensing.codes import hadamard_codes
 from airtact.sensing.echoes import Echoes, load_echoes
 from airtact.sensing.self_calibration import Calibrated, calibrate
+from airtact.sensing.simulation import hadamard_codes
 from airtact.sensing.transmission import boards_of, simulate_transmissions
 from airtact.setup.building import read_scene
 from airtact.timing import Clock, Progress, no_progress
