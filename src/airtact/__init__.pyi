@@ -34,14 +34,12 @@ from .acoustics.store import Stored as Stored
 from .acoustics.target import Target as Target
 from .acoustics.uncertainty import Uncertainty as Uncertainty
 from .drives.bounds import upper_bound as upper_bound
+from .drives.drive import Drive as Drive
 from .drives.drive import quantise as quantise
 from .drives.gerchberg_saxton import weighted_gerchberg_saxton as weighted_gerchberg_saxton
 from .drives.linear_methods import time_reversal as time_reversal
 from .drives.methods import best as best
 from .drives.robust_drives import robust as robust
-from .drives.transfer import (
-    Drive as Drive,
-)
 from .drives.transfer import (
     TransferMatrix as TransferMatrix,
 )

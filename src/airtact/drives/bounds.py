@@ -188,7 +188,7 @@ def _iterated(matrix: FociRows, start: Relaxed, iterations: int) -> Relaxed:
 def _certified(
     matrix: FociRows, weights: Float64[np.ndarray, "foci"], norms: Float64[np.ndarray, "elements"]
 ) -> UpperBound:
-    """Make a feasible point of the dual from weights and norms: scale y until the eigenvalue is 1."""
+    """Make a feasible point of the dual: scale y until the eigenvalue is 1."""
     multipliers = weights / weights.sum()
     # An element that reaches no focus needs no y, but a little keeps 1/y finite.
     elements = np.maximum(norms, 1e-12 * norms.max())

@@ -121,7 +121,7 @@ class Drive:
         path: str | Path,
         array: PhasedArray | None = None,
         scene: Scene | None = None,
-        transfer: "airtact.drives.transfer.TransferMatrix | None" = None,
+        transfer: "airtact.TransferMatrix | None" = None,
         target: Target | None = None,
         *,
         levels: Levels = EIGHT_BITS,

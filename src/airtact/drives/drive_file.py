@@ -60,7 +60,7 @@ FRAME_COLUMNS = (
     *("frame", "seconds", "element"),
     *("amplitude_level", "phase_level", "amplitude", "phase"),
 )
-"""Columns of a sequence's table, a line per element and frame; ``seconds`` is empty without a rate."""
+"""Columns of a sequence's table, a line per element and frame."""
 
 UNITS = {
     "positions": "m",
@@ -142,7 +142,7 @@ def save_drives(
     texts: Mapping[str, str] | None,
     modulation: AmplitudeModulation | None = None,
 ) -> None:
-    """Write the arguments of ``Drive.save`` or ``Sequence.save``; a drive has one frame, no rate."""
+    """Write a drive, which has one frame and no rate, or a sequence."""
     of_kind(path, str | Path, "the file of a drive", 'its path, such as "drive.h5"')
     of_kind(levels, Levels, "the levels of a drive", "Levels.even(256, 256)")
     of_kind(modulation, AmplitudeModulation | None, "the modulation", "AmplitudeModulation(200.0)")
@@ -342,14 +342,14 @@ def read_drive_file(path: Path) -> DriveFile:
 
 def _parsed(raw: Mapping[str, Any]) -> DriveFile:
     """Build the contents from datasets, checked one by one and against each other."""
-    points = {
+    points: dict[str, Any] = {
         name: points_of(raw[name], name) for name in ("positions", "normals", "foci") if name in raw
     }
     count = len(points.get("positions", ()))
     if count != len(points.get("normals", ())):
         raise InvalidInput("positions and normals differ in number.", code="sizes_differ")
     drives = _drives(raw, count)
-    numbers = {
+    numbers: dict[str, Any] = {
         name: positive(raw[name], what, unit)
         for name, what, unit in (
             ("rate", "the rate", "frames/s"),

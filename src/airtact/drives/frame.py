@@ -74,7 +74,7 @@ class Frame:
             self.phase, other.phase
         )
 
-    def drive(self) -> "airtact.drives.drive.Drive":
+    def drive(self) -> "airtact.Drive":
         """Return the drive of these levels: with eight bits amplitude/255 · exp(2πi phase/256)."""
         # Imported here because a process that drives boards imports this module and must start
         # quickly.

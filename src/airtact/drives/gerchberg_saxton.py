@@ -179,7 +179,7 @@ def best_sources(
     iterations: int,
     foci_iterations: int = 0,
 ) -> Sources:
-    """Alternate on one set of foci from several starts; return those of the strongest worst focus."""
+    """Alternate from several starts; return the sources of the strongest worst focus."""
     rows = np.tile(np.arange(len(wanted)), (len(starts), 1))
     asked = np.tile(wanted, (len(starts), 1))
     sources, worst, _ = alternating_projections(
@@ -191,7 +191,7 @@ def best_sources(
 def starting_sources(
     matrix: FociRows, wanted: Float64[np.ndarray, "foci"]
 ) -> Complex128[np.ndarray, "2 foci"]:
-    """Return two starts: the foci in phase, and the sources after one step from elements in phase."""
+    """Return two starts: the foci in phase, and one step from the elements in phase."""
     in_phase = wanted.astype(np.complex128)
     pressure = matrix.sum(axis=1)
     # Foci that the elements in phase barely reach would get all the weight.

@@ -1,4 +1,4 @@
-"""Foci that move along paths: lateral and spatiotemporal modulation of several foci at once, along the skin.
+"""Foci that move along paths on the skin: lateral and spatiotemporal modulation.
 
 Lateral modulation runs each focus along a small path around its position. With the same largest
 amplitude it is felt stronger than amplitude modulation, for circles at 10 to 200 Hz (R. Takahashi,
@@ -128,8 +128,8 @@ class Motion:
         Raises
         ------
         InvalidInput
-            If a path cannot lie along the surface: it runs into a crevice or before another part of the
-        body.
+            If a path cannot lie along the surface: it runs into a crevice or before another part of
+            the body.
         """
         return np.stack([self._laid(scene, focus, array_middle)[0] for focus in target.points])
 

@@ -1,4 +1,4 @@
-"""The rows of a transfer matrix that a target asks for, and the pressures that a drive gives them."""
+"""The rows of a transfer matrix at the foci of a target, and the pressures of a drive there."""
 
 import numpy as np
 from jaxtyping import Complex, Complex128, Float64
@@ -55,7 +55,7 @@ def foci_rows(transfer: TransferMatrix, target: Target) -> FociRows:
 def asked_rows(
     transfer: TransferMatrix, target: Target
 ) -> tuple[FociRows, Float64[np.ndarray, "foci"]]:
-    """Return the rows of the foci that ask for sound and what they ask, after ``check_solvable``."""
+    """Return the rows of the foci that ask for sound, and their requests."""
     rows = check_solvable(transfer, target)
     asked = target.weights > 0.0
     return (rows, target.weights) if asked.all() else (rows[asked], target.weights[asked])

@@ -461,7 +461,7 @@ def _climb_with_limited_elements(
 
 
 def _climb_with_momentum(samples: SampledRows, start: Amplitudes) -> Amplitudes:
-    """Climb the power mean over the phases of all elements, in steps of one size, and keep the best.
+    """Climb the power mean over all phases, in steps of one size, and keep the best.
 
     This is Adam (D. P. Kingma, J. Ba, "Adam: a method for stochastic optimization", ICLR 2015,
     algorithm 1) with one second moment for all phases.

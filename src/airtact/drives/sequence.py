@@ -64,8 +64,8 @@ class Sequence:
         largest = np.abs(drives).max(axis=1)
         if largest.max() > FULL_SCALE:
             raise InvalidInput(
-                f"frame {int(largest.argmax())} of a sequence drives an element at {largest.max():.4g} of full scale; "
-                "divide the sequence by that.",
+                f"frame {int(largest.argmax())} of a sequence drives an element at "
+                f"{largest.max():.4g} of full scale; divide the sequence by that.",
                 code="over_full_scale",
             )
         drives.flags.writeable = False

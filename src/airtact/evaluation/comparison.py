@@ -1,4 +1,4 @@
-"""Several drives on one array, compared at equal peak, at equal energy and by their phases alone."""
+"""Drives on one array, compared at equal peak, at equal energy and by their phases alone."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from airtact.transducers.layout import PhasedArray
 
 HELD_EQUAL = {
     "equal peak": "the strongest element of every drive is at full scale",
-    "equal energy": "Σ|d|² is the same for every drive, the largest that all reach within full scale",
+    "equal energy": "Σ|d|² is the same for every drive, the largest that all reach at full scale",
     "phase only": "every drive keeps its phases and puts every element that emits at full scale",
 }
 """The normalisations of a comparison, and the quantity that each holds equal."""
@@ -111,7 +111,7 @@ class Comparison:
         return self.pressures[held_equal]
 
     def ratios(self, held_equal: str) -> Float64[np.ndarray, "drives foci"]:
-        """(D, F) pressure of each drive over that of the first, at each focus, under one normalisation.
+        """(D, F) pressure of each drive over that of the first, under one normalisation.
 
         Parameters
         ----------
@@ -126,17 +126,19 @@ class Comparison:
         if not pressures[0].all():
             focus = int(np.argmin(pressures[0]))
             raise InvalidInput(
-                f"{self.names[0]!r} gives focus {focus} 0 Pa: put another drive first to compare with.",
+                f"{self.names[0]!r} gives focus {focus} 0 Pa: put another drive first.",
                 code="all_zero",
             )
         return pressures / pressures[0]
 
     def squared_ratios(self, held_equal: str) -> Float64[np.ndarray, "drives foci"]:
-        """(D, F) pressure squared over that of the first drive; parameters and errors as ``ratios``."""
+        """(D, F) pressure squared over that of the first drive, as ``ratios``."""
         return self.ratios(held_equal) ** 2
 
     def weakest(self, held_equal: str) -> Float64[np.ndarray, "drives"]:
-        """(D,) pressure of each drive at its weakest focus that asks for sound [Pa], under one normalisation.
+        """(D,) pressure of each drive at its weakest focus [Pa], under one normalisation.
+
+        Foci that ask for nothing do not count.
 
         Raises
         ------
@@ -150,8 +152,9 @@ class Comparison:
 
         Returns
         -------
-        Rows with ``held_equal``, ``drive``, ``focus``, its position ``x``, ``y``, ``z`` [m], ``pressure`` [Pa] and
-        ``ratio``, the pressure over that of the first drive there (NaN where that is 0 Pa).
+        Rows with ``held_equal``, ``drive``, ``focus``, its position ``x``, ``y``, ``z`` [m],
+        ``pressure`` [Pa] and ``ratio``, the pressure over that of the first drive there (NaN where
+        that is 0 Pa).
         """
         rows: list[dict[str, str | int | float]] = []
         for held_equal, pressures in self.pressures.items():

@@ -73,9 +73,9 @@ def radiate_drives(
 ) -> RadiatedField:
     """Solve for several drives at once, one right-hand side a drive.
 
-    This is where all evaluations check the placement of the array, the foci and other ``points`` (by
-    the word for one of them), which must be off the bodies and the elements. The errors are those
-    of ``evaluate``.
+    This is where all evaluations check the placement of the array, the foci and other ``points``
+    (by the word for one of them), which must be off the bodies and the elements. The errors are
+    those of ``evaluate``.
     """
     kind = solver.__name__ if isinstance(solver, type) else "BoundaryElement"
     of_kind(solver, Solver, "the solver", f"an instance such as {kind}()")

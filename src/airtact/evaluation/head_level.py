@@ -20,7 +20,7 @@ NO_SAFETY_ASSESSMENT = (
 
 
 def sound_pressure_level(pressure: Num[np.ndarray, "points"]) -> Float64[np.ndarray, "points"]:
-    """Return the level of sound [dB SPL]: 20 log10 of the rms pressure over 20 µPa. It is no safety assessment.
+    """Return the level of sound [dB SPL]: 20 log10 of the rms pressure over 20 µPa.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The sentences that a run prints first: pressure at the weakest focus, and requests not reached."""
+"""The first sentences of a run: pressure at the weakest focus, and requests not reached."""
 
 from collections.abc import Sequence
 

@@ -150,7 +150,7 @@ class RadiationMap:
         """
         away = np.linalg.norm(self.points - focus, axis=1)
         nearest = int(away.argmin())
-        # The nearest point of the skin is below the focus, in the tangent plane of the nearest node.
+        # The nearest skin is below the focus, in the tangent plane of the nearest node.
         height = float((np.asarray(focus) - self.points[nearest]) @ self.normals[nearest])
         if height > MAX_PAD_DISTANCE:
             return np.zeros(len(away), dtype=bool), None

@@ -11,17 +11,8 @@ from airtact.errors import InvalidInput, about
 from airtact.files.text_table import read_text_table
 from airtact.printing import in_short
 
-POSITION, PRESSURE, PHASE = ("x", "y", "z"), "pressure", "phase"
-"""Columns of a scan: metres, the pressure in any unit, and, where it was measured, its phase [rad]."""
-
-FARTHEST = 2.0
-"""Positions farther than this from the origin are taken for millimetres [m]."""
-
-PLAIN = 0.2
-"""Error up to which a scan agrees with its prediction, whatever else does."""
-
-FEWEST = 3
-"""Fewer positions than this fit anything."""
+MIN_POSITIONS = 3
+"""Anything fits fewer positions."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,9 +34,10 @@ class Scan:
 
     def __post_init__(self) -> None:
         points = points_of(self.points, "positions of a scan", least=0)
-        if len(points) < FEWEST:
+        if len(points) < MIN_POSITIONS:
             raise InvalidInput(
-                f"the scan has {counted(len(points), 'position', 'positions')}; give {FEWEST} or more.",
+                f"the scan has {counted(len(points), 'position', 'positions')}; give "
+                f"{MIN_POSITIONS} or more.",
                 code="too_few",
             )
         pressures = complex_numbers(self.pressures, "pressures of a scan")
@@ -56,27 +48,25 @@ class Scan:
             )
         check_finite(pressures, "pressures of a scan")
         away = np.linalg.norm(points, axis=1)
-        if away.max() > FARTHEST:
-            worst = int(away.argmax())
+        worst = int(away.argmax())
+        if away[worst] > 2.0:
             raise InvalidInput(
-                f"position {worst} of the scan is {away[worst]:.4g} m from the origin: is this in millimetres? "
-                "Give metres.",
+                f"position {worst} of the scan is {away[worst]:.4g} m from the origin: is this in "
+                "millimetres? Give metres.",
                 points[worst],
                 code="out_of_range",
             )
         if not pressures.any():
             raise InvalidInput(
-                f"all {len(pressures)} pressures of the scan are 0; nothing was measured.",
-                code="all_zero",
+                "all pressures of the scan are 0; nothing was measured.", code="all_zero"
             )
-        repeated = np.setdiff1d(
-            np.arange(len(points)), np.unique(points, axis=0, return_index=True)[1]
-        )
+        _, first = np.unique(points, axis=0, return_index=True)
+        repeated = np.setdiff1d(np.arange(len(points)), first)
         if len(repeated):
             where = points[repeated[0]]
             raise InvalidInput(
-                f"{counted(len(repeated), 'position of the scan is', 'positions of the scan are')} repeated, the first "
-                f"at {in_mm(where)}; average them first.",
+                f"{len(repeated)} positions of the scan are repeated, the first at "
+                f"{in_mm(where)}; average them first.",
                 where,
                 code="given_twice",
             )
@@ -85,11 +75,12 @@ class Scan:
 
 
 def load_scan(path: str | Path) -> Scan:
-    """Read a scan from a .csv file with the columns x, y, z [m], pressure and, if it was measured, phase [rad].
+    """Read a scan from a .csv file.
 
     Parameters
     ----------
-    path : the file; its first line names the columns, in any order, and others are ignored.
+    path : the file with the columns x, y, z [m], pressure in any unit and, if it was measured,
+        phase [rad]. Its first line names them; further columns are ignored.
 
     Returns
     -------
@@ -98,17 +89,18 @@ def load_scan(path: str | Path) -> Scan:
     Raises
     ------
     InvalidInput
-        If the file cannot be read, a column is missing, a value is no number, or the scan is at fault.
+        If the file cannot be read, a column is missing, a value is no number, or the scan is not
+        valid.
     """
     table = read_text_table(Path(path))
-    table.require(*POSITION, PRESSURE)
-    points, phased = (
-        np.stack([table.numbers(name) for name in POSITION], axis=1),
-        PHASE in table.names,
-    )
-    phases = table.numbers(PHASE) if phased else np.zeros(len(points))
+    table.require("x", "y", "z", "pressure")
+    points = np.stack([table.numbers(name) for name in "xyz"], axis=1)
+    pressures = table.numbers("pressure").astype(np.complex128)
+    phased = "phase" in table.names
+    if phased:
+        pressures = pressures * np.exp(1j * table.numbers("phase"))
     with about(Path(path).name):
-        return Scan(points, table.numbers(PRESSURE) * np.exp(1j * phases), phased)
+        return Scan(points, pressures, phased)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +109,7 @@ class Overlay:
 
     Attributes
     ----------
-    scan : what was measured.
+    scan : the measurement.
     predicted : (N,) pressures [Pa], NaN where the prediction is not defined.
     used : (N,) whether the prediction is defined at a position.
     scale : measured over predicted, the best single number; real and positive where no phase was
@@ -136,9 +128,13 @@ class Overlay:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Sentences that a reader of the overlay must see."""
-        left, count = int(np.sum(~self.used)), len(self.used)
-        sentence = f"{left} of {count} positions are left out: a body is in the way of the microphone there."
-        return (sentence,) if left else ()
+        left_out = int(np.sum(~self.used))
+        if not left_out:
+            return ()
+        return (
+            f"{left_out} of {len(self.used)} positions are left out: a body is in the way of the "
+            "microphone there.",
+        )
 
 
 def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Overlay:
@@ -148,7 +144,7 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
 
     Parameters
     ----------
-    scan : what was measured.
+    scan : the measurement.
     predicted : (N,) complex pressures at its points [Pa], NaN where there is none.
 
     Returns
@@ -158,14 +154,15 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
     Raises
     ------
     InvalidInput
-        If the shapes differ, fewer than 3 positions can be compared, the prediction is 0 at all of them, or the phases
-        fit far better when they are negated.
+        If the shapes differ, fewer than 3 positions can be compared, the prediction is 0 at all of
+        them, or the phases fit far better when they are negated.
 
     Examples
     --------
     >>> points = np.array([[0.0, 0, 0], [0, 0, 0.01], [0, 0, 0.02]])
-    >>> found = overlay_scan(Scan(points, np.array([2.0, 4.0, 6.0 + 0j]), True), np.array([1j, 2j, 3j]))
-    >>> complex(round(found.scale.real, 9), round(found.scale.imag, 9)), round(found.error, 9)
+    >>> scan = Scan(points, np.array([2.0, 4.0, 6.0 + 0j]), True)
+    >>> overlay = overlay_scan(scan, np.array([1j, 2j, 3j]))
+    >>> complex(round(overlay.scale.real, 9), round(overlay.scale.imag, 9)), round(overlay.error, 9)
     (-2j, 0.0)
     """
     if predicted.shape != scan.pressures.shape:
@@ -174,27 +171,27 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
             code="sizes_differ",
         )
     used = np.isfinite(predicted)
-    if used.sum() < FEWEST:
+    if used.sum() < MIN_POSITIONS:
         raise InvalidInput(
-            f"only {int(used.sum())} of {len(used)} positions of the scan can be predicted, fewer than {FEWEST}: a "
-            "body is in the way of the microphone at the others; is the scan in the scene's frame?",
+            f"only {int(used.sum())} of {len(used)} positions of the scan can be predicted, fewer "
+            f"than {MIN_POSITIONS}: a body is in the way of the microphone at the others; is the "
+            "scan in the scene's frame?",
             code="signal_unusable",
         )
-    model = predicted[used] if scan.phased else np.abs(predicted[used]).astype(np.complex128)
-    measured = (
-        scan.pressures[used] if scan.phased else np.abs(scan.pressures[used]).astype(np.complex128)
-    )
+    model = predicted[used]
+    measured = scan.pressures[used]
+    if not scan.phased:
+        model = np.abs(model).astype(np.complex128)
+        measured = np.abs(measured).astype(np.complex128)
     if not model.any():
-        raise InvalidInput(
-            f"the prediction is 0 Pa at all {int(used.sum())} positions of the scan.",
-            code="all_zero",
-        )
+        raise InvalidInput("the prediction is 0 Pa at all positions of the scan.", code="all_zero")
     scale, error = _fitted(measured, model)
     mirrored = _fitted(measured, model.conj())[1] if scan.phased else error
-    if mirrored < 0.5 * error and error > PLAIN:
+    # Up to 20 % the scan agrees, however well its mirror image does.
+    if mirrored < 0.5 * error and error > 0.2:
         raise InvalidInput(
-            f"the scan's phases are {error:.1%} off the prediction, and {mirrored:.1%} when they are negated: they "
-            "seem to be those of e^(+iωt); negate the column phase.",
+            f"the scan's phases are {error:.1%} off the prediction, and {mirrored:.1%} when they "
+            "are negated: they seem to be those of e^(+iωt); negate the column phase.",
             code="does_not_match",
         )
     return Overlay(scan, predicted, used, scale, error)

@@ -1,4 +1,4 @@
-"""Pressure in planes around the foci and on the surfaces of bodies, for a scene that a reader turns."""
+"""Pressure in planes around the foci and on the surfaces of bodies, for the 3-D viewer."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,32 +10,11 @@ from airtact.acoustics.solvers.problem import RadiatedField
 from airtact.evaluation.windows import Window
 from airtact.printing import in_short
 
-MOST_POINTS = 36_000
-"""Points at which the field is evaluated for all planes together."""
-
-MOST_FINE = 3
-"""With more excitations the points in between are left out, or the page would grow large."""
-
-MARGIN = 1.5
-"""How far the planes reach past the outermost foci, in wavelengths."""
-
-STEPS = 1.0 / 5.0, 1.0 / 4.0
-"""Distance of the points in wavelengths: in a box that is cut along any axis, and in a stack of planes."""
-
-LEAST_PLANES = 9
-"""Planes of a stack."""
-
-SURFACE_EDGE = 0.3
-"""Longest edge of the triangles that carry the pressure on surfaces, in wavelengths."""
+MAX_POINTS = 36_000
+"""Largest number of points at which the field is evaluated for all planes together."""
 
 WALL = 0.25
-"""Within this many wavelengths of a hard surface the pressure follows from that on the surface and that at its rim."""
-
-RIDGE = 1e-4
-"""Share of the variance that is taken as errors of the solved pressure."""
-
-NEIGHBOURS = 16
-"""Solved points of a surface from which the pressure between them follows."""
+"""Thickness of the layer at a hard surface in which the pressure is a parabola [wavelengths]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,13 +30,13 @@ class Slices:
     pressures : (planes, rows, columns, S) peak pressure [Pa], carried into hard bodies by at most a
         few points.
     depth : (planes, rows, columns) depth in a body [m], negative outside.
-    any_axis : whether the planes stand so close that sections along all three axes show the field.
+    any_axis : whether the planes are so close that sections along all three axes show the field.
     """
 
     corner: Float64[np.ndarray, "3"]
     axes: Float64[np.ndarray, "3 3"]
     steps: Float64[np.ndarray, "3"]
-    pressures: Float64[np.ndarray, "planes rows columns sounds"]
+    pressures: Float64[np.ndarray, "planes rows columns excitations"]
     depth: Float64[np.ndarray, "planes rows columns"]
     any_axis: bool
 
@@ -67,7 +46,7 @@ class Slices:
 def slices_around(
     field: RadiatedField, columns: Sequence[int], foci: Real[np.ndarray, "foci 3"], window: Window
 ) -> Slices:
-    """Evaluate a field in planes across the axis of the frame that a window faces most.
+    """Evaluate a field in planes across the axis that a window faces most.
 
     The complex pressure is evaluated at four to five points a wavelength and interpolated by cubic
     splines. Near a sound-hard surface, where its slope along the normal vanishes, it is a parabola
@@ -83,14 +62,14 @@ def slices_around(
 
     Returns
     -------
-    Pressure in planes that extend ``MARGIN`` wavelengths past the foci.
+    Pressure in planes that extend 1.5 wavelengths past the foci.
     """
     wavelength = field.scene.wavelength
     normal = int(np.argmax(np.abs(window.normal)))
     up = 1 if normal == 2 else 2
     axes = np.eye(3)[[3 - normal - up, up, normal]]
-    lowest, highest = (foci @ axes.T).min(axis=0), (foci @ axes.T).max(axis=0)
-    lowest, highest = lowest - MARGIN * wavelength, highest + MARGIN * wavelength
+    lowest = (foci @ axes.T).min(axis=0) - 1.5 * wavelength
+    highest = (foci @ axes.T).max(axis=0) + 1.5 * wavelength
     counts, any_axis = _counts((highest - lowest) / wavelength)
     sides = [
         np.linspace(low, high, count)
@@ -99,31 +78,30 @@ def slices_around(
     grid = np.stack(np.meshgrid(*sides[::-1], indexing="ij")[::-1], axis=-1)
     points = grid.reshape(-1, 3) @ axes
     depth = field.scene.depth(points).reshape(grid.shape[:3])
-    pressure = _pressure(field, points, depth.ravel())[:, list(columns)].reshape(
-        *grid.shape[:3], -1
-    )
-    pressure = _carried_inside(pressure)
+    pressure = _pressure(field, points, depth.ravel())[:, list(columns)]
+    pressure = _carried_inside(pressure.reshape(*grid.shape[:3], -1))
     for plane in field.scene.planes:
         depth = np.maximum(depth, -plane.height(points).reshape(depth.shape))
-    fine = (1, 1, 1) if len(columns) > MOST_FINE else (2, 2, 2) if any_axis else (1, 2, 2)
-    pressures = np.stack(
-        [np.abs(_finer(one, fine)) for one in np.moveaxis(pressure, -1, 0)], axis=-1
-    )
+    fine = (2, 2, 2) if any_axis else (1, 2, 2)
+    if len(columns) > 3:  # the page would grow large
+        fine = (1, 1, 1)
+    excitations = np.moveaxis(pressure, -1, 0)
+    pressures = np.stack([np.abs(_finer(part, fine)) for part in excitations], axis=-1)
     steps = (highest - lowest) / (np.array(pressures.shape[2::-1]) - 1)
     depth = np.real(_finer(np.clip(depth, -wavelength, wavelength), fine))
     return Slices(lowest @ axes, axes, steps, pressures, depth, any_axis)
 
 
 def _counts(sides: Float64[np.ndarray, "3"]) -> tuple[tuple[int, ...], bool]:
-    """Points along the sides [wavelengths], and whether they stand equally close along all."""
-    counts = (
-        2 * np.ceil(sides / STEPS[0] / 2.0).astype(int) + 1
-    )  # odd, so that one plane lies in the middle
-    if counts.prod() <= MOST_POINTS:
+    """Points along the sides [wavelengths], and whether they are equally close along all."""
+    # An odd number, so that one plane is in the middle.
+    counts = 2 * np.ceil(sides * 5.0 / 2.0).astype(int) + 1
+    if counts.prod() <= MAX_POINTS:
         return tuple(counts.tolist()), True
-    step = max(STEPS[1], float(np.sqrt(sides[0] * sides[1] * LEAST_PLANES / MOST_POINTS)))
+    least_planes = 9
+    step = max(0.25, float(np.sqrt(sides[0] * sides[1] * least_planes / MAX_POINTS)))
     across, along = (np.ceil(sides[:2] / step).astype(int) + 1).tolist()
-    planes = min(int(counts[2]), max(LEAST_PLANES, MOST_POINTS // (across * along)))
+    planes = min(int(counts[2]), max(least_planes, MAX_POINTS // (across * along)))
     return (across, along, planes - 1 + planes % 2), False
 
 
@@ -145,37 +123,40 @@ def _pressure(
     field: RadiatedField,
     points: Float64[np.ndarray, "points 3"],
     depth: Float64[np.ndarray, "points"],
-) -> Complex128[np.ndarray, "points sounds"]:
+) -> Complex128[np.ndarray, "points excitations"]:
     """Complex pressure at points, by the parabola near hard walls; NaN deep inside bodies."""
-    if any(one.boundary != "sound_hard" for one in field.scene.obstacles):
+    if any(obstacle.boundary != "sound_hard" for obstacle in field.scene.obstacles):
         return field.at(points)
-    surface, rim = field.on_surface, WALL * field.scene.wavelength
-    near, away = np.abs(depth) < rim, depth <= -rim
-    out = np.full((len(points), field.sources.strengths.shape[1]), np.nan, dtype=np.complex128)
+    surface = field.on_surface
+    rim = WALL * field.scene.wavelength
+    near = np.abs(depth) < rim
+    away = depth <= -rim
+    shape = len(points), field.sources.strengths.shape[1]
+    pressure = np.full(shape, np.nan, dtype=np.complex128)
     if not near.any():
-        out[away] = field.at(points[away])
-        return out
+        pressure[away] = field.at(points[away])
+        return pressure
     from scipy.spatial import KDTree
 
     nearest = KDTree(surface.points).query(points[near])[1]
     normals = surface.normals[nearest]
-    projections = (
-        points[near]
-        + np.sum((surface.points[nearest] - points[near]) * normals, axis=1, keepdims=True)
-        * normals
-    )
+    height = np.sum((surface.points[nearest] - points[near]) * normals, axis=1, keepdims=True)
+    projections = points[near] + height * normals
     evaluated = field.at(np.concatenate([points[away], projections + rim * normals]))
-    out[away], rims = evaluated[: np.count_nonzero(away)], evaluated[np.count_nonzero(away) :]
+    far = np.count_nonzero(away)
+    pressure[away] = evaluated[:far]
+    rims = evaluated[far:]
     walls = pressure_on_surfaces(field, projections)
+    # The slope along the normal vanishes on the wall: a parabola in the height.
     weight = (depth[near] / rim)[:, None] ** 2
-    out[near] = walls + weight * (np.where(np.isfinite(rims), rims, walls) - walls)
-    return out
+    pressure[near] = walls + weight * (np.where(np.isfinite(rims), rims, walls) - walls)
+    return pressure
 
 
 def _carried_inside(
-    pressure: Complex128[np.ndarray, "planes rows columns sounds"],
-) -> Complex128[np.ndarray, "planes rows columns sounds"]:
-    """Replace NaN by the nearest pressure there is, or splines would ring at the edge of what is known."""
+    pressure: Complex128[np.ndarray, "planes rows columns excitations"],
+) -> Complex128[np.ndarray, "planes rows columns excitations"]:
+    """Replace NaN by the nearest pressure, or splines would ring at the edge of bodies."""
     from scipy.ndimage import distance_transform_edt
 
     unknown = np.isnan(pressure[..., 0])
@@ -198,13 +179,13 @@ class SurfacePressure:
 
     vertices: Float64[np.ndarray, "vertices 3"]
     triangles: Int64[np.ndarray, "triangles 3"]
-    pressures: Float64[np.ndarray, "vertices sounds"]
+    pressures: Float64[np.ndarray, "vertices excitations"]
 
     __repr__ = in_short
 
 
 def surface_pressure(field: RadiatedField, columns: Sequence[int]) -> SurfacePressure | None:
-    """Interpolate the solved pressure on the surfaces of all bodies, for pictures; None in open air.
+    """Interpolate the solved pressure on all surfaces, for pictures; None in open air.
 
     Parameters
     ----------
@@ -215,13 +196,15 @@ def surface_pressure(field: RadiatedField, columns: Sequence[int]) -> SurfacePre
 
     if not field.scene.obstacles:
         return None
-    vertices, triangles, count = [], [], 0
+    vertices = []
+    triangles = []
+    count = 0
     for obstacle in field.scene.obstacles:
         surface = obstacle.surface
         points, corners, *_ = subdivide_to_size(
             surface.vertices,
             surface.triangles,
-            max_edge=SURFACE_EDGE * field.scene.wavelength,
+            max_edge=0.3 * field.scene.wavelength,
             max_iter=20,
         )
         # The cut triangles have corners of their own, and would be lit as facets.
@@ -236,7 +219,7 @@ def surface_pressure(field: RadiatedField, columns: Sequence[int]) -> SurfacePre
 
 def pressure_on_surfaces(
     field: RadiatedField, points: Real[np.ndarray, "points 3"]
-) -> Complex128[np.ndarray, "points sounds"]:
+) -> Complex128[np.ndarray, "points excitations"]:
     """Interpolate the solved pressure on the surfaces of bodies.
 
     Parameters
@@ -246,24 +229,24 @@ def pressure_on_surfaces(
 
     Returns
     -------
-    (P, S) complex pressure [Pa] for each excitation, by kriging from the nearest solved points with the covariance
-    sin(kr)/kr of a diffuse field.
+    (P, S) complex pressure [Pa] for each excitation, by kriging from the nearest 16 solved points
+    with the covariance sin(kr)/kr of a diffuse field.
     """
     from scipy.spatial import KDTree
 
-    surface, wavenumber = field.on_surface, field.scene.wavenumber
-    distances, nearest = KDTree(surface.points).query(
-        points, k=min(NEIGHBOURS, len(surface.points))
-    )
-    normals, around = surface.normals[nearest], surface.points[nearest]
-    same_side = (
-        np.einsum("pkd,pd->pk", normals, normals[:, 0]) > 0.5
-    )  # not round an edge, nor behind a thin wall
+    surface = field.on_surface
+    wavenumber = field.scene.wavenumber
+    neighbours = min(16, len(surface.points))
+    distances, nearest = KDTree(surface.points).query(points, k=neighbours)
+    normals = surface.normals[nearest]
+    around = surface.points[nearest]
+    # Not round an edge, nor behind a thin wall.
+    same_side = np.einsum("pkd,pd->pk", normals, normals[:, 0]) > 0.5
     between = np.linalg.norm(around[:, :, None] - around[:, None], axis=-1)
     covariance = np.sinc(wavenumber * between / np.pi) * same_side[:, :, None] * same_side[:, None]
-    diagonal = np.arange(covariance.shape[1])
-    covariance[:, diagonal, diagonal] = 1.0 + RIDGE
-    weights = np.linalg.solve(
-        covariance, (np.sinc(wavenumber * distances / np.pi) * same_side)[..., None]
-    )
+    # A share of 1e-4 of the variance counts as errors of the solved pressure.
+    diagonal = np.arange(neighbours)
+    covariance[:, diagonal, diagonal] = 1.0 + 1e-4
+    to_point = np.sinc(wavenumber * distances / np.pi) * same_side
+    weights = np.linalg.solve(covariance, to_point[..., None])
     return np.einsum("pkn,pks->ps", weights, surface.pressure[nearest])

@@ -137,7 +137,7 @@ class Verification:
         return float(change.max(initial=0.0))
 
     def contrast(self, lobe: SideLobe | None) -> float:
-        """Level of the weakest focus that asks for sound above a side lobe [dB]; NaN without one."""
+        """Level of the weakest focus above a side lobe [dB]; NaN without one."""
         asked = self.evaluation.target.weights > 0.0
         weakest = float(self.evaluation.magnitudes[asked].min())
         if lobe is None or not (lobe.pressure > 0.0 and weakest > 0.0):

@@ -1,4 +1,4 @@
-"""Points for pictures and field files: windows in planes through the foci, and boxes around them."""
+"""Points for pictures and field files: windows through the foci, and boxes around them."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -9,11 +9,12 @@ from jaxtyping import Float64, Real
 from airtact.acoustics.scene import Scene
 
 AXES = dict(zip("xyz", np.eye(3), strict=True))
+"""Unit vectors of the frame by name."""
 
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """A rectangle of points in a plane, a step apart [m]; its sides, along the unit vectors right and up, are in m."""
+    """A rectangle of points in a plane, a step apart; right and up are unit vectors [m]."""
 
     centre: Float64[np.ndarray, "3"]
     right: Float64[np.ndarray, "3"]
@@ -55,9 +56,10 @@ class Window:
     @property
     def extent(self) -> tuple[float, float, float, float]:
         """Left, right, bottom and top edge of its picture, from ``origin`` [mm]."""
-        (across, along), *_ = self.seen(self.centre[None])
-        half = 500 * self.width, 500 * self.height
-        return across - half[0], across + half[0], along - half[1], along + half[1]
+        ((across, along),) = self.seen(self.centre[None])
+        half_width = 500 * self.width
+        half_height = 500 * self.height
+        return across - half_width, across + half_width, along - half_height, along + half_height
 
     def seen(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 2"]:
         """Project points (P, 3) [m] into the picture: (P, 2) from ``origin`` [mm]."""
@@ -75,7 +77,7 @@ def _axis_name(direction: Float64[np.ndarray, "3"]) -> str:
 def plane_through(
     foci: Real[np.ndarray, "foci 3"], bodies: Real[np.ndarray, "vertices 3"], wavelength: float
 ) -> Window:
-    """Return a window through the foci, and along the bodies (their vertices [m]) where the foci leave a choice.
+    """Return a window through the foci, and along the bodies if the foci leave a choice.
 
     Three or more foci that are not in one plane give the best-fitting plane. The window extends
     three wavelengths past the outermost foci, its sides along the frame's axes where the plane
@@ -83,19 +85,28 @@ def plane_through(
     """
     middle = foci.mean(axis=0)
     _, spreads, principal = np.linalg.svd(foci - middle, full_matrices=False)
-    candidates = [
-        axis for axis, spread in zip(principal, spreads, strict=True) if spread > wavelength / 10
-    ]
+    candidates = list(principal[: len(spreads)][spreads > wavelength / 10])
     if len(bodies):
-        candidates.append(_snapped(_direction(bodies.mean(axis=0) - middle)))
+        towards = _direction(bodies.mean(axis=0) - middle)
+        # The frame's axis within 18 degrees is easier to read.
+        near = [axis for axis in AXES.values() if abs(towards @ axis) > 0.95]
+        candidates.append(near[0] if near else towards)
     first, second = _independent([*candidates, AXES["z"], AXES["x"], AXES["y"]])
-    return _round_foci(foci, *_upright(np.cross(first, second)), wavelength)
+    normal = np.cross(first, second)
+    # Upwards is z, or y where z is normal to the plane; right is mostly positive.
+    axis = AXES["z"] if abs(normal[2]) < 0.9 else AXES["y"]
+    up = _direction(axis - axis @ normal * normal)
+    right = np.cross(up, normal)
+    right = right * np.sign(right[np.argmax(np.abs(right))])
+    # Rounding would hide that a side is along an axis of the frame.
+    right, up = (np.where(np.abs(side) < 1e-12, 0.0, side) for side in (right, up))
+    return _round_foci(foci, right, up, wavelength)
 
 
 def plane_of_scene(scene: Scene, foci: Real[np.ndarray, "foci 3"]) -> Window:
     """Return the window of ``plane_through`` for foci (F, 3) [m] and all bodies of a scene."""
     vertices = np.concatenate(
-        [np.empty((0, 3)), *(one.surface.vertices for one in scene.obstacles)]
+        [np.empty((0, 3)), *(obstacle.surface.vertices for obstacle in scene.obstacles)]
     )
     return plane_through(foci, vertices, scene.wavelength)
 
@@ -103,14 +114,15 @@ def plane_of_scene(scene: Scene, foci: Real[np.ndarray, "foci 3"]) -> Window:
 def plane_across(
     foci: Real[np.ndarray, "foci 3"], name: Literal["xy", "xz", "yz"], wavelength: float
 ) -> Window:
-    """Return a window round the foci as ``plane_through``, along two axes of the frame, through the foci's middle."""
+    """Return a window round the foci along two axes of the frame, such as "xz"."""
     return _round_foci(foci, AXES[name[0]], AXES[name[1]], wavelength)
 
 
 def _round_foci(foci: np.ndarray, right: np.ndarray, up: np.ndarray, wavelength: float) -> Window:
     middle = foci.mean(axis=0)
     within = (foci - middle) @ np.stack([right, up], axis=1)
-    lowest, highest = within.min(axis=0), within.max(axis=0)
+    lowest = within.min(axis=0)
+    highest = within.max(axis=0)
     width, height = highest - lowest + 6 * wavelength
     centre = middle + (lowest + highest) / 2 @ np.stack([right, up])
     step = np.clip(np.sqrt(width * height / 20_000), wavelength / 18, wavelength / 8)
@@ -120,7 +132,7 @@ def _round_foci(foci: np.ndarray, right: np.ndarray, up: np.ndarray, wavelength:
 def close_up(
     focus: Real[np.ndarray, "3"], outward: Real[np.ndarray, "3"], wavelength: float
 ) -> Window:
-    """Return a window of three wavelengths [m] round a focus, its upward side along ``outward``, away from the skin."""
+    """Return a window of three wavelengths round a focus, upright along ``outward``."""
     up = _direction(np.asarray(outward, dtype=np.float64))
     _, right = _independent([up, AXES["y"], AXES["z"], AXES["x"]])
     right = right * np.sign(right[np.argmax(np.abs(right))])
@@ -139,32 +151,16 @@ def _direction(vector: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3"]:
     return vector / length if length > 0 else np.zeros(3)
 
 
-def _snapped(direction: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3"]:
-    """Take the frame's axis for a direction within 18 degrees of it."""
-    return next((axis for axis in AXES.values() if abs(direction @ axis) > 0.95), direction)
-
-
 def _independent(candidates: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Take the first two directions that are well apart, the second made perpendicular to the first."""
+    """Take the first two directions that are well apart, and make them perpendicular."""
     first = next(axis for axis in candidates if np.linalg.norm(axis) > 0.5)
     across = (axis - axis @ first * first for axis in candidates)
     return first, _direction(next(axis for axis in across if np.linalg.norm(axis) > 0.3))
 
 
-def _upright(normal: Float64[np.ndarray, "3"]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the sides of a picture in a plane: up along z, or y where z is normal to it; right is mostly positive."""
-    axis = AXES["z"] if abs(normal[2]) < 0.9 else AXES["y"]
-    up = _direction(axis - axis @ normal * normal)
-    right = np.cross(up, normal)
-    right = right * np.sign(right[np.argmax(np.abs(right))])
-    # Rounding would hide that a side lies along an axis of the frame.
-    right, up = (np.where(np.abs(side) < 1e-12, 0.0, side) for side in (right, up))
-    return right, up
-
-
 @dataclass(frozen=True, eq=False)
 class Box:
-    """Points of a cuboid along the frame's axes, a step apart, from the corner with the smallest coordinates [m]."""
+    """Points of a cuboid along the frame's axes, a step apart, from its lowest corner [m]."""
 
     origin: Float64[np.ndarray, "3"]
     step: float
@@ -182,9 +178,9 @@ class Box:
 
 
 def box_around(foci: Real[np.ndarray, "foci 3"], wavelength: float, most: int = 60_000) -> Box:
-    """Return a box that extends 1.5 wavelengths past the foci, 8 points per wavelength or as ``most`` allows."""
-    lowest, highest = foci.min(axis=0) - 1.5 * wavelength, foci.max(axis=0) + 1.5 * wavelength
-    sides = highest - lowest
+    """Return a box to 1.5 wavelengths past the foci, with 8 points per wavelength if possible."""
+    lowest = foci.min(axis=0) - 1.5 * wavelength
+    sides = foci.max(axis=0) + 1.5 * wavelength - lowest
     step = float(max(wavelength / 8, np.cbrt(np.prod(sides) / most)))
     across, along, deep = (max(2, int(side / step) + 1) for side in sides)
     return Box(lowest, step, (across, along, deep))

@@ -14,9 +14,9 @@ from airtact.printing import in_short
 NICERA_RADIUS = 4.0e-3
 """Radius of the piston with the pattern of Nippon Ceramic's T4010A1 at 40 kHz [m].
 
-Its case has a radius of 5 mm. It is 6 dB down at 50 degrees off the axis, as the maker's curve is, which the AUTD3 SDK holds as a
-table (its ``T4010A1``: 0.708, 0.501 and 0.355 of the axis at 40, 50 and 60 degrees; the piston has
-0.62, 0.49 and 0.38)."""
+Its case has a radius of 5 mm. It is 6 dB down at 50 degrees off the axis, as the maker's curve is,
+which the AUTD3 SDK holds as a table (its ``T4010A1``: 0.708, 0.501 and 0.355 of the axis at 40, 50
+and 60 degrees; the piston has 0.62, 0.49 and 0.38)."""
 
 MURATA_RADIUS = 4.5e-3
 """Radius of the piston for Murata's MA40S4S at 40 kHz, in a case of 4.95 mm radius [m].

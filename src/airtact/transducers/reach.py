@@ -1,4 +1,4 @@
-"""How much pressure an array can bring to a point at most, in open air and before anything is solved."""
+"""The largest pressure of an array at a point in open air, before anything is solved."""
 
 import numpy as np
 from jaxtyping import Float64, Real
@@ -6,20 +6,11 @@ from jaxtyping import Float64, Real
 from airtact import _kernels
 from airtact.transducers.layout import PhasedArray
 
-NEAREST = 30e-3
-"""Distance from the elements within which no point is tried for the strongest one [m]."""
-
-FORWARDS = (0.0, 0.05, 0.1, 0.2)
-"""Distances before the faces at which points are tried [m]."""
-
-TRIED = 15
-"""About so many elements have points tried before them."""
-
 
 def open_air_bound(
     array: PhasedArray, points: Real[np.ndarray, "points 3"], wavenumber: float
 ) -> Float64[np.ndarray, "points"]:
-    """Return the peak pressure of all elements at full scale and in phase at one point, in open air.
+    """Return the peak pressure at points with all elements at full scale and in phase.
 
     Σ_e |g_e| sensitivity |Σ_j w_j e^{ikr}/r| over the elements e in front of which the point is: no
     drive brings more to it without bodies.
@@ -34,31 +25,35 @@ def open_air_bound(
     -------
     (P,) pressures [Pa].
     """
-    element, found = array.element, np.empty(len(points))
-    faces, strengths = array.face_points, element.sensitivity * np.abs(array.gains)
-    targets = np.ascontiguousarray(faces.reshape(-1, 3))
-    unit, received = (
-        np.ones((1, 1), dtype=np.complex128),
-        np.empty((len(targets), 1), dtype=np.complex128),
-    )
+    element = array.element
+    strengths = element.sensitivity * np.abs(array.gains)
+    targets = np.ascontiguousarray(array.face_points.reshape(-1, 3))
+    unit = np.ones((1, 1), dtype=np.complex128)
+    received = np.empty((len(targets), 1), dtype=np.complex128)
+    bounds = np.empty(len(points))
     for index, point in enumerate(np.asarray(points, dtype=np.float64)):
         _kernels.apply_monopoles(
             targets, point[None], unit, complex(wavenumber), "float64", received
         )
         waves = np.abs(received.reshape(len(array), -1) @ element.weights)
-        before = np.einsum("ed,ed->e", point - array.positions, array.normals) > 0.0
-        found[index] = strengths @ np.where(before | (not element.directional), waves, 0.0)
-    return found
+        if element.directional:
+            before = np.einsum("ed,ed->e", point - array.positions, array.normals) > 0.0
+            waves = np.where(before, waves, 0.0)
+        bounds[index] = strengths @ waves
+    return bounds
 
 
 def strongest_open_air(array: PhasedArray, wavenumber: float) -> float:
-    """Return the largest ``open_air_bound`` of points before the faces and amid them, off the elements [Pa]."""
-    some = slice(None, None, max(1, len(array) // TRIED))
+    """Return the largest ``open_air_bound`` of points before the faces and among them [Pa]."""
+    # Points before the middle of the array and before some 15 elements, 30 mm off any element.
+    chosen = slice(None, None, max(1, len(array) // 15))
     middle = array.positions.mean(axis=0)
-    tried = [middle + distance * array.normals.mean(axis=0) for distance in FORWARDS]
-    tried += [array.positions[some] + distance * array.normals[some] for distance in FORWARDS[1:]]
-    points = np.vstack(tried)
-    far = np.array(
-        [np.linalg.norm(array.positions - point, axis=1).min() > NEAREST for point in points]
-    )
-    return float(open_air_bound(array, points[far], wavenumber).max())
+    axis = array.normals.mean(axis=0)
+    points = [middle]
+    for distance in (0.05, 0.1, 0.2):
+        points.append(middle + distance * axis)
+        points.extend(array.positions[chosen] + distance * array.normals[chosen])
+    far = [
+        point for point in points if np.linalg.norm(array.positions - point, axis=1).min() > 30e-3
+    ]
+    return float(open_air_bound(array, np.array(far), wavenumber).max())
