@@ -107,26 +107,6 @@ def test_the_worst_focus_gets_what_it_asked_or_full_scale_is_used_up(
         assert largest == pytest.approx(1.0, rel=1e-9)
 
 
-def test_a_modest_and_a_greedy_target_take_the_two_ways() -> None:
-    transfer = open_air(any_points(2))
-    modest, greedy = Target(any_points(2), 500.0), Target(any_points(2), 1e6)
-    for method in (time_reversal, phase_conjugate):
-        weak, strong = method(transfer, modest), method(transfer, greedy)
-        assert achieved_fraction(transfer, modest, weak).min() == pytest.approx(1.0, rel=1e-12)
-        assert np.abs(weak.amplitudes).max() < 0.5
-        assert achieved_fraction(transfer, greedy, strong).min() < 0.1
-        assert np.abs(strong.amplitudes).max() == pytest.approx(1.0, rel=1e-12)
-    np.testing.assert_allclose(np.abs(strong.amplitudes), 1.0, rtol=1e-12)
-
-
-def test_a_focus_that_asks_for_nothing_does_not_hold_the_others_back() -> None:
-    transfer = random_matrix(5, foci=2)
-    target = Target(any_points(2), np.array([300.0, 0.0]))
-    shares = achieved_fraction(transfer, target, time_reversal(transfer, target))
-    assert shares[0] == pytest.approx(1.0, rel=1e-12)
-    assert np.isnan(shares[1])
-
-
 def test_in_open_air_time_reversal_is_focus_by_distance_with_amplitudes_of_one_over_distance() -> (
     None
 ):
@@ -144,10 +124,8 @@ def test_in_open_air_time_reversal_is_focus_by_distance_with_amplitudes_of_one_o
 
 
 @pytest.mark.parametrize("method", [time_reversal, phase_conjugate])
-def test_wrong_sizes_and_foci_that_cancel_raise(method) -> None:
+def test_wrong_elements_and_foci_that_cancel_raise(method) -> None:
     transfer = random_matrix(6, foci=2)
-    with raises_code("sizes_differ"):
-        method(transfer, Target(any_points(3)))
     with raises_code("sizes_differ"):
         achieved_fraction(transfer, Target(any_points(2)), Drive(np.ones(39, dtype=np.complex128)))
     opposite = TransferMatrix(np.concatenate([transfer.matrix[:1], -transfer.matrix[:1]]), 0.0)
