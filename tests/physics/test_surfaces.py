@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 import trimesh
-from airtact.geometry.mesh.repair import repaired
 
 import airtact as at
 from airtact.geometry.mesh.quadratic_triangles import enclosed_volume, smallest_angles
+from airtact.geometry.mesh.repair import repaired
 from references import ellipsoid, relative_columns
 from references.assorted_meshes import assorted
 from references.damaged_meshes import damaged
