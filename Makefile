@@ -9,7 +9,7 @@ KERNELS := CMakeLists.txt pyproject.toml constraints.txt $(wildcard src/kernels/
 help:
 	@echo "make run    install into .venv and render the examples pinch and open_hand into out/"
 	@echo "make live   let the sound follow a motion, and print the address of the page that shows it"
-	@echo "make test   all checks and tests (under 12 minutes on 2 cores)"
+	@echo "make test   all checks and tests (under 6 minutes on 2 cores)"
 	@echo "make slow   the tests that take longer"
 	@echo "make check  linters, types and the rooms' contract only"
 	@echo "make format rewrite the sources in the house's format"
