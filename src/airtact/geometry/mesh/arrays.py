@@ -5,13 +5,11 @@ from jaxtyping import Bool, Float64, Int64, Real
 
 Points = Real[np.ndarray, "points 3"]
 PointVectors = Float64[np.ndarray, "points 3"]
-"""A position or a direction for each point."""
 PointLengths = Float64[np.ndarray, "points"]
 Vector3 = Float64[np.ndarray, "3"]
 
 Vertices = Float64[np.ndarray, "vertices 3"]
 VertexSizes = Float64[np.ndarray, "vertices"]
-"""A length for each vertex [m]."""
 
 Triangles = Int64[np.ndarray, "triangles 3"]
 """Indices of the three vertices of each triangle."""
@@ -30,12 +28,11 @@ TriangleMask = Bool[np.ndarray, "triangles"]
 TriangleLabels = Int64[np.ndarray, "triangles"]
 
 Ridges = Int64[np.ndarray, "ridges 2"]
-"""Vertices at both ends of each sharp edge."""
+"""Both ends of each sharp edge."""
 
 QuadraticTriangles = Float64[np.ndarray, "panels 6 3"]
 """Curved panels: corners 0, 1, 2 and points over the middles of edges 01, 12, 20 [m]."""
 Pieces = Float64[np.ndarray, "_ 6 3"]
-"""Panels in another number than those passed in."""
 
 PairedCorners = Real[np.ndarray, "n 3 3"]
 """One triangle for each pair that is compared [m]."""

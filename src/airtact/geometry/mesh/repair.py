@@ -306,7 +306,7 @@ def _vertices_on_edges(vertices: Vertices, triangles: Triangles) -> tuple[Indice
     length = np.linalg.norm(along, axis=1)
     tree = KDTree(vertices[rim])
     middle = start + along / 2.0
-    # A mesh of loose triangles has more vertices near edges than memory allows; it is no crack.
+    # A mesh with millions of vertices near edges consists of loose triangles; it has no cracks.
     if tree.query_ball_point(middle, length / 2.0, return_length=True).sum() > 3_000_000:
         return nothing, nothing
     edge, vertex = pairs_near(tree, middle, length / 2.0)

@@ -131,13 +131,13 @@ class _EditableMesh:
     def normal(self, corners: list[int]) -> tuple[float, float, float]:
         # Of twice the area as length.
         (ax, ay, az), (bx, by, bz), (cx, cy, cz) = (self._points[corner] for corner in corners)
-        ux = bx - ax
-        uy = by - ay
-        uz = bz - az
-        vx = cx - ax
-        vy = cy - ay
-        vz = cz - az
-        return uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        bx -= ax
+        by -= ay
+        bz -= az
+        cx -= ax
+        cy -= ay
+        cz -= az
+        return by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
 
     def lengths(self, corners: list[int]) -> list[float]:
         """Lengths of edges 01, 12, 20 of a triangle."""
