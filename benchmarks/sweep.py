@@ -13,15 +13,16 @@ import statistics
 import subprocess
 import sys
 import time
-from contextlib import ExitStack
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import airtact as at
-from airtact.setup.sweeping.scene_point import scene_point
-from airtact.setup.sweeping.sweep import sweep
-from airtact.workflows.sweep.grid import grid_of
-from airtact.workflows.sweep.sweep import executor_of
+from airtact.cli.sweep import grid_of
+from airtact.setup.scene_points import scene_points
+from airtact.setup.sweeping import processes, sweep
 
 
 def varied(places: int) -> tuple[str, str]:
@@ -38,14 +39,28 @@ def scene(folder: Path, accuracy: float = 0.03) -> Path:
     return file
 
 
-def compared(
-    batches: int, places: int, one: tuple[int, str | None], other: tuple[int, str | None]
-) -> None:
+@contextmanager
+def executor_of(count: int, dask: bool) -> Iterator[Executor]:
+    """Start processes, or a Dask cluster of as many."""
+    if not dask:
+        with processes(count) as pool:
+            yield pool
+        return
+    from distributed import Client, LocalCluster
+
+    with (
+        LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=None) as cluster,
+        Client(cluster) as client,
+    ):
+        yield client.get_executor()
+
+
+def compared(batches: int, places: int, one: tuple[int, bool], other: tuple[int, bool]) -> None:
     """Compute batches of points by one and the other in turn, both started and warm, so that both get the same load."""
     kinds = (one, other)
     with TemporaryDirectory() as name, ExitStack() as stack:
-        function = scene_point(scene(Path(name)))
-        pools = [stack.enter_context(executor_of(dask, number)) for number, dask in kinds]
+        function = scene_points(scene(Path(name)))
+        pools = [stack.enter_context(executor_of(number, dask)) for number, dask in kinds]
         points = grid_of(varied(places))
         for pool in pools:
             sweep(function, points[:4], pool)
@@ -59,7 +74,9 @@ def compared(
                 runs[index].append((time.perf_counter() - begun) / len(part))
     for (number, dask), found in zip(kinds, runs, strict=True):
         middle, all_of_it = statistics.median(found), ", ".join(f"{1e3 * one:.0f}" for one in found)
-        print(f"{dask or 'processes'} of {number}: {1e3 * middle:.1f} ms a point ({all_of_it})")
+        print(
+            f"{'Dask' if dask else 'processes'} of {number}: {1e3 * middle:.1f} ms a point ({all_of_it})"
+        )
     ratios = [first / second for first, second in zip(*runs, strict=True)]
     print(
         f"the first over the second: {statistics.median(ratios):.2f} ({min(ratios):.2f} to {max(ratios):.2f})"
@@ -112,6 +129,6 @@ if __name__ == "__main__":
     if given.part == "kills":
         kills(20, given.seed)
     elif given.part == "speed":
-        compared(given.batches, given.places, (1, None), (2, None))
+        compared(given.batches, given.places, (1, False), (2, False))
     else:
-        compared(given.batches, given.places, (2, None), (2, "local"))
+        compared(given.batches, given.places, (2, False), (2, True))

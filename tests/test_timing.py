@@ -1,4 +1,4 @@
-"""The clock of solvers and workflows, and processes that give way."""
+"""The clock of solvers and renderings, and processes that give way."""
 
 import subprocess
 import sys

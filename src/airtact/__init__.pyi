@@ -85,7 +85,7 @@ from .setup.examples import example as example
 from .setup.rendering import Rendering as Rendering
 from .setup.rendering import render as render
 from .setup.setup import Setup as Setup
-from .setup.sweeping.sweep import sweep as sweep
+from .setup.sweeping import sweep as sweep
 from .transducers.element import monopole as monopole
 from .transducers.element import piston as piston
 from .transducers.layout import (

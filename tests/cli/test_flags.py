@@ -3,13 +3,14 @@
 import json
 import re
 
+import click
 import h5py
 import numpy as np
 import pytest
 import trimesh
 
 import airtact as at
-from airtact.cli import commands, main
+from airtact.cli import NAMES, commands, main
 from airtact.evaluation import self_check
 from paths import ROOT, SCENES
 
@@ -184,5 +185,7 @@ def test_a_mistyped_command_option_or_name_suggests_the_nearest(capsys, line, ne
 
 
 def test_every_command_can_be_quiet():
-    for name, command in commands.commands.items():
+    for name in NAMES:
+        command = commands.get_command(click.Context(commands), name)
+        assert command is not None
         assert "--quiet" in [flag for option in command.params for flag in option.opts], name

@@ -1,6 +1,5 @@
 """A hand fitted to a cloud from the command line."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +8,8 @@ import trimesh
 
 import airtact as at
 from airtact.cli import main
+from airtact.cli.hand import place_errors
 from airtact.hands.fitting.fit import EDGES
-from airtact.workflows.hand import fit
 from paths import HANDS
 from references.rigged_hand import posed, rough, seen, turned_to_camera
 
@@ -36,47 +35,40 @@ def test_a_cloud_gives_a_closed_skin_a_picture_and_how_sure_it_is(tmp_path: Path
     assert file.with_suffix(".png").stat().st_size > 20_000
 
 
+@pytest.fixture(scope="module")
+def fitted():
+    points = at.hands.load_cloud(Path(CLOUD))
+    joints, side = at.hands.load_landmarks(Path(LANDMARKS))
+    return at.fit_hand(points, joints, side, np.zeros(3))
+
+
 @pytest.mark.parametrize("edge", [None, 0.005])
 def test_the_file_holds_the_skin_that_was_brought_to_the_points(
-    tmp_path: Path, edge: float | None
+    tmp_path: Path, edge: float | None, fitted
 ) -> None:
-    done = fit(Path(CLOUD), Path(LANDMARKS), tmp_path / "hand.ply", (0.0, 0.0, 0.0), edge)
-
+    words = ["hand", CLOUD, "--landmarks", LANDMARKS, "--camera", "0", "0", "0"]
+    words += [] if edge is None else ["--edge", str(edge)]
+    assert main([*words, "--out", str(tmp_path / "hand.ply")]) == 0
     written = at.load_surface(tmp_path / "hand.ply")
     assert len(written.crossings) == 0
-    points = done.fitted.points[~done.fitted.outliers]
-    body = np.abs(done.hand.shape.depth(points))
+    points = fitted.points[~fitted.outliers]
+    body = np.abs(fitted.hand.shape.depth(points))
     skin = np.abs(written.shape.depth(points))
     assert np.median(skin) < 0.8 * np.median(body)
-    assert done.usual == pytest.approx(np.median(skin), abs=0.03e-3)
-    for name, point in done.places.items():
-        assert abs(written.shape.depth(point[None])[0]) < 0.1e-3, name
-    middle = np.median(
-        np.linalg.norm(
-            written.vertices[written.triangles[:, 0]] - written.vertices[written.triangles[:, 1]],
-            axis=1,
-        )
-    )
-    assert middle == pytest.approx(
-        0.5 * (edge or EDGES[0]), rel=0.25
-    )  # curved panels, cut in four flat ones
+    corners = written.vertices[written.triangles]
+    middle = np.median(np.linalg.norm(corners[:, 0] - corners[:, 1], axis=1))
+    # Curved panels are cut in four flat ones.
+    assert middle == pytest.approx(0.5 * (edge or EDGES[0]), rel=0.25)
 
 
-def test_pads_that_the_camera_did_not_see_are_said_to_be_less_sure(tmp_path: Path) -> None:
+def test_pads_that_the_camera_did_not_see_are_less_certain() -> None:
     errors = []
     for palm in (True, False):
         true = turned_to_camera(posed("pinch"), 0, palm=palm)
-        np.save(tmp_path / "cloud.npy", seen(true, 8))
-        (tmp_path / "joints.json").write_text(
-            json.dumps({"positions_m": rough(true.joints, 8).tolist(), "side": "right"})
-        )
-        done = fit(
-            tmp_path / "cloud.npy", tmp_path / "joints.json", tmp_path / "hand.ply", (0.0, 0.0, 0.0)
-        )
-        errors.append(done.errors["index.pad"])
-        off = np.linalg.norm(done.hand.joints[[8, 9]] - true.joints[[8, 9]], axis=1)
-        assert np.sqrt(np.mean(off**2)) < 2.5 * done.errors["index.pad"]
-
+        fitted = at.fit_hand(seen(true, 8), rough(true.joints, 8), "right", np.zeros(3))
+        errors.append(place_errors(fitted)["index.pad"])
+        off = np.linalg.norm(fitted.hand.joints[[8, 9]] - true.joints[[8, 9]], axis=1)
+        assert np.sqrt(np.mean(off**2)) < 2.5 * errors[-1]
     assert errors[1] > 1.2 * errors[0]
 
 

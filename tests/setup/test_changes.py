@@ -4,7 +4,7 @@ import msgspec
 import pytest
 
 import airtact as at
-from airtact.setup.changes import with_changes
+from airtact.setup.parsing import with_changes
 
 PINCH = msgspec.toml.decode(at.example("pinch").read_bytes())
 HAND = msgspec.toml.decode(at.example("pinch_pose").read_bytes())

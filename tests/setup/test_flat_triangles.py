@@ -7,7 +7,7 @@ from airtact.geometry.mesh.quadratic_triangles import cut
 from airtact.geometry.mesh.topology import cone_volumes, edge_twins
 from airtact.geometry.primitives import capsule, sphere
 from airtact.geometry.surface import Surface
-from airtact.setup.flat_triangles import flat_triangles
+from airtact.setup.panel_files import flat_triangles
 from geometry.mesh.meshes import box_mesh, torus_mesh
 
 BODIES = {

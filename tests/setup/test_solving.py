@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+import airtact as at
 from airtact.acoustics.medium import Medium
 from airtact.acoustics.scene import impedance
 from airtact.acoustics.solvers.bem.solver import OF_THE_DIRECT, BoundaryElement
@@ -17,7 +18,7 @@ from airtact.acoustics.target import Target
 from airtact.drives.motion import Motion
 from airtact.setup.building import read_scene
 from airtact.setup.sentences import reach_cautions, sensations
-from airtact.setup.solving import MOST_UNKNOWNS, solve_foci, verification_solver
+from airtact.setup.solving import MOST_UNKNOWNS, solve_foci, unknowns_of, verification_solver
 from airtact.timing import Clock
 from airtact.transducers.modulation import AmplitudeModulation
 from paths import EXAMPLES, SCENES
@@ -149,3 +150,18 @@ def test_the_verification_warns_against_what_the_scene_asks() -> None:
     assert field.report_at(point[None]).warnings == field.report.warnings
     strict = replace(field, wanted=1e-9)
     assert "3.3e-10" in strict.report_at(point[None]).warnings[-1]
+
+
+@pytest.mark.parametrize("radius", [0.01, 0.5])
+def test_unknowns_of_small_bodies_are_counted_and_of_large_ones_estimated(radius) -> None:
+    solver = BoundaryElement(accuracy=0.1)
+    away = np.array([[0.0, 0.0, 1.5]])
+    scene = at.Scene(at.air(celsius=20.0), [at.sound_hard(at.sphere(radius, radius / 8))])
+    unknowns = unknowns_of(solver, scene, away)
+    if radius < 0.1:
+        assert unknowns == solver.unknowns(scene, Monopoles(away, np.ones(1)))
+    else:
+        area = 4 * np.pi * radius**2
+        estimate = solver.nodes_per_square_wavelength * area / scene.wavelength**2
+        assert estimate > 50_000
+        assert unknowns == pytest.approx(estimate, rel=1e-3)

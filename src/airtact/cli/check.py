@@ -1,14 +1,14 @@
 """``airtact check``: what is in a scene or a surface, or what is wrong with it."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 from rich.markup import escape
 
-import airtact as at
 from airtact.cli.console import (
     facts_table,
     plain_table,
@@ -18,139 +18,162 @@ from airtact.cli.console import (
     show,
 )
 from airtact.cli.options import FILE, INPUT, as_json, given, quiet, surface_settings
+from airtact.timing import Progress
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from airtact.acoustics.planes import Plane
     from airtact.acoustics.scene import Scene
-    from airtact.live.session import Session
-    from airtact.live.verification import VerifiedSession
+    from airtact.geometry.surface import Surface
+    from airtact.setup.bodies import Triangles
     from airtact.setup.setup import Setup
 
 
 @click.command(
-    short_help="Report what is in a scene, a surface or a session, or what is wrong with it.",
+    short_help="Report what is in a scene or a surface, or what is wrong with it.",
     epilog="Example: airtact check pinch",
 )
-@click.argument("scene", metavar="SCENE_OR_SURFACE_OR_SESSION", type=INPUT)
-@click.option("--drives", type=int, help="Drives of a session that are solved; 10 by default.")
+@click.argument("scene", metavar="SCENE_OR_SURFACE", type=INPUT)
 @click.option("--out", "folder", type=FILE, help="Folder for a picture of the bodies or the fault.")
 @surface_settings
 @as_json
 @quiet
-def check(scene: Path, drives: int | None, folder: Path | None, **settings: float | None) -> None:
+def check(scene: Path, folder: Path | None, **settings: float | None) -> None:
     """Read a scene file or a surface file (STL, PLY, OBJ, GLB) and report what is in it, or what is wrong with it.
 
-    Of a session of airtact live (session.h5, or its folder), drives spread over it are held against
-    the whole hand that was there when they were in the air, some seconds each. With --out a picture
-    of the bodies is written, or of the position of the fault where the input is rejected.
+    With --out a picture of the bodies is written, or of the position of the fault where the input
+    is rejected.
     """
-    if _checked_session(scene, drives, **given(folder=folder, **settings)):
-        return
+    chosen = given(**settings)
     with progress() as report_step:
-        from airtact.acoustics.scene import Scene
-        from airtact.workflows import check as workflow
+        from airtact.files.meshes import SUFFIXES
 
-        checked = workflow.check(scene, folder, report_step, **given(**settings))
-        report_step("counting unknowns")
-        if isinstance(checked, Scene):
-            counts = workflow.unknowns_by_accuracy(checked)
-            tables, record, cautions = (
-                list(_surface_tables(scene.name, checked, counts)),
-                _surface_record(checked, counts),
-                (),
-            )
+        if scene.suffix.lower() in SUFFIXES:
+            shown = _check_surface(scene, folder, report_step, chosen)
         else:
-            count = workflow.unknowns_of_scene(checked)
-            tables, record = list(_scene_tables(checked, count)), _scene_record(checked, count)
-            report_step(
-                f"looking which foci the array reaches, {len(checked.target.points):,} of them"
-            )
-            cautions = workflow.reach_cautions(checked)
+            shown = _check_scene(scene, folder, report_step, chosen)
+    tables, cautions, record = shown
     show(*tables, warnings=cautions, record=record)
 
 
-def _checked_session(path: Path, drives: int | None, **others: Path | float) -> bool:
-    """Hold a session against the hand that was there, and print it; return False for all that is no session."""
-    if path.suffix != ".h5" and not path.is_dir():
-        if drives is not None:
-            sentence = f"--drives {drives} is for a session, and {path.name} is none: leave it out."
-            raise at.InvalidInput(sentence, code="options_clash")
-        return False
-    if others:
-        sentence = (
-            f"{path.name} is a session, and {len(others)} option of a scene or a surface is given"
+Shown = tuple[list["Table"], tuple[str, ...], dict[str, Any]]
+"""Tables, warnings and the record for ``--json``."""
+
+
+def _check_scene(
+    path: Path, folder: Path | None, report_step: Progress, settings: dict[str, float]
+) -> Shown:
+    from airtact.acoustics.solvers.bem.solver import BoundaryElement
+    from airtact.errors import InvalidInput
+    from airtact.setup.bodies import drawable_bodies
+    from airtact.setup.building import read_scene
+    from airtact.setup.sentences import reach_cautions
+    from airtact.setup.solving import unknowns_of
+
+    for key, value in settings.items():
+        raise InvalidInput(
+            f"{key} = {value:g} stands in a scene file, beside its surface, not on the command line.",
+            code="options_clash",
         )
-        raise at.InvalidInput(
-            f"{sentence}: leave --{next(iter(others))} out.", code="options_clash"
-        )
-    with progress() as report_step:
-        report_step("starting")
-        from airtact.workflows.check import check_session
-
-        session, found = check_session(path, **given(drives=drives), report_step=report_step)
-    show(*_session_tables(session, found), record=_session_record(session, found))
-    return True
-
-
-def _session_tables(session: "Session", found: "VerifiedSession") -> "Iterator[Table]":
-    """Tabulate what is in a session, and what its drives gave the hand that was there."""
-    times = session.time_in_air
-    facts = [
-        ("frames", f"{len(session.frame_time):,}"),
-        ("drives", f"{len(times):,} in {times[-1] - times[0]:.1f} s"),
-    ]
-    facts.append(("foci", ", ".join(session.scene.places)))
-    rest = f"{len(found.kept)} of {int(session.playing.sum()):,} that play"
-    facts.append(("held against the hand that was there", rest))
-    facts.append(
-        (
-            "kept of the attainable pressure",
-            f"{found.median:.0%}, nine of ten over {found.lowest_tenth:.0%}",
-        )
-    )
-    yield facts_table(facts)
-    table = plain_table("in the air at", "made from", "weakest focus gets", "kept", "expected")
-    for time, rule, pressures, kept, expected in zip(
-        found.times, found.rules, found.pressures, found.kept, found.expected, strict=True
-    ):
-        said = "–" if math.isnan(expected) else f"{expected:.0%}"
-        table.add_row(
-            f"{time - times[0]:.2f} s", rule, f"{pressures.min():,.0f} Pa", f"{kept:.0%}", said
-        )
-    yield table
+    report_step(f"reading {path.name}")
+    with _fault_drawn(folder, lambda: drawable_bodies(path), report_step):
+        setup = read_scene(path)
+    if folder is not None:
+        _draw_bodies(folder, setup.scene, setup.bodies, setup.target.points, report_step)
+    report_step("counting unknowns")
+    unknowns = None
+    if isinstance(setup.solver, BoundaryElement):
+        unknowns = unknowns_of(setup.solver, setup.scene, setup.target.points)
+    report_step(f"checking which of {len(setup.target.points):,} foci the array reaches")
+    tables = list(_scene_tables(setup, unknowns))
+    return tables, reach_cautions(setup), _scene_record(setup, unknowns)
 
 
-def _session_record(session: "Session", found: "VerifiedSession") -> dict[str, Any]:
-    """List what the drives of a session gave the hand that was there, for ``--json``."""
-    rows = zip(
-        found.indices,
-        found.times,
-        found.rules,
-        found.pressures,
-        found.kept,
-        found.expected,
-        strict=True,
-    )
-    verified = [
-        {
-            "index": index,
-            "time": float(time),
-            "rule": rule,
-            "pressures": pressures.tolist(),
-            "kept": float(kept),
-            "expected": None if math.isnan(expected) else float(expected),
-        }
-        for index, time, rule, pressures, kept, expected in rows
-    ]
-    counts = {"frames": len(session.frame_time), "drives": len(session.time_in_air)}
-    return {
-        **counts,
-        "median": found.median,
-        "lowest_tenth": found.lowest_tenth,
-        "verified": verified,
+def _check_surface(
+    path: Path, folder: Path | None, report_step: Progress, settings: dict[str, float]
+) -> Shown:
+    """Put a surface into air as a sound-hard body, as a scene at 40 kHz would."""
+    from airtact.acoustics.medium import air
+    from airtact.acoustics.scene import Scene, sound_hard
+    from airtact.acoustics.solvers.bem.solver import BoundaryElement
+    from airtact.errors import about
+    from airtact.geometry.files import load_surface
+    from airtact.setup.bodies import bare_triangles
+    from airtact.setup.solving import unknowns_of
+
+    def triangles() -> list["Triangles"]:
+        bare = bare_triangles(path, settings.get("scale", 1.0))
+        return [] if bare is None else [bare]
+
+    with _fault_drawn(folder, triangles, report_step):
+        surface = load_surface(path, **settings, progress=report_step)
+        with about(path.name):
+            scene = Scene(air(), [sound_hard(surface)])
+    if folder is not None:
+        _draw_bodies(folder, scene, [path.name], None, report_step)
+    report_step("counting unknowns")
+    far = surface.vertices.min(axis=0)[None] - 1.0  # a focus that makes no panels smaller
+    unknowns = {
+        accuracy: unknowns_of(BoundaryElement(accuracy=accuracy), scene, far)
+        for accuracy in (0.01, 0.03)
     }
+    counts = {f"{accuracy:g}": count for accuracy, count in unknowns.items()}
+    record = {"surface": _size(surface), "unknowns": counts}
+    return list(_surface_tables(path.name, scene, unknowns)), (), record
+
+
+def _draw_bodies(
+    folder: Path, scene: "Scene", names: Any, foci: Any, report_step: Progress
+) -> None:
+    from airtact.reports.body_figure import draw_bodies
+    from airtact.reports.page import write_picture
+
+    report_step(f"drawing {folder / 'bodies.png'}")
+    surfaces = [obstacle.surface for obstacle in scene.obstacles]
+    write_picture(folder / "bodies.png", draw_bodies(surfaces, names, foci, scene.planes))
+
+
+@contextmanager
+def _fault_drawn(
+    folder: Path | None, bodies: "Callable[[], list[Triangles]]", report_step: Progress
+) -> Iterator[None]:
+    """Draw the fault of input that is rejected inside, if there is a folder for the picture."""
+    import numpy as np
+
+    from airtact.errors import InvalidInput
+    from airtact.files.atomic import writable_folder
+
+    def clear(folder: Path) -> None:
+        # An older picture must not stand beside the new result.
+        writable_folder(folder)
+        for name in ("bodies.png", "fault.png"):
+            (folder / name).unlink(missing_ok=True)
+
+    try:
+        yield
+    except InvalidInput as fault:
+        if folder is None:
+            raise
+        try:
+            drawable = bodies()
+        except InvalidInput:
+            drawable = []
+        if drawable:
+            from airtact.reports.body_figure import draw_fault
+            from airtact.reports.page import write_picture
+
+            clear(folder)
+            report_step(f"drawing the fault into {folder / 'fault.png'}")
+            starts = np.cumsum([0] + [len(vertices) for vertices, _ in drawable])
+            vertices = np.concatenate([vertices for vertices, _ in drawable])
+            triangles = np.concatenate(
+                [part + start for (_, part), start in zip(drawable, starts, strict=False)]
+            )
+            figure = draw_fault(vertices, triangles, str(fault), fault.position)
+            write_picture(folder / "fault.png", figure)
+        raise
+    if folder is not None:
+        clear(folder)
 
 
 def _scene_record(setup: "Setup", unknowns: int | None) -> dict[str, Any]:
@@ -185,61 +208,58 @@ def _scene_record(setup: "Setup", unknowns: int | None) -> dict[str, Any]:
     }
 
 
-def _surface_record(scene: "Scene", unknowns: dict[float, int]) -> dict[str, Any]:
-    """List what is in a surface, for ``--json``."""
-    counts = {f"{accuracy:g}": count for accuracy, count in unknowns.items()}
-    return {"surface": _size(scene.obstacles[0].surface), "unknowns": counts}
-
-
-def _size(surface: "at.Surface") -> dict[str, Any]:
+def _size(surface: "Surface") -> dict[str, Any]:
     facts = {"triangles": len(surface.triangles), "area": surface.area, "volume": surface.volume}
     return {**facts, "repairs": list(surface.repairs)}
 
 
 def _scene_tables(setup: "Setup", unknowns: int | None) -> "Iterator[Table]":
-    """Tabulate the bodies, the foci, and what solving takes."""
+    """Tabulate the bodies, the foci, and the cost of a solve."""
     from airtact.checks import in_mm
 
-    wavelength = setup.scene.wavelength
-    bodies = plain_table("bodies", "boundary", "triangles", "area")
-    surfaces = {
-        name: one.surface for name, one in zip(setup.bodies, setup.scene.obstacles, strict=True)
-    }
-    for (name, surface), obstacle in zip(surfaces.items(), setup.scene.obstacles, strict=True):
-        size = f"{1e4 * surface.area:.1f} cm² = {surface.area / wavelength**2:.0f} λ²"
-        bodies.add_row(escape(name), obstacle.kind, f"{len(surface.triangles):,}", size)
-    if surfaces:
+    scene = setup.scene
+    wavelength = scene.wavelength
+    named = dict(zip(setup.bodies, scene.obstacles, strict=True))
+    if named:
+        bodies = plain_table("bodies", "boundary", "triangles", "area")
+        for name, obstacle in named.items():
+            surface = obstacle.surface
+            area = f"{1e4 * surface.area:.1f} cm² = {surface.area / wavelength**2:.0f} λ²"
+            bodies.add_row(escape(name), obstacle.kind, f"{len(surface.triangles):,}", area)
         yield bodies
-    yield from (
-        repairs_table(surface, name) for name, surface in surfaces.items() if surface.repairs
-    )
+    for name, obstacle in named.items():
+        if obstacle.surface.repairs:
+            yield repairs_table(obstacle.surface, name)
     yield _foci_table(setup)
-    elements = setup.array
-    clearance = -setup.scene.depth(elements.positions).max()
-    facts = plain_table()
-    away = f", {1e3 * clearance:.0f} mm off the bodies or more" if surfaces else ""
-    away = ", in the faces of boards that reflect" if setup.scene.boards else away
-    sensitivity = f"{elements.element.sensitivity:g} Pa·m, uncalibrated"
-    facts.add_row("transducers", f"{len(elements)}, {sensitivity}{away}")
-    facts.add_row("pattern", elements.element.pattern_in_words(setup.scene.wavenumber.real))
-    for one in setup.scene.planes:
-        facts.add_row(
-            "rigid plane",
-            f"through {in_mm(one.point)}, the nearest focus {_height(one, setup)} before it",
-        )
+    array = setup.array
+    if scene.boards:
+        away = ", in the faces of boards that reflect"
+    elif named:
+        clearance = -scene.depth(array.positions).max()
+        away = f", {1e3 * clearance:.0f} mm off the bodies or more"
+    else:
+        away = ""
+    facts = [
+        (
+            "transducers",
+            f"{len(array)}, {array.element.sensitivity:g} Pa·m, uncalibrated{away}",
+        ),
+        ("pattern", array.element.pattern_in_words(scene.wavenumber.real)),
+    ]
+    for plane in scene.planes:
+        height = 1e3 * plane.height(setup.target.points).min()
+        words = f"through {in_mm(plane.point)}, the nearest focus {height:.3g} mm before it"
+        facts.append(("rigid plane", words))
     if len(setup.target.suppression_points):
-        facts.add_row("suppression points", f"{len(setup.target.suppression_points)}")
-    facts.add_row("wavelength", f"{1e3 * wavelength:.2f} mm at {setup.scene.frequency / 1e3:g} kHz")
-    facts.add_row("drive", f"{setup.method.replace('_', ' ')}, accuracy {setup.accuracy:g}")
+        facts.append(("suppression points", f"{len(setup.target.suppression_points)}"))
+    facts += [
+        ("wavelength", f"{1e3 * wavelength:.2f} mm at {scene.frequency / 1e3:g} kHz"),
+        ("drive", f"{setup.method.replace('_', ' ')}, accuracy {setup.accuracy:g}"),
+    ]
     if unknowns is not None:
-        facts.add_row(
-            "unknowns", f"{unknowns:,}, about {_memory(unknowns, setup.accuracy)} to solve"
-        )
-    yield facts
-
-
-def _height(plane: "Plane", setup: "Setup") -> str:
-    return f"{1e3 * plane.height(setup.target.points).min():.3g} mm"
+        memory = _memory(unknowns, setup.accuracy)
+        facts.append(("unknowns", f"{unknowns:,}, about {memory} to solve"))
+    yield facts_table(facts)
 
 
 def _foci_table(setup: "Setup") -> "Table":
@@ -247,13 +267,11 @@ def _foci_table(setup: "Setup") -> "Table":
     asked = setup.target.pressures
     distances = -setup.scene.depth(setup.target.points)
     for index, (name, point) in enumerate(zip(setup.foci, setup.target.points, strict=True)):
-        wanted = "strongest" if asked is None else f"{asked[index]:g} Pa"
-        position = [f"{1e3 * number:.2f} mm" for number in point]
         table.add_row(
             escape(name),
-            *position,
+            *(f"{1e3 * number:.2f} mm" for number in point),
             f"{1e3 * distances[index]:.3g} mm" if setup.bodies else "–",
-            wanted,
+            "strongest" if asked is None else f"{asked[index]:g} Pa",
         )
     return table
 
@@ -266,29 +284,26 @@ def _surface_tables(name: str, scene: "Scene", counts: dict[float, int]) -> "Ite
 
     surface = scene.obstacles[0].surface
     pieces = int(shells(surface.triangles).max()) + 1
-    facts = plain_table()
     closed = f"{pieces} closed {'piece' if pieces == 1 else 'pieces'}"
-    facts.add_row("accepted", f"{name}: {len(surface.triangles):,} triangles, {closed}")
     sides = " x ".join(f"{1e3 * side:.4g}" for side in np.ptp(surface.vertices, axis=0))
-    facts.add_row("extent", f"{sides} mm along x, y, z")
-    facts.add_row(
-        "area",
-        f"{1e4 * surface.area:.4g} cm² = {surface.area / scene.wavelength**2:.3g} λ² at 40 kHz",
-    )
-    facts.add_row("volume", f"{1e6 * surface.volume:.4g} cm³")
-    facts.add_row("sharp edges", sharp_edges_in_words(surface))
+    waves = surface.area / scene.wavelength**2
+    facts = [
+        ("accepted", f"{name}: {len(surface.triangles):,} triangles, {closed}"),
+        ("extent", f"{sides} mm along x, y, z"),
+        ("area", f"{1e4 * surface.area:.4g} cm² = {waves:.3g} λ² at 40 kHz"),
+        ("volume", f"{1e6 * surface.volume:.4g} cm³"),
+        ("sharp edges", sharp_edges_in_words(surface)),
+    ]
     for accuracy, unknowns in counts.items():
-        facts.add_row(
-            f"accuracy {accuracy:g}",
-            f"{unknowns:,} unknowns, about {_memory(unknowns, accuracy)} to solve",
-        )
-    yield facts
+        memory = _memory(unknowns, accuracy)
+        facts.append((f"accuracy {accuracy:g}", f"{unknowns:,} unknowns, about {memory} to solve"))
+    yield facts_table(facts)
     yield repairs_table(surface)
 
 
 def _memory(unknowns: float, accuracy: float) -> str:
     """Return how much memory the process takes to solve, in words."""
-    from airtact.workflows.check import memory_of_a_solve
+    from airtact.setup.solving import memory_of_a_solve
 
     size = memory_of_a_solve(unknowns, accuracy)
     return f"{size / 1e9:.1f} GB" if size > 1e9 else f"{math.ceil(size / 1e7) * 10} MB"

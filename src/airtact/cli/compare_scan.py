@@ -1,17 +1,16 @@
 """``airtact compare-scan``: a measured scan beside the prediction."""
 
+import csv
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from airtact.cli.console import plain_table, progress, show
+from airtact.cli.console import facts_table, progress, show
 from airtact.cli.options import INPUT, as_json, given, pictures, quiet, results
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
-    from airtact.workflows.compare_scan import Compared
+    from airtact.evaluation.scan import Overlay
 
 
 @click.command(
@@ -46,56 +45,93 @@ def compare_scan(scan: Path, scene: Path, folder: Path, pictures: bool, **microp
     """Predict what a microphone reads in SCENE and compare SCAN, a measured one, with it.
 
     SCAN is a .csv file with the columns x, y, z (metres, in the obstacles' frame), pressure (any
-    unit) and, if it was measured, phase (radians). Writes overlay.csv and overlay.png.
+    unit) and, if it was measured, phase (radians). The drive of SCENE, rounded to its levels, is
+    emitted. Writes overlay.csv and overlay.png.
     """
     with progress() as report_step:
-        report_step("starting")
-        from airtact.evaluation.microphone import Microphone
-        from airtact.workflows import compare_scan as workflow
+        report_step(f"reading {scan.name} and {scene.name}")
+        import numpy as np
 
-        compared = workflow.compare_scan(
-            scan, scene, folder, Microphone(**given(**microphone)), report_step, pictures
-        )
-    warnings = [*compared.notes, *compared.overlay.warnings, *compared.report.warnings]
-    written = {
-        name: str(folder / name) for name in (workflow.FILES if pictures else workflow.FILES[:1])
+        from airtact.drives.drive import quantise
+        from airtact.errors import about
+        from airtact.evaluation.field import drive_sources
+        from airtact.evaluation.microphone import Microphone
+        from airtact.evaluation.scan import load_scan, overlay_scan
+        from airtact.files.atomic import writable_folder
+        from airtact.setup.building import read_scene
+        from airtact.setup.solving import solve_foci, synthesise, verification_solver
+        from airtact.timing import Clock
+
+        face = Microphone(**given(**microphone))
+        measured = load_scan(scan)
+        setup = read_scene(scene)
+        writable_folder(folder)
+        transfer, _ = solve_foci(setup, Clock(report_step))
+        drive, stalled = synthesise(setup.synthesise, transfer, setup.target)
+        emitted = quantise(drive, setup.levels).drive()
+        report_step("predicting by a more accurate solve with all transducers as sources")
+        sources = drive_sources(setup.array, [emitted], setup.scene)
+        field = verification_solver(setup).radiate(setup.scene, sources)
+        report_step(f"evaluating the microphone at {len(measured.points)} positions")
+        predicted = face.read(field, measured.points)[:, 0]
+        with about(scan.name):
+            overlay = overlay_scan(measured, predicted)
+        files = [folder / "overlay.csv"]
+        _write_table(files[0], overlay)
+        if pictures:
+            from airtact.reports.page import write_picture
+            from airtact.reports.plots import draw_overlay
+
+            files.append(folder / "overlay.png")
+            write_picture(files[1], draw_overlay(overlay))
+    report = field.report
+    phased = measured.phased
+    quantity = "pressures with their phases" if phased else "magnitudes, as no phase was measured"
+    turn = f" at {np.degrees(np.angle(overlay.scale)):.1f}°" if phased else ""
+    facts = [
+        ("relative error", f"{overlay.error:.1%}, after one scale, of {quantity}"),
+        ("positions", f"{int(overlay.used.sum())} of {len(overlay.used)} compared"),
+        ("scale", f"{abs(overlay.scale):.4g} of the scan's unit for 1 Pa predicted{turn}"),
+        ("predicted by", f"{report.solver}, estimated error {report.estimated_error:.2%}"),
+    ]
+    record = {
+        "error": overlay.error,
+        "positions": len(overlay.used),
+        "compared": int(overlay.used.sum()),
+        "scale": [overlay.scale.real, overlay.scale.imag],
+        "phased": phased,
+        "estimated_error": report.estimated_error,
+        "files": {file.name: str(file) for file in files},
     }
-    lines = [f"Overlay: {folder / list(written)[-1]}"]
     show(
-        _table(compared),
-        warnings=warnings,
-        lines=lines,
-        record={**_record(compared), "files": written},
+        facts_table(facts),
+        warnings=[*stalled, *overlay.warnings, *report.warnings],
+        lines=[f"Overlay: {files[-1]}"],
+        record=record,
     )
 
 
-def _record(compared: "Compared") -> dict[str, Any]:
-    """List how well a scan and its prediction agree, for ``--json``."""
-    found = compared.overlay
-    return {
-        "error": found.error,
-        "positions": len(found.used),
-        "compared": int(found.used.sum()),
-        "scale": [found.scale.real, found.scale.imag],
-        "phased": found.scan.phased,
-        "estimated_error": compared.report.estimated_error,
-    }
-
-
-def _table(compared: "Compared") -> "Table":
-    """Tabulate how well a scan and its prediction agree."""
+def _write_table(file: Path, overlay: "Overlay") -> None:
+    """Write a row for each position: the measured value, and the predicted one times the scale."""
     import numpy as np
 
-    found, report = compared.overlay, compared.report
-    facts = plain_table()
-    quantity = (
-        "pressures with their phases"
-        if found.scan.phased
-        else "magnitudes, as no phase was measured"
-    )
-    facts.add_row("relative error", f"{found.error:.1%}, after one scale, of {quantity}")
-    facts.add_row("positions", f"{int(found.used.sum())} of {len(found.used)} compared")
-    turn = f" at {np.degrees(np.angle(found.scale)):.1f}°" if found.scan.phased else ""
-    facts.add_row("scale", f"{abs(found.scale):.4g} of the scan's unit for 1 Pa predicted{turn}")
-    facts.add_row("predicted by", f"{report.solver}, estimated error {report.estimated_error:.2%}")
-    return facts
+    from airtact.files.atomic import whole_file
+
+    scan = overlay.scan
+    with whole_file(file) as partial, partial.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(
+            ["x", "y", "z", "measured", "measured_phase", "predicted", "predicted_phase"]
+        )
+        for point, measured, predicted in zip(
+            scan.points, scan.pressures, overlay.scale * overlay.predicted, strict=True
+        ):
+            writer.writerow(
+                [
+                    *(f"{number:.9g}" for number in point),
+                    f"{np.abs(measured):.6g}",
+                    f"{np.angle(measured):.6g}" if scan.phased else "",
+                    f"{np.abs(predicted):.6g}",
+                    f"{np.angle(predicted):.6g}",
+                ]
+            )

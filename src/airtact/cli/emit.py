@@ -6,16 +6,7 @@ from typing import Any
 import click
 
 from airtact.cli.console import facts_table, progress, show
-from airtact.cli.options import (
-    FILE,
-    Names,
-    agreed,
-    board_address,
-    drive_settings,
-    level_of,
-    modulation_of,
-    quiet,
-)
+from airtact.cli.options import FILE, Names, agreed, board_address, drive_settings, level_of, quiet
 
 
 @click.command(
@@ -44,42 +35,63 @@ def emit(
     seconds: float,
     yes: bool,
     log: Path | None,
-    **where: Any,
+    **settings: Any,
 ) -> None:
     """Emit DRIVE.h5 on boards for some seconds, then silence them.
 
     Without --cap and --full-scale the level half a metre off the array is kept to 110 dB, a usual
     limit. The amplitude rises over 0.2 s. At the end, when anything fails, and whatever ends this
     process, a process of the link's own sends a frame of zeros, confirmed as far as the boards can.
+    With --link file the frames are written to the file --out, at full scale and without asking.
     """
     from airtact.checks import counted, positive
+    from airtact.emission.links import link_to
     from airtact.evaluation.head_level import NO_SAFETY_ASSESSMENT
-    from airtact.workflows import emit as workflow
+    from airtact.setup import safe_emission
 
     positive(seconds, "how long to emit", "s")
     share = level_of(cap, full_scale)
     if share is None and link == "file":
-        share = workflow.FULL  # a file emits nothing
-    plan = workflow.plan(drive, board, share, modulation_of(modulate), modulate == "none")
-    way = workflow.link_for(plan, link, **where)
+        share = 1.0  # a file emits nothing
+    constant = modulate == "none"
+    plan = safe_emission.plan(drive, board, share, _modulation(modulate), constant)
+    sound_speed = safe_emission.sound_speed_of(plan.stored)
+    to_boards = link_to(link, board, plan.poses, sound_speed, **settings)
     show(facts_table(plan.facts(link)), lines=[NO_SAFETY_ASSESSMENT, *plan.notes()])
-    if not yes:
-        agreed(f"Emit for {seconds:g} s through {link} to {way.devices}?")
+    if not (yes or link == "file"):
+        agreed(f"Emit for {seconds:g} s through {link} to {to_boards.devices}?")
     with progress() as report_step:
-        played = workflow.emit(plan, way, seconds, report_step, log)
-    if way.real_time:
-        unanswered = link == "serial" and board == "sonicsurface"
-        confirmed = (
-            "written to the port (a SonicSurface never answers)" if unanswered else "and confirmed"
-        )
-        show(
-            lines=[
-                f"{counted(way.sent, 'frame was', 'frames were')} sent; the last was silence, {confirmed}."
-            ]
-        )
+        played = safe_emission.emit(plan, to_boards, seconds, report_step, log)
+    if not to_boards.real_time:
+        end = "written."
+    elif link == "serial" and board == "sonicsurface":
+        end = "sent; the last was silence, written to the port (a SonicSurface never answers)."
     else:
-        show(lines=[f"{counted(way.sent, 'frame was', 'frames were')} written."])
+        end = "sent; the last was silence, and confirmed."
+    lines = [f"{counted(to_boards.sent, 'frame was', 'frames were')} {end}"]
     if played is not None:
-        what = "sequence" if plan.modulation is None else "modulated drive"
-        rate = f"The {what} was played at {played.rate:.4g} frames/s"
-        show(lines=[f"{rate}, {played.frames} frames, {played.dropped} dropped."])
+        kind = "sequence" if plan.modulation is None else "modulated drive"
+        lines.append(
+            f"The {kind} was played at {played.rate:.4g} frames/s, {played.frames} frames, {played.dropped} dropped."
+        )
+    show(lines=lines)
+
+
+def _modulation(words: str | None) -> Any:
+    """Read ``--modulate``: an amplitude modulation, or None where there is none to add."""
+    from airtact.errors import InvalidInput
+    from airtact.transducers.modulation import AmplitudeModulation
+
+    if words in (None, "none"):
+        return None
+    kind, *numbers = words.split(":")
+    try:
+        if kind != "am" or len(numbers) > 2:
+            raise ValueError
+        values = [float(number) for number in numbers]
+    except ValueError:
+        raise InvalidInput(
+            f"--modulate {words} is not am with up to 2 numbers, such as am:200 or am:200:0.5, nor none.",
+            code="unknown_name",
+        ) from None
+    return AmplitudeModulation(*values)

@@ -1,20 +1,29 @@
 """``airtact hand``: the skin of a hand from a pose, a recording or a point cloud."""
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, cast
 
 import click
 
-from airtact.cli.console import plain_table, progress, show
+from airtact.cli.console import facts_table, progress, show
 from airtact.cli.options import FILE, INPUT, quiet
+from airtact.timing import Progress
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    import numpy as np
+    from matplotlib.figure import Figure
 
-    from rich.table import Table
+    from airtact.geometry.mesh.arrays import QuadraticTriangles
+    from airtact.geometry.mesh_shape import MeshShape
+    from airtact.hands.fitting.fit import FittedHand
+    from airtact.hands.hand import Side
+    from airtact.hands.shape import HandShape
+    from airtact.hands.tracking.frame import HandFrame
+    from airtact.hands.tracking.recordings import Recording
 
-    from airtact.workflows.hand import Fitted, Posed
-    from airtact.workflows.recording import Replayed
+EDGE = 4e-3
+"""Default edge of the triangles [m]."""
 
 
 @click.command(
@@ -38,7 +47,16 @@ if TYPE_CHECKING:
     "--camera", type=(float, float, float), help="Position from which a cloud was seen, in metres."
 )
 @quiet
-def hand(path: Path, file: Path, **settings: Any) -> None:
+def hand(
+    path: Path,
+    file: Path,
+    gap: float | None,
+    edge: float | None,
+    frames: tuple[int, ...],
+    leave_out: bool,
+    landmarks: Path | None,
+    camera: tuple[float, float, float] | None,
+) -> None:
     """Make the closed skin of a hand from its joints in metres: 25 of WebXR, or 21 of MediaPipe or Leap.
 
     A pose is a .json file. The skin is written as flat triangles in metres to .ply, .stl or .glb,
@@ -47,53 +65,244 @@ def hand(path: Path, file: Path, **settings: Any) -> None:
     a cloud of points, .ply, .xyz or .npy, with rough --landmarks a hand is fitted, and the picture
     shows how far the points are from its skin.
     """
+    from airtact.checks import within
+    from airtact.errors import InvalidInput
+    from airtact.hands.files import CLOUD_ENDINGS
+    from airtact.hands.tracking.recordings import ENDINGS as RECORDINGS
+    from airtact.setup.panel_files import check_output
+
+    def reject(sentence: str, code: str = "options_clash") -> None:
+        raise InvalidInput(f"{path.name} {sentence}", code=code)
+
+    of_recordings = bool(frames) or leave_out
+    if landmarks is not None and (gap is not None or of_recordings):
+        reject("is a cloud, as landmarks are given: leave --gap, --frame and --leave-out out.")
+    if landmarks is None and camera is not None:
+        reject("comes without --landmarks, but a camera is only for a cloud with landmarks.")
+    is_recording = landmarks is None and path.suffix in RECORDINGS
+    if is_recording and gap is not None:
+        reject("is a recording, but a gap is for a pose: leave --gap out.")
+    if landmarks is None and path.suffix.lower() in CLOUD_ENDINGS and not is_recording:
+        reject("is a cloud of points: give rough --landmarks.", "data_missing")
+    if of_recordings and not is_recording:
+        reject("is a pose, no recording: leave --frame and --leave-out out.")
+    check_output(file, path, *([] if landmarks is None else [landmarks]))
+    if edge is not None:
+        within(edge, 0.8e-3, 20e-3, "edge", "m", "is it in millimetres? Give metres.")
     with progress() as report_step:
-        from airtact.workflows import hand as workflow
-        from airtact.workflows.recording import Replayed
+        if landmarks is not None:
+            facts, lines = _fit(path, landmarks, file, camera, edge, report_step)
+        elif is_recording:
+            facts, lines = _replay(path, file, frames, leave_out, edge or EDGE, report_step)
+        else:
+            facts, lines = _pose(path, file, gap, edge or EDGE, report_step)
+    show(facts_table(facts), lines=lines)
 
-        made = workflow.hand(path, file, **settings, report_step=report_step)
-    if isinstance(made, Replayed):
-        skins = ", ".join(str(skin) for skin in made.skins)
-        show(_recording_table(made), lines=[f"Skin: {skins}", f"Pads over time: {made.picture}"])
-    elif isinstance(made, workflow.Fitted):
-        show(_cloud_table(made), lines=[f"Skin: {made.file}", f"Picture: {made.picture}"])
+
+Shown = tuple[list[tuple[str, str]], list[str]]
+"""Facts by name, and lines that name the files."""
+
+
+def _pose(path: Path, file: Path, gap: float | None, edge: float, report_step: Progress) -> Shown:
+    """Write the skin of a pose."""
+    from airtact.files.atomic import writable_folder
+    from airtact.hands.files import load_hand
+    from airtact.reports.body_figure import draw_panels
+
+    report_step(f"reading {path.name}")
+    posed = load_hand(path, gap)
+    writable_folder(file.parent)
+    report_step(f"making triangles of {1e3 * edge:.3g} mm")
+    triangles = posed.shape.panels(edge)
+    picture = _write(triangles, file, draw_panels, report_step)
+    places = {name: point for name, (point, _) in posed.places.items()}
+    facts = _facts(posed.side, posed.shape, triangles, places)
+    merged = [f"Merged: {touch.note}." for touch in posed.touches]
+    return facts, [*merged, f"Skin: {file}", f"Picture: {picture}"]
+
+
+def _fit(
+    cloud: Path,
+    landmarks: Path,
+    file: Path,
+    camera: tuple[float, float, float] | None,
+    edge: float | None,
+    report_step: Progress,
+) -> Shown:
+    """Fit a hand to a cloud and write its skin, brought to the points; its own edges unless one is given."""
+    import numpy as np
+
+    from airtact.files.atomic import writable_folder
+    from airtact.geometry.mesh_shape import MeshShape
+    from airtact.hands.files import load_cloud, load_landmarks
+    from airtact.hands.fitting.fit import fit_hand
+    from airtact.reports.body_figure import draw_cloud
+
+    report_step(f"reading {cloud.name}")
+    points = load_cloud(cloud)
+    joints, side = load_landmarks(landmarks)
+    writable_folder(file.parent)
+    eye = None if camera is None else np.array(camera, dtype=np.float64)
+    fitted = fit_hand(points, joints, cast("Side | None", side), eye, progress=report_step)
+    report_step("bringing its skin to the points")
+    surface = fitted.surface if edge is None else fitted.skin(edge)
+    shape = cast("HandShape | MeshShape", surface.shape)
+    if isinstance(shape, MeshShape):
+        triangles = shape.quadratic_triangles
     else:
-        merged = [f"Merged: {touch.note}." for touch in made.hand.touches]
-        show(_table(made), lines=[*merged, f"Skin: {made.file}", f"Picture: {made.picture}"])
+        triangles = shape.panels(edge or EDGE)
+    distances = -shape.depth(fitted.points)
 
+    def draw(drawn: "QuadraticTriangles") -> "Figure":
+        return draw_cloud(drawn, fitted, distances)
 
-def _table(posed: "Posed", errors: "Mapping[str, float] | None" = None) -> "Table":
-    shape, (area, volume) = posed.shape, posed.size
-    table = plain_table()
-    table.add_row("hand", f"{posed.hand.side}, {1e3 * shape.extent:.0f} mm across")
-    table.add_row("area, volume", f"{1e4 * area:.0f} cm², {1e6 * volume:.0f} cm³")
-    table.add_row(
-        "panels", f"{len(posed.quadratic_triangles):,}, smallest angle {posed.smallest_angle:.0f}°"
-    )
-    for name, point in posed.places.items():
-        depth = float(shape.depth(point[None])[0])
-        position = ", ".join(f"{1e3 * number:.1f}" for number in point)
-        sure = "" if errors is None else f", off by some {1e3 * errors[name]:.0f} mm"
-        inside = f", {1e3 * depth:.1f} mm inside the body" if depth > 1e-6 else ""
-        table.add_row(name, f"({position}) mm{sure}{inside}")
-    return table
-
-
-def _cloud_table(made: "Fitted") -> "Table":
-    fitted, table = made.fitted, _table(made, made.errors)
+    picture = _write(triangles, file, draw, report_step)
+    points = np.array([point for point, _ in fitted.hand.places.values()])
+    places = dict(zip(fitted.hand.places, shape.project(points), strict=True))
     used = ~fitted.outliers
-    near = f"half of them within {1e3 * made.usual:.1f} mm of the skin"
-    table.add_row("points used", f"{used.sum():,} of {len(used):,} thinned out; {near}")
-    errors = ", ".join(f"{part} {1e3 * error:.1f}" for part, error in fitted.part_errors.items())
-    table.add_row("skin uncertain by", f"{errors} mm")
-    return table
+    usual = float(np.median(np.abs(distances[used])))
+    parts = ", ".join(f"{part} {1e3 * error:.1f}" for part, error in fitted.part_errors.items())
+    facts = [
+        *_facts(fitted.hand.side, shape, triangles, places, place_errors(fitted)),
+        (
+            "points used",
+            f"{used.sum():,} of {len(used):,} thinned out; half of them within {1e3 * usual:.1f} mm of the skin",
+        ),
+        ("skin uncertain by", f"{parts} mm"),
+    ]
+    return facts, [f"Skin: {file}", f"Picture: {picture}"]
 
 
-def _recording_table(replayed: "Replayed") -> "Table":
-    table = plain_table()
-    table.add_row("messages", str(replayed.recording.health))
-    for track in replayed.tracks:
+def place_errors(fitted: "FittedHand") -> dict[str, float]:
+    """Return the standard deviation of the position of each named place: that of the joints beside it [m]."""
+    import numpy as np
+
+    from airtact.hands.joints import CHAINS, FINGERS
+
+    beside = {
+        f"{finger}.pad": list(chain[-2:]) for finger, chain in zip(FINGERS, CHAINS, strict=True)
+    }
+    beside["palm"] = [joint for chain in CHAINS[1:] for joint in chain[:2]]
+    return {
+        name: float(np.sqrt(np.mean(fitted.joint_errors[near] ** 2)))
+        for name, near in beside.items()
+    }
+
+
+def _replay(
+    path: Path,
+    file: Path,
+    chosen: tuple[int, ...],
+    leave_out: bool,
+    edge: float,
+    report_step: Progress,
+) -> Shown:
+    """Draw the pads of a recording over time, and write the skins of chosen frames."""
+    from airtact.errors import about
+    from airtact.files.atomic import writable_folder
+    from airtact.hands.tracking.recordings import load_recording, pads_over_time
+    from airtact.reports.page import write_picture
+    from airtact.reports.plots import draw_tracks
+    from airtact.setup.panel_files import write_triangles
+
+    report_step(f"reading {path.name}")
+    recording = load_recording(path, leave_out)
+    with about(path.name):
+        frames = _chosen(recording, chosen)
+    report_step(f"finding the pads in {len(recording.frames):,} frames")
+    seen = {frame.side for frame in recording.frames if frame.landmarks is not None}
+    sides: list[Side] = ["left", "right"]
+    tracks = [pads_over_time(recording.frames, side) for side in sides if side in seen]
+    writable_folder(file.parent)
+    skins = []
+    for frame in frames:
+        skin = file
+        if len(frames) > 1:
+            skin = file.with_stem(f"{file.stem}_{frame.side}_{frame.sequence}")
+        report_step(f"writing {skin.name}")
+        write_triangles(skin, frame.hand().shape.panels(edge))
+        skins.append(str(skin))
+    picture = file.with_suffix(".png")
+    report_step(f"drawing {picture.name}")
+    write_picture(picture, draw_tracks(tracks, f"{path.name}: {recording.health}"))
+    facts = [("messages", str(recording.health))]
+    for track in tracks:
         seconds = track.times[-1] - track.times[0]
-        about = f"{len(track.times):,} frames in {seconds:.2f} s, the longest gap {1e3 * track.longest_gap:.0f} ms"
-        table.add_row(f"{track.side} hand", f"{about}, pads at most {track.fastest:.2f} m/s")
-    return table
+        words = (
+            f"{len(track.times):,} frames in {seconds:.2f} s, the longest gap {1e3 * track.longest_gap:.0f} ms, "
+            f"pads at most {track.fastest:.2f} m/s"
+        )
+        facts.append((f"{track.side} hand", words))
+    return facts, [f"Skin: {', '.join(skins)}", f"Pads over time: {picture}"]
+
+
+def _chosen(recording: "Recording", chosen: tuple[int, ...]) -> "list[HandFrame]":
+    """Find frames by their sequence numbers; the first with landmarks where none is chosen."""
+    from airtact.errors import InvalidInput
+
+    seen = [frame for frame in recording.frames if frame.landmarks is not None]
+    if not seen:
+        raise InvalidInput(
+            f"none of {len(recording.frames)} frames has landmarks; fit a hand to their clouds first.",
+            code="data_missing",
+        )
+    numbers = [frame.sequence for frame in seen]
+    missing = sorted(set(chosen) - set(numbers))
+    if missing:
+        raise InvalidInput(
+            f"there is no frame {missing[0]} with landmarks; the frames with landmarks lie in {min(numbers)} to "
+            f"{max(numbers)}.",
+            code="unknown_name",
+        )
+    return [frame for frame in seen if frame.sequence in chosen] or seen[:1]
+
+
+def _write(
+    triangles: "QuadraticTriangles",
+    file: Path,
+    draw: "Callable[[QuadraticTriangles], Figure]",
+    report_step: Progress,
+) -> Path:
+    """Write a skin, and its picture of the same name beside it; return the picture."""
+    from airtact.reports.page import write_picture
+    from airtact.setup.panel_files import write_triangles
+
+    report_step(f"writing {file.name}")
+    write_triangles(file, triangles)
+    picture = file.with_suffix(".png")
+    report_step(f"drawing {picture.name}")
+    write_picture(picture, draw(triangles))
+    return picture
+
+
+def _facts(
+    side: str,
+    shape: "HandShape | MeshShape",
+    triangles: "QuadraticTriangles",
+    places: "Mapping[str, np.ndarray]",
+    errors: Mapping[str, float] | None = None,
+) -> list[tuple[str, str]]:
+    """List size, panels and named places of a skin, the places with their uncertainty if known."""
+    from airtact.geometry.mesh.quadratic_triangles import (
+        enclosed_volume,
+        panel_areas,
+        smallest_angles,
+    )
+
+    area = 1e4 * panel_areas(triangles).sum()
+    volume = 1e6 * enclosed_volume(triangles)
+    angle = smallest_angles(triangles).min()
+    facts = [
+        ("hand", f"{side}, {1e3 * shape.extent:.0f} mm across"),
+        ("area, volume", f"{area:.0f} cm², {volume:.0f} cm³"),
+        ("panels", f"{len(triangles):,}, smallest angle {angle:.0f}°"),
+    ]
+    for name, point in places.items():
+        depth = float(shape.depth(point[None])[0])
+        words = f"({', '.join(f'{1e3 * number:.1f}' for number in point)}) mm"
+        if errors is not None:
+            words += f", off by some {1e3 * errors[name]:.0f} mm"
+        if depth > 1e-6:
+            words += f", {1e3 * depth:.1f} mm inside the body"
+        facts.append((name, words))
+    return facts

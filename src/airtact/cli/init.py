@@ -1,11 +1,23 @@
 """``airtact init``: a first scene to render and to change."""
 
+import os
+import shutil
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from airtact.cli.console import show
 from airtact.cli.options import FILE, INPUT, Names, quiet
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from airtact.hands.hand import Hand
+    from airtact.transducers.boards import Board
+
+PLACES = ("index.pad", "middle.pad", "palm")
+"""Places of the hand that face the board."""
 
 
 @click.command(
@@ -28,13 +40,110 @@ def init(place: Path, board: str, hand: Path | None) -> None:
 
     It is written into this folder, or into FOLDER or FILE.toml. No file is overwritten.
     """
-    from airtact.workflows import init as workflow
+    from airtact.errors import InvalidInput
+    from airtact.files.atomic import whole_file, writable_folder
+    from airtact.hands.files import load_hand
+    from airtact.setup.examples import example
+    from airtact.transducers.boards import board_named
 
-    scene, *others = workflow.init(place, board, hand)
-    named = "" if scene == Path(workflow.SCENE) else f" {scene}"
-    lines = [
-        f"Scene: {scene}",
-        *(f"Beside it: {file}" for file in others),
-        f"Next: airtact render{named} --open",
-    ]
-    show(lines=lines)
+    scene = place if place.suffix == ".toml" else place / "scene.toml"
+    folder = scene.parent
+    copied = {}
+    if hand is None:
+        pose = example("relaxed.json")
+        licence = pose.with_name("LICENSE-poses")
+        copied = {folder / "hand.json": pose, folder / "hand-LICENSE.txt": licence}
+        name = "hand.json"
+    else:
+        pose = hand
+        try:
+            name = Path(os.path.relpath(hand, folder)).as_posix()
+        except ValueError:  # another drive of Windows
+            name = hand.resolve().as_posix()
+    for file in (scene, *copied):
+        if file.exists():
+            raise InvalidInput(
+                f"{file} exists already, and init overwrites no file; name another folder or file.",
+                code="would_overwrite",
+            )
+    text = _scene_text(scene.name, board_named(board), load_hand(pose), name)
+    writable_folder(folder)
+    for file, source in copied.items():
+        shutil.copyfile(source, file)
+    with whole_file(scene) as partial:
+        partial.write_text(text, "utf-8")
+    named = "" if scene == Path("scene.toml") else f" {scene}"
+    show(
+        lines=[
+            f"Scene: {scene}",
+            *(f"Beside it: {file}" for file in copied),
+            f"Next: airtact render{named} --open",
+        ]
+    )
+
+
+def _scene_text(name: str, board: "Board", hand: "Hand", file: str) -> str:
+    """Fill the template: the board around the origin, the hand above it with its palm down."""
+    from importlib import resources
+    from string import Template
+
+    import numpy as np
+
+    from airtact.emission.codecs import codec_of
+    from airtact.setup.building import DEFAULT_OFFSET
+    from airtact.transducers.modulation import DEFAULT_FREQUENCY
+
+    large = len(board) >= 100
+    height = 0.15 if large else 0.06
+    axis, degrees, translation = _over_board(hand, height)
+    # Only places with air before them are felt.
+    places = list(hand.places) if large else PLACES
+    points, normals = _places_of(hand, places)
+    inside = hand.shape.depth(points + DEFAULT_OFFSET * normals) > 0.0
+    felt = [place for place, is_inside in zip(places, inside, strict=True) if not is_inside]
+    template = resources.files("airtact.setup").joinpath("first_scene.toml").read_text("utf-8")
+    return Template(template).substitute(
+        title=board.title,
+        file=name,
+        board=board.name,
+        middle=_listed(-(board.positions.min(axis=0) + board.positions.max(axis=0)) / 2.0),
+        height=f"{1e3 * height:.0f}",
+        hand=file,
+        axis=_listed(axis),
+        degrees=f"{degrees:.1f}",
+        translation=_listed(translation),
+        foci="\n\n".join(f'[[foci]]\nat = "{place}"' for place in felt),
+        amplitudes=board.amplitudes,
+        phases=board.phases,
+        frequency=min(DEFAULT_FREQUENCY, float(np.floor(codec_of(board).fastest_frames() / 2.0))),
+    )
+
+
+def _over_board(hand: "Hand", height: float) -> "tuple[np.ndarray, float, np.ndarray]":
+    """Return axis, degrees and translation [m] that turn ``PLACES`` down, the lowest at a height [m]."""
+    import numpy as np
+
+    from airtact.geometry.pose import Pose
+
+    points, normals = _places_of(hand, PLACES)
+    facing = normals.mean(axis=0) / np.linalg.norm(normals.mean(axis=0))
+    down = np.array([0.0, 0.0, -1.0])
+    across = np.cross(facing, down)
+    length = np.linalg.norm(across)
+    axis = across / length if length > 1e-6 else np.array([1.0, 0.0, 0.0])
+    axis = axis.round(3)
+    degrees = float(round(np.degrees(np.arccos(np.clip(facing @ down, -1.0, 1.0)))))
+    turned = Pose.turn(axis, np.radians(degrees)).apply(points)
+    translation = np.array([0.0, 0.0, height]) - [*turned[:, :2].mean(axis=0), turned[:, 2].min()]
+    return axis, degrees, translation.round(3)
+
+
+def _places_of(hand: "Hand", places: "list[str] | tuple[str, ...]") -> "list[np.ndarray]":
+    """Return the points of named places and the normals there."""
+    import numpy as np
+
+    return [np.array([hand.places[place][part] for place in places]) for part in (0, 1)]
+
+
+def _listed(numbers: "np.ndarray") -> str:
+    return ", ".join(str(round(float(number), 6) + 0.0) for number in numbers)

@@ -1,18 +1,23 @@
 """``airtact mesh``: curved panels on a surface."""
 
-from collections.abc import Iterator
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from airtact.cli.console import plain_table, progress, repairs_table, sharp_edges_in_words, show
+from airtact.cli.console import (
+    facts_table,
+    plain_table,
+    progress,
+    repairs_table,
+    sharp_edges_in_words,
+    show,
+)
 from airtact.cli.options import FILE, INPUT, given, quiet, surface_settings
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
-    from airtact.workflows.mesh import Meshed
+    from airtact.geometry.surface import Surface
 
 
 @click.command(
@@ -33,40 +38,113 @@ def mesh(surface: Path, edge: float | None, file: Path, **settings: float | None
     .ply or .glb; a picture of them, .png, stands beside it.
     """
     with progress() as report_step:
-        from airtact.workflows import mesh as workflow
+        import numpy as np
 
-        meshed = workflow.mesh(surface, file, edge, report_step, **given(**settings))
-    lines = [f"Panels: {meshed.file}", f"Picture: {meshed.picture}"]
-    show(*_tables(meshed), warnings=[meshed.warning] if meshed.warning else [], lines=lines)
-
-
-def _tables(meshed: "Meshed") -> "Iterator[Table]":
-    """Tabulate panels beside the triangles that they were made from."""
-    sizes = plain_table("", "given", "panels")
-    given, made = meshed.surface.triangles, meshed.panels.quadratic_triangles
-    sizes.add_row("triangles, panels", f"{len(given):,}", f"{len(made):,}")
-    (area, volume), (given_area, given_volume) = meshed.size, meshed.given_size
-    sizes.add_row("area", f"{1e4 * given_area:.4g} cm²", f"{1e4 * area:.4g} cm²")
-    sizes.add_row("volume", f"{1e6 * given_volume:.4g} cm³", f"{1e6 * volume:.4g} cm³")
-    yield sizes
-    worst, first = meshed.angles
-    facts, panels = plain_table(), meshed.panels
-    facts.add_row("smallest angle", f"{worst:.1f}°, 1 of 100 panels below {first:.1f}°")
-    facts.add_row(
-        "edge",
-        f"{1e3 * meshed.edge:.3g} mm asked, the longest has {1e3 * meshed.longest_edge:.3g} mm",
-    )
-    farthest, mean = _gap(panels.farthest.max()), _gap(panels.mean_distance.max())
-    facts.add_row("off the triangles given", f"{farthest} at most, {mean} in the mean")
-    facts.add_row("off the curved surface", f"{_gap(panels.deviation.max())} at most")
-    facts.add_row("sharp edges", sharp_edges_in_words(meshed.surface))
-    if meshed.open_edges:
-        facts.add_row(
-            "open edges",
-            f"{meshed.open_edges} in {meshed.file.name}: its triangles are not quite closed",
+        from airtact.acoustics.medium import air
+        from airtact.errors import about
+        from airtact.files.atomic import writable_folder
+        from airtact.geometry.checks import check_surface
+        from airtact.geometry.files import load_surface
+        from airtact.geometry.mesh.quadratic_triangles import (
+            enclosed_volume,
+            longest_edges,
+            panel_areas,
+            smallest_angles,
+            with_middles,
         )
-    yield facts
-    yield repairs_table(meshed.surface)
+        from airtact.geometry.mesh.topology import cone_volumes
+        from airtact.reports.body_figure import draw_panels
+        from airtact.reports.page import write_picture
+        from airtact.setup.panel_files import check_output, write_panels
+
+        check_output(file, surface)
+        loaded = load_surface(surface, **given(**settings), progress=report_step)
+        with about(surface.name):
+            check_surface(loaded)
+        wavelength = air(celsius=20.0).wavelength(40e3)
+        edge = usual_edge(wavelength) if edge is None else _checked_edge(edge, loaded)
+        writable_folder(file.parent)
+        report_step(f"making panels of {1e3 * edge:.3g} mm")
+        panels = loaded.panelled(edge)
+        report_step(f"writing {file.name}")
+        open_edges = write_panels(file, panels)
+        picture = file.with_suffix(".png")
+        report_step(f"drawing {picture.name}")
+        triangles = panels.quadratic_triangles
+        write_picture(picture, draw_panels(triangles))
+
+    corners = loaded.corners
+    area = float(panel_areas(triangles).sum())
+    area_before = float(panel_areas(with_middles(corners)).sum())
+    volume = enclosed_volume(triangles)
+    volume_before = float(cone_volumes(corners).sum())
+    sizes = plain_table("", "given", "panels")
+    sizes.add_row("triangles, panels", f"{len(loaded.triangles):,}", f"{len(triangles):,}")
+    sizes.add_row("area", f"{1e4 * area_before:.4g} cm²", f"{1e4 * area:.4g} cm²")
+    sizes.add_row("volume", f"{1e6 * volume_before:.4g} cm³", f"{1e6 * volume:.4g} cm³")
+    angles = smallest_angles(triangles)
+    worst = f"{angles.min():.1f}°, 1 of 100 panels below {np.percentile(angles, 1):.1f}°"
+    longest = 1e3 * float(longest_edges(triangles).max())
+    farthest = float(panels.farthest.max())
+    mean = _gap(panels.mean_distance.max())
+    facts = [
+        ("smallest angle", worst),
+        ("edge", f"{1e3 * edge:.3g} mm asked, the longest has {longest:.3g} mm"),
+        ("off the triangles given", f"{_gap(farthest)} at most, {mean} in the mean"),
+        ("off the curved surface", f"{_gap(panels.deviation.max())} at most"),
+        ("sharp edges", sharp_edges_in_words(loaded)),
+    ]
+    if open_edges:
+        words = f"{open_edges} in {file.name}: its triangles are not quite closed"
+        facts.append(("open edges", words))
+    warnings = []
+    if farthest > wavelength / 20.0:
+        warnings.append(
+            f"the panels lie up to {1e3 * farthest:.2g} mm off the triangles given, more than 1/20 of the wavelength "
+            f"of {1e3 * wavelength:.3g} mm: these are coarse for a curved surface; give smaller triangles, or "
+            "--sharp 0 if it is faceted."
+        )
+    show(
+        sizes,
+        facts_table(facts),
+        repairs_table(loaded),
+        warnings=warnings,
+        lines=[f"Panels: {file}", f"Picture: {picture}"],
+    )
+
+
+def usual_edge(wavelength: float) -> float:
+    """Return the edge of the panels that a solve of 1 % takes [m].
+
+    >>> f"{1e3 * usual_edge(8.582e-3):.2f} mm"
+    '5.49 mm'
+    """
+    from airtact.acoustics.solvers.bem.solver import BoundaryElement
+
+    # A panel has 6 nodes, and an equilateral triangle of edge a the area √3/4 a².
+    density = BoundaryElement(accuracy=0.01).nodes_per_square_wavelength
+    return wavelength * math.sqrt(6.0 / density * 4.0 / math.sqrt(3))
+
+
+def _checked_edge(edge: float, surface: "Surface") -> float:
+    from airtact.checks import positive
+    from airtact.errors import InvalidInput
+
+    edge = positive(edge, "edge", "m")
+    if edge > surface.extent:
+        raise InvalidInput(
+            f"edge is {edge:g} m, but the surface spans {1e3 * surface.extent:.3g} mm: is it in millimetres? "
+            "Give metres.",
+            code="does_not_match",
+        )
+    count = surface.area / (math.sqrt(3) / 4 * edge**2)
+    # More take minutes to make, and no solver takes a tenth of them.
+    if count > 300_000:
+        raise InvalidInput(
+            f"edge is {edge:g} m, which makes {count:.2g} panels of this surface, more than 300000; give a larger one.",
+            code="too_many",
+        )
+    return edge
 
 
 def _gap(distance: float) -> str:

@@ -233,23 +233,6 @@ def level_of(cap: float | None, full_scale: bool) -> float | None:
     return 1.0 if full_scale else cap
 
 
-def modulation_of(words: str | None) -> "at.transducers.AmplitudeModulation | None":
-    """Read --modulate; None where nothing is given, or "none"."""
-    if words in (None, "none"):
-        return None
-    kind, *numbers = words.split(":")
-    try:
-        given = [float(number) for number in numbers]
-    except ValueError:
-        given = [0.0] * 3
-    if kind != "am" or len(given) > 2:
-        raise at.InvalidInput(
-            f"--modulate {words} is not am with up to 2 numbers, such as am:200 or am:200:0.5, nor none.",
-            code="unknown_name",
-        )
-    return at.transducers.AmplitudeModulation(*given)
-
-
 def agreed(question: str) -> None:
     """Ask before anything is emitted; without a terminal there is no answer, and nothing is emitted."""
     if not sys.stdin.isatty():

@@ -1,7 +1,7 @@
 """The page of a hand that was located by echoes: its pose, what knowing it brings, and what is left unexplained."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +12,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path as Outline
-from scipy.spatial.transform import Rotation
 
 from airtact.checks import counted
 from airtact.evaluation.metrics import NOT_MODELLED
 from airtact.evaluation.windows import Window, plane_of_scene
 from airtact.files.atomic import whole_file
-from airtact.geometry.pose import Pose
 from airtact.geometry.surface import Surface
 from airtact.reports.array_figures import draw_receivers
 from airtact.reports.field_figure import BODY, cut_bodies
@@ -32,81 +30,10 @@ from airtact.reports.page import (
     section,
     table,
 )
-from airtact.sensing.echoes import Echoes
-from airtact.sensing.registration import Located
-from airtact.setup.setup import Setup
+from airtact.setup.sensing import Sensed
 
 START = "start: the scene's pose"
 FOUND = "the pose found"
-
-
-@dataclass(frozen=True, eq=False)
-class Sensed:
-    """Where the hand is, relative to the scene file, and what knowing that brings.
-
-    Attributes
-    ----------
-    setup, found : the scene file, and the same with the gap that was found.
-    located : its pose maps the obstacles' frame of the scene file to where they are, in the same
-        frame.
-    echoes : that it was found from.
-    true : the simulated pose; None for measured echoes.
-    centre : (3,) middle of the bodies in the scene file [m].
-    before, after : (F,) pressure at each focus where the hand is, of the drive for the scene file's
-        pose and for the one found [Pa].
-    unexplained : (2, R) what the scene file's pose and the one found leave at each receiver, over
-        the echoes' rms.
-    gap, true_gap : of the scene file's pinch, and of the simulated one [m]; None where there is
-        none. The gap found is ``located.opening``.
-    seconds : wall time by step [s].
-    """
-
-    setup: Setup
-    found: Setup
-    located: Located
-    echoes: Echoes
-    true: Pose | None
-    centre: Float64[np.ndarray, "3"]
-    before: Float64[np.ndarray, "foci"]
-    after: Float64[np.ndarray, "foci"]
-    unexplained: Float64[np.ndarray, "2 receivers"]
-    gap: float | None
-    true_gap: float | None
-    seconds: Mapping[str, float]
-
-    @property
-    def off(self) -> tuple[float, float]:
-        """Distance of the middle of the bodies from the scene file's [m], and angle of the turn [rad]."""
-        return _size(self._shift(Pose.identity()))
-
-    @property
-    def error(self) -> tuple[float, float] | None:
-        """The same from the simulated truth; None for measured echoes."""
-        return None if self.true is None else _size(self._shift(self.true))
-
-    @property
-    def uncorrected(self) -> float:
-        """Pressure of the weakest focus with the drive for the scene file's pose [Pa]."""
-        return float(self.before.min())
-
-    @property
-    def corrected(self) -> float:
-        """Pressure of the weakest focus with the drive for the pose found [Pa]."""
-        return float(self.after.min())
-
-    def shifts(self) -> list[Float64[np.ndarray, "6"]]:
-        """Return translation [m] and turn [rad] from the scene file's pose and, where known, from the true one."""
-        return [self._shift(one) for one in (Pose.identity(), self.true) if one is not None]
-
-    def _shift(self, other: Pose) -> Float64[np.ndarray, "6"]:
-        pose = self.located.pose
-        centre = self.centre[None]
-        turn = Rotation.from_matrix(pose.rotation @ other.rotation.T).as_rotvec()
-        return np.concatenate([(pose.apply(centre) - other.apply(centre))[0], turn])
-
-
-def _size(shift: Float64[np.ndarray, "6"]) -> tuple[float, float]:
-    return float(np.linalg.norm(shift[:3])), float(np.linalg.norm(shift[3:]))
 
 
 def write_sense_page(path: Path, sensed: Sensed) -> None:
@@ -117,7 +44,7 @@ def write_sense_page(path: Path, sensed: Sensed) -> None:
 
 
 def _name(sensed: Sensed) -> str:
-    return sensed.setup.path.stem.replace("_", " ")
+    return sensed.setup.title
 
 
 def _pieces(sensed: Sensed) -> list[Markup]:

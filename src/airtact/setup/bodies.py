@@ -9,8 +9,6 @@ from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float64, Int64
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from airtact.acoustics.medium import Medium
 from airtact.acoustics.scene import Obstacle, filled, impedance, sound_hard
@@ -18,15 +16,9 @@ from airtact.errors import LARGEST_SCENE_FILE, InvalidInput, about
 from airtact.files.bounded import text_of
 from airtact.files.meshes import read_mesh
 from airtact.geometry.checks import NEAREST, approach
-from airtact.geometry.files import load_surface
 from airtact.geometry.pose import Pose
-from airtact.geometry.primitives import capsule, sphere
 from airtact.geometry.surface import Surface
-from airtact.geometry.union import merged
-from airtact.hands.files import ROOM, load_hand, load_rigged_hand
-from airtact.hands.hand import PLACES, Hand, places_on
-from airtact.hands.joints import NAMES
-from airtact.hands.pinch_dummy import pinch
+from airtact.hands.hand import PLACES, Hand
 from airtact.setup import tables
 from airtact.setup.parsing import parse_scene
 
@@ -43,9 +35,12 @@ def built(
     function: Callable[..., Made], table: tables.Table, leave_out: tuple[str, ...] = ()
 ) -> Made:
     """Call a function with the keys that are given in a table, which are named as its arguments are."""
-    given = {key: getattr(table, key) for key in table.__struct_fields__ if key not in leave_out}
-    given = {key: np.array(value) if key == "corners" else value for key, value in given.items()}
-    return function(**{key: value for key, value in given.items() if value is not None})
+    arguments = {}
+    for key in table.__struct_fields__:
+        value = getattr(table, key)
+        if key not in leave_out and value is not None:
+            arguments[key] = np.array(value) if key == "corners" else value
+    return function(**arguments)
 
 
 def bodies_of(
@@ -65,11 +60,17 @@ def bodies_of(
     )
     for index, table in enumerate(file.obstacles):
         with about(f"obstacles[{index}]"):
-            own: NamedPoints = {}
-            for name, surface in _surfaces(table, folder, own, wanted, hands).items():
+            of_body: NamedPoints = {}
+            for name, surface in _surfaces(table, folder, of_body, wanted, hands).items():
                 obstacles.append(_obstacle(table, surface, medium))
                 names.append(f"{name} {index + 1}" if name in names else name)
-            points |= _distinct(own, points, wanted)
+            for name in wanted:
+                if name in of_body and name in points:
+                    raise InvalidInput(
+                        f"{name} is a named point of two bodies; give point = [x, y, z] instead of at.",
+                        code="given_twice",
+                    )
+            points |= of_body
     _check_places(file, folder, points)
     if file.merge_bodies:
         with about("merge_bodies"):
@@ -100,14 +101,14 @@ def _surfaces(
     hands = [] if hands is None else hands
     if table.pose is None:
         return _unmoved(table, folder, points, wanted, hands)
-    own: NamedPoints = {}
-    own_hands: list[Hand] = []
-    surfaces = _unmoved(table, folder, own, wanted, own_hands)
+    unmoved_points: NamedPoints = {}
+    unmoved_hands: list[Hand] = []
+    surfaces = _unmoved(table, folder, unmoved_points, wanted, unmoved_hands)
     with about("pose"):
         pose = pose_of(table.pose)
-    for name, (point, normal, room) in own.items():
+    for name, (point, normal, room) in unmoved_points.items():
         points[name] = (pose.apply(point), pose.rotate(normal), room)
-    hands += [Hand(pose.apply(hand.joints), hand.radii, hand.side) for hand in own_hands]
+    hands += [Hand(pose.apply(hand.joints), hand.radii, hand.side) for hand in unmoved_hands]
     return {name: surface.moved(pose) for name, surface in surfaces.items()}
 
 
@@ -121,6 +122,8 @@ def _unmoved(
     """Build the surfaces of an obstacle in its own frame; the named points wanted are brought to the surface."""
     match table.body:
         case tables.PinchTable(gap=gap):
+            from airtact.hands.pinch_dummy import pinch
+
             fingers = pinch(gap=gap)
             for name, pad, normal in zip(
                 ("thumb", "finger"), fingers.pads, fingers.normals, strict=True
@@ -128,30 +131,44 @@ def _unmoved(
                 points[f"{name}.pad"] = (pad, normal, fingers.gap)
             return {"thumb": fingers.surfaces[0], "finger": fingers.surfaces[1]}
         case tables.CapsuleTable(start=start, end=end, radius=radius, edge=edge):
+            from airtact.geometry.primitives import capsule
+
             return {"capsule": capsule(np.array(start), np.array(end), radius=radius, edge=edge)}
         case tables.SphereTable(radius=radius, centre=centre, edge=edge):
+            from airtact.geometry.primitives import sphere
+
             return {"sphere": sphere(radius=radius, edge=edge, centre=np.array(centre))}
         case tables.HandTable(hand=name, gap=gap):
+            from airtact.hands.files import ROOM, load_hand
+
             hand = load_hand(folder / name, gap)
-            for name in hand.places:
-                points[name] = (*(hand.place(name) if name in wanted else hand.places[name]), ROOM)
+            for place in hand.places:
+                # Only wanted places are brought to the surface, which takes a mesh of it.
+                point, normal = hand.place(place) if place in wanted else hand.places[place]
+                points[place] = (point, normal, ROOM)
             hands.append(hand)
             return {"hand": hand.surface}
         case tables.SurfaceTable(surface=name):
+            from airtact.geometry.files import load_surface
+
             surface = built(
                 partial(load_surface, folder / name), table.body, leave_out=("surface", "joints")
             )
             hand = _hand_of(table.body, folder, wanted)
             if hand is not None:
+                from airtact.hands.files import ROOM
+                from airtact.hands.hand import places_on
+
                 hands.append(hand)
-                points.update(
-                    {place: (*found, ROOM) for place, found in places_on(surface, hand).items()}
-                )
+                for place, (point, normal) in places_on(surface, hand).items():
+                    points[place] = (point, normal, ROOM)
             return {Path(name).stem: surface}
 
 
 def _hand_of(table: tables.SurfaceTable, folder: Path, wanted: tuple[str, ...]) -> Hand | None:
     """Read the hand that names the points of a mesh: of its ``joints``, or of its rig where names are wanted."""
+    from airtact.hands.files import load_hand, load_rigged_hand
+
     if table.joints is not None:
         return load_hand(folder / table.joints)
     if not wanted:
@@ -164,22 +181,11 @@ def _hand_of(table: tables.SurfaceTable, folder: Path, wanted: tuple[str, ...]) 
             return None
         if fault.code == "side_unclear":
             raise InvalidInput(
-                f"{path.name}: the {len(NAMES)} joints of its rig are too straight to distinguish a left hand from a "
-                'right one; give joints = "FILE.json" with the same joints and the side.',
+                f"{path.name}: the joints of its rig are too straight to distinguish a left hand from a right one; "
+                'give joints = "FILE.json" with the same joints and the side.',
                 code="side_unclear",
             ) from None
         raise
-
-
-def _distinct(own: NamedPoints, known: NamedPoints, wanted: tuple[str, ...]) -> NamedPoints:
-    """Return the named points of a body; raise where a wanted one is named by a body before it, too."""
-    for name in wanted:
-        if name in own and name in known:
-            raise InvalidInput(
-                f"{name} is a named point of 2 bodies; give point = [x, y, z] instead of at.",
-                code="given_twice",
-            )
-    return own
 
 
 def _check_places(file: tables.SceneFile, folder: Path, points: NamedPoints) -> None:
@@ -189,6 +195,8 @@ def _check_places(file: tables.SceneFile, folder: Path, points: NamedPoints) -> 
         at = focus.points.at if isinstance(focus.points, tables.NamedPointTable) else None
         if at not in PLACES or at in points or not meshes:
             continue
+        from airtact.hands.files import load_rigged_hand
+
         try:
             load_rigged_hand(folder / meshes[0].surface, meshes[0].scale or 1.0)
         except InvalidInput as fault:
@@ -220,30 +228,33 @@ def with_merged_bodies(
 
     The names of merged bodies are joined with " + "; all are in the order of their first.
     """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    from airtact.geometry.union import merged
+
     hard = [index for index, obstacle in enumerate(obstacles) if obstacle.boundary == "sound_hard"]
     near = [
-        pair
-        for pair in combinations(hard, 2)
-        if _nearly_touch(*(obstacles[index].surface for index in pair))
+        (first, second)
+        for first, second in combinations(hard, 2)
+        if approach(obstacles[first].surface, obstacles[second].surface, NEAREST * (1.0 - 1e-9))
+        is not None
     ]
-    one, two = np.array(near, dtype=np.int64).reshape(-1, 2).T
+    first, second = np.array(near, dtype=np.int64).reshape(-1, 2).T
     count = len(obstacles)
-    groups = connected_components(
-        coo_array((np.ones(len(one)), (one, two)), shape=(count, count)), directed=False
-    )[1]
-    words, bodies = [], []
+    graph = coo_array((np.ones(len(first)), (first, second)), shape=(count, count))
+    groups = connected_components(graph, directed=False)[1]
+    words = []
+    bodies = []
     for group in dict.fromkeys(groups.tolist()):
         members = np.flatnonzero(groups == group).tolist()
         words.append(" + ".join(names[index] for index in members))
-        surfaces = [obstacles[index].surface for index in members]
-        bodies.append(
-            obstacles[members[0]] if len(members) == 1 else sound_hard(merged(surfaces, NEAREST))
-        )
+        if len(members) == 1:
+            bodies.append(obstacles[members[0]])
+        else:
+            surfaces = [obstacles[index].surface for index in members]
+            bodies.append(sound_hard(merged(surfaces, NEAREST)))
     return words, bodies
-
-
-def _nearly_touch(one: Surface, two: Surface) -> bool:
-    return approach(one, two, NEAREST * (1.0 - 1e-9)) is not None
 
 
 def drawable_bodies(path: Path) -> list[Triangles]:
@@ -254,19 +265,17 @@ def drawable_bodies(path: Path) -> list[Triangles]:
     InvalidInput
         The file itself cannot be read or is not a scene file.
     """
-    found = []
-    file = parse_scene(text_of(path, LARGEST_SCENE_FILE))
-    for table in file.obstacles:
+    triangles = []
+    for table in parse_scene(text_of(path, LARGEST_SCENE_FILE)).obstacles:
         try:
-            found += [
-                (body.vertices, body.triangles)
-                for body in _surfaces(table, path.parent, {}).values()
-            ]
+            surfaces = _surfaces(table, path.parent, {}).values()
+            triangles += [(surface.vertices, surface.triangles) for surface in surfaces]
         except InvalidInput:
             if isinstance(table.body, tables.SurfaceTable):
                 bare = bare_triangles(path.parent / table.body.surface, table.body.scale or 1.0)
-                found += [] if bare is None else [bare]
-    return found
+                if bare is not None:
+                    triangles.append(bare)
+    return triangles
 
 
 def bare_triangles(path: Path, scale: float = 1.0) -> Triangles | None:
@@ -280,7 +289,7 @@ def bare_triangles(path: Path, scale: float = 1.0) -> Triangles | None:
         return None
     with np.errstate(over="ignore"):
         vertices = scale * vertices
-    there = vertices[np.isfinite(vertices).all(axis=1)]
-    if len(there) == 0 or np.ptp(there, axis=0).max() == 0.0:
+    finite = vertices[np.isfinite(vertices).all(axis=1)]
+    if len(finite) == 0 or np.ptp(finite, axis=0).max() == 0.0:
         return None
     return vertices, triangles

@@ -1,35 +1,40 @@
-"""From a scene file to the scene, the array, the target and the way to make the drive."""
+"""From the tables of a scene file to its setup: medium, array, target, solver and drive."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
+from jaxtyping import Float64, Num
 
 from airtact.acoustics.medium import Medium, air
 from airtact.acoustics.planes import plane
 from airtact.acoustics.scene import Scene, check_no_planes
-from airtact.acoustics.solvers.bem.solver import BoundaryElement
-from airtact.acoustics.solvers.fem.solver import FiniteElement
-from airtact.acoustics.solvers.free_field import FreeField
 from airtact.acoustics.solvers.problem import Solver
+from airtact.acoustics.target import Target
+from airtact.acoustics.target_points import (
+    Points,
+    circle,
+    onto_surface,
+    polyline,
+    segment,
+    sphere_shell,
+    surface_points,
+)
 from airtact.acoustics.uncertainty import Uncertainty
-from airtact.checks import counted
 from airtact.drives.motion import ALONG, PATHS, Motion
-from airtact.errors import LARGEST_SCENE_FILE, InvalidInput, about
+from airtact.errors import LARGEST_SCENE_FILE, MOST_POINTS, InvalidInput, about
 from airtact.files.bounded import text_of
-from airtact.files.text_table import read_text_table
 from airtact.geometry.pose import Pose
+from airtact.geometry.surface import Surface
 from airtact.setup import tables
-from airtact.setup.bodies import bodies_of, built, pose_of
-from airtact.setup.changes import Value, with_changes
-from airtact.setup.parsing import nearest, parse_scene
-from airtact.setup.setup import Setup
-from airtact.setup.targets import riding_of, target_of
+from airtact.setup.bodies import NamedPoints, bodies_of, built, pose_of
+from airtact.setup.parsing import Value, nearest, parse_scene
+from airtact.setup.setup import Setup, default_solver
 from airtact.transducers.boards import MURATA_RADIUS, board_named
-from airtact.transducers.calibration import calibrated_by
 from airtact.transducers.element import (
     DEFAULT_SENSITIVITY,
     MAX_PISTON_SIZE,
@@ -40,17 +45,9 @@ from airtact.transducers.element import (
 from airtact.transducers.layout import PhasedArray, board_array, flat_boards, surrounding_box
 from airtact.transducers.levels import Levels
 from airtact.transducers.modulation import AmplitudeModulation
-from airtact.transducers.plates import reflecting_boards
 
-SOLVERS = {
-    "boundary_element": ("sound_hard", "impedance"),
-    "finite_element": ("sound_hard", "impedance", "filled"),
-    "free_field": (),
-}
-"""The solvers that a file can name, and the boundaries of bodies that each of them can solve."""
-
-SOURCES = ("piston", "monopole")
-"""What a file can name as the kind of transducer."""
+DEFAULT_OFFSET = 0.5e-3
+"""Distance of a focus from the surface of its body [m]."""
 
 
 def read_scene(
@@ -83,8 +80,7 @@ def read_scene(
         )
     text = text_of(path, LARGEST_SCENE_FILE)
     with about(path.name):
-        file = parse_scene(text, partial(with_changes, changes=changes) if changes else None)
-        return _set_up(path, text, file, followed)
+        return _set_up(path, text, parse_scene(text, changes), followed)
 
 
 def _set_up(path: Path, text: str, file: tables.SceneFile, followed: bool) -> Setup:
@@ -94,13 +90,17 @@ def _set_up(path: Path, text: str, file: tables.SceneFile, followed: bool) -> Se
         file, path.parent, lambda table: medium_of(table, file.frequency)
     )
     planes = []
-    for index, one in enumerate(file.planes):
+    for index, table in enumerate(file.planes):
         with about(f"planes[{index}]"):
-            planes.append(plane(one.point, one.normal))
+            planes.append(plane(table.point, table.normal))
     wavenumber = medium.wavenumber(file.frequency).real
     with about("array"):
         array, board = _array(file.array, wavenumber, path.parent)
-        plates = reflecting_boards(array) if file.array.reflects else ()
+        plates = ()
+        if file.array.reflects:
+            from airtact.transducers.plates import reflecting_boards
+
+            plates = reflecting_boards(array)
     bodies += ["boards"] if len(plates) == 1 else [f"board {index}" for index in range(len(plates))]
     scene = Scene(medium, [*obstacles, *plates], frequency=file.frequency, planes=planes)
     surfaces = {
@@ -170,8 +170,7 @@ def _modulation(
             'length goes only with path = "line"; give the radius of a circle.',
             code="key_misplaced",
         )
-    for key, known in (("path", PATHS), ("along", ALONG)):
-        word = getattr(kind, key)
+    for key, word, known in (("path", kind.path, PATHS), ("along", kind.along, ALONG)):
         if word is not None and word not in known:
             raise InvalidInput(
                 f'{key} = "{word}" is unknown; {nearest(word, known)}', code="unknown_name"
@@ -188,34 +187,39 @@ def _modulation(
 
 
 def _solver(file: tables.SceneFile, scene: Scene) -> Solver:
+    """Build the solver that the file names, or the default one, if it solves such bodies."""
+    solvable = {
+        "boundary_element": ("sound_hard", "impedance"),
+        "finite_element": ("sound_hard", "impedance", "filled"),
+        "free_field": (),
+    }
     name = file.solver.name or ("boundary_element" if scene.obstacles else "free_field")
-    if name not in SOLVERS:
+    if name not in solvable:
         raise InvalidInput(
-            f'"{name}" is not a solver here; {nearest(name, SOLVERS)}', code="unknown_name"
+            f'"{name}" is not a solver here; {nearest(name, solvable)}', code="unknown_name"
         )
     if name == "free_field" and scene.obstacles:
-        count = counted(len(scene.obstacles), "obstacle", "obstacles")
         raise InvalidInput(
-            f"the scene has {count}, and free_field is for open air; name boundary_element, or nothing.",
+            "the scene has obstacles, and free_field is for open air; name boundary_element, or nothing.",
             code="not_supported",
         )
-    if name == "free_field":
-        return FreeField()
-    if not scene.obstacles:
+    if name != "free_field" and not scene.obstacles:
         raise InvalidInput(
-            f"the scene has 0 obstacles, and {name} needs one or more; name free_field, or nothing.",
+            f"the scene has no obstacles, and {name} needs one or more; name free_field, or nothing.",
             code="not_supported",
         )
     for index, obstacle in enumerate(scene.obstacles):
-        if obstacle.boundary not in SOLVERS[name]:
+        if obstacle.boundary not in solvable[name]:
             raise InvalidInput(
-                f"body {index} is {obstacle.boundary}, but {name} solves {', '.join(SOLVERS[name])} bodies only.",
+                f"body {index} is {obstacle.boundary}, but {name} solves {', '.join(solvable[name])} bodies only.",
                 code="not_supported",
             )
     if name == "finite_element":
+        from airtact.acoustics.solvers.fem.solver import FiniteElement
+
         check_no_planes(scene, name)
         return FiniteElement.reaching(file.solver.accuracy)
-    return BoundaryElement(accuracy=file.solver.accuracy)
+    return default_solver(scene, file.solver.accuracy)
 
 
 def medium_of(table: tables.MediumTable, frequency: float) -> Medium:
@@ -231,6 +235,8 @@ def _array(
     """Build the transducers, and name the kind of board that they are made of."""
     array, board = _layout(table, _element(table, wavenumber), folder)
     if table.calibration is not None:
+        from airtact.transducers.calibration import calibrated_by
+
         with about("calibration"):
             array = calibrated_by(folder / table.calibration, array)
     if table.pose is None:
@@ -242,9 +248,10 @@ def _array(
 def _element(table: tables.ArrayTable, wavenumber: float) -> Element:
     """Build the kind of transducer: that of the boards unless the table gives another one."""
     sensitivity = DEFAULT_SENSITIVITY if table.sensitivity is None else table.sensitivity
-    if table.source not in SOURCES:
+    sources = ("piston", "monopole")
+    if table.source not in sources:
         raise InvalidInput(
-            f'source = "{table.source}" is not known; {nearest(table.source, SOURCES)}',
+            f'source = "{table.source}" is not known; {nearest(table.source, sources)}',
             code="unknown_name",
         )
     if table.source == "monopole":
@@ -254,21 +261,17 @@ def _element(table: tables.ArrayTable, wavenumber: float) -> Element:
                 code="key_misplaced",
             )
         return monopole(sensitivity)
-    radius = _own_radius(table) if table.piston_radius is None else table.piston_radius
-    return piston(
-        radius, sensitivity, points=12 if wavenumber * radius <= MAX_PISTON_SIZE[12] else 19
-    )
-
-
-def _own_radius(table: tables.ArrayTable) -> float:
-    """Find the radius of the piston for the transducers of the boards of a table [m]."""
-    match table.layout:
-        case tables.ListedTable():
-            return MURATA_RADIUS
-        case tables.FlatBoardsTable():
-            return board_named("autd3").radius
-        case tables.BoardsTable(board=board) | tables.SurroundingBoxTable(board=board):
-            return board_named(board or "autd3").radius
+    radius = table.piston_radius
+    if radius is None:
+        match table.layout:
+            case tables.ListedTable():
+                radius = MURATA_RADIUS
+            case tables.FlatBoardsTable():
+                radius = board_named("autd3").radius
+            case tables.BoardsTable(board=board) | tables.SurroundingBoxTable(board=board):
+                radius = board_named(board or "autd3").radius
+    points = 12 if wavenumber * radius <= MAX_PISTON_SIZE[12] else 19
+    return piston(radius, sensitivity, points=points)
 
 
 def _layout(
@@ -286,10 +289,191 @@ def _layout(
 
 
 def _array_from_csv(path: Path, element: Element) -> PhasedArray:
+    from airtact.files.text_table import read_text_table
+
     table = read_text_table(path)
     names = ("x", "y", "z", "nx", "ny", "nz")
     table.require(*names)
     if not table.rows:
-        raise InvalidInput(f"{path.name} holds 0 transducers.", code="empty")
+        raise InvalidInput(f"{path.name} holds no transducers.", code="empty")
     columns = np.stack([table.numbers(name) for name in names], axis=1)
     return PhasedArray(columns[:, :3], columns[:, 3:], element)
+
+
+def target_of(
+    foci: Sequence[tables.FocusTable],
+    suppression: Sequence[tables.SuppressionTable],
+    named: NamedPoints,
+    bodies: Mapping[str, Surface],
+    folder: Path,
+    most_points: int = MOST_POINTS,
+) -> tuple[Target, tuple[str, ...]]:
+    """Build the target of a scene file, and a name for each of its foci.
+
+    Foci can name the points in ``named`` and the bodies by their names; drawings are in
+    the folder. Raise "too_many" where there are more than ``most_points`` foci and
+    suppression points.
+    """
+
+    def check_total(count: int) -> None:
+        if count > most_points:
+            raise InvalidInput(
+                f"there are {count:,} foci and suppression points or more, but most_points is {most_points:,}: "
+                "give fewer, or a larger most_points at the top of the file.",
+                code="too_many",
+            )
+
+    check_total(len(foci) + len(suppression))
+    points = [np.empty((0, 3))]
+    names = []
+    for index, table in enumerate(foci):
+        with about(f"foci[{index}]"):
+            of_table = _foci(table, named, bodies, folder)
+            names += _names(table, index, len(of_table))
+            points.append(of_table)
+        check_total(sum(map(len, points)))
+    zones = [np.empty((0, 3))]
+    for index, zone in enumerate(suppression):
+        with about(f"suppression[{index}]"):
+            if isinstance(zone.points, tables.SurfacePointsTable):
+                body = _body(zone.points.body, bodies, "body")
+                zones.append(built(partial(surface_points, body), zone.points, leave_out=("body",)))
+            else:
+                zones.append(_drawn(zone.points, folder))
+        check_total(sum(map(len, points + zones)))
+    with about("foci"):
+        wanted = _wanted(foci, [len(of_table) for of_table in points[1:]])
+        target = Target(np.concatenate(points), suppression_points=np.concatenate(zones), **wanted)
+    return target, tuple(names)
+
+
+def riding_of(
+    foci: Sequence[tables.FocusTable], count: int
+) -> tuple[tuple[str, float] | None, ...]:
+    """Return for each of ``count`` foci the named point that it is before and its distance off the surface [m]."""
+    if any(not isinstance(table.points, tables.NamedPointTable) for table in foci):
+        return (None,) * count
+    offsets = [DEFAULT_OFFSET if table.offset is None else table.offset for table in foci]
+    names = [table.points.at for table in foci if isinstance(table.points, tables.NamedPointTable)]
+    return tuple(zip(names, offsets, strict=True))
+
+
+def _wanted(
+    foci: Sequence[tables.FocusTable], counts: Sequence[int]
+) -> dict[str, Num[np.ndarray, "foci"]]:
+    """Return the pressures or shares of all foci, or nothing where all are alike."""
+    pressures = _each(foci, "pressure", counts)
+    shares = _each(foci, "share", counts)
+    degrees = _each(foci, "phase_degrees", counts)
+    if pressures is not None and shares is not None:
+        raise InvalidInput(
+            "the foci have pressures and shares; give one of the two.", code="options_clash"
+        )
+    phased = 1.0 if degrees is None else np.exp(1j * np.radians(degrees))
+    if pressures is not None:
+        return {"pressures": pressures * phased}
+    if shares is not None:
+        return {"shares": shares * phased}
+    if degrees is not None:
+        return {"shares": np.asarray(phased)}
+    return {}
+
+
+def _each(
+    foci: Sequence[tables.FocusTable], key: str, counts: Sequence[int]
+) -> Float64[np.ndarray, "foci"] | None:
+    """Spread a key over the points of each table; None where no table has it."""
+    values = [getattr(table, key) for table in foci]
+    missing = values.count(None)
+    if missing == len(values):
+        return None
+    if missing:
+        otherwise = " for as strong as possible" if key == "pressure" else ""
+        raise InvalidInput(
+            f"{len(foci) - missing} of {len(foci)} have a {key}; give it to all, or to none{otherwise}.",
+            code="key_missing",
+        )
+    return np.repeat(np.array(values, dtype=np.float64), counts)
+
+
+def _names(table: tables.FocusTable, index: int, count: int) -> list[str]:
+    match table.points:
+        case tables.NamedPointTable(at=at):
+            return [table.name or at]
+        case tables.PointTable():
+            return [table.name or f"focus {index + 1}"]
+    kind = table.name or table.points.__struct_config__.tag
+    return [f"{kind} {number + 1}" for number in range(count)]
+
+
+def _foci(
+    table: tables.FocusTable, named: NamedPoints, bodies: Mapping[str, Surface], folder: Path
+) -> Points:
+    """Return the points of one table."""
+    offset = DEFAULT_OFFSET if table.offset is None else table.offset
+    if isinstance(table.points, tables.NamedPointTable):
+        if table.onto is not None:
+            raise InvalidInput("onto goes only with a point or a shape.", code="key_misplaced")
+        return _named(table.points.at, named, offset)[None]
+    if table.offset is not None and table.onto is None:
+        raise InvalidInput("offset goes only with at or onto.", code="key_misplaced")
+    points = _drawn(table.points, folder)
+    if table.onto is not None:
+        points = onto_surface(points, _body(table.onto, bodies, "onto"), offset)
+    return points
+
+
+def _drawn(table: tables.PointTable | tables.Shape | tables.SvgTable, folder: Path) -> Points:
+    """Points that foci and suppression zones alike may be."""
+    match table:
+        case tables.PointTable(point=point):
+            return np.array([point], dtype=np.float64)
+        case tables.SvgTable(source=source):
+            from airtact.acoustics.drawings import svg_path
+
+            if isinstance(source, tables.DrawingFileTable):
+                drawing = folder / source.file
+            else:
+                drawing = source.path
+            return built(partial(svg_path, drawing), table, leave_out=("source",))
+        case tables.WritingTable():
+            from airtact.acoustics.drawings import text
+
+            return built(text, table)
+        case tables.SegmentTable():
+            return built(segment, table)
+        case tables.PolylineTable():
+            return built(polyline, table)
+        case tables.CircleTable():
+            return built(circle, table)
+        case tables.SphereShellTable():
+            return built(sphere_shell, table)
+
+
+def _body(name: str, bodies: Mapping[str, Surface], key: str) -> Surface:
+    if name not in bodies:
+        known = nearest(name, bodies) if bodies else "there is no body."
+        raise InvalidInput(f'{key} = "{name}" is not a body; {known}', code="unknown_name")
+    return bodies[name]
+
+
+def _named(name: str, named: NamedPoints, offset: float) -> Float64[np.ndarray, "3"]:
+    if name not in named:
+        known = "no body has named points, so give point = [x, y, z]."
+        if named:
+            known = nearest(name, named)
+        raise InvalidInput(
+            f'at = "{name}" is not a named point of a body; {known}', code="unknown_name"
+        )
+    if not (math.isfinite(offset) and offset >= 0):
+        raise InvalidInput(
+            f"offset = {offset} m must be 0 (on the surface) or more.", code="out_of_range"
+        )
+    point, normal, room = named[name]
+    if offset >= room:
+        raise InvalidInput(
+            f"offset = {offset:g} m does not lie in the gap of {1e3 * room:g} mm before {name}: is it in "
+            "millimetres? Give metres.",
+            code="out_of_range",
+        )
+    return point + offset * normal

@@ -1,46 +1,54 @@
-"""From the text of a scene file to its tables, or to one sentence that names the key at fault."""
+"""From the text of a scene file to its tables: limits, other values for its keys, and one sentence about a fault."""
 
 import difflib
+import math
 import re
 import typing
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from datetime import date, time
+from collections.abc import Iterable, Mapping
+from copy import deepcopy
 from functools import cache
+from itertools import pairwise
 from typing import Any
 
 import msgspec
 
-from airtact.errors import InvalidInput
-from airtact.setup.limits import check_data, check_text
-from airtact.setup.tables import RENAMED, Choice, SceneFile, Table
+from airtact.checks import counted
+from airtact.errors import (
+    LARGEST_NUMBER,
+    LARGEST_SCENE_FILE,
+    SMALLEST_NUMBER,
+    InvalidInput,
+)
+from airtact.setup import tables
+from airtact.setup.tables import Choice, SceneFile, Table
 from airtact.transducers.boards import BOARDS
 
-Item = str | float | date | time | Sequence | Mapping
-"""What decoded TOML holds."""
-
-LONGEST_WORD = 50
-"""A longer word is cut before it is compared with those that are known."""
+Value = str | float | int | bool | None
+"""Value that a key may be set to; None removes the key."""
 
 AnyTable = typing.TypeVar("AnyTable", bound=Table)
 
+MAX_LEVELS = 32
+"""Largest number of lists and tables inside each other, and of parts of a dotted key."""
 
-def parse_scene(
-    text: str, change: Callable[[dict[str, Item]], dict[str, Item]] | None = None
-) -> SceneFile:
+MAX_BODIES = 256
+"""Largest number of obstacles in a scene file."""
+
+
+def parse_scene(text: str, changes: Mapping[str, Value] | None = None) -> SceneFile:
     r"""Turn the text of a scene file into its tables.
 
     Parameters
     ----------
     text : TOML.
-    change : is applied to the decoded TOML before it is checked.
+    changes : other values for some keys, see ``with_changes``.
 
     Raises
     ------
     InvalidInput
-        "file_unreadable", "unknown_key" (with the nearest right key), "unknown_key", "key_missing", "key_misplaced" (a key
-        of another choice), "options_clash" (none or several of keys that exclude each other), "unknown_name" or
-        "out_of_range"; or a limit is passed: "file_too_large", "file_unreadable", "file_too_large", "file_too_large", "not_finite",
-        "out_of_range" or "too_many".
+        "file_unreadable", "unknown_key" (with the nearest right key), "key_missing", "key_misplaced" (a key of another
+        choice), "options_clash" (none or several of keys that exclude each other), "unknown_name", "out_of_range" or
+        "not_finite"; or a limit is passed: "file_too_large" or "too_many".
 
     Examples
     --------
@@ -49,49 +57,94 @@ def parse_scene(
     ...
     airtact.errors.InvalidInput: medium.celsuis is not a key of a scene file; did you mean medium.celsius?
     """
-    check_text(text)
+    _check_text(text)
     try:
         data = msgspec.toml.decode(text.encode())
     except RecursionError:
-        raise InvalidInput(
-            "lists and tables stand too deep in each other.", code="file_too_large"
-        ) from None
+        raise InvalidInput("lists and tables are nested too deep.", code="file_too_large") from None
     except ValueError as error:  # also of numbers with thousands of digits
+        words = str(error)
         raise InvalidInput(
-            f"this is not TOML: {str(error)[:1].lower()}{str(error)[1:]}.", code="file_unreadable"
+            f"this is not TOML: {words[:1].lower()}{words[1:]}.", code="file_unreadable"
         ) from None
-    data = data if change is None else change(data)
-    check_data(data)
+    if changes:
+        data = with_changes(data, changes)
+    _check_numbers(data, "", 0)
+    bodies = data.get("obstacles")
+    if isinstance(bodies, list) and len(bodies) > MAX_BODIES:
+        count = counted(len(bodies), "obstacle", "obstacles")
+        raise InvalidInput(f"there are {count}, more than {MAX_BODIES}.", code="too_many")
     return _table(data, SceneFile, "")
+
+
+def _check_text(text: str) -> None:
+    """Raise "file_too_large" or "file_unreadable" where TOML text goes beyond a limit."""
+    try:
+        size = len(text.encode())
+    except UnicodeEncodeError as error:
+        sentence = f"the text is not Unicode: character {error.start} is half of a pair."
+        raise InvalidInput(sentence, code="file_unreadable") from None
+    if size > LARGEST_SCENE_FILE:
+        sentence = f"the text has {size:,} bytes, more than {LARGEST_SCENE_FILE:,}."
+        raise InvalidInput(sentence, code="file_too_large")
+    # The decoder takes minutes for keys of thousands of parts; all else it reads in seconds.
+    parts = 0
+    for word in text.split("."):
+        parts = 0 if re.search(r"[\n=,\[\]{}]", word) else parts + 1
+        if parts >= MAX_LEVELS:
+            raise InvalidInput(
+                f"a key has more than {MAX_LEVELS} parts between dots.", code="file_too_large"
+            )
+
+
+def _check_numbers(data: object, path: str, level: int) -> None:
+    """Raise where a number in nested tables and lists is not finite, too large or too small, or too deep."""
+    if level > MAX_LEVELS:
+        sentence = f"{path} is more than {MAX_LEVELS} levels deep in lists and tables."
+        raise InvalidInput(sentence, code="file_too_large")
+    if isinstance(data, dict):
+        for key, value in data.items():
+            _check_numbers(value, _joined(path, key), level + 1)
+    elif isinstance(data, list):
+        for index, value in enumerate(data):
+            _check_numbers(value, f"{path}[{index}]", level + 1)
+    elif isinstance(data, int | float):
+        if not abs(data) < math.inf:  # also NaN
+            raise InvalidInput(f"{path} is {data}, but it must be finite.", code="not_finite")
+        if 0 < abs(data) < SMALLEST_NUMBER or abs(data) > LARGEST_NUMBER:
+            # No float holds the largest integers.
+            number = f"{data:.3g}" if abs(data) < 1e300 else "too large"
+            raise InvalidInput(
+                f"{path} is {number}, but its size must be 0, or lie between {SMALLEST_NUMBER:g} and "
+                f"{LARGEST_NUMBER:g}.",
+                code="out_of_range",
+            )
 
 
 @cache
 def keys_of(table: type[Table]) -> frozenset[str]:
-    """List the keys that a table may hold, those of its choices among them."""
+    """Return the keys that a table may hold, those of its choices included."""
     keys: set[str] = set()
     for field in _fields(table):
         kinds = _tables_in(field.type)
-        keys |= (
-            {field.name}
-            if len(kinds) < 2
-            else {key for kind in kinds for key in _keys_beside(kind)}
-        )
+        if len(kinds) < 2:
+            keys.add(field.name)
+        else:
+            keys.update(*(_keys_beside(kind) for kind in kinds))
     return frozenset(keys)
 
 
 def nearest(word: str, known: Iterable[str], prefix: str = "") -> str:
-    """Write which known word was probably meant, or all that there are.
+    """Suggest the known word that was probably meant, or list all.
 
     >>> nearest("finite_elemant", ["boundary_element", "finite_element"])
     'did you mean finite_element?'
     """
     known = sorted(known)
-    close = difflib.get_close_matches(word[:LONGEST_WORD], known, n=1)
-    return (
-        f"did you mean {prefix}{close[0]}?"
-        if close
-        else f"there is {', '.join(prefix + name for name in known)}."
-    )
+    close = difflib.get_close_matches(word[:50], known, n=1)
+    if close:
+        return f"did you mean {prefix}{close[0]}?"
+    return f"there is {', '.join(prefix + name for name in known)}."
 
 
 def _table(data: Any, table: type[AnyTable], path: str) -> AnyTable:
@@ -100,16 +153,16 @@ def _table(data: Any, table: type[AnyTable], path: str) -> AnyTable:
         return _converted(data, table, path)
     _check_keys(data, table, path)
     ready: dict[str, Any] = {}
+    # Choices come last, so that a fault inside a table is named before one of the choice.
     for field in sorted(_fields(table), key=lambda field: len(_tables_in(field.type))):
-        kinds, value, inner = (
-            _tables_in(field.type),
-            data.get(field.name),
-            _joined(path, field.name),
-        )
+        kinds = _tables_in(field.type)
         if len(kinds) > 1:
             chosen = _chosen(data, field, kinds, path)
-            ready |= {} if chosen is None else {field.name: chosen}
+            if chosen is not None:
+                ready[field.name] = chosen
         elif field.name in data:
+            value = data[field.name]
+            inner = _joined(path, field.name)
             listed = "list[" in str(field.type)
             if kinds and listed and isinstance(value, list):
                 value = [
@@ -122,14 +175,10 @@ def _table(data: Any, table: type[AnyTable], path: str) -> AnyTable:
 
 
 def _check_keys(data: Mapping[str, Any], table: type[Table], path: str) -> None:
-    known, before = keys_of(table), f"{path}." if path else ""
+    known = keys_of(table)
     for key in data:
-        if (table, key) in RENAMED:
-            now = RENAMED[table, key]
-            raise InvalidInput(
-                f"the key {before}{key} is now called {before}{now}; rename it.", code="unknown_key"
-            )
         if key not in known:
+            before = f"{path}." if path else ""
             sentence = f"{before}{key} is not a key of a scene file; {nearest(key, known, before)}"
             raise InvalidInput(sentence, code="unknown_key")
 
@@ -140,18 +189,18 @@ def _chosen(
     """Find the choice that a table makes, and convert its keys; None for the default of the field."""
     tags = {str(kind.__struct_config__.tag): kind for kind in kinds}
     by_value = not issubclass(kinds[0], Choice)
-    tag = (
-        _tag_by_value(data, field, tags, path) if by_value else _tag_by_key(data, field, tags, path)
-    )
+    find_tag = _tag_by_value if by_value else _tag_by_key
+    tag = find_tag(data, field, tags, path)
     if tag is None:
         return None
     kind = tags[tag]
-    own = _keys_beside(kind)
-    for key in sorted({key for other in kinds for key in _keys_beside(other)} & data.keys() - own):
+    keys = _keys_beside(kind)
+    foreign = {key for each in kinds for key in _keys_beside(each)} & data.keys() - keys
+    for key in sorted(foreign):
         owners = [
             _phrase(field, name, by_value)
-            for name, other in tags.items()
-            if key in _keys_beside(other)
+            for name, each in tags.items()
+            if key in _keys_beside(each)
         ]
         sentence = f"{_joined(path, key)} goes only with {' or '.join(owners)}."
         raise InvalidInput(sentence, code="key_misplaced")
@@ -159,15 +208,14 @@ def _chosen(
         return _table({"file": data[field.name]}, kind, path)
     if not by_value and tag not in kind.__struct_fields__:
         return _table(data[tag], kind, _joined(path, tag))
-    for key in (one.name for one in _fields(kind) if one.required):
-        if key not in data:
-            sentence = f"the key {_joined(path, key)} is missing: {_phrase(field, tag, by_value)} needs it."
+    for inner in _fields(kind):
+        if inner.required and inner.name not in data:
+            sentence = f"the key {_joined(path, inner.name)} is missing: {_phrase(field, tag, by_value)} needs it."
             raise InvalidInput(sentence, code="key_missing")
-    return _table(
-        {key: data[key] for key in own if key in data and not (by_value and key == field.name)},
-        kind,
-        path,
-    )
+    chosen = {key: data[key] for key in keys if key in data}
+    if by_value:
+        chosen.pop(field.name, None)
+    return _table(chosen, kind, path)
 
 
 def _phrase(field: msgspec.structs.FieldInfo, tag: str, by_value: bool) -> str:
@@ -181,15 +229,16 @@ def _tag_by_key(
     path: str,
 ) -> str | None:
     """Find the choice whose tag is a key, or else the one that has other keys of the table."""
-    given = [tag for tag in tags if tag in data]
-    given = given or [tag for tag, kind in tags.items() if _keys_beside(kind) & data.keys()]
-    if not given and not field.required:
+    chosen = [tag for tag in tags if tag in data]
+    if not chosen:
+        chosen = [tag for tag, kind in tags.items() if _keys_beside(kind) & data.keys()]
+    if not chosen and not field.required:
         return None
-    if len(given) != 1:
+    if len(chosen) != 1:
         choices = [" and ".join(_leading(kind)) for kind in tags.values()]
-        sentence = f"{path}: give exactly one of {', '.join(choices)}; {len(given)} given."
+        sentence = f"{path}: give exactly one of {', '.join(choices)}; {len(chosen)} given."
         raise InvalidInput(sentence, code="options_clash")
-    return given[0]
+    return chosen[0]
 
 
 def _tag_by_value(
@@ -219,11 +268,9 @@ def _tag_by_value(
             code="unknown_name",
         )
     known = [tag for tag in tags if tag != ".csv"]
-    kind = (
-        f"neither a known {field.name} nor a .csv file"
-        if ".csv" in tags
-        else f"not a known {field.name}"
-    )
+    kind = f"not a known {field.name}"
+    if ".csv" in tags:
+        kind = f"neither a known {field.name} nor a .csv file"
     sentence = f'{_joined(path, field.name)} = "{value}" is {kind}; {nearest(value, known)}'
     raise InvalidInput(sentence, code="unknown_name")
 
@@ -231,12 +278,13 @@ def _tag_by_value(
 @cache
 def _keys_beside(kind: type[Table]) -> frozenset[str]:
     """List the keys of a choice that stand in the table which makes it."""
-    config, fields = kind.__struct_config__, keys_of(kind)
+    config = kind.__struct_config__
     if not issubclass(kind, Choice):
-        return frozenset({str(config.tag_field)}) | (
-            fields if config.tag != ".csv" else frozenset()
-        )
-    return fields if config.tag in kind.__struct_fields__ else frozenset({str(config.tag)})
+        keys = frozenset() if config.tag == ".csv" else keys_of(kind)
+        return keys | {str(config.tag_field)}
+    if config.tag in kind.__struct_fields__:
+        return keys_of(kind)
+    return frozenset({str(config.tag)})
 
 
 def _leading(kind: type[Table]) -> list[str]:
@@ -263,31 +311,134 @@ def _joined(path: str, key: str) -> str:
     return f"{path}.{key}" if path else key
 
 
-_PLAIN_WORDS = {
-    "array": "a list",
-    "bool": "true or false",
-    "float": "a number",
-    "int": "a whole number",
-    "object": "a table",
-    "str": "a string",
-}
-
-
 def _converted(data: Any, kind: type[Any], path: str) -> Any:
     """Convert by msgspec, and write its errors in the words of TOML."""
     try:
         return msgspec.convert(data, kind)
     except msgspec.ValidationError as error:
-        what, _, inner = str(error).partition(" - at ")
+        fault, _, inner = str(error).partition(" - at ")
     where = path + inner.strip("`").removeprefix("$")
     where = where.removeprefix(".")
-    if missing := re.fullmatch(r"Object missing required field `(.+)`", what):
+    missing = re.fullmatch(r"Object missing required field `(.+)`", fault)
+    if missing:
         raise InvalidInput(f"the key {_joined(where, missing[1])} is missing.", code="key_missing")
-    what = re.sub(r"`([a-z| ]+)`", _plain_types, what)
-    raise InvalidInput(f"{where}: {what[:1].lower()}{what[1:]}.", code="out_of_range")
+    fault = re.sub(r"`([a-z| ]+)`", _plain_types, fault)
+    raise InvalidInput(f"{where}: {fault[:1].lower()}{fault[1:]}.", code="out_of_range")
 
 
 def _plain_types(match: re.Match[str]) -> str:
-    return " or ".join(
-        _PLAIN_WORDS.get(word, word) for word in match[1].split(" | ") if word != "null"
-    )
+    """Replace names of types by the words that a user of TOML knows."""
+    words = {
+        "array": "a list",
+        "bool": "true or false",
+        "float": "a number",
+        "int": "a whole number",
+        "object": "a table",
+        "str": "a string",
+    }
+    return " or ".join(words.get(word, word) for word in match[1].split(" | ") if word != "null")
+
+
+def with_changes(data: Mapping[str, Any], changes: Mapping[str, Value]) -> dict[str, Any]:
+    """Return decoded TOML in which some keys have other values.
+
+    Parameters
+    ----------
+    data : tables, lists and values of a scene file; it stays as it is.
+    changes : values by paths such as ``foci[0].offset``. ``hand.gap`` is short for the key of the
+        only obstacle that is a hand, and so for the other kinds of bodies. A key that the file
+        leaves out is added.
+
+    Raises
+    ------
+    InvalidInput
+        "unknown_key": a path leads nowhere; the sentence names what is there. "given_twice": two paths are one key.
+
+    Examples
+    --------
+    >>> with_changes({"foci": [{"at": "thumb.pad"}]}, {"foci[0].offset": 1e-3})
+    {'foci': [{'at': 'thumb.pad', 'offset': 0.001}]}
+    """
+    changed = deepcopy(dict(data))
+    seen: dict[tuple[str | int, ...], str] = {}
+    for path, value in changes.items():
+        steps = _full(_steps(path), changed, path)
+        earlier = seen.setdefault(tuple(steps), path)
+        if earlier != path:
+            raise InvalidInput(
+                f"{earlier} and {path} are the same key; give it once.", code="given_twice"
+            )
+        inner: Any = changed
+        for step, following in pairwise(steps):
+            inner = _inside(inner, step, following, path)
+        last = steps[-1]
+        if not isinstance(last, str) or not isinstance(inner, dict):
+            _at(inner, last, path)
+            inner[last] = value
+        elif value is None:
+            inner.pop(last, None)
+        else:
+            inner[last] = value
+    return changed
+
+
+def _steps(path: str) -> list[str | int]:
+    """Split a path into keys and indices."""
+    if not re.fullmatch(r"[\w-]+(\.[\w-]+|\[\d+\])*", path):
+        raise InvalidInput(
+            f"{path!r} is not the path of a key: write its tables, with numbers from 0 in brackets where there are "
+            "several, such as foci[0].offset.",
+            code="unknown_key",
+        )
+    matches = re.finditer(r"([\w-]+)|\[(\d+)\]", path)
+    return [match[1] if match[2] is None else int(match[2]) for match in matches]
+
+
+def _full(steps: list[str | int], data: Mapping[str, Any], path: str) -> list[str | int]:
+    """Write out a path that begins with the kind of a body."""
+    kind = str(steps[0])
+    if kind in keys_of(SceneFile):
+        return steps
+    bodies = [body if isinstance(body, dict) else {} for body in data.get("obstacles", [])]
+    indices = [index for index, body in enumerate(bodies) if kind in body]
+    if len(indices) != 1:
+        kinds = {body.__struct_config__.tag for body in typing.get_args(tables.Body)}
+        known = sorted({key for body in bodies for key in body} & kinds)
+        beside = f" and the bodies {', '.join(known)}" if known else ""
+        raise InvalidInput(
+            f"{path}: {len(indices)} bodies are named {kind!r}; a path begins with {', '.join(sorted(data))}{beside}"
+            ", and obstacles[0] is the first body.",
+            code="unknown_key",
+        )
+    index = indices[0]
+    # Keys of the body stand in a table of its kind, pose and boundary beside it.
+    beside_kind = len(steps) > 1 and steps[1] in ("pose", "boundary")
+    if isinstance(bodies[index][kind], dict) and not beside_kind:
+        return ["obstacles", index, *steps]
+    return ["obstacles", index, *steps[1:]]
+
+
+def _inside(inner: Any, step: str | int, following: str | int, path: str) -> Any:
+    """Find the table or the list that a step leads to; a table that is left out is made."""
+    if isinstance(step, str) and isinstance(inner, dict) and step not in inner:
+        if isinstance(following, str):
+            inner[step] = {}
+        elif step == "translation":  # which a file may leave out
+            inner[step] = [0.0, 0.0, 0.0]
+    return _at(inner, step, path)
+
+
+def _at(inner: Any, step: str | int, path: str) -> Any:
+    """Return the value at a step; raise "unknown_key" if there is none."""
+    if isinstance(step, int) and isinstance(inner, list) and step < len(inner):
+        return inner[step]
+    if isinstance(step, str) and isinstance(inner, dict) and step in inner:
+        return inner[step]
+    word = f"[{step}]" if isinstance(step, int) else step
+    if isinstance(inner, list):
+        known = f"there are [0] to [{len(inner) - 1}]." if inner else "the list is empty."
+    elif isinstance(inner, dict):
+        known = nearest(str(step), inner) if inner else "the table is empty."
+    else:
+        known = f"a single value ({inner!r}) stands there."
+    raise InvalidInput(f"{path}: {word} is not in the scene file; {known}", code="unknown_key")

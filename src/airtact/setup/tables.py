@@ -161,6 +161,10 @@ class HandTable(Choice, frozen=True, tag="hand"):
     gap: float | None = None
 
 
+Body = PinchTable | CapsuleTable | SphereTable | SurfaceTable | HandTable
+"""Kinds of bodies."""
+
+
 class Boundary(Table, frozen=True, tag_field="boundary"):
     """What the surface of a body does to sound, by the value of ``boundary``."""
 
@@ -184,7 +188,7 @@ class FilledTable(Boundary, frozen=True, tag="filled"):
 class ObstacleTable(Table, frozen=True):
     """A body, or the two of a pinch, and what its surface does to sound; ``pose`` places it, its named points too."""
 
-    body: PinchTable | CapsuleTable | SphereTable | SurfaceTable | HandTable
+    body: Body
     boundary: SoundHardTable | ImpedanceTable | FilledTable = SoundHardTable()
     pose: PoseTable | None = None
 
@@ -418,7 +422,3 @@ class SceneFile(Table, frozen=True):
     drive: DriveTable = DriveTable()
     uncertainty: UncertaintyTable | None = None
     tracker: PoseTable | None = None
-
-
-RENAMED = {(SceneFile, "quiet"): "suppression", (SuppressionTable, "skin"): "surface"}
-"""Keys of older files, and what they are now."""

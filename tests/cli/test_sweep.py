@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +15,8 @@ import pytest
 
 import airtact as at
 from airtact.cli import main
-from airtact.setup.sweeping.scene_point import frames_of, scene_point
-from airtact.workflows.sweep.grid import grid_of
-from airtact.workflows.sweep.sweep import sweep
+from airtact.cli.sweep import grid_of
+from airtact.setup.scene_points import frames_of, scene_points
 
 OPEN_AIR = """
 medium = { celsius = 20.0 }
@@ -75,7 +75,7 @@ def test_the_table_of_the_command_line(open_air, tmp_path, capsys) -> None:
         "--vary",
         "medium.celsius=20:5000:2",
     ]
-    command += ["--out", str(out), "--processes", "1", "--parquet", "--json"]
+    command += ["--out", str(out), "--processes", "1", "--json"]
     assert main(command) == 0
     record = json.loads(capsys.readouterr().out)
     assert (record["points"], record["failed"]) == (6, 3)
@@ -109,7 +109,7 @@ def matrix(setup):
 
 def test_what_the_foci_get_is_what_a_more_accurate_solution_gives(tmp_path) -> None:
     (tmp_path / "fingers.toml").write_text(FINGERS, encoding="utf-8")
-    function = scene_point(tmp_path / "fingers.toml")
+    function = scene_points(tmp_path / "fingers.toml")
     row = function({"pinch.gap": 0.014})
     setup = at.read_scene(tmp_path / "fingers.toml", {"pinch.gap": 0.014})
     aware = at.transfer_matrix(
@@ -127,7 +127,7 @@ def test_frames_of_a_recording_take_the_place_of_the_hand() -> None:
     scene, recording = at.example("live_pinch"), at.example("pinching.jsonl")
     points = frames_of(recording)
     assert len(points) > 10
-    function = scene_point(scene, recording)
+    function = scene_points(scene, recording)
     frame = points[5]
     setup = function.setup(frame | {"foci[0].offset": 3e-3})
     (seen,) = [
@@ -144,13 +144,13 @@ def test_a_result_follows_from_all_files_of_a_scene(tmp_path) -> None:
     (folder / "pinch.json").write_bytes(pose)
     scene = tmp_path / "scene.toml"
     scene.write_bytes(at.example("pinch_pose").read_bytes())
-    before = scene_point(scene).content
+    before = scene_points(scene).content
     assert len(before) == 2
     (folder / "pinch.json").write_bytes(pose.replace(b"0.0", b"0.1", 1))
-    assert scene_point(scene).content[0] == before[0]
-    assert scene_point(scene).content[1] != before[1]
+    assert scene_points(scene).content[0] == before[0]
+    assert scene_points(scene).content[1] != before[1]
     with pytest.raises(at.InvalidInput, match="a recording moves just 1"):
-        scene_point(at.example("pinch"), at.example("pinching.jsonl"))
+        scene_points(at.example("pinch"), at.example("pinching.jsonl"))
 
 
 @pytest.mark.parametrize(
@@ -166,27 +166,30 @@ def test_a_result_follows_from_all_files_of_a_scene(tmp_path) -> None:
         ([], "out_of_range"),
     ],
 )
-def test_a_sweep_that_cannot_be_begins_nothing(varied, code, open_air, tmp_path) -> None:
-    with pytest.raises(at.InvalidInput) as fault:
-        sweep(open_air, varied, tmp_path / "out")
-    assert fault.value.code == code
+def test_a_sweep_that_cannot_be_begins_nothing(varied, code, open_air, tmp_path, capsys) -> None:
+    options = [word for words in varied for word in ("--vary", words)]
+    assert main(["sweep", str(open_air), *options, "--out", str(tmp_path / "out")]) == 2
+    assert capsys.readouterr().err.endswith(f"[{code}]\n")
     assert not (tmp_path / "out").exists()
 
 
-def test_a_cluster_gives_the_same_table(open_air, tmp_path) -> None:
-    for name in (None, "local"):
-        sweep(
-            open_air,
-            ["foci[0].point[2]=0.1:0.2:3"],
-            tmp_path / str(name),
-            number=1,
-            dask=name,
-            pictures=False,
-        )
-    assert rows_of(tmp_path / "local") == rows_of(tmp_path / "None")
-    with pytest.raises(at.InvalidInput) as fault:
-        sweep(open_air, ["foci[0].point[2]=0.1:0.2:3"], tmp_path / "far", dask="nowhere")
-    assert fault.value.code == "child_failed"
+def test_a_cluster_gives_the_same_rows(open_air) -> None:
+    from distributed import Client, LocalCluster
+
+    points = [{"foci[0].point[2]": z} for z in (0.1, 0.15, 0.2)]
+    with (
+        LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster,
+        Client(cluster) as client,
+    ):
+        rows = at.sweep(open_air, points, client.get_executor())
+    with ThreadPoolExecutor(1) as threads:
+        assert at.sweep(at.read_scene(open_air), points, threads) == rows
+
+
+def test_a_cluster_that_does_not_answer_is_named(open_air, tmp_path, capsys) -> None:
+    words = ["--vary", "foci[0].point[2]=0.1:0.2:3", "--dask", "nowhere"]
+    assert main(["sweep", str(open_air), *words, "--out", str(tmp_path / "far")]) == 2
+    assert capsys.readouterr().err.endswith("[child_failed]\n")
 
 
 @pytest.mark.slow

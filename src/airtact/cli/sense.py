@@ -9,7 +9,7 @@ from airtact.cli.console import facts_table, open_page, progress, show
 from airtact.cli.options import FILE, as_json, open_result, pictures, quiet, results, scene, store
 
 if TYPE_CHECKING:
-    from airtact.reports.sense_page import Sensed
+    from airtact.setup.sensing import Sensed
 
 
 @click.command(
@@ -73,33 +73,62 @@ def sense(
     measured. Writes pose.json, report.html, and echoes.h5 where they were simulated.
     """
     with progress() as report_step:
-        report_step("starting")
-        from airtact.workflows import sense as workflow
+        report_step(f"reading {scene.name}")
+        from airtact.errors import InvalidInput
+        from airtact.files.atomic import writable_folder
+        from airtact.reports.sense_page import write_sense_page
+        from airtact.sensing.echoes import load_echoes
+        from airtact.setup.building import read_scene
+        from airtact.setup.sensing import Simulation, write_pose
+        from airtact.setup.sensing import sense as sense_hand
 
-        simulation = workflow.Simulation(noise, offset, turn, seed, wider) if simulate else None
-        sensed = workflow.sense(scene, echoes, simulation, folder, report_step, store, pictures)
-    pose, page, measured = (folder / name for name in workflow.FILES)
-    files = [pose, *([page] if pictures else []), *([measured] if simulate else [])]
-    lines = [f"Report: {page}" if pictures else f"Pose: {pose}"]
+        if (echoes is None) != simulate:
+            raise InvalidInput(
+                "give either a file of echoes (--echoes FILE) or --simulate.", code="data_missing"
+            )
+        setup = read_scene(scene)
+        writable_folder(folder)
+        pose = folder / "pose.json"
+        page = folder / "report.html"
+        for file in (pose, page):  # an older run's must not stand beside this run's echoes
+            file.unlink(missing_ok=True)
+        if echoes is None:
+            source = Simulation(noise, offset, turn, seed, wider)
+        else:
+            source = load_echoes(echoes)
+        sensed = sense_hand(setup, source, report_step, store)
+        files = [pose]
+        write_pose(pose, sensed.located)
+        if pictures:
+            report_step("drawing the report")
+            write_sense_page(page, sensed)
+            files.append(page)
+        if simulate:
+            files.append(folder / "echoes.h5")
+            sensed.echoes.save(files[-1])
     show(
         facts_table(_facts(sensed)),
-        lines=lines,
-        record={**_record(sensed), "files": {it.name: str(it) for it in files}},
+        lines=[f"Report: {page}" if pictures else f"Pose: {pose}"],
+        record={**_record(sensed), "files": {file.name: str(file) for file in files}},
     )
     if opened and pictures:
         open_page(page)
 
 
 def _facts(sensed: "Sensed") -> list[tuple[str, str]]:
-    """Say where the hand is, how sure that is, and what it brings."""
+    """List where the hand is, the uncertainty, and the gain of knowing it."""
     import numpy as np
 
-    located, (sure, sure_turn) = sensed.located, sensed.located.deviation
-    (off, turn), share = sensed.off, sensed.uncorrected / sensed.corrected
-    doubt = f"{1e3 * sure:.3f} mm and {np.degrees(sure_turn):.3f}°"
+    located = sensed.located
+    deviation, deviation_turn = located.deviation
+    off, turn = sensed.off
+    share = sensed.uncorrected / sensed.corrected
     facts = [
         ("the hand is off the scene's pose by", f"{1e3 * off:.3f} mm and {np.degrees(turn):.3f}°"),
-        ("standard deviation", doubt),
+        (
+            "standard deviation",
+            f"{1e3 * deviation:.3f} mm and {np.degrees(deviation_turn):.3f}°",
+        ),
         *_gap_facts(sensed),
         (
             "not explained",
@@ -112,7 +141,9 @@ def _facts(sensed: "Sensed") -> list[tuple[str, str]]:
         ("weakest focus, drive for the pose found", f"{sensed.corrected:,.0f} Pa"),
     ]
     if len(located.left_out):
-        facts.append(("receivers left out", ", ".join(str(one) for one in located.left_out[:20])))
+        facts.append(
+            ("receivers left out", ", ".join(str(receiver) for receiver in located.left_out[:20]))
+        )
     if sensed.error is not None:
         error, wrong_turn = sensed.error
         facts.append(
@@ -125,8 +156,10 @@ def _facts(sensed: "Sensed") -> list[tuple[str, str]]:
 
 
 def _gap_facts(sensed: "Sensed") -> list[tuple[str, str]]:
-    """Say how far fingers are open."""
-    located, gap, true = sensed.located, sensed.gap, sensed.true_gap
+    """List the gap of a pinch."""
+    located = sensed.located
+    gap = sensed.gap
+    true = sensed.true_gap
     if gap is None or located.opening is None:
         return []
     facts = [
@@ -144,7 +177,7 @@ def _gap_facts(sensed: "Sensed") -> list[tuple[str, str]]:
 
 
 def _record(sensed: "Sensed") -> dict[str, Any]:
-    """List what was found, for ``--json``."""
+    """Return the result for ``--json``."""
     located = sensed.located
     return {
         "rotation": located.pose.rotation.tolist(),

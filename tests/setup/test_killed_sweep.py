@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from setup.sweeping import functions
+from setup import sweep_functions
 
 COUNT = 40
 
@@ -17,7 +17,7 @@ COUNT = 40
 def begin(folder: Path) -> subprocess.Popen:
     command = [
         sys.executable,
-        functions.__file__,
+        sweep_functions.__file__,
         str(folder / "store"),
         str(folder / "log"),
         str(COUNT),
@@ -57,10 +57,10 @@ def test_a_killed_sweep_is_taken_up_again(tmp_path) -> None:
 
 def test_a_process_that_ends_by_itself_is_named(tmp_path) -> None:
     import airtact as at
-    from airtact.setup.sweeping.processes import processes
+    from airtact.setup.sweeping import processes
 
     with pytest.raises(at.InvalidInput) as fault, processes(1) as pool:
-        at.sweep(functions.ends, [{"x": 1}], pool)
+        at.sweep(sweep_functions.ends, [{"x": 1}], pool)
     assert fault.value.code == "link_closed"
 
 

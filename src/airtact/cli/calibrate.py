@@ -52,49 +52,54 @@ def calibrate(
     each other. Writes a table that a scene reads by calibration = "calibration.csv" in its [array].
     """
     with progress() as report_step:
-        report_step("starting")
-        from airtact.workflows.sense import calibrate as workflow
+        report_step(f"reading {scene.name}")
+        from airtact.files.atomic import writable_folder
+        from airtact.setup.building import read_scene
+        from airtact.setup.sensing import calibrate_array
 
-        found, error = workflow.calibrate_array(
-            echoes, scene, noise if simulate else None, seed, out, report_step
+        setup = read_scene(scene)
+        writable_folder(out.parent)
+        calibrated, error = calibrate_array(
+            setup, echoes, noise if simulate else None, seed, report_step
         )
-    lines = [
-        f"Calibration: {out}",
-        f'In the scene file: sound_speed = {found.sound_speed:.2f} in [medium], calibration = "{out.name}" in [array].',
-    ]
+        calibrated.save(out)
+    speed = f"sound_speed = {calibrated.sound_speed:.2f} in [medium]"
     show(
-        facts_table(_facts(found, error)),
-        lines=lines,
-        record={**_record(found, error), "files": {"calibration.csv": str(out)}},
+        facts_table(_facts(calibrated, error)),
+        lines=[
+            f"Calibration: {out}",
+            f'In the scene file: {speed}, calibration = "{out.name}" in [array].',
+        ],
+        record={**_record(calibrated, error), "files": {"calibration.csv": str(out)}},
     )
 
 
-def _facts(found: "Calibrated", error: tuple[float, float] | None) -> list[tuple[str, str]]:
-    """Say what was found and how sure it is."""
+def _facts(calibrated: "Calibrated", error: tuple[float, float] | None) -> list[tuple[str, str]]:
+    """List the calibration and its standard deviations."""
     import numpy as np
 
-    position, turn, speed = found.deviation
-    facts = [("sound speed", f"{found.sound_speed:.3f} m/s, standard deviation {speed:.1g}")]
-    for board, motion in enumerate(found.motions[1:], 1):
-        x, y, z = 1e3 * found.shifts[board]
+    position, turn, speed = calibrated.deviation
+    facts = [("sound speed", f"{calibrated.sound_speed:.3f} m/s, standard deviation {speed:.1g}")]
+    for board, motion in enumerate(calibrated.motions[1:], 1):
+        x, y, z = 1e3 * calibrated.shifts[board]
         angle = np.degrees(np.linalg.norm(motion.rotation - np.eye(3)) / np.sqrt(2.0))
         facts.append(
             (f"board {board} is off by", f"({x:.3f}, {y:.3f}, {z:.3f}) mm, turned by {angle:.3f}°")
         )
-    gains = np.abs(found.emission[found.emission != 0.0])
+    gains = np.abs(calibrated.emission[calibrated.emission != 0.0])
     facts += [
         ("standard deviation of a board", f"{1e3 * position:.2g} mm and {np.degrees(turn):.2g}°"),
         (
             "gains",
-            f"{gains.min():.2f} to {gains.max():.2f}, standard deviation {found.gain_deviation:.1%}",
+            f"{gains.min():.2f} to {gains.max():.2f}, standard deviation {calibrated.gain_deviation:.1%}",
         ),
         (
             "not explained",
-            f"{found.residual:.1%} of the direct sound, {found.misfit:.1%} beyond noise",
+            f"{calibrated.residual:.1%} of the direct sound, {calibrated.misfit:.1%} beyond noise",
         ),
     ]
-    if len(found.dead):
-        facts.append(("dead elements", ", ".join(str(one) for one in found.dead[:20])))
+    if len(calibrated.dead):
+        facts.append(("dead elements", ", ".join(str(element) for element in calibrated.dead[:20])))
     if error is not None:
         facts.append(
             ("off the simulated truth by", f"{1e3 * error[0]:.4f} mm and {error[1]:.4f} m/s")
@@ -102,18 +107,18 @@ def _facts(found: "Calibrated", error: tuple[float, float] | None) -> list[tuple
     return facts
 
 
-def _record(found: "Calibrated", error: tuple[float, float] | None) -> dict[str, Any]:
-    """List what was found, for ``--json``."""
+def _record(calibrated: "Calibrated", error: tuple[float, float] | None) -> dict[str, Any]:
+    """Return the calibration for ``--json``."""
     return {
-        "sound_speed": found.sound_speed,
+        "sound_speed": calibrated.sound_speed,
         "boards": [
-            {"rotation": one.rotation.tolist(), "translation": one.translation.tolist()}
-            for one in found.motions
+            {"rotation": pose.rotation.tolist(), "translation": pose.translation.tolist()}
+            for pose in calibrated.motions
         ],
-        "covariance": found.covariance.tolist(),
-        "gain_deviation": found.gain_deviation,
-        "residual": found.residual,
-        "misfit": found.misfit,
-        "dead": found.dead.tolist(),
+        "covariance": calibrated.covariance.tolist(),
+        "gain_deviation": calibrated.gain_deviation,
+        "residual": calibrated.residual,
+        "misfit": calibrated.misfit,
+        "dead": calibrated.dead.tolist(),
         "error": None if error is None else list(error),
     }

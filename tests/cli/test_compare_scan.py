@@ -1,6 +1,7 @@
 """A scan that another method made agrees with the prediction to its noise, and one of another scene does not."""
 
 import csv
+import json
 import re
 from pathlib import Path
 
@@ -16,7 +17,6 @@ from airtact.evaluation.scan import load_scan
 from airtact.setup.building import read_scene
 from airtact.setup.solving import solve_foci
 from airtact.timing import Clock
-from airtact.workflows.compare_scan import FILES, compare_scan
 from paths import SCENES
 
 BALL = SCENES / "ball.toml"
@@ -50,22 +50,30 @@ def scan_file(tmp_path_factory):
     return write_scan(tmp_path_factory.mktemp("scan") / "scan.csv", points, heard)
 
 
-def test_the_overlay_finds_scale_and_noise(scan_file, tmp_path):
-    compared = compare_scan(scan_file, BALL, tmp_path, Microphone())
-    found = compared.overlay
-    assert 0 < np.sum(~found.used) < len(found.used) / 2
-    assert found.scale == pytest.approx(0.013j, rel=0.02)
+def compared(capsys, *arguments) -> dict:
+    assert main(["compare-scan", *map(str, arguments), "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_the_overlay_finds_scale_and_noise(scan_file, tmp_path, capsys):
+    record = compared(capsys, scan_file, BALL, "--out", tmp_path)
+    assert record["positions"] / 2 < record["compared"] < record["positions"]
+    assert complex(*record["scale"]) == pytest.approx(0.013j, rel=0.02)
     # noise, and what boundary elements at a third of the scene's 5 % do wrong
-    assert NOISE * 0.8 < found.error < NOISE + 0.02
-    assert sorted(entry.name for entry in tmp_path.iterdir()) == sorted(FILES)
+    assert NOISE * 0.8 < record["error"] < NOISE + 0.02
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["overlay.csv", "overlay.png"]
     with (tmp_path / "overlay.csv").open(encoding="utf-8") as stream:
         rows = list(csv.DictReader(stream))
-    assert len(rows) == len(found.used)
-    shown = np.array([float(row["predicted"]) for row in rows])
-    np.testing.assert_allclose(shown, np.abs(found.scale * found.predicted), rtol=1e-5)
+    assert len(rows) == record["positions"]
+    measured, predicted = (
+        np.array([float(row[name]) for row in rows]) for name in ("measured", "predicted")
+    )
+    used = (measured > 0.0) & np.isfinite(predicted)
+    off = np.linalg.norm((measured - predicted)[used]) / np.linalg.norm(measured[used])
+    assert off < record["error"] + 0.01
 
 
-def test_a_ball_somewhere_else_does_not_fit(scan_file, tmp_path):
+def test_a_ball_somewhere_else_does_not_fit(scan_file, tmp_path, capsys):
     moved = tmp_path / "moved.toml"
     moved.write_text(
         BALL.read_text(encoding="utf-8")
@@ -74,7 +82,8 @@ def test_a_ball_somewhere_else_does_not_fit(scan_file, tmp_path):
         .replace("[0.0, 0.0, -5.5e-3]", "[4e-3, 0.0, -5.5e-3]"),
         encoding="utf-8",
     )
-    assert compare_scan(scan_file, moved, tmp_path / "out", Microphone()).overlay.error > 0.3
+    arguments = (scan_file, moved, "--out", tmp_path / "out", "--no-pictures")
+    assert compared(capsys, *arguments)["error"] > 0.3
 
 
 def test_the_command_reports_error_scale_and_what_was_left_out(scan_file, tmp_path, capsys):

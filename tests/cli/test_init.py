@@ -8,9 +8,8 @@ import pytest
 
 import airtact as at
 from airtact.cli import main
+from airtact.cli.init import PLACES
 from airtact.transducers.boards import BOARDS
-from airtact.workflows.init import PLACES, init
-from faults import raises_code
 from paths import HANDS
 
 ALL = ("thumb.pad", "index.pad", "middle.pad", "ring.pad", "pinky.pad", "palm")
@@ -23,13 +22,20 @@ def here(tmp_path, monkeypatch):
     return tmp_path
 
 
+def init(place, board="autd3", hand=None):
+    """Write a first scene by the command, and return its file."""
+    options = [] if hand is None else ["--hand", str(hand)]
+    assert main(["init", str(place), "--board", board, *options]) == 0
+    return place if place.suffix == ".toml" else place / "scene.toml"
+
+
 def names(folder):
     return sorted(entry.name for entry in folder.iterdir())
 
 
 @pytest.mark.parametrize("board", BOARDS)
 def test_the_hand_lies_over_the_middle_of_the_board_with_its_palm_down(tmp_path, board):
-    setup = at.read_scene(init(tmp_path / "new", board)[0])
+    setup = at.read_scene(init(tmp_path / "new", board))
     assert names(tmp_path / "new") == FILES
     assert (setup.board, len(setup.array)) == (board, len(BOARDS[board]))
     assert setup.foci == (PLACES if board == "nano16" else ALL)
@@ -48,7 +54,7 @@ def test_the_hand_lies_over_the_middle_of_the_board_with_its_palm_down(tmp_path,
     ("board", "frequency"), [("autd3", 200.0), ("nano16", 87.0), ("sonicsurface", 44.0)]
 )
 def test_the_modulation_is_one_that_the_board_can_play(tmp_path, board, frequency):
-    (scene, *_) = init(tmp_path / "new", board)
+    scene = init(tmp_path / "new", board)
     assert (
         tomllib.loads(scene.read_text(encoding="utf-8"))["drive"]["modulation"]["frequency"]
         == frequency
@@ -59,7 +65,7 @@ def test_another_hand_is_named_by_the_scene_and_turned_to_the_board(tmp_path):
     pose = tmp_path / "poses/mine.json"
     pose.parent.mkdir()
     pose.write_bytes((HANDS / "relaxed.json").read_bytes())
-    (scene,) = init(tmp_path / "new/mine.toml", hand=pose)
+    scene = init(tmp_path / "new/mine.toml", hand=pose)
     assert names(tmp_path / "new") == ["mine.toml"]
     setup = at.read_scene(scene)
     facing = [setup.foci.index(place) for place in PLACES]
@@ -68,18 +74,18 @@ def test_another_hand_is_named_by_the_scene_and_turned_to_the_board(tmp_path):
     assert obstacle["hand"] == "../poses/mine.json"
 
 
-def test_nothing_is_overwritten(tmp_path):
+def test_nothing_is_overwritten(tmp_path, capsys):
     (tmp_path / "hand.json").write_text("mine")
-    with raises_code("would_overwrite", "hand.json", "3 files"):
-        init(tmp_path)
+    assert main(["init", str(tmp_path)]) == 2
+    assert capsys.readouterr().err.endswith("[would_overwrite]\n")
     assert names(tmp_path) == ["hand.json"]
     assert (tmp_path / "hand.json").read_text() == "mine"
 
 
 def test_a_hand_at_fault_leaves_no_files(tmp_path):
     (tmp_path / "empty.json").write_text("{}")
-    with pytest.raises(at.InvalidInput):
-        init(tmp_path / "new", hand=tmp_path / "empty.json")
+    command = ["init", str(tmp_path / "new"), "--hand", str(tmp_path / "empty.json")]
+    assert main(command) == 2
     assert not (tmp_path / "new").exists()
 
 
@@ -107,5 +113,5 @@ def test_the_first_scene_is_checked_rendered_and_emitted(capsys, here):
 
 
 def test_pads_that_touch_are_not_felt(tmp_path):
-    setup = at.read_scene(init(tmp_path / "new", hand=HANDS / "pinch.json")[0])
+    setup = at.read_scene(init(tmp_path / "new", hand=HANDS / "pinch.json"))
     assert setup.foci == tuple(place for place in ALL if place not in ("thumb.pad", "index.pad"))

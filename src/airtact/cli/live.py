@@ -1,0 +1,243 @@
+"""``airtact live``: the sound follows a hand that moves."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import click
+
+from airtact.cli.console import facts_table, plain_table, progress, show, status_line
+from airtact.cli.options import FILE as OUT_FILE
+from airtact.cli.options import (
+    INPUT,
+    Names,
+    agreed,
+    as_json,
+    board_address,
+    level_of,
+    quiet,
+    results,
+)
+
+
+@click.command(
+    short_help="Let the sound follow a hand that moves.",
+    epilog="Example: airtact live live_pinch --seconds 5 --no-page --out out/live",
+)
+@click.argument("scene", type=INPUT, default="live_pinch")
+@results
+@click.option(
+    "--from",
+    "source",
+    metavar="FILE.jsonl|SESSION.h5|websocket|osc|page",
+    help="Where the hand comes from: a recording, another run's session, trackers (websocket:PORT for another port "
+    "than 8765, osc:PORT than 9000), or the page; a motion that comes along by default.",
+)
+@click.option(
+    "--seconds", type=float, help="How long; until Ctrl-C, or the end of the recording, by default."
+)
+@click.option(
+    "--record",
+    "recording",
+    type=OUT_FILE,
+    help="Make no drives; record what trackers send to --from websocket or osc: .jsonl or .npz.",
+)
+@click.option(
+    "--verify",
+    "session",
+    type=OUT_FILE,
+    help="Verify drives of an earlier session (session.h5, or its folder) instead, some seconds each.",
+)
+@click.option(
+    "--drives", type=click.IntRange(min=1), help="Drives that --verify solves; 10 by default."
+)
+@click.option(
+    "--latency",
+    type=float,
+    default=0.0,
+    help="Least time from picture to frame in seconds; 0 by default.",
+)
+@click.option("--ignore-hand", is_flag=True, help="Make drives from distances alone.")
+@click.option("--full-scale", is_flag=True, help="Emit at full scale: --cap 1.")
+@click.option(
+    "--cap", type=float, help="Largest amplitude of an element, a share of full scale: 0.5 is half."
+)
+@click.option(
+    "--board",
+    type=Names("airtact.transducers.boards:BOARDS"),
+    help="Kind of board; none by default.",
+)
+@click.option("--link", type=Names("airtact.emission.links:LINKS"), help="Way to the boards.")
+@click.option("--yes", is_flag=True, help="Emit without asking.")
+@board_address
+@click.option(
+    "--no-page", "page", is_flag=True, flag_value=False, default=True, help="Do not serve the page."
+)
+@click.option(
+    "--page-port",
+    type=int,
+    default=8940,
+    show_default=True,
+    help="Port of the page; 0 takes a free one.",
+)
+@click.option(
+    "--host", default="127.0.0.1", show_default=True, help="Address that the page is served at."
+)
+@as_json
+@quiet
+def live(
+    scene: Path,
+    folder: Path,
+    source: str | None,
+    recording: Path | None,
+    session: Path | None,
+    drives: int | None,
+    seconds: float | None,
+    latency: float,
+    ignore_hand: bool,
+    cap: float | None,
+    full_scale: bool,
+    board: str | None,
+    link: str | None,
+    yes: bool,
+    page: bool,
+    page_port: int,
+    host: str,
+    **settings: Any,
+) -> None:
+    """Let the sound follow the hand of SCENE, frame by frame, and record what is done in session.h5.
+
+    SCENE is the example live_pinch by default. Its foci must ride on a hand (at = "thumb.pad"). A
+    hand that is lost, leaves the workspace or is not seen for 150 ms fades to silence. Without
+    --cap and --full-scale the level half a metre off the array is kept to 110 dB. Ctrl-C ends it in
+    silence.
+
+    --record writes the frames of trackers to a recording instead; SCENE is not read then. --verify
+    compares drives of a session with the whole hand as it was when they were in the air.
+    """
+    from airtact.checks import positive
+
+    share = level_of(cap, full_scale)
+    if seconds is not None:
+        positive(seconds, "how long to go on", "s")
+    if session is not None:
+        _verify(session, drives or 10)
+        return
+    if drives is not None:
+        from airtact.errors import InvalidInput
+
+        raise InvalidInput("--drives goes only with --verify.", code="options_clash")
+    if recording is not None:
+        from airtact.live.running import record
+
+        with progress() as report_step:
+            health = record(recording, source or "websocket", seconds, report_step)
+        show(lines=[f"Messages: {health}", f"Recording: {recording}"])
+        return
+    with progress() as report_step:
+        report_step("reading the scene")
+        from airtact import live
+        from airtact.drives.frame import check_cap
+        from airtact.evaluation.head_level import MAX_HEAD_LEVEL, NO_SAFETY_ASSESSMENT
+        from airtact.live.session import FILE
+        from airtact.setup.building import read_scene
+
+        if share is not None:
+            check_cap(share)
+        setup = read_scene(scene, followed=True)
+        output = live.output_to(setup, folder, board, link, **settings)
+        notes = []
+        if share is None and board is not None and link != "file":
+            from airtact.setup.safe_emission import safe_cap
+
+            report_step("choosing a level that keeps a head to 110 dB")
+            share, full = safe_cap(live.drive_at_rest(setup), board)
+            if share < 1.0:
+                notes.append(
+                    f"The cap of {share:g} keeps a head to {MAX_HEAD_LEVEL:g} dB for the hand at rest; "
+                    f"--full-scale emits all, up to {full:.0f} dB there, and --cap another share."
+                )
+        hands = live.hands_from(setup, source, folder)
+    if board is not None:
+        show(lines=[NO_SAFETY_ASSESSMENT, *notes])
+        if not yes:
+            agreed(f"Let the sound follow {hands.words}, {output.words}?")
+    with status_line() as report:
+        done = live.run(
+            setup,
+            hands,
+            output,
+            folder=folder,
+            seconds=seconds,
+            latency=latency,
+            cap=1.0 if share is None else share,
+            ignore_hand=ignore_hand,
+            page=(page_port, host) if page else None,
+            report_step=report,
+            report=report,
+        )
+    written = str(folder / FILE)
+    show(
+        facts_table(done.facts()),
+        lines=[f"Session: {written}"],
+        record={**done.record(), "files": {"session": written}},
+    )
+
+
+def _verify(path: Path, drives: int) -> None:
+    """Verify drives spread evenly over a session, and print the pressure that each gave the hand."""
+    with progress() as report_step:
+        report_step(f"reading {path}")
+        from airtact.live.session import read_session
+        from airtact.live.verification import verify_session
+
+        session = read_session(path)
+        playing = int(session.playing.sum())
+        every = max(1, math.ceil(playing / drives))
+        verified = verify_session(session, every, report_step=report_step)
+    times = session.time_in_air
+    shares = f"{verified.median:.0%}, nine of ten over {verified.lowest_tenth:.0%}"
+    facts = [
+        ("frames", f"{len(session.frame_time):,}"),
+        ("drives", f"{len(times):,} in {times[-1] - times[0]:.1f} s"),
+        ("foci", ", ".join(session.scene.places)),
+        ("verified", f"{len(verified.kept)} of {playing:,} that play"),
+        ("kept of the attainable pressure", shares),
+    ]
+    table = plain_table("in the air at", "made from", "weakest focus", "kept", "expected")
+    rows = []
+    for index, time, rule, pressures, kept, expected in zip(
+        verified.indices,
+        verified.times,
+        verified.rules,
+        verified.pressures,
+        verified.kept,
+        verified.expected,
+        strict=True,
+    ):
+        known = not math.isnan(expected)
+        table.add_row(
+            f"{time - times[0]:.2f} s",
+            rule,
+            f"{pressures.min():,.0f} Pa",
+            f"{kept:.0%}",
+            f"{expected:.0%}" if known else "–",
+        )
+        rows.append(
+            {
+                "index": index,
+                "time": float(time),
+                "rule": rule,
+                "pressures": pressures.tolist(),
+                "kept": float(kept),
+                "expected": float(expected) if known else None,
+            }
+        )
+    record = {
+        "frames": len(session.frame_time),
+        "drives": len(times),
+        "median": verified.median,
+        "lowest_tenth": verified.lowest_tenth,
+        "verified": rows,
+    }
+    show(facts_table(facts), table, record=record)

@@ -1,0 +1,394 @@
+"""Find the hand of a scene file, or calibrate its array, from echoes: measured or simulated."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float64
+from scipy.spatial.transform import Rotation
+
+from airtact.acoustics.medium import Medium
+from airtact.acoustics.scene import Scene
+from airtact.acoustics.solvers.bem.solver import BoundaryElement
+from airtact.acoustics.solvers.problem import RadiatedField
+from airtact.acoustics.solvers.spherical.multipole_field import multipole_expansion
+from airtact.checks import between, check_seed
+from airtact.drives.transfer import TransferMatrix, transfer_matrix
+from airtact.errors import InvalidInput, NotConverged
+from airtact.files.atomic import whole_file
+from airtact.geometry.pose import Pose
+from airtact.sensing.calibration_fit import moved
+from airtact.sensing.echoes import Echoes, load_echoes
+from airtact.sensing.registration import Located, locate, unexplained
+from airtact.sensing.scattering import (
+    ScatteringFamily,
+    ScatteringMatrix,
+    scattering_family,
+    scattering_matrix,
+)
+from airtact.sensing.self_calibration import Calibrated, calibrate
+from airtact.sensing.simulation import hadamard_codes, random_codes, simulate_echoes
+from airtact.sensing.transmission import boards_of, simulate_transmissions
+from airtact.setup import tables
+from airtact.setup.building import read_scene
+from airtact.setup.parsing import parse_scene
+from airtact.setup.setup import Setup
+from airtact.setup.solving import stored, synthesise
+from airtact.timing import Clock, Progress, no_progress
+from airtact.transducers.layout import PhasedArray, join
+
+GAP_RANGE = 2e-3
+"""Largest difference of the gap of a pinch from the scene file's [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """A hand that is off the pose of the scene file in a random direction.
+
+    Attributes
+    ----------
+    noise : rms of the echoes over that of the noise [dB].
+    position, degrees : offset of the hand [m] and its turn.
+    seed : of noise and directions.
+    opened : difference of the gap of a pinch from the scene file's [m].
+    """
+
+    noise: float
+    position: float = 2e-3
+    degrees: float = 3.0
+    seed: int = 0
+    opened: float = 5e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Sensed:
+    """Where the hand is, relative to the scene file, and what knowing that brings.
+
+    Attributes
+    ----------
+    setup, found : the scene file, and the same with the gap that was found.
+    located : its pose maps the obstacles' frame of the scene file to where they are, in the same
+        frame.
+    echoes : that it was found from.
+    true : the simulated pose; None for measured echoes.
+    centre : (3,) middle of the bodies in the scene file [m].
+    before, after : (F,) pressure at each focus where the hand is, of the drive for the scene file's
+        pose and for the one found [Pa].
+    unexplained : (2, R) what the scene file's pose and the one found leave at each receiver, over
+        the echoes' rms.
+    gap, true_gap : of the scene file's pinch, and of the simulated one [m]; None where there is
+        none. The gap found is ``located.opening``.
+    seconds : wall time by step [s].
+    """
+
+    setup: Setup
+    found: Setup
+    located: Located
+    echoes: Echoes
+    true: Pose | None
+    centre: Float64[np.ndarray, "3"]
+    before: Float64[np.ndarray, "foci"]
+    after: Float64[np.ndarray, "foci"]
+    unexplained: Float64[np.ndarray, "2 receivers"]
+    gap: float | None
+    true_gap: float | None
+    seconds: Mapping[str, float]
+
+    @property
+    def off(self) -> tuple[float, float]:
+        """Distance of the middle of the bodies from the scene file's [m], and angle of the turn [rad]."""
+        return _size(self._shift(Pose.identity()))
+
+    @property
+    def error(self) -> tuple[float, float] | None:
+        """The same from the simulated truth; None for measured echoes."""
+        return None if self.true is None else _size(self._shift(self.true))
+
+    @property
+    def uncorrected(self) -> float:
+        """Pressure of the weakest focus with the drive for the scene file's pose [Pa]."""
+        return float(self.before.min())
+
+    @property
+    def corrected(self) -> float:
+        """Pressure of the weakest focus with the drive for the pose found [Pa]."""
+        return float(self.after.min())
+
+    def shifts(self) -> list[Float64[np.ndarray, "6"]]:
+        """Return translation [m] and turn [rad] from the scene file's pose and, where known, from the true one."""
+        return [self._shift(one) for one in (Pose.identity(), self.true) if one is not None]
+
+    def _shift(self, other: Pose) -> Float64[np.ndarray, "6"]:
+        pose, centre = self.located.pose, self.centre[None]
+        turn = Rotation.from_matrix(pose.rotation @ other.rotation.T).as_rotvec()
+        return np.concatenate([(pose.apply(centre) - other.apply(centre))[0], turn])
+
+
+def _size(shift: Float64[np.ndarray, "6"]) -> tuple[float, float]:
+    return float(np.linalg.norm(shift[:3])), float(np.linalg.norm(shift[3:]))
+
+
+def sense(
+    setup: Setup,
+    echoes: Echoes | Simulation,
+    progress: Progress = no_progress,
+    store: Path | None = None,
+) -> Sensed:
+    """Locate the hand of a scene file from echoes, and compare the drives for both poses.
+
+    The pose of the scene file is the start. Where the body is a pinch, its gap is found too.
+
+    Parameters
+    ----------
+    setup : read from a scene file.
+    echoes : measured echoes, or what to simulate.
+    store : folder in which solved fields are stored and found again.
+
+    Raises
+    ------
+    NotConverged
+        "pose_not_found": no pose near that of the scene file explains the echoes.
+    """
+    clock = Clock(progress)
+    gap = _gap_of(setup)
+    with clock.step("scattering", "solving the bodies for spherical waves"):
+        solver = stored(BoundaryElement(accuracy=0.02, estimate=False), store).reporting(progress)
+        if gap is None:
+            model = scattering_matrix(solver, setup.scene)
+            scattering = model
+        else:
+
+            def opened(value: float) -> Scene:
+                return _with_gap(setup, value).scene
+
+            narrowest = max(gap - GAP_RANGE, min(5e-4, 0.5 * gap))
+            model = scattering_family(solver, opened, narrowest, gap + GAP_RANGE, start=gap)
+            scattering = model.at(model.start)
+    true = None
+    true_gap = None
+    really = setup
+    if isinstance(echoes, Simulation):
+        simulation = echoes
+        true = _simulated_pose(scattering, simulation)
+        true_gap = _simulated_gap(gap, simulation)
+        if true_gap is not None:
+            really = _with_gap(setup, true_gap)
+        with clock.step("echoes", "simulating echoes of 16 codes by smaller panels"):
+            echoes = simulate_echoes(
+                BoundaryElement(accuracy=0.01, estimate=False),  # other panels than the model's
+                really.scene,
+                setup.array.seen_from(true),
+                random_codes(len(setup.array), 16),
+                noise=simulation.noise,
+                seed=simulation.seed,
+            )
+    with clock.step("locate", "fitting the pose to the echoes"):
+        if isinstance(model, ScatteringFamily):
+            located = locate(echoes, model, setup.array, Pose.identity())
+        else:
+            located = locate(echoes, setup.scene, setup.array, Pose.identity(), scattering=model)
+    _check_located(located, model, setup)
+    found = setup if located.opening is None else _with_gap(setup, located.opening)
+    with clock.step("drives", "making the drives for both poses"):
+
+        @cache  # all setups are the same scene where there is no gap
+        def waves(setup: Setup) -> RadiatedField:
+            beacons = setup.target.beacons(suppression=True)
+            return multipole_expansion(stored(setup.solver, store).radiate(setup.scene, beacons))
+
+        def transfer(setup: Setup, pose: Pose) -> TransferMatrix:
+            return transfer_matrix(waves(setup), setup.array.seen_from(pose))
+
+        actual = transfer(found, located.pose) if true is None else transfer(really, true)
+        before = _pressures(actual, setup, transfer(setup, Pose.identity()))
+        after = _pressures(actual, found, transfer(found, located.pose))
+    with clock.step("residual", "comparing echoes at each receiver"):
+        final = scattering
+        if isinstance(model, ScatteringFamily):
+            assert located.opening is not None  # a family has one
+            final = model.at(located.opening)
+        left = [
+            unexplained(echoes, scattering, setup.array, Pose.identity()),
+            unexplained(echoes, final, setup.array, located.pose),
+        ]
+    return Sensed(
+        setup=setup,
+        found=found,
+        located=located,
+        echoes=echoes,
+        true=true,
+        centre=scattering.centre,
+        before=before,
+        after=after,
+        unexplained=np.stack(left),
+        gap=gap,
+        true_gap=true_gap,
+        seconds=clock.seconds,
+    )
+
+
+def write_pose(path: Path, located: Located) -> None:
+    """Write a pose and its uncertainty as JSON, in metres and radians."""
+    content = {
+        "format_version": 1,
+        "rotation": np.asarray(located.pose.rotation).tolist(),
+        "translation": np.asarray(located.pose.translation).tolist(),
+        "centre": located.centre.tolist(),
+        "opening": located.opening,
+        "covariance": located.covariance.tolist(),
+        "residual": located.residual,
+        "misfit": located.misfit,
+        "left_out": located.left_out.tolist(),
+    }
+    with whole_file(path) as partial:
+        partial.write_text(json.dumps(content, indent=1), encoding="utf-8")
+
+
+def _gap_of(setup: Setup) -> float | None:
+    """Return the gap of the only body that is a pinch [m]."""
+    bodies = [obstacle.body for obstacle in parse_scene(setup.text).obstacles]
+    gaps = [body.gap for body in bodies if isinstance(body, tables.PinchTable)]
+    return gaps[0] if len(gaps) == 1 else None
+
+
+def _with_gap(setup: Setup, gap: float) -> Setup:
+    assert setup.path is not None
+    return read_scene(setup.path, {"pinch.gap": gap})
+
+
+def _simulated_gap(gap: float | None, simulation: Simulation) -> float | None:
+    opened = between(
+        simulation.opened,
+        -GAP_RANGE,
+        GAP_RANGE,
+        "the opening",
+        "m",
+        "is it in millimetres? Give metres.",
+    )
+    return None if gap is None else max(gap + opened, 0.25 * gap)
+
+
+def _simulated_pose(scattering: ScatteringMatrix, simulation: Simulation) -> Pose:
+    """Move the hand about its middle in a random direction."""
+    position = between(
+        simulation.position, 0.0, 0.05, "the offset", "m", "is it in millimetres? Give metres."
+    )
+    degrees = between(
+        simulation.degrees,
+        0.0,
+        45.0,
+        "the turn",
+        "degrees",
+        "the scene's pose is better than that.",
+    )
+    check_seed(simulation.seed)
+    random = np.random.default_rng([simulation.seed, 1])
+    along, axis = (vector / np.linalg.norm(vector) for vector in random.normal(size=(2, 3)))
+    turn = Pose.turn(axis, np.radians(degrees)).rotation
+    centre = scattering.centre
+    return Pose(turn, centre - turn @ centre + position * along)
+
+
+def _check_located(
+    located: Located, model: ScatteringMatrix | ScatteringFamily, setup: Setup
+) -> None:
+    if located.converged:
+        return
+    gap = ""
+    if isinstance(model, ScatteringFamily):
+        gap = f", or its gap is not between {1e3 * model.low:.3g} and {1e3 * model.high:.3g} mm"
+    raise NotConverged(
+        f"no pose near that of the scene {setup.title} explains the echoes: the best one leaves {located.misfit:.2g} "
+        f"of them unexplained beyond noise. The hand is another one than the scene's, or more than 5 mm away{gap}.",
+        code="pose_not_found",
+    )
+
+
+def _pressures(
+    actual: TransferMatrix, setup: Setup, believed: TransferMatrix
+) -> Float64[np.ndarray, "foci"]:
+    """Return the pressure at each focus of the actual hand under the drive for the believed one [Pa]."""
+    drive, _ = synthesise(setup.synthesise, believed, setup.target)
+    return np.abs(actual.pressure(drive)[: len(setup.target.points)])
+
+
+def calibrate_array(
+    setup: Setup,
+    echoes_file: Path | None,
+    noise: float | None,
+    seed: int,
+    progress: Progress = no_progress,
+) -> tuple[Calibrated, tuple[float, float] | None]:
+    """Calibrate the array of a scene from measured transmissions, or from simulated ones with noise [dB].
+
+    Returns
+    -------
+    The calibration; and for simulated transmissions the errors of the worst board [m] and of the sound speed [m/s].
+
+    Raises
+    ------
+    InvalidInput
+        A file is at fault, not exactly one kind of transmissions is given, or as ``calibrate``.
+    NotConverged
+        "pose_not_found": no positions of the boards explain the transmissions.
+    """
+    if (echoes_file is None) == (noise is None):
+        raise InvalidInput(
+            "give either a file of transmissions or --simulate.", code="data_missing"
+        )
+    clock = Clock(progress)
+    array = setup.array
+    medium = setup.medium
+    true = None
+    if echoes_file is not None:
+        echoes = load_echoes(echoes_file)
+    else:
+        with clock.step(
+            "transmissions", "simulating transmissions of an array that is a little off"
+        ):
+            true = _simulated_array(array, medium, seed)
+            echoes = simulate_transmissions(
+                *true,
+                hadamard_codes(len(array)),
+                frequency=setup.frequency,
+                noise=noise,
+                seed=seed,
+            )
+    with clock.step("calibrate", "fitting boards, gains and sound speed"):
+        calibrated = calibrate(echoes, array, medium)
+    if not calibrated.converged:
+        raise NotConverged(
+            f"no positions of the boards near those of the scene {setup.title} explain the transmissions: the best "
+            f"leave {calibrated.misfit:.2g} of them unexplained beyond noise. Something stands between the boards, "
+            "direct sound was subtracted, the codes or the order of the elements differ, or the boards are more than "
+            "2 mm off.",
+            code="pose_not_found",
+        )
+    if true is None:
+        return calibrated, None
+    true_array, true_medium = true
+    middles = [
+        np.stack([board.positions.mean(axis=0) for board in boards_of(each)])
+        for each in (calibrated.array, true_array)
+    ]
+    error = float(np.linalg.norm(middles[0] - middles[1], axis=1).max())
+    return calibrated, (error, abs(calibrated.sound_speed - true_medium.sound_speed))
+
+
+def _simulated_array(array: PhasedArray, medium: Medium, seed: int) -> tuple[PhasedArray, Medium]:
+    """Return an array and air that are a little off, at random: 0.5 mm, 5 mrad, 1 m/s, and gains."""
+    check_seed(seed)
+    random = np.random.default_rng([seed, 2])
+    boards = boards_of(array)
+    motions = random.normal(size=(len(boards), 6)) * np.repeat([5e-4, 5e-3], 3)
+    motions[0] = 0.0
+    # Log magnitude and phase [rad] of the gains.
+    logarithm = random.normal(size=(2, len(array))) * np.array([0.1, 0.2])[:, None]
+    true = join([moved(board, motion) for board, motion in zip(boards, motions, strict=True)])
+    speed = medium.sound_speed + 1.0 * random.normal()
+    return true.calibrated(np.exp(logarithm[0] + 1j * logarithm[1])), Medium(
+        speed, medium.density, medium.absorption
+    )

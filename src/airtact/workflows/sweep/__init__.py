@@ -1,1 +1,0 @@
-"""A scene file at many points of its keys."""
