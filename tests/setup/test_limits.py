@@ -3,7 +3,7 @@
 import os
 
 import pytest
-from airtact.setup.limits import MAX_BODIES, MAX_LEVELS
+from airtact.setup.parsing import MAX_BODIES, MAX_LEVELS
 
 from airtact.cli import main
 from airtact.errors import LONGEST_SENTENCE
