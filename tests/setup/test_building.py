@@ -240,7 +240,7 @@ def test_an_array_from_a_file(read, tmp_path):
         (
             "data_missing",
             "x,y,z\n",
-            "array: ring.csv has no column nx, ny, nz: it needs x, y, z, nx, ny, nz, and has 3 columns, x, y, z.",
+            "array: ring.csv has no column nx, ny, nz: it needs x, y, z, nx, ny, nz, and has x, y, z.",
         ),
         (
             "wrong_shape",
@@ -423,7 +423,7 @@ def test_a_faulty_array_file_is_rejected(read, tmp_path, code, text, sentence):
             [MEDIUM, ARRAY, BALL, FOCUS.replace("8e-3", "nan")],
             "foci[0]",
         ),
-        ("empty", ["foci = []\n", MEDIUM, ARRAY, BALL], "foci: target points are empty (0 points)"),
+        ("empty", ["foci = []\n", MEDIUM, ARRAY, BALL], "foci: target points are empty"),
         (
             "out_of_range",
             ["foci = {}\n", MEDIUM, ARRAY, BALL],
@@ -497,7 +497,7 @@ def test_a_focus_inside_a_body_is_rejected_with_its_depth(read):
     sentence = fails(
         read, "inside_body", "foci: ", MEDIUM, ARRAY, BALL, FOCUS.replace("8e-3", "3e-3")
     )
-    assert "2 mm deep" in sentence
+    assert "2 mm" in sentence
 
 
 def test_a_transducer_inside_a_body_is_rejected_with_its_depth(read, tmp_path):
