@@ -3,12 +3,11 @@
 import os
 
 import pytest
-from airtact.setup.parsing import MAX_BODIES, MAX_LEVELS
 
 from airtact.cli import main
 from airtact.errors import LONGEST_SENTENCE
 from airtact.setup.building import read_scene
-from airtact.setup.parsing import parse_scene
+from airtact.setup.parsing import MAX_BODIES, MAX_LEVELS, parse_scene
 from faults import raises_code
 from paths import EXAMPLES, ROOT
 
