@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
+from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from airtact.geometry.mesh.topology import edge_twins
-from airtact.hands.fitting.fit import FittedHand, fit_hand
+from airtact.hands.fitting import fit
+from airtact.hands.fitting.fit import FittedHand, fit_hand, with_offset
 from airtact.hands.fitting.priors import (
     SIZE_LENGTHS,
     SIZE_RADII,
@@ -15,8 +17,8 @@ from airtact.hands.fitting.priors import (
     HandAnatomy,
     population_prior,
 )
-from airtact.hands.hand import Hand
-from airtact.hands.joints import FINGERS
+from airtact.hands.hand import Hand, hand_from_joints
+from airtact.hands.joints import FINGERS, TRACKED
 from faults import raises_code
 from geometry.mesh.meshes import flat_mesh
 from references.hand_poses import example, random_pose
@@ -24,6 +26,7 @@ from references.rigged_hand import Rigged, off_each_other, posed, rough, seen, t
 
 CAMERA = np.zeros(3)
 LEARNED = 8
+REST, RADII = example("relaxed")
 
 
 @pytest.fixture(scope="module")
@@ -46,14 +49,11 @@ def fitted(cloud: np.ndarray, landmarks: np.ndarray) -> FittedHand:
     return fit_hand(cloud, landmarks, "right", CAMERA)
 
 
-def known(joints: np.ndarray, radii: np.ndarray) -> HandAnatomy:
-    """Sizes of a hand that are known for sure."""
-    ends = joints[np.array(SPANS)]
-    lengths = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
-    return HandAnatomy(np.log(np.r_[lengths, radii]), 1e-6 * np.eye(62), LEARNED)
+def mean_error(fitted: FittedHand, true: Rigged) -> float:
+    return np.abs(fitted.hand.shape.depth(true.vertices)).mean()
 
 
-# --- how good -------------------------------------------------------------------------------------------------------
+# --- accuracy ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -69,70 +69,67 @@ def known(joints: np.ndarray, radii: np.ndarray) -> HandAnatomy:
         ),
     ],
 )
-def test_both_skins_are_near_each_other_and_the_uncertainty_is_honest(
-    pose: str, view: int, palm: bool
-) -> None:
+def test_both_skins_are_near_each_other_and_the_uncertainty_is_honest(pose, view, palm) -> None:
     true = turned_to_camera(posed(pose), view, palm=palm)
     fitted = fit_hand(seen(true, view), rough(true.joints, view), "right", CAMERA)
-    from_true, from_fitted, part, other = off_each_other(fitted.hand, true)
-    surface = fitted.surface
+    from_true, from_fitted, true_part, fitted_part = off_each_other(fitted.hand, true)
 
     assert 0.5 * (from_true.mean() + from_fitted.mean()) < 2.5e-3
-    assert edge_twins(surface.triangles).min() >= 0  # closed
+    assert edge_twins(fitted.surface.triangles).min() >= 0  # closed
     for index, name in enumerate((*FINGERS, "palm")):
-        off = np.r_[from_true[part == index], from_fitted[other == index]]
+        off = np.r_[from_true[true_part == index], from_fitted[fitted_part == index]]
         assert 0.2 < np.sqrt(np.mean(off**2)) / fitted.part_errors[name] < 2.0
     joints = np.linalg.norm(fitted.hand.joints - true.joints, axis=1)
-    assert 0.3 < np.sqrt(np.mean(joints**2) / np.mean(fitted.joint_errors**2)) < 3.0
-    assert fitted.uncertainty.own_position == pytest.approx(
-        np.sqrt(np.mean(fitted.joint_errors**2) / 3.0)
-    )
+    joint_error = np.sqrt(np.mean(fitted.joint_errors**2))
+    assert 0.3 < np.sqrt(np.mean(joints**2)) / joint_error < 3.0
+    assert fitted.uncertainty.own_position == pytest.approx(joint_error / np.sqrt(3.0))
 
 
 def test_later_frames_are_as_good_and_keep_the_sizes() -> None:
-    before, off = None, []
+    before = None
+    errors = []
     for frame in range(LEARNED + 3):
         true = turned_to_camera(posed("pinch", 0.1 * frame), 3, tilt=20.0 + frame)
         before = fit_hand(seen(true, frame), rough(true.joints, frame), "right", CAMERA, before)
-        off.append(np.abs(before.hand.shape.depth(true.vertices)).mean())
+        errors.append(mean_error(before, true))
         if frame == LEARNED - 1:
             learned = before.anatomy
 
-    assert before is not None
     assert learned.settled
     assert before.anatomy is learned
     np.testing.assert_array_equal(before.hand.radii, np.exp(learned.mean[SIZE_RADII]))
     assert before.hand.follows is not None  # its mesh follows the one of the frame before
-    assert max(off[LEARNED:]) < 2.5e-3
+    assert max(errors[LEARNED:]) < 2.5e-3
 
 
-@pytest.mark.parametrize(
-    "seed", [*range(8), 60, 93, 131]
-)  # the last end in wrong minima from one start alone
+# The last three end in wrong minima from one start alone.
+@pytest.mark.parametrize("seed", [*range(4), 60, 93, 131])
 def test_a_clean_cloud_of_our_own_body_gives_its_own_joints(seed: int) -> None:
-    rest, radii = example("relaxed")
-    joints = random_pose(seed, rest)
-    hand = Hand(joints, radii, "left")
-    cloud = hand.shape.skin(4e-3).vertices
+    joints = random_pose(seed, REST)
+    ends = joints[np.array(SPANS)]
+    sizes = np.log(np.r_[np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1), RADII])
+    sure = HandAnatomy(sizes, 1e-6 * np.eye(62), LEARNED)
+    cloud = Hand(joints, RADII, "left").shape.skin(4e-3).vertices
 
-    found = fit_hand(cloud, rough(joints, seed), "left", anatomy=known(joints, radii))
+    fitted = fit_hand(cloud, rough(joints, seed), "left", anatomy=sure)
 
-    assert np.linalg.norm(found.hand.joints - joints, axis=1).max() < 0.11e-3
-    assert found.misfit < 0.05e-3
+    assert np.linalg.norm(fitted.hand.joints - joints, axis=1).max() < 0.11e-3
+    assert fitted.misfit < 0.05e-3
 
 
 @settings(max_examples=3, phases=[Phase.generate])  # shrinking would take minutes
 @given(turn=st.tuples(*3 * [st.floats(-3.0, 3.0)]), shift=st.tuples(*3 * [st.floats(-1.0, 1.0)]))
 def test_moving_the_cloud_moves_the_hand(turn: tuple, shift: tuple) -> None:
     true = turned_to_camera(posed("curl"), 4)
-    landmarks, rotation = rough(true.joints, 4), Rotation.from_rotvec(turn)
-    at_rest = fit_hand(true.vertices, landmarks, "right")
+    landmarks = rough(true.joints, 4)
+    rotation = Rotation.from_rotvec(turn)
+    at_rest = fit_hand(true.vertices, landmarks, "right").hand.joints
     moved = fit_hand(
         rotation.apply(true.vertices) + shift, rotation.apply(landmarks) + shift, "right"
     )
 
     # the cells stand elsewhere: other means are fitted
-    off = rotation.apply(np.array(at_rest.hand.joints)) + shift - moved.hand.joints
+    off = rotation.apply(np.array(at_rest)) + shift - moved.hand.joints
     assert np.sqrt(np.mean(off**2)) < 1e-3
 
 
@@ -143,195 +140,176 @@ def test_outliers_are_distinguished_from_skin(true_hand: Rigged, fitted: FittedH
     assert np.mean(fitted.outliers[off < 2e-3]) < 0.1
 
 
-def test_landmarks_of_21_joints_do_as_well(
-    true_hand: Rigged, cloud: np.ndarray, landmarks: np.ndarray
-) -> None:
-    tracked = np.delete(landmarks, [5, 10, 15, 20], axis=0)
+def test_21_landmarks_do_as_well(true_hand, cloud, landmarks) -> None:
+    fitted = fit_hand(cloud, landmarks[TRACKED], camera=CAMERA)
 
-    found = fit_hand(cloud, tracked, camera=CAMERA)
-
-    assert found.hand.side == "right"
-    assert np.abs(found.hand.shape.depth(true_hand.vertices)).mean() < 2.5e-3
+    assert fitted.hand.side == "right"
+    assert mean_error(fitted, true_hand) < 2.5e-3
 
 
-def test_a_hand_seen_from_all_sides_needs_no_camera(
-    true_hand: Rigged, landmarks: np.ndarray
-) -> None:
-    found = fit_hand(true_hand.vertices, landmarks, "right")
+def test_a_hand_seen_from_all_sides_needs_no_camera(true_hand, landmarks) -> None:
+    fitted = fit_hand(true_hand.vertices, landmarks, "right")
 
-    assert np.abs(found.hand.shape.depth(true_hand.vertices)).mean() < 1.5e-3
+    assert mean_error(fitted, true_hand) < 1.5e-3
 
 
-def test_a_forearm_is_left_out(cloud: np.ndarray, true_hand: Rigged, landmarks: np.ndarray) -> None:
+def test_a_forearm_is_left_out(cloud, true_hand, landmarks) -> None:
     back = true_hand.joints[0] - true_hand.joints[11]
     back = back / np.linalg.norm(back)
     random = np.random.default_rng(0)
-    beside = np.cross(back, [0.0, 0.0, 1.0])
     arm = true_hand.joints[0] + np.outer(random.uniform(0.03, 0.25, 9000), back)
+    beside = np.cross(back, [0.0, 0.0, 1.0])
     arm = arm + np.outer(random.uniform(-0.025, 0.025, 9000), beside) - [0.0, 0.0, 0.015]
 
-    found = fit_hand(np.vstack([cloud, arm]), landmarks, "right", CAMERA)
+    fitted = fit_hand(np.vstack([cloud, arm]), landmarks, "right", CAMERA)
 
-    assert np.abs(found.hand.shape.depth(true_hand.vertices)).mean() < 2.5e-3
+    assert mean_error(fitted, true_hand) < 2.5e-3
 
 
 def test_sizes_have_the_names_of_bones(fitted: FittedHand) -> None:
     lengths = fitted.anatomy.lengths
 
     assert len(lengths) == 24
-    assert (
-        0.03 < lengths["index-finger-phalanx-proximal to index-finger-phalanx-intermediate"] < 0.06
-    )
+    bone = "index-finger-phalanx-proximal to index-finger-phalanx-intermediate"
+    assert 0.03 < lengths[bone] < 0.06
     np.testing.assert_allclose(fitted.anatomy.radii, fitted.hand.radii)
     assert fitted.anatomy.frames == 1
 
 
 def test_radii_of_the_population_grow_more_slowly_than_bones(landmarks: np.ndarray) -> None:
-    small, large = population_prior(landmarks), population_prior(1.2 * landmarks)
+    small = population_prior(landmarks)
+    large = population_prior(1.2 * landmarks)
 
     np.testing.assert_allclose(np.exp(large.mean - small.mean)[SIZE_LENGTHS], 1.2)
     assert np.all(large.radii / small.radii < 1.15)
 
 
-# --- bad input ------------------------------------------------------------------------------------------------------
+# --- the skin ---------------------------------------------------------------------------------
 
 
-def test_joints_that_are_missing_are_rejected(cloud: np.ndarray, landmarks: np.ndarray) -> None:
-    with raises_code("joint_count", "20 joints"):
-        fit_hand(cloud, landmarks[:20], "right")
+@pytest.fixture(scope="module")
+def hand() -> Hand:
+    return hand_from_joints(REST, RADII)
 
 
-def test_joints_that_are_nan_are_rejected(cloud: np.ndarray, landmarks: np.ndarray) -> None:
-    broken = landmarks.copy()
-    broken[7] = np.nan
-
-    with raises_code("not_finite", "joint 7, index-finger-phalanx-intermediate"):
-        fit_hand(cloud, broken, "right")
-
-
-def test_joints_in_millimetres_are_rejected(cloud: np.ndarray, landmarks: np.ndarray) -> None:
-    with raises_code("not_in_metres", " m:"):
-        fit_hand(cloud, 1e3 * landmarks, "right")
+def points_off(hand: Hand, distance: float) -> np.ndarray:
+    """Points off the skin of a hand [m], on one side of it."""
+    places = hand.shape.skin(2.5e-3).vertices
+    normals = hand.shape.hulls.look(places).gradient
+    return (places + distance * normals)[normals[:, 1] > 0.3]
 
 
-def test_bones_of_impossible_length_are_rejected(cloud: np.ndarray, landmarks: np.ndarray) -> None:
-    broken = landmarks.copy()
-    broken[9] += [0.0, 0.12, 0.0]
+def test_seen_skin_is_nearer_to_the_true_one_and_has_the_places() -> None:
+    true_hand = turned_to_camera(posed("pinch", build="stout"), 2)
+    fitted = fit_hand(seen(true_hand, 2), rough(true_hand.joints, 2), "right", CAMERA)
+    true = flat_mesh(true_hand.vertices, true_hand.triangles)
+    medians = []
+    for places in (fitted.hand.shape.skin(3.5e-3).vertices, fitted.surface.vertices):
+        faces = fitted.hand.shape.hulls.look(places).gradient @ [0.0, 0.0, -1.0] > 0.3
+        medians.append(np.median(np.abs(true.depth(places[faces]))))
+    point, normal = fitted.place("index.pad")
 
-    with raises_code("bone_length", "index-finger-phalanx-distal", "index-finger-tip"):
-        fit_hand(cloud, broken, "right")
-
-
-def test_swapped_joints_are_rejected(
-    true_hand: Rigged, cloud: np.ndarray, landmarks: np.ndarray
-) -> None:
-    fingers = landmarks.copy()
-    fingers[[5, 6, 7, 8, 9, 20, 21, 22, 23, 24]] = landmarks[[20, 21, 22, 23, 24, 5, 6, 7, 8, 9]]
-    tips = landmarks.copy()
-    tips[[9, 24]] = landmarks[[24, 9]]
-
-    with raises_code("hand_implausible", "ring finger", "16.5 mm"):
-        fit_hand(cloud, fingers, "right", CAMERA)
-    with raises_code("bone_length", "are joints swapped"):
-        fit_hand(cloud, tips, "right", CAMERA)
+    assert medians[1] < min(0.8 * medians[0], 0.5e-3)
+    assert len(fitted.surface.crossings) == 0
+    assert abs(fitted.surface.depth(point[None])[0]) < 1e-6
+    assert np.linalg.norm(point - fitted.hand.place("index.pad")[0]) < 1.8e-3
+    assert np.linalg.norm(normal) == pytest.approx(1.0)
 
 
-def test_a_left_hand_for_a_right_one_is_rejected(cloud: np.ndarray, landmarks: np.ndarray) -> None:
-    with raises_code("wrong_side", "left hand", "(+"):
-        fit_hand(cloud, landmarks, "left", CAMERA)
+def test_skin_moves_as_far_as_points_are_off_and_stays_where_there_are_none(hand: Hand) -> None:
+    points = points_off(hand, 0.8e-3)
+
+    skin = with_offset(hand.shape.hulls, points)
+
+    look = hand.shape.hulls.look(skin.vertices)
+    facing = (look.gradient[:, 1] > 0.8) & (look.facing > 8e-3) & (np.abs(look.bend) > 5e-3)
+    assert np.median(look.distance[facing]) == pytest.approx(0.8e-3, rel=0.1)
+    away = KDTree(points).query(skin.vertices)[0] > 12.5e-3
+    assert away.any()
+    assert np.abs(look.distance[away]).max() < 1e-6
 
 
-def test_a_flat_hand_needs_its_side(cloud: np.ndarray) -> None:
-    with raises_code("side_unclear", "1.5"):
-        fit_hand(cloud, turned_to_camera(posed("rest"), 1).joints)
+def test_points_far_off_are_not_followed(hand: Hand) -> None:
+    hulls = hand.shape.hulls
+    far = points_off(hand, 4e-3)
+    far = far[hulls.look(far).distance > 3.15e-3]  # in creases they are near other parts
+    for points, limit in ((far, 1e-6), (points_off(hand, 2.5e-3), 1.515e-3)):
+        skin = with_offset(hulls, points)
+        assert np.abs(hulls.look(skin.vertices).distance).max() < limit
 
 
-def test_an_empty_or_tiny_cloud_is_rejected(cloud: np.ndarray, landmarks: np.ndarray) -> None:
-    with raises_code("too_few", " 0 points"):
-        fit_hand(np.zeros((0, 3)), landmarks, "right")
-    with raises_code("too_few", "150 points"):
-        fit_hand(cloud[:150], landmarks, "right")
+def test_where_the_moved_skin_would_cross_itself_it_stays(hand, monkeypatch) -> None:
+    unit_rows = fit._unit_rows
+    monkeypatch.setattr(fit, "_unit_rows", lambda vectors: 6.0 * unit_rows(vectors))  # far moves
+    skin = with_offset(hand.shape.hulls, points_off(hand, 0.8e-3))
+
+    assert skin is None or len(skin.crossings) == 0
 
 
-def test_a_cloud_with_nan_is_rejected(cloud: np.ndarray, landmarks: np.ndarray) -> None:
-    broken = cloud.copy()
-    broken[5, 1] = np.nan
-
-    with raises_code("not_finite", "1 NaN", "[5, 1]"):
-        fit_hand(broken, landmarks, "right")
+# --- bad input --------------------------------------------------------------------------------
 
 
-def test_a_cloud_in_millimetres_is_rejected(cloud: np.ndarray, landmarks: np.ndarray) -> None:
-    with raises_code("not_in_metres", " m from"):
-        fit_hand(1e3 * cloud, landmarks, "right", CAMERA)
+def at_index(points: np.ndarray, index: object, value: object) -> np.ndarray:
+    changed = points.copy()
+    changed[index] = value
+    return changed
 
 
-def test_a_cloud_far_off_is_rejected(cloud: np.ndarray, landmarks: np.ndarray) -> None:
-    with raises_code("misplaced", f"0 of {len(cloud)} points", "45 mm"):
-        fit_hand(cloud + [0.4, 0.0, 0.0], landmarks, "right", CAMERA)
+def swapped(points: np.ndarray, first: list[int], second: list[int]) -> np.ndarray:
+    return at_index(points, first + second, points[second + first])
 
 
-def test_two_hands_in_a_cloud_are_rejected(cloud: np.ndarray, landmarks: np.ndarray) -> None:
-    second = cloud * [-1.0, 1.0, 1.0] + [0.25, 0.0, 0.0]
+@pytest.mark.parametrize(
+    ("code", "change"),
+    [
+        ("joint_count", lambda cloud, marks: (cloud, marks[:20])),
+        ("not_finite", lambda cloud, marks: (cloud, at_index(marks, 7, np.nan))),
+        ("not_in_metres", lambda cloud, marks: (cloud, 1e3 * marks)),
+        ("bone_length", lambda cloud, marks: (cloud, at_index(marks, (9, 1), marks[9, 1] + 0.12))),
+        ("bone_length", lambda cloud, marks: (cloud, swapped(marks, [9], [24]))),
+        (
+            "hand_implausible",
+            lambda cloud, marks: (cloud, swapped(marks, [5, 6, 7, 8, 9], [20, 21, 22, 23, 24])),
+        ),
+        ("wrong_side", lambda cloud, marks: (cloud, marks, "left")),
+        (
+            "side_unclear",
+            lambda cloud, marks: (cloud, turned_to_camera(posed("rest"), 1).joints, None),
+        ),
+        ("too_few", lambda cloud, marks: (np.zeros((0, 3)), marks)),
+        ("too_few", lambda cloud, marks: (cloud[:150], marks)),
+        ("not_finite", lambda cloud, marks: (at_index(cloud, (5, 1), np.nan), marks)),
+        ("out_of_range", lambda cloud, marks: (at_index(cloud, (5, 1), 1e200), marks)),
+        ("not_in_metres", lambda cloud, marks: (1e3 * cloud, marks)),
+        ("misplaced", lambda cloud, marks: (cloud + [0.4, 0.0, 0.0], marks)),
+        (  # a second hand beside the first
+            "given_twice",
+            lambda cloud, marks: (np.vstack([cloud, cloud * [-1, 1, 1] + [0.25, 0, 0]]), marks),
+        ),
+        (  # and one behind it
+            "pose_not_found",
+            lambda cloud, marks: (np.vstack([cloud, cloud + [0.0, 0.0, 0.05]]), marks),
+        ),
+        ("misplaced", lambda cloud, marks: (cloud, marks, "right", np.median(cloud, axis=0))),
+        ("pose_not_found", lambda cloud, marks: (cloud, marks, "right", np.array([0.0, 0.0, 1.0]))),
+        (  # 45 mm off, and no bone shows it
+            "misplaced",
+            lambda cloud, marks: (cloud, at_index(marks, [8, 9], marks[[8, 9]] + [0, 0, 0.045])),
+        ),
+        ("wrong_shape", lambda cloud, marks: (cloud, marks, "right", np.zeros(2))),
+        ("not_finite", lambda cloud, marks: (cloud, marks, "right", np.full(3, np.nan))),
+    ],
+)
+def test_bad_input_is_rejected(code, change, cloud, landmarks, as_outside_the_tests) -> None:
+    changed = change(cloud, landmarks)
+    defaults = (cloud, landmarks, "right", CAMERA)
+    with raises_code(code):
+        fit_hand(*changed, *defaults[len(changed) :])
 
-    with raises_code("given_twice", "45 mm"):
-        fit_hand(np.vstack([cloud, second]), landmarks, "right", CAMERA)
 
-
-def test_a_second_hand_behind_the_first_is_rejected(
-    cloud: np.ndarray, landmarks: np.ndarray
-) -> None:
-    with raises_code("pose_not_found", "% to 6 mm"):
-        fit_hand(np.vstack([cloud, cloud + [0.0, 0.0, 0.05]]), landmarks, "right", CAMERA)
-
-
-def test_a_camera_among_the_points_is_rejected(cloud: np.ndarray, landmarks: np.ndarray) -> None:
-    with raises_code("misplaced", "30 mm"):
-        fit_hand(cloud, landmarks, "right", np.median(cloud, axis=0))
-
-
-def test_a_camera_that_stands_elsewhere_is_rejected(
-    cloud: np.ndarray, landmarks: np.ndarray
-) -> None:
-    with raises_code("pose_not_found", "% to 6 mm", "does the camera stand elsewhere"):
-        fit_hand(cloud, landmarks, "right", np.array([0.0, 0.0, 1.0]))
-
-
-def test_coordinates_that_are_no_positions_are_rejected(
-    cloud: np.ndarray, landmarks: np.ndarray
-) -> None:
-    broken = cloud.copy()
-    broken[5, 1] = 1e200
-
-    with raises_code("out_of_range", "point 5", "1e+200 m"):
-        fit_hand(broken, landmarks, "right", CAMERA)
-
-
-def test_a_cloud_that_is_mostly_outliers_is_rejected(
-    cloud: np.ndarray, landmarks: np.ndarray
-) -> None:
+def test_a_cloud_that_is_mostly_outliers_is_rejected(cloud, landmarks) -> None:
     random = np.random.default_rng(0)
     fog = landmarks[random.integers(0, 25, 20_000)] + random.normal(scale=22e-3, size=(20_000, 3))
 
-    with raises_code("pose_not_found", "% to 6 mm"):
+    with raises_code("pose_not_found"):
         fit_hand(np.vstack([cloud[::20], fog]), landmarks, "right")
-
-
-def test_landmarks_of_another_hand_are_rejected(cloud: np.ndarray, landmarks: np.ndarray) -> None:
-    moved = landmarks.copy()
-    moved[[8, 9]] += [0.0, 0.0, 0.045]  # 45 mm off, and no bone shows it
-
-    with raises_code("misplaced", "index-finger-tip", "30 mm"):
-        fit_hand(cloud, moved, "right", CAMERA)
-
-
-def test_a_camera_that_is_no_position_is_rejected(
-    cloud: np.ndarray, landmarks: np.ndarray, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(
-        "jaxtyping.config.jaxtyping_disable", True
-    )  # so that the guard itself answers
-    with raises_code("wrong_shape", "(2,)"):
-        fit_hand(cloud, landmarks, "right", np.zeros(2))
-    with raises_code("not_finite", "3 NaN"):
-        fit_hand(cloud, landmarks, "right", np.full(3, np.nan))

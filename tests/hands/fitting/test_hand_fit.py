@@ -56,7 +56,7 @@ def by_differences(function, start: np.ndarray, step: float = STEP) -> np.ndarra
 def test_distances_are_those_of_the_body(hulls: Hulls, points: np.ndarray) -> None:
     each = hulls.each(points)
     for index, part in enumerate(hulls.parts):
-        alone = Hulls(hulls.balls, part[None], np.zeros((1, 1)), np.zeros((1, 1)))
+        alone = Hulls.unblended(hulls.balls, part[None])
         np.testing.assert_allclose(
             skin_residuals(points, alone).distance, each[:, index], atol=1e-12
         )
@@ -87,12 +87,7 @@ def test_derivatives_of_distances_are_exact_without_blending(
 
 
 def test_points_are_held_against_skin_that_faces_the_camera(hulls: Hulls) -> None:
-    finger = Hulls(
-        hulls.balls[[6, 7]],
-        np.array([[0, 1, -1]]).repeat(4, axis=0),
-        np.zeros((4, 4)),
-        np.zeros((4, 4)),
-    )
+    finger = Hulls.unblended(hulls.balls[[6, 7]], np.array([[0, 1, -1]]).repeat(4, axis=0))
     ball = 0.5 * (finger.balls[0] + finger.balls[1])
     axis = finger.balls[1, :3] - finger.balls[0, :3]
     sight = np.cross(axis, [0.0, 0.0, 1.0])
