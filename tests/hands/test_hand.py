@@ -17,16 +17,14 @@ from airtact.geometry.pose import Pose
 from airtact.geometry.surface import Surface
 from airtact.hands.files import load_hand
 from airtact.hands.hand import Hand, hand_from_joints
-from airtact.hands.joints import CHAINS, NAMES, side_evidence
+from airtact.hands.joints import CHAINS, NAMES, TRACKED, side_evidence
 from airtact.hands.kinematics import gap_of
 from airtact.hands.shape import MAX_KEYFRAMES
 from faults import raises_code
-from paths import HANDS
 from references.hand_poses import example, random_pose
 
 PINCH, RADII = example("pinch")
 RELAXED, _ = example("relaxed")
-TRACKED = [0, 1, 2, 3, 4, 6, 7, 8, 9, 11, 12, 13, 14, 16, 17, 18, 19, 21, 22, 23, 24]
 MIRROR = np.array([-1.0, 1.0, 1.0])
 
 
@@ -35,10 +33,9 @@ def opened() -> Hand:
     return hand_from_joints(PINCH, RADII).open_to(0.012)
 
 
-def changed(joint: str, shift: float) -> np.ndarray:
-    joints = PINCH.copy()
-    joints[NAMES.index(joint)] += shift
-    return joints
+@pytest.fixture(scope="module")
+def touching() -> Hand:
+    return hand_from_joints(PINCH, RADII)
 
 
 # --- the skin -------------------------------------------------------------------------------------------------------
@@ -83,20 +80,17 @@ def test_a_hand_moves_with_its_skin(opened):
     assert np.abs(elsewhere.shape.depth(moved.vertices)).max() < 1e-8
 
 
-def test_trackers_with_21_joints_give_nearly_the_same_hand():
+def test_trackers_with_21_joints_give_nearly_the_same_hand(opened):
     fewer = hand_from_joints(PINCH[TRACKED], RADII[TRACKED]).open_to(0.012)
-    whole = hand_from_joints(PINCH, RADII).open_to(0.012)
-    fingers = whole.pads
-    assert np.linalg.norm(fewer.pads - fingers, axis=1).max() < 2e-3
-    assert fewer.shape.volume == pytest.approx(whole.shape.volume, rel=0.2)
+    assert np.linalg.norm(fewer.pads - opened.pads, axis=1).max() < 2e-3
+    assert fewer.shape.volume == pytest.approx(opened.shape.volume, rel=0.2)
 
 
 def test_radii_grow_with_the_length_of_the_hand():
-    small, large = (hand_from_joints(RELAXED, length=length) for length in (0.15, 0.2))
-    assert large.radii == pytest.approx(small.radii * 0.2 / 0.15)
-    assert hand_from_joints(1.1 * RELAXED).radii == pytest.approx(
-        1.1 * hand_from_joints(RELAXED).radii
-    )
+    small, large = (hand_from_joints(RELAXED, length=length).radii for length in (0.15, 0.2))
+    assert large == pytest.approx(small * 0.2 / 0.15)
+    radii = hand_from_joints(RELAXED).radii
+    assert hand_from_joints(1.1 * RELAXED).radii == pytest.approx(1.1 * radii)
 
 
 # --- left and right -------------------------------------------------------------------------------------------------
@@ -109,19 +103,8 @@ def test_sides_are_distinguished_in_any_pose(seed):
     assert side_evidence(MIRROR * joints) > -0.2
 
 
-def test_the_rig_of_a_right_hand_is_right():
-    text = (HANDS / "generic-hand-right.glb").read_bytes()
-    nodes = json.loads(text[20 : 20 + int.from_bytes(text[12:16], "little")])["nodes"]
-    from trimesh import load_scene  # reads the rig's nodes as a graph of frames
-
-    graph = load_scene(HANDS / "generic-hand-right.glb").graph
-    assert {node["name"] for node in nodes} >= set(NAMES)
-    joints = np.array([graph.get(name)[0][:3, 3] for name in NAMES])
-    assert side_evidence(joints) >= 0.2
-
-
 def test_a_left_hand_given_as_right_is_rejected():
-    with raises_code("wrong_side", "(-"):
+    with raises_code("wrong_side"):
         hand_from_joints(PINCH, side="right")
     assert hand_from_joints(MIRROR * PINCH, side="right").side == "right"
 
@@ -142,8 +125,8 @@ def test_pads_are_on_the_skin_and_look_at_each_other(opened):
 
 
 @pytest.mark.parametrize("gap", [0.5e-3, 3e-3, 0.012, 0.03])
-def test_a_hand_opens_to_the_gap_asked(gap):
-    hand = hand_from_joints(PINCH, RADII).open_to(gap)
+def test_a_hand_opens_to_the_gap_asked(gap, touching):
+    hand = touching.open_to(gap)
     assert gap_of(hand.joints, hand.radii, (0, 1)) == pytest.approx(gap, abs=1e-8)
     bones = [
         np.linalg.norm(np.diff(joints[list(CHAINS[1])], axis=0), axis=1)
@@ -153,40 +136,36 @@ def test_a_hand_opens_to_the_gap_asked(gap):
     assert hand.touches == ()
 
 
-def test_skins_that_touch_are_one_and_said_where():
-    hand = hand_from_joints(PINCH, RADII)
-    touch = hand.touches[0]
-    assert (touch.first, touch.second) == (
-        "last phalanx of the thumb",
-        "last phalanx of the index finger",
-    )
-    assert touch.gap == pytest.approx(gap_of(hand.joints, hand.radii, (0, 1)), abs=1e-5)
-    assert hand.shape.depth(touch.place[None])[0] > 1e-3
-    assert "14 mm in each other" in hand.surface.repairs[0]
+def test_touching_skins_are_one_and_the_surface_has_a_note(touching):
+    touch = touching.touches[0]
+    parts = (touch.first, touch.second)
+    assert parts == ("last phalanx of the thumb", "last phalanx of the index finger")
+    assert touch.gap == pytest.approx(gap_of(PINCH, RADII, (0, 1)), abs=1e-5)
+    assert touching.shape.depth(touch.place[None])[0] > 1e-3
+    assert "14 mm" in touching.surface.repairs[0]
 
 
-@pytest.mark.parametrize(("gap", "one"), [(0.25e-3, True), (0.35e-3, False)])
-def test_skins_nearer_than_0_3_mm_are_one_and_others_are_not(gap, one):
-    hand = hand_from_joints(PINCH, RADII).open_to(gap)
-    assert bool(hand.touches) == one
+@pytest.mark.parametrize(("gap", "joined"), [(0.25e-3, True), (0.35e-3, False)])
+def test_skins_nearer_than_0_3_mm_are_one_and_others_are_not(gap, joined, touching):
+    assert bool(touching.open_to(gap).touches) == joined
 
 
-def test_a_pad_inside_the_body_is_rejected_with_the_gap_that_frees_it():
-    hand = hand_from_joints(PINCH, RADII)
-    with raises_code("inside_body", "index.pad", " 5.3 mm inside", "0.5 mm"):
-        hand.place("index.pad")
-    point, _ = hand.open_to(0.5e-3, "index", "thumb").place("index.pad")
+def test_a_pad_inside_the_body_is_rejected_with_the_gap_that_frees_it(touching):
+    with raises_code("inside_body", "5.3 mm", "open_to(0.0005, 'index', 'thumb')"):
+        touching.place("index.pad")
+    point, _ = touching.open_to(0.5e-3, "index", "thumb").place("index.pad")
     assert point.shape == (3,)
-    assert hand.place("ring.pad")[0] == pytest.approx(hand.pads[3])
+    assert touching.place("ring.pad")[0] == pytest.approx(touching.pads[3])
 
 
 def test_impossible_gaps_and_unknown_places_are_rejected(opened):
     with raises_code("out_of_range", "12 m", "0.15 m"):
         opened.open_to(12)
-    with raises_code("misplaced", "thumb", "pinky", "1 mm"):
+    with raises_code("misplaced", "1 mm"):
         opened.open_to(1e-3, "thumb", "pinky")
-    with raises_code("unknown_name", "'nose'"):
-        opened.open_to(1e-2, "thumb", "nose")
+    for first, second in (("thumb", "nose"), ("thumb", "thumb")):
+        with raises_code("unknown_name", second):
+            opened.open_to(1e-2, first, second)
     with raises_code("unknown_name", "'index.tip'"):
         opened.place("index.tip")
 
@@ -238,12 +217,10 @@ def test_what_was_asked_of_a_frame_changes_no_later_one():
 
 
 def test_a_frame_that_was_not_asked_can_be_asked_later():
-    one, other = sequence(np.array([0.012, 0.016])), sequence(np.array([0.012, 0.016]))
-    one[0].shape.skin(7e-3)
-    first = one[1].shape.panels(7e-3)
-    second = other[1].shape.panels(7e-3)
-    other[0].shape.skin(7e-3)
-    assert np.array_equal(first, second)
+    gaps = np.array([0.012, 0.016])
+    asked = sequence(gaps)
+    asked[0].shape.skin(7e-3)
+    assert np.array_equal(asked[1].shape.panels(7e-3), sequence(gaps)[1].shape.panels(7e-3))
 
 
 def test_hands_of_one_fingerprint_have_one_mesh_and_those_of_two_do_not():
@@ -266,9 +243,8 @@ def test_hands_of_one_fingerprint_have_one_mesh_and_those_of_two_do_not():
 
 
 def test_a_long_sequence_keeps_few_frames_and_little_history():
-    hands = sequence(
-        np.concatenate([np.linspace(0.012, 0.045, 12), np.linspace(0.045, 0.012, 12)] * 3)
-    )
+    opening = np.linspace(0.012, 0.045, 12)
+    hands = sequence(np.concatenate([opening, opening[::-1]] * 3))
     assert max(hand.shape.keyframes for hand in hands) <= MAX_KEYFRAMES + 1
     assert all(hand.shape.follows is not None for hand in hands[1:12])
     cold = hands[-1].shape.skin(7e-3)
@@ -277,74 +253,40 @@ def test_a_long_sequence_keeps_few_frames_and_little_history():
 
 def test_a_mesh_that_was_handed_out_cannot_be_written_to(opened):
     mesh = opened.shape.skin(6e-3)
-    for array in (
-        mesh.vertices,
-        mesh.triangles,
-        mesh.sizes,
-        opened.shape.hulls.balls,
-        opened.shape.hulls.parts,
-    ):
-        with pytest.raises(ValueError, match="read-only"):
-            array[0] = 0
+    hulls = opened.shape.hulls
+    for array in (mesh.vertices, mesh.triangles, mesh.sizes, hulls.balls, hulls.parts):
+        assert not array.flags.writeable
 
 
-# --- bad input ------------------------------------------------------------------------------------------------------
+# --- bad input --------------------------------------------------------------------------------
+
+THUMB_AND_INDEX_SWAPPED = [0, 9, 8, 7, 6, 5, 4, 3, 2, 1, *range(10, 25)]
 
 
 @pytest.mark.parametrize(
-    ("joints", "code", "details"),
+    ("code", "joints", "options"),
     [
-        (PINCH[:24], "joint_count", ["24 joints"]),
-        (1e3 * PINCH, "not_in_metres", ["156.4 m"]),
-        (
-            np.where(np.arange(25)[:, None] == 7, np.nan, PINCH),
-            "not_finite",
-            ["1 joint", "joint 7, index-finger-phalanx-intermediate"],
-        ),
-        (
-            PINCH[[0, 9, 8, 7, 6, 5, 4, 3, 2, 1, *range(10, 25)]],
-            "bone_length",
-            ["are joints swapped"],
-        ),
-        (
-            changed("ring-finger-tip", 0.06),
-            "bone_length",
-            ["ring-finger-phalanx-distal", "ring-finger-tip", "102.9 mm"],
-        ),
-        (0.1 * PINCH, "bone_length", ["wrist", "thumb-metacarpal", "5.02", "10 to 80 mm"]),
+        ("joint_count", PINCH[:24], {}),
+        ("not_in_metres", 1e3 * PINCH, {}),
+        ("not_finite", np.where(np.arange(25)[:, None] == 7, np.nan, PINCH), {}),
+        ("bone_length", PINCH[THUMB_AND_INDEX_SWAPPED], {}),
+        ("bone_length", PINCH + np.where(np.arange(25)[:, None] == 19, 0.06, 0.0), {}),
+        ("bone_length", 0.1 * PINCH, {}),
+        ("out_of_range", PINCH, {"radii": 1e3 * RADII}),
+        ("not_finite", PINCH, {"radii": np.where(np.arange(25) == 3, math.nan, RADII)}),
+        ("wrong_shape", PINCH, {"radii": RADII[:24]}),
+        ("out_of_range", PINCH, {"length": 190}),
+        ("unknown_name", PINCH, {"side": "top"}),
     ],
 )
-def test_joints_of_no_hand_are_rejected(joints, code, details):
-    with raises_code(code, *details):
-        hand_from_joints(joints)
+def test_joints_radii_and_sides_of_no_hand_are_rejected(
+    code, joints, options, as_outside_the_tests
+):
+    with raises_code(code):
+        hand_from_joints(joints, **options)
 
 
-@pytest.mark.parametrize(
-    ("radii", "code", "details"),
-    [
-        (1e3 * RADII, "out_of_range", ["wrist", "2.146e+04 mm", "3 to 35 mm"]),
-        (np.where(np.arange(25) == 3, math.nan, RADII), "not_finite", ["1 NaN", "[3]"]),
-    ],
-)
-def test_radii_of_no_hand_are_rejected(radii, code, details):
-    with raises_code(code, *details):
-        hand_from_joints(PINCH, radii)
-
-
-def test_a_length_in_millimetres_is_rejected():
-    with raises_code("out_of_range", "190 m", "0.08 and 0.3 m"):
-        hand_from_joints(PINCH, length=190)
-
-
-def test_a_side_that_no_hand_has_is_rejected(monkeypatch):
-    monkeypatch.setattr(
-        "jaxtyping.config.jaxtyping_disable", True
-    )  # so that the guard itself answers
-    with raises_code("unknown_name", "'top'"):
-        hand_from_joints(PINCH, side="top")
-
-
-# --- files ----------------------------------------------------------------------------------------------------------
+# --- files ------------------------------------------------------------------------------------
 
 
 def test_a_pose_is_read_in_any_order_of_its_names(tmp_path):
@@ -361,32 +303,22 @@ def test_a_pose_is_read_in_any_order_of_its_names(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "code", "details"),
+    ("code", "text"),
     [
-        ("{", "file_unreadable", ["pose.json", "line 1"]),
-        ("[]", "wrong_kind", ["positions_m"]),
-        ('{"positions_m": [], "colour": 1}', "unknown_key", ["colour"]),
-        (
-            '{"positions_m": [[0, 0, 0]], "joints": ["wrist"]}',
-            "joint_missing",
-            ["24 of the 25 joints", "thumb-metacarpal"],
-        ),
-        (
-            '{"positions_m": [[0, 0, 0]], "joints": ["a", "b"]}',
-            "sizes_differ",
-            ["2 names", "1 positions"],
-        ),
-        ('{"positions_m": [[0, 0, 0]], "radii_m": 3}', "wrong_kind", ["radii_m is 3"]),
-        ('{"positions_m": [[0, 0], [1]]}', "not_a_number", ["positions_m", "2 joints"]),
-        ('{"positions_m": [[0, 0, "a"]]}', "not_a_number", ["positions_m", "1 joints"]),
+        ("file_unreadable", "{"),
+        ("wrong_kind", "[]"),
+        ("unknown_key", '{"positions_m": [], "colour": 1}'),
+        ("joint_missing", '{"positions_m": [[0, 0, 0]], "joints": ["wrist"]}'),
+        ("sizes_differ", '{"positions_m": [[0, 0, 0]], "joints": ["a", "b"]}'),
+        ("given_twice", '{"positions_m": [[0, 0, 0], [0, 0, 0]], "joints": ["a", "a"]}'),
+        ("wrong_kind", '{"positions_m": [[0, 0, 0]], "radii_m": 3}'),
+        ("not_a_number", '{"positions_m": [[0, 0], [1]]}'),
+        ("not_a_number", '{"positions_m": [[0, 0, "a"]]}'),
+        ("file_missing", None),
     ],
 )
-def test_files_that_hold_no_pose_are_rejected(tmp_path, text, code, details):
-    (tmp_path / "pose.json").write_text(text)
-    with raises_code(code, *details):
+def test_files_that_hold_no_pose_are_rejected(tmp_path, code, text):
+    if text is not None:
+        (tmp_path / "pose.json").write_text(text)
+    with raises_code(code, "pose.json"):
         load_hand(tmp_path / "pose.json")
-
-
-def test_a_missing_file_is_rejected(tmp_path):
-    with raises_code("file_missing", "none.json"):
-        load_hand(tmp_path / "none.json")

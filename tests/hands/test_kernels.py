@@ -180,7 +180,7 @@ def test_what_stands_apart_is_carved_out_and_seen():
 
 def test_a_rod_is_covered_evenly_and_holds_its_volume():
     balls = np.array([[0, 0, 0, 0.008], [0.03, 0, 0, 0.008]])
-    rod = Hulls(balls, np.array([[0, 1, -1]]), np.zeros((1, 1)), np.zeros((1, 1)))
+    rod = Hulls.unblended(balls, np.array([[0, 1, -1]]))
     skin = even_skin(rod, 4e-3)
     panels = curved_panels(rod, skin)
     assert edge_twins(skin.triangles).min() >= 0
@@ -196,7 +196,7 @@ def test_a_rod_is_covered_evenly_and_holds_its_volume():
 
 def test_even_triangles_are_about_as_large_as_asked():
     balls = np.array([[0, 0, 0, 0.02], [0.001, 0, 0, 0.02]])
-    ball = Hulls(balls, np.array([[0, 1, -1]]), np.zeros((1, 1)), np.zeros((1, 1)))
+    ball = Hulls.unblended(balls, np.array([[0, 1, -1]]))
     for edge in (2e-3, 5e-3, 9e-3):
         skin = even_skin(ball, edge)
         area = 4 * np.pi * 0.02**2 + 2 * np.pi * 0.02 * 0.001
