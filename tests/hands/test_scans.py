@@ -59,42 +59,39 @@ def test_a_rig_in_millimetres_is_scaled_as_its_mesh(tmp_path, hand, skin) -> Non
     same = places_on(load_surface(tmp_path / "hand.glb", scale=1e-3), scaled)
     for name, (point, _) in places_on(skin, hand).items():
         np.testing.assert_allclose(same[name][0], point, atol=1e-6)
-    with raises_code("not_in_metres", "hand.glb: ", "millimetres"):
+    with raises_code("not_in_metres", "hand.glb"):
         load_rigged_hand(tmp_path / "hand.glb")
 
 
 def test_a_rig_that_lacks_joints_is_named_with_them(tmp_path) -> None:
     trimesh.creation.icosphere(radius=0.03).export(tmp_path / "ball.glb")
-    with raises_code(
-        "joint_missing",
-        "ball.glb: 25 of the 25 joints",
-        "(wrist, thumb-metacarpal, ",
-    ):
+    with raises_code("joint_missing", "ball.glb", "25 of the 25", "wrist, thumb-metacarpal, "):
         load_rigged_hand(tmp_path / "ball.glb")
     scene = trimesh.load_scene(GENERIC_HAND, process=False)
     scene.graph.transforms.remove_node("index-finger-tip")
     scene.export(tmp_path / "hand.glb")
-    with raises_code("joint_missing", "1 of the 25 joints of WebXR", "(index-finger-tip)"):
+    with raises_code("joint_missing", "1 of the 25", "(index-finger-tip)"):
         load_rigged_hand(tmp_path / "hand.glb")
     with raises_code("file_missing", "none.glb"):
         load_rigged_hand(tmp_path / "none.glb")
 
 
-def test_joints_of_another_frame_or_pose_are_rejected(hand, skin) -> None:
-    with raises_code(
-        "misplaced", "thumb.pad of the joints is ", "mm from the surface, more than 10 mm"
-    ):
+def test_joints_of_another_pose_are_rejected(skin) -> None:
+    with raises_code("misplaced", "mm from the surface"):
         places_on(skin, load_hand(HANDS / "pinch.json"))
-    with raises_code("misplaced", "are joints and mesh of one hand"):
-        places_on(skin.moved(Pose.turn((0, 0, 1), 0.0, (0.0, 0.0, 0.03))), hand)
 
 
-def test_pads_that_fall_on_another_side_of_a_finger_are_rejected(hand, skin) -> None:
-    """8 mm off towards the back, the pads lie in fingers of 13 mm."""
-    with raises_code(
-        "misplaced", ".pad of the joints is turned from the surface by ", "more than 60"
-    ):
-        places_on(skin.moved(Pose(np.eye(3), np.array([-8e-3, 0.0, 0.0]))), hand)
+@pytest.mark.parametrize(
+    ("shift", "fault"),
+    [
+        ((0.0, 0.0, 0.03), "mm from the surface"),
+        # towards the back, where the pads lie in fingers of 13 mm
+        ((-8e-3, 0.0, 0.0), "turned from the surface"),
+    ],
+)
+def test_joints_of_another_frame_are_rejected(shift, fault, hand, skin) -> None:
+    with raises_code("misplaced", fault):
+        places_on(skin.moved(Pose(np.eye(3), np.array(shift))), hand)
 
 
 def test_a_hand_of_joints_finds_its_own_pads() -> None:
