@@ -28,8 +28,8 @@ def test_a_cloud_is_read_from_each_kind_of_file(tmp_path: Path) -> None:
     ("name", "content", "code", "detail"),
     [
         ("a.pcd", b"", "unknown_format", ".pcd"),
-        ("a.ply", b"no ply", "file_unreadable", "a.ply (6 bytes)"),
-        ("a.npy", b"no array", "file_unreadable", "a.npy: its 8 bytes"),
+        ("a.ply", b"no ply", "file_unreadable", "a.ply"),
+        ("a.npy", b"no array", "file_unreadable", "a.npy"),
     ],
 )
 def test_files_that_are_no_clouds_are_rejected(
