@@ -14,14 +14,8 @@ class _Dataclass(Protocol):
     __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
 
 
-PRINTED_IN_FULL = 9
-"""Size of the largest array whose numbers are printed: a rotation, three points."""
-
-LONGEST_PART = 60
-"""Longer parts of an object are printed by their type or length alone [characters]."""
-
+# Rows of a table for a notebook; it names how many more there are
 MAX_ROWS = 12
-"""Rows of a table for a notebook; it names how many more there are."""
 
 
 def in_short(self: _Dataclass) -> str:
@@ -46,18 +40,15 @@ def in_short(self: _Dataclass) -> str:
 
 
 def _short(value: object) -> str:
+    if isinstance(value, np.ndarray) and value.size <= 9:  # such as a rotation or three points
+        return str(value.tolist())
     if isinstance(value, np.ndarray):
-        return (
-            str(value.tolist()) if value.size <= PRINTED_IN_FULL else f"{value.dtype} {value.shape}"
-        )
+        return f"{value.dtype} {value.shape}"
     written = repr(value)
-    if len(written) <= LONGEST_PART and "\n" not in written:
+    if len(written) <= 60 and "\n" not in written:
         return written
-    return (
-        f"{len(value)} in a {type(value).__name__}"
-        if isinstance(value, Mapping | Sequence)
-        else f"{type(value).__name__}(…)"
-    )
+    name = type(value).__name__
+    return f"{len(value)} in a {name}" if isinstance(value, Mapping | Sequence) else f"{name}(…)"
 
 
 def one_line(self: object, *facts: str) -> str:

@@ -11,8 +11,8 @@ from functools import cache
 
 from threadpoolctl import ThreadpoolController
 
+# What a long computation calls with the words of each step as it begins
 Progress = Callable[[str], None]
-"""What a long computation calls with the words of each step as it begins."""
 
 
 def no_progress(step: str) -> None:

@@ -15,14 +15,14 @@ from airtact.checks import positive
 from airtact.errors import LARGEST_NUMBER, SMALLEST_NUMBER, InvalidInput, Vector
 from airtact.files.bounded import bytes_of
 
+# Largest size of an SVG drawing [bytes]; the reader's time grows with the square of the size
 MAX_DRAWING_BYTES = 500_000
-"""Largest size of an SVG drawing [bytes]; the reader's time grows with the square of the size."""
 
+# Largest number of straight and curved parts of a drawing, each counted as often as it is used
 MAX_CURVES = 5_000
-"""Largest number of straight and curved parts of a drawing, each counted as often as it is used."""
 
+# Lines from corner to corner in a plane, x to the right and y up
 Strokes = list[Float64[np.ndarray, "_ 2"]]
-"""Lines from corner to corner in a plane, x to the right and y up."""
 
 
 def text(

@@ -22,8 +22,8 @@ from airtact.acoustics.solvers.problem import RadiatedField
 from airtact.acoustics.sources import Monopoles
 from airtact.errors import InvalidInput
 
+# Size of the user block, which holds the checksum [bytes]
 USER_BLOCK = 512
-"""Size of the user block, which holds the checksum [bytes]."""
 
 
 class DamagedError(Exception):

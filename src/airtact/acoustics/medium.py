@@ -48,7 +48,6 @@ class Medium:
     absorption: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the three numbers."""
         numbers = {
             "sound_speed": between(
                 self.sound_speed, 1e2, 1e4, "sound speed", "m/s", "is it in km/s?"

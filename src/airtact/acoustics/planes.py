@@ -17,13 +17,12 @@ from airtact.geometry.pose import Pose
 from airtact.geometry.surface import Surface
 from airtact.printing import one_line
 
+# Points up to this deep behind a plane count as on it [m]
 ON_PLANE = 1e-9
-"""Points up to this deep behind a plane count as on it [m]."""
 
+# Air between a body and a plane at least [m]: the body and its image are then as far apart as two
+# bodies must be
 MIN_GAP = 0.5 * NEAREST
-"""Air between a body and a plane at least [m]: the body and its image are then as far apart as two
-bodies must be.
-"""
 
 
 @dataclass(frozen=True, eq=False)

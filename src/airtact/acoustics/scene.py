@@ -19,8 +19,8 @@ from airtact.geometry.checks import NEAREST, approach, check_apart, check_surfac
 from airtact.geometry.surface import Surface
 from airtact.printing import html_table, one_line, sides_in_mm
 
+# Points up to this deep in a body count as on its surface [m]
 CONTACT = 1e-9
-"""Points up to this deep in a body count as on its surface [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,6 @@ class Obstacle:
         return one_line(self, self.kind, repr(self.surface))
 
     def __post_init__(self) -> None:
-        """Check that the boundary has the data that it needs and no more."""
         of_kind(
             self.surface,
             Surface,
@@ -176,7 +175,6 @@ class Scene:
         ]
 
     def __post_init__(self) -> None:
-        """Check the frequency and the bodies."""
         of_kind(
             self.medium, Medium, "the medium of a scene", "air() or Medium(sound_speed, density)"
         )

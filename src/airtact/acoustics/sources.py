@@ -11,8 +11,8 @@ from airtact.checks import check_finite, complex_numbers, points_of
 from airtact.errors import InvalidInput
 from airtact.printing import in_short
 
+# A point nearer to a source than this stands on it [m]
 STANDS_ON = 1e-9
-"""A point nearer to a source than this stands on it [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,6 @@ class Monopoles:
         return self.positions
 
     def __post_init__(self) -> None:
-        """Check both arrays and make them read-only."""
         positions = points_of(self.positions, "monopole positions")
         strengths = complex_numbers(self.strengths, "monopole strengths")
         if strengths.ndim == 1:

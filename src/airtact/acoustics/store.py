@@ -26,11 +26,8 @@ from airtact.timing import Progress
 
 SUFFIX = ".field.h5"
 
-MAX_FIELDS_IN_MEMORY = 8
-"""Fields that one solver keeps in memory."""
-
+# Age at which a half-written file is taken to have lost its writer [s]
 ABANDONED_AFTER = 600.0
-"""Age at which a half-written file is taken to have lost its writer [s]."""
 
 
 def fingerprint(solver: Solver, scene: Scene, sources: Monopoles) -> str:
@@ -177,7 +174,7 @@ class Stored(Solver):
             if fault:
                 field = _with_warning(field, fault)
         self._memory[key] = field
-        while len(self._memory) > MAX_FIELDS_IN_MEMORY:
+        while len(self._memory) > 8:
             self._memory.popitem(last=False)
         return field
 

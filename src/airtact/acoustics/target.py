@@ -21,8 +21,8 @@ from airtact.checks import (
 from airtact.errors import InvalidInput
 from airtact.printing import html_table, one_line, span
 
+# The value wanted at each focus: (F,) numbers, or one for all
 Wanted = Num[np.ndarray, "foci"] | complex | float | int
-"""The value wanted at each focus: (F,) numbers, or one for all."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,8 +18,8 @@ from airtact.geometry.surface import Surface
 
 Points = Float64[np.ndarray, "points 3"]
 
+# Largest distance of points from the surface that they are projected to [m]
 MAX_OFFSET = 0.02
-"""Largest distance of points from the surface that they are projected to [m]."""
 
 
 def segment(start: Vector, end: Vector, spacing: float) -> Points:

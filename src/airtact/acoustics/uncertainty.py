@@ -8,10 +8,9 @@ from airtact.checks import between, point_of
 from airtact.errors import InvalidInput, Vector
 from airtact.printing import one_line
 
+# Angles above zero and below this were probably meant in radians [degree]; they move nothing that
+# counts
 SMALLEST_ANGLE = 0.1
-"""Angles above zero and below this were probably meant in radians [degree]; they move nothing that
-counts.
-"""
 
 _MILLIMETRES = "is it in millimetres? Give metres."
 
@@ -93,7 +92,6 @@ class Uncertainty:
         return one_line(self, *(shown or ["none"]))
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
         for name, (largest, unit, slip) in _LIMITS.items():
             what = f"the uncertainty of {name.replace('_', ' ')}"
             value = between(getattr(self, name), 0.0, largest, what, unit, slip)

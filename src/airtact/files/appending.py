@@ -16,12 +16,6 @@ from typing import Any, BinaryIO
 
 from airtact.timing import give_way
 
-EVERY = 1.0
-"""How often the file is brought to disk [s]."""
-
-CHUNK = 2**18
-"""About so large are chunks of datasets [bytes]."""
-
 
 def main(path: str, messages: BinaryIO) -> None:
     """Write the messages to a file until they end."""
@@ -41,7 +35,7 @@ def main(path: str, messages: BinaryIO) -> None:
                     _append(file, name[1:], value)
                 else:
                     file[name] = value
-            if time.monotonic() - flushed > EVERY:
+            if time.monotonic() - flushed > 1.0:
                 file.flush()
                 flushed = time.monotonic()
 
@@ -50,7 +44,7 @@ def _append(file: Any, name: str, rows: Any) -> None:
     """Append rows to a dataset, which begins with the first."""
     if name not in file:
         row = rows.itemsize * math.prod(rows.shape[1:])
-        chunks = (max(1, min(CHUNK // row, 4096)), *rows.shape[1:])
+        chunks = (max(1, min(2**18 // row, 4096)), *rows.shape[1:])
         file.create_dataset(name, data=rows, maxshape=(None, *rows.shape[1:]), chunks=chunks)
         return
     dataset = file[name]

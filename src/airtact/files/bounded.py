@@ -17,8 +17,8 @@ from jaxtyping import Shaped
 from airtact.checks import file_fault
 from airtact.errors import LARGEST_DATA, InvalidInput, about
 
+# Arrays of a file by name
 Arrays = dict[str, Shaped[np.ndarray, "..."]]
-"""Arrays of a file by name."""
 
 
 def check_file(path: Path, largest: int = LARGEST_DATA) -> None:

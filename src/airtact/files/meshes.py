@@ -23,19 +23,18 @@ from jaxtyping import Float64, Int64
 from airtact.errors import LARGEST_MESH_FILE, InvalidInput, about
 from airtact.files.bounded import bytes_of
 
+# File name endings that are read
 SUFFIXES = (".stl", ".ply", ".obj", ".glb", ".gltf")
-"""File name endings that are read."""
 
+# Largest number of triangles of a surface from a file: to read and check so many takes some 10 s
+# and 0.9 GB
 MAX_FILE_TRIANGLES = 250_000
-"""Largest number of triangles of a surface from a file: to read and check so many takes some 10 s
-and 0.9 GB.
-"""
 
+# Largest number of lines of a surface in text: an STL of MAX_FILE_TRIANGLES has 1,750,000
 MAX_MESH_LINES = 2_500_000
-"""Largest number of lines of a surface in text: an STL of ``MAX_FILE_TRIANGLES`` has 1,750,000."""
 
+# Largest number of nodes, meshes or solids in a file
 MAX_PIECES = 2048
-"""Largest number of nodes, meshes or solids in a file."""
 
 
 def read_mesh(

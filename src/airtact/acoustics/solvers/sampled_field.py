@@ -20,8 +20,8 @@ from airtact.files.text_table import read_text_table
 
 TimeSign = Literal["e^{-iωt}", "e^{+jωt}"]
 
+# Nodes nearer to each other than this are one [m]
 SAME_NODE = 1e-9
-"""Nodes nearer to each other than this are one [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,6 @@ class SampledField(RadiatedField):
     __repr__ = RadiatedField.__repr__
 
     def __post_init__(self) -> None:
-        """Check the samples and join them."""
         check_sources(self.scene, self.sources)
         nodes = points_of(self.nodes, "nodes")
         pressures = complex_numbers(self.pressures, "pressures")

@@ -25,14 +25,14 @@ from airtact.acoustics.solvers.fem.mesh import Box
 from airtact.acoustics.solvers.memory import available_memory
 from airtact.errors import InvalidInput, NotConverged
 
+# Refinements that make up for single precision; two or three are usually enough
 MAX_REFINEMENTS = 12
-"""Refinements that make up for single precision; two or three are usually enough."""
 
+# Largest residual over the right-hand side after refinement
 RESIDUAL = 1e-6
-"""Largest residual over the right-hand side after refinement."""
 
+# Up to this order a residual of 1e-3 will do: the error of the elements is far larger
 COARSE_ORDER = 5
-"""Up to this order a residual of 1e-3 will do: the error of the elements is far larger."""
 
 
 class Factor(ABC):

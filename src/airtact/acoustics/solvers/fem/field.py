@@ -26,10 +26,8 @@ from airtact.acoustics.solvers.velocity import differences, velocity_of
 from airtact.acoustics.sources import STANDS_ON, Monopoles, nearest_source
 from airtact.checks import in_mm, points_of
 
+# Distance from a filled body up to which a source is a point load for its own surroundings too [λ]
 TOUCHING = 0.04
-"""Distance from a filled body up to which a source is a point load for its own surroundings too
-[λ].
-"""
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,20 +14,11 @@ from airtact.acoustics.solvers.memory import processor_count
 from airtact.errors import extra
 
 # Neither library has types; these names say what an object is.
-NetgenMesh = Any
-"""Netgen's ``Mesh``."""
-
-CurvedMesh = Any
-"""NGSolve's ``Mesh``."""
-
-FiniteSpace = Any
-"""NGSolve's ``H1``."""
-
-AssembledForm = Any
-"""NGSolve's ``BilinearForm``, assembled, with the unknowns inside tetrahedra eliminated."""
-
-Expression = Any
-"""NGSolve's symbolic expressions and integrals."""
+NetgenMesh = Any  # Netgen's Mesh
+CurvedMesh = Any  # NGSolve's Mesh
+FiniteSpace = Any  # NGSolve's H1
+AssembledForm = Any  # an assembled BilinearForm without the unknowns inside tetrahedra
+Expression = Any  # symbolic expressions and integrals
 
 
 def ngsolve_library() -> ModuleType:

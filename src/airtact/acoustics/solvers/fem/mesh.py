@@ -29,19 +29,19 @@ from airtact.checks import in_mm
 from airtact.errors import InvalidInput
 from airtact.geometry.mesh.intersections import self_crossings
 
+# How fast Netgen's edges may grow
 GRADING = 0.9
-"""How fast Netgen's edges may grow."""
 
+# Fraction of its straight volume that a curved tetrahedron must keep everywhere
 MIN_STRETCH = 0.02
-"""Fraction of its straight volume that a curved tetrahedron must keep everywhere."""
 
+# Points nearer to each other than this are one [λ]
 SAME_POINT = 1e-6
-"""Points nearer to each other than this are one [λ]."""
 
 AIR = 1
 LAYER = 2
+# Netgen's numbers of the materials; a filled body b has number BODY + b
 BODY = 3
-"""Netgen's numbers of the materials; a filled body b has number ``BODY`` + b."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,8 +15,8 @@ from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.fem.libraries import CurvedMesh, FiniteSpace, ngsolve_library
 from airtact.acoustics.solvers.fem.mesh import Box
 
+# Orders are at most this much above the one asked for
 MAX_ABOVE = 4
-"""Orders are at most this much above the one asked for."""
 
 
 def longest_served(order: int, size: float, ease: float = 1.0) -> Float64[np.ndarray, "orders"]:

@@ -28,19 +28,17 @@ CITATIONS = (
     "curvilinear coordinates",
 )
 
+# Air between the bodies and the perfectly matched layer [λ]
 MARGIN = 0.3
-"""Air between the bodies and the perfectly matched layer [λ]."""
 
+# Air at least between the bodies and the faces of a workspace that is meshed [λ]
 MIN_WORKSPACE_MARGIN = 0.1
-"""Air at least between the bodies and the faces of a workspace that is meshed [λ]."""
 
+# The paper's workspace, 14 x 14 x 18 cm [m]
 PAPER_BOX = ((-0.07, -0.07, -0.09), (0.07, 0.07, 0.09))
-"""The paper's workspace, 14 x 14 x 18 cm [m]."""
 
+# Unknowns from which the progress callback recommends the package mkl where it is not installed
 RECOMMEND_MKL_FROM = 100_000
-"""Unknowns from which the progress callback recommends the package ``mkl`` where it is not
-installed.
-"""
 
 
 @dataclass(frozen=True)
@@ -99,7 +97,6 @@ class FiniteElement(Solver):
     progress: Progress | None = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Check the settings."""
         if not isinstance(self.order, int) or not 1 <= self.order <= 10:
             raise InvalidInput(
                 f"order is {self.order!r}, but it must be a whole number from 1 to 10.",

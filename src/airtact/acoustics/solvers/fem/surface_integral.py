@@ -19,9 +19,8 @@ from airtact.acoustics.solvers.arrays import (
 )
 from airtact.acoustics.solvers.fem.libraries import CurvedMesh, FiniteSpace, ngsolve_library
 
+# Highest order of quadrature in tetrahedra: NGSolve 6.2.2608 mixes up the points of higher ones
 MAX_RULE_ORDER = 5
-"""Highest order of quadrature in tetrahedra: NGSolve 6.2.2608 mixes up the points of higher ones.
-"""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -18,11 +18,11 @@ from airtact.geometry.mesh.edge_limits import bend_sizes, strip_sizes
 from airtact.geometry.mesh.remeshing import RidgedMesh, remeshed
 from airtact.geometry.shape import Shape
 
+# Longest edge over the edge of the equilateral triangles wanted
 MAX_EDGE_RATIO = 1.5
-"""Longest edge over the edge of the equilateral triangles wanted."""
 
+# Edge along a bend over the one along which it turns by one radian
 BEND_RATIO = 0.6
-"""Edge along a bend over the one along which it turns by one radian."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -13,8 +13,8 @@ from airtact.errors import InvalidInput
 
 AXES = "xyz"
 
+# Distance of the surfaces from their mirror images that still counts as symmetric [λ]
 TOLERANCE = 1e-3
-"""Distance of the surfaces from their mirror images that still counts as symmetric [λ]."""
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,11 @@ from scipy.spatial import KDTree
 
 from airtact.acoustics.solvers.arrays import Barycentric, Indices, Points, Vectors
 
+# Corners of the six edges of a tetrahedron
 EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
-"""Corners of the six edges of a tetrahedron."""
 
+# Smallest barycentric coordinate of a point that is inside a tetrahedron for certain
 INSIDE = -1e-7
-"""Smallest barycentric coordinate of a point that is inside a tetrahedron for certain."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

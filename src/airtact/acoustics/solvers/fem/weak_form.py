@@ -32,8 +32,8 @@ from airtact.acoustics.solvers.fem.libraries import (
 )
 from airtact.acoustics.solvers.fem.mesh import Box
 
+# Thickness of the perfectly matched layer [λ]
 LAYER_THICKNESS = 0.55
-"""Thickness of the perfectly matched layer [λ]."""
 
 
 def weak_form(scene: Scene, box: Box, mesh: CurvedMesh, space: FiniteSpace) -> Expression:

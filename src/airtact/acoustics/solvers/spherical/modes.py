@@ -35,10 +35,8 @@ from airtact.acoustics.solvers.spherical.radial_functions import (
 )
 from airtact.errors import NotConverged
 
+# Largest error of the summed series over the open-air pressure of the same source at the same point
 ACCURACY = 1e-8
-"""Largest error of the summed series over the open-air pressure of the same source at the same
-point.
-"""
 
 _MAX_TERMS = 20_000
 

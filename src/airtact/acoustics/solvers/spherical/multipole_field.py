@@ -44,13 +44,12 @@ from airtact.errors import InvalidInput
 from airtact.printing import in_short
 from airtact.timing import Clock, Progress
 
+# Gap between the bodies and the smallest sphere, in wavelengths: nearer, some solutions are not
+# valid
 MARGIN = 1.0
-"""Gap between the bodies and the smallest sphere, in wavelengths: nearer, some solutions are not
-valid.
-"""
 
+# Points along each angle that one value is interpolated from
 SPREAD = 5
-"""Points along each angle that one value is interpolated from."""
 
 
 @dataclass(frozen=True, eq=False)

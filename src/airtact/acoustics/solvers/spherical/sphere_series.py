@@ -36,8 +36,8 @@ from airtact.errors import InvalidInput
 from airtact.geometry.primitives import Capsule
 from airtact.timing import Clock
 
+# Pairs of a point and a source that are summed together: as many as fit the cache
 PAIRS_PER_BLOCK = 1 << 14
-"""Pairs of a point and a source that are summed together: as many as fit the cache."""
 
 _CITATIONS = (
     "J. J. Bowman, T. B. A. Senior, P. L. E. Uslenghi, Electromagnetic and Acoustic Scattering by "
@@ -270,7 +270,6 @@ class SphereSeries(Solver):
 
 
 def _only_sphere(scene: Scene) -> tuple[Obstacle, Capsule]:
-    """Return the one obstacle of the scene and its exact sphere."""
     count = len(scene.obstacles)
     if count != 1:
         raise InvalidInput(
@@ -290,7 +289,6 @@ def _only_sphere(scene: Scene) -> tuple[Obstacle, Capsule]:
 
 
 def _modes(scene: Scene, obstacle: Obstacle, radius: float) -> SphereModes:
-    """Return the boundary of the obstacle, mode by mode."""
     if obstacle.boundary == "filled":
         assert obstacle.medium is not None
         inner = obstacle.medium.wavenumber(scene.frequency)
