@@ -57,6 +57,7 @@ def unpacked(content: bytes, key: str, scene: Scene, sources: Monopoles) -> Radi
     if content[:USER_BLOCK] != _user_block(content):
         raise DamagedError
     try:
+        file: Any
         with h5py.File(io.BytesIO(content), "r") as file:
             if file.attrs["key"] != key:
                 raise DamagedError
@@ -152,6 +153,6 @@ def _from_tree(tree: Any, arrays: list[np.ndarray], references: Mapping[str, obj
             "airtact."
         ):
             kind = getattr(importlib.import_module(module), name)
-            if is_dataclass(kind):
+            if isinstance(kind, type) and is_dataclass(kind):
                 return kind(**restored(table))
     raise DamagedError

@@ -152,11 +152,11 @@ class Scene:
         return one_line(self, *self._facts())
 
     def _repr_html_(self) -> str:
-        rows = [(fact,) for fact in self._facts() if fact]
+        rows = [[fact] for fact in self._facts() if fact]
         for index, obstacle in enumerate(self.obstacles):
             surface = obstacle.surface
             size = f"{sides_in_mm(surface.vertices)}, {len(surface.triangles)} triangles"
-            rows.append((f"body {index}, {obstacle.kind}", size))
+            rows.append([f"body {index}, {obstacle.kind}", size])
         return html_table("Scene", [], rows)
 
     def _facts(self) -> list[str]:
