@@ -59,17 +59,17 @@ def test_every_object_prints_in_one_short_line(objects) -> None:
     assert {name: line for name, line in lines.items() if len(line) > LONGEST or "\n" in line} == {}
 
 
-def test_a_line_has_the_numbers_that_matter(objects) -> None:
-    assert repr(objects["transfer"]).startswith(
-        "TransferMatrix(2 foci, 996 elements, estimated error "
-    )
-    assert repr(objects["target"]) == "Target(2 foci, 1500 Pa asked)"
-    assert (
-        repr(objects["array"]) == "PhasedArray(996 elements, pistons of 4 mm, 140 x 140 x 172.7 mm)"
-    )
-    assert f"weakest {100 * objects['evaluation'].worst:.1f} %" in repr(objects["evaluation"])
-    assert "around 2 bodies" in repr(objects["field"])
-    assert "Scene(open air, 40 kHz" in repr(objects["free field"].scene)
+@pytest.mark.parametrize(
+    ("name", "numbers"),
+    [
+        ("transfer", "2 996"),
+        ("target", "2 1500"),
+        ("array", "996 4 140 172.7"),
+        ("scene", "2 40"),
+    ],
+)
+def test_a_line_has_the_numbers_that_matter(objects, name, numbers) -> None:
+    assert set(numbers.split()) <= set(re.findall(r"[\d.]+", repr(objects[name])))
 
 
 NOTEBOOK = [
