@@ -77,18 +77,6 @@ def test_a_led_focus_keeps_what_each_point_asks() -> None:
     np.testing.assert_allclose(got, asked / 400.0, rtol=1e-12)
 
 
-def test_slew_is_the_largest_step_of_an_element() -> None:
-    drives = np.array([[1.0, 0.5], [1.0, -0.5], [0.0, 0.5j]])
-    sequence = Sequence(drives.astype(np.complex128), 100.0)
-    np.testing.assert_allclose(sequence.slew, [1.0, 1.0, 1.0])
-    turned = Sequence(np.array([[1.0], [-1.0], [1j]]), 100.0)
-    np.testing.assert_allclose(turned.slew, [2.0, np.sqrt(2), np.sqrt(2)])
-    assert (
-        amplitude_modulation(DRIVE, 200.0, 40e3).slew.max()
-        < amplitude_modulation(DRIVE, 200.0, 1e3).slew.max()
-    )
-
-
 def test_frames_are_drives() -> None:
     sequence = amplitude_modulation(DRIVE, 200.0, 800.0)
     np.testing.assert_array_equal(sequence.drive(1).amplitudes, sequence.drives[1])

@@ -282,7 +282,8 @@ def _table(contents: DriveFile) -> Iterator[tuple[Any, ...]]:
     """Yield the lines of a table: of the elements of a drive, or of each frame of a sequence."""
     if contents.amplitude_level is None or contents.phase_level is None:
         raise InvalidInput("a table needs levels: give them.", code="data_missing")
-    positions, normals = contents.positions, contents.normals
+    positions = contents.positions
+    normals = contents.normals
     of_elements = contents.rate is None and len(contents.drives) == 1
     if of_elements and positions is not None and normals is not None:
         yield COLUMNS

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Complex128, Float64, Int64
+from jaxtyping import Complex128, Int64
 
 from airtact.acoustics.scene import Scene
 from airtact.acoustics.target import Target
@@ -122,17 +122,6 @@ class Sequence:
             levels=levels,
             texts=texts,
         )
-
-    @property
-    def slew(self) -> Float64[np.ndarray, "frames"]:
-        """(N,) largest change |Δd| of an element from each frame to the next, from 0 to 2.
-
-        The last frame is followed by the first.
-
-        Steps of the amplitude make audible noise, and boards that smooth their output lag behind
-        large ones.
-        """
-        return np.abs(np.roll(self.drives, -1, axis=0) - self.drives).max(axis=1)
 
 
 def amplitude_modulation(
