@@ -1,7 +1,6 @@
 """The drive methods by name (``METHODS``), and the default that chooses among them (``best``)."""
 
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,12 +18,9 @@ from airtact.drives.linear_methods import (
 )
 from airtact.drives.reach import asked_rows, check_foci
 from airtact.drives.robust_drives import robust, robust_phase_only
-from airtact.drives.transfer import TransferMatrix
+from airtact.drives.transfer import MakeDrive, TransferMatrix
 from airtact.drives.weakest_focus import Stalled, max_min
 from airtact.transducers.levels import FULL_SCALE
-
-MakeDrive = Callable[[TransferMatrix, Target], Drive]
-"""A function that makes a drive, such as ``phase_conjugate``."""
 
 
 def best(transfer: TransferMatrix, target: Target) -> Drive:

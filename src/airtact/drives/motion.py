@@ -17,9 +17,9 @@ from airtact.acoustics.scene import Scene
 from airtact.acoustics.target import Target
 from airtact.acoustics.target_points import MAX_OFFSET, frame_of, onto_surface, outward
 from airtact.checks import of_kind, positive
-from airtact.drives.methods import MakeDrive, best
+from airtact.drives.methods import best
 from airtact.drives.sequence import MIN_FRAMES, Sequence, sequence_through
-from airtact.drives.transfer import TransferMatrix
+from airtact.drives.transfer import MakeDrive, TransferMatrix
 from airtact.errors import InvalidInput
 
 DEFAULT_FRAMES = 16

@@ -19,9 +19,8 @@ from airtact.checks import check_finite, complex_numbers, of_kind, positive
 from airtact.drives.drive import Amplitudes, Drive, check_drive
 from airtact.drives.drive_file import save_drives
 from airtact.drives.linear_methods import phase_conjugate
-from airtact.drives.methods import MakeDrive
 from airtact.drives.reach import check_foci
-from airtact.drives.transfer import TransferMatrix
+from airtact.drives.transfer import MakeDrive, TransferMatrix
 from airtact.errors import InvalidInput
 from airtact.printing import in_short
 from airtact.transducers.layout import PhasedArray

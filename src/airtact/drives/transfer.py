@@ -1,5 +1,6 @@
 """The transfer matrix H from a drive d to the pressures at the foci, p = H d."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -106,6 +107,10 @@ class TransferMatrix:
         """Return the matrix of some of the rows, in this order."""
         foci = None if self.foci is None else self.foci[rows]
         return replace(self, matrix=self.matrix[rows], foci=foci)
+
+
+MakeDrive = Callable[[TransferMatrix, Target], Drive]
+"""A function that makes a drive, such as ``phase_conjugate``."""
 
 
 def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatrix:
