@@ -117,7 +117,7 @@ class Results:
         self.add(f"![{caption}]({name}.png)", f"*{caption} Numbers: {name}.csv.*")
 
 
-# --- the paper's model -----------------------------------------------------------------------------
+# --- the paper's model ---------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -201,7 +201,7 @@ def solve(extent: Extent) -> Solved:
     return Solved(fingers, field, received, drives, compared)
 
 
-# --- figures 5 to 10, Table 1 ----------------------------------------------------------------------
+# --- figures 5 to 10, Table 1 --------------------------------------------------------------------
 
 
 def plane(half_x: float, half_z: float, step: float, centre: float = 0.0) -> np.ndarray:
@@ -243,7 +243,8 @@ def beacons(results: Results, extent: Extent, solved: Solved) -> None:
     results.add(
         "## The field of the beacons (Fig. 5)",
         "The paper meshes a quarter of its whole box, which took COMSOL about 120 minutes. Here a "
-        f"tight box round the fingers is meshed ({report.settings['tetrahedra']} tetrahedra of order "
+        f"tight box round the fingers is meshed ({report.settings['tetrahedra']} tetrahedra of "
+        "order "
         f"{report.settings['order']}, {report.nodes} unknowns) and solved in "
         f"{sum(report.seconds.values()):.1f} s; outside it the field follows from the surface "
         "integral of Kirchhoff and Helmholtz.",
@@ -313,7 +314,8 @@ def microphone(results: Results, extent: Extent, solved: Solved) -> None:
     results.data("microphone", header, np.column_stack([points.reshape(-1, 3), read]))
     results.add(
         "## A virtual measurement (Fig. 8 to 10)",
-        "A quarter-inch microphone looks down along z and moves round the focus on the right finger. "
+        "A quarter-inch microphone looks down along z and moves round the focus on the right "
+        "finger. "
         "It reads the mean pressure over its face with 1 % of noise and does not scatter sound. At "
         f"{int(np.isnan(read[:, 0]).sum())} of {len(read)} positions a finger is in its way.",
     )
@@ -384,7 +386,7 @@ def relative_error(values: np.ndarray, reference: np.ndarray) -> float:
     return float(np.linalg.norm(values - reference) / np.linalg.norm(reference))
 
 
-# --- the ratio over all that the paper leaves open -------------------------------------------------
+# --- the ratio over all that the paper leaves open -----------------------------------------------
 
 
 def ratio_of(fingers: Fingers, extent: Extent) -> np.ndarray:
@@ -421,8 +423,10 @@ def ratios(results: Results, extent: Extent) -> None:
     ]
     results.add(
         "## What the paper leaves open",
-        "The paper does not give the size, the gap or the tilt of its dummies, and does not say what "
-        f"it holds equal between its drives. Over {len(found)} pairs of fingers the pressure at the "
+        "The paper does not give the size, the gap or the tilt of its dummies, and does not say "
+        "what "
+        f"it holds equal between its drives. Over {len(found)} pairs of fingers the pressure at "
+        "the "
         f"foci, ignored over considered, is: {'; '.join(spans)}.",
     )
     caption = "Pressure ratio over gap, radius and tilt. Red lines: the paper's 0.60 and 0.50."
@@ -467,7 +471,7 @@ def draw_ratios(extent: Extent, found: dict[Fingers, np.ndarray]) -> Figure:
     return figure
 
 
-# --- section 3.3: one solution for a moved hand ----------------------------------------------------
+# --- section 3.3: one solution for a moved hand --------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -531,7 +535,7 @@ def random_poses(count: int) -> list[at.Pose]:
 
 
 def rigid_motion(results: Results, extent: Extent) -> None:
-    """Read one solution at the transducers of a moved hand, by nodes and by the surface integral."""
+    """Read one solution at the transducers of a moved hand in several ways."""
     fingers = Fingers()
     beacon = at.Monopoles(fingers.foci[1:], np.ones(1))
     field = at.BoundaryElement(accuracy=0.01).radiate(fingers.scene, beacon)
@@ -566,11 +570,14 @@ def rigid_motion(results: Results, extent: Extent) -> None:
     shares = [f"{share:.0%} at λ/{spacing:g}" for spacing, share in outside.items()]
     results.add(
         "## Rigid motion (section 3.3)",
-        f"One solution serves every rigid motion. The hand was moved {len(poses)} times at random, by "
+        f"One solution serves every rigid motion. The hand was moved {len(poses)} times at "
+        "random, by "
         "up to 5 mm along each axis and 10 degrees, and the beacon read at the 996 transducers: by "
-        "the surface integral, and by the paper's scheme, linear interpolation between the 4 nearest "
+        "the surface integral, and by the paper's scheme, linear interpolation between the 4 "
+        "nearest "
         f"nodes. Most points lie outside the tetrahedron of these ({', '.join(shares)}), where the "
-        "scheme extrapolates. Error of the drive, the conjugate of the pressure at the transducers:",
+        "scheme extrapolates. Error of the drive, the conjugate of the pressure at the "
+        "transducers:",
     )
     header = ["read by", "median", "largest", "one transducer, median", "time a pose"]
     cells = [
@@ -586,7 +593,7 @@ def rigid_motion(results: Results, extent: Extent) -> None:
     results.figure("rigid_motion", figure, "Error of the drive, the poses sorted by it.")
 
 
-# --- future work 1: mesh and order -----------------------------------------------------------------
+# --- future work 1: mesh and order ---------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -627,7 +634,7 @@ def mesh_sizes(results: Results, extent: Extent) -> None:
     for mesh in waiting:
         size = mesh.elements_per_wavelength
         line = (mesh.domain, mesh.order)
-        # The unknowns grow with the cube of the size; the time does, too, until the factor dominates.
+        # The unknowns grow with the cube of the size, and at first the time does, too.
         over_limit = expected.get(line, 0.0) * size**3 > extent.study_limit
         if over_limit or time.perf_counter() - begun > extent.study_budget:
             continue
@@ -643,11 +650,14 @@ def mesh_sizes(results: Results, extent: Extent) -> None:
     uncertain = relative_error(coarser, exact)
     results.add(
         "## Mesh and order (future work 1)",
-        "The paper takes a mesh of λ/6 to λ/10 from a rule and asks which mesh and solver are best. "
+        "The paper takes a mesh of λ/6 to λ/10 from a rule and asks which mesh and solver are "
+        "best. "
         f"{len(solved)} combinations of order, mesh and domain were solved; those expected to take "
-        f"over {extent.study_limit:g} s were not. The error is that of the beacons' pressure at the "
+        f"over {extent.study_limit:g} s were not. The error is that of the beacons' pressure at "
+        "the "
         f"transducers, against boundary elements (known to about {uncertain:.1%}). Domain tight: a "
-        "box round the fingers, read by the surface integral. Domain box: the whole workspace, read "
+        "box round the fingers, read by the surface integral. Domain box: the whole workspace, "
+        "read "
         "off the mesh as in the paper.",
     )
     good = [one for one in solved if one.error <= 0.02]
@@ -655,7 +665,8 @@ def mesh_sizes(results: Results, extent: Extent) -> None:
         best = min(good, key=lambda one: one.seconds)
         results.add(
             f"The fastest to 2 %: order {best.order} at λ/{best.elements_per_wavelength:g}, domain "
-            f"{best.domain}: {best.error:.1%} in {best.seconds:.1f} s and {best.memory / 2**30:.2f} GiB."
+            f"{best.domain}: {best.error:.1%} in {best.seconds:.1f} s and "
+            f"{best.memory / 2**30:.2f} GiB."
         )
     caption = "Error over time, memory and mesh. Grey: the paper's λ/6 to λ/10. Dashed: domain box."
     results.figure("mesh_sizes", draw_meshes(extent, solved), caption)
@@ -703,7 +714,7 @@ def draw_meshes(extent: Extent, solved: list[Mesh]) -> Figure:
     return figure
 
 
-# --- command line ----------------------------------------------------------------------------------
+# --- command line --------------------------------------------------------------------------------
 
 FIELD_PARTS = {
     "beacons": beacons,
@@ -730,8 +741,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         else "full run"
     )
     results.add(
-        f"This is a {run}. 996 transducers as monopoles round 14 x 14 x 18 cm at 40 kHz, two fingers "
-        "as capsules, a focus on the skin of each. Every drive is rounded to 256 levels of amplitude "
+        f"This is a {run}. 996 transducers as monopoles round 14 x 14 x 18 cm at 40 kHz, two "
+        "fingers "
+        "as capsules, a focus on the skin of each. Every drive is rounded to 256 levels of "
+        "amplitude "
         "and phase before it is verified."
     )
     solved = None

@@ -1,4 +1,4 @@
-"""Sound-hard capsules and spheres by fundamental solutions: a reference that shares no code with the solvers.
+"""Sound-hard capsules by fundamental solutions: a reference that shares no code with the solvers.
 
 The scattered field is a sum of monopoles inside the bodies, fitted by least squares to ∂p/∂n = 0 at
 more points of the surface (G. Fairweather, A. Karageorghis, P. A. Martin, Eng. Anal. Bound. Elem.
@@ -27,7 +27,7 @@ def pressure_at(
     wanted: float = 3e-3,
     fineness: float = 3.0,
 ) -> tuple[Complex128[np.ndarray, "receivers sources"], float]:
-    """Total pressure [Pa] of unit monopoles e^{ikr}/r beside separate capsules, and its estimated error.
+    """Total pressure [Pa] of unit monopoles beside separate capsules, and its estimated error.
 
     By reciprocity the set of points [m] farther from the surfaces becomes the sources, so one of
     the two may touch a surface; the other stays some centimetres away. Starting with ``fineness``
@@ -86,7 +86,7 @@ def normal_derivatives(
 def surface_points(
     capsule: Capsule, number: int, start: float = 0.5
 ) -> tuple[Float64[np.ndarray, "points 3"], Float64[np.ndarray, "points 3"]]:
-    """Spread points over a capsule by the golden angle (equal steps of z are equal areas), with their normals."""
+    """Points spread evenly over a capsule by the golden angle, and their normals."""
     half, radius = capsule.length / 2.0, capsule.radius
     height = (capsule.length + 2.0 * radius) * ((np.arange(number) + start) / number - 0.5)
     azimuth = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(number)
@@ -117,7 +117,7 @@ def monopole_depths(
 def thinned(
     points: Real[np.ndarray, "points 3"], spacing: Float64[np.ndarray, "points"]
 ) -> Int64[np.ndarray, "chosen"]:
-    """Choose a subset of points no two of which are closer than the spacing at the first of them."""
+    """Choose points no two of which are closer than the spacing at the first of them."""
     from scipy.spatial import KDTree
 
     tree = KDTree(points)
@@ -172,7 +172,7 @@ def fitted(
     sources: Real[np.ndarray, "sources 3"],
     fineness: float,
 ) -> Fit:
-    """Fit monopoles, ``fineness`` of them per depth, to ∂p/∂n = 0 on all surfaces for each unit source."""
+    """Fit ``fineness`` monopoles per depth to ∂p/∂n = 0 on all surfaces for each source."""
     positions, points, normals, sides = [], [], [], []
     for capsule in capsules:
         others = [other for other in capsules if other is not capsule]
@@ -201,7 +201,7 @@ def fitted(
 def least_squares(
     matrix: Complex128[np.ndarray, "rows unknowns"], right: Complex128[np.ndarray, "rows columns"]
 ) -> Complex128[np.ndarray, "unknowns columns"]:
-    """Solve least squares with unit columns by regularised normal equations and one step of refinement."""
+    """Solve least squares by regularised normal equations and one step of refinement."""
     from scipy.linalg import cho_factor, cho_solve
     from scipy.linalg.blas import zherk  # pyright: ignore[reportAttributeAccessIssue]
 

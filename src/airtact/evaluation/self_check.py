@@ -1,4 +1,4 @@
-"""Known fields solved on this machine: one sphere against its series, two spheres against fundamental solutions."""
+"""Errors of the solver on this machine for known fields of one sphere and of two."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

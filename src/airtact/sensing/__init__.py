@@ -1,4 +1,4 @@
-"""What the echoes of a hand in the array's own sound show: coded transmissions, and where the hand is."""
+"""The pose of a hand from echoes of the array's own coded transmissions, and calibration."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Least squares for the boards of an array, the sound speed and the gains of all elements; see ``calibrate``."""
+"""Least squares for boards, sound speed and gains; see ``calibrate``."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -73,7 +73,7 @@ class ArrayFit:
 
     @cached_property
     def groups(self) -> Int32[np.ndarray, "2 elements"]:
-        """Group of each receiver and each emitter that are linked by pairs; between groups no gains compare.
+        """Group of each receiver and each emitter; gains of different groups cannot be compared.
 
         Two boards alone make two groups, what the first emits and the second receives, and the
         reverse.
@@ -85,14 +85,14 @@ class ArrayFit:
     def best(
         self, boards: tuple[PhasedArray, ...], wavenumber: complex, enough: float
     ) -> ArrayState:
-        """Follow the start by a few elements of each board, others around it while the cost is over a share, then all.
+        """Find the best of several starts by a few elements of each board, then fit all elements.
 
         Phases are known up to whole turns, so that a start which is off by half a wavelength may
         lead elsewhere.
         """
         random = np.random.default_rng(0)
         size = len(boards[0])
-        # 48 elements of each board suffice to compare starts; 48 starts find boards that are 2 mm off.
+        # 48 elements of each board compare starts; 48 starts find boards that are 2 mm off.
         chosen = [np.sort(random.permutation(size)[:48]) for _ in boards]
         rows = np.concatenate([size * board + each for board, each in enumerate(chosen)])
         few = ArrayFit(self.measured[np.ix_(rows, rows)], self.counted[np.ix_(rows, rows)])
@@ -280,7 +280,7 @@ def motion_about(middle: Float64[np.ndarray, "3"], motion: Float64[np.ndarray, "
 
 
 def _units(boards: tuple[PhasedArray, ...], wavenumber: complex) -> Float64[np.ndarray, "unknowns"]:
-    """Radians of a turn that moves the elements a metre, and 1/m that lengthen the ways between boards by one."""
+    """Factors from steps in metres to metres, radians and 1/m of about the same effect."""
     middles = np.stack([one.positions.mean(axis=0) for one in boards])
     arm = float(np.sqrt(np.mean([np.var(one.positions, axis=0).sum() for one in boards])))
     way = float(np.linalg.norm(middles[:, None] - middles, axis=2).max())

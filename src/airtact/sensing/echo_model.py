@@ -27,7 +27,7 @@ from airtact.transducers.layout import PhasedArray
 Received = Complex[np.ndarray, "receivers transmissions"]
 Twist = Float64[np.ndarray, "6"]
 Motion = Float64[np.ndarray, "4 4"]
-"""A rigid motion of the bodies' frame about the centre of their waves, as a matrix on (x, y, z, 1)."""
+"""Rigid motion of the bodies' frame about the centre of their waves, on (x, y, z, 1)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ class ArrayWaves:
     def echo(
         self, scattering: ScatteringMatrix, codes: Codes
     ) -> Complex128[np.ndarray, "elements transmissions"]:
-        """Scattered pressure at every element (E, M) [Pa] with the bodies at the expansion's centre."""
+        """Scattered pressure at every element (E, M) [Pa], the bodies not moved."""
         waves = self.waves[: len(scattering.matrix)]
         return self.scale * (waves.T @ (scattering.matrix @ (waves @ codes)))
 
@@ -54,7 +54,7 @@ class ArrayWaves:
 def array_waves(
     scattering: ScatteringMatrix, array: PhasedArray, order: int, *, single: bool = False
 ) -> ArrayWaves:
-    """Expand the elements of an array, which is in the bodies' frame; ``single`` precision is faster.
+    """Expand the elements of an array in the bodies' frame; ``single`` precision is faster.
 
     Raises
     ------
@@ -68,7 +68,8 @@ def array_waves(
     if nearest[element] <= scattering.radius:
         raise InvalidInput(
             f"element {element} of {len(array)} is {1e3 * nearest[element]:.3g} mm from the middle "
-            f"of the bodies, inside the ball of {1e3 * scattering.radius:.3g} mm around them, where "
+            f"of the bodies, inside the ball of {1e3 * scattering.radius:.3g} mm around them, "
+            "where "
             "spherical waves do not hold. Move the bodies away from the array, or leave out parts "
             "that are far from the foci.",
             code="bodies_overlap",
@@ -136,7 +137,7 @@ class EchoModel:
         return self._received(twist, self._scattered(self._incident(twist)))[0]
 
     def derivatives(self, motion: Motion) -> Complex[np.ndarray, "6 receivers transmissions"]:
-        """Differentiate the echoes by further translations [Pa/m] and turns [Pa/rad] of the frame."""
+        """Differentiate the echoes by translations [Pa/m] and turns [Pa/rad]."""
         return self.with_derivatives(motion)[1:]
 
     def with_derivatives(self, motion: Motion) -> Complex[np.ndarray, "7 receivers transmissions"]:
@@ -155,7 +156,7 @@ class EchoModel:
         return self.scattering.scene.wavenumber.real
 
     def _incident(self, twist: Twist) -> Waves:
-        """Regular waves about the moved centre, with the orders that a translation so far mixes in."""
+        """Regular waves about the moved centre, with the orders that the translation needs."""
         spare = 1 + int(np.ceil(self._wavenumber * np.linalg.norm(twist[:3])))
         count = wave_count(self.scattering.order + spare)
         return moved(twist, self.emitted[:count], self._wavenumber)

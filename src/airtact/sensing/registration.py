@@ -1,4 +1,4 @@
-"""Where the bodies of a scene are, and how far they are open, from the echoes of the array's own transmissions.
+"""Pose of the bodies of a scene, and their opening, from echoes of the array's transmissions.
 
 The pose is the one whose echoes are nearest to those measured, by Levenberg and Marquardt's damped
 Gauss-Newton steps with exact derivatives: first from few receivers and transmissions, which is
@@ -121,7 +121,7 @@ class Located:
 
     @property
     def deviation(self) -> tuple[float, float]:
-        """Standard deviation of the translation [m] and of the turn [rad], of all three axes together."""
+        """Standard deviation of the translation [m] and of the turn [rad], over all axes."""
         variances = np.diag(self.covariance)
         return float(np.sqrt(variances[:3].sum())), float(np.sqrt(variances[3:6].sum()))
 
@@ -140,7 +140,7 @@ def locate(
     scattering: ScatteringMatrix | None = None,
     solver: Solver | None = None,
 ) -> Located:
-    """Find the rigid pose of the bodies of a scene from echoes, and how far they are open where that is not known.
+    """Find the rigid pose of the bodies of a scene from echoes, and an unknown opening.
 
     Parameters
     ----------
@@ -169,13 +169,15 @@ def locate(
     Examples
     --------
     >>> import airtact as at
-    >>> bodies = [at.sphere(4e-3, 1.5e-3, (x, y, 0)) for x, y in ((-7e-3, 0), (7e-3, 2e-3), (0, 8e-3))]
-    >>> scene = at.Scene(at.air(celsius=20.0), [at.sound_hard(body) for body in bodies], frequency=40e3)
+    >>> places = ((-7e-3, 0, 0), (7e-3, 2e-3, 0), (0, 8e-3, 0))
+    >>> bodies = [at.sound_hard(at.sphere(4e-3, 1.5e-3, place)) for place in places]
+    >>> scene = at.Scene(at.air(celsius=20.0), bodies, frequency=40e3)
     >>> array, true = at.surrounding_box(), at.Pose.turn((0, 0, 1), 0.3, (1e-3, 0, 2e-3))
     >>> scattering = at.scattering_matrix(at.BoundaryElement(accuracy=0.05, estimate=False), scene)
     >>> seen, codes = array.seen_from(true), at.sensing.random_codes(996, 4)
     >>> echoes = at.simulate_echoes(scattering, scene, seen, codes, noise=30.0)
-    >>> found = locate(echoes, scene, array, at.Pose.turn((0, 0, 1), 0.29, (1.5e-3, 0, 2e-3)), scattering=scattering)
+    >>> near = at.Pose.turn((0, 0, 1), 0.29, (1.5e-3, 0, 2e-3))
+    >>> found = locate(echoes, scene, array, near, scattering=scattering)
     >>> bool(found.converged and np.abs(found.pose.translation - true.translation).max() < 2e-5)
     True
     """
@@ -223,7 +225,7 @@ class _Found:
     settled: bool
     opening: float | None = None
     derivatives: Complex[np.ndarray, "unknowns receivers transmissions"] | None = None
-    """Of the echoes, per metre, radian and unit of the opening, not farther away than ``Settings.kept``."""
+    """Of the echoes, per metre, radian and unit of the opening, within ``Settings.kept``."""
 
     @property
     def cost(self) -> float:
@@ -233,7 +235,7 @@ class _Found:
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """Echoes to be explained, and their model: of bodies, or of a family of them about the same centre."""
+    """Measured echoes and their model: of bodies, or of a family of them."""
 
     model: EchoModel
     measured: Received
@@ -241,7 +243,7 @@ class _Fit:
     family: ScatteringFamily | None = None
 
     def best(self) -> _Found:
-        """Follow the start, and where that explains nothing, the other starts: by few receivers, then by all."""
+        """Follow the start, and other starts if it fails, by few receivers and then by all."""
         few = self.few()
         start = few.follow(np.eye(4), None if self.family is None else self.family.start)
         if few.explained(start):
@@ -297,7 +299,7 @@ class _Fit:
 
     @property
     def units(self) -> Float64[np.ndarray, "unknowns"]:
-        """By which a step in metres becomes one in metres, radians and units of the opening of about as much effect."""
+        """Factors from steps in metres to metres, radians and units of the opening."""
         of_opening = [] if self.family is None else [1.0 / self.family.effect]
         return np.array([1.0] * 3 + [1.0 / self.model.scattering.radius] * 3 + of_opening)
 
@@ -321,7 +323,7 @@ class _Fit:
         return self.part(some, min(transmissions, SETTINGS.transmissions))
 
     def others(self) -> Iterator[_Found]:
-        """Follow other starts, those whose echoes are nearest to the measured ones first, until one explains them."""
+        """Follow other starts, in order of their cost, until one explains the echoes."""
         family = self.family
         starts = (
             2.0 * qmc.Sobol(6 if family is None else 7, rng=0).random(4 * SETTINGS.starts) - 1.0
@@ -352,14 +354,14 @@ class _Fit:
         return float(np.sqrt(max(found.cost - of_noise, 0.0) / whole))
 
     def of_shape(self, found: _Found) -> float:
-        """Twice the power that a wrong shape leaves unexplained, for each way in which it can be wrong [Pa²].
+        """Twice the power that a wrong shape leaves unexplained, per degree of freedom [Pa²].
 
         Such a residual is one of few degrees of freedom, however many pressures there are. What a
         pose has taken up of it is about as much for each of its own, so that it is divided by these
         and not by the number of pressures.
         """
-        # Solvers and interpolation leave 5 % unexplained, which is not the shape's. A wrong shape has
-        # about 8 degrees of freedom: two fingers' ends and radii, less the six of a pose.
+        # Solvers and interpolation leave 5 % unexplained. A wrong shape has about 8 degrees of
+        # freedom: two fingers' ends and radii, less the six of a pose.
         excess = max(self.misfit(found) ** 2 - 0.05**2, 0.0)
         return 2.0 * excess * power(self.measured) / 8
 
@@ -433,7 +435,7 @@ def _check_determined(
     receivers: int,
     transmissions: int,
 ) -> None:
-    """Raise "pose_not_found" where a motion of the bodies, or the opening, hardly changes the echoes."""
+    """Raise "pose_not_found" where a motion or the opening hardly changes the echoes."""
     values, vectors = np.linalg.eigh(units[:, None] * information * units)
     if values[0] > least**2 * values[-1]:
         return
@@ -447,9 +449,12 @@ def _check_determined(
     if opening > 0.1:
         parts = ["a change of the opening", *(parts if max(shift, turn) > 0.1 else [])]
     raise InvalidInput(
-        f"{counted(receivers, 'receiver', 'receivers')} and {counted(transmissions, 'transmission', 'transmissions')} "
-        f"do not determine the {'pose and the opening' if opening > 0.1 else 'pose'}: {' together with '.join(parts)} "
-        f"changes the echoes by {effect:.1g} of what other motions do. Give more of them, or bodies without that "
+        f"{counted(receivers, 'receiver', 'receivers')} and "
+        f"{counted(transmissions, 'transmission', 'transmissions')} "
+        f"do not determine the {'pose and the opening' if opening > 0.1 else 'pose'}: "
+        f"{' together with '.join(parts)} "
+        f"changes the echoes by {effect:.1g} of what other motions do. Give more of them, or "
+        "bodies without that "
         "symmetry.",
         code="pose_not_found",
     )
@@ -468,7 +473,8 @@ def check_start(echoes: Echoes, scene: Scene, array: PhasedArray, start: Pose) -
     check_elements(echoes, array, "echoes")
     if abs(echoes.frequency - scene.frequency) > 1e-6 * scene.frequency:
         raise InvalidInput(
-            f"the echoes are at {echoes.frequency:g} Hz, and the scene at {scene.frequency:g} Hz: give the scene the "
+            f"the echoes are at {echoes.frequency:g} Hz, and the scene at {scene.frequency:g} Hz: "
+            "give the scene the "
             "frequency of the echoes.",
             code="does_not_match",
         )
@@ -508,7 +514,7 @@ def disagreement(
     inverse: Float64[np.ndarray, "unknowns unknowns"],
     places: Float64[np.ndarray, "receivers 3"],
 ) -> float:
-    """How much more receivers in different places disagree about the pose than noise would make them; about 1 for that.
+    """Variance of the pose by groups of receivers over that by independent ones; 1 for noise.
 
     What a wrong shape leaves unexplained is alike at neighbouring receivers, so that many of them
     make the pose no surer. Groups of neighbours are taken as the independent data, as in K.-Y.
@@ -528,7 +534,7 @@ def disagreement(
 def unexplained(
     echoes: Echoes, scattering: ScatteringMatrix, array: PhasedArray, pose: Pose
 ) -> Float64[np.ndarray, "receivers"]:
-    """Return what the model leaves unexplained at each receiver, noise included, over the rms of all echoes.
+    """Residual of the model at each receiver, noise included, over the rms of all echoes.
 
     Parameters
     ----------
@@ -539,13 +545,15 @@ def unexplained(
 
     Returns
     -------
-    (R,) root mean square over the transmissions; NaN where a receiver received none. About 1.4 everywhere for a pose
+    (R,) root mean square over the transmissions; NaN where a receiver received none. About 1.4
+    everywhere for a pose
     that explains nothing, and the share of noise for one that explains all.
 
     Raises
     ------
     InvalidInput
-        "sizes_differ": echoes of another array; "bodies_overlap": an element stands among the bodies.
+        "sizes_differ": echoes of another array; "bodies_overlap": an element stands among the
+        bodies.
 
     Examples
     --------

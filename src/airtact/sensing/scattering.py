@@ -1,4 +1,4 @@
-"""The scattering matrix (T-matrix) of the bodies of a scene: what they make of regular spherical waves.
+"""The scattering matrix (T-matrix) of the bodies of a scene, in spherical waves.
 
 The bodies are solved for all regular waves at once. A layer of monopoles of density Z_nm on a
 sphere around them makes the regular wave j_n(kr) Z_nm inside it, exactly but for orders that its
@@ -47,7 +47,7 @@ MAX_INTERPOLATION_ERROR = 0.02
 
 @dataclass(frozen=True, eq=False)
 class ScatteringMatrix:
-    """What the bodies of a scene scatter, in spherical waves about one centre; ``scattering_matrix`` makes it.
+    """Scattering matrix of the bodies of a scene; ``scattering_matrix`` makes it.
 
     A field Σ a_nm j_n(kr) Z_nm around the bodies makes them scatter Σ b_nm h_n(kr) Z_nm with b = T
     a. Z_nm are the real, orthonormal spherical harmonics (m > 0: cos mφ, m < 0: sin |m|φ, without
@@ -80,7 +80,7 @@ class ScatteringMatrix:
         )
 
     def scatter(self, regular: Waves) -> Waves:
-        """Return the waves (W, S) that the bodies radiate for regular ones (W, S), in single precision.
+        """Waves (W, S) that the bodies radiate for regular ones (W, S), in single precision.
 
         Few patterns of the waves reach the bodies where these fill little of their ball, which
         halves the work.
@@ -100,7 +100,7 @@ class ScatteringMatrix:
         tuple[Float32[np.ndarray, "waves patterns"], Complex64[np.ndarray, "patterns others"]]
         | None
     ):
-        """Orthonormal real patterns of waves, and the matrix among them; None where they save no work.
+        """Orthonormal real patterns of waves and the matrix among them; None if they save no work.
 
         Bodies and air that absorb nothing make each of their patterns into itself, times a number:
         the matrix has real orthogonal eigenvectors (R. J. Garbacz, R. H. Turpin, IEEE Trans.
@@ -122,7 +122,7 @@ class ScatteringMatrix:
         diagonal = mixed(turn.T, mixed(turn.T, among).T)
         eigenvalues = np.diag(diagonal)[:, None]
         off_diagonal = diagonal - np.diag(eigenvalues[:, 0])
-        # A larger rest is absorption, not a solver's error, and then there are no such eigenvectors.
+        # A larger rest is absorption and not a solver's error: no such eigenvectors exist.
         if np.linalg.norm(off_diagonal) > 1e-3 * np.linalg.norm(diagonal):
             return basis, among
         return basis @ turn, eigenvalues.copy()
@@ -139,7 +139,7 @@ class ScatteringMatrix:
 
     @property
     def lost_power(self) -> float:
-        """Relative deviation of I + 2T from a unitary matrix, which it is for bodies and air that absorb nothing.
+        """Relative deviation of I + 2T from a unitary matrix; 0 without absorption.
 
         The waves are weighted alike, so that waves that hardly reach the bodies count little.
         """
@@ -273,7 +273,8 @@ def _order(reach: float, accuracy: float) -> int:
     order = int(np.ceil(reach + 0.8 * (-np.log10(accuracy)) ** (2 / 3) * np.cbrt(reach)))
     if order > MAX_ORDER:
         raise InvalidInput(
-            f"the bodies need waves up to order {order}, more than {MAX_ORDER}: give smaller bodies, such as the "
+            f"the bodies need waves up to order {order}, more than {MAX_ORDER}: give smaller "
+            "bodies, such as the "
             "fingers without the hand, or a lower accuracy.",
             code="too_many",
         )
@@ -283,7 +284,7 @@ def _order(reach: float, accuracy: float) -> int:
 def _quadrature(
     order: int,
 ) -> tuple[Float64[np.ndarray, "points 3"], Float64[np.ndarray, "points"]]:
-    """Directions and weights on the unit sphere that integrate products of two waves up to an order exactly."""
+    """Quadrature on the unit sphere, exact for products of two waves up to an order."""
     cosines, weights = np.polynomial.legendre.leggauss(order + 1)
     azimuth = 2 * np.pi * np.arange(2 * order + 1) / (2 * order + 1)
     sines = np.sqrt(1.0 - cosines**2)
@@ -297,7 +298,7 @@ def _quadrature(
 def reaching_patterns(
     scene: Scene, centre: Float64[np.ndarray, "3"], order: int, least: float
 ) -> Float64[np.ndarray, "waves patterns"] | None:
-    """Orthonormal patterns of regular waves about a centre that reach the bodies; None where nearly all of them do.
+    """Orthonormal patterns of regular waves that reach the bodies; None if nearly all do.
 
     Waves of high order fill a ball, and bodies are a part of it: most patterns of waves hardly
     reach them. The patterns that do are the eigenvectors of the mean square pressure of waves on
@@ -374,7 +375,7 @@ class ScatteringFamily:
 
     @property
     def scene(self) -> Scene:
-        """The bodies at one of the values that were solved; medium and frequency are the same for all."""
+        """The bodies at one of the values; medium and frequency are the same for all."""
         return self.matrices[0].scene
 
     def at(self, value: float) -> ScatteringMatrix:
@@ -391,13 +392,13 @@ class ScatteringFamily:
 
     @cached_property
     def error(self) -> float:
-        """Relative error of the interpolation, from how fast the coefficients of Chebyshev polynomials fall."""
+        """Relative error of the interpolation, from the decay of the Chebyshev coefficients."""
         sizes = np.linalg.norm(self._coefficients, axis=1)
         return float(sizes[-1] ** 2 / max(sizes[-2] * sizes[0], 1e-300))
 
     @cached_property
     def effect(self) -> float:
-        """How much a change of the number changes the matrix, over what a translation of 1 m changes."""
+        """Change of the matrix by the number, over that by a translation of 1 m."""
         middle = 0.5 * (self.low + self.high)
         here, change = self.at(middle).matrix, self.derivative(middle).matrix
         wavenumber = self.scene.wavenumber.real
@@ -432,7 +433,7 @@ def scattering_family(
     values: int = 5,
     accuracy: float = 0.005,
 ) -> ScatteringFamily:
-    """Solve bodies that change with one number, such as the gap of two fingers, for a few values of it.
+    """Solve bodies that change with one number, such as a gap, for a few values of it.
 
     ``locate`` finds the number together with the pose. Each value takes a scattering matrix, which
     ``Stored(solver, folder)`` keeps. Between the values the matrix is interpolated: five values
@@ -451,8 +452,10 @@ def scattering_family(
     Raises
     ------
     InvalidInput
-        "out_of_range": of the values; "does_not_match": the scenes do not belong together; "all_zero": the bodies do
-        not change with the number; "too_few": interpolation between them is more than 2 % off; or as
+        "out_of_range": of the values; "does_not_match": the scenes do not belong together;
+        "all_zero": the bodies do
+        not change with the number; "too_few": interpolation between them is more than 2 % off; or
+        as
         ``scattering_matrix``.
 
     Examples
@@ -460,8 +463,10 @@ def scattering_family(
     >>> import airtact as at
     >>> def balls(gap):
     ...     two = [at.sphere(3e-3, 2e-3, (side * (3e-3 + gap / 2), 0, 0)) for side in (-1, 1)]
-    ...     return at.Scene(at.air(celsius=20.0), [at.sound_hard(one) for one in two], frequency=40e3)
-    >>> family = scattering_family(at.BoundaryElement(accuracy=0.05, estimate=False), balls, 4e-3, 6e-3, values=4)
+    ...     return at.Scene(at.air(celsius=20.0), [at.sound_hard(one) for one in two],
+    frequency=40e3)
+    >>> solver = at.BoundaryElement(accuracy=0.05, estimate=False)
+    >>> family = scattering_family(solver, balls, 4e-3, 6e-3, values=4)
     >>> family.error < 0.01
     True
     """

@@ -1,4 +1,4 @@
-"""Where the boards of an array are, what its elements are worth, and how fast sound is, by direct sound.
+"""Poses of an array's boards, gains of its elements and sound speed, from direct sound.
 
 Elements of boards that face each other receive each other's transmissions. From each element alone,
 which codes such as Hadamard's separate, element r receives p_re = ρ_r τ_e T_re: T is the direct
@@ -89,7 +89,7 @@ class Calibrated:
 
     @property
     def deviation(self) -> tuple[float, float, float]:
-        """Standard deviations of the least sure board's position [m] and turn [rad], and of the sound speed [m/s]."""
+        """Largest standard deviation of boards [m], [rad], and that of the sound speed [m/s]."""
         variances = np.diag(self.covariance)
         boards = variances[:-1].reshape(-1, 2, 3).sum(axis=2).max(axis=0)
         return float(np.sqrt(boards[0])), float(np.sqrt(boards[1])), float(np.sqrt(variances[-1]))
@@ -102,25 +102,27 @@ class Calibrated:
         return here - self.believed.positions.reshape(boards, -1, 3).mean(axis=1)
 
     def as_emitted(self, echoes: Echoes) -> Echoes:
-        """Return echoes as received by the gains by which the elements emit, which ``locate`` takes as those of both.
+        """Scale echoes as if elements received with their gains of emission, as ``locate`` assumes.
 
         Raises
         ------
         InvalidInput
-            "sizes_differ": echoes of another array; "data_missing": leave these out of ``receivers`` first.
+            "sizes_differ": echoes of another array; "data_missing": leave these out of
+            ``receivers`` first.
         """
         check_elements(echoes, self.array, "echoes")
         received = self.reception[echoes.receiving]
         if dead := echoes.receiving[received == 0.0].tolist():
             raise InvalidInput(
-                f"{counted(len(dead), 'receiver is', 'receivers are')} dead, first element {dead[0]}: leave them out.",
+                f"{counted(len(dead), 'receiver is', 'receivers are')} dead, first element "
+                f"{dead[0]}: leave them out.",
                 code="data_missing",
             )
         factor = self.emission[echoes.receiving] / received
         return replace(echoes, pressures=np.asarray(echoes.pressures) * factor[:, None])
 
     def save(self, path: str | Path) -> None:
-        """Write the calibration as a table of elements (.csv), which the ``calibration`` of a scene file reads.
+        """Write a table of elements (.csv), which the ``calibration`` of a scene file reads.
 
         Raises
         ------
@@ -136,7 +138,7 @@ class Calibrated:
 def calibrate(
     echoes: Echoes, array: PhasedArray, medium: Medium, boards: int | None = None
 ) -> Calibrated:
-    """Find the boards' positions and angles, the elements' gains and the sound speed from direct transmissions.
+    """Find boards' poses, elements' gains and the sound speed from direct transmissions.
 
     Nothing may be between the boards, and nothing may be subtracted. Elements count that face each
     other within 60 degrees on different boards. Boards may be 2 mm and 1 degree off, and the sound
@@ -167,7 +169,8 @@ def calibrate(
     >>> believed = at.transducers.board_array("nano16", [at.Pose.identity(), facing])
     >>> off = at.Pose(np.eye(3), np.array([3e-4, 0, 0]))
     >>> true = at.transducers.board_array("nano16", [at.Pose.identity(), off @ facing])
-    >>> received = simulate_transmissions(true, at.air(celsius=20.0), hadamard_codes(24), boards=2, noise=80.0)
+    >>> air, codes = at.air(celsius=20.0), hadamard_codes(24)
+    >>> received = simulate_transmissions(true, air, codes, boards=2, noise=80.0)
     >>> found = calibrate(received, believed, at.air(celsius=21.0), boards=2)
     >>> found.converged, f"{1e3 * found.shifts[1, 0]:.2f} mm"
     (True, '0.30 mm')
@@ -190,7 +193,7 @@ def calibrate(
 
 
 def _separated(echoes: Echoes) -> tuple[Pairs, float]:
-    """Pressures (E, E) at each receiver from each element alone, and the rms noise of one of them [Pa]."""
+    """Pressures (E, E) at each receiver from each element alone, and their rms noise [Pa]."""
     codes, receivers = np.asarray(echoes.codes), echoes.receiving
     squares = codes @ codes.conj().T
     power = np.diag(np.diag(squares))
@@ -199,8 +202,10 @@ def _separated(echoes: Echoes) -> tuple[Pairs, float]:
     apart = int(np.sum(values > SAME_POWER * values.max()))
     if apart < len(codes):
         raise InvalidInput(
-            f"{counted(codes.shape[1], 'transmission tells', 'transmissions tell')} {apart} of {len(codes)} elements "
-            f"apart, and calibration needs each by itself: transmit the codes hadamard_codes({len(codes)}).",
+            f"{counted(codes.shape[1], 'transmission tells', 'transmissions tell')} {apart} of "
+            f"{len(codes)} elements "
+            "apart, and calibration needs each by itself: transmit the codes "
+            f"hadamard_codes({len(codes)}).",
             code="given_twice",
         )
     inverse = np.diag(1.0 / np.diag(squares)) if orthogonal else np.linalg.inv(squares)
@@ -257,22 +262,26 @@ def _check_heard(
     if not linked.all():
         board = int(np.flatnonzero(~linked)[0])
         raise InvalidInput(
-            f"board {board} of {boards} faces no other within 60 degrees, or none of its elements receives or is "
+            f"board {board} of {boards} faces no other within 60 degrees, or none of its elements "
+            "receives or is "
             "received: nothing tells where it is. Leave it out of the array.",
             code="misplaced",
         )
     if not known.all():
         silent = np.flatnonzero(~known)
         raise InvalidInput(
-            f"{counted(len(silent), 'element faces', 'elements face')} no receiver on another board within 60 degrees, "
+            f"{counted(len(silent), 'element faces', 'elements face')} no receiver on another "
+            "board within 60 degrees, "
             f"first element {silent[0]}: their gains cannot be found.",
             code="misplaced",
         )
     rms = float(np.sqrt(np.mean(np.abs(alone[heard]) ** 2)))
     if rms == 0.0 or rms < 1.05 * noise:
         raise InvalidInput(
-            f"each element alone arrives with {rms:.3g} Pa rms, hardly more than the noise of {noise:.3g} Pa: no "
-            "direct sound is left in the transmissions. Subtract nothing, and transmit more or longer.",
+            f"each element alone arrives with {rms:.3g} Pa rms, hardly more than the noise of "
+            f"{noise:.3g} Pa: no "
+            "direct sound is left in the transmissions. Subtract nothing, and transmit more or "
+            "longer.",
             code="signal_unusable",
         )
 
@@ -332,8 +341,10 @@ def _check_determined(equations: Information, variance: float, echoes: Echoes) -
     ]
     sure = 1e3 * np.sqrt(variance / max(values[0], 1e-12 * values[-1]))
     raise InvalidInput(
-        f"{counted(len(echoes.pressures), 'receiver', 'receivers')} of {len(echoes.codes)} elements do not determine "
-        f"{' together with '.join(named)}: known to {sure:.2g} mm only. Give more receivers or less noise, or leave "
+        f"{counted(len(echoes.pressures), 'receiver', 'receivers')} of {len(echoes.codes)} "
+        "elements do not determine "
+        f"{' together with '.join(named)}: known to {sure:.2g} mm only. Give more receivers or "
+        "less noise, or leave "
         "boards out.",
         code="pose_not_found",
     )

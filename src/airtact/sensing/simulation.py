@@ -1,4 +1,4 @@
-"""Simulated echoes of coded transmissions with the faults of a measurement, and the codes themselves."""
+"""Codes, and simulated echoes of coded transmissions with the faults of a measurement."""
 
 import numpy as np
 from jaxtyping import Bool, Complex128, Float64, Integer, Num
@@ -29,7 +29,7 @@ def single_codes(elements: int) -> Codes:
 
 
 def hadamard_codes(elements: int, transmissions: int | None = None) -> Codes:
-    """Signs from the rows of a Hadamard matrix by Sylvester's construction: all elements emit in every transmission.
+    """Signs from the rows of a Hadamard matrix; all elements emit in every transmission.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def random_codes(
     seed: int = 0,
     parts: Integer[np.ndarray, "elements"] | None = None,
 ) -> Codes:
-    """All elements at full scale with random phases, the same for the same seed: a field of speckles everywhere.
+    """All elements at full scale with random phases, the same for the same seed.
 
     Parameters
     ----------
@@ -153,8 +153,9 @@ def simulate_echoes(
     --------
     >>> import airtact as at
     >>> scene = at.Scene(at.air(celsius=20.0), [at.sound_hard(at.sphere(radius=5e-3, edge=2e-3))])
-    >>> array, codes = at.autd3_board(at.Pose(np.eye(3), np.array([0, 0, -0.15]))), at.sensing.random_codes(249, 4)
-    >>> simulate_echoes(at.BoundaryElement(accuracy=0.05, estimate=False), scene, array, codes, noise=20.0)
+    >>> array = at.autd3_board(at.Pose(np.eye(3), np.array([0, 0, -0.15])))
+    >>> solver = at.BoundaryElement(accuracy=0.05, estimate=False)
+    >>> simulate_echoes(solver, scene, array, random_codes(249, 4), noise=20.0)
     Echoes(249 elements, 4 transmissions, 249 receivers, 40000 Hz)
     """
     solvers = Solver | ScatteringMatrix
@@ -197,7 +198,7 @@ def simulate_echoes(
 def _received_after(
     ring_down: float, scene: Scene, array: PhasedArray, codes: Codes
 ) -> Bool[np.ndarray, "elements transmissions"]:
-    """Whether an element is silent in a transmission, or its first echo comes after it has rung down."""
+    """Whether an element is silent in a transmission, or has rung down before its echo."""
     slip = "is it in milliseconds? Give seconds."
     ring_down = between(ring_down, 0.0, 1.0, "the ring-down", "s", slip)
     corners = [body.surface.corners.reshape(-1, 3) for body in scene.obstacles]

@@ -1,4 +1,4 @@
-"""Sound that goes directly from element to element of an array, and its derivatives by motions of the boards.
+"""Direct sound between elements of an array, and its derivatives by motions of the boards.
 
 An element of unit gain emits s Σ_q w_q e^{ikR}/R over the points of its face and receives the mean
 over its own face by the same weights, as everywhere in the project; s is the sensitivity. Where a
@@ -100,7 +100,7 @@ def facing(
 
 
 def boards_of(array: PhasedArray, count: int | None = None) -> list[PhasedArray]:
-    """Take an array of 2 or more boards apart: so many of as many elements, or those of a known kind.
+    """Split an array into its boards: a number of equal size, or those of a known kind.
 
     Raises
     ------
@@ -109,7 +109,10 @@ def boards_of(array: PhasedArray, count: int | None = None) -> list[PhasedArray]
     """
     if count is None:
         count = len((kind_of_array(array.positions, array.normals) or (None, ()))[1])
-        found = f"its {len(array)} elements make {count} boards of a known kind; give the number of boards"
+        found = (
+            f"its {len(array)} elements make {count} boards of a known kind; give the number of "
+            "boards"
+        )
     else:
         found = f"{len(array)} elements do not make {count} boards of as many elements"
     if count < 2 or len(array) % count:
@@ -138,7 +141,7 @@ def simulate_transmissions(
     noise: float | None = None,
     seed: int = 0,
 ) -> Echoes:
-    """Compute what the elements of an empty array's boards receive of each other's coded transmissions, directly.
+    """Compute the direct sound of coded transmissions between the boards of an empty array.
 
     Elements of the same board are taken not to receive each other, and none to emit or receive
     behind its face.
@@ -169,7 +172,8 @@ def simulate_transmissions(
     )
     if len(codes) != len(array) or received.shape != (len(array),):
         raise InvalidInput(
-            f"{len(codes)} codes and {len(received)} gains of reception are given for {len(array)} elements.",
+            f"{len(codes)} codes and {len(received)} gains of reception are given for "
+            f"{len(array)} elements.",
             code="sizes_differ",
         )
     size = len(parts[0])

@@ -56,7 +56,7 @@ def harmonics(
 def _by_order(
     order: int, offsets: Real[np.ndarray, "points 3"], precision: type[np.floating] = np.float64
 ) -> Iterator[tuple[Float[np.ndarray, "degrees points"], ...]]:
-    """For each order its Legendre functions (n + 1, P), √2 cos mφ from 0 to n, and √2 sin mφ from n to 1.
+    """Yield per order Legendre functions (n + 1, P), √2 cos mφ (0 to n), √2 sin mφ (n to 1).
 
     The normalised Legendre functions follow from those of the two orders below, for all degrees m
     at once (DLMF
@@ -110,7 +110,7 @@ def projected(
     strengths: Complex128[np.ndarray, "points columns"],
     wavenumber: complex,
 ) -> Waves:
-    """Outgoing waves (waves, S) of monopoles at offsets (P, 3) from the centre with strengths (P, S) [Pa·m].
+    """Outgoing waves (waves, S) of monopoles at offsets (P, 3) with strengths (P, S) [Pa·m].
 
     The sums are in single precision: strengths that a solver gives are not right to more.
     """
@@ -126,7 +126,7 @@ def projected(
 def regular_waves(
     order: int, offsets: Real[np.ndarray, "points 3"], wavenumber: complex
 ) -> Shaped[np.ndarray, "waves points"]:
-    """Regular waves j_n(kr) Z_nm themselves at offsets (P, 3) from the centre, (waves, P); real for a real k."""
+    """Regular waves j_n(kr) Z_nm at offsets (P, 3), (waves, P); real for a real k."""
     argument = np.linalg.norm(offsets, axis=1) * (
         wavenumber if wavenumber.imag else wavenumber.real
     )
@@ -141,7 +141,7 @@ def monopole_waves(
     strengths: Complex128[np.ndarray, "points"] | None = None,
     single: bool = False,
 ) -> Waves:
-    """Regular waves (waves, P) about the centre of monopoles at offsets (P, 3) from it, of 1 Pa·m each unless given."""
+    """Regular waves (waves, P) of monopoles at offsets (P, 3), of 1 Pa·m unless given."""
     radial = outgoing_radial(order, np.linalg.norm(offsets, axis=1), wavenumber)
     radial *= 4j * np.pi * wavenumber if strengths is None else 4j * np.pi * wavenumber * strengths
     radial = radial.astype(np.complex64 if single else np.complex128, copy=False)
@@ -157,7 +157,7 @@ def monopole_waves(
 
 @lru_cache(maxsize=8)
 def motions(order: int) -> tuple[csr_matrix, ...]:
-    """Six real antisymmetric matrices on regular waves: ∂x/k, ∂y/k, ∂z/k, and r × ∇ about x, y and z."""
+    """Antisymmetric matrices on regular waves: ∂x/k, ∂y/k, ∂z/k, and r × ∇ about x, y, z."""
     degrees = np.concatenate([np.arange(-n, n + 1) for n in range(order + 1)])
     n = orders_of_waves(order)
     index = np.arange(len(n))
@@ -195,7 +195,7 @@ def along_motions(waves: Waves, wavenumber: float) -> Complex[np.ndarray, "6 wav
 
 
 def moved(twist: Real[np.ndarray, "6"], waves: Waves, wavenumber: float) -> Waves:
-    """Regular waves about a centre that moves by a twist: translation [m] and turn [rad] in its own frame, (6,).
+    """Regular waves about a centre that moves by a twist (6,): translation [m] and turn [rad].
 
     The exponential of an antisymmetric matrix V of norm at most s is summed as Σ (2 − δ_j0) J_j(s)
     φ_j(V/s), with φ_0 = 1, φ_1 = x, φ_(j+1) = 2x φ_j + φ_(j−1): Chebyshev's expansion (DLMF
@@ -248,7 +248,7 @@ def _six(order: int, precision: str) -> tuple[csr_matrix, ...]:
 def _together(
     order: int,
 ) -> tuple[Float64[np.ndarray, "6 entries"], Int[np.ndarray, "entries"], Int[np.ndarray, "ends"]]:
-    """Return the entries of the six ``motions`` in one common pattern of a sparse matrix, its columns and rows."""
+    """Entries of the six ``motions`` in one common sparse pattern, its columns and rows."""
     shared = csr_matrix(sum(abs(one) for one in motions(order)))
     shared.sort_indices()
     row, column = shared.tocoo().coords
