@@ -462,9 +462,9 @@ def scattering_family(
     --------
     >>> import airtact as at
     >>> def balls(gap):
-    ...     two = [at.sphere(3e-3, 2e-3, (side * (3e-3 + gap / 2), 0, 0)) for side in (-1, 1)]
-    ...     return at.Scene(at.air(celsius=20.0), [at.sound_hard(one) for one in two],
-    frequency=40e3)
+    ...     places = [(side * (3e-3 + gap / 2), 0, 0) for side in (-1, 1)]
+    ...     bodies = [at.sound_hard(at.sphere(3e-3, 2e-3, place)) for place in places]
+    ...     return at.Scene(at.air(celsius=20.0), bodies, frequency=40e3)
     >>> solver = at.BoundaryElement(accuracy=0.05, estimate=False)
     >>> family = scattering_family(solver, balls, 4e-3, 6e-3, values=4)
     >>> family.error < 0.01
