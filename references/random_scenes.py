@@ -68,11 +68,13 @@ def case_of(seed: int) -> Case:
         [at.sound_hard(surface) for surface in surfaces],
         frequency=frequency,
     )
-    if kind == "focus":
-        source, points = _near(draw, scene, 1), _far(draw, 20)
-    else:
-        source = _far(draw, 1)
-        points = _near(draw, scene, 20) if kind == "near" else _far(draw, 20)
+    # all three are drawn, so that the numbers of a seed do not depend on its kind
+    drawn = {
+        "near": (_far(draw, 1), _near(draw, scene, 20)),
+        "far": (_far(draw, 1), _far(draw, 20)),
+        "focus": (_near(draw, scene, 1), _far(draw, 20)),
+    }
+    source, points = drawn[kind]
     return Case(seed, family, kind, accuracy, scene, bodies, source, points)
 
 
