@@ -1,4 +1,4 @@
-"""Scenes and moments for the page of the live loop."""
+"""Scenes, doubles and a virtual clock for the live loop and its page."""
 
 from threading import Event, Thread
 
@@ -6,8 +6,9 @@ import numpy as np
 
 import airtact as at
 from airtact.hands.hand import hand_from_joints
-from airtact.hands.tracking.stream import HandStream
-from airtact.live.moment import Moment
+from airtact.hands.tracking.stream import HandStream, StreamHealth
+from airtact.live.drives.solver_process import SolverProcess
+from airtact.live.moment import Moment, silent_moment
 from airtact.live.page.process import PageProcess
 from airtact.live.page.sound import DirectSound
 from airtact.live.scene import LiveScene
@@ -20,17 +21,22 @@ def one_board() -> LiveScene:
     joints, radii = pinch_pose()
     middle = hand_from_joints(joints, radii, side="left").pads[:2].mean(axis=0)
     array = at.autd3_board().facing(tuple(middle), (0.0, 0.2, -1.0), 0.2)
-    places, offsets = ("thumb.pad", "index.pad"), np.full(2, 1e-3)
     return LiveScene(
-        at.air(), 40e3, array, "left", radii, places, offsets, modulation=AmplitudeModulation()
+        at.air(),
+        40e3,
+        array,
+        "left",
+        radii,
+        ("thumb.pad", "index.pad"),
+        np.full(2, 1e-3),
+        modulation=AmplitudeModulation(),
     )
 
 
-def silent(scene: LiveScene, time: float = 0.0) -> Moment:
-    """A moment without a hand."""
-    return Moment(
-        time, time, None, None, np.zeros(len(scene.array), dtype=np.complex128), state="waiting"
-    )
+def open_pinch(gap: float) -> np.ndarray:
+    """Joints of the left hand that pinches, thumb and index finger a gap apart [m]."""
+    joints, radii = pinch_pose()
+    return np.array(hand_from_joints(joints, radii, side="left").open_to(gap).joints)
 
 
 def playing(scene: LiveScene, time: float = 0.0) -> Moment:
@@ -38,12 +44,97 @@ def playing(scene: LiveScene, time: float = 0.0) -> Moment:
     joints, radii = pinch_pose()
     hand = hand_from_joints(joints + [0.0, 0.0, 0.01 * np.sin(6.0 * time)], radii, side="left")
     foci = np.array([hand.places[name][0] + 1e-3 * hand.places[name][1] for name in scene.places])
-    distance = np.linalg.norm(scene.array.positions[:, None] - foci, axis=2)
-    amplitudes = np.exp(-1j * scene.medium.wavenumber(scene.frequency).real * distance).sum(axis=1)
-    amplitudes /= np.abs(amplitudes).max()
-    pressures = np.abs(DirectSound(scene).at(foci, amplitudes, foci.mean(axis=0)))
+    drive = at.focus_by_distance(scene.array, at.Target(foci), scene.medium, scene.frequency)
+    pressures = np.abs(DirectSound(scene).at(foci, drive.amplitudes, foci.mean(axis=0)))
     shape = {"rule": "phalanges", "shape_age": 0.045, "kept": 0.9}
-    return Moment(time, time - 0.02, hand.joints, foci, amplitudes, pressures, **shape)
+    return Moment(time, time - 0.02, hand.joints, foci, drive.amplitudes, pressures, **shape)
+
+
+def correlations(rows: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """Correlation of the rows of two transfer matrices, 1 where they are the same but for a factor."""
+    overlap = np.abs(np.sum(rows.conj() * reference, axis=1))
+    return overlap / np.linalg.norm(rows, axis=1) / np.linalg.norm(reference, axis=1)
+
+
+class Ready(SolverProcess):
+    """Has some solutions, and keeps what it was asked last."""
+
+    asked = None
+
+    def __init__(self, *solutions):
+        self.ready = list(solutions)
+
+    def ask(self, request):
+        self.asked = request
+
+    def solutions(self):
+        ready, self.ready = self.ready, []
+        return ready
+
+    def close(self):
+        pass
+
+
+class VirtualClock:
+    """Stands for the module ``time`` in the loop; only waiting takes time."""
+
+    def __init__(self) -> None:
+        self.now = 1.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.now += seconds
+
+
+class Scheduled(at.live.HandSource):
+    """Frames that come at their own times of a virtual clock."""
+
+    words = "scheduled frames"
+    health = StreamHealth()
+
+    def __init__(self, clock: VirtualClock, frames) -> None:
+        self.clock, self.frames, self.begun = clock, list(frames), clock.now
+        self.start = self.frames[0].time
+
+    def begin(self, on_frame):
+        self.on_frame = on_frame
+        return self
+
+    def wait(self, timeout: float):
+        """Wait for the next frame as ``HandStream.wait`` does."""
+        if self.frames:
+            due = self.begun + self.frames[0].time - self.start
+            if due <= self.clock.now + timeout:
+                self.clock.now = max(self.clock.now, due)
+                frame = self.frames.pop(0)
+                self.on_frame(frame, self.clock.now)
+                return frame
+        self.clock.now += timeout
+        self.ended = not self.frames
+        return None
+
+    def close(self):
+        pass
+
+
+class Kept(at.live.Output):
+    """Keeps what it is sent, may take a while for it, and presses the emergency stop itself after so many drives."""
+
+    def __init__(self, clock: VirtualClock, seconds: float = 1e-3, stop_after: int = 0) -> None:
+        self.clock, self.seconds, self.stop_after = clock, seconds, stop_after
+        self.sent, self.times, self.cycled = [], [], []
+
+    def send(self, amplitudes) -> None:
+        self.clock.sleep(self.seconds)
+        self.sent.append(amplitudes)
+        self.times.append(self.clock.now)
+        if len(self.sent) == self.stop_after:
+            self.stop()
+
+    def cycle(self, frames, rate) -> None:
+        self.cycled.append(frames)
 
 
 class Loop:
@@ -69,9 +160,9 @@ class Loop:
 
     def _run(self) -> None:
         moments = [playing(self.scene, step / 30) for step in range(31)]
-        pass_of_the_loop = 0
+        number = 0
         while not self._ended.wait(1 / 60):
             at_rest = self.page.stopped or not self.page.controls.playing
-            moment = silent(self.scene) if at_rest else moments[pass_of_the_loop % len(moments)]
-            self.page.show(moment)
-            pass_of_the_loop += 1
+            silent = silent_moment(self.scene, 0.0, 0.0)
+            self.page.show(silent if at_rest else moments[number % len(moments)])
+            number += 1

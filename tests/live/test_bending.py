@@ -14,7 +14,7 @@ from airtact.live.drives.factors import HandFactors, OpenAir, solved
 from airtact.live.drives.maker import solved_for
 from airtact.live.drives.solver_process import Request, SolverProcess
 from airtact.live.scene import pose_hand
-from live.live_scenes import one_board
+from live.live_scenes import correlations, one_board
 from references.hand_poses import example
 
 
@@ -52,12 +52,9 @@ def bending(scene, joints):
     return found
 
 
-def alike(scene, joints, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """How alike the rows of two transfer matrices are, 1 where they are the same but for a factor."""
+def alike(scene, joints, factors: np.ndarray, reference: np.ndarray) -> np.ndarray:
     rows = OpenAir(scene).rows(pose_hand(scene, joints).foci)
-    one, other = rows * one, rows * other
-    overlap = np.abs(np.sum(one.conj() * other, axis=1))
-    return overlap / np.linalg.norm(one, axis=1) / np.linalg.norm(other, axis=1)
+    return correlations(rows * factors, rows * reference)
 
 
 def test_the_pose_that_was_solved_is_the_whole_solution(scene, joints, bending):
@@ -125,9 +122,13 @@ def test_what_varies_slowly_over_an_array_follows_from_some_elements(array):
     assert np.linalg.norm(found - waves) < 0.1 * np.linalg.norm(waves)
 
 
-def test_a_process_carries_what_its_thread_solves_and_ends_without_a_fault(scene, joints):
+def test_whole_hands_are_carried_where_foci_are_many(scene):
     assert solved_for(scene) == [("carried",)]
     assert ("carried",) not in solved_for(one_board())
+
+
+@pytest.mark.slow
+def test_a_process_carries_what_its_thread_solves_and_ends_without_a_fault(scene, joints):
     process = SolverProcess(scene, ("carried",))
     try:
         until = time.monotonic() + 300.0

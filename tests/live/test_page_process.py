@@ -15,30 +15,33 @@ import viser
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
-import airtact as at
+from airtact.live.moment import silent_moment
 from airtact.live.page.process import PageProcess
-from airtact.live.page.server import Guard
-from live.live_scenes import Loop, one_board, silent
+from airtact.live.page.server import Guard, start_server
+from faults import raises_code
+from live.live_scenes import Loop, one_board
 
 
 @pytest.fixture(scope="module")
-def page():
-    with PageProcess(one_board(), port=0) as started:
-        yield started
+def address():
+    server, address = start_server(0, "127.0.0.1")
+    yield address
+    server.stop()
 
 
 @pytest.fixture(scope="module")
-def open_page():
-    """Serve the page to other computers as well."""
-    with PageProcess(one_board(), port=0, host="0.0.0.0") as started:
-        yield started
+def open_address():
+    """Address of a page that is served to other computers as well."""
+    server, address = start_server(0, "0.0.0.0")
+    yield address
+    server.stop()
 
 
 def asked(address: str, path: str, **headers: str) -> int:
     """Ask for a path with these headers; return the status."""
-    connection = http.client.HTTPConnection("127.0.0.1", urlsplit(address).port, timeout=120)
-    connection.putrequest("GET", path, skip_host=True)
     port = urlsplit(address).port
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=120)
+    connection.putrequest("GET", path, skip_host=True)
     for name, value in ({"Host": f"127.0.0.1:{port}"} | headers).items():
         connection.putheader(name, value.format(port=port))
     connection.endheaders()
@@ -48,55 +51,46 @@ def asked(address: str, path: str, **headers: str) -> int:
 
 
 def connected(address: str, path: str = "/", origin: str | None = None) -> bool:
-    """Try to open a websocket."""
+    """Try to open a websocket, which closes by itself, as its version is wrong."""
     port = urlsplit(address).port
-    url, origin = (
-        f"ws://127.0.0.1:{port}{path}",
-        None if origin is None else origin.format(port=port),
-    )
+    origin = None if origin is None else origin.format(port=port)
+    url = f"ws://127.0.0.1:{port}{path}"
     try:
-        connect(
-            url, origin=origin, subprotocols=["viser-v0"], proxy=None
-        ).close()  # closes by itself: wrong version
+        connect(url, origin=origin, subprotocols=["viser-v0"], proxy=None).close()
     except InvalidStatus as turned_away:
         return turned_away.response.status_code != 403
     return True
 
 
-def test_pages_of_other_sites_are_turned_away(page) -> None:
-    assert asked(page.address, "/") == 200
-    assert asked(page.address, "/", Host="localhost:{port}") == 200
-    assert asked(page.address, "/", Host="localhost:7000") == 200  # through a tunnel
-    assert (
-        asked(page.address, "/", Host="evil.example:{port}") == 403
-    )  # a name of theirs that leads here
-    assert connected(page.address)
-    assert connected(page.address, origin="http://127.0.0.1:{port}")
-    assert not connected(page.address, origin="http://evil.example")
-    assert not connected(page.address, origin="http://127.0.0.1:1")
-    assert not connected(page.address, origin="null")
+def test_pages_of_other_sites_are_turned_away(address) -> None:
+    assert asked(address, "/") == 200
+    assert asked(address, "/", Host="localhost:{port}") == 200
+    assert asked(address, "/", Host="localhost:7000") == 200  # through a tunnel
+    assert asked(address, "/", Host="evil.example:{port}") == 403  # a name that leads here
+    assert connected(address)
+    assert connected(address, origin="http://127.0.0.1:{port}")
+    for origin in ("http://evil.example", "http://127.0.0.1:1", "null"):
+        assert not connected(address, origin=origin)
 
 
-def test_other_addresses_need_the_token(open_page) -> None:
-    path = urlsplit(open_page.address).path
+def test_other_addresses_need_the_token(open_address) -> None:
+    path = urlsplit(open_address).path
     assert len(path) > 32
-    assert asked(open_page.address, path) == 200
-    assert asked(open_page.address, path, Host="lab-computer:{port}") == 200
+    assert asked(open_address, path) == 200
+    assert asked(open_address, path, Host="lab-computer:{port}") == 200
     for wrong in ("/", "/wrong/", "/index.html", path[:-2] + "/", path.lower() + "x"):
-        assert asked(open_page.address, wrong) == 403
-        assert not connected(open_page.address, wrong)
-    assert connected(open_page.address, path)
-    assert not connected(open_page.address, path, origin="http://evil.example")
+        assert asked(open_address, wrong) == 403
+        assert not connected(open_address, wrong)
+    assert connected(open_address, path)
+    assert not connected(open_address, path, origin="http://evil.example")
 
 
-def test_only_this_computer_is_served_unless_asked_for(page) -> None:
-    assert page.address.startswith("http://127.0.0.1:")
-    others = {
-        info[4][0] for info in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)
-    } - {"127.0.0.1"}
-    for address in others:
+def test_only_this_computer_is_served_unless_asked_for(address) -> None:
+    assert address.startswith("http://127.0.0.1:")
+    found = socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)
+    for host in {info[4][0] for info in found} - {"127.0.0.1"}:
         with pytest.raises(ConnectionRefusedError):
-            socket.create_connection((address, urlsplit(page.address).port), timeout=5)
+            socket.create_connection((host, urlsplit(address).port), timeout=5)
 
 
 @pytest.mark.parametrize(
@@ -113,14 +107,13 @@ def test_the_guard_knows_the_names_of_this_computer(path, host, origin, behind) 
     assert Guard(None).path_within(path, host, origin) == behind
 
 
-def test_a_taken_port_is_said() -> None:
-    with socket.socket() as other:
-        other.bind(("127.0.0.1", 0))
-        other.listen()
-        with pytest.raises(at.InvalidInput) as fault:
-            PageProcess(one_board(), port=other.getsockname()[1])
-        assert fault.value.code == "link_in_use"
-        assert str(other.getsockname()[1]) in str(fault.value)
+def test_a_taken_port_is_named() -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with raises_code("link_in_use", str(port)):
+            start_server(port, "127.0.0.1")
 
 
 def browser_like(address: str) -> ClientConnection:
@@ -148,37 +141,29 @@ def test_a_page_that_reads_nothing_leaves_the_others_in_time() -> None:
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="processes cannot be halted here.")
-def test_a_page_that_stalls_costs_the_loop_nothing() -> None:
+def test_the_loop_outlives_a_page_that_stalls_and_is_killed() -> None:
     scene = one_board()
     with PageProcess(scene, port=0) as page:
         os.kill(page._process.pid, signal.SIGSTOP)
+        # Longer than a pipe holds.
         longer = replace(
-            silent(scene), amplitudes=np.zeros(100_000, dtype=np.complex128)
-        )  # than what a pipe holds
+            silent_moment(scene, 0.0, 0.0), amplitudes=np.zeros(100_000, dtype=np.complex128)
+        )
         for _ in range(100):
             page.show(longer)
             time.sleep(0.001)
         assert page.alive
-    assert not page.alive
-    page.show(silent(scene))
-
-
-def test_the_loop_outlives_the_page() -> None:
-    scene = one_board()
-    with PageProcess(scene, port=0) as page:
         page._process.kill()
         until = time.monotonic() + 120.0
         while page.alive and time.monotonic() < until:
-            page.show(silent(scene))
+            page.show(longer)
             time.sleep(0.05)
         assert not page.alive
-        page.show(silent(scene))
+        page.show(longer)
 
 
 def test_the_extra_is_named_where_viser_is_missing(tmp_path, monkeypatch) -> None:
     (tmp_path / "viser.py").write_text("raise ImportError('there is none')", encoding="utf-8")
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    with pytest.raises(at.InvalidInput) as fault:
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), os.getenv("PYTHONPATH", "")]))
+    with raises_code("extra_missing", "airtact[live]"):
         PageProcess(one_board(), port=0)
-    assert fault.value.code == "extra_missing"
-    assert "pip install 'airtact[live]'" in str(fault.value)

@@ -16,11 +16,10 @@ from airtact.live.safety import Workspace
 from airtact.live.scene import LiveScene, WithImages, foci_on
 from airtact.live.session import Session, SessionWriter, read_session
 from airtact.live.verification import verify_session
-from live.live_scenes import one_board
-from live.test_drives import Ready
+from live.live_scenes import Ready, one_board, open_pinch
 from references.motions import pinch_pose
 
-JOINTS = np.array(hand_from_joints(*pinch_pose(), side="left").open_to(0.02).joints)
+JOINTS = open_pinch(0.02)
 HAND = hand_from_joints(JOINTS, pinch_pose()[1], side="left")
 LOW, MIDDLE = HAND.surface.corners.reshape(-1, 3).min(axis=0), HAND.pads[:2].mean(axis=0)
 TABLE = at.plane((0, 0, LOW[2] - 0.04), (0, 0, 1))

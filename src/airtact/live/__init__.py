@@ -1,4 +1,4 @@
-"""Let the sound follow a moving hand: frames of a tracker become drives at the boards, and the session is recorded.
+"""Let the sound follow a moving hand: frames of a tracker become drives, recorded in a session.
 
 ``run`` starts the loop from a scene file. ``follow`` is the loop itself: frames come from a
 ``HandSource``, drives from a ``DriveMaker``, and they go to an ``Output``. A ``SessionWriter``

@@ -1,4 +1,4 @@
-"""The live loop: newest frame in, newest drive out. Nothing queues, and whatever is not safe fades to silence."""
+"""The live loop: newest frame in, newest drive out. Nothing queues; what is not safe fades out."""
 
 import time
 from collections import deque
@@ -35,7 +35,7 @@ LATE = {
     "solver": (0.1, "solver {:.0f} ms behind"),
     "link": (0.01, "link {:.0f} ms a drive"),
 }
-"""Median times above which a part of the loop is late [s], and how the status says so: the age of the
+"""Median times above which a part of the loop is late [s], and how the status says so: age of the
 newest frame when a drive is begun, the age of the newest solved hand when the drive is in the air,
 and the time that the link takes to accept a drive."""
 
@@ -287,7 +287,7 @@ class _Loop:
         return max(until - time.monotonic(), 0.0)
 
     def _next_drive(self) -> float:
-        """Return when to begin a drive without a new frame, so that the next frame need not wait for it."""
+        """Return when to begin a drive without a new frame, so that the next one need not wait."""
         interval = np.clip(2.0 * self._duration, MIN_INTERVAL, 1.0 / 66.0)
         begin = self._begun + float(interval)
         if len(self._arrivals) > 1:
@@ -353,6 +353,7 @@ class _Loop:
                     f"waiting for the {side} hand: these are frames of the {frame.side} one"
                 )
             return
+        # A faulty frame silences at once; only missing frames have MAX_FRAME_AGE.
         hand = hand_of(frame, self._scene)
         self._hand = None
         if isinstance(hand, str):
@@ -379,6 +380,7 @@ class _Loop:
             else:
                 on = False
                 self._fault = fault
+        # Gain acts on all that is sent, so the sound rises and fades without a step.
         before = self._gain.share
         share = self._gain.advance(now, on)
         if self._moment is None or (before == 0.0 and not on):
@@ -429,6 +431,7 @@ class _Loop:
         """Return why a drive must not be emitted, in a few words, or None."""
         if moment is not None and moment.joints is not None and moment.foci is not None:
             return self._workspace.fault(moment.joints, moment.foci)
+        # No prediction: the hand of the newest frame tells whether it left the workspace.
         fault = None
         if self._hand is not None:
             fault = self._workspace.fault(self._hand.joints, foci_on(self._hand, self._scene))

@@ -1,4 +1,4 @@
-"""One drive of the live loop, what controls it, and the interface of drive makers, with the simplest of them."""
+"""One drive of the live loop, what controls it, and the interface of drive makers."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -94,7 +94,7 @@ class Controls:
 
 
 class DriveMaker(ABC):
-    """Makes drives for a moving hand; ``take`` and ``make`` return at once, whatever is being solved."""
+    """Makes drives for a moving hand; ``take`` and ``make`` return at once."""
 
     @abstractmethod
     def take(self, frame: HandFrame) -> None:

@@ -12,7 +12,7 @@ from airtact.transducers.modulation import AmplitudeModulation
 
 
 class Output:
-    """Takes drives; use it in a ``with`` block, which ends in silence. This base class emits nothing.
+    """Takes drives; use it in a ``with`` block, which ends in silence. This class emits nothing.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class Boards(Output):
         self.share = self._emission.share
 
     def cycle(self, frames: Frames, rate: float) -> None:
-        """Send frames that are played in turn; raises ``LinkFailed``, or ``InvalidInput`` if the boards cannot."""
+        """Send frames that are played in turn; raises ``LinkFailed`` or ``InvalidInput``."""
         self._emission.cycle(Sequence(frames, rate), outlast=False)
         self.share = self._emission.share
 

@@ -1,4 +1,4 @@
-"""Start the live loop from a scene file: where the hand comes from, where drives go, the page and the session."""
+"""Start the live loop from a scene file: the hand, the boards, the page and the session."""
 
 import time
 from collections.abc import Callable
@@ -185,7 +185,7 @@ def hands_from(setup: Setup, source: str | None, folder: Path) -> HandSource:
     if path.suffix == Path(FILE).suffix:
         if path.resolve() == (folder / FILE).resolve():
             raise InvalidInput(
-                f"--from {source} is the session that this run would write over: give another --out.",
+                f"--from {source} is the session that this run would replace: change --out.",
                 code="options_clash",
             )
         return RecordedHands(recording_of(path))  # its frames are in the scene's frame
@@ -254,7 +254,7 @@ def output_to(
 
 
 def drive_at_rest(setup: Setup) -> DriveFile:
-    """Return the drive from distances for the hand of the scene file, from which a safe level follows."""
+    """Return the drive from distances for the hand of the scene file, to choose a safe level."""
     scene = live_scene(setup)
     drive = focus_by_distance(scene.array, setup.target, scene.medium, scene.frequency)
     return DriveFile(

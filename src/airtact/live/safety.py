@@ -1,4 +1,4 @@
-"""Reasons for silence: a hand that is lost, stale, out of reach or through an array's face; and the fade itself."""
+"""Reasons for silence (a hand lost, stale, out of reach or through the array), and the fade."""
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -67,7 +67,7 @@ def hand_of(frame: HandFrame, scene: LiveScene) -> Hand | str:
 
 
 class Gain:
-    """Share of the amplitude that the loop asks of the output, which rises and falls over ``FADE``."""
+    """Share of the amplitude that the loop asks of the output; it moves at ``FADE``."""
 
     def __init__(self) -> None:
         self.share: float = 0.0

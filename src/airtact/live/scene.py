@@ -1,4 +1,4 @@
-"""The scene of the live loop: what stays fixed while the hand moves, and a hand in it with the foci that it carries.
+"""The scene of the live loop: what stays fixed, and a hand in it with the foci that it carries.
 
 The effect of a hand on the sound at a focus depends on where the bones of all foci stand relative
 to each other, and much less on where the hand stands as a whole. The first is measured by the
@@ -57,7 +57,7 @@ class MovingFoci:
 
 @dataclass(frozen=True, eq=False)
 class WithImages:
-    """An array of E elements, and the images in a rigid plane of those elements that are not part of it.
+    """An array of E elements, with the images in a rigid plane of those that are not part of it.
 
     The hand scatters the sound of both. Multiple reflections between hand and plane are left out:
     their phase turns with every millimetre of height, so no solution of another pose would apply.
@@ -66,7 +66,7 @@ class WithImages:
     ----------
     array : R sources: the elements, then their images.
     imaged : (R - E,) element of each image.
-    strengths : (E,) 2 for elements that are part of the plane and coincide with their image, else 1.
+    strengths : (E,) 2 for elements that are part of the plane and so their own image, else 1.
     """
 
     array: PhasedArray
@@ -84,6 +84,7 @@ class WithImages:
             off = off_plane(plane, array)
             imaged = np.flatnonzero(off)
             strengths = np.where(off, 1.0, 2.0)
+            # Reflection of directions: n - 2 (n·p) p, with the plane's normal p.
             mirror = np.eye(3) - 2.0 * np.outer(plane.normal, plane.normal)
             array = PhasedArray(
                 np.concatenate([array.positions, plane.image(array.positions[imaged])]),
@@ -97,7 +98,7 @@ class WithImages:
     def folded(
         self, rows: Complex[np.ndarray, "*any sources"]
     ) -> Complex[np.ndarray, "*any elements"]:
-        """Return pressures per unit drive of each element with its image, from those of all sources."""
+        """Return pressures per unit drive of each element with its image."""
         count = len(self.strengths)
         if rows.shape[-1] == count and (self.strengths == 1.0).all():
             return rows
@@ -224,6 +225,7 @@ def _moving_foci(setup: Setup, motion: Motion, scene: LiveScene) -> MovingFoci:
         shifts = np.einsum("fnj,fij->nfi", paths - target.points[:, None], frames)
         places = np.tile(np.arange(foci), (len(shifts), 1))
         words = "each focus runs along a path"
+    # Boards play sequences of a few frames at least: a short path is repeated.
     repeat = -(-MIN_FRAMES // len(places))
     places = np.repeat(places, repeat, axis=0)
     shifts = np.repeat(shifts, repeat, axis=0)
@@ -241,6 +243,7 @@ def _moving_foci(setup: Setup, motion: Motion, scene: LiveScene) -> MovingFoci:
             f"{setup.frequency / len(places):.4g} Hz or less.",
             code="out_of_range",
         )
+    # Frames last whole periods of the sound, so that boards can play them at their own clock.
     rate = setup.frequency / round(setup.frequency / (rounds * len(places)))
     words = f"{words} {rate / len(places):.3g} times a second"
     return MovingFoci(places, fixed(shifts), rate, words)
@@ -290,7 +293,7 @@ class PosedHand:
 
 
 def bone_of(place: str) -> tuple[int, int]:
-    """Return the joints at both ends of the bone that carries a place: a last phalanx or the middle metacarpal.
+    """Return the joints at both ends of the bone that carries a place.
 
     >>> bone_of("index.pad")
     (8, 9)

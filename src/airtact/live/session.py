@@ -1,4 +1,4 @@
-"""The session of a run: what the live loop did, in ``session.h5``, written while it runs and read afterwards."""
+"""The session of a run, ``session.h5``: written while the loop runs and read afterwards."""
 
 import pickle
 import struct
@@ -162,7 +162,7 @@ class SessionWriter:
             self._rows.append((group, row))
 
     def _send(self, header: dict[str, Any]) -> None:
-        """Send the rows to the writer, in a thread of its own: a full pipe must not hold up the loop."""
+        """Send the rows to the writer, in a thread: a full pipe must not hold up the loop."""
         pipe = self._process.stdin
         assert pipe is not None
 

@@ -1,4 +1,4 @@
-"""Where the hands of the live loop come from (a recording, trackers by socket, the page), and the tracker's clock."""
+"""Where hands come from (a recording, trackers by socket, the page), and the tracker's clock."""
 
 import time
 from abc import ABC, abstractmethod
@@ -104,6 +104,7 @@ class RecordedHands(HandSource):
         """Yield the frames over and over, with times and sequence numbers that go on."""
         frames = self.frames
         times = np.array([frame.time for frame in frames])
+        # The first frame of a round follows the last one of the previous at the usual interval.
         duration = times[-1] - times[0] + float(np.median(np.diff(times)))
         count = frames[-1].sequence - min(frame.sequence for frame in frames) + 1
         rounds = 0
@@ -211,7 +212,7 @@ class PageHands(HandSource):
 
 
 def moved_to(recording: Recording, hand: Hand) -> Recording:
-    """Move a recorded hand of 25 landmarks so that its palm lies on another hand's, mirrored if needed."""
+    """Move a recorded hand so that its palm lies on another hand's, mirrored if needed."""
     # The wrist and both ends of the metacarpals hardly move relative to each other.
     palm = [0, 5, 6, 10, 11, 15, 16, 20, 21]
     seen = [frame for frame in recording.frames if frame.landmarks is not None]
@@ -286,7 +287,7 @@ class FrameClock:
         self._least = offset, arrived
 
     def time(self, now: float | None = None) -> float:
-        """Return the time on the frames' clock [s], now or at a time of the computer's; 0 before the first frame."""
+        """Return the time on the frames' clock [s], now or at a time of the computer's clock."""
         now = self._now() if now is None else now
         if self._shared is not None:
             return self._shared() + (now - self._now())

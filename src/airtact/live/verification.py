@@ -1,4 +1,4 @@
-"""Verify a session: solve the hand that was there when its drives were in the air, and compare with the best drive."""
+"""Verify a session: compare its drives with the best ones for the hand that was there."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,1 +1,1 @@
-"""Drives that know the hand: what solves it beside the loop, what is kept of that, and what is made of it."""
+"""Makers of drives that account for the hand, and the processes that solve it beside the loop."""

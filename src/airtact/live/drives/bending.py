@@ -5,7 +5,7 @@ ms: the phase of sound that is scattered by a neighbouring finger changes with e
 strength of the sources that the solution puts on the skin, relative to the sound that the beacon
 sends straight there, hardly changes: it is a smooth function of position on each bone. So the
 sources are moved with their bones, their phases follow the paths from the focus, and they radiate
-to the array from where they are now. This takes 20 ms, after which a solution of 0.1 s ago is nearly
+to the array from where they are now. This takes 20 ms, after which a solution of 0.1 s ago is about
 right. In the milliseconds until the next time, the sources of each bone are taken together, and the
 phase of what they radiate follows the path through their centre.
 """
@@ -45,7 +45,7 @@ Weights = Float64[np.ndarray, "points hulls"]
 
 @dataclass(frozen=True, eq=False)
 class Bones:
-    """Axes of the bones under all ``PARTS`` of a hand (H, 3, 3), one per row, and a point of each (H, 3) [m]."""
+    """Axes of the bones under the ``PARTS`` of a hand (H, 3, 3), one per row, and starts (H, 3)."""
 
     axes: Float64[np.ndarray, "hulls 3 3"]
     starts: Float64[np.ndarray, "hulls 3"]
@@ -53,7 +53,7 @@ class Bones:
     def motions_to(
         self, now: "Bones"
     ) -> tuple[Float64[np.ndarray, "hulls 3 3"], Float64[np.ndarray, "hulls 3"]]:
-        """Return the rotation (from the right) and the shift that carry each bone to where it is now."""
+        """Return the rotation (from the right) and the shift of each bone to where it is now."""
         turns = np.einsum("hij,hik->hjk", self.axes, now.axes)
         return turns, now.starts - np.einsum("hj,hjk->hk", self.starts, turns)
 
@@ -81,7 +81,7 @@ def bones_of(hand: Hand) -> Bones:
 
 
 def _weights(hand: Hand, points: Points) -> Weights:
-    """Return how much each bone moves points on the skin: only the nearest one, except near a joint."""
+    """Return how much each bone moves points on the skin: near a joint both bones do."""
     away = hand.shape.hulls.each(points)
     # Over 3 mm the skin passes from one bone to the next.
     weights = np.exp((away.min(axis=1, keepdims=True) - away) / 3e-3)
@@ -97,7 +97,7 @@ def _moved(points: Points, weights: Weights, before: Bones, now: Bones) -> Point
 
 @dataclass(frozen=True, eq=False)
 class ElementSubset:
-    """Elements spread evenly over an array, from which slowly varying values are interpolated to all.
+    """Elements spread evenly over an array, from which values are interpolated to all of them.
 
     Attributes
     ----------
@@ -110,7 +110,7 @@ class ElementSubset:
 
     @classmethod
     def of(cls, positions: Points, count: int) -> "ElementSubset":
-        """Choose a number of elements at positions (E, 3) [m], each the farthest from those before it."""
+        """Choose a number of elements (E, 3) [m], each the farthest from those before it."""
         chosen = [0]
         away = np.linalg.norm(positions - positions[0], axis=1)
         while len(chosen) < count:
@@ -166,6 +166,7 @@ class SkinSources:
         points = _moved(self.points, self.weights, self.bones, bones)
         elements = scene.with_images.array.positions[subset.chosen]
         detour = _distances(points, posed.foci) - _distances(self.points, self.posed.foci)
+        # The strength follows the path from the focus to the source, the wave that from there on.
         strengths = self.strengths * _phasors(wavenumber.real * detour)
         beacons = np.eye(len(posed.foci), dtype=np.complex128)
         straight = monopole_pressure(elements, posed.foci, beacons, wavenumber, "float32")
@@ -229,6 +230,7 @@ class CarriedFactors(HandFactors):
 
     def at(self, scene: LiveScene, posed: PosedHand) -> Factors:
         """Return the factors for a nearby pose: each bone takes the centre of its sources along."""
+        # Rotations are applied from the right, as points are rows.
         turns, shifts = self.bones.motions_to(bones_of(posed.hand))
         centres = self.centres @ turns + shifts[:, None]
         return _detoured(scene, centres, posed.foci, self.straight, self.waves)
@@ -252,7 +254,7 @@ def _detoured(
 def detours(
     centres: Float64[np.ndarray, "hulls foci 3"], foci: Foci, elements: Points
 ) -> Float32[np.ndarray, "hulls foci points"]:
-    """Return how much longer the path from each focus through a centre is than the straight one [m]."""
+    """Return the extra length of the path from each focus through a centre [m]."""
     begun = np.linalg.norm(centres - foci, axis=2).astype(np.float32)
     elements = elements.astype(np.float32)
     through = _distances(centres.reshape(-1, 3).astype(np.float32), elements)
@@ -314,6 +316,7 @@ class BendingPanels:
         corners = self._panels.corners.reshape(-1, 3)
         self._corner_weights = _weights(hand, corners)
         self._inside_weights = _weights(hand, self._panels.inside)
+        # Six sources on each panel move as its corners do on average; then come the inner ones.
         panel_weights = self._corner_weights.reshape(-1, 6, len(PARTS)).mean(axis=1)
         self._source_weights = np.concatenate(
             [np.repeat(panel_weights, 6, axis=0), self._inside_weights]
@@ -321,7 +324,7 @@ class BendingPanels:
         self._heights = hand.shape.hulls.look(corners).distance
 
     def solved(self, posed: PosedHand, time: float) -> SkinSources:
-        """Solve another pose, at a time [s]; raises ``NotConverged`` if the iteration does not converge."""
+        """Solve another pose, at a time [s]; raises ``NotConverged``."""
         bones, corners, inside = self._bent(posed)
         # Below a relative residual of 0.2 the panels are the larger error.
         solution = self._panels.radiated(corners, inside, Target(posed.foci).beacons(), 0.2)
@@ -336,7 +339,7 @@ class BendingPanels:
         )
 
     def received(self, posed: PosedHand, sources: Monopoles, residual: float) -> DirectSolution:
-        """Solve another pose for sources away from the hand; needs all panels, and raises as ``solved``."""
+        """Solve another pose for sources away from it, on all panels; raises as ``solved``."""
         _, corners, inside = self._bent(posed)
         return self._panels.received(corners, inside, sources, residual)
 
@@ -356,7 +359,7 @@ class BendingPanels:
 
 
 class BendingHand:
-    """Solves a whole hand in one pose after the other, and carries the solutions to the pose of now.
+    """Solves a whole hand in one pose after the other, and carries the solutions to other poses.
 
     ``solved`` and ``carried`` may run in two threads.
 
@@ -402,7 +405,7 @@ class BendingHand:
         self._solutions = [*self._solutions[-59:], solution]
 
     def carried(self, joints: Joints, time: float) -> CarriedFactors | None:
-        """Carry the solution of the most similar pose to this one; None before the first; raises as ``solved``."""
+        """Carry the most similar solution to a pose; None without any; raises as ``solved``."""
         solutions = self._solutions
         posed = pose_hand(self._scene, joints)
         if not solutions:

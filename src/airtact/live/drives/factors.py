@@ -1,4 +1,4 @@
-"""Effect of a hand on the sound of each element at each focus, as a factor on the pressure in open air.
+"""Effect of a hand on the sound of each element at each focus: a factor on the open-air pressure.
 
 The factors are solved for one pose of a hand. They change slowly as the hand moves on, unlike the
 pressure itself, whose phase turns with every millimetre of path. The transfer matrix of a nearby
@@ -73,7 +73,7 @@ class HandFactors:
 
 
 def beacon_points(scene: LiveScene, posed: PosedHand) -> Float64[np.ndarray, "points 3"]:
-    """Return the points for which a hand is solved (P, 3) [m]: its foci, then the foci of each frame where they move."""
+    """Return the points to solve for (P, 3) [m]: the foci, then those of each frame of paths."""
     if scene.moving is None:
         return posed.foci
     return np.concatenate([posed.foci, moving_points(scene.moving, posed).reshape(-1, 3)])
@@ -94,7 +94,7 @@ def hulls_of(part: Rule, places: Sequence[str]) -> list[int]:
 
 
 def part_of(hand: Hand, part: Rule, places: Sequence[str], edge: float = 10e-3) -> Surface:
-    """Return the surface of the part of a hand that foci at some places need, meshed with an edge length [m]."""
+    """Return the surface of a part of a hand, meshed with an edge length [m]."""
     return _surface(_selected(hand.shape.hulls, hulls_of(part, places)), edge)
 
 
@@ -143,6 +143,7 @@ def solved(scene: LiveScene, joints: Joints, part: Rule, time: float) -> HandFac
     # The surface gets the edge of the solver's panels, so that both have the same mesh.
     edge = solver.panel_edge(scene.medium.wavelength(scene.frequency))
     surface = part_of(posed.hand, part, scene.places, edge)
+    # Beacons at the foci give all elements at once, by reciprocity.
     air = Scene(scene.medium, [sound_hard(surface)], frequency=scene.frequency)
     elements = scene.with_images.array.positions
     # Within 12 mm of the skin the pressure at an element needs both integral equations.
@@ -211,6 +212,7 @@ class RigidParts:
         posed = pose_hand(scene, joints)
         # Running mean of the lengths of the bones, of which ``outgrown`` is judged.
         self._lengths += 0.02 * (_bone_lengths(scene, joints) - self._lengths)
+        # Each body moves with the axes of its bone and the focus before it.
         turns = np.swapaxes(posed.frames, 1, 2) @ self._reference.frames
         shifts = posed.foci - np.einsum("fij,fj->fi", turns, self._reference.foci)
         poses = [
@@ -224,6 +226,7 @@ class RigidParts:
         if scene.moving is not None:
             places = np.concatenate([places, scene.moving.places.ravel()])
         for index in np.flatnonzero(~self._on_finger[places]):
+            # Foci at the palm: the fingers were solved, the palm's reflection is added.
             solution.factors[index] += _mirrored(scene, posed, points[index])
         return solution
 
@@ -266,7 +269,7 @@ class PartSolver:
 def _mirrored(
     scene: LiveScene, posed: PosedHand, focus: Float64[np.ndarray, "3"]
 ) -> Complex64[np.ndarray, "sources"]:
-    """Return the pressure reflected by a hard plane, the palm, relative to the direct one at a focus."""
+    """Return the pressure reflected by the palm, a hard plane, relative to the direct one."""
     # e^{2ikd cos θ}, at a distance d from the plane and an angle θ to its normal.
     point, normal = posed.hand.position("palm")
     away = scene.with_images.array.positions - focus
@@ -301,7 +304,7 @@ class OpenAir:
         self._wavenumber = scene.wavenumber
 
     def rows(self, foci: Foci) -> Rows:
-        """Return the pressure at foci (F, 3) per unit drive of each source [Pa]; 0 behind a directional one.
+        """Return the pressure at foci (F, 3) per unit drive [Pa]; 0 behind a directional source.
 
         Single precision, correct to 1e-4.
         """
@@ -310,6 +313,7 @@ class OpenAir:
             away = self._faces - focus[:, None, None]
             away *= away
             distance = np.sqrt(away[0] + away[1] + away[2])
+            # e^{ikr}/r by real functions: a complex exponential takes three times as long.
             phase = np.float32(self._wavenumber.real) * distance
             size = np.exp(np.float32(-self._wavenumber.imag) * distance) / distance
             row.real = self._weights @ (size * np.cos(phase))

@@ -50,7 +50,7 @@ FITTED_FOCI = 2
 """Number of foci that the shares are fitted to."""
 
 GAP_SCALE = 1.0e-3
-"""Change of the gaps between the foci's bones at which most of the benefit of a solution is lost [m]."""
+"""Change of the gaps between the foci's bones at which a solution loses most of its benefit [m]."""
 
 
 def expected_kept(
@@ -101,13 +101,13 @@ def expected_kept(
 
 
 def unlike(gap: Poses, turned: Poses, foci: int = FITTED_FOCI) -> Poses:
-    """Return how different poses are for the sound at some foci; at 1 most of a solution's benefit is lost."""
+    """Return how different poses are; at 1 most of the benefit of a solution is lost."""
     scale = (max(foci, FITTED_FOCI) / FITTED_FOCI) ** 2
     return scale * ((gap / GAP_SCALE) ** 2 + (turned / 0.2) ** 2)
 
 
 def worth_solving(parts: Iterable[Rule], noise: float, foci: int) -> bool:
-    """Return whether a fresh solution of one of some parts is expected to keep more than distances do.
+    """Return whether a fresh solution of any of these parts should keep more than distances do.
 
     Parameters
     ----------
@@ -133,8 +133,8 @@ class Library:
         self.part: Rule = part
         points = len(scene.places) + (0 if scene.moving is None else scene.moving.places.size)
         sources = len(scene.with_images.array)
-        # At most 400 solutions or 96 MB of factors, but 40 solutions at least. Of carried ones 16 are
-        # enough, as their sources are kept by the process that solves them.
+        # At most 400 solutions or 96 MB of factors, but at least 40 solutions. Of carried ones 16
+        # are enough, as their sources are kept by the process that solves them.
         fitting = 12_000_000 // (points * sources)
         self._capacity = 16 if part == "carried" else min(max(fitting, 40), 400)
         self._solutions: list[HandFactors] = []
@@ -149,7 +149,7 @@ class Library:
         return len(self._solutions)
 
     def add(self, solution: HandFactors) -> None:
-        """Keep a solution, in the place of one for nearly the same pose, or of the oldest if the library is full."""
+        """Keep a solution in place of one for nearly the same pose, or of the oldest if full."""
         if not self._solutions:
             self._distances = np.empty((self._capacity, *solution.distances.shape))
             self._directions = np.empty((self._capacity, *solution.directions.shape))
@@ -164,13 +164,14 @@ class Library:
             elif index == self._capacity:
                 index = self._oldest
                 self._oldest = (self._oldest + 1) % self._capacity
+        # The solution refers to the row of the table, so that its factors are in memory only once.
         self._factors[index] = solution.factors
         self._solutions[index : index + 1] = [replace(solution, factors=self._factors[index])]
         self._distances[index] = solution.distances
         self._directions[index] = solution.directions
 
     def best(self, posed: PosedHand, noise: float = 0.0) -> tuple[float, HandFactors | None]:
-        """Return the share that the best solution for a pose is expected to keep, and that solution.
+        """Return the share that the best solution for a pose should keep, and that solution.
 
         Parameters
         ----------
@@ -181,6 +182,7 @@ class Library:
             return 0.0, None
         gap, turned = self._changes(posed.distances, posed.directions)
         foci = len(posed.foci)
+        # The expected share falls with the difference: the nearest pose is the best one.
         index = int(unlike(gap, turned, foci).argmin())
         nearest = slice(index, index + 1)
         kept = expected_kept(self.part, gap[nearest], turned[nearest], noise, foci)

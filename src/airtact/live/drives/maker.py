@@ -26,7 +26,7 @@ from airtact.live.scene import Amplitudes, Foci, Joints, LiveScene, PosedHand, R
 
 
 def solved_for(scene: LiveScene) -> list[tuple[Rule, ...]]:
-    """Return the parts that each solver process solves: phalanges and whole hand, or the whole hand often."""
+    """Return the parts that each solver process solves: phalanges and hand, or carried hands."""
     # With three foci, or one at the palm, the sound of the other fingers and the palm matters.
     many = len(scene.places) >= 3 or "palm" in scene.places
     return [("carried",)] if many and scene.moving is None else [("phalanges",), ("hand",)]
@@ -122,7 +122,7 @@ class HandAware(DriveMaker):
 
     @property
     def _solving(self) -> bool:
-        """Whether the solvers are asked; they rest where noise spoils their solutions, as they delay the loop."""
+        """Whether the solvers are asked; they rest where noise spoils their solutions."""
         return worth_solving(self._parts, self._predictor.noise, len(self._scene.places))
 
     def _collect(self) -> None:
@@ -140,6 +140,7 @@ class HandAware(DriveMaker):
     def _drive(self, time: float, frame_time: float, joints: Joints, controls: Controls) -> Moment:
         """Make the drive for a hand, with the solution that is expected to keep most, if any."""
         posed = pose_hand(self._scene, joints, controls.offset)
+        # Open air competes with the best solution of each library.
         noise = self._predictor.noise
         kept = float(expected_kept("distances", np.zeros(1), np.zeros(1), noise)[0])
         solution = None
@@ -151,6 +152,7 @@ class HandAware(DriveMaker):
                     solution = candidate
         rows = self._rows(posed, solution)
         method = controls.method or self._scene.method
+        # A jump of the global phase would click at the link, though no focus feels it.
         amplitudes = turned_towards(self._made(method, rows, posed.foci, time), self._previous)
         self._previous = amplitudes
         frames = None
@@ -178,7 +180,7 @@ class HandAware(DriveMaker):
         return rows if solution is None else rows * solution.at(self._scene, posed)
 
     def _made(self, name: str, rows: Rows, foci: Foci, time: float) -> Amplitudes:
-        """Make the amplitudes by a method; those for samples use the uncertainty of the prediction."""
+        """Make the amplitudes by a method; robust ones use the uncertainty of the prediction."""
         if name in FOR_SAMPLES:
             spread = self._predictor.spread(time)
             return robust_drive(self._scene, rows, foci, spread, name == "robust_phase_only")
@@ -188,7 +190,7 @@ class HandAware(DriveMaker):
 
 
 def off_by(spread: float) -> float:
-    """Return the assumed deviation of each focus along each axis [m], from the spread of the prediction [m]."""
+    """Return the assumed deviation of each focus along each axis [m] for a spread [m]."""
     # Foci are off relative to each other by a third of the spread (0.27 to 0.39 for 1 and 2 mm of
     # noise, in the box and before the flat boards of benchmarks/live.py). All foci together are off
     # by more, which matters less.
@@ -222,6 +224,7 @@ def robust_drive(
         start = weighted_gerchberg_saxton(transfer, Target(foci)).amplitudes
     else:
         start = balanced(expected, False, 30)
+    # ``start`` is improved for samples of where the foci may be, unless they are certain.
     off = off_by(spread)
     if not off:
         return start / np.abs(start).max()
@@ -232,7 +235,7 @@ def robust_drive(
 def displaced(
     scene: LiveScene, rows: Rows, foci: Foci, off: float
 ) -> Complex128[np.ndarray, "samples foci sources"]:
-    """Return samples of the rows of foci that are each off by a standard deviation along each axis [m].
+    """Return samples of the rows of foci that deviate by ``off`` (rms) along each axis [m].
 
     The effect of the hand moves with the foci. An element is far away compared with ``off``, so the
     phase of its sound changes by the shift along its direction.

@@ -1,4 +1,4 @@
-"""Drives for foci that run along paths on a moving hand: all frames of a round are made anew for each pose."""
+"""Drives for foci that run along paths on a moving hand, a round of frames for each pose."""
 
 from collections.abc import Callable
 
@@ -72,7 +72,7 @@ class Rounds:
         return self._previous
 
     def _rows(self, posed: PosedHand, points: Points) -> PointRows:
-        """Return the pressure at displaced foci per unit drive of each source in open air [Pa], in single precision.
+        """Return the pressure at displaced foci per unit drive in open air [Pa].
 
         An element radiates beside a place as it does towards the place itself: only the distance
         differs.
@@ -94,10 +94,11 @@ class Rounds:
 
     def _projected(self, matrices: Complex128[np.ndarray, "frames together elements"]) -> Frames:
         """Maximise the weakest focus of each frame, every element at full scale."""
-        # Start from the phases at the foci of the last round, drawn towards the neighbouring frames.
+        # Start from the phases at the foci of the last round, drawn towards neighbouring frames.
         relative = phase(self._phases * phase(self._phases[:, :1]).conj())
         neighbours = np.roll(relative, 1, axis=0) + np.roll(relative, -1, axis=0)
         start = phase(relative + 0.5 * neighbours)
+        # Each frame is an independent set of foci for the same elements.
         count, together, elements = matrices.shape
         sets = np.arange(count * together).reshape(count, together)
         rows = matrices.reshape(-1, elements)
@@ -108,7 +109,7 @@ class Rounds:
 
 
 def aligned(frames: Frames, previous: Frames | None) -> Frames:
-    """Turn the phase of each frame towards the previous frame and its own in the previous round, in place."""
+    """Turn the phase of each frame, in place, towards its neighbour and the previous round."""
     # Without the latter, a frame unlike its neighbour could reverse the phase of all that follow.
     for index in range(len(frames)):
         towards = np.zeros_like(frames[index])

@@ -85,7 +85,7 @@ class Plan:
         }
 
     def next(self, scene: LiveScene, request: Request) -> tuple[Rule, float]:
-        """Return the part to solve, and how far ahead [s]; raises ``InvalidInput`` where the joints are no hand's."""
+        """Return the part to solve, and how far ahead [s]; raises ``InvalidInput`` for no hand."""
         step = 0.01
         now = pose_hand(scene, request.after(0.0))
         soon = pose_hand(scene, request.after(step))
@@ -202,7 +202,7 @@ class _Newest:
                 request = self._request
                 if request is not None and time.monotonic() - request.sent < max_age:
                     return request
-                self._request = None
+                self._request = None  # too old: the hand is lost, or the loop stalls
                 self._changed.wait()
         return None
 
@@ -215,6 +215,7 @@ def _solve(scene: LiveScene, parts: tuple[Rule, ...], newest: _Newest, pipe: Bin
         begun = time.monotonic()
         try:
             part, ahead = plan.next(scene, request)
+            # The request has aged in the mailbox: that time is added, within reason.
             ahead = min(ahead + begun - request.sent, MAX_AHEAD)
             answer = solver.solved(request.after(ahead), part, request.time + ahead)
             plan.took(part, time.monotonic() - begun)
@@ -225,7 +226,7 @@ def _solve(scene: LiveScene, parts: tuple[Rule, ...], newest: _Newest, pipe: Bin
 
 
 def _carry(scene: LiveScene, newest: _Newest, pipe: BinaryIO) -> None:
-    """Solve whole hands in a second thread, and carry the solutions to new hands until no more come."""
+    """Solve whole hands in a second thread, and carry the solutions to new hands."""
     hand = BendingHand(scene)
     to_solve = _Newest()
     plan = Plan(("carried",))

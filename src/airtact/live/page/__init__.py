@@ -1,1 +1,1 @@
-"""The page of the live loop, in a process of its own: what the loop does, in three dimensions, and its controls."""
+"""The page of the live loop, in a process of its own: a view in three dimensions, and controls."""

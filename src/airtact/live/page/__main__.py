@@ -1,4 +1,4 @@
-"""The process of the page: it reads moments from its input and writes what was set on the page to its output."""
+"""The process of the page: moments from its input, settings of the page to its output."""
 
 import os
 import pickle
@@ -14,7 +14,7 @@ from airtact.timing import give_way
 
 
 class Pipe:
-    """Connection to the loop: what comes from it, of which only the newest counts, and what goes back."""
+    """Connection to the loop; of the moments that come only the newest counts."""
 
     def __init__(self) -> None:
         self._out = os.fdopen(os.dup(sys.stdout.fileno()), "wb")

@@ -1,4 +1,4 @@
-"""The panels beside the view (settings, status and curves), the hand to drag, and the painting of all of it."""
+"""The panels beside the view (settings, status, curves), the hand to drag, and the painting."""
 
 import time
 from collections import deque
@@ -58,14 +58,17 @@ STATES: dict[State, tuple[str, str]] = {
 """Words and colour of each state."""
 
 STYLE = """<style>
-[id="{emergency}"] {{ height: 4.2em !important; font-size: 1.05em; font-weight: 700; letter-spacing: 0.04em; }}
+[id="{emergency}"] {{ height: 4.2em !important; font-size: 1.05em; font-weight: 700;
+  letter-spacing: 0.04em; }}
 .live {{ padding: 0.2em 0.9em 0.5em; font-size: 0.85em; line-height: 1.45; }}
 .live table {{ width: 100%; border-collapse: collapse; }}
-.live td, .live th {{ padding: 0.1em 0; text-align: right; font-variant-numeric: tabular-nums; font-weight: 400; }}
+.live td, .live th {{ padding: 0.1em 0; text-align: right; font-variant-numeric: tabular-nums;
+  font-weight: 400; }}
 .live td:first-child, .live th:first-child {{ text-align: left; }}
 .live th {{ opacity: 0.7; border-bottom: 1px solid rgba(128, 128, 128, 0.35); }}
 .live .state {{ font-weight: 700; font-size: 1.1em; }}
-.live .state::before {{ content: ""; display: inline-block; width: 0.75em; height: 0.75em; border-radius: 50%;
+.live .state::before {{ content: ""; display: inline-block; width: 0.75em; height: 0.75em;
+  border-radius: 50%;
   background: var(--light); margin-right: 0.45em; }}
 .live .bar {{ height: 0.7em; border-radius: 2px; margin-top: 0.45em; }}
 .live .ends {{ display: flex; justify-content: space-between; opacity: 0.85; }}
@@ -313,7 +316,7 @@ def _bar(colours: UInt8[np.ndarray, "steps 3"], low: str, name: str, high: str) 
 
 
 class DraggedHand:
-    """A hand that is dragged on the page and whose fingers are turned by sliders, as a tracker at 60 frames/s.
+    """A hand that is dragged on the page, its fingers turned by sliders: a tracker at 60 frames/s.
 
     It gives frames while it is ``watched`` only: closing the page counts as losing the hand.
 
@@ -375,7 +378,7 @@ def paint(
     send: Send,
     ended: Callable[[], bool],
 ) -> None:
-    """Show the newest moment whenever there is another one and the page is open, until the loop ends."""
+    """Show the newest moment while the page is open, until the loop ends."""
     scene = settings.scene
     view = View(server, scene)
     panel = Panel(server, scene, settings.controls, send)

@@ -1,4 +1,4 @@
-"""The page as the loop sees it: another process, which gets the newest moment and returns what was set on the page."""
+"""The page as the loop sees it: a process that gets the newest moment and returns settings."""
 
 import os
 import pickle
@@ -37,7 +37,7 @@ class PageSettings:
 
 
 Shown = tuple[Moment, int]
-"""Message to the page: the newest moment, and the number of moments including those it never saw."""
+"""Message to the page: the newest moment, and the number of moments so far."""
 
 
 class PageProcess:
@@ -99,6 +99,7 @@ class PageProcess:
         self._out = cast(IO[bytes], self._process.stdin)
         self._back = cast(IO[bytes], self._process.stdout)
         self._threads = [Thread(target=work, daemon=True) for work in (self._send, self._receive)]
+        # The threads start only once the page has answered: before, ``_started`` uses the pipes.
         try:
             self.address: str = self._started(PageSettings(scene, port, host, hand, self.controls))
         except BaseException:
@@ -119,7 +120,7 @@ class PageProcess:
         return self._process.poll() is None
 
     def show(self, moment: Moment) -> None:
-        """Show a moment, unless a newer one comes before the page is ready; call it at every pass of the loop."""
+        """Show a moment, unless a newer one comes first; call it at every pass of the loop."""
         with self._changed:
             self._drives += 1
             self._newest = (moment, self._drives)
@@ -182,7 +183,7 @@ class PageProcess:
             self._out.close()
 
     def _receive(self) -> None:
-        """Take what comes back: settings, frames of the hand on the page, and the emergency stop."""
+        """Take what comes back: settings, frames of the dragged hand, and the emergency stop."""
         with suppress(OSError, EOFError, pickle.UnpicklingError):
             while True:
                 message = pickle.load(self._back)

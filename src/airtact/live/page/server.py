@@ -1,4 +1,4 @@
-"""The server of the page: viser behind a check of every request. Only the process of the page imports this.
+"""The server of the page: viser behind a check of every request. Only the page imports this.
 
 viser serves whoever connects, takes another port if one is taken, and opens a tunnel to the
 internet when a page asks for it. Here it gets a socket that is bound already, and every request is
@@ -108,7 +108,7 @@ def _bound_socket(port: int, host: str) -> socket.socket:
 
 @contextmanager
 def _guarding(bound: socket.socket, guard: Guard) -> Iterator[list[bool]]:
-    """Make the server that viser starts inside use a socket and a guard; the list is empty if it does not."""
+    """Make the server that viser starts inside use a socket and a guard; yield whether it did."""
     # viser has no public way to pass either, so the function that it calls is replaced meanwhile.
     serve = websocket_server.serve
     served = []

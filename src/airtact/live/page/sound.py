@@ -1,4 +1,4 @@
-"""The sound that the page shows on the skin and in a slice: direct, or solved with the hand as often as it can afford.
+"""The sound that the page shows on the skin and in a slice: direct, or solved with the hand.
 
 The whole hand is solved for the newest drive, on panels that bend with it, in a process of low
 priority. This takes the better part of a second, so the page states the age of the result.
@@ -113,13 +113,13 @@ class DirectSound:
         return self._pressure(points, strengths)[:, 0]
 
     def sources(self, amplitudes: Amplitudes, middle: Vector) -> Monopoles:
-        """Return the elements and their images as monopoles that radiate towards ``middle`` [m] as they do."""
+        """Return the elements and images as monopoles that radiate towards ``middle`` [m] alike."""
         return Monopoles(self._array.positions, self._strengths(amplitudes, middle)[:, None])
 
     def on_skin(
         self, points: Points, normals: Points, amplitudes: Amplitudes, middle: Vector
     ) -> Float64[np.ndarray, "points"]:
-        """Return the magnitude on a hard skin (P,) [Pa]: the direct sound, doubled where it meets the skin, else 0.
+        """Return the magnitude on a hard skin (P,) [Pa]: twice the direct sound where lit, else 0.
 
         This is the Kirchhoff approximation: no part of the hand shades another or scatters sound to
         it. The sound of each face of the array is taken to come from that face's centre.
@@ -251,7 +251,7 @@ def _field_around(
 
 
 class SoundProcess:
-    """Solves in a process of its own, one moment after another; ``ask`` and ``newest`` return at once.
+    """Solves one moment after another in a process; ``ask`` and ``newest`` return at once.
 
     Parameters
     ----------

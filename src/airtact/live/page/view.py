@@ -1,4 +1,4 @@
-"""What the page shows in three dimensions: the array, the hand, the foci and a slice of the field."""
+"""What the page shows in three dimensions: array, hand, foci and a slice of the field."""
 
 import time
 from dataclasses import dataclass
@@ -159,7 +159,7 @@ class View:
         look: Look,
         previous: Sound | None,
     ) -> Sound:
-        """Return the newest solved sound; if it is over 20 s old, the direct sound, renewed every 0.25 s."""
+        """Return the solved sound if it is under 20 s old, else the direct sound."""
         assert moment.joints is not None
         assert moment.foci is not None
         section = Section(self._middle, look.across, look.offset)
@@ -359,7 +359,7 @@ class MovingSkin:
 
 
 def expected_middle(scene: LiveScene) -> Float64[np.ndarray, "3"]:
-    """Return where a hand is expected: 0.2 m before an array that looks one way, else in its middle (3,) [m]."""
+    """Return where a hand is expected (3,) [m]: 0.2 m before a flat array, else in its middle."""
     positions = scene.array.positions
     front = scene.array.normals.mean(axis=0)
     middle = 0.5 * (positions.min(axis=0) + positions.max(axis=0))
@@ -370,7 +370,7 @@ def expected_middle(scene: LiveScene) -> Float64[np.ndarray, "3"]:
 def element_colours(
     amplitudes: Amplitudes, shown: Literal["phase", "amplitude"]
 ) -> UInt8[np.ndarray, "elements 3"]:
-    """Colour elements by their phase, grey where silent, or by their amplitude from 0 to full scale."""
+    """Colour elements by their phase, grey where silent, or by their amplitude."""
     if shown == "amplitude":
         steps = np.clip(np.abs(amplitudes) * (STEPS - 1), 0, STEPS - 1)
         return AMPLITUDES[steps.astype(np.int64)]
