@@ -241,7 +241,7 @@ def output_to(
         )
     if setup.board != board:
         raise InvalidInput(
-            f"the array of {setup.path.name} is made of {setup.board or 'no boards'}, not of "
+            f"the array of the scene is made of {setup.board or 'no boards'}, not of "
             f"{board}: give --board {setup.board}.",
             code="does_not_match",
         )

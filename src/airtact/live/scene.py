@@ -165,7 +165,7 @@ def live_scene(setup: Setup) -> LiveScene:
         phases or suppression; or the path of a moving focus leaves the skin, has more than 64
         frames, or is run too fast for frames of whole periods of the sound.
     """
-    name = setup.path.name
+    name = _file_name(setup)
     check_no_boards(setup.scene, "live")
     on_hand = [place for place in setup.riding if place is not None and place[0] in PLACES]
     if len(on_hand) < len(setup.foci) or not setup.hands:
@@ -210,6 +210,10 @@ def live_scene(setup: Setup) -> LiveScene:
     return scene
 
 
+def _file_name(setup: Setup) -> str:
+    return "the setup" if setup.path is None else setup.path.name
+
+
 def _moving_foci(setup: Setup, motion: Motion, scene: LiveScene) -> MovingFoci:
     """Attach the paths of a scene file to the bones of its hand."""
     foci = len(scene.places)
@@ -231,14 +235,14 @@ def _moving_foci(setup: Setup, motion: Motion, scene: LiveScene) -> MovingFoci:
     shifts = np.repeat(shifts, repeat, axis=0)
     if len(places) > 64:  # each frame is a drive, and all are made anew for each pose
         raise InvalidInput(
-            f"{setup.path.name}: live makes at most 64 frames of a path for each pose, not "
+            f"{_file_name(setup)}: live makes at most 64 frames of a path for each pose, not "
             f"{len(places)}: give frames = {DEFAULT_FRAMES}.",
             code="sizes_differ",
         )
     rounds = motion.turns(paths)
     if rounds * len(places) > setup.frequency:
         raise InvalidInput(
-            f"{setup.path.name}: {rounds:g} rounds of {len(places)} frames per second exceed the "
+            f"{_file_name(setup)}: {rounds:g} rounds of {len(places)} frames per second exceed the "
             f"{setup.frequency:g} periods of the sound: give "
             f"{setup.frequency / len(places):.4g} Hz or less.",
             code="out_of_range",
