@@ -134,6 +134,7 @@ class Kept(at.live.Output):
             self.stop()
 
     def cycle(self, frames, rate) -> None:
+        self.clock.sleep(self.seconds)
         self.cycled.append(frames)
 
 
