@@ -29,6 +29,12 @@ PATIENCE = 120.0
 """Longest wait for a process [s]."""
 
 
+def run(name, *arguments, **options):
+    """Run an adapter to its end."""
+    command = [sys.executable, ADAPTERS / name, *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, **options)
+
+
 def leap_message(identity: int, *sides: str) -> str:
     """A frame as the Leap service tells it, in millimetres, of the relaxed hand or its mirror image."""
     hands, pointables = [], []
@@ -78,9 +84,8 @@ def test_leap_is_received_through_its_own_process():
         thread = threading.Thread(target=server.serve_forever)
         thread.start()
         service_address = f"ws://127.0.0.1:{server.socket.getsockname()[1]}"
-        command = [sys.executable, ADAPTERS / "leap.py", "--service", service_address]
-        command += ["--to", f"ws://127.0.0.1:{receiver.port}"]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)
+        to = f"ws://127.0.0.1:{receiver.port}"
+        done = run("leap.py", "--service", service_address, "--to", to)
         server.shutdown()
         thread.join()
         assert done.returncode == 0, done.stderr
@@ -118,8 +123,7 @@ def depths(tmp_path_factory):
 @needs_realsense
 def test_a_software_device_of_realsense_gives_the_cloud_of_the_skin(depths):
     folder, hand, pose = depths
-    command = [sys.executable, ADAPTERS / "realsense.py", "--side", "left", "--depths", folder]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)
+    done = run("realsense.py", "--side", "left", "--depths", folder)
     assert done.returncode == 0, done.stderr
     first, second = (from_json(line) for line in done.stdout.splitlines())
     assert second.lost
@@ -131,8 +135,7 @@ def test_a_software_device_of_realsense_gives_the_cloud_of_the_skin(depths):
 
 @needs_realsense
 def test_realsense_without_a_camera_or_pictures_says_so(tmp_path):
-    command = [sys.executable, ADAPTERS / "realsense.py", "--side", "left", "--depths", tmp_path]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)
+    done = run("realsense.py", "--side", "left", "--depths", tmp_path)
     assert done.returncode == 1
     assert str(tmp_path) in done.stderr
 
@@ -140,9 +143,8 @@ def test_realsense_without_a_camera_or_pictures_says_so(tmp_path):
 def test_a_library_of_realsense_that_does_not_load_says_what_it_needs(tmp_path):
     fault = 'raise ImportError("libusb-1.0.so.0: cannot open shared object file")'
     (tmp_path / "pyrealsense2.py").write_text(fault, encoding="utf-8")
-    command = [sys.executable, ADAPTERS / "realsense.py", "--side", "left", "--depths", tmp_path]
-    given = {**os.environ, "PYTHONPATH": str(tmp_path)}
-    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, env=given)
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    done = run("realsense.py", "--side", "left", "--depths", tmp_path, env=environment)
     assert done.returncode == 1
     assert done.stderr.startswith("pyrealsense2 does not load (libusb-1.0.so.0")
     assert "libusb-1.0-0" in done.stderr
@@ -157,8 +159,7 @@ def test_realsense_names_a_picture_that_is_none(wrong, tmp_path):
     (tmp_path / "a.npy").write_bytes(b"no array") if wrong is None else np.save(
         tmp_path / "a.npy", wrong
     )
-    command = [sys.executable, ADAPTERS / "realsense.py", "--side", "left", "--depths", tmp_path]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)
+    done = run("realsense.py", "--side", "left", "--depths", tmp_path)
     assert done.returncode == 1
     assert done.stderr.startswith("a.npy ")
 

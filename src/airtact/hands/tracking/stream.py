@@ -208,9 +208,9 @@ class HandStream:
         with self._changed:
             self._counts["received"] += 1
             if isinstance(frame, FaultyFrame):
-                fault = frame
-            else:
-                fault = self._fault_in_order(frame, self._hands[frame.side])
+                self._counts[frame.fault] += 1
+                return frame
+            fault = self._fault_in_order(frame, self._hands[frame.side])
             if fault is not None:
                 self._counts[fault.fault] += 1
                 return fault
