@@ -52,11 +52,11 @@ class Commands(click.Group):
 )
 @click.version_option(package_name="airtact", message="%(prog)s %(version)s")
 def commands() -> None:
-    """Compute what a phased array must emit so that a hand feels points while it scatters the sound."""
+    """Compute what a phased array must emit so that a hand in its sound feels points."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line with these arguments, or those of this process, and return its exit code."""
+    """Run the command line, with the arguments of this process by default; return the exit code."""
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     try:
         status = commands.main(args=arguments, prog_name="airtact", standalone_mode=False)

@@ -10,7 +10,7 @@ from airtact.cli.options import as_json, quiet
 @as_json
 @quiet
 def boards() -> None:
-    """List the boards that can be driven: their transducers, levels and links, and the serial ports found."""
+    """List the boards that can be driven, their links, and the serial ports of this computer."""
     from airtact.emission.links import links_of
     from airtact.transducers.boards import BOARDS
 

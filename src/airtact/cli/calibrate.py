@@ -1,4 +1,4 @@
-"""``airtact calibrate``: boards, gains and sound speed, from what the elements of an array receive of each other."""
+"""``airtact calibrate``: boards, gains and sound speed, from transmissions between elements."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 def calibrate(
     echoes: Path | None, scene: Path, simulate: bool, noise: float, seed: int, out: Path
 ) -> None:
-    """Find where the boards of a scene's array are, what its elements are worth, and the sound speed.
+    """Find the poses of the boards of a scene's array, the gains of its elements and the sound speed.
 
     ECHOES is a file (.h5) of what the elements of the empty array receive of each other's
     transmissions, with nothing subtracted, in codes that tell the elements apart. Boards must face
@@ -91,7 +91,8 @@ def _facts(calibrated: "Calibrated", error: tuple[float, float] | None) -> list[
         ("standard deviation of a board", f"{1e3 * position:.2g} mm and {np.degrees(turn):.2g}°"),
         (
             "gains",
-            f"{gains.min():.2f} to {gains.max():.2f}, standard deviation {calibrated.gain_deviation:.1%}",
+            f"{gains.min():.2f} to {gains.max():.2f}, standard deviation "
+            f"{calibrated.gain_deviation:.1%}",
         ),
         (
             "not explained",

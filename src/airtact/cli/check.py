@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 @as_json
 @quiet
 def check(scene: Path, folder: Path | None, **settings: float | None) -> None:
-    """Read a scene file or a surface file (STL, PLY, OBJ, GLB) and report what is in it, or what is wrong with it.
+    """Report what is in a scene or surface file (STL, PLY, OBJ, GLB), or what is wrong with it.
 
     With --out a picture of the bodies is written, or of the position of the fault where the input
     is rejected.
@@ -72,7 +72,8 @@ def _check_scene(
 
     for key, value in settings.items():
         raise InvalidInput(
-            f"{key} = {value:g} stands in a scene file, beside its surface, not on the command line.",
+            f"{key} = {value:g} stands in a scene file, beside its surface, not on the command "
+            "line.",
             code="options_clash",
         )
     report_step(f"reading {path.name}")

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 @as_json
 @quiet
 def compare(scene: Path, folder: Path, store: Path | None, pictures: bool, opened: bool) -> None:
-    """Make the drive of SCENE by every method, verify all, and write methods.csv, methods.html and drives/*.h5.
+    """Make the drive of SCENE by every method; write methods.csv, methods.html and drives/*.h5.
 
     All drives come from one transfer matrix and are verified by one more accurate solution.
     """

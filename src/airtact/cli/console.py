@@ -29,7 +29,10 @@ def wanted(what: str) -> bool:
 
 @contextmanager
 def progress() -> Iterator[Step]:
-    """Show steps as they begin: live with the time each takes in a terminal, else one line each; none if quiet."""
+    """Show steps as they begin: live with the time each takes in a terminal, else one line each.
+
+    None if quiet.
+    """
     console = Console(stderr=True)
     if wanted(QUIET):
         yield lambda step: None
@@ -59,7 +62,10 @@ def progress() -> Iterator[Step]:
 
 @contextmanager
 def status_line() -> Iterator[Callable[[object], None]]:
-    """Show what is reported on one line that is rewritten, in a terminal; else a line each; nothing if quiet."""
+    """Show what is reported on one line that is rewritten, in a terminal.
+
+    Else a line each; nothing if quiet.
+    """
     console = Console(stderr=True)
     if wanted(QUIET):
         yield lambda status: None

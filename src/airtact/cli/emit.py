@@ -72,7 +72,8 @@ def emit(
     if played is not None:
         kind = "sequence" if plan.modulation is None else "modulated drive"
         lines.append(
-            f"The {kind} was played at {played.rate:.4g} frames/s, {played.frames} frames, {played.dropped} dropped."
+            f"The {kind} was played at {played.rate:.4g} frames/s, {played.frames} frames, "
+            f"{played.dropped} dropped."
         )
     show(lines=lines)
 
@@ -91,7 +92,8 @@ def _modulation(words: str | None) -> Any:
         values = [float(number) for number in numbers]
     except ValueError:
         raise InvalidInput(
-            f"--modulate {words} is not am with up to 2 numbers, such as am:200 or am:200:0.5, nor none.",
+            f"--modulate {words} is not am with up to 2 numbers, such as am:200 or am:200:0.5, nor "
+            "none.",
             code="unknown_name",
         ) from None
     return AmplitudeModulation(*values)

@@ -57,7 +57,7 @@ def hand(
     landmarks: Path | None,
     camera: tuple[float, float, float] | None,
 ) -> None:
-    """Make the closed skin of a hand from its joints in metres: 25 of WebXR, or 21 of MediaPipe or Leap.
+    """Make the closed skin of a hand from its joints: 25 of WebXR, or 21 of MediaPipe or Leap.
 
     A pose is a .json file. The skin is written as flat triangles in metres to .ply, .stl or .glb,
     or curved to .vtkhdf for ParaView; a picture of it, .png, stands beside it. Of a recording,
@@ -129,7 +129,10 @@ def _fit(
     edge: float | None,
     report_step: Progress,
 ) -> Shown:
-    """Fit a hand to a cloud and write its skin, brought to the points; its own edges unless one is given."""
+    """Fit a hand to a cloud and write its skin, brought to the points.
+
+    Its own edges unless one is given.
+    """
     import numpy as np
 
     from airtact.files.atomic import writable_folder
@@ -166,7 +169,8 @@ def _fit(
         *_facts(fitted.hand.side, shape, triangles, places, place_errors(fitted)),
         (
             "points used",
-            f"{used.sum():,} of {len(used):,} thinned out; half of them within {1e3 * usual:.1f} mm of the skin",
+            f"{used.sum():,} of {len(used):,} thinned out; half of them within {1e3 * usual:.1f} "
+            "mm of the skin",
         ),
         ("skin uncertain by", f"{parts} mm"),
     ]
@@ -174,7 +178,7 @@ def _fit(
 
 
 def place_errors(fitted: "FittedHand") -> dict[str, float]:
-    """Return the standard deviation of the position of each named place: that of the joints beside it [m]."""
+    """Return the standard deviation of the position of each place, by the joints beside it [m]."""
     import numpy as np
 
     from airtact.hands.joints import CHAINS, FINGERS
@@ -229,8 +233,8 @@ def _replay(
     for track in tracks:
         seconds = track.times[-1] - track.times[0]
         words = (
-            f"{len(track.times):,} frames in {seconds:.2f} s, the longest gap {1e3 * track.longest_gap:.0f} ms, "
-            f"pads at most {track.fastest:.2f} m/s"
+            f"{len(track.times):,} frames in {seconds:.2f} s, the longest gap "
+            f"{1e3 * track.longest_gap:.0f} ms, pads at most {track.fastest:.2f} m/s"
         )
         facts.append((f"{track.side} hand", words))
     return facts, [f"Skin: {', '.join(skins)}", f"Pads over time: {picture}"]
@@ -243,15 +247,16 @@ def _chosen(recording: "Recording", chosen: tuple[int, ...]) -> "list[HandFrame]
     seen = [frame for frame in recording.frames if frame.landmarks is not None]
     if not seen:
         raise InvalidInput(
-            f"none of {len(recording.frames)} frames has landmarks; fit a hand to their clouds first.",
+            f"none of {len(recording.frames)} frames has landmarks; fit a hand to their clouds "
+            "first.",
             code="data_missing",
         )
     numbers = [frame.sequence for frame in seen]
     missing = sorted(set(chosen) - set(numbers))
     if missing:
         raise InvalidInput(
-            f"there is no frame {missing[0]} with landmarks; the frames with landmarks lie in {min(numbers)} to "
-            f"{max(numbers)}.",
+            f"there is no frame {missing[0]} with landmarks; the frames with landmarks lie in "
+            f"{min(numbers)} to {max(numbers)}.",
             code="unknown_name",
         )
     return [frame for frame in seen if frame.sequence in chosen] or seen[:1]

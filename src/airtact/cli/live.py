@@ -105,7 +105,7 @@ def live(
     host: str,
     **settings: Any,
 ) -> None:
-    """Let the sound follow the hand of SCENE, frame by frame, and record what is done in session.h5.
+    """Let the sound follow the hand of SCENE, frame by frame, and record it in session.h5.
 
     SCENE is the example live_pinch by default. Its foci must ride on a hand (at = "thumb.pad"). A
     hand that is lost, leaves the workspace or is not seen for 150 ms fades to silence. Without
@@ -154,8 +154,9 @@ def live(
             share, full = safe_cap(live.drive_at_rest(setup), board)
             if share < 1.0:
                 notes.append(
-                    f"The cap of {share:g} keeps a head to {MAX_HEAD_LEVEL:g} dB for the hand at rest; "
-                    f"--full-scale emits all, up to {full:.0f} dB there, and --cap another share."
+                    f"The cap of {share:g} keeps a head to {MAX_HEAD_LEVEL:g} dB for the hand at "
+                    f"rest; --full-scale emits all, up to {full:.0f} dB there, and --cap another "
+                    "share."
                 )
         hands = live.hands_from(setup, source, folder)
     if board is not None:
@@ -185,7 +186,7 @@ def live(
 
 
 def _verify(path: Path, drives: int) -> None:
-    """Verify drives spread evenly over a session, and print the pressure that each gave the hand."""
+    """Verify drives spread evenly over a session, and print the pressure under each."""
     with progress() as report_step:
         report_step(f"reading {path}")
         from airtact.live.session import read_session

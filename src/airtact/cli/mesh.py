@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 @surface_settings
 @quiet
 def mesh(surface: Path, edge: float | None, file: Path, **settings: float | None) -> None:
-    """Cover SURFACE (STL, PLY, OBJ, GLB) with curved panels, as the solvers do, and report how good they are.
+    """Cover SURFACE (STL, PLY, OBJ, GLB) with curved panels and report their quality.
 
     The panels are written to a .vtkhdf file for ParaView, or as flat triangles in metres to .stl,
     .ply or .glb; a picture of them, .png, stands beside it.
@@ -100,9 +100,9 @@ def mesh(surface: Path, edge: float | None, file: Path, **settings: float | None
     warnings = []
     if farthest > wavelength / 20.0:
         warnings.append(
-            f"the panels lie up to {1e3 * farthest:.2g} mm off the triangles given, more than 1/20 of the wavelength "
-            f"of {1e3 * wavelength:.3g} mm: these are coarse for a curved surface; give smaller triangles, or "
-            "--sharp 0 if it is faceted."
+            f"the panels lie up to {1e3 * farthest:.2g} mm off the triangles given, more than 1/20 "
+            f"of the wavelength of {1e3 * wavelength:.3g} mm: these are coarse for a curved "
+            "surface; give smaller triangles, or --sharp 0 if it is faceted."
         )
     show(
         sizes,
@@ -133,15 +133,16 @@ def _checked_edge(edge: float, surface: "Surface") -> float:
     edge = positive(edge, "edge", "m")
     if edge > surface.extent:
         raise InvalidInput(
-            f"edge is {edge:g} m, but the surface spans {1e3 * surface.extent:.3g} mm: is it in millimetres? "
-            "Give metres.",
+            f"edge is {edge:g} m, but the surface spans {1e3 * surface.extent:.3g} mm: is it in "
+            "millimetres? Give metres.",
             code="does_not_match",
         )
     count = surface.area / (math.sqrt(3) / 4 * edge**2)
     # More take minutes to make, and no solver takes a tenth of them.
     if count > 300_000:
         raise InvalidInput(
-            f"edge is {edge:g} m, which makes {count:.2g} panels of this surface, more than 300000; give a larger one.",
+            f"edge is {edge:g} m, which makes {count:.2g} panels of this surface, more than "
+            "300000; give a larger one.",
             code="too_many",
         )
     return edge

@@ -39,7 +39,10 @@ FILE = NamedPath(path_type=Path)
 
 
 class InputFile(click.ParamType):
-    """A file that is read; a name without a folder, of which there is no file, is that of an example."""
+    """A file that is read.
+
+    A name without a folder, of which there is no file, is that of an example.
+    """
 
     name = "file"
 
@@ -65,7 +68,7 @@ INPUT = InputFile()
 
 
 class Names(click.ParamType):
-    """One of the names in a registry, which is imported only when the option is parsed or its help is shown.
+    """A name in a registry, which is imported when the option is parsed or its help is shown.
 
     Parameters
     ----------
@@ -199,7 +202,7 @@ def board_address(command: Command) -> Command:
 
 
 def drive_settings(command: Command) -> Command:
-    """Give a command the drive file, the kind of board, the cap on the amplitude, and the modulation."""
+    """Give a command the drive file, the kind of board, the cap and the modulation."""
     for option in (
         click.option(
             "--modulate",
@@ -234,7 +237,10 @@ def level_of(cap: float | None, full_scale: bool) -> float | None:
 
 
 def agreed(question: str) -> None:
-    """Ask before anything is emitted; without a terminal there is no answer, and nothing is emitted."""
+    """Ask before anything is emitted.
+
+    Without a terminal there is no answer, and nothing is emitted.
+    """
     if not sys.stdin.isatty():
         sentence = "this is not a terminal, so no confirmation is possible, and 0 frames were sent"
         raise at.InvalidInput(f"{sentence}: give --yes to emit without asking.", code="link_failed")

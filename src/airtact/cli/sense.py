@@ -67,7 +67,7 @@ def sense(
     pictures: bool,
     opened: bool,
 ) -> None:
-    """Find the pose of the hand of SCENE from echoes, starting at the scene's own, and the gap of a pinch.
+    """Find the pose of the hand of SCENE, and the gap of a pinch, from echoes.
 
     No board that airtact drives today can receive: --echoes reads what a laboratory's own receivers
     measured. Writes pose.json, report.html, and echoes.h5 where they were simulated.
@@ -165,7 +165,8 @@ def _gap_facts(sensed: "Sensed") -> list[tuple[str, str]]:
     facts = [
         (
             "gap",
-            f"{1e3 * located.opening:.3f} mm, standard deviation {1e3 * located.opening_deviation:.3f} mm",
+            f"{1e3 * located.opening:.3f} mm, standard deviation "
+            f"{1e3 * located.opening_deviation:.3f} mm",
         ),
         ("gap in the scene", f"{1e3 * gap:.3f} mm"),
     ]

@@ -240,8 +240,8 @@ def _dask_executor(address: str) -> "Iterator[Executor]":
         client = Client(address, timeout=10)
     except (OSError, ValueError) as fault:
         raise InvalidInput(
-            f"no Dask scheduler answers at {address} within 10 s ({fault}): give the address that it prints, such as "
-            "tcp://10.0.0.1:8786.",
+            f"no Dask scheduler answers at {address} within 10 s ({fault}): give the address that "
+            "it prints, such as tcp://10.0.0.1:8786.",
             code="child_failed",
         ) from None
     with client:
@@ -249,7 +249,10 @@ def _dask_executor(address: str) -> "Iterator[Executor]":
 
 
 def write_csv(file: Path, rows: "Sequence[Row]", varied: Sequence[str]) -> None:
-    """Write rows as CSV: varied values with 12 digits, results with 6; a value that a row lacks is empty."""
+    """Write rows as CSV: varied values with 12 digits, results with 6.
+
+    A value that a row lacks is empty.
+    """
     from airtact.files.atomic import whole_file
 
     # The columns of faults come last.
@@ -273,7 +276,10 @@ def write_csv(file: Path, rows: "Sequence[Row]", varied: Sequence[str]) -> None:
 
 @contextmanager
 def counting() -> Iterator[Count]:
-    """Show the points done and the time left: a bar in a terminal, else a line from time to time; none if quiet."""
+    """Show the points done and the time left: a bar in a terminal, else a line from time to time.
+
+    None if quiet.
+    """
     console = Console(stderr=True)
     if wanted(QUIET):
         yield lambda done, total, failed: None

@@ -1,4 +1,4 @@
-"""The scene file: a TOML text that describes what is in the air, the array and what a person feels."""
+"""Scene files, setups and renderings: from a TOML text to a verified drive."""
 
 import lazy_loader
 

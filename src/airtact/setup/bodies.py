@@ -1,4 +1,4 @@
-"""The bodies of a scene file: built from their tables, named, merged where asked, and drawable where at fault."""
+"""The bodies of a scene file: built from their tables, named, and merged where asked."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -10,6 +10,7 @@ from typing import TypeVar
 import numpy as np
 from jaxtyping import Float64, Int64
 
+import airtact as at
 from airtact.acoustics.medium import Medium
 from airtact.acoustics.scene import Obstacle, filled, impedance, sound_hard
 from airtact.errors import LARGEST_SCENE_FILE, InvalidInput, about
@@ -18,7 +19,6 @@ from airtact.files.meshes import read_mesh
 from airtact.geometry.checks import NEAREST, approach
 from airtact.geometry.pose import Pose
 from airtact.geometry.surface import Surface
-from airtact.hands.hand import PLACES, Hand
 from airtact.setup import tables
 from airtact.setup.parsing import parse_scene
 
@@ -34,7 +34,7 @@ Triangles = tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangle
 def built(
     function: Callable[..., Made], table: tables.Table, leave_out: tuple[str, ...] = ()
 ) -> Made:
-    """Call a function with the keys that are given in a table, which are named as its arguments are."""
+    """Call a function with the keys of a table, which are named as its arguments."""
     arguments = {}
     for key in table.__struct_fields__:
         value = getattr(table, key)
@@ -45,8 +45,8 @@ def built(
 
 def bodies_of(
     file: tables.SceneFile, folder: Path, medium: Callable[[tables.MediumTable], Medium]
-) -> tuple[list[str], list[Obstacle], NamedPoints, list[Hand]]:
-    """Build the bodies of a scene file: names, obstacles, named points that foci can use, and hands that name points.
+) -> "tuple[list[str], list[Obstacle], NamedPoints, list[at.Hand]]":
+    """Build the bodies of a scene file: names, obstacles, named points and hands.
 
     Files of surfaces and hands are found in the folder; ``medium`` makes the fluid that fills a
     body.
@@ -54,7 +54,7 @@ def bodies_of(
     obstacles: list[Obstacle] = []
     names: list[str] = []
     points: NamedPoints = {}
-    hands: list[Hand] = []
+    hands: list[at.Hand] = []
     wanted = tuple(
         focus.points.at for focus in file.foci if isinstance(focus.points, tables.NamedPointTable)
     )
@@ -67,7 +67,8 @@ def bodies_of(
             for name in wanted:
                 if name in of_body and name in points:
                     raise InvalidInput(
-                        f"{name} is a named point of two bodies; give point = [x, y, z] instead of at.",
+                        f"{name} is a named point of two bodies; give point = [x, y, z] instead of "
+                        "at.",
                         code="given_twice",
                     )
             points |= of_body
@@ -95,20 +96,20 @@ def _surfaces(
     folder: Path,
     points: NamedPoints,
     wanted: tuple[str, ...] = (),
-    hands: list[Hand] | None = None,
+    hands: "list[at.Hand] | None" = None,
 ) -> dict[str, Surface]:
-    """Build the surfaces of an obstacle by name where its pose places them, and add its named points and its hand."""
+    """Build the surfaces of an obstacle by name at its pose; add its named points and hand."""
     hands = [] if hands is None else hands
     if table.pose is None:
         return _unmoved(table, folder, points, wanted, hands)
     unmoved_points: NamedPoints = {}
-    unmoved_hands: list[Hand] = []
+    unmoved_hands: list[at.Hand] = []
     surfaces = _unmoved(table, folder, unmoved_points, wanted, unmoved_hands)
     with about("pose"):
         pose = pose_of(table.pose)
     for name, (point, normal, room) in unmoved_points.items():
         points[name] = (pose.apply(point), pose.rotate(normal), room)
-    hands += [Hand(pose.apply(hand.joints), hand.radii, hand.side) for hand in unmoved_hands]
+    hands += [at.Hand(pose.apply(hand.joints), hand.radii, hand.side) for hand in unmoved_hands]
     return {name: surface.moved(pose) for name, surface in surfaces.items()}
 
 
@@ -117,9 +118,12 @@ def _unmoved(
     folder: Path,
     points: NamedPoints,
     wanted: tuple[str, ...],
-    hands: list[Hand],
+    hands: "list[at.Hand]",
 ) -> dict[str, Surface]:
-    """Build the surfaces of an obstacle in its own frame; the named points wanted are brought to the surface."""
+    """Build the surfaces of an obstacle in its own frame.
+
+    The named points wanted are brought to the surface.
+    """
     match table.body:
         case tables.PinchTable(gap=gap):
             from airtact.hands.pinch_dummy import pinch
@@ -165,9 +169,10 @@ def _unmoved(
             return {Path(name).stem: surface}
 
 
-def _hand_of(table: tables.SurfaceTable, folder: Path, wanted: tuple[str, ...]) -> Hand | None:
-    """Read the hand that names the points of a mesh: of its ``joints``, or of its rig where names are wanted."""
+def _hand_of(table: tables.SurfaceTable, folder: Path, wanted: tuple[str, ...]) -> "at.Hand | None":
+    """Read the hand that names points of a mesh, from its ``joints`` or its rig."""
     from airtact.hands.files import load_hand, load_rigged_hand
+    from airtact.hands.hand import PLACES
 
     if table.joints is not None:
         return load_hand(folder / table.joints)
@@ -181,7 +186,8 @@ def _hand_of(table: tables.SurfaceTable, folder: Path, wanted: tuple[str, ...]) 
             return None
         if fault.code == "side_unclear":
             raise InvalidInput(
-                f"{path.name}: the joints of its rig are too straight to distinguish a left hand from a right one; "
+                f"{path.name}: the joints of its rig are too straight to distinguish a left hand "
+                "from a right one; "
                 'give joints = "FILE.json" with the same joints and the side.',
                 code="side_unclear",
             ) from None
@@ -189,20 +195,27 @@ def _hand_of(table: tables.SurfaceTable, folder: Path, wanted: tuple[str, ...]) 
 
 
 def _check_places(file: tables.SceneFile, folder: Path, points: NamedPoints) -> None:
-    """Raise where a focus names a place of a hand, and the meshes here have no joints to find it by."""
+    """Raise where a focus names a place of a hand, and the meshes have no joints."""
     meshes = [table.body for table in file.obstacles if isinstance(table.body, tables.SurfaceTable)]
-    for index, focus in enumerate(file.foci):
-        at = focus.points.at if isinstance(focus.points, tables.NamedPointTable) else None
-        if at not in PLACES or at in points or not meshes:
-            continue
-        from airtact.hands.files import load_rigged_hand
+    if not meshes:
+        return
+    from airtact.hands.files import load_rigged_hand
+    from airtact.hands.hand import PLACES
 
+    for index, focus in enumerate(file.foci):
+        if not isinstance(focus.points, tables.NamedPointTable):
+            continue
+        name = focus.points.at
+        if name not in PLACES or name in points:
+            continue
         try:
             load_rigged_hand(folder / meshes[0].surface, meshes[0].scale or 1.0)
         except InvalidInput as fault:
+            reason = str(fault).removesuffix(".")
             raise InvalidInput(
-                f'foci[{index}]: at = "{at}" is not a named point here, for {str(fault).removesuffix(".")}; give the '
-                f'obstacle joints = "FILE.json", all of them in the frame of the mesh, or the focus point = [x, y, z].',
+                f'foci[{index}]: at = "{name}" is not a named point here, for {reason}; give the '
+                'obstacle joints = "FILE.json", all of them in the frame of the mesh, or the focus '
+                "point = [x, y, z].",
                 code="joint_missing",
             ) from None
 
@@ -258,7 +271,7 @@ def with_merged_bodies(
 
 
 def drawable_bodies(path: Path) -> list[Triangles]:
-    """Find the triangles of the bodies of a scene file that is at fault, as far as they can be read.
+    """Return the triangles of the bodies of a faulty scene file, as far as they can be read.
 
     Raises
     ------
@@ -279,7 +292,7 @@ def drawable_bodies(path: Path) -> list[Triangles]:
 
 
 def bare_triangles(path: Path, scale: float = 1.0) -> Triangles | None:
-    """Read the triangles of an STL, PLY, OBJ or GLB file as they are, in metres by ``scale`` metres per unit.
+    """Read the triangles of a surface file as they are, scaled to metres.
 
     None where the file cannot be read or there is nothing to draw.
     """

@@ -74,7 +74,8 @@ def read_scene(
     path = Path(path)
     if path.suffix.lower() == ".json":
         raise InvalidInput(
-            f"{path.name} is not a scene file (.toml): a pose of a hand stands in one as [[obstacles]] hand = "
+            f"{path.name} is not a scene file (.toml): a pose of a hand stands in one as "
+            "[[obstacles]] hand = "
             f'"{path.name}", and airtact hand shows it.',
             code="unknown_format",
         )
@@ -200,18 +201,21 @@ def _solver(file: tables.SceneFile, scene: Scene) -> Solver:
         )
     if name == "free_field" and scene.obstacles:
         raise InvalidInput(
-            "the scene has obstacles, and free_field is for open air; name boundary_element, or nothing.",
+            "the scene has obstacles, and free_field is for open air; name boundary_element, or "
+            "nothing.",
             code="not_supported",
         )
     if name != "free_field" and not scene.obstacles:
         raise InvalidInput(
-            f"the scene has no obstacles, and {name} needs one or more; name free_field, or nothing.",
+            f"the scene has no obstacles, and {name} needs one or more; name free_field, or "
+            "nothing.",
             code="not_supported",
         )
     for index, obstacle in enumerate(scene.obstacles):
         if obstacle.boundary not in solvable[name]:
             raise InvalidInput(
-                f"body {index} is {obstacle.boundary}, but {name} solves {', '.join(solvable[name])} bodies only.",
+                f"body {index} is {obstacle.boundary}, but {name} solves "
+                f"{', '.join(solvable[name])} bodies only.",
                 code="not_supported",
             )
     if name == "finite_element":
@@ -318,8 +322,8 @@ def target_of(
     def check_total(count: int) -> None:
         if count > most_points:
             raise InvalidInput(
-                f"there are {count:,} foci and suppression points or more, but most_points is {most_points:,}: "
-                "give fewer, or a larger most_points at the top of the file.",
+                f"there are {count:,} foci and suppression points or more, but most_points is "
+                f"{most_points:,}: give fewer, or a larger most_points at the top of the file.",
                 code="too_many",
             )
 
@@ -350,7 +354,7 @@ def target_of(
 def riding_of(
     foci: Sequence[tables.FocusTable], count: int
 ) -> tuple[tuple[str, float] | None, ...]:
-    """Return for each of ``count`` foci the named point that it is before and its distance off the surface [m]."""
+    """Return for each focus the named point that it is before and the distance from it [m]."""
     if any(not isinstance(table.points, tables.NamedPointTable) for table in foci):
         return (None,) * count
     offsets = [DEFAULT_OFFSET if table.offset is None else table.offset for table in foci]
@@ -390,7 +394,8 @@ def _each(
     if missing:
         otherwise = " for as strong as possible" if key == "pressure" else ""
         raise InvalidInput(
-            f"{len(foci) - missing} of {len(foci)} have a {key}; give it to all, or to none{otherwise}.",
+            f"{len(foci) - missing} of {len(foci)} have a {key}; give it to all, or to "
+            f"none{otherwise}.",
             code="key_missing",
         )
     return np.repeat(np.array(values, dtype=np.float64), counts)
@@ -472,8 +477,8 @@ def _named(name: str, named: NamedPoints, offset: float) -> Float64[np.ndarray, 
     point, normal, room = named[name]
     if offset >= room:
         raise InvalidInput(
-            f"offset = {offset:g} m does not lie in the gap of {1e3 * room:g} mm before {name}: is it in "
-            "millimetres? Give metres.",
+            f"offset = {offset:g} m does not lie in the gap of {1e3 * room:g} mm before {name}: is "
+            "it in millimetres? Give metres.",
             code="out_of_range",
         )
     return point + offset * normal

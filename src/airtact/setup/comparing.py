@@ -1,4 +1,4 @@
-"""Comparisons: given drives on an array, or all methods for a setup, by one solve that verifies them all."""
+"""Comparisons of given drives, or of all methods for a setup, by one solve."""
 
 import csv
 from collections.abc import Mapping, Sequence
@@ -70,7 +70,10 @@ class Contender:
 
     @property
     def suppression_level(self) -> float:
-        """Mean of p² in the suppression points against that in the foci [dB]; NaN without suppression points."""
+        """Mean of p² in the suppression points against that in the foci [dB].
+
+        NaN without suppression points.
+        """
         if not len(self.suppression_points):
             return float("nan")
         ratio = np.mean(self.suppression_points**2) / np.mean(self.pressures**2)
@@ -140,7 +143,10 @@ class MethodComparison:
         return f"{contender.name} (default)" if contender.name == self.default else contender.name
 
     def save(self, folder: str | Path) -> Path:
-        """Write methods.csv into a folder, and a file for each drive into its folder drives; return the table."""
+        """Write methods.csv into a folder, and each drive into its folder drives.
+
+        Return the table.
+        """
         folder = Path(folder)
         drives = writable_folder(folder / "drives")
         for contender in self.contenders:

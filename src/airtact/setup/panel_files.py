@@ -21,22 +21,27 @@ FLAT = (".stl", ".ply", ".glb")
 
 
 def check_output(path: Path, *sources: Path) -> None:
-    """Raise where panels cannot be written to a file: an unknown ending, or a file that they are made from."""
+    """Raise where panels cannot be written to a file, or would overwrite their source."""
     if path.suffix.lower() not in (CURVED, *FLAT):
         raise InvalidInput(
-            f"{path.name} ends in {path.suffix!r}, but panels are written to {', '.join((CURVED, *FLAT))}.",
+            f"{path.name} ends in {path.suffix!r}, but panels are written to "
+            f"{', '.join((CURVED, *FLAT))}.",
             code="unknown_format",
         )
     for source in sources:
         if path.resolve() == source.resolve():
             raise InvalidInput(
-                f"the output would overwrite {source.name}, which it is made from: give another file.",
+                f"the output would overwrite {source.name}, which it is made from: give another "
+                "file.",
                 code="would_overwrite",
             )
 
 
 def write_panels(path: Path, panels: Panels) -> int:
-    """Write the panels of bodies as ``write_triangles`` does; a .vtkhdf also holds body and deviation of each."""
+    """Write the panels of bodies as ``write_triangles`` does.
+
+    A .vtkhdf also holds body and deviation of each.
+    """
     return write_triangles(
         path, panels.quadratic_triangles, {"deviation": panels.deviation, "body": panels.body}
     )
@@ -47,7 +52,7 @@ def write_triangles(
     quadratic_triangles: QuadraticTriangles,
     cells: Mapping[str, Real[np.ndarray, "panels"]] | None = None,
 ) -> int:
-    """Write quadratic triangles [m] in the format of the file's ending; .vtkhdf also holds further numbers by name.
+    """Write quadratic triangles [m] in the format of the ending; .vtkhdf also holds ``cells``.
 
     Return how many edges of the flat triangles have no neighbour; 0 for curved panels, which need
     not meet.
@@ -120,7 +125,7 @@ def _joined(
 
 
 def _bypasses(vertices: Vertices, triangles: Triangles) -> dict[int, list[int]]:
-    """Return lone edges 3 t + e, one of a triangle, each with the vertices of shorter lone edges that run back."""
+    """Return lone edges 3 t + e with the vertices of shorter lone edges that run back."""
     lone = np.flatnonzero(edge_twins(triangles).ravel() == -1)
     starts, ends = edge_ends(triangles).reshape(-1, 2)[lone].T
     lengths = np.linalg.norm(vertices[ends] - vertices[starts], axis=1)
@@ -142,7 +147,7 @@ def _bypasses(vertices: Vertices, triangles: Triangles) -> dict[int, list[int]]:
 def _way(
     following: dict[int, list[tuple[int, float]]], here: int, goal: int, left: float, longest: float
 ) -> list[int]:
-    """Return the vertices from here to before a goal along edges below ``longest`` and ``left`` in all, or none."""
+    """Return the vertices from here to before a goal along short edges, or none."""
     for vertex, length in following.get(here, ()):
         if length >= min(longest, left):
             continue

@@ -1,4 +1,4 @@
-"""From the text of a scene file to its tables: limits, other values for its keys, and one sentence about a fault."""
+"""From the text of a scene file to its tables, with other values for some keys."""
 
 import difflib
 import math
@@ -98,7 +98,7 @@ def _check_text(text: str) -> None:
 
 
 def _check_numbers(data: object, path: str, level: int) -> None:
-    """Raise where a number in nested tables and lists is not finite, too large or too small, or too deep."""
+    """Raise where a number in nested tables is not finite, too large, too small or too deep."""
     if level > MAX_LEVELS:
         sentence = f"{path} is more than {MAX_LEVELS} levels deep in lists and tables."
         raise InvalidInput(sentence, code="file_too_large")
@@ -115,8 +115,8 @@ def _check_numbers(data: object, path: str, level: int) -> None:
             # No float holds the largest integers.
             number = f"{data:.3g}" if abs(data) < 1e300 else "too large"
             raise InvalidInput(
-                f"{path} is {number}, but its size must be 0, or lie between {SMALLEST_NUMBER:g} and "
-                f"{LARGEST_NUMBER:g}.",
+                f"{path} is {number}, but its size must be 0, or lie between {SMALLEST_NUMBER:g} "
+                f"and {LARGEST_NUMBER:g}.",
                 code="out_of_range",
             )
 
@@ -186,7 +186,10 @@ def _check_keys(data: Mapping[str, Any], table: type[Table], path: str) -> None:
 def _chosen(
     data: Mapping[str, Any], field: msgspec.structs.FieldInfo, kinds: list[type[Table]], path: str
 ) -> Table | None:
-    """Find the choice that a table makes, and convert its keys; None for the default of the field."""
+    """Find the choice that a table makes, and convert its keys.
+
+    None for the default of the field.
+    """
     tags = {str(kind.__struct_config__.tag): kind for kind in kinds}
     by_value = not issubclass(kinds[0], Choice)
     find_tag = _tag_by_value if by_value else _tag_by_key
@@ -386,8 +389,8 @@ def _steps(path: str) -> list[str | int]:
     """Split a path into keys and indices."""
     if not re.fullmatch(r"[\w-]+(\.[\w-]+|\[\d+\])*", path):
         raise InvalidInput(
-            f"{path!r} is not the path of a key: write its tables, with numbers from 0 in brackets where there are "
-            "several, such as foci[0].offset.",
+            f"{path!r} is not the path of a key: write its tables, with numbers from 0 in brackets "
+            "where there are several, such as foci[0].offset.",
             code="unknown_key",
         )
     matches = re.finditer(r"([\w-]+)|\[(\d+)\]", path)
@@ -406,8 +409,8 @@ def _full(steps: list[str | int], data: Mapping[str, Any], path: str) -> list[st
         known = sorted({key for body in bodies for key in body} & kinds)
         beside = f" and the bodies {', '.join(known)}" if known else ""
         raise InvalidInput(
-            f"{path}: {len(indices)} bodies are named {kind!r}; a path begins with {', '.join(sorted(data))}{beside}"
-            ", and obstacles[0] is the first body.",
+            f"{path}: {len(indices)} bodies are named {kind!r}; a path begins with "
+            f"{', '.join(sorted(data))}{beside}, and obstacles[0] is the first body.",
             code="unknown_key",
         )
     index = indices[0]

@@ -1,4 +1,4 @@
-"""From a setup to its drive: solve, make the drive, verify it by a more accurate solve, and save it."""
+"""From a setup to its drive: solve, make the drive, verify it and save it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 from jaxtyping import Float64
 
+import airtact as at
 from airtact.acoustics.solvers.problem import SolveReport
 from airtact.checks import of_kind
 from airtact.drives.drive import Drive, quantise
@@ -19,7 +20,6 @@ from airtact.drives.transfer import TransferMatrix
 from airtact.evaluation.comparison import Comparison
 from airtact.evaluation.comparison import compare as compare_drives
 from airtact.evaluation.headline import beyond_linear, body_word, headline, shortfalls
-from airtact.evaluation.held_out import HeldOut
 from airtact.files.atomic import writable_folder
 from airtact.printing import one_line
 from airtact.setup.sentences import disagreement, reach_cautions, sensations, share_of_bound
@@ -74,7 +74,7 @@ class Rendering:
     verification: Comparison
     drives: Mapping[str, Drive]
     sequence: MovingDrive | None
-    robustness: HeldOut | None
+    robustness: "at.evaluation.HeldOut | None"
     headline: str
     remarks: tuple[str, ...]
     sensation: tuple[str, ...]
@@ -105,7 +105,10 @@ class Rendering:
 
     @property
     def control_pressures(self) -> Float64[np.ndarray, "foci"] | None:
-        """(F,) peak pressure at each focus under the control at the drive's energy [Pa]; None in open air."""
+        """(F,) peak pressure at each focus under the control at the drive's energy [Pa].
+
+        None in open air.
+        """
         if len(self.drives) == 1:
             return None
         _, control = self.drives.values()
@@ -113,7 +116,10 @@ class Rendering:
         return at_full_scale * control.factor_to_match(self.drive)
 
     def save(self, folder: str | Path) -> tuple[Path, ...]:
-        """Write drive.csv and drive.h5 into a folder, and sequence.h5 where foci move; return the files."""
+        """Write drive.csv and drive.h5 into a folder, and sequence.h5 where foci move.
+
+        Return the files.
+        """
         folder = writable_folder(Path(folder))
         sequence = folder / SEQUENCE_FILE
         sequence.unlink(missing_ok=True)  # an older run's
@@ -233,7 +239,7 @@ def render(
 
 
 def _scaled(setup: Setup, drive: Drive, at_full_scale: Float64[np.ndarray, "foci"]) -> Drive:
-    """Scale the drive so that the verification gives the weakest focus what it asks, as far as full scale allows."""
+    """Scale the drive so that the weakest focus gets what it asks, up to full scale."""
     peak = drive.peak
     if peak >= 1.0:
         return drive

@@ -1,4 +1,4 @@
-"""What a drive keeps where hand, air and transducers are not as expected: samples and shifts that it was not made for."""
+"""What a drive keeps on samples and shifts that it was not made for."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -27,7 +27,7 @@ from airtact.setup.solving import solver_of_samples
 
 
 def other_samples(setup: Setup, beacons: RadiatedField) -> TransferEnsemble:
-    """Sample the uncertainty with another seed, for hands that no drive of the setup was made for."""
+    """Sample the uncertainty with another seed than the drive was made for."""
     assert setup.uncertainty is not None
     solver = solver_of_samples(setup)
     count = HELD_OUT_SAMPLES if solver is None else SOLVED_HELD_OUT_SAMPLES
@@ -37,7 +37,7 @@ def other_samples(setup: Setup, beacons: RadiatedField) -> TransferEnsemble:
 def kept_by_drive(
     setup: Setup, beacons: RadiatedField, transfer: TransferMatrix, drive: Drive
 ) -> HeldOut:
-    """Evaluate a drive, the robust one and time reversal on other samples and for a shifted hand."""
+    """Evaluate a drive beside two others on other samples and for a shifted hand."""
     assert setup.uncertainty is not None
     drives = {setup.method.replace("_", " "): drive}
     if setup.method not in FOR_SAMPLES:
@@ -55,7 +55,7 @@ def kept_by_drive(
 def weakest_nine_of_ten(
     setup: Setup, beacons: RadiatedField, drives: Mapping[str, Drive]
 ) -> dict[str, float]:
-    """Return for each drive the pressure that the weakest focus exceeds in 9 of 10 other samples [Pa]."""
+    """Return the pressure that the weakest focus exceeds in 9 of 10 other samples [Pa]."""
     asked = np.flatnonzero(setup.target.weights > 0.0)
     samples = other_samples(setup, beacons)
     weakest = {
@@ -66,7 +66,7 @@ def weakest_nine_of_ten(
 
 
 def _shifts(setup: Setup, deviation: float) -> list[Window]:
-    """Return shifts of the hand in the plane of the foci and across it, up to three standard deviations.
+    """Return shifts in the plane of the foci and across it, up to three standard deviations.
 
     Beside a rigid plane the shifts are along it, which one solve serves, and towards it.
     """
@@ -82,7 +82,10 @@ def _shifts(setup: Setup, deviation: float) -> list[Window]:
 
 
 def _along(plane: Plane, axes: Float64[np.ndarray, "3 3"]) -> Float64[np.ndarray, "3 3"]:
-    """Return right, up and normal, the first two in a plane; the axis that lies best in it keeps its direction."""
+    """Return right, up and normal, the first two in a plane.
+
+    The axis that lies best in it keeps its direction.
+    """
     flat = axes - np.outer(axes @ plane.normal, plane.normal)
     # Rounding makes the choice among equally good axes independent of the last bits.
     right = flat[np.argmax(np.linalg.norm(flat, axis=1).round(3))]

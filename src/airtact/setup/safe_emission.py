@@ -1,4 +1,4 @@
-"""Emit a drive at a safe level: the sound pressure at a head, the cap that keeps it under 110 dB, and the plan."""
+"""Emit a drive at a safe level: the cap that keeps a head under 110 dB, and the plan."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -104,8 +104,8 @@ class Plan:
         notes = []
         if self.limited:
             notes.append(
-                f"The cap of {self.cap:g} keeps a head to {MAX_HEAD_LEVEL:g} dB; --full-scale emits all, up to "
-                f"{self.full:.0f} dB there, and --cap another share."
+                f"The cap of {self.cap:g} keeps a head to {MAX_HEAD_LEVEL:g} dB; --full-scale "
+                f"emits all, up to {self.full:.0f} dB there, and --cap another share."
             )
         if self.moving is not None:
             notes.append(
@@ -125,7 +125,7 @@ def plan(
     modulation: AmplitudeModulation | None = None,
     constant: bool = False,
 ) -> Plan:
-    """Read a drive, check that boards of a kind can play it, and find the level at a head and the cost of rounding.
+    """Read a drive for boards of a kind, and find the level at a head and the cost of rounding.
 
     Parameters
     ----------
@@ -160,8 +160,8 @@ def plan(
             )
         if modulation is not None and rate is not None:
             raise InvalidInput(
-                f"the file is a sequence of {len(stored.drives)} frames at {rate:g} frames/s, which is not modulated "
-                "further: leave the modulation out.",
+                f"the file is a sequence of {len(stored.drives)} frames at {rate:g} frames/s, "
+                "which is not modulated further: leave the modulation out.",
                 code="options_clash",
             )
         wavenumber = 2 * np.pi * FREQUENCY / sound_speed_of(stored)
@@ -176,7 +176,8 @@ def plan(
     peak, average = head.levels(cap)
     if not np.isfinite(peak):
         raise InvalidInput(
-            f"at a cap of {cap:g} all elements round to level 0, so nothing would be emitted: give a larger cap.",
+            f"at a cap of {cap:g} all elements round to level 0, so nothing would be emitted: give "
+            "a larger cap.",
             code="all_zero",
         )
     moving = None
@@ -201,7 +202,7 @@ def plan(
 
 
 def safe_cap(stored: DriveFile, board: str) -> tuple[float, float]:
-    """Return the largest cap on a drive that keeps a head under the limit, and the peak level at full scale [dB].
+    """Return the largest cap that keeps a head under the limit, and the level at full scale [dB].
 
     Raise "out_of_range" for boards that cannot be turned down so far.
     """
@@ -253,7 +254,7 @@ class Head:
         return float(peak), float(average)
 
     def cap_under_limit(self, full: float) -> float:
-        """Return the largest cap whose peak level is under the limit, given the level at full scale [dB]."""
+        """Return the largest cap whose peak level is under the limit."""
         if full <= MAX_HEAD_LEVEL:
             return 1.0
         if not self.levels_of_board.phase_only:
@@ -265,13 +266,14 @@ class Head:
                 if np.isfinite(peak) and peak <= MAX_HEAD_LEVEL:
                     return cap
         raise InvalidInput(
-            f"{self.board.title} boards cannot be turned down to {MAX_HEAD_LEVEL:g} dB at a head 0.5 m off the "
-            f"array, and at full scale it gets up to {full:.0f} dB: give --full-scale, or a share such as --cap 0.3.",
+            f"{self.board.title} boards cannot be turned down to {MAX_HEAD_LEVEL:g} dB at a head "
+            f"0.5 m off the array, and at full scale it gets up to {full:.0f} dB: give "
+            "--full-scale, or a share such as --cap 0.3.",
             code="out_of_range",
         )
 
     def at_foci(self, cap: float) -> tuple[Float64[np.ndarray, "foci"] | None, float | None]:
-        """Return the worst relative change at each focus by rounding, and the pressure at the weakest focus [Pa]."""
+        """Return the worst change at each focus by rounding, and the weakest pressure [Pa]."""
         stored = self.stored
         levels = self.levels_of_board
         drives = self.strongest
@@ -296,10 +298,11 @@ class Head:
 
 
 def sound_speed_of(stored: DriveFile) -> float:
-    """Return the speed of sound that a drive was made with, in air at 20 °C where the file does not hold it."""
+    """Return the speed of sound of a drive; that of air at 20 °C if the file has none."""
     if stored.frequency is not None and abs(stored.frequency - FREQUENCY) > 1.0:
         raise InvalidInput(
-            f"the drive is for {stored.frequency:g} Hz, and boards emit {FREQUENCY:g} Hz: make it for that.",
+            f"the drive is for {stored.frequency:g} Hz, and boards emit {FREQUENCY:g} Hz: make it "
+            "for that.",
             code="does_not_match",
         )
     return (stored.medium or air()).sound_speed

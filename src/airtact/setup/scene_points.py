@@ -1,4 +1,4 @@
-"""The function of a sweep over a scene file: the pressure at the foci where keys of the file have other values."""
+"""The function of a sweep over a scene file."""
 
 import hashlib
 import json
@@ -40,7 +40,7 @@ from airtact.setup.solving import (
 from airtact.timing import Clock
 
 FRAME_COLUMNS = ("frame", "side", "time")
-"""Columns of a point that is a frame of a recording: its number, which hand, and the tracker's time [s]."""
+"""Columns of a frame of a recording: its number, the side, the tracker's time [s]."""
 
 PATH_FAULTS = ("unknown_key", "out_of_range", "key_misplaced", "given_twice")
 """Codes of faults of the paths or values of a point."""
@@ -66,7 +66,7 @@ class ScenePoints:
     content: tuple[str, ...] = ()
 
     def __call__(self, point: Mapping[str, Value]) -> dict[str, Value]:
-        """Return the peak pressure at each focus and at the weakest, the gain over a drive without the bodies, and the solve."""
+        """Return the peak pressure at each focus, the gain over the control, and the solve."""
         setup = self.setup(point)
         transfer, report = solve_foci(setup, Clock())
         drive, stalled = synthesise(setup.synthesise, transfer, setup.target)
@@ -214,7 +214,7 @@ def _hand_key(scene: Path) -> tuple[str, Path]:
 def _hand_of_frame(
     scene: Path, recording: Path, point: Mapping[str, Value]
 ) -> Iterator[dict[str, Value]]:
-    """Write the hand of a frame to a file, and yield the keys that put it in the place of the scene's hand.
+    """Write the hand of a frame to a file, and yield the keys that replace the scene's hand.
 
     It keeps the radii of the scene's hand; the gap and the pose that the scene gives its own hand
     are left out.

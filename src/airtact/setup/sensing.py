@@ -99,7 +99,7 @@ class Sensed:
 
     @property
     def off(self) -> tuple[float, float]:
-        """Distance of the middle of the bodies from the scene file's [m], and angle of the turn [rad]."""
+        """Distance of the bodies' middle from the scene file's [m], and angle of the turn [rad]."""
         return _size(self._shift(Pose.identity()))
 
     @property
@@ -118,7 +118,7 @@ class Sensed:
         return float(self.after.min())
 
     def shifts(self) -> list[Float64[np.ndarray, "6"]]:
-        """Return translation [m] and turn [rad] from the scene file's pose and, where known, from the true one."""
+        """Return translation [m] and turn [rad] from the scene file's pose and the true one."""
         return [self._shift(one) for one in (Pose.identity(), self.true) if one is not None]
 
     def _shift(self, other: Pose) -> Float64[np.ndarray, "6"]:
@@ -301,8 +301,9 @@ def _check_located(
     if isinstance(model, ScatteringFamily):
         gap = f", or its gap is not between {1e3 * model.low:.3g} and {1e3 * model.high:.3g} mm"
     raise NotConverged(
-        f"no pose near that of the scene {setup.title} explains the echoes: the best one leaves {located.misfit:.2g} "
-        f"of them unexplained beyond noise. The hand is another one than the scene's, or more than 5 mm away{gap}.",
+        f"no pose near that of the scene {setup.title} explains the echoes: the best one leaves "
+        f"{located.misfit:.2g} of them unexplained beyond noise. The hand is another one than the "
+        f"scene's, or more than 5 mm away{gap}.",
         code="pose_not_found",
     )
 
@@ -310,7 +311,7 @@ def _check_located(
 def _pressures(
     actual: TransferMatrix, setup: Setup, believed: TransferMatrix
 ) -> Float64[np.ndarray, "foci"]:
-    """Return the pressure at each focus of the actual hand under the drive for the believed one [Pa]."""
+    """Return the pressure at the foci of the actual hand under a drive for the believed one."""
     drive, _ = synthesise(setup.synthesise, believed, setup.target)
     return np.abs(actual.pressure(drive)[: len(setup.target.points)])
 
@@ -322,7 +323,7 @@ def calibrate_array(
     seed: int,
     progress: Progress = no_progress,
 ) -> tuple[Calibrated, tuple[float, float] | None]:
-    """Calibrate the array of a scene from measured transmissions, or from simulated ones with noise [dB].
+    """Calibrate the array of a scene from measured or simulated transmissions.
 
     Returns
     -------
@@ -361,10 +362,10 @@ def calibrate_array(
         calibrated = calibrate(echoes, array, medium)
     if not calibrated.converged:
         raise NotConverged(
-            f"no positions of the boards near those of the scene {setup.title} explain the transmissions: the best "
-            f"leave {calibrated.misfit:.2g} of them unexplained beyond noise. Something stands between the boards, "
-            "direct sound was subtracted, the codes or the order of the elements differ, or the boards are more than "
-            "2 mm off.",
+            f"no positions of the boards near those of the scene {setup.title} explain the "
+            f"transmissions: the best leave {calibrated.misfit:.2g} of them unexplained beyond "
+            "noise. Something stands between the boards, direct sound was subtracted, the codes "
+            "or the order of the elements differ, or the boards are more than 2 mm off.",
             code="pose_not_found",
         )
     if true is None:
@@ -379,7 +380,7 @@ def calibrate_array(
 
 
 def _simulated_array(array: PhasedArray, medium: Medium, seed: int) -> tuple[PhasedArray, Medium]:
-    """Return an array and air that are a little off, at random: 0.5 mm, 5 mrad, 1 m/s, and gains."""
+    """Return an array and air with random errors: 0.5 mm, 5 mrad, 1 m/s, and gains."""
     check_seed(seed)
     random = np.random.default_rng([seed, 2])
     boards = boards_of(array)

@@ -1,4 +1,4 @@
-"""Sentences about a setup and its drive: cautions before the solve, remarks and warnings after it."""
+"""Sentences about a setup and its drive: cautions before the solve, remarks after it."""
 
 from collections.abc import Iterator
 
@@ -21,7 +21,10 @@ MAX_SKIN_DISTANCE = 10e-3
 
 
 def with_skin(setup: Setup) -> Bool[np.ndarray, "foci"]:
-    """Return for each focus whether a body is near enough to feel it; in open air any may be felt."""
+    """Return for each focus whether a body is near enough to feel it.
+
+    In open air any may be felt.
+    """
     if not setup.scene.obstacles:
         return np.ones(len(setup.target.points), dtype=bool)
     return np.asarray(-setup.scene.depth(setup.target.points) <= MAX_SKIN_DISTANCE)
@@ -47,9 +50,9 @@ def _path_cautions(setup: Setup) -> Iterator[str]:
         count = int((off > setup.scene.wavelength / 2.0).sum())
         if count:
             yield (
-                f"the path around {name} leaves the body: {count} of {len(off)} positions lie up to "
-                f"{1e3 * off.max():.2g} mm farther from it than the focus, over half a wavelength; give a smaller "
-                "radius or length."
+                f"the path around {name} leaves the body: {count} of {len(off)} positions lie up "
+                f"to {1e3 * off.max():.2g} mm farther from it than the focus, over half a "
+                "wavelength; give a smaller radius or length."
             )
 
 
@@ -63,8 +66,9 @@ def _skin_cautions(setup: Setup) -> Iterator[str]:
     if others:
         beside = f", and {counted(others, 'other focus', 'other foci')} over {1e3 * MAX_SKIN_DISTANCE:g} mm"
     yield (
-        f"{setup.foci[int(away.argmax())]} is {1e3 * away.max():.2g} mm from the nearest body{beside}: no skin is "
-        "modelled there, so its level above the tactile threshold is meaningless."
+        f"{setup.foci[int(away.argmax())]} is {1e3 * away.max():.2g} mm from the nearest "
+        f"body{beside}: no skin is modelled there, so its level above the tactile threshold is "
+        "meaningless."
     )
 
 
@@ -74,8 +78,9 @@ def _separation_cautions(setup: Setup) -> Iterator[str]:
     first, second, apart = nearest_foci(setup.target.points)
     if apart < MIN_FOCUS_DISTANCE * setup.scene.wavelength:
         yield (
-            f"{setup.foci[first]} and {setup.foci[second]} are {1e3 * apart:.2g} mm apart, under a tenth of the "
-            "wavelength: most methods cannot separate them and make no drive; leave one out."
+            f"{setup.foci[first]} and {setup.foci[second]} are {1e3 * apart:.2g} mm apart, under a "
+            "tenth of the wavelength: most methods cannot separate them and make no drive; leave "
+            "one out."
         )
 
 
@@ -93,16 +98,17 @@ def _pressure_cautions(setup: Setup) -> Iterator[str]:
     for name, bound, pressure in zip(setup.foci, bounds, asked, strict=True):
         if bound < 0.1 * strongest:  # a tenth of the pressure is a hundredth of the force
             yield (
-                f"{name} is out of the array's reach: it gets {bound / strongest:.1%} of the {strongest:,.0f} Pa that "
-                "the elements bring to their strongest point in open air, under 10%; move the focus or the array."
+                f"{name} is out of the array's reach: it gets {bound / strongest:.1%} of the "
+                f"{strongest:,.0f} Pa that the elements bring to their strongest point in open "
+                "air, under 10%; move the focus or the array."
             )
         if pressure > gain * bound:
             words = {1.0: "", 2.0: ", and at most about twice that on a hard surface"}.get(
                 gain, ", and at most about four times that on a hard surface beside a plane"
             )
             yield (
-                f"{name} asks for {pressure:,.0f} Pa, and all elements at full scale bring {bound:,.0f} Pa to it in "
-                f"open air{words}: ask for less, or take more boards."
+                f"{name} asks for {pressure:,.0f} Pa, and all elements at full scale bring "
+                f"{bound:,.0f} Pa to it in open air{words}: ask for less, or take more boards."
             )
 
 
@@ -111,18 +117,20 @@ def sensations(
     pressures: Float64[np.ndarray, "foci"],
     moving: Float64[np.ndarray, "frames"] | None = None,
 ) -> tuple[str, ...]:
-    """Compare the foci with the tactile threshold: foci that stand still, or the weakest in each frame.
+    """Compare the foci, or the weakest focus of a sequence, with the tactile threshold.
 
     Foci away from every body are ignored. If all are, the sentence says so.
     """
     skin = with_skin(setup)
     if not skin.any():
         return (
-            f"No body is within {1e3 * MAX_SKIN_DISTANCE:g} mm of a focus: nobody is modelled there who could feel it.",
+            f"No body is within {1e3 * MAX_SKIN_DISTANCE:g} mm of a focus: nobody is modelled "
+            "there who could feel it.",
         )
     if moving is not None:
         return (
-            f"The foci move: {len(moving)} frames, the weakest focus of which gets {moving.min():,.0f} Pa.",
+            f"The foci move: {len(moving)} frames, the weakest focus of which gets "
+            f"{moving.min():,.0f} Pa.",
             sensation(float(moving.min()), "spatiotemporal"),
         )
     weakest = float(pressures[skin].min())
@@ -142,8 +150,8 @@ def share_of_bound(setup: Setup, transfer: TransferMatrix, drive: Drive) -> str:
     )
     if not drive.is_full_scale:
         words = (
-            f"At full scale no drive exceeds {1.0 / exact:.1f} times that; rounded to {levels} it is "
-            f"{rounded / exact:.1%} of it."
+            f"At full scale no drive exceeds {1.0 / exact:.1f} times that; rounded to {levels} it "
+            f"is {rounded / exact:.1%} of it."
         )
     else:
         words = f"That is {exact:.0%} of the upper bound for any drive, {rounded:.0%} rounded to {levels}."
@@ -159,6 +167,7 @@ def disagreement(
     worst = int(np.argmax(apart))
     if apart[worst] > 1.5 * setup.accuracy:
         yield (
-            f"the solution that the drive is made from and the one that verifies it differ by {apart[worst]:.1%} at "
-            f"{setup.foci[worst]}, and {setup.accuracy:.1%} was asked: give a smaller accuracy under [solver]."
+            "the solution that the drive is made from and the one that verifies it differ by "
+            f"{apart[worst]:.1%} at {setup.foci[worst]}, and {setup.accuracy:.1%} was asked: give "
+            "a smaller accuracy under [solver]."
         )

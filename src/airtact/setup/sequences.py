@@ -51,7 +51,10 @@ class MovingDrive:
 def moving_drive(
     setup: Setup, motion: Motion, transfer: TransferMatrix, clock: Clock, store: Path | None
 ) -> MovingDrive:
-    """Make the sequence of a setup whose foci move; ``transfer`` is the matrix of the foci at rest."""
+    """Make the sequence of a setup whose foci move.
+
+    ``transfer`` is the matrix of the foci at rest.
+    """
     target = setup.target
     paths = paths_of(setup)
     turns = motion.turns(paths)

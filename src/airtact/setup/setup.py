@@ -5,6 +5,7 @@ from dataclasses import KW_ONLY, dataclass, field
 from functools import cached_property
 from pathlib import Path
 
+import airtact as at
 from airtact.acoustics.medium import Medium
 from airtact.acoustics.scene import Scene, check_outside
 from airtact.acoustics.solvers.problem import Solver
@@ -17,7 +18,6 @@ from airtact.drives.motion import Motion
 from airtact.drives.transfer import TransferMatrix
 from airtact.errors import InvalidInput, about
 from airtact.geometry.pose import Pose
-from airtact.hands.hand import Hand
 from airtact.printing import one_line
 from airtact.setup.parsing import nearest
 from airtact.transducers.boards import poses_of_boards
@@ -84,7 +84,7 @@ class Setup:
     bodies: tuple[str, ...] = ()
     foci: tuple[str, ...] = ()
     board: str | None = None
-    hands: tuple[Hand, ...] = ()
+    hands: "tuple[at.Hand, ...]" = ()  # by this name, so that hands are imported when used
     riding: tuple[tuple[str, float] | None, ...] = ()
     tracker: Pose = field(default_factory=Pose.identity)
     followed: bool = False
@@ -116,7 +116,8 @@ class Setup:
         for name, things in (("bodies", self.scene.obstacles), ("foci", self.target.points)):
             if len(getattr(self, name)) != len(things):
                 raise InvalidInput(
-                    f"{name} has {len(getattr(self, name))} names for {len(things)}: give a name for each.",
+                    f"{name} has {len(getattr(self, name))} names for {len(things)}: give a name "
+                    "for each.",
                     code="sizes_differ",
                 )
         with about("foci"):
@@ -185,7 +186,7 @@ def default_solver(scene: Scene, accuracy: float) -> Solver:
 
 
 def check_method(method: str, uncertain: bool) -> None:
-    """Raise "unknown_name", or "data_missing" for a method that needs samples where there are none."""
+    """Raise "unknown_name", or "data_missing" for a method without the samples it needs."""
     if method not in METHODS:
         raise InvalidInput(
             f'"{method}" is not a method here; {nearest(method, METHODS)}', code="unknown_name"

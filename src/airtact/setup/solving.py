@@ -1,4 +1,4 @@
-"""Solving a setup: the fields of the beacons, the transfer matrix, the drive, its control, and what verifies it."""
+"""Solving a setup: beacons, transfer matrix, drive, control and verification."""
 
 import re
 import warnings
@@ -39,7 +39,10 @@ def stored(solver: Solver, store: Path | None) -> Solver:
 
 
 def solve_beacons(setup: Setup, clock: Clock, store: Path | None = None) -> RadiatedField:
-    """Solve for a beacon in each focus and suppression point; as multipoles where there is uncertainty."""
+    """Solve for a beacon in each focus and suppression point.
+
+    As multipoles where there is uncertainty.
+    """
     target = setup.target
     foci = f"focus ({len(target.points)})"
     if len(target.suppression_points):
@@ -95,7 +98,7 @@ def solve_foci(
 
 
 def solver_of_samples(setup: Setup) -> Solver | None:
-    """Return the solver of the samples: beside a plane each sample is another scene, elsewhere none is solved."""
+    """Return the solver of the samples; None where no sample is solved by itself."""
     if not (setup.scene.planes and isinstance(setup.solver, BoundaryElement)):
         return None
     return replace(setup.solver, estimate=False)
@@ -211,7 +214,10 @@ def _verification_accuracy(setup: Setup) -> float:
 def unknowns_of(
     solver: BoundaryElement, scene: Scene, points: Float64[np.ndarray, "points 3"]
 ) -> int:
-    """Count the unknowns of a solve for sources at points [m]; above 50,000 estimate them by the area of the bodies."""
+    """Count the unknowns of a solve for sources at points [m].
+
+    Above 50,000 estimate them by the area of the bodies.
+    """
     area = sum(obstacle.surface.area for obstacle in scene.obstacles)
     estimate = round(solver.nodes_per_square_wavelength * area / scene.wavelength**2)
     if estimate > 50_000:  # making the panels would take longer than a check should
@@ -220,7 +226,7 @@ def unknowns_of(
 
 
 def memory_of_a_solve(unknowns: float, accuracy: float) -> float:
-    """Estimate the peak memory of a process that solves for a few foci by boundary elements [bytes]."""
+    """Estimate the peak memory of a solve for a few foci by boundary elements [bytes]."""
     # The matrix is mostly low-rank, so memory grows far slower than the square of the unknowns.
     # The power law fits 10 solves of the examples, 2,244 to 23,058 unknowns, within 20 %. With the
     # matrix in single precision instead of bfloat16 it takes 1.9 times as much.

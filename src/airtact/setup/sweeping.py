@@ -1,4 +1,4 @@
-"""A function, or the drive of a scene file, at many points: on any executor, with results that a killed sweep keeps."""
+"""Sweeps: a function, or the drive of a scene file, at many points on any executor."""
 
 import functools
 import hashlib
@@ -97,8 +97,8 @@ def sweep(
         )
     if executor is not None and not callable(getattr(executor, "submit", None)):
         raise InvalidInput(
-            f"the executor is a {type(executor).__name__}, but it must be one such as ThreadPoolExecutor(4), or None "
-            "for processes.",
+            f"the executor is a {type(executor).__name__}, but it must be one such as "
+            "ThreadPoolExecutor(4), or None for processes.",
             code="wrong_kind",
         )
     rows = _checked_points(points)
@@ -131,7 +131,8 @@ def sweep(
 def _checked_points(points: Sequence[Mapping[str, Value]]) -> list[Row]:
     if not isinstance(points, Iterable) or isinstance(points, str | Mapping):
         raise InvalidInput(
-            f"the points of a sweep are a {type(points).__name__}, but they must be a list of names with a value each, "
+            f"the points of a sweep are a {type(points).__name__}, but they must be a list of "
+            "names with a value each, "
             'such as [{"gap": 0.012}, {"gap": 0.014}].',
             code="wrong_kind",
         )
@@ -161,8 +162,8 @@ def _checked_row(values: Mapping[str, Any], what: str) -> Row:
         plain = value.item() if isinstance(value, np.generic) else value
         if not isinstance(name, str) or not (plain is None or isinstance(plain, str | float | int)):
             raise InvalidInput(
-                f"{what} has {name!r} = a {type(value).__name__}, but names are text and values single numbers, text, "
-                "true, false or None.",
+                f"{what} has {name!r} = a {type(value).__name__}, but names are text and values "
+                "single numbers, text, true, false or None.",
                 code="wrong_kind",
             )
         row[name] = plain
@@ -203,8 +204,8 @@ def _computed(
             pickle.dumps(function)
         except Exception as fault:
             raise InvalidInput(
-                f"the function cannot be passed to a process ({fault}): define it in a module, or give an executor of "
-                "threads.",
+                f"the function cannot be passed to a process ({fault}): define it in a module, or "
+                "give an executor of threads.",
                 code="wrong_kind",
             ) from None
         points = list(waiting.values())
@@ -219,7 +220,8 @@ def _computed(
                 yield futures.pop(future), future.result()
         except BrokenExecutor:
             raise InvalidInput(
-                f"a process ended by itself with {len(futures)} of {len(waiting)} points left, as where memory runs "
+                f"a process ended by itself with {len(futures)} of {len(waiting)} points left, as "
+                "where memory runs "
                 'out, or where a script calls sweep outside of if __name__ == "__main__": what is in the store stays.',
                 code="link_closed",
             ) from None
@@ -240,8 +242,8 @@ def process_count(points: int, wanted: int | None = None, memory: float | None =
     free = available_memory()
     if memory > free:
         raise InvalidInput(
-            f"one point takes about {memory / 1e9:.2g} GB, and {free / 1e9:.2g} GB are available: end other programs, "
-            "or ask for less accuracy.",
+            f"one point takes about {memory / 1e9:.2g} GB, and {free / 1e9:.2g} GB are available: "
+            "end other programs, or ask for less accuracy.",
             code="too_little_memory",
         )
     return int(max(1, min(count, 0.8 * free / memory)))
@@ -249,7 +251,7 @@ def process_count(points: int, wanted: int | None = None, memory: float | None =
 
 @contextmanager
 def processes(count: int) -> Iterator[Executor]:
-    """Start processes; all of them end when the block is left by an error, or this program is killed."""
+    """Start processes, which end with the block, by an error, or with this program."""
     context = get_context("spawn")
     # The processes end when this end of the pipe closes, which a killed program does too.
     watched, held = context.Pipe(duplex=False)
@@ -283,7 +285,7 @@ def _begin_process(watched: Connection) -> None:
 
 
 def names_of(function: Function, points: Iterable[Row]) -> list[str]:
-    """Name points by their values, the function and the code that it runs, with 40 hexadecimal digits each.
+    """Name points by their values and the function, with 40 hexadecimal digits each.
 
     A function counts by the file of its module, its name and its default arguments; a
     ``functools.partial`` also by its arguments; an object of a dataclass by its fields, except
@@ -305,23 +307,23 @@ def _parts(function: Any) -> list[Any]:
     if isinstance(function, types.FunctionType):
         if function.__closure__ or "<" in function.__qualname__:
             raise InvalidInput(
-                f"the name {function.__qualname__} does not identify a function: define it in a module, and pass what "
-                "it needs by functools.partial.",
+                f"the name {function.__qualname__} does not identify a function: define it in a "
+                "module, and pass what it needs by functools.partial.",
                 code="does_not_match",
             )
         defaults = [list(function.__defaults__ or ()), dict(function.__kwdefaults__ or {})]
         return [*_module_of(function), function.__qualname__, *defaults]
     if not is_dataclass(function) or isinstance(function, type):
         raise InvalidInput(
-            f"a {type(function).__name__} cannot be compared with another one, so its results cannot be kept: give a "
-            "function of a module, or an object of a dataclass.",
+            f"a {type(function).__name__} cannot be compared with another one, so its results "
+            "cannot be kept: give a function of a module, or an object of a dataclass.",
             code="does_not_match",
         )
     return [*_module_of(type(function)), function]
 
 
 def _module_of(definition: type | types.FunctionType) -> list[str]:
-    """Return the name of the module of a function or class, and a digest of its file if there is one."""
+    """Return the name of the module of a function or class, and a digest of its file."""
     file = getattr(sys.modules.get(definition.__module__), "__file__", None)
     content = Path(file).read_bytes() if file else b""
     return [definition.__module__, hashlib.blake2b(content).hexdigest()]

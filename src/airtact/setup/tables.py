@@ -74,7 +74,7 @@ class Layout(Table, frozen=True, tag_field="layout"):
 
 
 class SurroundingBoxTable(Layout, frozen=True, tag="surrounding_box"):
-    """The paper's four boards around the origin, or a box that four of a kind of ``board`` close."""
+    """The paper's four boards around the origin, or a box of four of a kind of ``board``."""
 
     board: str | None = None
 
@@ -123,7 +123,10 @@ class PinchTable(Choice, frozen=True, tag="pinch"):
 
 
 class CapsuleTable(Choice, frozen=True, tag="capsule"):
-    """A round-ended rod; ``edge`` is the longest edge of its picture, not of the solver's panels."""
+    """A round-ended rod.
+
+    ``edge`` is the longest edge of its picture, not of the solver's panels.
+    """
 
     start: Triple
     end: Triple
@@ -186,7 +189,10 @@ class FilledTable(Boundary, frozen=True, tag="filled"):
 
 
 class ObstacleTable(Table, frozen=True):
-    """A body, or the two of a pinch, and what its surface does to sound; ``pose`` places it, its named points too."""
+    """A body, or the two of a pinch, and what its surface does to sound.
+
+    ``pose`` places it, its named points too.
+    """
 
     body: Body
     boundary: SoundHardTable | ImpedanceTable | FilledTable = SoundHardTable()
@@ -194,7 +200,10 @@ class ObstacleTable(Table, frozen=True):
 
 
 class PlaneTable(Table, frozen=True):
-    """A rigid plane, such as a table, through ``point`` [m]; sound is on the side that ``normal`` points to."""
+    """A rigid plane, such as a table, through ``point`` [m].
+
+    Sound is on the side that ``normal`` points to.
+    """
 
     point: Triple
     normal: Triple
@@ -317,7 +326,10 @@ class SuppressionTable(Table, frozen=True):
 
 
 class SolverTable(Table, frozen=True):
-    """How the sound field is computed, by default as the bodies need; ``accuracy`` is the relative error asked for."""
+    """How the sound field is computed, by default as the bodies need.
+
+    ``accuracy`` is the relative error asked for.
+    """
 
     name: str | None = None
     accuracy: float = 0.01
