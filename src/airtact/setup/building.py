@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 from jaxtyping import Float64, Num
 
+import airtact as at
 from airtact.acoustics.medium import Medium, air
 from airtact.acoustics.planes import plane
 from airtact.acoustics.scene import Scene, check_no_planes
@@ -25,7 +26,6 @@ from airtact.acoustics.target_points import (
     surface_points,
 )
 from airtact.acoustics.uncertainty import Uncertainty
-from airtact.drives.motion import ALONG, PATHS, Motion
 from airtact.errors import LARGEST_SCENE_FILE, MOST_POINTS, InvalidInput, about
 from airtact.files.bounded import text_of
 from airtact.geometry.pose import Pose
@@ -156,12 +156,14 @@ def _uncertainty(table: tables.UncertaintyTable | None) -> dict[str, Any]:
 
 def _modulation(
     table: tables.ModulationTable | None, foci: int
-) -> AmplitudeModulation | Motion | None:
+) -> "AmplitudeModulation | at.drives.Motion | None":
     if table is None:
         return None
     kind = table.kind
     if isinstance(kind, tables.AmplitudeTable):
         return AmplitudeModulation(kind.frequency, kind.depth)
+    from airtact.drives.motion import ALONG, PATHS, Motion
+
     if kind.path == "line" and kind.radius is not None:
         raise InvalidInput(
             "radius goes only with a circle; give the length of a line.", code="key_misplaced"

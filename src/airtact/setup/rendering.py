@@ -14,7 +14,6 @@ from airtact.checks import of_kind
 from airtact.drives.drive import Drive, quantise
 from airtact.drives.drive_file import SEQUENCE_FILE
 from airtact.drives.frame import Frame
-from airtact.drives.motion import Motion
 from airtact.drives.reach import fraction
 from airtact.drives.transfer import TransferMatrix
 from airtact.evaluation.comparison import Comparison
@@ -23,7 +22,6 @@ from airtact.evaluation.headline import beyond_linear, body_word, headline, shor
 from airtact.files.atomic import writable_folder
 from airtact.printing import one_line
 from airtact.setup.sentences import disagreement, reach_cautions, sensations, share_of_bound
-from airtact.setup.sequences import MovingDrive, moving_drive
 from airtact.setup.setup import Setup
 from airtact.setup.solving import (
     control_drive,
@@ -73,7 +71,7 @@ class Rendering:
     pressures: Float64[np.ndarray, "foci"]
     verification: Comparison
     drives: Mapping[str, Drive]
-    sequence: MovingDrive | None
+    sequence: "at.setup.MovingDrive | None"
     robustness: "at.evaluation.HeldOut | None"
     headline: str
     remarks: tuple[str, ...]
@@ -183,8 +181,10 @@ def render(
     with clock.step("drive", f"making the drive by {method_words(setup)}"):
         drive, notes = synthesise(setup.synthesise, transfer, setup.target)
     sequence = None
-    if isinstance(setup.modulation, Motion):
-        sequence = moving_drive(setup, setup.modulation, transfer, clock, store)
+    if setup.motion is not None:
+        from airtact.setup.sequences import moving_drive
+
+        sequence = moving_drive(setup, setup.motion, transfer, clock, store)
         notes += sequence.warnings
 
     names = drive_names(setup.bodies)

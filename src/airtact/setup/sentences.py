@@ -8,7 +8,6 @@ from jaxtyping import Bool, Float64
 from airtact.checks import counted
 from airtact.drives.bounds import upper_bound
 from airtact.drives.drive import Drive, quantise
-from airtact.drives.motion import Motion
 from airtact.drives.reach import MIN_FOCUS_DISTANCE, nearest_foci
 from airtact.drives.transfer import TransferMatrix
 from airtact.evaluation.tactile_thresholds import sensation
@@ -42,8 +41,8 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
 
 def _path_cautions(setup: Setup) -> Iterator[str]:
     """Name the foci whose paths leave the bodies."""
-    motion = setup.modulation
-    if not isinstance(motion, Motion) or motion.through_points(len(setup.foci)):
+    motion = setup.motion
+    if motion is None or motion.through_points(len(setup.foci)):
         return
     strayed = motion.strayed(setup.scene, setup.target, setup.array.positions.mean(axis=0))
     for name, off in zip(setup.foci, strayed, strict=True):

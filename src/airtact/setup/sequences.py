@@ -87,9 +87,9 @@ def moving_drive(
 
 def paths_of(setup: Setup) -> Float64[np.ndarray, "paths frames 3"]:
     """Return the paths of the foci [m]; none where the foci stand still."""
-    motion = setup.modulation
+    motion = setup.motion
     foci = setup.target.points
-    if not isinstance(motion, Motion):
+    if motion is None:
         return np.empty((0, 0, 3))
     if motion.through_points(len(foci)):
         return foci[None]

@@ -14,7 +14,6 @@ from airtact.acoustics.uncertainty import Uncertainty
 from airtact.checks import counted, of_kind
 from airtact.drives.drive import Drive
 from airtact.drives.methods import FOR_SAMPLES, METHODS
-from airtact.drives.motion import Motion
 from airtact.drives.transfer import TransferMatrix
 from airtact.errors import InvalidInput, about
 from airtact.geometry.pose import Pose
@@ -77,7 +76,7 @@ class Setup:
     accuracy: float = None  # pyright: ignore[reportAssignmentType]
     method: str = "best"
     levels: Levels = EIGHT_BITS
-    modulation: AmplitudeModulation | Motion | None = None
+    modulation: "AmplitudeModulation | at.drives.Motion | None" = None
     uncertainty: Uncertainty | None = None
     samples: int = 64
     seed: int = 0
@@ -160,6 +159,13 @@ class Setup:
     def medium(self) -> Medium:
         """Fluid that the sound travels in."""
         return self.scene.medium
+
+    @property
+    def motion(self) -> "at.drives.Motion | None":
+        """Motion of the foci, None where they stand still."""
+        if self.modulation is None or isinstance(self.modulation, AmplitudeModulation):
+            return None
+        return self.modulation
 
     @cached_property
     def poses(self) -> tuple[Pose, ...]:
