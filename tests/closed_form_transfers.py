@@ -2,28 +2,26 @@
 
 import numpy as np
 
-from airtact.drives.drive import Drive
-from airtact.drives.transfer import TransferMatrix
-from airtact.transducers.layout import surrounding_box
+import airtact as at
 
 WAVELENGTH = 343.1 / 40e3
 
 
-def random_matrix(seed: int, foci: int, elements: int = 40) -> TransferMatrix:
+def random_matrix(seed: int, foci: int, elements: int = 40) -> at.TransferMatrix:
     numbers = np.random.default_rng(seed).normal(size=(2, foci, elements))
-    return TransferMatrix(100.0 * (numbers[0] + 1j * numbers[1]), 0.0)
+    return at.TransferMatrix(100.0 * (numbers[0] + 1j * numbers[1]), 0.0)
 
 
 def any_points(count: int) -> np.ndarray:
     return np.arange(3.0 * count).reshape(count, 3) * 1e-3
 
 
-def open_air(points: np.ndarray, wavelength: float | None = WAVELENGTH) -> TransferMatrix:
+def open_air(points: np.ndarray, wavelength: float | None = WAVELENGTH) -> at.TransferMatrix:
     """The transfer matrix without obstacles in closed form, sensitivity e^{ikr}/r."""
-    array = surrounding_box()
+    array = at.surrounding_box()
     distance = np.linalg.norm(array.positions[None] - points[:, None], axis=-1)
     wave = np.exp(2j * np.pi / WAVELENGTH * distance) / distance
-    return TransferMatrix(array.element.sensitivity * wave, 0.0, points, wavelength)
+    return at.TransferMatrix(array.element.sensitivity * wave, 0.0, points, wavelength)
 
 
 def scattered(seed: int, count: int, least: float = 4e-3) -> np.ndarray:
@@ -36,5 +34,5 @@ def scattered(seed: int, count: int, least: float = 4e-3) -> np.ndarray:
     return points
 
 
-def worst(transfer: TransferMatrix, drive: Drive) -> float:
+def worst(transfer: at.TransferMatrix, drive: at.Drive) -> float:
     return float(np.abs(transfer.pressure(drive)).min())

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from airtact.acoustics.medium import Medium, air
+import airtact as at
 from airtact.acoustics.scene import (
     Obstacle,
     Scene,
@@ -13,25 +13,20 @@ from airtact.acoustics.scene import (
     impedance,
     sound_hard,
 )
-from airtact.acoustics.sources import Monopoles
-from airtact.acoustics.target import Target
-from airtact.geometry.primitives import sphere
-from airtact.geometry.surface import Surface
-from airtact.hands.pinch_dummy import pinch
 from faults import raises_code
 from geometry.mesh.meshes import box_mesh, torus_mesh
 
-AIR = Medium(sound_speed=343.1, density=1.293)
-WATER = Medium(sound_speed=1481.0, density=999.7)
+AIR = at.Medium(sound_speed=343.1, density=1.293)
+WATER = at.Medium(sound_speed=1481.0, density=999.7)
 
 
 @pytest.fixture(scope="module")
-def ball() -> Surface:
-    return sphere(0.01, 0.005)
+def ball() -> at.Surface:
+    return at.sphere(0.01, 0.005)
 
 
 def test_the_wavenumber_carries_the_absorption():
-    scene = Scene(air(20.0, 0.5, 40e3), [], frequency=40e3)
+    scene = Scene(at.air(20.0, 0.5, 40e3), [], frequency=40e3)
     assert scene.wavenumber.real == pytest.approx(
         2 * math.pi * 40e3 / scene.medium.sound_speed, rel=1e-14
     )
@@ -48,7 +43,7 @@ def test_obstacles_keep_what_they_are(ball):
 
 def test_depth_is_the_largest_over_the_bodies(ball):
     scene = Scene(
-        AIR, [sound_hard(ball), filled(sphere(0.005, 0.005, centre=(0.03, 0.0, 0.0)), WATER)]
+        AIR, [sound_hard(ball), filled(at.sphere(0.005, 0.005, centre=(0.03, 0.0, 0.0)), WATER)]
     )
     points = np.array([[0.0, 0.0, 0.0], [0.03, 0.0, 0.0], [0.0, 0.0, 0.012], [0.024, 0.0, 0.0]])
     assert scene.depth(points) == pytest.approx([0.01, 0.005, -0.002, -0.001], abs=1e-17)
@@ -83,7 +78,7 @@ def test_a_tenth_of_a_micrometre_is_inside(ball):
 
 
 def test_points_inside_a_mesh_are_rejected():
-    scene = Scene(AIR, [sound_hard(Surface(*box_mesh((0, 0, 0), (0.02, 0.03, 0.04))))])
+    scene = Scene(AIR, [sound_hard(at.Surface(*box_mesh((0, 0, 0), (0.02, 0.03, 0.04))))])
     with raises_code("inside_body"):
         check_outside(scene, np.array([[0.004, 0.015, 0.02]]), "focus")
 
@@ -102,12 +97,12 @@ def test_the_frequency_must_be_above_zero(frequency):
 
 def test_a_surface_that_crosses_itself_is_rejected():
     with raises_code("mesh_faulty"):
-        Scene(AIR, [sound_hard(Surface(*torus_mesh(0.015, 0.02)))])
+        Scene(AIR, [sound_hard(at.Surface(*torus_mesh(0.015, 0.02)))])
 
 
 def test_bodies_that_overlap_are_rejected(ball):
     with raises_code("bodies_overlap"):
-        Scene(AIR, [sound_hard(ball), sound_hard(sphere(0.01, 0.005, centre=(0.015, 0.0, 0.0)))])
+        Scene(AIR, [sound_hard(ball), sound_hard(at.sphere(0.01, 0.005, centre=(0.015, 0.0, 0.0)))])
 
 
 @pytest.mark.parametrize(
@@ -149,10 +144,10 @@ def test_a_boundary_takes_what_it_needs_and_no_more(ball, boundary, ratio, mediu
         (lambda _: Scene(AIR, None), "wrong_kind"),
         (lambda ball: Scene(AIR, [sound_hard(ball), 3]), "wrong_kind"),
         (lambda _: Scene(343.0, []), "wrong_kind"),
-        (lambda _: Scene(Medium, []), "wrong_kind"),
+        (lambda _: Scene(at.Medium, []), "wrong_kind"),
         (lambda _: Scene(AIR, [], "40e3"), "not_a_number"),
         (lambda _: Scene(AIR, [], None), "not_a_number"),
-        (lambda _: sound_hard(pinch()), "wrong_kind"),
+        (lambda _: sound_hard(at.pinch()), "wrong_kind"),
         (lambda ball: sound_hard(ball.vertices), "wrong_kind"),
         (lambda ball: filled(ball, 999.7), "wrong_kind"),
         (lambda ball: impedance(ball, "soft"), "not_a_number"),
@@ -165,7 +160,7 @@ def test_a_scene_of_the_wrong_kinds_is_rejected(ball, make, code):
 
 @pytest.mark.usefixtures("as_outside_the_tests")
 def test_sources_are_monopoles(ball):
-    scene, target = Scene(AIR, [sound_hard(ball)]), Target(np.array([[0.0, 0.0, 0.02]]))
+    scene, target = Scene(AIR, [sound_hard(ball)]), at.Target(np.array([[0.0, 0.0, 0.02]]))
     with raises_code("wrong_kind"):
         check_sources(scene, target)
     with raises_code("wrong_kind"):
@@ -178,11 +173,11 @@ def test_sources_are_monopoles(ball):
 def test_a_source_in_a_body_is_called_what_it_is(ball):
     scene, inside = Scene(AIR, [sound_hard(ball)]), np.array([[0.0, 0.0, 0.02], [0.0, 0.0, 0.007]])
     with raises_code("inside_body"):
-        check_sources(scene, Target(inside).beacons())
+        check_sources(scene, at.Target(inside).beacons())
     with raises_code("inside_body"):
-        check_sources(scene, Monopoles(inside, np.eye(2)))
+        check_sources(scene, at.Monopoles(inside, np.eye(2)))
     with raises_code("inside_body"):
-        check_sources(scene, Target(inside[1:]).beacons())
+        check_sources(scene, at.Target(inside[1:]).beacons())
 
 
 @pytest.mark.parametrize("frequency", [40.0, 999.0, 4e7])
@@ -193,10 +188,10 @@ def test_a_frequency_in_kilohertz_is_asked_about(frequency):
 
 def test_bodies_far_below_a_wavelength_are_asked_about():
     with raises_code("out_of_range"):
-        Scene(AIR, [sound_hard(sphere(0.001, 0.001))], 1e3)
-    assert Scene(AIR, [sound_hard(sphere(0.001, 0.001))], 4e3).obstacles
+        Scene(AIR, [sound_hard(at.sphere(0.001, 0.001))], 1e3)
+    assert Scene(AIR, [sound_hard(at.sphere(0.001, 0.001))], 4e3).obstacles
     assert Scene(
-        AIR, [sound_hard(sphere(d / 2, 0.01, centre=(d, 0, 0))) for d in (2e-3, 2e-2)], 1e3
+        AIR, [sound_hard(at.sphere(d / 2, 0.01, centre=(d, 0, 0))) for d in (2e-3, 2e-2)], 1e3
     ).obstacles
 
 
@@ -206,12 +201,12 @@ def test_real_ratios_are_numbers_too(ball):
 
 
 def test_bodies_placed_in_millimetres_are_asked_about(ball):
-    far = sphere(0.01, 0.005, centre=(0.0, 0.0, 50.0))
+    far = at.sphere(0.01, 0.005, centre=(0.0, 0.0, 50.0))
     with raises_code("out_of_range"):
         Scene(AIR, [sound_hard(ball), sound_hard(far)])
 
 
 def test_an_absorption_in_decibels_is_asked_about():
     with raises_code("out_of_range"):
-        Scene(Medium(343.1, 1.293, absorption=1300), [])
-    assert Scene(Medium(343.1, 1.293, absorption=100), []).wavenumber.imag == 100
+        Scene(at.Medium(343.1, 1.293, absorption=1300), [])
+    assert Scene(at.Medium(343.1, 1.293, absorption=100), []).wavenumber.imag == 100

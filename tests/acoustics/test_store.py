@@ -16,7 +16,6 @@ import airtact as at
 from airtact.acoustics.field_file import DamagedError, packed, unpacked
 from airtact.acoustics.store import ABANDONED_AFTER, SUFFIX, fingerprint, program
 from airtact.cli import main
-from airtact.setup.building import read_scene
 from airtact.setup.solving import solve_foci
 from airtact.timing import Clock
 from faults import raises_code
@@ -411,7 +410,7 @@ def test_what_a_store_refuses(arguments: tuple, code: str) -> None:
 
 def test_a_rendered_scene_is_not_solved_twice(tmp_path: Path) -> None:
     path = SCENES / "ball.toml"
-    solve_foci(read_scene(path), Clock(lambda step: None), tmp_path / "kept")
+    solve_foci(at.read_scene(path), Clock(lambda step: None), tmp_path / "kept")
     assert (
         main(
             ["render", str(path), "--out", str(tmp_path / "out"), "--store", str(tmp_path / "kept")]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
+import airtact as at
 from airtact.acoustics.target_points import (
     circle,
     frame_of,
@@ -14,9 +15,6 @@ from airtact.acoustics.target_points import (
     sphere_shell,
     surface_points,
 )
-from airtact.geometry.files import load_surface
-from airtact.geometry.primitives import sphere
-from airtact.hands.pinch_dummy import pinch
 from faults import raises_code
 
 TILTED = np.array([1.0, -2.0, 2.0]) / 3.0
@@ -64,7 +62,7 @@ def test_a_shell_is_even():
 
 
 def test_surface_points_lie_on_the_side_that_faces_there():
-    finger = pinch().surfaces[1]
+    finger = at.pinch().surfaces[1]
     everywhere, back = (
         surface_points(finger, 3e-3),
         surface_points(finger, 3e-3, facing=(1.0, 0.0, 0.0)),
@@ -80,7 +78,7 @@ def test_surface_points_lie_on_the_side_that_faces_there():
 
 
 def test_surface_points_are_neither_dense_nor_sparse():
-    ball = sphere(0.01, edge=3e-3)
+    ball = at.sphere(0.01, edge=3e-3)
     points = surface_points(ball, 2.5e-3)
     nearest = KDTree(points).query(points, k=2)[0][:, 1]
     assert nearest.min() > 0.8 * 2.5e-3
@@ -118,10 +116,13 @@ def test_a_plane_is_seen_upright():
         (lambda: circle((0, 0, 0), 0.01, 1e-3, normal=(0, 0, 0)), "all_zero"),
         (lambda: sphere_shell((0, 0, 0), 0.1, 1e-3), "too_many"),
         (lambda: frame_of((0, 0, 1), up=(0, 0, -3)), "all_zero"),
-        (lambda: surface_points(sphere(0.01, edge=4e-3), 1e-4), "too_many"),
-        (lambda: surface_points(sphere(0.01, edge=4e-3), 3e-3, facing=(0, 0, 0)), "out_of_range"),
+        (lambda: surface_points(at.sphere(0.01, edge=4e-3), 1e-4), "too_many"),
         (
-            lambda: surface_points(sphere(0.01, edge=4e-3), 3e-3, facing=(0, 0, 1), within=0.01),
+            lambda: surface_points(at.sphere(0.01, edge=4e-3), 3e-3, facing=(0, 0, 0)),
+            "out_of_range",
+        ),
+        (
+            lambda: surface_points(at.sphere(0.01, edge=4e-3), 3e-3, facing=(0, 0, 1), within=0.01),
             "empty",
         ),
     ],
@@ -133,7 +134,9 @@ def test_faults_are_rejected(make, code):
 
 def test_a_circle_is_brought_onto_a_ball():
     drawn = circle((0.0, 0.0, 0.02), 5e-3, 2e-3)
-    brought = onto_surface(drawn, sphere(0.01, edge=1e-3, centre=(0.0, 0.0, 0.002)), offset=0.7e-3)
+    brought = onto_surface(
+        drawn, at.sphere(0.01, edge=1e-3, centre=(0.0, 0.0, 0.002)), offset=0.7e-3
+    )
     way = drawn - [0.0, 0.0, 0.002]
     expected = [0.0, 0.0, 0.002] + 10.7e-3 * way / np.linalg.norm(way, axis=1, keepdims=True)
     np.testing.assert_allclose(brought, expected, atol=1e-7)
@@ -141,8 +144,8 @@ def test_a_circle_is_brought_onto_a_ball():
 
 def test_an_offset_in_millimetres_and_a_crevice_are_rejected(hand_file):
     with raises_code("out_of_range"):
-        onto_surface(np.array([[0.0, 0.0, 0.02]]), sphere(0.01, edge=2e-3), offset=0.5)
-    hand = load_surface(hand_file)
+        onto_surface(np.array([[0.0, 0.0, 0.02]]), at.sphere(0.01, edge=2e-3), offset=0.5)
+    hand = at.load_surface(hand_file)
     between = hand.vertices[hand.vertices[:, 1].argmin()] + [0.0, 0.02, 0.012]
     crowd = between + np.random.default_rng(0).normal(scale=4e-3, size=(300, 3))
     with raises_code("misplaced"):

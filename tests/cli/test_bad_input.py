@@ -11,7 +11,6 @@ import airtact as at
 from airtact.acoustics.solvers.bem import solver as bem_solver
 from airtact.acoustics.solvers.gmres import gmres
 from airtact.cli import main
-from airtact.drives.reach import achieved_fraction
 from faults import raises_code
 from geometry.mesh.meshes import box_mesh, torus_mesh
 from paths import SCENES
@@ -366,7 +365,7 @@ KINDS = {
         "a TransferMatrix",
     ),
     "share of a frame": (
-        lambda: achieved_fraction(TRANSFER, TARGET, FRAME),
+        lambda: at.drives.achieved_fraction(TRANSFER, TARGET, FRAME),
         "wrong_kind",
         "a Frame",
         "a Drive",

@@ -8,13 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
+import airtact as at
 from airtact.cli import main
-from airtact.drives.drive import quantise
-from airtact.evaluation.field import drive_sources
-from airtact.evaluation.microphone import Microphone
-from airtact.evaluation.scan import load_scan
-from airtact.setup.building import read_scene
 from airtact.setup.solving import solve_foci
 from airtact.timing import Clock
 from paths import SCENES
@@ -34,13 +29,15 @@ def write_scan(path: Path, points: np.ndarray, pressures: np.ndarray) -> Path:
 @pytest.fixture(scope="module")
 def scan_file(tmp_path_factory):
     """A virtual measurement by the series for a sphere: a plane above the ball and across it, with 2 % of noise."""
-    setup = read_scene(BALL)
+    setup = at.read_scene(BALL)
     transfer, _ = solve_foci(setup, Clock(lambda step: None))
-    drive = quantise(setup.synthesise(transfer, setup.target)).drive()
-    field = SphereSeries().radiate(setup.scene, drive_sources(setup.array, [drive]))
+    drive = at.quantise(setup.synthesise(transfer, setup.target)).drive()
+    field = at.SphereSeries().radiate(
+        setup.scene, at.evaluation.drive_sources(setup.array, [drive])
+    )
     x, z = np.meshgrid(np.arange(-16e-3, 16.1e-3, 2e-3), np.arange(-8e-3, 12.1e-3, 2e-3))
     points = np.stack([x.ravel(), np.zeros(x.size), z.ravel()], axis=1)
-    heard = Microphone().read(field, points)[:, 0]
+    heard = at.evaluation.Microphone().read(field, points)[:, 0]
     rng = np.random.default_rng(1)
     level = NOISE * np.sqrt(np.nanmean(np.abs(heard) ** 2) / 2.0)
     heard[~np.isfinite(heard)] = 0.0  # the stage did not go where the ball is
@@ -108,7 +105,7 @@ def test_the_command_reports_error_scale_and_what_was_left_out(scan_file, tmp_pa
     scale = re.search(r"scale +([\d.]+) of the scan's unit for 1 Pa predicted at ([\d.]+)°", said)
     assert scale is not None
     assert [float(part) for part in scale.groups()] == pytest.approx([0.013, 90.0], rel=0.01)
-    assert f"of {len(load_scan(scan_file).points)} compared" in said
+    assert f"of {len(at.evaluation.load_scan(scan_file).points)} compared" in said
     assert "positions are left out" in said
 
 
@@ -117,7 +114,7 @@ def test_bad_scans_and_microphones_end_with_2(scan_file, tmp_path, capsys):
     bad.write_text("x,y,pressure\n0,0,1\n", encoding="utf-8")
     assert main(["compare-scan", str(bad), str(BALL), "--out", str(tmp_path)]) == 2
     assert "bad.csv has no column z" in capsys.readouterr().err
-    scan = load_scan(scan_file)
+    scan = at.evaluation.load_scan(scan_file)
     other = write_scan(tmp_path / "other.csv", scan.points, scan.pressures.conj())
     assert main(["compare-scan", str(other), str(BALL), "--out", str(tmp_path)]) == 2
     assert re.search(

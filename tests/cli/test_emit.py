@@ -12,19 +12,9 @@ import jaxtyping
 import numpy as np
 import pytest
 
-from airtact.acoustics.medium import Medium
-from airtact.acoustics.scene import Scene
-from airtact.acoustics.solvers.free_field import FreeField
-from airtact.acoustics.target import Target
+import airtact as at
 from airtact.cli import main
-from airtact.drives.drive import Drive, quantise
-from airtact.drives.linear_methods import time_reversal
-from airtact.drives.sequence import Sequence
-from airtact.drives.transfer import transfer_matrix
 from airtact.emission.codecs import codec_of
-from airtact.emission.file_link import load_drive
-from airtact.transducers.layout import PhasedArray, board_array, flat_boards, surrounding_box
-from airtact.transducers.modulation import AmplitudeModulation
 from emission.receivers import Nano16, SonicSurface, TwoSonicSurfaces, first_harmonic, wired
 
 BRIEFLY = ("--seconds", "0.05")
@@ -43,26 +33,28 @@ point = [0.0, 0.0, 0.1]
 
 def write(
     path: Path,
-    array: PhasedArray,
+    array: at.PhasedArray,
     scene: str = SCENE,
     frames: int = 1,
     rate: float | None = None,
     frequency: float = 40e3,
-    modulation: AmplitudeModulation | None = None,
+    modulation: at.transducers.AmplitudeModulation | None = None,
 ) -> Path:
     """Write a drive.h5 for open air, as a run writes it; a sequence turns its phases from frame to frame."""
-    target = Target(np.array([[0.004, 0.002, 0.1]]))
-    open_air = Scene(Medium(343.1, 1.293), [], frequency=frequency)
-    beacons = FreeField().radiate(open_air, target.beacons())
-    transfer = transfer_matrix(beacons, array)
-    drive = time_reversal(transfer, target)
+    target = at.Target(np.array([[0.004, 0.002, 0.1]]))
+    open_air = at.Scene(at.Medium(343.1, 1.293), [], frequency=frequency)
+    beacons = at.FreeField().radiate(open_air, target.beacons())
+    transfer = at.transfer_matrix(beacons, array)
+    drive = at.time_reversal(transfer, target)
     if rate is None:
         drive.save(
             path, array, open_air, transfer, target, texts={"scene": SCENE}, modulation=modulation
         )
     else:
         turns = np.exp(0.3j * np.arange(frames))[:, None]
-        Sequence(turns * drive.amplitudes, rate).save(path, array, open_air, transfer, target)
+        at.drives.Sequence(turns * drive.amplitudes, rate).save(
+            path, array, open_air, transfer, target
+        )
     return path
 
 
@@ -83,7 +75,7 @@ def output(capsys, *arguments) -> tuple[int, str, str]:
 
 @pytest.fixture
 def drive(tmp_path) -> Path:
-    return write(tmp_path / "drive.h5", surrounding_box(board="autd3"))
+    return write(tmp_path / "drive.h5", at.surrounding_box(board="autd3"))
 
 
 # --- what it says ---------------------------------------------------------------------------------------------------
@@ -124,7 +116,9 @@ def test_at_full_scale_rounding_to_bytes_costs_little(capsys, drive) -> None:
 
 def test_a_drive_is_modulated_as_its_file_or_the_command_says(capsys, tmp_path) -> None:
     path = write(
-        tmp_path / "drive.h5", board_array("autd3"), modulation=AmplitudeModulation(125.0, 0.5)
+        tmp_path / "drive.h5",
+        at.transducers.board_array("autd3"),
+        modulation=at.transducers.AmplitudeModulation(125.0, 0.5),
     )
     code, printed, errors = output(capsys, "emit", path, *AUDIT, *BRIEFLY)
     assert code == 0, errors
@@ -144,7 +138,7 @@ def test_a_drive_is_modulated_as_its_file_or_the_command_says(capsys, tmp_path) 
 
 
 def test_boards_that_cannot_be_turned_down_ask_for_full_scale(capsys, tmp_path) -> None:
-    path = write(tmp_path / "drive.h5", board_array("sonicsurface"))
+    path = write(tmp_path / "drive.h5", at.transducers.board_array("sonicsurface"))
     code, _, errors = output(
         capsys, "emit", path, "--board", "sonicsurface", "--link", "serial", "--port", "x", "--yes"
     )
@@ -154,7 +148,9 @@ def test_boards_that_cannot_be_turned_down_ask_for_full_scale(capsys, tmp_path) 
 
 
 def test_a_sequence_tells_its_rate_and_what_was_dropped(capsys, tmp_path) -> None:
-    path = write(tmp_path / "sequence.h5", board_array("autd3"), frames=8, rate=400.0)
+    path = write(
+        tmp_path / "sequence.h5", at.transducers.board_array("autd3"), frames=8, rate=400.0
+    )
     code, printed, errors = output(
         capsys, "emit", path, "--board", "autd3", "--link", "audit", "--yes", "--seconds", "0.2"
     )
@@ -218,25 +214,25 @@ def test_serial_boards_play_the_drive_and_end_silent(capsys, tmp_path, name, boa
     assert ("never answers" in printed) == (name == "sonicsurface")
 
 
-def flat_of(name: str, boards: int) -> PhasedArray:
+def flat_of(name: str, boards: int) -> at.PhasedArray:
     from airtact.geometry.pose import Pose
 
     places = [Pose(np.eye(3), np.array([0.2 * index, 0.0, 0.0])) for index in range(boards)]
-    return board_array(name, places)
+    return at.transducers.board_array(name, places)
 
 
 @pytest.mark.parametrize("kind", ["npz", "csv", "h5", "bin"])
 def test_a_file_holds_the_drive_in_the_boards_levels(capsys, tmp_path, kind) -> None:
-    path = write(tmp_path / "drive.h5", board_array("openmpd"))
+    path = write(tmp_path / "drive.h5", at.transducers.board_array("openmpd"))
     out = tmp_path / f"frames.{kind}"
     to_file = ("--board", "openmpd", "--link", "file", "--out", out)
     code, printed, errors = output(capsys, "emit", path, *to_file)
     assert code == 0, errors
     assert "1 frame was written." in printed
-    back = load_drive(out, board="openmpd")
-    assert isinstance(back, Drive)
-    assert quantise(back, codec_of("openmpd").levels).same_as(
-        quantise(load_drive(path), codec_of("openmpd").levels)
+    back = at.load_drive(out, board="openmpd")
+    assert isinstance(back, at.Drive)
+    assert at.quantise(back, codec_of("openmpd").levels).same_as(
+        at.quantise(at.load_drive(path), codec_of("openmpd").levels)
     )
     with h5py.File(path) as file:
         asked = file["amplitude"][()] * np.exp(1j * file["phase"][()])
@@ -246,14 +242,16 @@ def test_a_file_holds_the_drive_in_the_boards_levels(capsys, tmp_path, kind) -> 
 
 
 def test_a_file_holds_whole_periods_of_a_modulated_drive(capsys, tmp_path) -> None:
-    modulation = AmplitudeModulation(200.0)
-    path = write(tmp_path / "drive.h5", board_array("openmpd"), modulation=modulation)
+    modulation = at.transducers.AmplitudeModulation(200.0)
+    path = write(
+        tmp_path / "drive.h5", at.transducers.board_array("openmpd"), modulation=modulation
+    )
     out = tmp_path / "frames.npz"
     to_file = ("--board", "openmpd", "--link", "file", "--out", out, "--seconds", "0.005")
     code, _, errors = output(capsys, "emit", path, *to_file)
     assert code == 0, errors
-    back = load_drive(out)
-    assert isinstance(back, Sequence)
+    back = at.load_drive(out)
+    assert isinstance(back, at.drives.Sequence)
     assert (len(back), back.rate) == (20, 4000.0)
     largest = np.abs(back.drives).max(axis=1)
     force = (1.0 + np.cos(2 * np.pi * np.arange(20) / 20)) / 2
@@ -279,15 +277,17 @@ def test_a_file_link_holds_the_drive_alone(capsys, drive, tmp_path) -> None:
     code, _, errors = output(capsys, "emit", drive, *to_file)
     assert code == 0, errors
     assert time.monotonic() - begun < 1800  # no clock in it
-    back = load_drive(out)
-    assert isinstance(back, Drive)
-    assert int(quantise(back).amplitude.max()) in (127, 128)
+    back = at.load_drive(out)
+    assert isinstance(back, at.Drive)
+    assert int(at.quantise(back).amplitude.max()) in (127, 128)
 
 
 @pytest.mark.parametrize("kind", ["npz", "h5", "bin"])
 def test_no_frame_of_a_sequence_is_lost_on_the_way_to_a_file(capsys, tmp_path, kind) -> None:
     """0.5 s at 4 kHz are 2,000 frames."""
-    path = write(tmp_path / "sequence.h5", board_array("sonicsurface"), frames=40, rate=4000.0)
+    path = write(
+        tmp_path / "sequence.h5", at.transducers.board_array("sonicsurface"), frames=40, rate=4000.0
+    )
     out = tmp_path / f"frames.{kind}"
     to_file = (
         "--board",
@@ -305,13 +305,13 @@ def test_no_frame_of_a_sequence_is_lost_on_the_way_to_a_file(capsys, tmp_path, k
     assert "2000 frames, 0 dropped" in printed
     assert "2000 frames were written." in printed
     levels = codec_of("sonicsurface").levels
-    asked, back = load_drive(path), load_drive(out, rate=4000.0, board="sonicsurface")
-    assert isinstance(asked, Sequence)
-    assert isinstance(back, Sequence)
+    asked, back = at.load_drive(path), at.load_drive(out, rate=4000.0, board="sonicsurface")
+    assert isinstance(asked, at.drives.Sequence)
+    assert isinstance(back, at.drives.Sequence)
     assert (len(back), back.rate) == (2000, 4000.0)
     for index in range(2000):
-        assert quantise(back.drive(index), levels).same_as(
-            quantise(asked.drive(index % 40), levels)
+        assert at.quantise(back.drive(index), levels).same_as(
+            at.quantise(asked.drive(index % 40), levels)
         )
 
 
@@ -490,14 +490,18 @@ def test_what_cannot_be_emitted_is_rejected(
 def test_sequences_that_boards_check_are_told_the_nearest(
     capsys, tmp_path, frames, rate, sentence
 ) -> None:
-    path = write(tmp_path / "sequence.h5", board_array("autd3"), frames=frames, rate=rate)
+    path = write(
+        tmp_path / "sequence.h5", at.transducers.board_array("autd3"), frames=frames, rate=rate
+    )
     code, _, errors = output(capsys, "emit", path, *AUDIT)
     assert code == 2
     assert re.search(sentence, errors.splitlines()[-1])
 
 
 def test_a_rate_over_the_serial_line_is_told_the_nearest(capsys, tmp_path) -> None:
-    path = write(tmp_path / "sequence.h5", board_array("sonicsurface"), frames=3, rate=200.0)
+    path = write(
+        tmp_path / "sequence.h5", at.transducers.board_array("sonicsurface"), frames=3, rate=200.0
+    )
     with wired(SonicSurface()) as wire:
         code, _, errors = output(
             capsys,
@@ -518,7 +522,7 @@ def test_a_rate_over_the_serial_line_is_told_the_nearest(capsys, tmp_path) -> No
 
 def test_paper_boards_are_played_too(capsys, tmp_path) -> None:
     """Boards of the paper's idealised box overlap at the corners, but each is a board."""
-    path = write(tmp_path / "drive.h5", flat_boards(1, 2))
+    path = write(tmp_path / "drive.h5", at.flat_boards(1, 2))
     code, printed, errors = output(capsys, "emit", path, *AUDIT, "--seconds", "0.05")
     assert code == 0, errors
     assert "2 AUTD3, 498 transducers" in printed
@@ -564,19 +568,21 @@ def ended_by(kind, path: Path, moment: float) -> None:
 
 @pytest.mark.parametrize("kind", [signal.SIGINT, signal.SIGTERM])
 def test_a_process_that_is_told_to_end_leaves_silence(tmp_path, kind) -> None:
-    ended_by(kind, write(tmp_path / "drive.h5", board_array("sonicsurface")), 0.1)
+    ended_by(kind, write(tmp_path / "drive.h5", at.transducers.board_array("sonicsurface")), 0.1)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", [signal.SIGINT, signal.SIGTERM])
 def test_fifty_processes_that_are_told_to_end_leave_silence(tmp_path, kind) -> None:
-    path = write(tmp_path / "drive.h5", board_array("sonicsurface"))
+    path = write(tmp_path / "drive.h5", at.transducers.board_array("sonicsurface"))
     for moment in np.random.default_rng(1).uniform(0.0, 0.4, 50):
         ended_by(kind, path, moment)
 
 
 def test_a_cable_cut_while_emitting_ends_with_1(capsys, tmp_path) -> None:
-    path = write(tmp_path / "sequence.h5", board_array("sonicsurface"), frames=3, rate=50.0)
+    path = write(
+        tmp_path / "sequence.h5", at.transducers.board_array("sonicsurface"), frames=3, rate=50.0
+    )
     with wired(SonicSurface(), cut_after=6000) as wire:
         code, _, errors = output(
             capsys,

@@ -15,7 +15,6 @@ from websockets.sync.client import connect
 
 import airtact as at
 from airtact.cli import main
-from airtact.hands.tracking.messages import to_json
 from airtact.hands.tracking.recordings import pads_over_time
 from faults import raises_code
 from paths import HANDS
@@ -33,7 +32,7 @@ def output(capsys, *arguments):
 @pytest.fixture
 def recording(tmp_path):
     """Nine frames, a mirrored one in their middle and one that is missing."""
-    lines = [to_json(still(index)).decode() for index in (0, 1, 2, 3, 5, 6, 7, 8, 9)]
+    lines = [at.hands.to_json(still(index)).decode() for index in (0, 1, 2, 3, 5, 6, 7, 8, 9)]
     lines[4] = lines[4].replace("left", "right")
     path = tmp_path / "hand.jsonl"
     path.write_text("\n".join(lines))
@@ -113,7 +112,7 @@ def test_what_trackers_send_is_recorded_and_kept_on_ctrl_c(tmp_path):
             address = re.search(r"(ws://[\d.:]+)", listening.stderr.readline())
         with connect(address[1]) as tracker:
             for index in range(3):
-                tracker.send(to_json(still(index)))
+                tracker.send(at.hands.to_json(still(index)))
             tracker.send("rubbish")
         time.sleep(3.0)  # for the last message to be read
         listening.send_signal(signal.SIGINT)

@@ -14,9 +14,6 @@ from websockets.sync.client import connect
 
 import airtact as at
 from airtact.cli import main
-from airtact.hands.tracking.messages import to_json
-from airtact.hands.tracking.recordings import save_recording
-from airtact.live.session import read_session
 from emission.receivers import Nano16, wired
 from paths import EXAMPLES
 from references.motions import reaching_recording, still
@@ -81,7 +78,7 @@ def test_it_runs_at_once_with_what_comes_along(tmp_path, live):
     code, found, _ = live(*QUICK, "--out", tmp_path, seconds=1.5)
     assert code == 0
     assert found["frames"] > 3
-    session = read_session(tmp_path)
+    session = at.live.read_session(tmp_path)
     assert len(session.time_in_air) == found["drives"] > 3
     assert not session.amplitudes[-1].any()
     assert session.text == at.example("live_pinch").read_text()
@@ -91,7 +88,7 @@ def test_boards_get_the_drives_and_end_in_silence(tmp_path, live):
     code, found, said = live(*QUICK, *AUDIT, "--out", tmp_path, seconds=1.5)
     assert code == 0, said
     assert found["drives"] > 3
-    session = read_session(tmp_path)
+    session = at.live.read_session(tmp_path)
     assert np.abs(session.amplitudes).max() == pytest.approx(0.5, abs=1e-6)
 
 
@@ -103,7 +100,7 @@ def test_a_method_for_uncertain_foci_needs_no_table_of_it(tmp_path, live):
     code, found, said = live(scene, "--no-page", "--out", tmp_path)
     assert code == 0, said
     assert found["drives"] > 0
-    assert read_session(tmp_path).scene.method == "robust"
+    assert at.live.read_session(tmp_path).scene.method == "robust"
 
 
 def loudest_after(log) -> list[float]:
@@ -139,7 +136,7 @@ def test_trackers_by_websocket_are_followed_and_nonsense_is_counted(tmp_path):
         assert address
         with connect(address[0]) as tracker:
             for frame in reaching_recording()[:60]:
-                tracker.send(to_json(frame))
+                tracker.send(at.hands.to_json(frame))
                 tracker.send("nonsense")
                 time.sleep(1 / 60)
             time.sleep(3.0)  # for the last message to be read
@@ -153,7 +150,7 @@ def test_trackers_by_websocket_are_followed_and_nonsense_is_counted(tmp_path):
     assert "120 received" in said
     assert "60 unreadable" in said
     assert used + overtaken == 60  # a busy machine reads the newest of those that wait
-    assert len(read_session(tmp_path).frame_time) == used
+    assert len(at.live.read_session(tmp_path).frame_time) == used
 
 
 def test_without_a_tracker_it_waits_and_is_silent(tmp_path, live):
@@ -167,18 +164,18 @@ def test_without_a_tracker_it_waits_and_is_silent(tmp_path, live):
 
 def test_the_frames_of_a_session_are_followed_again(tmp_path, live):
     live(*QUICK, "--ignore-hand", "--out", tmp_path / "one")
-    one = read_session(tmp_path / "one")
+    one = at.live.read_session(tmp_path / "one")
     code, found, said = live(
         *QUICK, "--from", tmp_path / "one", "--out", tmp_path / "two", seconds=None
     )
     assert code == 0, said
     assert found["health"]["used"] == len(one.frame_time)
-    two = read_session(tmp_path / "two")
+    two = at.live.read_session(tmp_path / "two")
     np.testing.assert_array_equal(two.frame_time, one.frame_time)
     np.testing.assert_array_equal(two.landmarks, one.landmarks)
     code, found, _ = live(*QUICK, "--from", tmp_path / "two/session.h5", "--out", tmp_path / "two")
     assert (code, found["code"]) == (2, "options_clash")
-    assert len(read_session(tmp_path / "two").frame_time) == len(one.frame_time)
+    assert len(at.live.read_session(tmp_path / "two").frame_time) == len(one.frame_time)
 
 
 @pytest.mark.slow
@@ -186,7 +183,7 @@ def test_a_session_is_checked_against_the_hand_that_was_there(tmp_path, live, ca
     live(*QUICK, "--out", tmp_path, seconds=2.0)
     assert main(["check", str(tmp_path), "--drives", "3", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
-    session = read_session(tmp_path)
+    session = at.live.read_session(tmp_path)
     assert (found["frames"], found["drives"]) == (len(session.frame_time), len(session.time_in_air))
     assert 1 <= len(found["verified"]) <= 3
     for one in found["verified"]:
@@ -259,7 +256,7 @@ def test_a_killed_loop_leaves_a_session_that_can_be_read(tmp_path):
     end = time.monotonic() + 120.0
     while session is None and time.monotonic() < end:  # the writer ends when it has written all
         try:
-            session = read_session(tmp_path)
+            session = at.live.read_session(tmp_path)
         except at.InvalidInput:
             time.sleep(0.1)
     assert session is not None
@@ -276,7 +273,7 @@ def test_ctrl_c_ends_in_silence(tmp_path, times):
             time.sleep(0.02)
         code, said = running.ended()
     assert code in (0, 130), said
-    session = read_session(tmp_path)
+    session = at.live.read_session(tmp_path)
     assert len(session.time_in_air) >= 1  # a busy machine makes few
 
 
@@ -284,10 +281,10 @@ def test_a_scene_with_the_tracker_elsewhere_moves_its_frames(tmp_path, live):
     tracker = "\n[tracker]\ntranslation = [0.01, 0.0, 0.0]\n"
     scene = changed_scene(tmp_path / "scene.toml", lambda text: text + tracker)
     file = tmp_path / "still.jsonl"
-    save_recording(file, [still(index, index / 60) for index in range(20)])
+    at.hands.save_recording(file, [still(index, index / 60) for index in range(20)])
     code, _, _ = live(scene, "--no-page", "--from", file, "--out", tmp_path, seconds=None)
     assert code == 0
-    moved = read_session(tmp_path).landmarks
+    moved = at.live.read_session(tmp_path).landmarks
     np.testing.assert_allclose(moved[0], still(0).landmarks + np.array([0.01, 0.0, 0.0]), atol=2e-6)
 
 
@@ -305,7 +302,7 @@ def test_boards_that_fail_in_the_middle_end_it_with_a_session(tmp_path, live):
         code, found, said = live(scene, "--no-page", *way, "--yes", "--out", tmp_path, seconds=None)
     assert code == 1, said
     assert found["code"] in ("link_failed", "silence_failed")
-    assert len(read_session(tmp_path).time_in_air) > 1
+    assert len(at.live.read_session(tmp_path).time_in_air) > 1
 
 
 def test_the_page_is_served_beside_the_loop(tmp_path):

@@ -7,18 +7,13 @@ from jaxtyping import Complex128
 from scipy.optimize import linprog
 
 import airtact as at
-from airtact.acoustics.target import Target
-from airtact.drives.drive import Drive
-from airtact.drives.linear_methods import least_peak
 from airtact.drives.methods import METHODS, method_for
-from airtact.drives.reach import achieved_fraction
-from airtact.drives.transfer import TransferMatrix
 from closed_form_transfers import any_points, open_air, random_matrix, scattered, worst
 from faults import raises_code
 
 
 def least_peak_by_linear_programming(
-    transfer: TransferMatrix, wanted: Complex128[np.ndarray, "foci"], sides: int = 64
+    transfer: at.TransferMatrix, wanted: Complex128[np.ndarray, "foci"], sides: int = 64
 ) -> float:
     """Bound the least peak of H d = w from below: amplitudes in a polygon around the disc, by scipy."""
     matrix = np.asarray(transfer.matrix)
@@ -50,7 +45,7 @@ def least_peak_by_linear_programming(
 
 
 def test_one_focus_gets_all_that_the_array_can_give() -> None:
-    transfer, target = random_matrix(1, 1), Target(any_points(1))
+    transfer, target = random_matrix(1, 1), at.Target(any_points(1))
     drive = at.best(transfer, target)
     assert np.abs(transfer.pressure(drive))[0] == pytest.approx(
         np.abs(transfer.matrix).sum(), rel=1e-12
@@ -61,7 +56,7 @@ def test_one_focus_gets_all_that_the_array_can_give() -> None:
 @pytest.mark.parametrize(("seed", "foci"), [(1, 2), (2, 3), (3, 6), (4, 10)])
 def test_no_other_method_gives_the_weakest_focus_more(seed, foci) -> None:
     points = scattered(seed, foci)
-    transfer, target = open_air(points), Target(points)
+    transfer, target = open_air(points), at.Target(points)
     others = {
         name: worst(transfer, method(transfer, target))
         for name, method in METHODS.items()
@@ -77,7 +72,7 @@ def test_no_other_method_gives_the_weakest_focus_more(seed, foci) -> None:
 
 def test_pressures_are_exactly_what_is_asked_where_full_scale_is_enough() -> None:
     points, asked = scattered(5, 4), np.array([4000.0, 1000.0, 2500.0, 500.0])
-    transfer, target = open_air(points), Target(points, asked)
+    transfer, target = open_air(points), at.Target(points, asked)
     drive = at.best(transfer, target)
     np.testing.assert_allclose(np.abs(transfer.pressure(drive)), asked, rtol=1e-9)
     phases = np.exp(1j * np.angle(transfer.pressure(drive)))
@@ -88,26 +83,28 @@ def test_pressures_are_exactly_what_is_asked_where_full_scale_is_enough() -> Non
 @pytest.mark.parametrize("asked", [3000.0, 11000.0])
 def test_one_focus_gets_what_it_asks_after_rounding_too(asked) -> None:
     point = np.array([[0.01, 0.0, 0.005]])
-    transfer, target = open_air(point), Target(point, asked)
+    transfer, target = open_air(point), at.Target(point, asked)
     rounded = at.quantise(at.best(transfer, target)).drive()
     assert np.abs(transfer.pressure(rounded))[0] == pytest.approx(asked, rel=0.02)
 
 
 def test_where_full_scale_is_not_enough_the_weakest_gets_what_the_bound_allows() -> None:
     points = scattered(5, 4)
-    transfer, target = open_air(points), Target(points, 200e3)
+    transfer, target = open_air(points), at.Target(points, 200e3)
     drive = at.best(transfer, target)
     assert np.abs(drive.amplitudes).max() == pytest.approx(1.0)
     assert (
-        achieved_fraction(transfer, target, drive).min()
+        at.drives.achieved_fraction(transfer, target, drive).min()
         > 0.9 * at.upper_bound(transfer, target).worst
     )
 
 
 def test_a_focus_that_asks_for_nothing_leaves_the_others_exact() -> None:
-    transfer, target = random_matrix(6, 3), Target(any_points(3), np.array([300.0, 0.0, 200.0]))
+    transfer, target = random_matrix(6, 3), at.Target(any_points(3), np.array([300.0, 0.0, 200.0]))
     np.testing.assert_allclose(
-        achieved_fraction(transfer, target, at.best(transfer, target))[[0, 2]], 1.0, rtol=1e-9
+        at.drives.achieved_fraction(transfer, target, at.best(transfer, target))[[0, 2]],
+        1.0,
+        rtol=1e-9,
     )
 
 
@@ -115,7 +112,7 @@ def test_a_focus_that_asks_for_nothing_leaves_the_others_exact() -> None:
 def test_the_peak_is_the_least_by_linear_programming(seed) -> None:
     transfer = random_matrix(seed, 3, elements=20)
     wanted = np.array([200.0, 80.0j, -150.0])
-    drive = least_peak(transfer, Target(any_points(3), wanted), iterations=300)
+    drive = at.drives.least_peak(transfer, at.Target(any_points(3), wanted), iterations=300)
     np.testing.assert_allclose(transfer.pressure(drive), wanted, rtol=1e-9)
     peak, bound = np.abs(drive.amplitudes).max(), least_peak_by_linear_programming(transfer, wanted)
     # a polygon of 64 sides reaches 0.12 % beyond the disc
@@ -125,7 +122,7 @@ def test_the_peak_is_the_least_by_linear_programming(seed) -> None:
 def test_phases_asked_are_exact_and_stronger_than_by_least_squares() -> None:
     points = scattered(7, 3)
     transfer, shares = open_air(points), np.exp(1j * np.array([0.0, 2.0, 4.0]))
-    target = Target(points, shares=shares)
+    target = at.Target(points, shares=shares)
     pressure = transfer.pressure(at.best(transfer, target))
     np.testing.assert_allclose(pressure / pressure[0], shares, rtol=1e-9)
     inverse = transfer.pressure(at.drives.inverse_filter(transfer, target))
@@ -136,16 +133,16 @@ def test_what_is_asked_chooses_the_method() -> None:
     one, two, suppressed = any_points(1), any_points(2), 0.1 + any_points(4)
     phases = np.array([1.0, 1j])
     chosen = {
-        "phase_conjugate": Target(one, 100.0),
-        "max_min": Target(two),
-        "least_peak": Target(two, shares=phases),
-        "gradient": Target(two, suppression_points=suppressed),
-        "inverse_filter": Target(two, shares=phases, suppression_points=suppressed),
+        "phase_conjugate": at.Target(one, 100.0),
+        "max_min": at.Target(two),
+        "least_peak": at.Target(two, shares=phases),
+        "gradient": at.Target(two, suppression_points=suppressed),
+        "inverse_filter": at.Target(two, shares=phases, suppression_points=suppressed),
     }
     assert {name: method_for(target).__name__ for name, target in chosen.items()} == {
         name: name for name in chosen
     }
-    assert method_for(Target(two, np.array([100.0, 0.0]))).__name__ == "phase_conjugate"
+    assert method_for(at.Target(two, np.array([100.0, 0.0]))).__name__ == "phase_conjugate"
 
 
 def test_arguments_in_the_wrong_order_are_rejected(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -153,14 +150,17 @@ def test_arguments_in_the_wrong_order_are_rejected(monkeypatch: pytest.MonkeyPat
     with raises_code("wrong_kind"):
         at.best(
             at.Target(np.array([[0.0, 0.0, 0.1]])),
-            TransferMatrix(np.ones((1, 4), dtype=complex), 0.0),
+            at.TransferMatrix(np.ones((1, 4), dtype=complex), 0.0),
         )  # pyright: ignore
 
 
 def test_what_is_asked_may_be_too_much_for_few_elements() -> None:
-    transfer, target = random_matrix(8, 2, elements=3), Target(any_points(2), np.array([1e5, 1e5j]))
+    transfer, target = (
+        random_matrix(8, 2, elements=3),
+        at.Target(any_points(2), np.array([1e5, 1e5j])),
+    )
     drive = at.best(transfer, target)
-    assert isinstance(drive, Drive)
+    assert isinstance(drive, at.Drive)
     pressure = transfer.pressure(drive)
     assert pressure[1] / pressure[0] == pytest.approx(1j, rel=1e-9)
     assert np.abs(drive.amplitudes).max() == pytest.approx(1.0)

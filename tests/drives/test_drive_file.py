@@ -9,9 +9,6 @@ import pytest
 
 import airtact as at
 from airtact.drives.drive_file import COLUMNS, DriveFile, read_drive_file, write_drive_file
-from airtact.transducers.boards import board_named
-from airtact.transducers.layout import board_array
-from airtact.transducers.levels import Levels
 from faults import raises_code
 
 ARRAY = at.autd3_board().moved(
@@ -103,7 +100,9 @@ def test_a_file_holds_all_that_emitting_it_needs(tmp_path, drive, ending: str) -
     np.testing.assert_array_equal(back.normals, ARRAY.normals)
     assert back.board == "autd3"
     np.testing.assert_allclose(
-        back.poses[0].apply(board_named("autd3").positions), ARRAY.positions, atol=1e-12
+        back.poses[0].apply(at.transducers.board_named("autd3").positions),
+        ARRAY.positions,
+        atol=1e-12,
     )
     assert back.foci is not None
     assert back.matrix is not None
@@ -112,7 +111,7 @@ def test_a_file_holds_all_that_emitting_it_needs(tmp_path, drive, ending: str) -
 
 
 def test_other_levels_are_written_with_what_they_stand_for(tmp_path, drive) -> None:
-    levels = Levels.even(amplitudes=5, phases=16)
+    levels = at.transducers.Levels.even(amplitudes=5, phases=16)
     drive.save(tmp_path / "drive.h5", levels=levels)
     back = read_drive_file(tmp_path / "drive.h5")
     assert back.levels is not None
@@ -190,7 +189,7 @@ def test_files_that_cannot_be_read_or_written_are_rejected(tmp_path, drive) -> N
 
 def test_an_array_or_a_matrix_of_another_size_is_rejected(tmp_path, drive) -> None:
     with raises_code("sizes_differ"):
-        drive.save(tmp_path / "drive.h5", board_array("sonicsurface"))
+        drive.save(tmp_path / "drive.h5", at.transducers.board_array("sonicsurface"))
     with raises_code("sizes_differ"):
         drive.save(
             tmp_path / "drive.h5", transfer=at.TransferMatrix(np.ones((1, 3), dtype=complex), 0.0)

@@ -4,27 +4,19 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.acoustics.target import Target
-from airtact.drives.gerchberg_saxton import gs_pat, weighted_gerchberg_saxton
-from airtact.drives.gradient_descent import gradient
-from airtact.drives.linear_methods import inverse_filter
-from airtact.drives.methods import METHODS
-from airtact.drives.reach import achieved_fraction
-from airtact.drives.transfer import TransferMatrix
-from airtact.drives.weakest_focus import max_min
 from closed_form_transfers import WAVELENGTH, any_points, open_air, random_matrix, scattered, worst
 from faults import raises_code
 
-AT_FULL_SCALE = (weighted_gerchberg_saxton, gs_pat, max_min)
+AT_FULL_SCALE = (at.weighted_gerchberg_saxton, at.drives.gs_pat, at.max_min)
 
 
 # --- laws of all methods --------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", at.drives.METHODS)
 def test_one_focus_with_every_method(name):
-    transfer, target = random_matrix(1, 1), Target(any_points(1))
-    drive = METHODS[name](transfer, target)
+    transfer, target = random_matrix(1, 1), at.Target(any_points(1))
+    drive = at.drives.METHODS[name](transfer, target)
     row = transfer.matrix[0]
     # for one focus a method may only choose amplitudes; the phases are those of the conjugate
     np.testing.assert_allclose(
@@ -39,37 +31,43 @@ def test_one_focus_with_every_method(name):
         assert pressure == pytest.approx(np.abs(row).sum(), rel=1e-6)
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", at.drives.METHODS)
 def test_the_worst_focus_gets_what_it_asked_where_that_is_possible(name):
     transfer, target = (
         random_matrix(2, 4),
-        Target(any_points(4), np.array([100.0, 200.0, 150.0, 300.0])),
+        at.Target(any_points(4), np.array([100.0, 200.0, 150.0, 300.0])),
     )
-    drive = METHODS[name](transfer, target)
-    assert achieved_fraction(transfer, target, drive).min() == pytest.approx(1.0, rel=1e-9)
-    greedy = Target(any_points(4), 1e6)
-    drive = METHODS[name](transfer, greedy)
+    drive = at.drives.METHODS[name](transfer, target)
+    assert at.drives.achieved_fraction(transfer, target, drive).min() == pytest.approx(
+        1.0, rel=1e-9
+    )
+    greedy = at.Target(any_points(4), 1e6)
+    drive = at.drives.METHODS[name](transfer, greedy)
     assert np.abs(drive.amplitudes).max() == pytest.approx(1.0)
-    assert achieved_fraction(transfer, greedy, drive).min() < 0.1
+    assert at.drives.achieved_fraction(transfer, greedy, drive).min() < 0.1
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", at.drives.METHODS)
 def test_a_focus_that_asks_for_nothing_does_not_hold_the_others_back(name):
     transfer = random_matrix(5, 3)
-    target = Target(any_points(3), np.array([300.0, 0.0, 200.0]))
+    target = at.Target(any_points(3), np.array([300.0, 0.0, 200.0]))
     assert np.nanmin(
-        achieved_fraction(transfer, target, METHODS[name](transfer, target))
+        at.drives.achieved_fraction(transfer, target, at.drives.METHODS[name](transfer, target))
     ) == pytest.approx(1.0)
 
 
 UNBALANCED = ("time_reversal", "phase_conjugate")
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", at.drives.METHODS)
 def test_methods_that_balance_keep_the_shares_and_the_others_follow_them(name):
     transfer, shares = random_matrix(6, 3), np.array([1.0, 0.5, 0.25])
     got, alike = (
-        np.abs(transfer.pressure(METHODS[name](transfer, Target(any_points(3), shares=one))))
+        np.abs(
+            transfer.pressure(
+                at.drives.METHODS[name](transfer, at.Target(any_points(3), shares=one))
+            )
+        )
         for one in (shares, np.ones(3))
     )
     if name in UNBALANCED:  # in order, but off the shares
@@ -80,10 +78,10 @@ def test_methods_that_balance_keep_the_shares_and_the_others_follow_them(name):
     assert got[2] / got[0] < 0.7 * alike[2] / alike[0]
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", at.drives.METHODS)
 def test_wrong_sizes_raise(name):
     with raises_code("sizes_differ"):
-        METHODS[name](random_matrix(7, 2), Target(any_points(3)))
+        at.drives.METHODS[name](random_matrix(7, 2), at.Target(any_points(3)))
 
 
 # --- one by one -----------------------------------------------------------------------------------------------------
@@ -91,13 +89,15 @@ def test_wrong_sizes_raise(name):
 
 def test_the_inverse_filter_gives_the_pressures_and_phases_asked():
     transfer, asked = random_matrix(8, 3), np.array([100.0, 50.0j, -70.0])
-    pressure = transfer.pressure(inverse_filter(transfer, Target(any_points(3), asked), weight=0.0))
+    pressure = transfer.pressure(
+        at.drives.inverse_filter(transfer, at.Target(any_points(3), asked), weight=0.0)
+    )
     np.testing.assert_allclose(pressure, asked, rtol=1e-9)
 
 
 def test_the_inverse_filter_is_the_drive_of_least_energy():
     transfer, asked = random_matrix(9, 3), np.array([100.0, 50.0, 70.0])
-    drive = inverse_filter(transfer, Target(any_points(3), asked + 0j), weight=0.0)
+    drive = at.drives.inverse_filter(transfer, at.Target(any_points(3), asked + 0j), weight=0.0)
     np.testing.assert_allclose(
         drive.amplitudes, np.linalg.pinv(transfer.matrix) @ asked, rtol=1e-9, atol=1e-12
     )
@@ -105,37 +105,39 @@ def test_the_inverse_filter_is_the_drive_of_least_energy():
 
 def test_tikhonovs_weight_limits_a_nearly_singular_drive():
     points = np.array([[0.0, 0, 0], [0.001, 0, 0]])
-    transfer, target = open_air(points), Target(points, shares=np.array([1.0, -1.0 + 0j]))
-    wild, calm = (inverse_filter(transfer, target, weight=weight) for weight in (0.0, 1e-2))
+    transfer, target = open_air(points), at.Target(points, shares=np.array([1.0, -1.0 + 0j]))
+    wild, calm = (
+        at.drives.inverse_filter(transfer, target, weight=weight) for weight in (0.0, 1e-2)
+    )
     ratio = [
         np.linalg.norm(transfer.pressure(drive)) / np.linalg.norm(drive.amplitudes)
         for drive in (wild, calm)
     ]
     assert ratio[0] <= ratio[1] * (1 + 1e-9)
     with raises_code("out_of_range"):
-        inverse_filter(transfer, target, weight=-0.1)
+        at.drives.inverse_filter(transfer, target, weight=-0.1)
 
 
 def test_the_l_curve_weighs_little_where_nothing_is_singular_and_more_where_it_is():
     points = scattered(1, 5, least=2 * WAVELENGTH)
-    transfer, target = open_air(points), Target(points)
+    transfer, target = open_air(points), at.Target(points)
     np.testing.assert_allclose(
-        np.abs(transfer.pressure(inverse_filter(transfer, target))),
-        np.abs(transfer.pressure(inverse_filter(transfer, target, weight=0.0))),
+        np.abs(transfer.pressure(at.drives.inverse_filter(transfer, target))),
+        np.abs(transfer.pressure(at.drives.inverse_filter(transfer, target, weight=0.0))),
         rtol=0.02,
     )
 
 
 @pytest.mark.parametrize("method", AT_FULL_SCALE)
 def test_gerchberg_saxton_and_its_variants_give_full_scale(method):
-    drive = method(random_matrix(12, 5), Target(any_points(5)))
+    drive = method(random_matrix(12, 5), at.Target(any_points(5)))
     np.testing.assert_allclose(np.abs(drive.amplitudes), 1.0, rtol=1e-9)
 
 
 def test_weights_level_the_foci():
-    transfer, target = open_air(scattered(2, 8)), Target(scattered(2, 8))
+    transfer, target = open_air(scattered(2, 8)), at.Target(scattered(2, 8))
     weighted = np.abs(
-        transfer.pressure(weighted_gerchberg_saxton(transfer, target, iterations=200))
+        transfer.pressure(at.weighted_gerchberg_saxton(transfer, target, iterations=200))
     )
     assert weighted.max() / weighted.min() < 1.01
 
@@ -149,10 +151,12 @@ def test_many_sets_at_once_are_what_each_is_alone():
     weights[3, 2:] = 0.0
     drives = at.drives.weighted_gerchberg_saxton_sets(transfer, sets, weights, iterations=50)
     for rows, weight, drive in zip(sets, weights, drives, strict=True):
-        alone = TransferMatrix(transfer.matrix[rows[weight > 0]], 0.0)
-        target = Target(points[rows[weight > 0]])
+        alone = at.TransferMatrix(transfer.matrix[rows[weight > 0]], 0.0)
+        target = at.Target(points[rows[weight > 0]])
         assert at.upper_bound(alone, target).reached(alone, target, drive) > 0.85
-        assert worst(alone, drive) > 0.95 * worst(alone, weighted_gerchberg_saxton(alone, target))
+        assert worst(alone, drive) > 0.95 * worst(
+            alone, at.weighted_gerchberg_saxton(alone, target)
+        )
 
 
 def test_bad_sets_raise():
@@ -172,23 +176,27 @@ def test_bad_sets_raise():
 # --- suppression points ------------------------------------------------------------------------------------------
 
 
-HEEDING = [name for name, method in METHODS.items() if method.heeds_suppression_points]
+HEEDING = [name for name, method in at.drives.METHODS.items() if method.heeds_suppression_points]
 
 
 def test_each_method_has_a_name_and_a_description():
     assert HEEDING == ["best", "inverse_filter", "gradient", "robust", "robust_phase_only"]
-    assert len(METHODS) == len({method.description for method in METHODS.values()})
-    assert all(method.name == name and method.description for name, method in METHODS.items())
+    assert len(at.drives.METHODS) == len(
+        {method.description for method in at.drives.METHODS.values()}
+    )
+    assert all(
+        method.name == name and method.description for name, method in at.drives.METHODS.items()
+    )
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", at.drives.METHODS)
 def test_phases_asked_for_are_heeded_where_the_registry_has_it_so(name):
     transfer, phases = random_matrix(16, 2), np.exp(1j * np.array([0.0, 2.5]))
     plain, asked = (
-        METHODS[name](transfer, Target(any_points(2), shares=shares)).amplitudes
+        at.drives.METHODS[name](transfer, at.Target(any_points(2), shares=shares)).amplitudes
         for shares in (np.ones(2), phases)
     )
-    if METHODS[name].heeds_phases:
+    if at.drives.METHODS[name].heeds_phases:
         pressure = transfer.matrix @ asked
         assert np.angle(pressure[1] / pressure[0]) == pytest.approx(2.5, abs=0.3)
     else:
@@ -198,9 +206,9 @@ def test_phases_asked_for_are_heeded_where_the_registry_has_it_so(name):
 @pytest.mark.parametrize("name", HEEDING)
 def test_suppression_points_are_silenced(name):
     points, suppressed = scattered(6, 3), 0.004 + scattered(7, 12)
-    target = Target(points, suppression_points=suppressed)
+    target = at.Target(points, suppression_points=suppressed)
     transfer = open_air(np.concatenate([points, suppressed]))
-    drive, reference = METHODS[name](transfer, target), max_min(transfer, target)
+    drive, reference = at.drives.METHODS[name](transfer, target), at.max_min(transfer, target)
     after, before = (np.abs(transfer.pressure(one)) for one in (drive, reference))
     fraction = (
         np.linalg.norm(after[3:])
@@ -211,19 +219,23 @@ def test_suppression_points_are_silenced(name):
     if name in ("best", "gradient"):
         assert after[:3].min() > 0.898 * before[:3].min()
     with raises_code("data_missing"):
-        METHODS[name](open_air(points), target)
+        at.drives.METHODS[name](open_air(points), target)
 
 
-@pytest.mark.parametrize("name", sorted(set(METHODS) - set(HEEDING)))
+@pytest.mark.parametrize("name", sorted(set(at.drives.METHODS) - set(HEEDING)))
 def test_other_methods_ignore_suppression_points(name):
     points = scattered(8, 3)
     whole = np.concatenate([points, 0.004 + scattered(9, 4)])
-    given = METHODS[name](open_air(whole), Target(points, suppression_points=whole[3:]))
+    given = at.drives.METHODS[name](
+        open_air(whole), at.Target(points, suppression_points=whole[3:])
+    )
     np.testing.assert_allclose(
-        given.amplitudes, METHODS[name](open_air(points), Target(points)).amplitudes, atol=1e-6
+        given.amplitudes,
+        at.drives.METHODS[name](open_air(points), at.Target(points)).amplitudes,
+        atol=1e-6,
     )
 
 
 def test_a_loss_of_more_than_all_raises():
     with raises_code("out_of_range"):
-        gradient(random_matrix(15, 2), Target(any_points(2)), loss=1.5)
+        at.drives.gradient(random_matrix(15, 2), at.Target(any_points(2)), loss=1.5)

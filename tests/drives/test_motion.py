@@ -3,31 +3,22 @@
 import numpy as np
 import pytest
 
-from airtact.acoustics.medium import Medium
-from airtact.acoustics.scene import Scene, sound_hard
-from airtact.acoustics.solvers.free_field import FreeField
-from airtact.acoustics.target import Target
-from airtact.drives.motion import Motion, moving_foci, moving_target
-from airtact.drives.transfer import TransferMatrix, transfer_matrix
-from airtact.geometry.primitives import sphere
-from airtact.hands.pinch_dummy import pinch
-from airtact.transducers.layout import autd3_board
-from airtact.transducers.modulation import AmplitudeModulation
+import airtact as at
 from faults import raises_code
 
-AIR = Medium(343.1, 1.293)
-BOARD = autd3_board()
+AIR = at.Medium(343.1, 1.293)
+BOARD = at.autd3_board()
 MIDDLE = BOARD.positions.mean(axis=0)
-OPEN = Scene(AIR, [])
-ALONE = Target(np.array([[0.09, 0.07, 0.15]]))
+OPEN = at.Scene(AIR, [])
+ALONE = at.Target(np.array([[0.09, 0.07, 0.15]]))
 
 
-def matrix_of(target: Target) -> TransferMatrix:
-    return transfer_matrix(FreeField().radiate(OPEN, target.beacons()), BOARD)
+def matrix_of(target: at.Target) -> at.TransferMatrix:
+    return at.transfer_matrix(at.FreeField().radiate(OPEN, target.beacons()), BOARD)
 
 
 def test_a_circle_lies_across_the_view_of_the_array() -> None:
-    (path,) = Motion("lm", size=4e-3, frames=12).paths(OPEN, ALONE, MIDDLE)
+    (path,) = at.drives.Motion("lm", size=4e-3, frames=12).paths(OPEN, ALONE, MIDDLE)
     away = path - ALONE.points[0]
     np.testing.assert_allclose(np.linalg.norm(away, axis=1), 4e-3, rtol=1e-12)
     towards = (MIDDLE - ALONE.points[0]) / np.linalg.norm(MIDDLE - ALONE.points[0])
@@ -37,7 +28,7 @@ def test_a_circle_lies_across_the_view_of_the_array() -> None:
 
 
 def test_a_line_runs_to_and_fro_over_its_length() -> None:
-    (path,) = Motion("lm", "line", size=6e-3, frames=8).paths(OPEN, ALONE, MIDDLE)
+    (path,) = at.drives.Motion("lm", "line", size=6e-3, frames=8).paths(OPEN, ALONE, MIDDLE)
     away = path - ALONE.points[0]
     along = away @ (away[2] / np.linalg.norm(away[2]))
     np.testing.assert_allclose(
@@ -47,9 +38,9 @@ def test_a_line_runs_to_and_fro_over_its_length() -> None:
 
 def test_a_path_along_the_skin_keeps_its_distance() -> None:
     """On a ball the circle of 3 mm in the tangent plane lies 0.5 mm off the ball all round."""
-    ball = sphere(8e-3, edge=2e-3)
-    (path,) = Motion("lm").paths(
-        Scene(AIR, [sound_hard(ball)]), Target(np.array([[0.0, 0.0, -8.5e-3]])), MIDDLE
+    ball = at.sphere(8e-3, edge=2e-3)
+    (path,) = at.drives.Motion("lm").paths(
+        at.Scene(AIR, [at.sound_hard(ball)]), at.Target(np.array([[0.0, 0.0, -8.5e-3]])), MIDDLE
     )
     np.testing.assert_allclose(np.linalg.norm(path, axis=1), 8.5e-3, rtol=1e-9)
     # projected to the centre, from the tangent plane at 8.5 mm; the normal is a numerical gradient
@@ -59,21 +50,23 @@ def test_a_path_along_the_skin_keeps_its_distance() -> None:
 
 
 def test_each_focus_of_a_pinch_moves_along_its_own_finger() -> None:
-    fingers = pinch(gap=0.012)
-    scene = Scene(AIR, [sound_hard(surface) for surface in fingers.surfaces])
-    target = Target(fingers.foci(offset=0.5e-3))
-    paths = Motion("lm").paths(scene, target, np.zeros(3))
+    fingers = at.pinch(gap=0.012)
+    scene = at.Scene(AIR, [at.sound_hard(surface) for surface in fingers.surfaces])
+    target = at.Target(fingers.foci(offset=0.5e-3))
+    paths = at.drives.Motion("lm").paths(scene, target, np.zeros(3))
     assert paths.shape == (2, 16, 3)
     for path, surface in zip(paths, fingers.surfaces, strict=True):
         np.testing.assert_allclose(-surface.depth(path), 0.5e-3, rtol=1e-6)
 
 
 def test_frames_follow_the_foci() -> None:
-    target = Target(np.array([[0.06, 0.07, 0.15], [0.12, 0.07, 0.15]]), shares=np.array([1.0, 0.5]))
-    paths = Motion("lm", frames=8).paths(OPEN, target, MIDDLE)
-    points = moving_target(target, paths)
+    target = at.Target(
+        np.array([[0.06, 0.07, 0.15], [0.12, 0.07, 0.15]]), shares=np.array([1.0, 0.5])
+    )
+    paths = at.drives.Motion("lm", frames=8).paths(OPEN, target, MIDDLE)
+    points = at.drives.moving_target(target, paths)
     transfer = matrix_of(points)
-    sequence = moving_foci(transfer, points, 2, turns=50.0)
+    sequence = at.drives.moving_foci(transfer, points, 2, turns=50.0)
     assert (len(sequence), sequence.rate) == (8, 400.0)
     got = np.abs(sequence.pressure(transfer)).reshape(8, 8, 2)
     for frame in range(8):
@@ -87,19 +80,19 @@ def test_frames_follow_the_foci() -> None:
 
 
 def test_a_shape_is_drawn_at_the_speed_of_skin_waves() -> None:
-    motion = Motion("stm", "circle", size=0.02, frames=64)
+    motion = at.drives.Motion("stm", "circle", size=0.02, frames=64)
     paths = motion.paths(OPEN, ALONE, MIDDLE)
     assert 2 * np.pi * 0.02 * motion.turns(paths) == pytest.approx(7.0, rel=1e-3)
-    assert Motion("lm").turns(paths) == 50.0
-    assert Motion("stm", frequency=33.0).turns(paths) == 33.0
+    assert at.drives.Motion("lm").turns(paths) == 50.0
+    assert at.drives.Motion("stm", frequency=33.0).turns(paths) == 33.0
 
 
 def test_two_points_take_turns_in_frames_of_whole_periods() -> None:
-    target = Target(np.array([[0.06, 0.07, 0.15], [0.12, 0.07, 0.15]]))
-    assert Motion("stm").through_points(2)
-    assert not Motion("stm").through_points(1)
-    assert not Motion("stm", "circle").through_points(2)
-    sequence = moving_foci(matrix_of(target), target, 1, turns=300.0)
+    target = at.Target(np.array([[0.06, 0.07, 0.15], [0.12, 0.07, 0.15]]))
+    assert at.drives.Motion("stm").through_points(2)
+    assert not at.drives.Motion("stm").through_points(1)
+    assert not at.drives.Motion("stm", "circle").through_points(2)
+    sequence = at.drives.moving_foci(matrix_of(target), target, 1, turns=300.0)
     assert len(sequence) == 4
     assert (40e3 / sequence.rate) == pytest.approx(round(40e3 / sequence.rate), abs=1e-9)
     assert sequence.rate / 4 == pytest.approx(300.0, rel=0.02)
@@ -108,20 +101,28 @@ def test_two_points_take_turns_in_frames_of_whole_periods() -> None:
 
 def test_a_path_that_leaves_its_body_strays_by_the_height_of_its_plane() -> None:
     """In the plane that touches a sphere of radius a, a circle of radius r lies √(a² + r²) − a off it."""
-    ball = Scene(AIR, [sound_hard(sphere(0.02, edge=2e-3))])
+    ball = at.Scene(AIR, [at.sound_hard(at.sphere(0.02, edge=2e-3))])
     touching, away = np.array([[0.0, 0.0, 0.02]]), np.array([[0.0, 0.0, 0.05]])
     for radius in (3e-3, 15e-3):
-        off = Motion("stm", "circle", size=radius, frames=8).strayed(ball, Target(touching), MIDDLE)
+        off = at.drives.Motion("stm", "circle", size=radius, frames=8).strayed(
+            ball, at.Target(touching), MIDDLE
+        )
         np.testing.assert_allclose(off, np.full((1, 8), np.hypot(0.02, radius) - 0.02), rtol=1e-3)
-    assert not Motion("lm").strayed(ball, Target(away), MIDDLE).any()  # a focus in the air
-    assert not Motion("lm").strayed(OPEN, Target(touching), MIDDLE).any()
+    assert (
+        not at.drives.Motion("lm").strayed(ball, at.Target(away), MIDDLE).any()
+    )  # a focus in the air
+    assert not at.drives.Motion("lm").strayed(OPEN, at.Target(touching), MIDDLE).any()
 
 
 def test_suppression_points_stay_suppressed() -> None:
     """With a method that suppresses, every frame has the point in its target."""
-    target = Target(ALONE.points, suppression_points=np.array([[0.1, 0.07, 0.15]]))
-    points = moving_target(target, Motion("lm", frames=4).paths(OPEN, target, MIDDLE))
-    transfer = transfer_matrix(FreeField().radiate(OPEN, points.beacons(suppression=True)), BOARD)
+    target = at.Target(ALONE.points, suppression_points=np.array([[0.1, 0.07, 0.15]]))
+    points = at.drives.moving_target(
+        target, at.drives.Motion("lm", frames=4).paths(OPEN, target, MIDDLE)
+    )
+    transfer = at.transfer_matrix(
+        at.FreeField().radiate(OPEN, points.beacons(suppression=True)), BOARD
+    )
     seen = []
 
     def method(rows, alone):
@@ -130,25 +131,25 @@ def test_suppression_points_stay_suppressed() -> None:
         seen.append((rows.matrix.shape, len(alone.suppression_points)))
         return phase_conjugate(rows, alone)
 
-    moving_foci(transfer, points, 1, 50.0, method)
+    at.drives.moving_foci(transfer, points, 1, 50.0, method)
     assert seen == [((2, 249), 1)] * 4
 
 
 @pytest.mark.parametrize(
     ("make", "code"),
     [
-        (lambda: Motion("am"), "unknown_name"),
-        (lambda: Motion("lm", "square"), "unknown_name"),
-        (lambda: Motion("lm", "points"), "unknown_name"),
-        (lambda: Motion("stm", "points", size=0.01), "options_clash"),
-        (lambda: Motion("lm", size=-1.0), "out_of_range"),
-        (lambda: Motion("lm", frequency=0.0), "out_of_range"),
-        (lambda: Motion("stm", "circle", size=3.0), "out_of_range"),
-        (lambda: AmplitudeModulation(20000.0), "out_of_range"),
-        (lambda: Motion("lm", frames=3), "sizes_differ"),
-        (lambda: Motion("lm", along="skin").paths(OPEN, ALONE, MIDDLE), "misplaced"),
-        (lambda: moving_foci(matrix_of(ALONE), ALONE, 2, 50.0), "sizes_differ"),
-        (lambda: moving_foci(matrix_of(ALONE), ALONE, 1, 20000.0), "out_of_range"),
+        (lambda: at.drives.Motion("am"), "unknown_name"),
+        (lambda: at.drives.Motion("lm", "square"), "unknown_name"),
+        (lambda: at.drives.Motion("lm", "points"), "unknown_name"),
+        (lambda: at.drives.Motion("stm", "points", size=0.01), "options_clash"),
+        (lambda: at.drives.Motion("lm", size=-1.0), "out_of_range"),
+        (lambda: at.drives.Motion("lm", frequency=0.0), "out_of_range"),
+        (lambda: at.drives.Motion("stm", "circle", size=3.0), "out_of_range"),
+        (lambda: at.transducers.AmplitudeModulation(20000.0), "out_of_range"),
+        (lambda: at.drives.Motion("lm", frames=3), "sizes_differ"),
+        (lambda: at.drives.Motion("lm", along="skin").paths(OPEN, ALONE, MIDDLE), "misplaced"),
+        (lambda: at.drives.moving_foci(matrix_of(ALONE), ALONE, 2, 50.0), "sizes_differ"),
+        (lambda: at.drives.moving_foci(matrix_of(ALONE), ALONE, 1, 20000.0), "out_of_range"),
     ],
 )
 def test_motions_that_cannot_be_are_rejected(

@@ -4,41 +4,38 @@ import jaxtyping
 import numpy as np
 import pytest
 
-from airtact.acoustics.target import Target
-from airtact.drives.drive import Drive, quantise
-from airtact.drives.frame import Frame
-from airtact.drives.linear_methods import time_reversal
-from airtact.drives.transfer import TransferMatrix
-from airtact.transducers.layout import surrounding_box
+import airtact as at
 from faults import raises_code
 
 
 def test_every_pair_of_levels_survives_the_way_to_a_drive_and_back() -> None:
     amplitude, phase = (levels.ravel() for levels in np.meshgrid(np.arange(1, 256), np.arange(256)))
-    frame = Frame(amplitude.astype(np.uint8), phase.astype(np.uint8))
-    back = quantise(frame.drive())
+    frame = at.drives.Frame(amplitude.astype(np.uint8), phase.astype(np.uint8))
+    back = at.quantise(frame.drive())
     np.testing.assert_array_equal(back.amplitude, frame.amplitude)
     np.testing.assert_array_equal(back.phase, frame.phase)
 
 
 def test_silence_has_no_phase() -> None:
-    frame = Frame(np.zeros(256, dtype=np.uint8), np.arange(256, dtype=np.uint8))
+    frame = at.drives.Frame(np.zeros(256, dtype=np.uint8), np.arange(256, dtype=np.uint8))
     drive = frame.drive()
     assert not drive.amplitudes.any()
-    back = quantise(drive)
+    back = at.quantise(drive)
     assert not back.amplitude.any()
     assert not back.phase.any()
-    whisper = quantise(Drive(np.array([0.4j / 255.0])))
+    whisper = at.quantise(at.Drive(np.array([0.4j / 255.0])))
     assert (whisper.amplitude.item(), whisper.phase.item()) == (0, 0)
 
 
 def test_bytes_stand_for_a_turn_against_the_clock_of_the_phasor() -> None:
-    frame = Frame(np.full(3, 255, dtype=np.uint8), np.array([0, 64, 192], dtype=np.uint8))
+    frame = at.drives.Frame(np.full(3, 255, dtype=np.uint8), np.array([0, 64, 192], dtype=np.uint8))
     np.testing.assert_allclose(frame.drive().amplitudes, [1.0, 1j, -1j], atol=1e-15)
 
 
 def test_a_byte_of_sixty_four_delays_the_wave_by_a_quarter_period() -> None:
-    drive = Frame(np.full(2, 255, dtype=np.uint8), np.array([0, 64], dtype=np.uint8)).drive()
+    drive = at.drives.Frame(
+        np.full(2, 255, dtype=np.uint8), np.array([0, 64], dtype=np.uint8)
+    ).drive()
     times = np.linspace(0.0, 1.0, 7)
     wave = np.real(drive.amplitudes[None, :] * np.exp(-2j * np.pi * times)[:, None])
     earlier = np.real(drive.amplitudes[0] * np.exp(-2j * np.pi * (times - 0.25)))
@@ -47,10 +44,10 @@ def test_a_byte_of_sixty_four_delays_the_wave_by_a_quarter_period() -> None:
 
 def test_every_drive_is_rounded_to_the_nearest_level() -> None:
     random = np.random.default_rng(1)
-    wanted = Drive(
+    wanted = at.Drive(
         random.uniform(0.0, 1.0, 5000) * np.exp(2j * np.pi * random.uniform(0.0, 1.0, 5000))
     )
-    played = quantise(wanted).drive()
+    played = at.quantise(wanted).drive()
     assert (
         np.abs(np.abs(played.amplitudes) - np.abs(wanted.amplitudes)).max() <= 0.5 / 255.0 + 1e-12
     )
@@ -60,14 +57,16 @@ def test_every_drive_is_rounded_to_the_nearest_level() -> None:
 
 
 def test_eight_bits_cost_less_than_a_thousandth_at_a_focus() -> None:
-    box, k = surrounding_box(), 732.5
+    box, k = at.surrounding_box(), 732.5
     points = np.random.default_rng(2).uniform(-0.03, 0.03, (20, 3))
     losses = []
     for point in points:
         distance = np.linalg.norm(box.positions - point, axis=1)
-        transfer = TransferMatrix((np.exp(1j * k * distance) / distance)[None], 0.0)
-        drive = time_reversal(transfer, Target(point[None]))
-        exact, played = (np.abs(transfer.pressure(d))[0] for d in (drive, quantise(drive).drive()))
+        transfer = at.TransferMatrix((np.exp(1j * k * distance) / distance)[None], 0.0)
+        drive = at.time_reversal(transfer, at.Target(point[None]))
+        exact, played = (
+            np.abs(transfer.pressure(d))[0] for d in (drive, at.quantise(drive).drive())
+        )
         losses.append(abs(played / exact - 1.0))
     assert max(losses) < 1e-3
     assert max(losses) > 0.0
@@ -88,4 +87,4 @@ LEVELS = np.zeros(3, dtype=np.uint8)
 def test_bad_frames_are_rejected(amplitude, phase, code, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
     with raises_code(code):
-        Frame(amplitude, phase)
+        at.drives.Frame(amplitude, phase)

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.drives import goal_value, robust_phase_only, robust_upper_bound
 from airtact.drives.robust_drives import weakest_in_samples
-from airtact.drives.transfer_ensemble import TransferEnsemble
 from closed_form_transfers import any_points, random_matrix
 from faults import raises_code
 
@@ -19,19 +17,19 @@ LIMITS = ("energy", "amplitude", "phases")
 
 def random_ensemble(
     seed: int, foci: int = 2, samples: int = 24, spread: float = 0.7
-) -> TransferEnsemble:
+) -> at.drives.TransferEnsemble:
     """Matrices around a nominal one, with phases that differ by a normal error of ``spread`` [rad]."""
     nominal = random_matrix(seed, foci).matrix
     errors = np.random.default_rng(seed).normal(size=(samples, *nominal.shape))
     # Errors of neighbouring elements go together, as those of a hand that is off do.
     smooth = np.cumsum(errors, axis=2) / np.sqrt(nominal.shape[1] / 2)
-    return TransferEnsemble(
+    return at.drives.TransferEnsemble(
         matrix=nominal, estimated_error=0.0, geometry=nominal * np.exp(1j * spread * smooth)
     )
 
 
 @cache
-def pinched(seed: int) -> TransferEnsemble:
+def pinched(seed: int) -> at.drives.TransferEnsemble:
     """Two foci in open air before two boards, the hand off by 2 mm and 3 degrees."""
     points = np.array([[-6e-3, 0.0, 0.0], [6e-3, 0.0, 0.0]])
     beacons = at.FreeField().radiate(
@@ -44,9 +42,11 @@ def pinched(seed: int) -> TransferEnsemble:
 
 
 def at_equal_energy(
-    samples: TransferEnsemble, target: at.Target, drive: at.Drive, goal="lowest tenth"
+    samples: at.drives.TransferEnsemble, target: at.Target, drive: at.Drive, goal="lowest tenth"
 ) -> float:
-    return goal_value(samples, target, drive, goal) / float(np.linalg.norm(drive.amplitudes))
+    return at.drives.goal_value(samples, target, drive, goal) / float(
+        np.linalg.norm(drive.amplitudes)
+    )
 
 
 @pytest.mark.parametrize("goal", GOALS)
@@ -70,7 +70,7 @@ def test_the_worst_and_the_mean_are_within_their_bounds() -> None:
     for seed in range(3):
         samples = random_ensemble(seed)
         for goal in ("worst", "mean"):
-            bound = robust_upper_bound(samples, TARGET, goal)
+            bound = at.drives.robust_upper_bound(samples, TARGET, goal)
             assert bound.recomputed(samples, TARGET) == pytest.approx(bound.value, rel=1e-9)
             for drive in (at.robust(samples, TARGET, goal), at.time_reversal(samples, TARGET)):
                 assert bound.reached(samples, TARGET, drive) < 1.0
@@ -80,7 +80,7 @@ def test_the_worst_and_the_mean_are_within_their_bounds() -> None:
 def test_the_bound_of_one_sample_is_what_the_drive_reaches() -> None:
     """For two foci the relaxation has no gap."""
     transfer = random_matrix(3, 2)
-    bound = robust_upper_bound(transfer, TARGET)
+    bound = at.drives.robust_upper_bound(transfer, TARGET)
     assert bound.reached(transfer, TARGET, at.robust(transfer, TARGET)) == pytest.approx(
         1.0, rel=1e-4
     )
@@ -90,7 +90,7 @@ def test_the_bound_of_one_sample_is_what_the_drive_reaches() -> None:
 @pytest.mark.parametrize("foci", [1, 2, 3])
 def test_nothing_in_doubt_gives_the_method_that_it_generalises(limit, foci) -> None:
     transfer, target = random_matrix(7, foci), at.Target(any_points(foci))
-    alike = TransferEnsemble(
+    alike = at.drives.TransferEnsemble(
         matrix=transfer.matrix, estimated_error=0.0, geometry=np.stack([transfer.matrix] * 8)
     )
     found = at.robust(alike, target, limit=limit)
@@ -116,11 +116,11 @@ def test_limits_hold(goal) -> None:
     )
     np.testing.assert_allclose(np.abs(phases.amplitudes), 1.0, rtol=1e-9)
     assert np.abs(capped.amplitudes).max() == pytest.approx(1.0)
-    both = [goal_value(samples, TARGET, drive, goal) for drive in (phases, capped)]
+    both = [at.drives.goal_value(samples, TARGET, drive, goal) for drive in (phases, capped)]
     assert both[1] > 0.97 * both[0]
-    assert both[0] > goal_value(samples, TARGET, at.robust(samples, TARGET, goal), goal)
+    assert both[0] > at.drives.goal_value(samples, TARGET, at.robust(samples, TARGET, goal), goal)
     np.testing.assert_array_equal(
-        robust_phase_only(samples, TARGET, goal).amplitudes, phases.amplitudes
+        at.drives.robust_phase_only(samples, TARGET, goal).amplitudes, phases.amplitudes
     )
 
 
@@ -131,7 +131,7 @@ def test_suppression_points_cost_little_of_the_goal(limit) -> None:
         random_ensemble(6, foci=3),
         at.Target(points[:2], suppression_points=points[2:]),
     )
-    alone = TransferEnsemble(
+    alone = at.drives.TransferEnsemble(
         matrix=samples.matrix[:2], estimated_error=0.0, geometry=samples.geometry[:, :2].copy()
     )
     drives = [at.robust(samples, target, limit=limit), at.robust(alone, TARGET, limit=limit)]
@@ -150,10 +150,10 @@ def test_suppression_points_cost_little_of_the_goal(limit) -> None:
 
 def test_asked_pressures_are_reached_nine_of_ten_times() -> None:
     samples = random_ensemble(8)
-    full = goal_value(samples, TARGET, at.robust(samples, TARGET))
+    full = at.drives.goal_value(samples, TARGET, at.robust(samples, TARGET))
     asked = at.Target(TARGET.points, pressures=0.5 * full)
     drive = at.robust(samples, asked)
-    assert goal_value(samples, asked, drive) == pytest.approx(1.0, rel=1e-6)
+    assert at.drives.goal_value(samples, asked, drive) == pytest.approx(1.0, rel=1e-6)
     assert np.quantile(weakest_in_samples(samples, asked, drive), 0.1) == pytest.approx(
         1.0, rel=1e-6
     )

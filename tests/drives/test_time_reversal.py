@@ -6,21 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from airtact.acoustics.medium import Medium
-from airtact.acoustics.target import Target
-from airtact.drives.linear_methods import phase_conjugate, time_reversal
-from airtact.drives.reach import achieved_fraction
-from airtact.drives.transfer import (
-    Drive,
-    TransferMatrix,
-    focus_by_distance,
-    focus_by_distance_phase_only,
-)
-from airtact.transducers.layout import surrounding_box
+import airtact as at
 from closed_form_transfers import any_points, open_air, random_matrix
 from faults import raises_code
 
-AIR = Medium(343.1, 1.293)
+AIR = at.Medium(343.1, 1.293)
 FREQUENCY = 40e3
 parts = st.floats(-1.0, 1.0)
 
@@ -36,7 +26,7 @@ def test_for_one_focus_time_reversal_beats_every_drive_of_equal_energy(
     seed: int, rows: np.ndarray
 ) -> None:
     transfer = random_matrix(seed, foci=1)
-    best = time_reversal(transfer, Target(any_points(1)))
+    best = at.time_reversal(transfer, at.Target(any_points(1)))
     rival = rows[0] + 1j * rows[1]
     rival *= np.linalg.norm(best.amplitudes) / np.linalg.norm(rival)
     assert np.abs(transfer.pressure(best))[0] >= np.abs(transfer.matrix @ rival)[0] * (1.0 - 1e-12)
@@ -49,8 +39,8 @@ def test_for_one_focus_phase_conjugation_beats_every_drive_of_equal_peak(
 ) -> None:
     transfer = random_matrix(seed, foci=1)
     rival = rows[0] + 1j * rows[1]
-    rival = Drive(rival / np.abs(rival).max())
-    best = transfer.pressure(phase_conjugate(transfer, Target(any_points(1))))
+    rival = at.Drive(rival / np.abs(rival).max())
+    best = transfer.pressure(at.drives.phase_conjugate(transfer, at.Target(any_points(1))))
     assert np.abs(best)[0] >= np.abs(transfer.pressure(rival))[0] * (1.0 - 1e-12)
     assert np.abs(best)[0] == pytest.approx(np.abs(transfer.matrix).sum(), rel=1e-12)
 
@@ -59,8 +49,8 @@ def test_for_one_focus_phase_conjugation_beats_every_drive_of_equal_peak(
 @settings(max_examples=30, deadline=None)
 def test_every_element_arrives_at_the_focus_with_phase_zero(seed: int) -> None:
     transfer = random_matrix(seed, foci=1)
-    for method in (time_reversal, phase_conjugate):
-        drive = method(transfer, Target(any_points(1)))
+    for method in (at.time_reversal, at.drives.phase_conjugate):
+        drive = method(transfer, at.Target(any_points(1)))
         arriving = transfer.matrix[0] * drive.amplitudes
         np.testing.assert_allclose(np.angle(arriving), 0.0, atol=1e-12)
 
@@ -68,7 +58,7 @@ def test_every_element_arrives_at_the_focus_with_phase_zero(seed: int) -> None:
 def test_time_reversal_is_the_weighted_conjugate_scaled_by_one_number() -> None:
     transfer = random_matrix(3, foci=4)
     asked = np.array([100.0, 200.0, 0.0, 50.0])
-    drive = time_reversal(transfer, Target(any_points(4), asked))
+    drive = at.time_reversal(transfer, at.Target(any_points(4), asked))
     expected = asked @ transfer.matrix.conj()
     ratio = drive.amplitudes / expected
     np.testing.assert_allclose(ratio, ratio[0].real, rtol=1e-12)
@@ -79,23 +69,23 @@ def test_with_no_pressure_asked_all_foci_count_alike_and_the_strongest_element_i
     None
 ):
     transfer = random_matrix(4, foci=3)
-    drive = time_reversal(transfer, Target(any_points(3)))
+    drive = at.time_reversal(transfer, at.Target(any_points(3)))
     assert np.abs(drive.amplitudes).max() == pytest.approx(1.0, rel=1e-12)
     expected = transfer.matrix.conj().sum(axis=0)
     np.testing.assert_allclose(drive.amplitudes, expected / np.abs(expected).max(), rtol=1e-12)
-    assert np.isnan(achieved_fraction(transfer, Target(any_points(3)), drive)).all()
+    assert np.isnan(at.drives.achieved_fraction(transfer, at.Target(any_points(3)), drive)).all()
 
 
-@pytest.mark.parametrize("method", [time_reversal, phase_conjugate])
+@pytest.mark.parametrize("method", [at.time_reversal, at.drives.phase_conjugate])
 @given(seed=st.integers(0, 2**32 - 1), foci=st.integers(1, 6), asked=st.floats(1.0, 1e5))
 @settings(max_examples=40, deadline=None)
 def test_the_worst_focus_gets_what_it_asked_or_full_scale_is_used_up(
     method, seed, foci, asked
 ) -> None:
     transfer = random_matrix(seed, foci)
-    target = Target(any_points(foci), asked * np.linspace(1.0, 2.0, foci))
+    target = at.Target(any_points(foci), asked * np.linspace(1.0, 2.0, foci))
     drive = method(transfer, target)
-    shares = achieved_fraction(transfer, target, drive)
+    shares = at.drives.achieved_fraction(transfer, target, drive)
     np.testing.assert_allclose(
         shares * target.pressures, np.abs(transfer.matrix @ drive.amplitudes), rtol=1e-12
     )
@@ -110,34 +100,36 @@ def test_the_worst_focus_gets_what_it_asked_or_full_scale_is_used_up(
 def test_in_open_air_time_reversal_is_focus_by_distance_with_amplitudes_of_one_over_distance() -> (
     None
 ):
-    box, point = surrounding_box(), np.array([[0.01, -0.02, 0.03]])
-    target = Target(point)
-    reversal = time_reversal(open_air(point), target)
-    control = focus_by_distance(box, target, AIR, FREQUENCY)
+    box, point = at.surrounding_box(), np.array([[0.01, -0.02, 0.03]])
+    target = at.Target(point)
+    reversal = at.time_reversal(open_air(point), target)
+    control = at.focus_by_distance(box, target, AIR, FREQUENCY)
     distance = np.linalg.norm(box.positions - point, axis=1)
     np.testing.assert_allclose(
         reversal.amplitudes, control.amplitudes * distance.min() / distance, rtol=1e-10
     )
-    conjugate = phase_conjugate(open_air(point), target)
-    phase_only = focus_by_distance_phase_only(box, target, AIR, FREQUENCY)
+    conjugate = at.drives.phase_conjugate(open_air(point), target)
+    phase_only = at.drives.focus_by_distance_phase_only(box, target, AIR, FREQUENCY)
     np.testing.assert_allclose(conjugate.amplitudes, phase_only.amplitudes, rtol=1e-10)
 
 
-@pytest.mark.parametrize("method", [time_reversal, phase_conjugate])
+@pytest.mark.parametrize("method", [at.time_reversal, at.drives.phase_conjugate])
 def test_wrong_elements_and_foci_that_cancel_raise(method) -> None:
     transfer = random_matrix(6, foci=2)
     with raises_code("sizes_differ"):
-        achieved_fraction(transfer, Target(any_points(2)), Drive(np.ones(39, dtype=np.complex128)))
-    opposite = TransferMatrix(np.concatenate([transfer.matrix[:1], -transfer.matrix[:1]]), 0.0)
+        at.drives.achieved_fraction(
+            transfer, at.Target(any_points(2)), at.Drive(np.ones(39, dtype=np.complex128))
+        )
+    opposite = at.TransferMatrix(np.concatenate([transfer.matrix[:1], -transfer.matrix[:1]]), 0.0)
     with raises_code("all_zero"):
-        method(opposite, Target(any_points(2)))
+        method(opposite, at.Target(any_points(2)))
 
 
 def test_a_target_elsewhere_than_the_beacons_raises():
-    transfer = TransferMatrix(
+    transfer = at.TransferMatrix(
         np.ones((2, 3), dtype=np.complex128), 0.0, np.array([[0.0, 0, 0], [0, 0, 0.01]])
     )
-    moved = Target(np.array([[0.0, 0, 0], [0, 0.002, 0.01]]))
-    for method in (time_reversal, phase_conjugate):
+    moved = at.Target(np.array([[0.0, 0, 0], [0, 0.002, 0.01]]))
+    for method in (at.time_reversal, at.drives.phase_conjugate):
         with raises_code("sizes_differ"):
             method(transfer, moved)

@@ -6,84 +6,70 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from airtact.acoustics.medium import Medium, air
-from airtact.acoustics.scene import Scene, filled, impedance, sound_hard
-from airtact.acoustics.solvers.bem.solver import BoundaryElement
-from airtact.acoustics.solvers.free_field import FreeField
-from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
-from airtact.acoustics.sources import Monopoles
-from airtact.acoustics.target import Target
-from airtact.drives.transfer import (
-    Drive,
-    TransferMatrix,
-    focus_by_distance,
-    focus_by_distance_phase_only,
-    transfer_matrix,
-)
-from airtact.evaluation.field import field_map
-from airtact.geometry.pose import Pose
-from airtact.geometry.primitives import sphere
-from airtact.transducers.element import Element, monopole, piston
-from airtact.transducers.layout import PhasedArray, autd3_board, flat_boards, surrounding_box
+import airtact as at
 from faults import raises_code
 
-AIR = Medium(343.1, 1.293)
+AIR = at.Medium(343.1, 1.293)
 FOCI = np.array([[0.0115, 0.0, 0.0], [-0.004, 0.01, 0.006], [0.0, 0.03, -0.02]])
-BALL = sphere(0.010, edge=4e-3)
+BALL = at.sphere(0.010, edge=4e-3)
 
 
-def random_drive(elements: int, seed: int = 1) -> Drive:
+def random_drive(elements: int, seed: int = 1) -> at.Drive:
     random = np.random.default_rng(seed)
-    return Drive(
+    return at.Drive(
         random.uniform(0.0, 1.0, elements) * np.exp(2j * np.pi * random.uniform(size=elements))
     )
 
 
-@pytest.mark.parametrize("element", [monopole(), piston(4.5e-3)], ids=["monopole", "piston"])
-@pytest.mark.parametrize("medium", [AIR, air(20.0, 0.5)], ids=["lossless", "absorbing"])
+@pytest.mark.parametrize("element", [at.monopole(), at.piston(4.5e-3)], ids=["monopole", "piston"])
+@pytest.mark.parametrize("medium", [AIR, at.air(20.0, 0.5)], ids=["lossless", "absorbing"])
 def test_in_open_air_the_matrix_is_the_closed_form_and_the_forward_field(
-    medium: Medium, element: Element
+    medium: at.Medium, element: at.transducers.Element
 ) -> None:
-    scene, box, target = Scene(medium, []), surrounding_box(element), Target(FOCI)
-    transfer = transfer_matrix(FreeField().radiate(scene, target.beacons()), box)
+    scene, box, target = at.Scene(medium, []), at.surrounding_box(element), at.Target(FOCI)
+    transfer = at.transfer_matrix(at.FreeField().radiate(scene, target.beacons()), box)
     distance = np.linalg.norm(box.face_points[None] - FOCI[:, None, None], axis=-1)
     waves = np.exp(1j * scene.wavenumber * distance) / distance
     np.testing.assert_allclose(
         transfer.matrix, element.sensitivity * (waves @ element.weights), rtol=1e-12
     )
     drive = random_drive(len(box))
-    forward = field_map(scene, box, drive, FOCI, solver=FreeField())
+    forward = at.field_map(scene, box, drive, FOCI, solver=at.FreeField())
     assert np.abs(transfer.pressure(drive) - forward).max() < 1e-12 * np.abs(forward).max()
     assert transfer.estimated_error == 0.0
 
 
-@pytest.mark.parametrize("element", [monopole(), piston(4.5e-3)], ids=["monopole", "piston"])
+@pytest.mark.parametrize("element", [at.monopole(), at.piston(4.5e-3)], ids=["monopole", "piston"])
 @pytest.mark.parametrize(
     "body",
-    [sound_hard(BALL), impedance(BALL, 3.0 + 1.0j), filled(BALL, Medium(1481.0, 999.7))],
+    [
+        at.sound_hard(BALL),
+        at.impedance(BALL, 3.0 + 1.0j),
+        at.filled(BALL, at.Medium(1481.0, 999.7)),
+    ],
     ids=["sound_hard", "impedance", "filled"],
 )
 def test_around_a_sphere_beacons_at_the_foci_predict_what_the_elements_make(
-    body, element: Element
+    body, element: at.transducers.Element
 ) -> None:
-    scene, target = Scene(AIR, [body]), Target(FOCI)
-    pose = Pose.turn((1, 2, -1), 0.4, (0.003, -0.005, 0.01))
-    array = PhasedArray(
-        *(surrounding_box().positions[::40], surrounding_box().normals[::40]), element
+    scene, target = at.Scene(AIR, [body]), at.Target(FOCI)
+    pose = at.Pose.turn((1, 2, -1), 0.4, (0.003, -0.005, 0.01))
+    array = at.PhasedArray(
+        *(at.surrounding_box().positions[::40], at.surrounding_box().normals[::40]), element
     ).seen_from(pose)
     drive = random_drive(len(array))
-    transfer = transfer_matrix(SphereSeries().radiate(scene, target.beacons()), array)
-    forward = field_map(scene, array, drive, FOCI, solver=SphereSeries())
+    transfer = at.transfer_matrix(at.SphereSeries().radiate(scene, target.beacons()), array)
+    forward = at.field_map(scene, array, drive, FOCI, solver=at.SphereSeries())
     assert np.abs(transfer.pressure(drive) - forward).max() < 1e-6 * np.abs(forward).max()
 
 
 def test_hand_and_array_moved_together_leave_the_matrix_as_it_was() -> None:
-    pose = Pose.turn((1, 2, -1), 2.1, (0.3, -0.5, 0.7))
-    box, here = surrounding_box(piston(4.5e-3)), Target(FOCI)
-    there = Target(pose.apply(FOCI))
+    pose = at.Pose.turn((1, 2, -1), 2.1, (0.3, -0.5, 0.7))
+    box, here = at.surrounding_box(at.piston(4.5e-3)), at.Target(FOCI)
+    there = at.Target(pose.apply(FOCI))
     fixed, moved = (
-        transfer_matrix(
-            SphereSeries().radiate(Scene(AIR, [sound_hard(body)]), target.beacons()), array
+        at.transfer_matrix(
+            at.SphereSeries().radiate(at.Scene(AIR, [at.sound_hard(body)]), target.beacons()), array
         ).matrix
         for body, target, array in ((BALL, here, box), (BALL.moved(pose), there, box.moved(pose)))
     )  # fmt: skip
@@ -91,12 +77,12 @@ def test_hand_and_array_moved_together_leave_the_matrix_as_it_was() -> None:
 
 
 def test_the_estimated_error_is_asked_for_at_the_elements() -> None:
-    scene, target = Scene(AIR, [sound_hard(BALL)]), Target(FOCI)
-    array = autd3_board(Pose.turn((1, 0, 0), np.pi, (-0.08, 0.06, 0.1)))
-    beacons = BoundaryElement().radiate(scene, target.beacons())
-    transfer = transfer_matrix(beacons, array)
+    scene, target = at.Scene(AIR, [at.sound_hard(BALL)]), at.Target(FOCI)
+    array = at.autd3_board(at.Pose.turn((1, 0, 0), np.pi, (-0.08, 0.06, 0.1)))
+    beacons = at.BoundaryElement().radiate(scene, target.beacons())
+    transfer = at.transfer_matrix(beacons, array)
     assert transfer.estimated_error == np.max(beacons.error_at(array.positions))
-    exact = transfer_matrix(SphereSeries().radiate(scene, target.beacons()), array).matrix
+    exact = at.transfer_matrix(at.SphereSeries().radiate(scene, target.beacons()), array).matrix
     true_error = np.max(
         np.linalg.norm(transfer.matrix - exact, axis=1) / np.linalg.norm(exact, axis=1)
     )
@@ -105,12 +91,12 @@ def test_the_estimated_error_is_asked_for_at_the_elements() -> None:
 
 
 def test_pressure_is_matrix_times_drive() -> None:
-    transfer = TransferMatrix(np.array([[1.0, 2j], [3.0, -1.0]]).astype(np.complex128), 0.0)
-    np.testing.assert_allclose(transfer.pressure(Drive(np.array([0.5, 1j]))), [-1.5, 1.5 - 1j])
+    transfer = at.TransferMatrix(np.array([[1.0, 2j], [3.0, -1.0]]).astype(np.complex128), 0.0)
+    np.testing.assert_allclose(transfer.pressure(at.Drive(np.array([0.5, 1j]))), [-1.5, 1.5 - 1j])
 
 
 def test_phase_only_keeps_phases_and_silence() -> None:
-    drive = Drive(np.array([0.5, 0.1j, 0.0, -1.0 + 0.0j]))
+    drive = at.Drive(np.array([0.5, 0.1j, 0.0, -1.0 + 0.0j]))
     np.testing.assert_allclose(drive.phase_only().amplitudes, [1.0, 1j, 0.0, -1.0])
 
 
@@ -118,98 +104,98 @@ def test_phase_only_keeps_phases_and_silence() -> None:
 @settings(max_examples=20, deadline=None)
 def test_focus_by_distance_sums_the_reversed_delays(seed: int, foci: int) -> None:
     points = np.random.default_rng(seed).uniform(-0.03, 0.03, (foci, 3))
-    box = surrounding_box()
-    drive = focus_by_distance(box, Target(points, 1500.0), air(), 40e3)
-    k = 2.0 * np.pi * 40e3 / air().sound_speed
+    box = at.surrounding_box()
+    drive = at.focus_by_distance(box, at.Target(points, 1500.0), at.air(), 40e3)
+    k = 2.0 * np.pi * 40e3 / at.air().sound_speed
     expected = sum(
         np.exp(-1j * k * np.linalg.norm(box.positions - point, axis=1)) for point in points
     )
     np.testing.assert_allclose(drive.amplitudes, expected / np.abs(expected).max(), atol=1e-9)
     assert np.abs(drive.amplitudes).max() == pytest.approx(1.0, rel=1e-12)
-    twin = focus_by_distance_phase_only(box, Target(points), air(), 40e3)
+    twin = at.drives.focus_by_distance_phase_only(box, at.Target(points), at.air(), 40e3)
     np.testing.assert_allclose(np.abs(twin.amplitudes), 1.0, rtol=1e-12)
     np.testing.assert_allclose(twin.amplitudes * np.abs(expected), expected, atol=1e-9)
 
 
 def test_one_focus_by_distance_is_the_brightest_point_of_its_field() -> None:
-    scene, box, focus = Scene(AIR, []), surrounding_box(), np.array([[0.005, -0.01, 0.02]])
-    drive = focus_by_distance(box, Target(focus), AIR, 40e3)
+    scene, box, focus = at.Scene(AIR, []), at.surrounding_box(), np.array([[0.005, -0.01, 0.02]])
+    drive = at.focus_by_distance(box, at.Target(focus), AIR, 40e3)
     around = focus + np.random.default_rng(3).uniform(-0.03, 0.03, (400, 3))
     field = np.abs(
-        field_map(scene, box, drive, np.concatenate([focus, around]), solver=FreeField())
+        at.field_map(scene, box, drive, np.concatenate([focus, around]), solver=at.FreeField())
     )
     assert field.argmax() == 0
 
 
-def unit_beacons(scene: Scene, points: np.ndarray):
-    return SphereSeries().radiate(scene, Target(points).beacons())
+def unit_beacons(scene: at.Scene, points: np.ndarray):
+    return at.SphereSeries().radiate(scene, at.Target(points).beacons())
 
 
 def test_sources_that_are_not_unit_beacons_raise() -> None:
-    scene = Scene(AIR, [])
+    scene = at.Scene(AIR, [])
     for strengths in (np.ones((3, 1)), 2.0 * np.eye(3), np.ones((3, 3))):
-        field = FreeField().radiate(scene, Monopoles(FOCI, strengths + 0j))
+        field = at.FreeField().radiate(scene, at.Monopoles(FOCI, strengths + 0j))
         with raises_code("wrong_kind"):
-            transfer_matrix(field, autd3_board())
+            at.transfer_matrix(field, at.autd3_board())
 
 
 def test_an_element_inside_a_body_raises_with_its_depth() -> None:
-    scene = Scene(AIR, [sound_hard(BALL)])
-    array = PhasedArray(
+    scene = at.Scene(AIR, [at.sound_hard(BALL)])
+    array = at.PhasedArray(
         np.array([[0.1, 0.0, 0.0], [0.0, 0.006, 0.0]]), np.array([[-1.0, 0, 0], [0, 1, 0]])
     )
     with raises_code("inside_body"):
-        transfer_matrix(unit_beacons(scene, FOCI), array)
+        at.transfer_matrix(unit_beacons(scene, FOCI), array)
     with raises_code("inside_body"):
-        field_map(scene, array, random_drive(2), FOCI, solver=SphereSeries())
+        at.field_map(scene, array, random_drive(2), FOCI, solver=at.SphereSeries())
 
 
 def test_a_face_that_reaches_into_a_body_raises_though_its_centre_is_outside() -> None:
-    scene = Scene(AIR, [sound_hard(BALL)])
-    face = Element(np.array([[-4e-3, 0.0, 0.0], [4e-3, 0.0, 0.0]]), np.ones(2) / 2)
+    scene = at.Scene(AIR, [at.sound_hard(BALL)])
+    face = at.transducers.Element(np.array([[-4e-3, 0.0, 0.0], [4e-3, 0.0, 0.0]]), np.ones(2) / 2)
     normals, tangents = (
         np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]),
         np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0]]),
     )
-    array = PhasedArray(np.array([[0.1, 0.0, 0.0], [0.0, 0.0, 0.013]]), normals, face, tangents)
+    array = at.PhasedArray(np.array([[0.1, 0.0, 0.0], [0.0, 0.0, 0.013]]), normals, face, tangents)
     with raises_code("bodies_overlap"):
-        transfer_matrix(unit_beacons(scene, FOCI), array)
+        at.transfer_matrix(unit_beacons(scene, FOCI), array)
 
 
 def test_an_element_on_the_skin_is_allowed() -> None:
-    scene = Scene(AIR, [sound_hard(BALL)])
-    array = PhasedArray(np.array([[0.0, 0.0, 0.010]]), np.array([[0.0, 0.0, 1.0]]))
-    transfer = transfer_matrix(unit_beacons(scene, FOCI[2:]), array)
+    scene = at.Scene(AIR, [at.sound_hard(BALL)])
+    array = at.PhasedArray(np.array([[0.0, 0.0, 0.010]]), np.array([[0.0, 0.0, 1.0]]))
+    transfer = at.transfer_matrix(unit_beacons(scene, FOCI[2:]), array)
     assert np.abs(transfer.matrix).item() > 0.0
 
 
 def test_what_stands_behind_a_directional_face_raises_with_how_far() -> None:
-    array = flat_boards(1, 1, piston(4.5e-3))
-    scene, target = Scene(AIR, []), Target(np.array([[0.0, 0.0, 0.1], [0.0, 0.0, -0.025]]))
+    array = at.flat_boards(1, 1, at.piston(4.5e-3))
+    scene, target = at.Scene(AIR, []), at.Target(np.array([[0.0, 0.0, 0.1], [0.0, 0.0, -0.025]]))
     with raises_code("behind_faces"):
-        transfer_matrix(FreeField().radiate(scene, target.beacons()), array)
+        at.transfer_matrix(at.FreeField().radiate(scene, target.beacons()), array)
     with raises_code("behind_faces"):
-        focus_by_distance(array, target, AIR, 40e3)
-    monopoles = flat_boards(1, 1, monopole())
+        at.focus_by_distance(array, target, AIR, 40e3)
+    monopoles = at.flat_boards(1, 1, at.monopole())
     assert np.isfinite(
-        transfer_matrix(FreeField().radiate(scene, target.beacons()), monopoles).matrix
+        at.transfer_matrix(at.FreeField().radiate(scene, target.beacons()), monopoles).matrix
     ).all()
-    assert len(focus_by_distance(monopoles, target, AIR, 40e3)) == 249
+    assert len(at.focus_by_distance(monopoles, target, AIR, 40e3)) == 249
 
 
 def test_a_body_behind_a_directional_face_raises_with_how_far() -> None:
-    array = flat_boards(1, 1, piston(4.5e-3))
-    low = Scene(AIR, [sound_hard(sphere(0.010, edge=4e-3, centre=(0.0, 0.2, 0.004)))])
+    array = at.flat_boards(1, 1, at.piston(4.5e-3))
+    low = at.Scene(AIR, [at.sound_hard(at.sphere(0.010, edge=4e-3, centre=(0.0, 0.2, 0.004)))])
     with raises_code("behind_faces"):
-        transfer_matrix(unit_beacons(low, np.array([[0.0, 0.0, 0.1]])), array)
+        at.transfer_matrix(unit_beacons(low, np.array([[0.0, 0.0, 0.1]])), array)
 
 
 def test_a_piston_too_large_for_the_frequency_raises() -> None:
-    scene = Scene(AIR, [], frequency=80e3)
-    array = autd3_board(element=piston(4.5e-3))
-    beacons = FreeField().radiate(scene, Target(np.array([[0.0, 0.0, 0.1]])).beacons())
+    scene = at.Scene(AIR, [], frequency=80e3)
+    array = at.autd3_board(element=at.piston(4.5e-3))
+    beacons = at.FreeField().radiate(scene, at.Target(np.array([[0.0, 0.0, 0.1]])).beacons())
     with raises_code("out_of_range"):
-        transfer_matrix(beacons, array)
+        at.transfer_matrix(beacons, array)
 
 
 ONES = np.ones((2, 3), dtype=np.complex128)
@@ -218,13 +204,13 @@ ONES = np.ones((2, 3), dtype=np.complex128)
 @pytest.mark.parametrize(
     ("make", "code"),
     [
-        (lambda: TransferMatrix(0.0 * ONES, 0.0), "all_zero"),
-        (lambda: TransferMatrix(ONES[0], 0.0), "wrong_shape"),
-        (lambda: TransferMatrix(ONES[:0], 0.0), "wrong_shape"),
-        (lambda: TransferMatrix(ONES, 0.0).pressure(Drive(np.ones(4) + 0j)), "sizes_differ"),
-        (lambda: Drive(1.2 * ONES[0]), "over_full_scale"),
-        (lambda: Drive(ONES), "wrong_shape"),
-        (lambda: Drive(ONES[0, :0]), "wrong_shape"),
+        (lambda: at.TransferMatrix(0.0 * ONES, 0.0), "all_zero"),
+        (lambda: at.TransferMatrix(ONES[0], 0.0), "wrong_shape"),
+        (lambda: at.TransferMatrix(ONES[:0], 0.0), "wrong_shape"),
+        (lambda: at.TransferMatrix(ONES, 0.0).pressure(at.Drive(np.ones(4) + 0j)), "sizes_differ"),
+        (lambda: at.Drive(1.2 * ONES[0]), "over_full_scale"),
+        (lambda: at.Drive(ONES), "wrong_shape"),
+        (lambda: at.Drive(ONES[0, :0]), "wrong_shape"),
     ],
 )
 def test_bad_matrices_and_drives_raise(make, code: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -235,12 +221,12 @@ def test_bad_matrices_and_drives_raise(make, code: str, monkeypatch: pytest.Monk
 
 def test_numbers_that_are_not_finite_raise() -> None:
     with raises_code("not_finite"):
-        TransferMatrix(np.where(np.eye(2, 3) > 0, np.nan, ONES), 0.0)
+        at.TransferMatrix(np.where(np.eye(2, 3) > 0, np.nan, ONES), 0.0)
     with raises_code("not_finite"):
-        Drive(np.nan * ONES[0])
+        at.Drive(np.nan * ONES[0])
 
 
 def test_full_scale_allows_for_rounding_only() -> None:
-    assert len(Drive(np.array([1.0 + 1e-10 + 0j]))) == 1
+    assert len(at.Drive(np.array([1.0 + 1e-10 + 0j]))) == 1
     with raises_code("over_full_scale"):
-        Drive(np.array([1.0 + 1e-8 + 0j]))
+        at.Drive(np.array([1.0 + 1e-8 + 0j]))

@@ -8,7 +8,6 @@ import pytest
 import airtact as at
 from airtact.drives.draws import draws
 from airtact.drives.transfer_ensemble import TransferEnsemble, matrices_at
-from airtact.transducers.layout import join
 from faults import raises_code
 
 FOCI = np.array([[0.0, 0.0, 8.5e-3], [3e-3, 0.0, 8.2e-3]])
@@ -120,7 +119,9 @@ def test_boards_are_off_each_by_itself() -> None:
         uncertainty, 2, 0, middle, [middle], 2, [board.positions.mean(axis=0) for board in boards]
     )
     for found, draw in zip(samples.matrices, drawn, strict=True):
-        array = join([board.moved(pose) for board, pose in zip(boards, draw.boards, strict=True)])
+        array = at.transducers.join(
+            [board.moved(pose) for board, pose in zip(boards, draw.boards, strict=True)]
+        )
         assert off(found, at.transfer_matrix(in_open_air(), array).matrix) < 1e-3
 
 

@@ -15,16 +15,15 @@ from pathlib import Path
 
 import numpy as np
 
-from airtact.drives.drive import Drive
-from airtact.emission.autd3_link import AUTD3Link
-from airtact.emission.emission import Emission
-from airtact.emission.link import RecordingLink
-from airtact.geometry.pose import Pose
+import airtact as at
 from emission.odd_links import Interrupted, UnsilencedAudit, ZeroDivided
 
-DRIVE = Drive(np.exp(2j * np.pi * np.arange(249) / 7))
-PLAIN = {"recording": RecordingLink, "audit": lambda: AUTD3Link([Pose.identity()])}
-ODD = {"recording": ZeroDivided, "audit": lambda: UnsilencedAudit([Pose.identity()])}
+DRIVE = at.Drive(np.exp(2j * np.pi * np.arange(249) / 7))
+PLAIN = {
+    "recording": at.emission.RecordingLink,
+    "audit": lambda: at.AUTD3Link([at.Pose.identity()]),
+}
+ODD = {"recording": ZeroDivided, "audit": lambda: UnsilencedAudit([at.Pose.identity()])}
 LONG = 30.0
 KEPT: list = []
 SIGNALS = (
@@ -41,7 +40,7 @@ SIGNALS = (
 )
 
 
-def in_thread(emission: Emission, daemon: bool) -> None:
+def in_thread(emission: at.Emission, daemon: bool) -> None:
     """Emit from a thread; return while it does."""
     emits = threading.Event()
 
@@ -56,7 +55,7 @@ def in_thread(emission: Emission, daemon: bool) -> None:
 
 
 def killed_in_thread(kind: signal.Signals):
-    def way(emission: Emission) -> None:
+    def way(emission: at.Emission) -> None:
         in_thread(emission, daemon=False)
         os.kill(os.getpid(), kind)
         time.sleep(LONG)
@@ -65,7 +64,7 @@ def killed_in_thread(kind: signal.Signals):
 
 
 def killed(kind: signal.Signals):
-    def way(emission: Emission) -> None:
+    def way(emission: at.Emission) -> None:
         with emission:
             emission.send(DRIVE)
             if kind not in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL):
@@ -76,32 +75,32 @@ def killed(kind: signal.Signals):
     return way
 
 
-def exited(emission: Emission) -> None:
+def exited(emission: at.Emission) -> None:
     with emission:
         emission.send(DRIVE)
         os._exit(3)
 
 
-def daemon_and_main_ends(emission: Emission) -> None:
+def daemon_and_main_ends(emission: at.Emission) -> None:
     in_thread(emission, daemon=True)
 
 
-def daemon_and_main_raises(emission: Emission) -> None:
+def daemon_and_main_raises(emission: at.Emission) -> None:
     in_thread(emission, daemon=True)
     raise ZeroDivisionError
 
 
-def never_left(emission: Emission) -> None:
+def never_left(emission: at.Emission) -> None:
     emission.__enter__()
     emission.send(DRIVE)
 
 
-def stack_never_closed(emission: Emission) -> None:
+def stack_never_closed(emission: at.Emission) -> None:
     KEPT.append(stack := contextlib.ExitStack())
     stack.enter_context(emission).send(DRIVE)
 
 
-def generator_never_resumed(emission: Emission) -> None:
+def generator_never_resumed(emission: at.Emission) -> None:
     def steps():
         with emission:
             emission.send(DRIVE)
@@ -111,7 +110,7 @@ def generator_never_resumed(emission: Emission) -> None:
     next(KEPT[-1])
 
 
-def lock_held_and_killed(emission: Emission) -> None:
+def lock_held_and_killed(emission: at.Emission) -> None:
     """A C call holds the interpreter's lock for longer than the patience; then the process is killed."""
     with emission:
         emission.send(DRIVE)
@@ -120,7 +119,7 @@ def lock_held_and_killed(emission: Emission) -> None:
         ctypes.PyDLL(None).sleep(int(LONG))
 
 
-def out_of_seconds(emission: Emission) -> None:
+def out_of_seconds(emission: at.Emission) -> None:
     """The system kills a process whose computing time is over."""
     with emission:
         used = int(time.process_time()) + 1
@@ -129,7 +128,7 @@ def out_of_seconds(emission: Emission) -> None:
             emission.send(DRIVE)
 
 
-def copied(emission: Emission) -> None:
+def copied(emission: at.Emission) -> None:
     """A copy of the process keeps the connection open when this one is killed."""
     with emission:
         emission.send(DRIVE)
@@ -139,7 +138,7 @@ def copied(emission: Emission) -> None:
         os.kill(os.getpid(), signal.SIGKILL)
 
 
-def stopped(emission: Emission) -> None:
+def stopped(emission: at.Emission) -> None:
     """The process stands still for longer than the patience."""
     with emission:
         emission.send(DRIVE)
@@ -188,7 +187,7 @@ def main() -> None:
                 )
                 resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
                 os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
-                WAYS[way](Emission(link, ramp=0.0, log=Path(folder) / f"{way}-{trial}.log"))
+                WAYS[way](at.Emission(link, ramp=0.0, log=Path(folder) / f"{way}-{trial}.log"))
                 return  # as a script that ends
             os.waitpid(process, 0)
 

@@ -4,12 +4,10 @@ import os
 import signal
 import time
 
-from airtact.drives.frame import Frame
-from airtact.emission.autd3_link import AUTD3Link
-from airtact.emission.link import RecordingLink
+import airtact as at
 
 
-class SignalledLink(RecordingLink):
+class SignalledLink(at.emission.RecordingLink):
     """Its feeder gets a SIGTERM while it is being opened."""
 
     def _begin(self) -> None:
@@ -17,10 +15,10 @@ class SignalledLink(RecordingLink):
         os.kill(self.holder, signal.SIGTERM)
 
 
-class SlowLink(RecordingLink):
+class SlowLink(at.emission.RecordingLink):
     """Takes 30 ms for a frame."""
 
-    def _transmit(self, frame: Frame) -> None:
+    def _transmit(self, frame: at.drives.Frame) -> None:
         time.sleep(0.03)
         super()._transmit(frame)
 
@@ -37,19 +35,19 @@ class Unsilenced:
         super()._silence()
 
 
-class ZeroDivided(Unsilenced, RecordingLink):
+class ZeroDivided(Unsilenced, at.emission.RecordingLink):
     error = ZeroDivisionError
 
 
-class Interrupted(Unsilenced, RecordingLink):
+class Interrupted(Unsilenced, at.emission.RecordingLink):
     error = KeyboardInterrupt
 
 
-class UnsilencedAudit(Unsilenced, AUTD3Link):
+class UnsilencedAudit(Unsilenced, at.AUTD3Link):
     error = ZeroDivisionError
 
     def _silence(self) -> None:
         if self.last is None:  # opening
-            AUTD3Link._silence(self)
+            at.AUTD3Link._silence(self)
         else:
             super()._silence()

@@ -6,16 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from airtact.drives.drive import Drive
-from airtact.emission.emission import Emission
-from airtact.emission.link import RecordingLink
+import airtact as at
 
 EVENT = re.compile(r"\d+\.\d+ (opened|frame \d+ loudest \S+|silence confirmed|closed)")
 ENOUGH = 120.0
 
 
-def tone(elements: int = 249, loudness: float = 1.0) -> Drive:
-    return Drive(loudness * np.exp(2j * np.pi * np.arange(elements) / 7))
+def tone(elements: int = 249, loudness: float = 1.0) -> at.Drive:
+    return at.Drive(loudness * np.exp(2j * np.pi * np.arange(elements) / 7))
 
 
 def moving(frames: int, elements: int = 249) -> np.ndarray:
@@ -23,13 +21,13 @@ def moving(frames: int, elements: int = 249) -> np.ndarray:
     return np.exp(2j * np.pi * turns)
 
 
-def ended(link: RecordingLink) -> bool:
+def ended(link: at.emission.RecordingLink) -> bool:
     """Whether there was sound, then silence, then nothing."""
     return any(not frame.silent for frame in link.frames) and link.frames[-1].silent
 
 
 def playing(link, work, **settings) -> None:
-    with Emission(link, ramp=0.0, **settings) as emission:
+    with at.Emission(link, ramp=0.0, **settings) as emission:
         work(emission)
 
 

@@ -8,32 +8,32 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from airtact.drives.frame import Frame
+import airtact as at
 from airtact.emission.autd3_link import AUTD3Link, _custom_gain, _gain_of
-from airtact.emission.link import LinkFailed
-from airtact.geometry.pose import Pose
-from airtact.transducers.boards import board_named, poses_of_boards
-from airtact.transducers.layout import board_array, surrounding_box
 from faults import raises_code
 
 
-def random_frame(elements: int, seed: int = 0) -> Frame:
+def random_frame(elements: int, seed: int = 0) -> at.drives.Frame:
     random = np.random.default_rng(seed)
-    return Frame(*(random.integers(0, 256, elements).astype(np.uint8) for _ in range(2)))
+    return at.drives.Frame(*(random.integers(0, 256, elements).astype(np.uint8) for _ in range(2)))
 
 
-def random_poses(count: int) -> list[Pose]:
+def random_poses(count: int) -> list[at.Pose]:
     random = np.random.default_rng(4)
     return [
-        Pose(turn, random.uniform(-0.3, 0.3, 3))
+        at.Pose(turn, random.uniform(-0.3, 0.3, 3))
         for turn in Rotation.random(count, rng=random).as_matrix()
     ]
 
 
 @pytest.fixture
 def link():
-    box = surrounding_box(board="autd3")
-    link = AUTD3Link(poses_of_boards(board_named("autd3"), box.positions, box.normals))
+    box = at.surrounding_box(board="autd3")
+    link = AUTD3Link(
+        at.transducers.poses_of_boards(
+            at.transducers.board_named("autd3"), box.positions, box.normals
+        )
+    )
     link.open()
     yield link
     link.close()
@@ -42,7 +42,7 @@ def link():
 def test_our_layout_is_that_of_pyautd3() -> None:
     """Four boards at random poses: positions to 1e-4 mm, directions alike. pyautd3 computes in single precision."""
     poses = random_poses(4)
-    array = board_array("autd3", poses)
+    array = at.transducers.board_array("autd3", poses)
     link = AUTD3Link(poses)
     link.open()
     theirs = np.array([one.position() for board in link._controller for one in board])
@@ -65,8 +65,8 @@ def test_every_byte_comes_back_from_the_firmware(link: AUTD3Link) -> None:
 
 def test_every_level_comes_back_from_the_firmware(link: AUTD3Link) -> None:
     levels = (np.arange(996) % 256).astype(np.uint8)
-    link.send(Frame(levels, levels[::-1].copy()))
-    assert link.played().same_as(Frame(levels, levels[::-1].copy()))
+    link.send(at.drives.Frame(levels, levels[::-1].copy()))
+    assert link.played().same_as(at.drives.Frame(levels, levels[::-1].copy()))
 
 
 def test_the_firmware_plays_pressure_in_proportion_to_the_level(link: AUTD3Link) -> None:
@@ -100,7 +100,7 @@ def test_a_sequence_lies_in_the_boards_frame_by_frame(link: AUTD3Link, rate: flo
 
 
 def test_the_longest_sequence_fits() -> None:
-    link = AUTD3Link([Pose.identity()])
+    link = AUTD3Link([at.Pose.identity()])
     link.open()
     frames = [random_frame(249, seed) for seed in range(4)] * 256
     link.play(frames, 1000.0)
@@ -122,7 +122,7 @@ def test_pyautd3s_own_slow_gain_says_the_same() -> None:
     """The way that is taken where the entry of the library is not as it was."""
     import pyautd3
 
-    link = AUTD3Link([Pose.identity()])
+    link = AUTD3Link([at.Pose.identity()])
     link.open()
     frame = random_frame(249)
     link._sender.send((pyautd3.Static(), _custom_gain(link._words(frame))))
@@ -144,14 +144,15 @@ def test_a_cable_cut_says_what_was_sent_last(link: AUTD3Link) -> None:
     link.send(frame)
     link.cut()
     with pytest.raises(
-        LinkFailed, match="the audit link failed while sending: broken; the last of 1 frames sent"
+        at.emission.LinkFailed,
+        match="the audit link failed while sending: broken; the last of 1 frames sent",
     ) as it:
         link.send(random_frame(996, 1))
     assert it.value.last is frame
     assert it.value.sent == 1
-    with pytest.raises(LinkFailed, match="failed while silencing: broken"):
+    with pytest.raises(at.emission.LinkFailed, match="failed while silencing: broken"):
         link.stop()
-    with pytest.raises(LinkFailed, match="failed while closing"):
+    with pytest.raises(at.emission.LinkFailed, match="failed while closing"):
         link.close()
     link.open()
     link.send(frame)
@@ -189,32 +190,32 @@ def test_sequences_that_the_boards_refuse(
     [
         (lambda link: link.send(random_frame(249)), "sizes_differ", "996"),
         (lambda link: link.send(None), "wrong_kind", "a Frame"),
-        (lambda link: AUTD3Link(Pose.identity()), "wrong_kind", "a list of Pose"),
+        (lambda link: AUTD3Link(at.Pose.identity()), "wrong_kind", "a list of Pose"),
         (lambda link: AUTD3Link([None]), "wrong_kind", "pose 0"),
         (lambda link: AUTD3Link([]), "sizes_differ", "1 to 256 autd3 boards, not 0"),
-        (lambda link: AUTD3Link([Pose.identity()], "usb"), "unknown_name", "'usb'"),
-        (lambda link: AUTD3Link([Pose.identity()], "remote"), "key_missing", "1 address"),
+        (lambda link: AUTD3Link([at.Pose.identity()], "usb"), "unknown_name", "'usb'"),
+        (lambda link: AUTD3Link([at.Pose.identity()], "remote"), "key_missing", "1 address"),
         (
-            lambda link: AUTD3Link([Pose.identity()]).send(random_frame(249)),
+            lambda link: AUTD3Link([at.Pose.identity()]).send(random_frame(249)),
             "link_closed",
             "0 frames",
         ),
         (
-            lambda link: AUTD3Link([Pose.identity()], "remote", "x").played(),
+            lambda link: AUTD3Link([at.Pose.identity()], "remote", "x").played(),
             "not_supported",
             "remote",
         ),
         (
-            lambda link: AUTD3Link([Pose.identity()], "remote", "127.0.0.1:9").open(),
+            lambda link: AUTD3Link([at.Pose.identity()], "remote", "127.0.0.1:9").open(),
             "link_failed",
             "remote",
         ),
         (
-            lambda link: AUTD3Link([Pose.identity()], "ethercrab", "no0").open(),
+            lambda link: AUTD3Link([at.Pose.identity()], "ethercrab", "no0").open(),
             "link_failed",
             "ethercrab",
         ),
-        (lambda link: AUTD3Link([Pose.identity()], "twincat").open(), "link_failed", "twincat"),
+        (lambda link: AUTD3Link([at.Pose.identity()], "twincat").open(), "link_failed", "twincat"),
     ],
 )
 def test_what_cannot_be_is_rejected(
@@ -228,10 +229,10 @@ def test_what_cannot_be_is_rejected(
 def test_a_missing_pyautd3_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyautd3", None)
     with raises_code("extra_missing", "airtact[autd3]"):
-        AUTD3Link([Pose.identity()]).open()
+        AUTD3Link([at.Pose.identity()]).open()
 
 
 def test_an_unknown_pyautd3_names_the_version(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(importlib.metadata, "version", lambda name: "38.0.1")
     with raises_code("unsupported_version", "38.0.1", "36.0.2"):
-        AUTD3Link([Pose.identity()]).open()
+        AUTD3Link([at.Pose.identity()]).open()

@@ -6,34 +6,28 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from airtact.acoustics.target import Target
-from airtact.drives.drive import Drive, quantise
-from airtact.drives.frame import Frame
-from airtact.drives.linear_methods import time_reversal
-from airtact.drives.transfer import TransferMatrix, rounding_error
+import airtact as at
 from airtact.emission.codecs import codec_of
 from airtact.transducers.boards import BOARDS, board_named
-from airtact.transducers.layout import surrounding_box
-from airtact.transducers.levels import Levels
 from emission.receivers import Nano16, OpenMPD, SonicSurface, TwoSonicSurfaces, first_harmonic
 from faults import raises_code
 
 RECEIVERS = {"sonicsurface": SonicSurface, "nano16": Nano16, "openmpd": OpenMPD}
 
 
-def random_drive(elements: int, seed: int = 0) -> Drive:
+def random_drive(elements: int, seed: int = 0) -> at.Drive:
     random = np.random.default_rng(seed)
     amplitudes = random.uniform(0, 1, elements) * np.exp(2j * np.pi * random.uniform(size=elements))
     amplitudes[random.integers(0, elements, max(elements // 20, 1))] = 0.0
-    return Drive(amplitudes)
+    return at.Drive(amplitudes)
 
 
-def random_frame(name: str, boards: int, seed: int) -> Frame:
+def random_frame(name: str, boards: int, seed: int) -> at.drives.Frame:
     levels, random = codec_of(name).levels, np.random.default_rng(seed)
     elements = boards * len(board_named(name))
     amplitude = random.integers(0, len(levels.amplitudes), elements).astype(np.uint8)
     phase = random.integers(0, levels.phases, elements).astype(np.uint8)
-    return Frame(amplitude, np.where(amplitude > 0, phase, 0).astype(np.uint8), levels)
+    return at.drives.Frame(amplitude, np.where(amplitude > 0, phase, 0).astype(np.uint8), levels)
 
 
 def heard_by(model, message: bytes) -> np.ndarray:
@@ -56,7 +50,7 @@ def test_what_a_board_plays_is_the_drive_rounded(name: str) -> None:
     """The pulses of the firmware's model, as phasors, are the drive that the frame stands for, element by element."""
     codec, board = codec_of(name), board_named(name)
     drive = random_drive(len(board))
-    frame = quantise(drive, codec.levels)
+    frame = at.quantise(drive, codec.levels)
     played = first_harmonic(heard_by(RECEIVERS[name](), codec.encode(frame)))
     channels = board.channels if name == "openmpd" else np.arange(len(board))
     # An odd number of ticks less than half a period cannot keep the middle of a pulse: half a tick
@@ -75,7 +69,7 @@ def test_a_quarter_turn_arrives_a_quarter_of_a_period_later(name: str) -> None:
     codec, board = codec_of(name), board_named(name)
     drive = np.ones(len(board), dtype=complex)
     drive[1] = 1j
-    pulses = heard_by(RECEIVERS[name](), codec.encode(quantise(Drive(drive), codec.levels)))
+    pulses = heard_by(RECEIVERS[name](), codec.encode(at.quantise(at.Drive(drive), codec.levels)))
     channels = board.channels if name == "openmpd" else np.arange(len(board))
     first, later = pulses[:, channels[0]], pulses[:, channels[1]]
     np.testing.assert_array_equal(later, np.roll(first, len(pulses) // 4))
@@ -108,32 +102,32 @@ def test_lengths_and_marks_are_those_of_the_firmware() -> None:
 
 
 def test_autd3_takes_phase_and_intensity_as_they_are() -> None:
-    frame = quantise(random_drive(249))
+    frame = at.quantise(random_drive(249))
     message = np.frombuffer(codec_of("autd3").encode(frame), dtype=np.uint8)
     np.testing.assert_array_equal(message[0::2], frame.phase)
     np.testing.assert_array_equal(message[1::2], frame.amplitude)
 
 
-def focus() -> tuple[TransferMatrix, Drive]:
-    box, k = surrounding_box(board="autd3"), 2 * np.pi * 40e3 / 343.1
+def focus() -> tuple[at.TransferMatrix, at.Drive]:
+    box, k = at.surrounding_box(board="autd3"), 2 * np.pi * 40e3 / 343.1
     points = np.array([[-0.008, 0.0, 0.005], [0.008, 0.0, 0.005]])
     distance = np.linalg.norm(box.positions[None] - points[:, None], axis=2)
-    transfer = TransferMatrix(np.exp(1j * k * distance) / distance, 0.0)
-    return transfer, time_reversal(transfer, Target(points))
+    transfer = at.TransferMatrix(np.exp(1j * k * distance) / distance, 0.0)
+    return transfer, at.time_reversal(transfer, at.Target(points))
 
 
 def test_rounding_costs_what_it_may() -> None:
     transfer, drive = focus()
-    eight_bits = rounding_error(transfer, drive, quantise(drive))
+    eight_bits = at.drives.rounding_error(transfer, drive, at.quantise(drive))
     assert 0.0 < np.abs(eight_bits).max() < 1e-3
-    five_bits = Levels(np.array([0.0, 1.0]), phases=32)
+    five_bits = at.transducers.Levels(np.array([0.0, 1.0]), phases=32)
     every = drive.phase_only()
     # Rounding phases to N levels leaves sinc(1/N) of a focus in the mean: 0.9984 for 32.
-    phases_alone = rounding_error(transfer, every, quantise(every, five_bits))
+    phases_alone = at.drives.rounding_error(transfer, every, at.quantise(every, five_bits))
     np.testing.assert_allclose(phases_alone, np.sinc(1 / 32) - 1.0, rtol=0, atol=2e-3)
     # Playing all as loud as the loudest loses what time reversal knew of distances: never more than
     # it had.
-    assert np.all(rounding_error(transfer, drive, quantise(drive, five_bits)) < 0.0)
+    assert np.all(at.drives.rounding_error(transfer, drive, at.quantise(drive, five_bits)) < 0.0)
 
 
 @pytest.mark.parametrize(
@@ -180,27 +174,29 @@ NANO, ONES = codec_of("nano16").levels, np.ones(3, dtype=np.uint8)
 @pytest.mark.parametrize(
     ("make", "code", "shown"),
     [
-        (lambda: Levels(np.array([0.0]), 32), "out_of_range", "(1,)"),
-        (lambda: Levels(np.array([0.0, 0.5]), 32), "out_of_range", "0 to 0.5"),
+        (lambda: at.transducers.Levels(np.array([0.0]), 32), "out_of_range", "(1,)"),
+        (lambda: at.transducers.Levels(np.array([0.0, 0.5]), 32), "out_of_range", "0 to 0.5"),
         (
-            lambda: Levels(np.array([0.0, 1.0]), 300),
+            lambda: at.transducers.Levels(np.array([0.0, 1.0]), 300),
             "out_of_range",
             "2 to 256 levels of phase, not 300",
         ),
-        (lambda: Levels(np.array([0.0, 1.0]), 4.5), "out_of_range", "4.5"),
-        (lambda: rounding_error(*focus(), 3), "wrong_kind", "a Frame"),
-        (lambda: Frame(2 * ONES, 0 * ONES, NANO), "out_of_range", "below 2"),
+        (lambda: at.transducers.Levels(np.array([0.0, 1.0]), 4.5), "out_of_range", "4.5"),
+        (lambda: at.drives.rounding_error(*focus(), 3), "wrong_kind", "a Frame"),
+        (lambda: at.drives.Frame(2 * ONES, 0 * ONES, NANO), "out_of_range", "below 2"),
         (
-            lambda: Frame(ONES, 16 * ONES, NANO),
+            lambda: at.drives.Frame(ONES, 16 * ONES, NANO),
             "out_of_range",
             "below 16",
         ),
         (
-            lambda: rounding_error(*focus(), quantise(Drive(np.zeros(996, complex)))),
+            lambda: at.drives.rounding_error(
+                *focus(), at.quantise(at.Drive(np.zeros(996, complex)))
+            ),
             "all_zero",
             "",
         ),
-        (lambda: quantise(Drive(np.ones(3, complex)), 32), "wrong_kind", "32"),
+        (lambda: at.quantise(at.Drive(np.ones(3, complex)), 32), "wrong_kind", "32"),
     ],
 )
 def test_levels_that_cannot_be_are_rejected(

@@ -9,12 +9,7 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
-from airtact.drives.sequence import Sequence
-from airtact.emission.autd3_link import AUTD3Link
-from airtact.emission.emission import Emission
-from airtact.emission.link import LinkFailed, RecordingLink
-from airtact.emission.serial_link import SerialLink
-from airtact.geometry.pose import Pose
+import airtact as at
 from emission.odd_links import SignalledLink
 from emission.receivers import Nano16, SonicSurface, wired
 from emission.sounds import ended, events, moving, playing, tone
@@ -31,7 +26,7 @@ def test_a_signal_at_any_moment_ends_in_silence(kind) -> None:
     random = np.random.default_rng(int(kind))
     before, sounded = signal.getsignal(kind), 0
     for _ in range(FEW):
-        link = RecordingLink()
+        link = at.emission.RecordingLink()
         strike = threading.Timer(random.uniform(0.0, 0.03), os.kill, (os.getpid(), kind))
 
         def work(emission, strike=strike) -> None:
@@ -50,7 +45,7 @@ def test_a_signal_at_any_moment_ends_in_silence(kind) -> None:
 
 def test_an_exception_at_any_moment_ends_in_silence() -> None:
     for count in range(FEW):
-        link = RecordingLink()
+        link = at.emission.RecordingLink()
 
         def work(emission, count=count) -> None:
             for _ in range(count):
@@ -66,9 +61,9 @@ def test_an_exception_at_any_moment_ends_in_silence() -> None:
 def starve(times: int, patience: float) -> None:
     random = np.random.default_rng(3)
     for _ in range(times):
-        link = RecordingLink()
-        with Emission(link, ramp=0.0, patience=patience) as emission:
-            with suppress(LinkFailed):  # on a busy machine this very loop may starve it
+        link = at.emission.RecordingLink()
+        with at.Emission(link, ramp=0.0, patience=patience) as emission:
+            with suppress(at.emission.LinkFailed):  # on a busy machine this very loop may starve it
                 for _ in range(random.integers(1, 5)):
                     emission.send(tone())
             last = time.monotonic()
@@ -76,10 +71,10 @@ def starve(times: int, patience: float) -> None:
                 time.sleep(0.005)
             assert ended(link)
             with pytest.raises(
-                LinkFailed, match=f"over because no call came for {patience:g} s, after"
+                at.emission.LinkFailed, match=f"over because no call came for {patience:g} s, after"
             ):
                 emission.send(tone())
-            with pytest.raises(LinkFailed, match="no call came"):
+            with pytest.raises(at.emission.LinkFailed, match="no call came"):
                 emission.hold(0.1)
         assert ended(link)
         silence = (
@@ -97,8 +92,8 @@ def test_starving_ends_in_silence() -> None:
 
 
 def test_one_that_resumes_is_silent_while_no_call_comes() -> None:
-    link = RecordingLink()
-    with Emission(link, ramp=0.0, patience=0.2, resumes=True) as emission:
+    link = at.emission.RecordingLink()
+    with at.Emission(link, ramp=0.0, patience=0.2, resumes=True) as emission:
         emission.send(tone())
         until = time.monotonic() + 120.0
         while not link.frames[-1].silent and time.monotonic() < until:
@@ -108,14 +103,14 @@ def test_one_that_resumes_is_silent_while_no_call_comes() -> None:
         emission.send(tone())
         assert not link.frames[before].silent
         emission.stop()
-        with pytest.raises(LinkFailed, match="it was stopped"):
+        with pytest.raises(at.emission.LinkFailed, match="it was stopped"):
             emission.send(tone())
     assert ended(link)
 
 
 def test_two_signals_in_a_row_end_in_silence() -> None:
     for _ in range(FEW):
-        link = RecordingLink()
+        link = at.emission.RecordingLink()
 
         def work(emission) -> None:
             emission.send(tone())
@@ -131,22 +126,22 @@ def test_two_signals_in_a_row_end_in_silence() -> None:
 
 def test_a_signal_while_opening_ends_in_silence() -> None:
     link, before = SignalledLink(), signal.getsignal(signal.SIGTERM)
-    with pytest.raises(SystemExit), Emission(link):
+    with pytest.raises(SystemExit), at.Emission(link):
         pytest.fail("the block must not begin")
     assert all(frame.silent for frame in link.frames)
     assert signal.getsignal(signal.SIGTERM) is before
 
 
 def test_leaving_the_block_ends_in_silence_and_nothing_follows() -> None:
-    link = RecordingLink()
-    emission = Emission(link, ramp=0.0)
-    with pytest.raises(LinkFailed, match="it was not begun"):
+    link = at.emission.RecordingLink()
+    emission = at.Emission(link, ramp=0.0)
+    with pytest.raises(at.emission.LinkFailed, match="it was not begun"):
         emission.send(tone())
     with emission:
         emission.send(tone())
     assert ended(link)
     with pytest.raises(
-        LinkFailed, match="the emission is over because it was ended, after 2 frames"
+        at.emission.LinkFailed, match="the emission is over because it was ended, after 2 frames"
     ) as over:
         emission.send(tone())
     assert over.value.code == "emission_over"
@@ -165,7 +160,7 @@ def test_signals_end_in_silence_in_the_firmware(tmp_path) -> None:
                 emission.send(tone())
 
         with pytest.raises(KeyboardInterrupt):
-            playing(AUTD3Link([Pose.identity()]), work, log=log)
+            playing(at.AUTD3Link([at.Pose.identity()]), work, log=log)
         assert events(log)[-2:] == ["silence confirmed", "closed"]
 
 
@@ -177,11 +172,11 @@ def test_a_signal_during_a_sequence_ends_in_silence_on_serial_boards(name, model
 
     def work(emission) -> None:
         strike.start()
-        emission.play(Sequence(moving(10, elements), 40.0), seconds=5.0)
+        emission.play(at.drives.Sequence(moving(10, elements), 40.0), seconds=5.0)
 
     with wired(model()) as wire:
         with pytest.raises(SystemExit):
-            playing(SerialLink(wire.port, name), work)
+            playing(at.emission.SerialLink(wire.port, name), work)
         assert wire.silent()
 
 
@@ -189,19 +184,20 @@ def test_a_signal_during_a_sequence_ends_in_silence_on_serial_boards(name, model
 
 
 def test_a_link_that_fails_says_what_was_last_and_that_it_may_sound() -> None:
-    link = AUTD3Link([Pose.identity()])
+    link = at.AUTD3Link([at.Pose.identity()])
 
     def work(emission) -> None:
         emission.send(tone())
         emission.send(tone())
         link.cut()
         with pytest.raises(
-            LinkFailed, match=r"while sending: broken; the last of 2 frames sent had 249 of 249"
+            at.emission.LinkFailed,
+            match=r"while sending: broken; the last of 2 frames sent had 249 of 249",
         ):
             emission.send(tone())
 
     with pytest.raises(
-        LinkFailed, match=r"while silencing: broken; .* may still emit: cut their power"
+        at.emission.LinkFailed, match=r"while silencing: broken; .* may still emit: cut their power"
     ) as failure:
         playing(link, work)
     assert failure.value.code == "silence_failed"
@@ -211,16 +207,16 @@ def test_a_link_that_fails_says_what_was_last_and_that_it_may_sound() -> None:
 
 
 def test_a_watchdog_that_cannot_silence_is_heard_of() -> None:
-    link = AUTD3Link([Pose.identity()])
+    link = at.AUTD3Link([at.Pose.identity()])
 
     def work(emission) -> None:
         emission.send(tone())
         link.cut()
         time.sleep(3.0)
-        with pytest.raises(LinkFailed, match="may still emit"):
+        with pytest.raises(at.emission.LinkFailed, match="may still emit"):
             emission.beat()
 
-    with pytest.raises(LinkFailed, match="may still emit"):
+    with pytest.raises(at.emission.LinkFailed, match="may still emit"):
         playing(link, work)
 
 
@@ -228,46 +224,48 @@ def test_a_cable_cut_during_play_raises_in_time() -> None:
     begun = time.monotonic()
     with (
         wired(SonicSurface(), cut_after=2000) as wire,
-        pytest.raises(LinkFailed, match="the serial link failed"),
+        pytest.raises(at.emission.LinkFailed, match="the serial link failed"),
     ):
         playing(
-            SerialLink(wire.port),
-            lambda emission: emission.play(Sequence(moving(4, 256), 50.0), seconds=600.0),
+            at.emission.SerialLink(wire.port),
+            lambda emission: emission.play(at.drives.Sequence(moving(4, 256), 50.0), seconds=600.0),
         )
     assert time.monotonic() - begun < 300.0
 
 
 def test_a_cable_cut_while_boards_play_on_is_noticed() -> None:
-    begun, link = time.monotonic(), AUTD3Link([Pose.identity()])
+    begun, link = time.monotonic(), at.AUTD3Link([at.Pose.identity()])
 
     def work(emission) -> None:
         emission.send(tone())
         link.cut()
         with pytest.raises(
-            LinkFailed, match="while looking for the boards: broken; the last of 1 frames"
+            at.emission.LinkFailed,
+            match="while looking for the boards: broken; the last of 1 frames",
         ):
             emission.hold(600.0)
 
-    with pytest.raises(LinkFailed, match="may still emit"):
+    with pytest.raises(at.emission.LinkFailed, match="may still emit"):
         playing(link, work)
     with (
         wired(SonicSurface(), cut_after=259 * 3 + 100) as wire,
-        pytest.raises(LinkFailed, match="may still emit"),
+        pytest.raises(at.emission.LinkFailed, match="may still emit"),
     ):
         playing(
-            SerialLink(wire.port), lambda emission: (emission.send(tone(256)), emission.hold(600.0))
+            at.emission.SerialLink(wire.port),
+            lambda emission: (emission.send(tone(256)), emission.hold(600.0)),
         )
     assert time.monotonic() - begun < 300.0
 
 
 def test_a_signal_ends_an_emission_from_another_thread_too() -> None:
-    link, heard = RecordingLink(), []
+    link, heard = at.emission.RecordingLink(), []
 
     def feed(emission) -> None:
         try:
             while True:
                 emission.send(tone())
-        except LinkFailed as error:
+        except at.emission.LinkFailed as error:
             heard.append(str(error))
 
     def work(emission) -> None:
@@ -289,8 +287,8 @@ def test_a_signal_ends_an_emission_from_another_thread_too() -> None:
 def test_a_process_that_shall_outlive_its_terminal_does() -> None:
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
-        link = RecordingLink()
-        with Emission(link, ramp=0.0) as emission:
+        link = at.emission.RecordingLink()
+        with at.Emission(link, ramp=0.0) as emission:
             emission.send(tone())
             os.kill(os.getpid(), signal.SIGHUP)
             emission.send(tone())

@@ -7,13 +7,10 @@ import time
 import numpy as np
 import pytest
 
-from airtact.drives.drive import quantise
-from airtact.drives.sequence import Sequence
+import airtact as at
 from airtact.emission import feeding
 from airtact.emission.codecs import codec_of
-from airtact.emission.emission import Emission
 from airtact.emission.file_link import FileLink, load_drive, write_frames
-from airtact.emission.link import RecordingLink
 from emission.receivers import OpenMPD
 from emission.sounds import tone
 from emission.test_codecs import random_frame
@@ -22,10 +19,10 @@ from faults import raises_code
 
 def test_a_file_holds_what_was_sent_and_nothing_else(tmp_path) -> None:
     link = FileLink(tmp_path / "frames.npz")
-    with Emission(link) as emission:
+    with at.Emission(link) as emission:
         emission.send(tone())
         emission.hold(3600.0)
-    assert quantise(load_drive(link.path)).same_as(quantise(tone()))
+    assert at.quantise(load_drive(link.path)).same_as(at.quantise(tone()))
     assert sorted(path.name for path in tmp_path.iterdir()) == [link.path.name]
 
 
@@ -33,17 +30,17 @@ def test_two_thousand_frames_are_two_thousand_frames_on_a_busy_machine(tmp_path)
     """Played as fast as the disk takes them: none is left out, however late it is."""
     frames = np.exp(2j * np.pi * np.arange(2000)[:, None] / 256) * tone(12).amplitudes
     begun = time.monotonic()
-    with Emission(FileLink(tmp_path / "frames.h5", "nano16")) as emission:
-        played = emission.play(Sequence(frames, 1.0), seconds=2000.0)
+    with at.Emission(FileLink(tmp_path / "frames.h5", "nano16")) as emission:
+        played = emission.play(at.drives.Sequence(frames, 1.0), seconds=2000.0)
     assert time.monotonic() - begun < 100.0
     assert (played.rate, played.frames, played.dropped) == (1.0, 2000, 0)
     back = load_drive(tmp_path / "frames.h5")
-    assert isinstance(back, Sequence)
+    assert isinstance(back, at.drives.Sequence)
     assert (len(back), back.rate) == (2000, 1.0)
     levels = codec_of("nano16").levels
-    asked = Sequence(frames, 1.0)
+    asked = at.drives.Sequence(frames, 1.0)
     assert all(
-        quantise(back.drive(i), levels).same_as(quantise(asked.drive(i), levels))
+        at.quantise(back.drive(i), levels).same_as(at.quantise(asked.drive(i), levels))
         for i in range(2000)
     )
 
@@ -57,7 +54,7 @@ def test_a_file_may_take_longer_to_write_than_boards_may_take_to_answer(
             super()._end()
 
     monkeypatch.setattr(feeding, "ANSWER", 0.05)
-    with Emission(Slow(tmp_path / "frames.npz")) as emission:
+    with at.Emission(Slow(tmp_path / "frames.npz")) as emission:
         emission.send(tone())
     assert (tmp_path / "frames.npz").exists()
 
@@ -80,17 +77,17 @@ def test_every_one_of_2000_frames_is_in_the_file_20_times_beside_four_busy_proce
 ) -> None:
     """0.5 s of a circle at 4 kHz; each frame is there once, in its order."""
     levels, rate = codec_of("nano16").levels, 4000.0
-    asked = Sequence(
+    asked = at.drives.Sequence(
         np.exp(2j * np.pi * np.arange(2000)[:, None] / 256) * tone(12).amplitudes, rate
     )
     frames = np.stack(levels.rounded(asked.drives))
     for turn in range(20):
         path = tmp_path / f"{turn}.{kind}"
-        with Emission(FileLink(path, "nano16")) as emission:
+        with at.Emission(FileLink(path, "nano16")) as emission:
             played = emission.play(asked, seconds=0.5)
         assert (played.frames, played.dropped) == (2000, 0)
         back = load_drive(path, board="nano16", rate=rate) if kind == "bin" else load_drive(path)
-        assert isinstance(back, Sequence)
+        assert isinstance(back, at.drives.Sequence)
         assert (len(back), back.rate) == (2000, rate)
         np.testing.assert_array_equal(np.stack(levels.rounded(back.drives)), frames)
 
@@ -123,7 +120,7 @@ def test_a_link_that_was_sent_nothing_writes_nothing(tmp_path) -> None:
 
 
 def test_a_recording_remembers_frames_and_times() -> None:
-    link = RecordingLink("nano16")
+    link = at.emission.RecordingLink("nano16")
     link.open()
     frame = random_frame("nano16", 1, 1)
     link.send(frame)

@@ -11,17 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from airtact.drives.drive import quantise
+import airtact as at
 from airtact.drives.frame import frame_at
-from airtact.emission.autd3_link import AUTD3Link
 from airtact.emission.channel import Channel
-from airtact.emission.emission import Emission
-from airtact.emission.link import LinkFailed, RecordingLink
 from airtact.emission.player import Player, Settings
-from airtact.emission.serial_link import SerialLink
-from airtact.errors import InvalidInput
-from airtact.geometry.pose import Pose
-from airtact.transducers.modulation import AmplitudeModulation
 from emission.receivers import SonicSurface, wired
 from emission.sounds import ended, events, moving, playing, tone
 from faults import raises_code
@@ -40,21 +33,21 @@ def test_another_process_silences_the_boards_when_the_link_process_is_lost(
         os.kill(emission.process, kind)
         emission.hold(60.0)
 
-    with pytest.raises(LinkFailed) as lost:
-        playing(AUTD3Link([Pose.identity()]), work, log=log)
+    with pytest.raises(at.emission.LinkFailed) as lost:
+        playing(at.AUTD3Link([at.Pose.identity()]), work, log=log)
     assert lost.value.code == "link_process_lost"
     assert kind.name in str(lost.value)
     assert events(log) == ["opened", FULL, "opened", "silence confirmed", "closed"]
 
 
 def test_a_lost_link_process_is_reported_where_nothing_is_called_any_more() -> None:
-    emission = Emission(RecordingLink(), ramp=0.0).__enter__()
+    emission = at.Emission(at.emission.RecordingLink(), ramp=0.0).__enter__()
     emission.send(tone())
     os.kill(emission.process, signal.SIGKILL)
-    with pytest.raises(LinkFailed) as lost:
+    with pytest.raises(at.emission.LinkFailed) as lost:
         emission.__exit__(None, None, None)
     assert lost.value.code == "link_process_lost"
-    with pytest.raises(LinkFailed, match="the link process was lost"):
+    with pytest.raises(at.emission.LinkFailed, match="the link process was lost"):
         emission.beat()
 
 
@@ -75,7 +68,7 @@ def test_a_link_process_that_nobody_can_end_by_asking_stays_until_its_feeder_lea
         emission.hold(0.1)
 
     log = tmp_path / "log"
-    playing(RecordingLink(), work, log=log)
+    playing(at.emission.RecordingLink(), work, log=log)
     assert events(log) == ["opened", FULL, "silence confirmed", "closed"]
 
 
@@ -98,19 +91,19 @@ def test_a_board_that_another_process_uses_is_not_opened_and_free_once_that_is_k
             assert first.stdout.readline() == "open\n"
             with (
                 raises_code("link_in_use", f"process {first.pid}:"),
-                Emission(SerialLink(wire.port)),
+                at.Emission(at.emission.SerialLink(wire.port)),
             ):
                 pytest.fail("the block must not begin")
             first.kill()
-        playing(SerialLink(wire.port), lambda emission: emission.send(tone(256)))
+        playing(at.emission.SerialLink(wire.port), lambda emission: emission.send(tone(256)))
 
 
 def test_a_link_that_cannot_be_elsewhere_is_here_and_says_so() -> None:
-    class Local(RecordingLink):
+    class Local(at.emission.RecordingLink):
         pass
 
     link = Local()
-    emission = Emission(link, ramp=0.0)
+    emission = at.Emission(link, ramp=0.0)
     with pytest.warns(UserWarning, match="249 elements go on emitting"):
         emission.__enter__()
     assert emission.process is None
@@ -122,7 +115,7 @@ def test_a_link_that_cannot_be_elsewhere_is_here_and_says_so() -> None:
 def test_a_log_that_cannot_be_written_is_rejected(tmp_path: Path) -> None:
     with (
         raises_code("not_writable", "error 2"),
-        Emission(RecordingLink(), log=tmp_path / "no" / "log"),
+        at.Emission(at.emission.RecordingLink(), log=tmp_path / "no" / "log"),
     ):
         pytest.fail("the block must not begin")
 
@@ -132,12 +125,15 @@ def test_a_log_that_cannot_be_written_is_rejected(tmp_path: Path) -> None:
 
 def test_boards_that_modulate_themselves_go_on_while_drives_change() -> None:
     """The firmware's model holds the envelope; new drives change the gains alone, and silence ends it."""
-    modulation, drives = AmplitudeModulation(200.0, depth=0.8), [tone(), tone(loudness=0.5)]
-    with Emission(AUTD3Link([Pose.identity()]), ramp=0.0) as emission:
+    modulation, drives = (
+        at.transducers.AmplitudeModulation(200.0, depth=0.8),
+        [tone(), tone(loudness=0.5)],
+    )
+    with at.Emission(at.AUTD3Link([at.Pose.identity()]), ramp=0.0) as emission:
         emission.set_modulation(modulation)
         for drive in drives:
             emission.send(drive)
-            assert emission.link.played().same_as(quantise(drive))
+            assert emission.link.played().same_as(at.quantise(drive))
             np.testing.assert_array_equal(
                 emission.link.played_modulation(),
                 np.rint(255 * modulation.envelope(20)).astype(np.uint8),
@@ -149,7 +145,7 @@ def test_boards_that_modulate_themselves_go_on_while_drives_change() -> None:
         assert len(emission.link.played_modulation()) == 20
         emission.set_modulation(None)
         assert set(emission.link.played_modulation()) == {255}
-        assert emission.link.played().same_as(quantise(drives[0]))
+        assert emission.link.played().same_as(at.quantise(drives[0]))
 
 
 class VirtualTime:
@@ -167,11 +163,11 @@ def test_other_boards_are_sent_the_newest_drive_at_each_time_of_the_modulation(m
     clock = VirtualTime()
     monkeypatch.setattr("airtact.emission.player.time", clock)
     monkeypatch.setattr("airtact.emission.link.time", clock)
-    link = RecordingLink("sonicsurface")
+    link = at.emission.RecordingLink("sonicsurface")
     player = Player(link, Settings(cap=1.0, ramp=0.0, patience=10.0, log=None))
     player.open()
     drives = moving(12, 256)
-    envelope = AmplitudeModulation(20.0).envelope(4)
+    envelope = at.transducers.AmplitudeModulation(20.0).envelope(4)
     player.modulate(envelope, 80.0)
     for millisecond in range(360):
         clock.now = 1e-3 * millisecond
@@ -188,8 +184,8 @@ def test_other_boards_are_sent_the_newest_drive_at_each_time_of_the_modulation(m
 
 
 def test_silence_fades_and_the_next_drive_rises_again() -> None:
-    link = RecordingLink()
-    with Emission(link) as emission:
+    link = at.emission.RecordingLink()
+    with at.Emission(link) as emission:
         emission.send(tone())
         emission.silence()
         emission.send(tone())
@@ -199,8 +195,8 @@ def test_silence_fades_and_the_next_drive_rises_again() -> None:
 
 
 def test_the_newest_drive_rises_where_nothing_waits_for_the_ramp() -> None:
-    link = RecordingLink()
-    with Emission(link) as emission:
+    link = at.emission.RecordingLink()
+    with at.Emission(link) as emission:
         emission.send(tone(), wait=False)
         emission.send(tone(loudness=0.5), wait=False)
         emission.hold(0.4)
@@ -211,12 +207,12 @@ def test_the_newest_drive_rises_where_nothing_waits_for_the_ramp() -> None:
 
 
 def test_stop_is_silence_at_once_and_for_good() -> None:
-    link = RecordingLink()
-    with Emission(link, ramp=0.0) as emission:
+    link = at.emission.RecordingLink()
+    with at.Emission(link, ramp=0.0) as emission:
         emission.send(tone())
         emission.stop()
         assert link.frames[-1].silent
-        with pytest.raises(LinkFailed, match="it was stopped, after 2 frames") as over:
+        with pytest.raises(at.emission.LinkFailed, match="it was stopped, after 2 frames") as over:
             emission.send(tone())
         assert over.value.code == "emission_over"
     assert len(link.frames) == 2
@@ -245,14 +241,16 @@ def test_a_message_in_part_is_waited_for_and_an_end_is_noticed() -> None:
 
 
 def test_faults_pass_between_processes_with_their_codes() -> None:
-    fault = pickle.loads(pickle.dumps(InvalidInput("1 is too many.", np.ones(3), code="too_many")))
+    fault = pickle.loads(
+        pickle.dumps(at.InvalidInput("1 is too many.", np.ones(3), code="too_many"))
+    )
     assert (str(fault), fault.code, fault.position.tolist()) == (
         "1 is too many.",
         "too_many",
         [1.0, 1.0, 1.0],
     )
     failed = pickle.loads(
-        pickle.dumps(LinkFailed("lost.", quantise(tone()), 7, code="link_failed"))
+        pickle.dumps(at.emission.LinkFailed("lost.", at.quantise(tone()), 7, code="link_failed"))
     )
     assert (str(failed), failed.code, failed.sent, len(failed.last)) == (
         "lost.",

@@ -5,9 +5,6 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.drives.sequence import Sequence
-from airtact.emission.file_link import FileLink, load_drive
-from airtact.transducers.layout import board_array
 from faults import raises_code
 
 AIR = at.Medium(343.1, 1.293, 0.14)
@@ -22,13 +19,13 @@ def drive() -> at.Drive:
 @pytest.mark.parametrize(("ending", "digits"), [("h5", 1e-15), ("npz", 1e-15), ("csv", 1e-8)])
 def test_a_drive_comes_back(tmp_path, drive, ending: str, digits: float) -> None:
     drive.save(tmp_path / f"drive.{ending}", at.autd3_board())
-    back = load_drive(str(tmp_path / f"drive.{ending}"))
+    back = at.load_drive(str(tmp_path / f"drive.{ending}"))
     assert isinstance(back, at.Drive)
     np.testing.assert_allclose(back.amplitudes, drive.amplitudes, rtol=0, atol=digits)
     assert at.quantise(back).same_as(at.quantise(drive))
     drive.save(tmp_path / f"bare.{ending}")
     np.testing.assert_allclose(
-        load_drive(tmp_path / f"bare.{ending}").amplitudes, drive.amplitudes, rtol=0, atol=digits
+        at.load_drive(tmp_path / f"bare.{ending}").amplitudes, drive.amplitudes, rtol=0, atol=digits
     )
 
 
@@ -36,19 +33,21 @@ def test_a_drive_comes_back(tmp_path, drive, ending: str, digits: float) -> None
 def test_two_thousand_frames_come_back(tmp_path, ending: str, digits: float) -> None:
     random = np.random.default_rng(4)
     drives = random.uniform(0, 1, (2000, 12)) * np.exp(2j * np.pi * random.uniform(size=(2000, 12)))
-    sequence = Sequence(drives, 40e3 / 7)
-    sequence.save(tmp_path / f"sequence.{ending}", board_array("nano16"), at.Scene(AIR, []))
-    back = load_drive(tmp_path / f"sequence.{ending}")
-    assert isinstance(back, Sequence)
+    sequence = at.drives.Sequence(drives, 40e3 / 7)
+    sequence.save(
+        tmp_path / f"sequence.{ending}", at.transducers.board_array("nano16"), at.Scene(AIR, [])
+    )
+    back = at.load_drive(tmp_path / f"sequence.{ending}")
+    assert isinstance(back, at.drives.Sequence)
     assert len(back) == 2000
     assert back.rate == pytest.approx(sequence.rate, rel=1e-11)
     np.testing.assert_allclose(back.drives, sequence.drives, rtol=0, atol=digits)
 
 
 def test_a_sequence_of_one_frame_stays_a_sequence(tmp_path, drive) -> None:
-    Sequence(drive.amplitudes[None], 200.0).save(tmp_path / "one.h5")
-    back = load_drive(tmp_path / "one.h5")
-    assert isinstance(back, Sequence)
+    at.drives.Sequence(drive.amplitudes[None], 200.0).save(tmp_path / "one.h5")
+    back = at.load_drive(tmp_path / "one.h5")
+    assert isinstance(back, at.drives.Sequence)
     assert (len(back), back.rate) == (1, 200.0)
 
 
@@ -59,12 +58,12 @@ def test_frames_come_back_from_the_files_of_a_link(tmp_path, name: str, suffix: 
     from emission.test_codecs import random_frame
 
     frames = [random_frame(name, 2, seed) for seed in range(3)]
-    link = FileLink(tmp_path / f"frames{suffix}", name, boards=2)
+    link = at.emission.FileLink(tmp_path / f"frames{suffix}", name, boards=2)
     link.open()
     link.play(frames, 4000.0)
     link.close()
-    back = load_drive(link.path, board=name, boards=2, rate=4000.0 if suffix == ".bin" else None)
-    assert isinstance(back, Sequence)
+    back = at.load_drive(link.path, board=name, boards=2, rate=4000.0 if suffix == ".bin" else None)
+    assert isinstance(back, at.drives.Sequence)
     assert (len(back), back.rate) == (3, 4000.0)
     levels = codec_of(name).levels
     for index, frame in enumerate(frames):
@@ -80,17 +79,17 @@ def test_frames_without_a_rate_are_rejected_until_one_is_given(tmp_path) -> None
     with h5py.File(tmp_path / "frames.h5", "w") as file:
         file["amplitude"] = file["phase"] = np.ones((3, 12))
     with raises_code("data_missing"):
-        load_drive(tmp_path / "frames.h5")
-    back = load_drive(tmp_path / "frames.h5", rate=100.0)
-    assert isinstance(back, Sequence)
+        at.load_drive(tmp_path / "frames.h5")
+    back = at.load_drive(tmp_path / "frames.h5", rate=100.0)
+    assert isinstance(back, at.drives.Sequence)
     assert back.rate == 100.0
 
 
 def test_messages_of_a_board_need_its_name(tmp_path) -> None:
     with raises_code("data_missing"):
-        load_drive(tmp_path / "frames.bin")
+        at.load_drive(tmp_path / "frames.bin")
     with raises_code("file_missing"):
-        load_drive(tmp_path / "frames.bin", board="autd3")
+        at.load_drive(tmp_path / "frames.bin", board="autd3")
     (tmp_path / "frames.bin").write_bytes(bytes(66))
     with raises_code("message_damaged"):
-        load_drive(tmp_path / "frames.bin", board="openmpd")
+        at.load_drive(tmp_path / "frames.bin", board="openmpd")

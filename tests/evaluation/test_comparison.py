@@ -3,36 +3,28 @@
 import numpy as np
 import pytest
 
-from airtact.acoustics.medium import Medium
-from airtact.acoustics.scene import Scene
-from airtact.acoustics.solvers.free_field import FreeField
-from airtact.acoustics.target import Target
-from airtact.drives.drive import Drive
-from airtact.drives.linear_methods import phase_conjugate, time_reversal
-from airtact.drives.transfer import focus_by_distance, transfer_matrix
+import airtact as at
 from airtact.evaluation.comparison import HELD_EQUAL, compare
-from airtact.evaluation.field import field_map
-from airtact.transducers.layout import flat_boards
 from faults import raises_code
 
-SCENE = Scene(Medium(343.1, 1.293), [])
-ARRAY = flat_boards(1, 1)
-TARGET = Target(np.array([[0.02, 0.0, 0.06], [-0.03, 0.01, 0.08]]))
-TRANSFER = transfer_matrix(FreeField().radiate(SCENE, TARGET.beacons()), ARRAY)
+SCENE = at.Scene(at.Medium(343.1, 1.293), [])
+ARRAY = at.flat_boards(1, 1)
+TARGET = at.Target(np.array([[0.02, 0.0, 0.06], [-0.03, 0.01, 0.08]]))
+TRANSFER = at.transfer_matrix(at.FreeField().radiate(SCENE, TARGET.beacons()), ARRAY)
 
 
-def drives() -> dict[str, Drive]:
-    reversal = time_reversal(TRANSFER, TARGET)
+def drives() -> dict[str, at.Drive]:
+    reversal = at.time_reversal(TRANSFER, TARGET)
     return {
-        "time reversal": Drive(0.3 * reversal.amplitudes),
-        "phases": phase_conjugate(TRANSFER, TARGET),
-        "control": focus_by_distance(ARRAY, TARGET, SCENE.medium, SCENE.frequency),
+        "time reversal": at.Drive(0.3 * reversal.amplitudes),
+        "phases": at.drives.phase_conjugate(TRANSFER, TARGET),
+        "control": at.focus_by_distance(ARRAY, TARGET, SCENE.medium, SCENE.frequency),
     }
 
 
 def test_every_normalisation_holds_equal_what_it_says() -> None:
     given = drives()
-    result = compare(SCENE, ARRAY, given, TARGET, solver=FreeField())
+    result = compare(SCENE, ARRAY, given, TARGET, solver=at.FreeField())
     energies = [
         np.sum(np.abs(drive.amplitudes / np.abs(drive.amplitudes).max()) ** 2)
         for drive in given.values()
@@ -47,13 +39,15 @@ def test_every_normalisation_holds_equal_what_it_says() -> None:
         assert name == result.names[row]
         for held_equal in HELD_EQUAL:
             expected = np.abs(
-                field_map(SCENE, ARRAY, Drive(alike[held_equal]), TARGET.points, solver=FreeField())
+                at.field_map(
+                    SCENE, ARRAY, at.Drive(alike[held_equal]), TARGET.points, solver=at.FreeField()
+                )
             )
             np.testing.assert_allclose(result.pressures[held_equal][row], expected, rtol=1e-10)
 
 
 def test_ratios_are_to_the_first_drive_in_pressure_and_squared() -> None:
-    result = compare(SCENE, ARRAY, drives(), TARGET, solver=FreeField())
+    result = compare(SCENE, ARRAY, drives(), TARGET, solver=at.FreeField())
     for held_equal in HELD_EQUAL:
         pressures = result.pressures[held_equal]
         np.testing.assert_array_equal(result.ratios(held_equal)[0], 1.0)
@@ -65,15 +59,15 @@ def test_ratios_are_to_the_first_drive_in_pressure_and_squared() -> None:
 
 def test_the_field_of_each_drive_is_found_by_its_name() -> None:
     given = drives()
-    result = compare(SCENE, ARRAY, given, TARGET, solver=FreeField())
+    result = compare(SCENE, ARRAY, given, TARGET, solver=at.FreeField())
     points = np.array([[0.0, 0.0, 0.1], [0.01, -0.02, 0.09]])
     found = result.at(points)
     assert list(found) == list(given)
     for name, drive in given.items():
-        largest = Drive(drive.amplitudes / np.abs(drive.amplitudes).max())
-        expected = field_map(SCENE, ARRAY, largest, points, solver=FreeField())
+        largest = at.Drive(drive.amplitudes / np.abs(drive.amplitudes).max())
+        expected = at.field_map(SCENE, ARRAY, largest, points, solver=at.FreeField())
         np.testing.assert_allclose(found[name], expected, rtol=1e-10)
-        phases = field_map(SCENE, ARRAY, drive.phase_only(), points, solver=FreeField())
+        phases = at.field_map(SCENE, ARRAY, drive.phase_only(), points, solver=at.FreeField())
         column = result.field.at(points)[:, result.column(name, phase_only=True)]
         np.testing.assert_allclose(column, phases, rtol=1e-10)
     with raises_code("unknown_name"):
@@ -81,13 +75,13 @@ def test_the_field_of_each_drive_is_found_by_its_name() -> None:
 
 
 def test_for_one_focus_the_normalisation_turns_the_conclusion_round() -> None:
-    target = Target(TARGET.points[:1])
-    transfer = transfer_matrix(FreeField().radiate(SCENE, target.beacons()), ARRAY)
+    target = at.Target(TARGET.points[:1])
+    transfer = at.transfer_matrix(at.FreeField().radiate(SCENE, target.beacons()), ARRAY)
     pair = {
-        "reversal": time_reversal(transfer, target),
-        "phases": phase_conjugate(transfer, target),
+        "reversal": at.time_reversal(transfer, target),
+        "phases": at.drives.phase_conjugate(transfer, target),
     }
-    result = compare(SCENE, ARRAY, pair, target, solver=FreeField())
+    result = compare(SCENE, ARRAY, pair, target, solver=at.FreeField())
     magnitude = np.abs(transfer.matrix[0])
     peak = magnitude.sum() * magnitude.max() / np.sum(magnitude**2)
     energy = magnitude.sum() / np.sqrt(len(magnitude) * np.sum(magnitude**2))
@@ -99,9 +93,9 @@ def test_for_one_focus_the_normalisation_turns_the_conclusion_round() -> None:
 
 def test_the_scale_of_a_drive_plays_no_part() -> None:
     given = drives()
-    weak = {name: Drive(0.1 * drive.amplitudes) for name, drive in given.items()}
+    weak = {name: at.Drive(0.1 * drive.amplitudes) for name, drive in given.items()}
     first, second = (
-        compare(SCENE, ARRAY, some, TARGET, solver=FreeField()) for some in (given, weak)
+        compare(SCENE, ARRAY, some, TARGET, solver=at.FreeField()) for some in (given, weak)
     )
     for held_equal in HELD_EQUAL:
         np.testing.assert_allclose(
@@ -110,7 +104,7 @@ def test_the_scale_of_a_drive_plays_no_part() -> None:
 
 
 def test_a_comparison_reads_as_a_table_that_says_what_is_held_equal() -> None:
-    result = compare(SCENE, ARRAY, drives(), TARGET, solver=FreeField())
+    result = compare(SCENE, ARRAY, drives(), TARGET, solver=at.FreeField())
     text = str(result)
     for held_equal, meaning in HELD_EQUAL.items():
         assert f"{held_equal}: {meaning}" in text
@@ -128,7 +122,7 @@ def test_a_comparison_reads_as_a_table_that_says_what_is_held_equal() -> None:
 
 
 def test_a_comparison_lists_every_focus_of_every_drive() -> None:
-    result = compare(SCENE, ARRAY, drives(), TARGET, solver=FreeField())
+    result = compare(SCENE, ARRAY, drives(), TARGET, solver=at.FreeField())
     rows = result.table()
     assert len(rows) == 3 * 3 * len(TARGET.points)
     row = next(
@@ -144,19 +138,19 @@ def test_a_comparison_lists_every_focus_of_every_drive() -> None:
 
 
 def test_drives_that_cannot_be_compared_raise() -> None:
-    silent = {"silence": Drive(np.zeros(249, dtype=np.complex128))}
+    silent = {"silence": at.Drive(np.zeros(249, dtype=np.complex128))}
     with raises_code("all_zero"):
-        compare(SCENE, ARRAY, silent, TARGET, solver=FreeField())
+        compare(SCENE, ARRAY, silent, TARGET, solver=at.FreeField())
     with raises_code("too_few"):
-        compare(SCENE, ARRAY, {}, TARGET, solver=FreeField())
+        compare(SCENE, ARRAY, {}, TARGET, solver=at.FreeField())
     with raises_code("sizes_differ"):
         compare(
             SCENE,
             ARRAY,
-            {"short": Drive(np.ones(3, dtype=np.complex128))},
+            {"short": at.Drive(np.ones(3, dtype=np.complex128))},
             TARGET,
-            solver=FreeField(),
+            solver=at.FreeField(),
         )
-    result = compare(SCENE, ARRAY, drives(), TARGET, solver=FreeField())
+    result = compare(SCENE, ARRAY, drives(), TARGET, solver=at.FreeField())
     with raises_code("unknown_name"):
         result.ratios("equal power")

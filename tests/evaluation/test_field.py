@@ -3,27 +3,18 @@
 import numpy as np
 import pytest
 
-from airtact.acoustics.medium import Medium
-from airtact.acoustics.scene import Scene, sound_hard
-from airtact.acoustics.solvers.free_field import FreeField
-from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
-from airtact.drives.drive import Drive
-from airtact.evaluation.field import drive_sources, field_map
-from airtact.geometry.pose import Pose
-from airtact.geometry.primitives import sphere
-from airtact.transducers.element import piston
-from airtact.transducers.layout import PhasedArray, autd3_board
+import airtact as at
 from faults import raises_code
 
-AIR = Medium(343.1, 1.293)
+AIR = at.Medium(343.1, 1.293)
 FORWARD = np.array([[0.0, 0.0, 1.0]])
-FULL = Drive(np.ones(1, dtype=np.complex128))
+FULL = at.Drive(np.ones(1, dtype=np.complex128))
 
 
 def test_one_monopole_at_full_scale_makes_its_sensitivity_at_one_metre() -> None:
-    array = PhasedArray(np.zeros((1, 3)), FORWARD)
-    pressure = field_map(
-        Scene(AIR, []), array, FULL, np.array([[0.6, 0.0, 0.8]]), solver=FreeField()
+    array = at.PhasedArray(np.zeros((1, 3)), FORWARD)
+    pressure = at.field_map(
+        at.Scene(AIR, []), array, FULL, np.array([[0.6, 0.0, 0.8]]), solver=at.FreeField()
     )
     assert np.abs(pressure[0]) == pytest.approx(4.38, rel=1e-12)
     assert np.abs(pressure[0]) / np.sqrt(2.0) == pytest.approx(3.10, abs=5e-3)
@@ -32,21 +23,21 @@ def test_one_monopole_at_full_scale_makes_its_sensitivity_at_one_metre() -> None
 @pytest.mark.parametrize("height", [0.02, 0.05, 0.2, 1.0])
 def test_a_piston_on_its_axis_is_the_closed_form(height: float) -> None:
     """Mean of e^{ikr}/r over a disc seen from its axis: 2/(ik a²) (e^{ik√(z²+a²)} − e^{ikz})."""
-    radius, k = 4.5e-3, Scene(AIR, []).wavenumber.real
-    array = PhasedArray(np.zeros((1, 3)), FORWARD, piston(radius, sensitivity=1.0))
-    found = field_map(Scene(AIR, []), array, FULL, height * FORWARD, solver=FreeField())[0]
+    radius, k = 4.5e-3, at.Scene(AIR, []).wavenumber.real
+    array = at.PhasedArray(np.zeros((1, 3)), FORWARD, at.piston(radius, sensitivity=1.0))
+    found = at.field_map(at.Scene(AIR, []), array, FULL, height * FORWARD, solver=at.FreeField())[0]
     edge = np.exp(1j * k * np.hypot(height, radius)) - np.exp(1j * k * height)
     assert abs(found - 2.0 / (1j * k * radius**2) * edge) < 1e-6 * abs(found)
 
 
 def test_sources_are_the_faces_element_by_element_with_one_sound_per_drive() -> None:
-    array = autd3_board(Pose.turn((1, 1, 0), 0.3), piston(4.5e-3))
+    array = at.autd3_board(at.Pose.turn((1, 1, 0), 0.3), at.piston(4.5e-3))
     random = np.random.default_rng(1)
     drives = [
-        Drive(random.uniform(-0.7, 0.7, 249) + 1j * random.uniform(-0.7, 0.7, 249))
+        at.Drive(random.uniform(-0.7, 0.7, 249) + 1j * random.uniform(-0.7, 0.7, 249))
         for _ in range(3)
     ]
-    sources = drive_sources(array, drives)
+    sources = at.evaluation.drive_sources(array, drives)
     assert sources.strengths.shape == (249 * 19, 3)
     for sound, drive in enumerate(drives):
         strengths = sources.strengths[:, sound].reshape(249, 19)
@@ -57,14 +48,14 @@ def test_sources_are_the_faces_element_by_element_with_one_sound_per_drive() -> 
 
 
 def test_a_map_is_linear_in_the_drive_and_not_a_number_inside_a_body() -> None:
-    scene = Scene(AIR, [sound_hard(sphere(0.010, edge=4e-3))])
-    array = autd3_board(Pose.turn((0, 1, 0), 0.0, (-0.09, -0.07, -0.1)))
-    array = PhasedArray(array.positions[::25], array.normals[::25])
+    scene = at.Scene(AIR, [at.sound_hard(at.sphere(0.010, edge=4e-3))])
+    array = at.autd3_board(at.Pose.turn((0, 1, 0), 0.0, (-0.09, -0.07, -0.1)))
+    array = at.PhasedArray(array.positions[::25], array.normals[::25])
     points = np.array([[0.0, 0.0, 0.012], [0.0, 0.0, 0.005], [0.03, 0.0, 0.0]])
     random = np.random.default_rng(2)
     first, second = (np.exp(2j * np.pi * random.uniform(size=len(array))) / 2 for _ in range(2))
     one, other, both = (
-        field_map(scene, array, Drive(amplitudes), points, solver=SphereSeries())
+        at.field_map(scene, array, at.Drive(amplitudes), points, solver=at.SphereSeries())
         for amplitudes in (first, second, first + second)
     )
     assert np.isnan(both).tolist() == [False, True, False]
@@ -72,8 +63,8 @@ def test_a_map_is_linear_in_the_drive_and_not_a_number_inside_a_body() -> None:
 
 
 def test_drives_that_do_not_fit_raise() -> None:
-    array = autd3_board()
+    array = at.autd3_board()
     with raises_code("sizes_differ"):
-        field_map(Scene(AIR, []), array, FULL, FORWARD, solver=FreeField())
+        at.field_map(at.Scene(AIR, []), array, FULL, FORWARD, solver=at.FreeField())
     with raises_code("too_few"):
-        drive_sources(array, [])
+        at.evaluation.drive_sources(array, [])

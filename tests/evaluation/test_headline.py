@@ -3,39 +3,32 @@
 import numpy as np
 import pytest
 
-from airtact.acoustics.medium import Medium
-from airtact.acoustics.scene import Scene
-from airtact.acoustics.solvers.free_field import FreeField
-from airtact.acoustics.target import Target
-from airtact.drives.drive import Drive
-from airtact.drives.methods import best
-from airtact.drives.transfer import open_air_matrix
+import airtact as at
 from airtact.evaluation.comparison import compare
 from airtact.evaluation.headline import beyond_linear, body_word, headline, pascals, shortfalls
-from airtact.transducers.layout import flat_boards
 
-SCENE = Scene(Medium(343.1, 1.293), [])
-ARRAY = flat_boards(1, 1)
+SCENE = at.Scene(at.Medium(343.1, 1.293), [])
+ARRAY = at.flat_boards(1, 1)
 POINTS = np.array([[0.02, 0.0, 0.06], [-0.03, 0.01, 0.08]])
 
 
-def emitted(peak: float) -> Drive:
-    return Drive(np.full(3, peak, dtype=np.complex128))
+def emitted(peak: float) -> at.Drive:
+    return at.Drive(np.full(3, peak, dtype=np.complex128))
 
 
 AT_FULL_SCALE = emitted(1.0)
 
 
-def compared(target: Target, weaker: float = 1.0):
+def compared(target: at.Target, weaker: float = 1.0):
     """Compare the best drive with itself, but for a share of its elements that are off."""
-    drive = best(open_air_matrix(SCENE, ARRAY, target), target)
+    drive = at.best(at.open_air_matrix(SCENE, ARRAY, target), target)
     on = np.arange(len(drive)) < weaker * len(drive)
-    drives = {"hand-aware": drive, "without the hand": Drive(drive.amplitudes * on)}
-    return compare(SCENE, ARRAY, drives, target, solver=FreeField())
+    drives = {"hand-aware": drive, "without the hand": at.Drive(drive.amplitudes * on)}
+    return compare(SCENE, ARRAY, drives, target, solver=at.FreeField())
 
 
 def test_the_gain_is_that_of_the_weakest_foci() -> None:
-    result = compared(Target(POINTS), weaker=0.7)
+    result = compared(at.Target(POINTS), weaker=0.7)
     first, second = result.pressures["equal peak"].min(axis=1)
     assert headline(result, AT_FULL_SCALE) == (
         f"Hand-aware: {first / 1e3:.2f} kPa at the weakest focus. Without the hand: {second / 1e3:.2f} kPa. Same "
@@ -44,14 +37,14 @@ def test_the_gain_is_that_of_the_weakest_foci() -> None:
 
 
 def test_where_the_hand_does_not_matter_the_sentence_says_so() -> None:
-    said = headline(compared(Target(POINTS)), AT_FULL_SCALE, "object")
+    said = headline(compared(at.Target(POINTS)), AT_FULL_SCALE, "object")
     assert said.endswith(
         "The object does not matter here: the solution distinguishes no less than 1.0%."
     )
 
 
 def test_below_full_scale_the_energies_are_equal() -> None:
-    result = compared(Target(POINTS, 500.0), weaker=0.7)
+    result = compared(at.Target(POINTS, 500.0), weaker=0.7)
     first, second = result.pressures["equal energy"].min(axis=1)
     said = headline(result, emitted(500.0 / result.pressures["equal peak"][0].min()))
     assert said.startswith("Hand-aware: 500 Pa at the weakest focus.")
@@ -59,7 +52,7 @@ def test_below_full_scale_the_energies_are_equal() -> None:
 
 
 def test_unequal_requests_are_counted_as_shares() -> None:
-    result = compared(Target(POINTS, np.array([400.0, 200.0])))
+    result = compared(at.Target(POINTS, np.array([400.0, 200.0])))
     assert headline(result, emitted(0.1)).startswith("Hand-aware: ")
     assert " % of what was asked at the weakest focus." in headline(result, emitted(0.1))
 
@@ -78,12 +71,12 @@ def test_bodies_are_called_what_they_are(bodies, word) -> None:
 
 
 def test_what_was_asked_and_not_reached_is_listed() -> None:
-    target = Target(POINTS, np.array([200e3, 500.0]))
+    target = at.Target(POINTS, np.array([200e3, 500.0]))
     assert shortfalls(target, ["a", "b"], np.array([21.53e3, 495.0]), AT_FULL_SCALE) == (
         "Asked and not reached: a 21.5 kPa of 200 kPa: the transducers are at full scale.",
     )
     assert shortfalls(target, ["a", "b"], np.array([200e3, 500.0]), emitted(0.5)) == ()
-    assert shortfalls(Target(POINTS), ["a", "b"], np.array([1.0, 1.0]), AT_FULL_SCALE) == ()
+    assert shortfalls(at.Target(POINTS), ["a", "b"], np.array([1.0, 1.0]), AT_FULL_SCALE) == ()
 
 
 def test_sound_too_strong_for_the_linear_model_is_warned_of() -> None:

@@ -5,31 +5,24 @@ import re
 import numpy as np
 import pytest
 
-from airtact.acoustics.medium import Medium
-from airtact.acoustics.scene import Scene, sound_hard
-from airtact.acoustics.solvers.free_field import FreeField
-from airtact.acoustics.solvers.problem import SolveReport
-from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
-from airtact.acoustics.target import Target
-from airtact.drives.drive import Drive
-from airtact.drives.linear_methods import time_reversal
-from airtact.drives.reach import achieved_fraction
-from airtact.drives.transfer import transfer_matrix
-from airtact.evaluation.metrics import Evaluation, evaluate
-from airtact.geometry.primitives import sphere
-from airtact.transducers.element import piston
-from airtact.transducers.layout import PhasedArray, flat_boards, surrounding_box
+import airtact as at
 from faults import raises_code
 
-AIR = Medium(343.1, 1.293)
-BALL = sound_hard(sphere(0.010, edge=4e-3))
-REPORT = SolveReport("by hand", 0.0, 0, 0, np.inf, 0.0, warnings=("A warning to pass on.",))
+AIR = at.Medium(343.1, 1.293)
+BALL = at.sound_hard(at.sphere(0.010, edge=4e-3))
+REPORT = at.acoustics.SolveReport(
+    "by hand", 0.0, 0, 0, np.inf, 0.0, warnings=("A warning to pass on.",)
+)
 POINTS = np.array([[0.0, 0.0, 0.011], [0.011, 0.0, 0.0], [0.0, -0.03, 0.0]])
 
 
-def given_pressures(*pressures: complex, asked: np.ndarray | float | None = None) -> Evaluation:
+def given_pressures(
+    *pressures: complex, asked: np.ndarray | float | None = None
+) -> at.evaluation.Evaluation:
     points = np.arange(3.0 * len(pressures)).reshape(-1, 3) * 1e-3
-    return Evaluation(Target(points, asked), np.array(pressures, dtype=np.complex128), REPORT)
+    return at.evaluation.Evaluation(
+        at.Target(points, asked), np.array(pressures, dtype=np.complex128), REPORT
+    )
 
 
 def test_figures_of_a_known_answer() -> None:
@@ -48,10 +41,10 @@ def test_figures_are_of_shares_where_pressures_are_asked() -> None:
 
 
 def test_foci_that_get_what_their_shares_ask_are_uniform() -> None:
-    target = Target(np.arange(9.0).reshape(-1, 3) * 1e-3, shares=np.array([1.0, 0.5, 0.0]))
-    result = Evaluation(target, np.array([300.0, 150j, 20.0]), REPORT)
+    target = at.Target(np.arange(9.0).reshape(-1, 3) * 1e-3, shares=np.array([1.0, 0.5, 0.0]))
+    result = at.evaluation.Evaluation(target, np.array([300.0, 150j, 20.0]), REPORT)
     assert (result.worst, result.mean, result.uniformity) == (300.0, 300.0, 1.0)
-    uneven = Evaluation(target, np.array([300.0, 300j, 20.0]), REPORT)
+    uneven = at.evaluation.Evaluation(target, np.array([300.0, 300j, 20.0]), REPORT)
     assert (uneven.worst, uneven.uniformity) == (300.0, pytest.approx(1.0 - 300.0 / 900.0))
 
 
@@ -80,24 +73,28 @@ def test_an_evaluation_reads_as_a_table() -> None:
 
 
 def test_a_drive_by_time_reversal_gets_what_its_matrix_predicts() -> None:
-    box = surrounding_box()
-    array = PhasedArray(box.positions[::30], box.normals[::30])
-    scene, target = Scene(AIR, [BALL]), Target(POINTS, np.array([100.0, 120.0, 80.0]))
-    transfer = transfer_matrix(SphereSeries().radiate(scene, target.beacons()), array)
-    drive = time_reversal(transfer, target)
-    result = evaluate(scene, array, drive, target, solver=SphereSeries())
+    box = at.surrounding_box()
+    array = at.PhasedArray(box.positions[::30], box.normals[::30])
+    scene, target = at.Scene(AIR, [BALL]), at.Target(POINTS, np.array([100.0, 120.0, 80.0]))
+    transfer = at.transfer_matrix(at.SphereSeries().radiate(scene, target.beacons()), array)
+    drive = at.time_reversal(transfer, target)
+    result = at.evaluate(scene, array, drive, target, solver=at.SphereSeries())
     np.testing.assert_allclose(result.pressures, transfer.pressure(drive), rtol=1e-6)
-    np.testing.assert_allclose(result.shares, achieved_fraction(transfer, target, drive), rtol=1e-6)
+    np.testing.assert_allclose(
+        result.shares, at.drives.achieved_fraction(transfer, target, drive), rtol=1e-6
+    )
     assert result.worst == pytest.approx(1.0, rel=1e-6)
     assert result.report.solver == "SphereSeries"
 
 
 def test_a_focus_in_a_body_or_behind_a_face_raises() -> None:
-    array = flat_boards(1, 1, piston(4.5e-3))
-    drive = Drive(np.ones(249, dtype=np.complex128))
-    behind = Target(np.array([[0.0, 0.0, -0.01]]))
+    array = at.flat_boards(1, 1, at.piston(4.5e-3))
+    drive = at.Drive(np.ones(249, dtype=np.complex128))
+    behind = at.Target(np.array([[0.0, 0.0, -0.01]]))
     with raises_code("behind_faces"):
-        evaluate(Scene(AIR, []), array, drive, behind, solver=FreeField())
-    scene = Scene(AIR, [sound_hard(sphere(0.010, edge=4e-3, centre=(0.0, 0.0, 0.1)))])
+        at.evaluate(at.Scene(AIR, []), array, drive, behind, solver=at.FreeField())
+    scene = at.Scene(AIR, [at.sound_hard(at.sphere(0.010, edge=4e-3, centre=(0.0, 0.0, 0.1)))])
     with raises_code("inside_body"):
-        evaluate(scene, array, drive, Target(np.array([[0.0, 0.0, 0.103]])), solver=SphereSeries())
+        at.evaluate(
+            scene, array, drive, at.Target(np.array([[0.0, 0.0, 0.103]])), solver=at.SphereSeries()
+        )

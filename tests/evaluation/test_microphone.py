@@ -5,7 +5,6 @@ import pytest
 from scipy.special import j1
 
 import airtact as at
-from airtact.evaluation.microphone import Microphone
 from faults import raises_code
 
 AIR = at.Medium(sound_speed=343.1, density=1.293)
@@ -23,7 +22,7 @@ def test_a_far_source_is_read_with_the_pattern_of_a_disc(degrees):
     across /= np.linalg.norm(across)
     angle = np.radians(degrees)
     direction = np.cos(angle) * axis + np.sin(angle) * across
-    microphone = Microphone(axis=tuple(axis))
+    microphone = at.evaluation.Microphone(axis=tuple(axis))
     field = open_air_field(direction, 50.0)
     middle = np.zeros((1, 3))
     reading = microphone.read(field, middle)[0, 0] / field.at(middle)[0, 0]
@@ -34,7 +33,7 @@ def test_a_far_source_is_read_with_the_pattern_of_a_disc(degrees):
 
 def test_what_blocks_it_follows_from_geometry():
     rng = np.random.default_rng(3)
-    radius, microphone = 0.01, Microphone(axis=(0.0, 0.0, -1.0), housing=0.03)
+    radius, microphone = 0.01, at.evaluation.Microphone(axis=(0.0, 0.0, -1.0), housing=0.03)
     scene = at.Scene(AIR, [at.sound_hard(at.sphere(radius, edge=1e-3))], frequency=40e3)
     centres = rng.uniform([-0.02, -0.02, -0.045], [0.02, 0.02, 0.015], (400, 3))
     # The nearest point of an upright cylinder of the microphone's radius to the middle of the ball.
@@ -55,7 +54,7 @@ def test_blocked_positions_read_nothing():
     field = at.SphereSeries().radiate(
         scene, at.Monopoles(np.array([[0.0, 0.0, 0.05]]), np.array([1.0 + 0j]))
     )
-    reading = Microphone(axis=(0.0, 0.0, 1.0), housing=0.0).read(
+    reading = at.evaluation.Microphone(axis=(0.0, 0.0, 1.0), housing=0.0).read(
         field, np.array([[0.0, 0.0, 0.02], [0.0, 0.009, 0.0]])
     )
     assert np.isfinite(reading[0, 0])
@@ -74,4 +73,4 @@ def test_blocked_positions_read_nothing():
 )
 def test_impossible_microphones_raise(given, code):
     with raises_code(code):
-        Microphone(**given)
+        at.evaluation.Microphone(**given)

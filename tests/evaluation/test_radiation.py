@@ -6,22 +6,11 @@ import numpy as np
 import pytest
 from scipy.special import spherical_jn, spherical_yn
 
-from airtact.acoustics.medium import Medium
-from airtact.acoustics.scene import Scene, impedance, sound_hard
-from airtact.acoustics.solvers.bem.solver import BoundaryElement
-from airtact.acoustics.solvers.free_field import FreeField
-from airtact.acoustics.solvers.problem import RadiatedField, Solver
-from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
-from airtact.acoustics.sources import Monopoles
-from airtact.drives.drive import Drive
-from airtact.evaluation.field import drive_sources
+import airtact as at
 from airtact.evaluation.radiation import radiation_of, radiation_pressure
-from airtact.geometry.primitives import sphere
-from airtact.hands.pinch_dummy import pinch
-from airtact.transducers.layout import surrounding_box
 from faults import raises_code
 
-AIR = Medium(343.1, 1.293)
+AIR = at.Medium(343.1, 1.293)
 FAR = 50.0
 PEAK = 1000.0
 
@@ -44,10 +33,12 @@ def radiation_force(radius: float, frequency: float) -> float:
     return float(np.pi * radius**2 * PEAK**2 / (2 * AIR.density * AIR.sound_speed**2) * momentum)
 
 
-def in_plane_wave(radius: float, solver: Solver, frequency: float = 40e3) -> RadiatedField:
+def in_plane_wave(
+    radius: float, solver: at.acoustics.Solver, frequency: float = 40e3
+) -> at.acoustics.RadiatedField:
     """Field of a hard sphere in the sound of a monopole 50 m away, as good as a plane wave along −x."""
-    scene = Scene(AIR, [sound_hard(sphere(radius, edge=radius / 3))], frequency=frequency)
-    source = Monopoles(
+    scene = at.Scene(AIR, [at.sound_hard(at.sphere(radius, edge=radius / 3))], frequency=frequency)
+    source = at.Monopoles(
         np.array([[FAR, 0.0, 0.0]]), np.array([PEAK * FAR * np.exp(-1j * scene.wavenumber * FAR)])
     )
     return solver.radiate(scene, source)
@@ -57,7 +48,7 @@ def in_plane_wave(radius: float, solver: Solver, frequency: float = 40e3) -> Rad
 def test_the_pressure_on_a_sphere_adds_up_to_the_momentum_it_takes_from_a_plane_wave(
     radius, error
 ) -> None:
-    field = in_plane_wave(radius, SphereSeries())
+    field = in_plane_wave(radius, at.SphereSeries())
     skin = radiation_of(field, 0)
     assert skin.areas.sum() == pytest.approx(4 * np.pi * radius**2, rel=1e-3)
     expected = radiation_force(radius, 40e3)
@@ -70,14 +61,14 @@ def test_the_pressure_on_a_sphere_adds_up_to_the_momentum_it_takes_from_a_plane_
 
 def test_boundary_elements_find_that_force() -> None:
     expected = radiation_force(8e-3, 40e3)
-    found = radiation_of(in_plane_wave(8e-3, BoundaryElement(0.01)), 0).force(0)
+    found = radiation_of(in_plane_wave(8e-3, at.BoundaryElement(0.01)), 0).force(0)
     np.testing.assert_allclose(found, [-expected, 0, 0], atol=0.01 * expected)
 
 
 def test_before_a_large_sphere_it_is_that_before_a_wall() -> None:
     errors = []
     for radius in (0.01, 0.025, 0.1):
-        field = in_plane_wave(radius, SphereSeries())
+        field = in_plane_wave(radius, at.SphereSeries())
         pole = np.array([[radius, 0.0, 0.0]])
         found = radiation_pressure(field.at(pole)[:, 0], field.velocity(pole)[:, :, 0], AIR)[0]
         arriving = PEAK * FAR / (FAR - radius)
@@ -95,13 +86,13 @@ def test_air_that_moves_along_the_skin_pulls() -> None:
 
 @pytest.fixture(scope="module")
 def fingers():
-    shape = pinch()
-    scene = Scene(AIR, [sound_hard(surface) for surface in shape.surfaces])
-    array = surrounding_box()
+    shape = at.pinch()
+    scene = at.Scene(AIR, [at.sound_hard(surface) for surface in shape.surfaces])
+    array = at.surrounding_box()
     reach = np.linalg.norm(array.positions[:, None] - shape.foci(), axis=-1)
     phases = np.exp(-1j * scene.wavenumber * reach).sum(axis=1)
-    sources = drive_sources(array, [Drive(phases / np.abs(phases).max())])
-    return shape, radiation_of(BoundaryElement(0.1).radiate(scene, sources), 0)
+    sources = at.evaluation.drive_sources(array, [at.Drive(phases / np.abs(phases).max())])
+    return shape, radiation_of(at.BoundaryElement(0.1).radiate(scene, sources), 0)
 
 
 def test_pads_lie_under_the_foci_and_both_fingers_are_pushed_alike(fingers) -> None:
@@ -123,19 +114,19 @@ def test_what_has_no_pad_or_no_surface_raises(fingers) -> None:
         skin.pad(shape.foci()[0], 1e-6)
     with raises_code("unknown_name"):
         skin.force(2)
-    source = Monopoles(np.array([[0.0, 0.0, 0.1]]), np.ones(1))
+    source = at.Monopoles(np.array([[0.0, 0.0, 0.1]]), np.ones(1))
     with raises_code("empty"):
-        radiation_of(FreeField().radiate(Scene(AIR, []), source), 0)
-    soft = Scene(AIR, [impedance(sphere(5e-3, edge=2e-3), 3.0)])
+        radiation_of(at.FreeField().radiate(at.Scene(AIR, []), source), 0)
+    soft = at.Scene(AIR, [at.impedance(at.sphere(5e-3, edge=2e-3), 3.0)])
     with raises_code("not_supported"):
-        radiation_of(SphereSeries().radiate(soft, source), 0)
+        radiation_of(at.SphereSeries().radiate(soft, source), 0)
 
 
 def test_a_field_that_does_not_know_the_surface_raises() -> None:
-    field = in_plane_wave(4e-3, SphereSeries())
+    field = in_plane_wave(4e-3, at.SphereSeries())
 
     class Unknowing(type(field)):
-        velocity = RadiatedField.velocity  # differences, which reach into the sphere
+        velocity = at.acoustics.RadiatedField.velocity  # differences, which reach into the sphere
 
     unknowing = Unknowing(field.scene, field.sources, field.modes, field.centre, field.report)
     with raises_code("data_missing") as raised:

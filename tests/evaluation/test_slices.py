@@ -3,19 +3,13 @@
 import numpy as np
 import pytest
 
-from airtact.acoustics.medium import Medium
-from airtact.acoustics.scene import Scene, sound_hard
-from airtact.acoustics.solvers.bem.solver import BoundaryElement
-from airtact.acoustics.solvers.free_field import FreeField
-from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
-from airtact.acoustics.sources import Monopoles
+import airtact as at
 from airtact.evaluation.slices import slices_around, surface_pressure
 from airtact.evaluation.windows import plane_through
-from airtact.geometry.primitives import sphere
 
-AIR = Medium(sound_speed=343.1, density=1.293)
+AIR = at.Medium(sound_speed=343.1, density=1.293)
 RADIUS = 8e-3
-SOURCES = Monopoles(
+SOURCES = at.Monopoles(
     np.array([[0.05, -0.03, 0.06], [-0.02, 0.05, 0.05]]), np.array([[1.0, 0.3], [0.5j, 1.0]])
 )
 FOCI = np.array([[0.0, 0.0, 8.5e-3], [8.5e-3, 0.0, 0.0]])
@@ -30,12 +24,12 @@ def points_of(slices):
 
 @pytest.fixture(scope="module")
 def scene():
-    return Scene(AIR, [sound_hard(sphere(RADIUS, 2e-3))], 40e3)
+    return at.Scene(AIR, [at.sound_hard(at.sphere(RADIUS, 2e-3))], 40e3)
 
 
 @pytest.fixture(scope="module")
 def solved(scene):
-    return BoundaryElement(0.01).radiate(scene, SOURCES)
+    return at.BoundaryElement(0.01).radiate(scene, SOURCES)
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +41,7 @@ def slices(scene, solved):
 def test_slices_show_the_field_to_a_few_percent(scene, slices):
     points = points_of(slices)
     away = np.linalg.norm(points, axis=1) - RADIUS
-    exact = np.abs(SphereSeries().radiate(scene, SOURCES).at(points[away > 0]))
+    exact = np.abs(at.SphereSeries().radiate(scene, SOURCES).at(points[away > 0]))
     drawn = slices.pressures.reshape(-1, 2)[away > 0]
     error = np.abs(drawn - exact) / exact.max(axis=0)
     near = away[away > 0] < 0.25 * scene.wavelength
@@ -78,8 +72,8 @@ def test_the_box_stands_along_the_frame_round_the_foci_and_has_them_in_a_plane(s
 
 def test_foci_far_apart_get_a_stack_of_planes():
     foci = np.array([[0.0, 0.0, 0.1], [0.16, 0.12, 0.1], [0.0, 0.12, 0.13]])
-    field = FreeField().radiate(
-        Scene(AIR, [], 40e3), Monopoles(np.array([[0.05, 0.05, -0.1]]), np.ones(1))
+    field = at.FreeField().radiate(
+        at.Scene(AIR, [], 40e3), at.Monopoles(np.array([[0.05, 0.05, -0.1]]), np.ones(1))
     )
     slices = slices_around(field, [0], foci, plane_through(foci, np.empty((0, 3)), 8.6e-3))
     assert not slices.any_axis
@@ -88,7 +82,7 @@ def test_foci_far_apart_get_a_stack_of_planes():
 
 
 def test_many_drives_are_not_refined(scene):
-    field = SphereSeries().radiate(scene, Monopoles(SOURCES.positions, np.ones((2, 3 + 1))))
+    field = at.SphereSeries().radiate(scene, at.Monopoles(SOURCES.positions, np.ones((2, 3 + 1))))
     window = plane_through(FOCI, scene.obstacles[0].surface.vertices, scene.wavelength)
     few, many = (slices_around(field, list(range(count)), FOCI, window) for count in (3, 3 + 1))
     assert few.depth.size > 7 * many.depth.size
@@ -98,7 +92,7 @@ def test_many_drives_are_not_refined(scene):
 def test_surfaces_carry_the_pressure_on_them(scene, solved):
     found = surface_pressure(solved, [1])
     assert found is not None
-    exact = np.abs(SphereSeries().radiate(scene, SOURCES).at(found.vertices * (1 + 1e-9)))[:, 1]
+    exact = np.abs(at.SphereSeries().radiate(scene, SOURCES).at(found.vertices * (1 + 1e-9)))[:, 1]
     assert np.abs(found.pressures[:, 0] - exact).max() < 0.04 * exact.max()
     corners = found.vertices[found.triangles]
     edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
@@ -106,5 +100,5 @@ def test_surfaces_carry_the_pressure_on_them(scene, solved):
 
 
 def test_open_air_has_no_surfaces():
-    field = FreeField().radiate(Scene(AIR, [], 40e3), SOURCES)
+    field = at.FreeField().radiate(at.Scene(AIR, [], 40e3), SOURCES)
     assert surface_pressure(field, [0]) is None

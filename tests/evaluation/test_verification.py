@@ -5,80 +5,75 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from airtact.acoustics.medium import Medium
-from airtact.acoustics.scene import Scene, sound_hard
-from airtact.acoustics.solvers.bem.solver import BoundaryElement
-from airtact.acoustics.solvers.free_field import FreeField
-from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
-from airtact.acoustics.target import Target
-from airtact.drives.drive import Drive, quantise
-from airtact.drives.linear_methods import phase_conjugate, time_reversal
-from airtact.drives.transfer import TransferMatrix, transfer_matrix
-from airtact.evaluation.head_level import sound_pressure_level
+import airtact as at
 from airtact.evaluation.tactile_thresholds import THRESHOLDS, thresholds_of
-from airtact.evaluation.verification import Verification, attainable, verify
-from airtact.geometry.primitives import sphere
-from airtact.transducers.element import monopole
-from airtact.transducers.layout import PhasedArray
-from airtact.transducers.levels import Levels
 from faults import raises_code
 
-AIR = Medium(343.1, 1.293)
-OPEN_AIR = Scene(AIR, [])
+AIR = at.Medium(343.1, 1.293)
+OPEN_AIR = at.Scene(AIR, [])
 RING = np.linspace(0, 2 * np.pi, 24, endpoint=False)
-ARRAY = PhasedArray(
+ARRAY = at.PhasedArray(
     np.stack([0.08 * np.cos(RING), 0.08 * np.sin(RING), 0.02 * np.sin(3 * RING)], axis=1),
     np.stack([-np.cos(RING), -np.sin(RING), 0 * RING], axis=1),
-    monopole(),
+    at.monopole(),
 )
 TWO = np.array([[0.004, 0.0, 0.0], [-0.006, 0.002, 0.0]])
 
 
-def in_open_air(target: Target) -> TransferMatrix:
-    return transfer_matrix(FreeField().radiate(OPEN_AIR, target.beacons()), ARRAY)
+def in_open_air(target: at.Target) -> at.TransferMatrix:
+    return at.transfer_matrix(at.FreeField().radiate(OPEN_AIR, target.beacons()), ARRAY)
 
 
 def test_a_focus_served_alone_attains_what_it_can() -> None:
-    target = Target(TWO[:1])
+    target = at.Target(TWO[:1])
     transfer = in_open_air(target)
-    strongest = verify(
-        OPEN_AIR, ARRAY, phase_conjugate(transfer, target), target, solver=FreeField()
+    strongest = at.evaluation.verify(
+        OPEN_AIR, ARRAY, at.drives.phase_conjugate(transfer, target), target, solver=at.FreeField()
     )
     assert strongest.attained[0] == pytest.approx(1.0, abs=1e-12)
     assert strongest.energy == pytest.approx(24.0)
     # At equal energy nothing beats time reversal, and at full scale it gets less.
-    reversal = verify(OPEN_AIR, ARRAY, time_reversal(transfer, target), target, solver=FreeField())
+    reversal = at.evaluation.verify(
+        OPEN_AIR, ARRAY, at.time_reversal(transfer, target), target, solver=at.FreeField()
+    )
     got = reversal.evaluation.magnitudes[0]
     assert got == pytest.approx(reversal.attainable_at_energy[0], rel=1e-12)
     assert got < reversal.attainable[0]
-    assert attainable(transfer, energy=1e9) == pytest.approx(attainable(transfer))
+    assert at.evaluation.attainable(transfer, energy=1e9) == pytest.approx(
+        at.evaluation.attainable(transfer)
+    )
 
 
 def test_no_drive_gets_more_than_is_attainable() -> None:
-    target = Target(TWO)
+    target = at.Target(TWO)
     transfer = in_open_air(target)
     drawn = np.random.default_rng(3)
     for _ in range(50):
         drive = drawn.uniform(size=24) * np.exp(2j * np.pi * drawn.uniform(size=24))
-        got = np.abs(transfer.pressure(Drive(drive)))
-        assert np.all(got <= attainable(transfer, float(np.sum(np.abs(drive) ** 2))) * (1 + 1e-12))
+        got = np.abs(transfer.pressure(at.Drive(drive)))
+        assert np.all(
+            got
+            <= at.evaluation.attainable(transfer, float(np.sum(np.abs(drive) ** 2))) * (1 + 1e-12)
+        )
 
 
 def test_the_effect_of_rounding_is_that_of_the_rounded_drive() -> None:
-    target = Target(TWO)
+    target = at.Target(TWO)
     transfer = in_open_air(target)
-    drive = time_reversal(transfer, target)
-    result = verify(OPEN_AIR, ARRAY, drive, target, solver=FreeField(), transfer=transfer)
-    exact, rounded = (np.abs(transfer.pressure(one)) for one in (drive, quantise(drive).drive()))
+    drive = at.time_reversal(transfer, target)
+    result = at.evaluation.verify(
+        OPEN_AIR, ARRAY, drive, target, solver=at.FreeField(), transfer=transfer
+    )
+    exact, rounded = (np.abs(transfer.pressure(one)) for one in (drive, at.quantise(drive).drive()))
     assert result.quantisation_loss == pytest.approx(
         np.max(np.abs(rounded - exact) / exact), rel=1e-9
     )
     assert 0 < result.quantisation_loss < 5e-3
-    coarse = Levels.even(amplitudes=5, phases=8)
-    result = verify(
-        OPEN_AIR, ARRAY, drive, target, solver=FreeField(), transfer=transfer, levels=coarse
+    coarse = at.transducers.Levels.even(amplitudes=5, phases=8)
+    result = at.evaluation.verify(
+        OPEN_AIR, ARRAY, drive, target, solver=at.FreeField(), transfer=transfer, levels=coarse
     )
-    rounded = np.abs(transfer.pressure(quantise(drive, coarse).drive()))
+    rounded = np.abs(transfer.pressure(at.quantise(drive, coarse).drive()))
     assert result.quantisation_loss == pytest.approx(
         np.max(np.abs(rounded - exact) / exact), rel=1e-9
     )
@@ -86,16 +81,16 @@ def test_the_effect_of_rounding_is_that_of_the_rounded_drive() -> None:
 
 
 def test_the_side_lobe_of_one_element_is_where_the_box_comes_nearest_to_it() -> None:
-    single = PhasedArray(
-        np.array([[0.0, 0.0, 0.1]]), np.array([[0.0, 0.0, -1.0]]), monopole(sensitivity=2.0)
+    single = at.PhasedArray(
+        np.array([[0.0, 0.0, 0.1]]), np.array([[0.0, 0.0, -1.0]]), at.monopole(sensitivity=2.0)
     )
-    target = Target(np.array([[0.0, 0.0, 0.0]]), suppression_points=np.array([[0.0, 0.0, -0.1]]))
-    result = verify(
+    target = at.Target(np.array([[0.0, 0.0, 0.0]]), suppression_points=np.array([[0.0, 0.0, -0.1]]))
+    result = at.evaluation.verify(
         OPEN_AIR,
         single,
-        Drive(np.array([1.0 + 0j])),
+        at.Drive(np.array([1.0 + 0j])),
         target,
-        solver=FreeField(),
+        solver=at.FreeField(),
         head=(0.0, 0.3, 0.1),
     )
     top = 2 * OPEN_AIR.wavelength
@@ -116,25 +111,25 @@ def test_the_side_lobe_of_one_element_is_where_the_box_comes_nearest_to_it() -> 
 def test_the_side_lobe_of_a_wide_target_is_not_lost_between_the_points_of_the_box() -> None:
     # A focus that the target does not name, midway between the points of a box so wide that they
     # are 5 mm apart.
-    hidden = Target(np.array([[0.005, -0.0099, 0.0001]]))
-    drive = phase_conjugate(in_open_air(hidden), hidden)
-    wide = Target(np.array([[-0.05, -0.05, -0.04], [0.05, -0.05, 0.0], [0.0, 0.05, 0.06]]))
-    result = verify(OPEN_AIR, ARRAY, drive, wide, solver=FreeField())
+    hidden = at.Target(np.array([[0.005, -0.0099, 0.0001]]))
+    drive = at.drives.phase_conjugate(in_open_air(hidden), hidden)
+    wide = at.Target(np.array([[-0.05, -0.05, -0.04], [0.05, -0.05, 0.0], [0.0, 0.05, 0.06]]))
+    result = at.evaluation.verify(OPEN_AIR, ARRAY, drive, wide, solver=at.FreeField())
     peak = np.abs(in_open_air(hidden).pressure(drive))[0]
     assert result.side_lobe_in_box is not None
     assert result.side_lobe_in_box.pressure > peak
 
 
 @pytest.fixture(scope="module")
-def beside_a_ball() -> tuple[Verification, Verification]:
-    scene = Scene(AIR, [sound_hard(sphere(6e-3, edge=2e-3))])
-    target = Target(np.array([[0.0065, 0.0, 0.0], [0.0, 0.012, 0.0]]))
-    drive = phase_conjugate(
-        transfer_matrix(SphereSeries().radiate(scene, target.beacons()), ARRAY), target
+def beside_a_ball() -> tuple[at.evaluation.Verification, at.evaluation.Verification]:
+    scene = at.Scene(AIR, [at.sound_hard(at.sphere(6e-3, edge=2e-3))])
+    target = at.Target(np.array([[0.0065, 0.0, 0.0], [0.0, 0.012, 0.0]]))
+    drive = at.drives.phase_conjugate(
+        at.transfer_matrix(at.SphereSeries().radiate(scene, target.beacons()), ARRAY), target
     )
     exact, numeric = (
-        verify(scene, ARRAY, drive, target, solver=one)
-        for one in (SphereSeries(), BoundaryElement(0.003))
+        at.evaluation.verify(scene, ARRAY, drive, target, solver=one)
+        for one in (at.SphereSeries(), at.BoundaryElement(0.003))
     )
     return exact, numeric
 
@@ -190,29 +185,29 @@ def test_levels_against_thresholds() -> None:
     assert pressure.level(2 * 557.0) == pytest.approx(6.0206, abs=1e-4)
     assert force.level(-1e-3) == -np.inf
     assert all(threshold.source for threshold in THRESHOLDS)
-    assert sound_pressure_level(np.zeros(1)).tolist() == [-np.inf]
+    assert at.evaluation.sound_pressure_level(np.zeros(1)).tolist() == [-np.inf]
 
 
 def test_what_cannot_be_verified_raises(beside_a_ball) -> None:
-    target = Target(TWO)
-    drive = Drive(np.ones(24, dtype=complex))
+    target = at.Target(TWO)
+    drive = at.Drive(np.ones(24, dtype=complex))
     with raises_code("unknown_name"):
         beside_a_ball[0].over_thresholds("rotation")
     with raises_code("misplaced"):
-        verify(
+        at.evaluation.verify(
             OPEN_AIR,
             ARRAY,
             drive,
             target,
-            solver=FreeField(),
+            solver=at.FreeField(),
             head=np.stack([np.zeros(3), ARRAY.positions[3]]),
         )
-    scene = Scene(AIR, [sound_hard(sphere(4e-3, edge=2e-3, centre=(0.03, 0.0, 0.0)))])
-    inside = Target(TWO, suppression_points=np.array([[0.03, 0.0, 0.0]]))
+    scene = at.Scene(AIR, [at.sound_hard(at.sphere(4e-3, edge=2e-3, centre=(0.03, 0.0, 0.0)))])
+    inside = at.Target(TWO, suppression_points=np.array([[0.03, 0.0, 0.0]]))
     with raises_code("inside_body"):
-        verify(scene, ARRAY, drive, inside, solver=SphereSeries())
-    other = in_open_air(Target(TWO[:1]))  # one focus would be broadcast over two
+        at.evaluation.verify(scene, ARRAY, drive, inside, solver=at.SphereSeries())
+    other = in_open_air(at.Target(TWO[:1]))  # one focus would be broadcast over two
     with raises_code("sizes_differ"):
-        verify(OPEN_AIR, ARRAY, drive, target, solver=FreeField(), transfer=other)
+        at.evaluation.verify(OPEN_AIR, ARRAY, drive, target, solver=at.FreeField(), transfer=other)
     with raises_code("out_of_range"):
-        attainable(in_open_air(target), energy=-1.0)
+        at.evaluation.attainable(in_open_air(target), energy=-1.0)

@@ -9,12 +9,10 @@ import h5py
 import numpy as np
 import pytest
 
-from airtact.emission.file_link import load_drive
+import airtact as at
 from airtact.errors import LARGEST_DATA
 from airtact.files.bounded import array_of, arrays_of, bytes_of, datasets_of, text_of
 from airtact.files.text_table import read_text_table
-from airtact.hands.files import load_cloud, load_hand
-from airtact.hands.tracking.recordings import load_recording
 from faults import raises_code
 
 
@@ -59,7 +57,7 @@ def bomb() -> bytes:
     return whole.getvalue()
 
 
-@pytest.mark.parametrize("read", [arrays_of, load_drive, load_recording])
+@pytest.mark.parametrize("read", [arrays_of, at.load_drive, at.hands.load_recording])
 def test_an_archive_that_unpacks_to_much_more_is_rejected(read, bomb, tmp_path):
     (tmp_path / "bomb.npz").write_bytes(bomb)
     with raises_code("file_too_large", "300,000,", "268,435,456"):
@@ -70,7 +68,7 @@ def test_a_dataset_of_zeros_without_end_is_rejected(tmp_path):
     with h5py.File(tmp_path / "zeros.h5", "w") as file:
         file.create_dataset("amplitude", (10**6, 10**6), dtype="f8", chunks=(100, 100))
     with raises_code("file_too_large", "8,000,000,000,000"):
-        load_drive(tmp_path / "zeros.h5")
+        at.load_drive(tmp_path / "zeros.h5")
 
 
 def test_what_stands_in_another_file_is_not_read(tmp_path):
@@ -112,7 +110,7 @@ def test_a_table_that_hurts_is_rejected(words, code, tmp_path):
 def test_a_pose_of_too_many_digits_is_rejected(tmp_path):
     (tmp_path / "pose.json").write_text(json.dumps({"positions_m": [0]}).replace("0", "9" * 5000))
     with raises_code("file_unreadable", "4300"):
-        load_hand(tmp_path / "pose.json")
+        at.load_hand(tmp_path / "pose.json")
 
 
 @pytest.mark.parametrize(
@@ -122,9 +120,9 @@ def test_a_cloud_that_is_cut_is_rejected(ending, words, tmp_path):
     path = tmp_path / f"cloud.{ending}"
     path.write_text(words)
     with raises_code("empty" if not words else "file_unreadable"):
-        load_cloud(path)
+        at.hands.load_cloud(path)
 
 
 def test_commas_and_comments_of_a_cloud_are_passed_over(tmp_path):
     (tmp_path / "cloud.xyz").write_text("# x y z\n1,2,3,9\n4 5 6 9\n")
-    assert load_cloud(tmp_path / "cloud.xyz").tolist() == [[1, 2, 3], [4, 5, 6]]
+    assert at.hands.load_cloud(tmp_path / "cloud.xyz").tolist() == [[1, 2, 3], [4, 5, 6]]

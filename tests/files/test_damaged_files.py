@@ -10,18 +10,8 @@ import pytest
 import trimesh
 
 import airtact as at
-from airtact.acoustics.drawings import svg_path
 from airtact.acoustics.field_file import DamagedError, packed, unpacked
-from airtact.acoustics.solvers.sampled_field import load_samples
 from airtact.acoustics.store import fingerprint
-from airtact.drives.sequence import Sequence
-from airtact.emission.file_link import load_drive
-from airtact.evaluation.scan import load_scan
-from airtact.hands.files import load_cloud, load_hand
-from airtact.hands.tracking.recordings import load_recording, save_recording
-from airtact.transducers.calibration import load_calibration
-from airtact.transducers.layout import board_array
-from airtact.transducers.modulation import AmplitudeModulation
 from damage import damaged, read_or_rejected, seeds
 from references.motions import still
 
@@ -41,17 +31,20 @@ DRAWING = """<?xml version="1.0"?><!DOCTYPE svg [<!ENTITY a "3">]>
 def whole_drives(folder: Path) -> None:
     draw = np.random.default_rng(0)
     drives = draw.uniform(0, 1, (3, 12)) * np.exp(2j * np.pi * draw.uniform(size=(3, 12)))
-    array, modulation = board_array("nano16"), AmplitudeModulation(200.0, 1.0)
+    array, modulation = (
+        at.transducers.board_array("nano16"),
+        at.transducers.AmplitudeModulation(200.0, 1.0),
+    )
     for ending in ("h5", "npz", "csv"):
         at.Drive(drives[0]).save(folder / f"drive.{ending}", array, OPEN_AIR, modulation=modulation)
-        Sequence(drives, 1000.0).save(folder / f"sequence.{ending}", array)
+        at.drives.Sequence(drives, 1000.0).save(folder / f"sequence.{ending}", array)
 
 
 def whole_recordings(folder: Path) -> None:
     cloud = np.random.default_rng(0).normal(scale=0.03, size=(20, 3))
     frames = [still(0), still(1, landmarks=None), still(2, cloud=cloud), still(3)]
     for ending in ("jsonl", "npz"):
-        save_recording(folder / f"hand.{ending}", frames)
+        at.hands.save_recording(folder / f"hand.{ending}", frames)
 
 
 def whole_clouds(folder: Path) -> None:
@@ -75,11 +68,11 @@ def table(path: Path) -> None:
     """Read a table by the reader that takes its columns."""
     head = path.read_bytes()[:200]
     if b"phase" in head and b"gain" not in head:
-        load_scan(path)
+        at.evaluation.load_scan(path)
     elif b"gain" in head:
-        load_calibration(path, 8)
+        at.transducers.load_calibration(path, 8)
     else:
-        load_samples(path, OPEN_AIR, FAR, "e^{-iωt}", 1e-3)
+        at.acoustics.load_samples(path, OPEN_AIR, FAR, "e^{-iωt}", 1e-3)
 
 
 def whole_poses(folder: Path) -> None:
@@ -105,13 +98,16 @@ def entry(path: Path) -> None:
 
 
 KINDS = {
-    "drives": (whole_drives, load_drive),
-    "recordings": (whole_recordings, load_recording),
-    "recordings with gaps": (whole_recordings, partial(load_recording, leave_out=True)),
-    "clouds": (whole_clouds, load_cloud),
+    "drives": (whole_drives, at.load_drive),
+    "recordings": (whole_recordings, at.hands.load_recording),
+    "recordings with gaps": (whole_recordings, partial(at.hands.load_recording, leave_out=True)),
+    "clouds": (whole_clouds, at.hands.load_cloud),
     "tables": (whole_tables, table),
-    "poses": (whole_poses, load_hand),
-    "drawings": (whole_drawings, lambda path: svg_path(path, width=0.05, spacing=3e-3)),
+    "poses": (whole_poses, at.load_hand),
+    "drawings": (
+        whole_drawings,
+        lambda path: at.acoustics.svg_path(path, width=0.05, spacing=3e-3),
+    ),
     "entries of a store": (whole_entries, entry),
 }
 

@@ -3,42 +3,40 @@
 import numpy as np
 import pytest
 
+import airtact as at
 from airtact.geometry.checks import check_apart, check_surface
-from airtact.geometry.files import load_surface
-from airtact.geometry.primitives import capsule, sphere
-from airtact.geometry.surface import Surface
 from faults import raises_code
 from geometry.mesh.meshes import box_mesh, torus_mesh
 
-SLAB = Surface(*box_mesh((-0.1, -0.1, -0.1), (0.1, 0.1, 0.0)))
-BALL = sphere(0.01, 0.005)
-LARGE_BOX = Surface(*box_mesh((0, 0, 0), (0.02,) * 3))
-RING = Surface(*torus_mesh(0.03, 0.005))
+SLAB = at.Surface(*box_mesh((-0.1, -0.1, -0.1), (0.1, 0.1, 0.0)))
+BALL = at.sphere(0.01, 0.005)
+LARGE_BOX = at.Surface(*box_mesh((0, 0, 0), (0.02,) * 3))
+RING = at.Surface(*torus_mesh(0.03, 0.005))
 
 
-def flat(surface: Surface) -> Surface:
-    return Surface(surface.vertices, surface.triangles)
+def flat(surface: at.Surface) -> at.Surface:
+    return at.Surface(surface.vertices, surface.triangles)
 
 
-def ball(x: float, y: float, z: float, radius: float = 0.01) -> Surface:
-    return sphere(radius, 0.005, centre=(x, y, z))
+def ball(x: float, y: float, z: float, radius: float = 0.01) -> at.Surface:
+    return at.sphere(radius, 0.005, centre=(x, y, z))
 
 
-def box(low, high) -> Surface:
-    return Surface(*box_mesh(low, high))
+def box(low, high) -> at.Surface:
+    return at.Surface(*box_mesh(low, high))
 
 
-def two_boxes(low, high) -> Surface:
+def two_boxes(low, high) -> at.Surface:
     outer, triangles = box_mesh((0, 0, 0), (0.02, 0.03, 0.04))
     inner, _ = box_mesh(low, high)
-    return Surface(np.vstack([outer, inner]), np.vstack([triangles, triangles + 8]))
+    return at.Surface(np.vstack([outer, inner]), np.vstack([triangles, triangles + 8]))
 
 
 # --- one body -------------------------------------------------------------------------------------
 
 
 def test_a_surface_that_crosses_itself_is_rejected_with_number_and_place():
-    crossing = Surface(*torus_mesh(0.015, 0.02))
+    crossing = at.Surface(*torus_mesh(0.015, 0.02))
     with raises_code("mesh_faulty", f" {len(crossing.crossings)} pairs") as caught:
         check_surface(crossing)
     assert np.linalg.norm(caught.value.position) < 0.035
@@ -55,17 +53,17 @@ def test_thin_plates_are_rejected_with_their_thickness():
 
 
 def test_sound_surfaces_pass(hand_file):
-    bead = sphere(0.00026, 0.0001)
+    bead = at.sphere(0.00026, 0.0001)
     corners = [[0, 0, 0], [3, 0, 0], [0, 2, 0], [3, 2, 0], [0, 0, 1], [3, 0, 1]]
     sides = [[0, 2, 1], [1, 2, 3], [0, 1, 4], [1, 5, 4], [0, 4, 2], [1, 3, 5], [2, 4, 5], [2, 5, 3]]
     for surface in (
-        load_surface(hand_file),
-        Surface(*torus_mesh(0.02, 0.01)),
-        Surface(*box_mesh()),
+        at.load_surface(hand_file),
+        at.Surface(*torus_mesh(0.02, 0.01)),
+        at.Surface(*box_mesh()),
         BALL,
         box((0, 0, 0), (0.02, 0.02, 0.0006)),
         flat(bead),
-        Surface(0.01 * np.array(corners), np.array(sides)),  # a wedge ends in nothing
+        at.Surface(0.01 * np.array(corners), np.array(sides)),  # a wedge ends in nothing
         two_boxes((0.03, 0, 0), (0.04, 0.01, 0.01)),
     ):
         check_surface(surface)
@@ -73,8 +71,8 @@ def test_sound_surfaces_pass(hand_file):
 
 # --- several bodies -------------------------------------------------------------------------------
 
-ROD = capsule((0.0, 0.0, 0.0), (0.0, 0.0, 0.04), 0.008, 0.005)
-CROSSING_ROD = capsule((0.01, -0.02, 0.02), (0.01, 0.02, 0.02), 0.005, 0.005)
+ROD = at.capsule((0.0, 0.0, 0.0), (0.0, 0.0, 0.04), 0.008, 0.005)
+CROSSING_ROD = at.capsule((0.01, -0.02, 0.02), (0.01, 0.02, 0.02), 0.005, 0.005)
 
 
 @pytest.mark.parametrize("swap", [False, True])
@@ -96,7 +94,7 @@ CROSSING_ROD = capsule((0.01, -0.02, 0.02), (0.01, 0.02, 0.02), 0.005, 0.005)
         (ball(0.0, 0.0, 0.0, 0.02), box((-0.001,) * 3, (0.001,) * 3), [" mm deep"]),
         (LARGE_BOX, box((0.01,) * 3, (0.03,) * 3), []),
         (LARGE_BOX, box((0.02, 0, 0), (0.04, 0.02, 0.02)), []),  # a common face
-        (RING, flat(sphere(0.026, 0.01)), []),
+        (RING, flat(at.sphere(0.026, 0.01)), []),
     ],
 )
 def test_bodies_that_overlap_touch_or_nearly_do_are_rejected(one, two, values, swap):
@@ -123,7 +121,7 @@ def test_a_mesh_inside_a_mesh_is_rejected_with_its_depth(swap):
         [SLAB, ball(0.003, 0.004, 0.012)],
         [ball(0.003, 0.004, 0.012), SLAB],
         [LARGE_BOX, box((0.02031, 0, 0), (0.04, 0.02, 0.02))],
-        [RING, flat(sphere(0.02, 0.01))],  # their boxes overlap
+        [RING, flat(at.sphere(0.02, 0.01))],  # their boxes overlap
     ],
 )
 def test_bodies_apart_pass(bodies):
@@ -138,9 +136,9 @@ def test_the_third_body_is_looked_at_too():
 
 
 def test_a_hand_and_a_rod(hand_file):
-    hand = load_surface(hand_file)
+    hand = at.load_surface(hand_file)
     palm = hand.vertices.mean(axis=0)
     aside = np.array([0.2, 0.0, 0.0])
-    check_apart([hand, sphere(0.01, 0.005, centre=palm + aside)])
+    check_apart([hand, at.sphere(0.01, 0.005, centre=palm + aside)])
     with raises_code("bodies_overlap", "bodies 0 and 1"):
-        check_apart([hand, capsule(palm - aside, palm + aside, 0.003, 0.003)])
+        check_apart([hand, at.capsule(palm - aside, palm + aside, 0.003, 0.003)])

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from airtact.errors import InvalidInput
-from airtact.geometry.files import load_surface
+import airtact as at
 from airtact.geometry.mesh.topology import cone_volumes
 from faults import raises_code
 from geometry.mesh.meshes import box_mesh, torus_mesh
@@ -24,7 +23,7 @@ def box(*corners) -> trimesh.Trimesh:
 def test_every_kind_of_file_gives_the_surface_back(tmp_path, suffix):
     vertices, triangles = torus_mesh(0.02, 0.005)
     path = written(tmp_path / f"ring{suffix}", trimesh.Trimesh(vertices, triangles, process=False))
-    surface = load_surface(path)
+    surface = at.load_surface(path)
     assert surface.vertices.shape == vertices.shape
     corners = surface.corners.mean(axis=1)
     assert np.allclose(
@@ -47,7 +46,7 @@ def test_vertices_doubled_for_normals_and_textures_are_merged(tmp_path):
     faceted.visual = trimesh.visual.TextureVisuals(uv=np.random.default_rng(0).random((36, 2)))
     faceted.vertex_normals = np.repeat(mesh.face_normals, 3, axis=0)
     for suffix in (".glb", ".ply"):
-        assert len(load_surface(written(tmp_path / f"faceted{suffix}", faceted)).vertices) == 8
+        assert len(at.load_surface(written(tmp_path / f"faceted{suffix}", faceted)).vertices) == 8
 
 
 def test_nodes_of_a_scene_are_placed_and_joined(tmp_path):
@@ -56,7 +55,7 @@ def test_nodes_of_a_scene_are_placed_and_joined(tmp_path):
     turn = trimesh.transformations.rotation_matrix(np.pi / 2, [0, 0, 1])
     turn[:3, 3] = [0.05, 0.0, 0.0]
     nodes.add_geometry(box((0, 0, 0), (0.02, 0.01, 0.03)), node_name="two", transform=turn)
-    surface = load_surface(written(tmp_path / "two.glb", nodes))
+    surface = at.load_surface(written(tmp_path / "two.glb", nodes))
     assert len(surface.triangles) == 24
     assert surface.volume == pytest.approx(1e-6 + 6e-6, rel=1e-6)
     assert np.allclose(surface.vertices.min(axis=0), [0, 0, 0], atol=1e-8)
@@ -66,12 +65,12 @@ def test_nodes_of_a_scene_are_placed_and_joined(tmp_path):
 def test_a_file_in_millimetres_is_rejected_until_it_is_scaled(tmp_path):
     path = written(tmp_path / "box.stl", box((0, 0, 0), (20, 30, 40)))
     with raises_code("too_many", "40 m", "2 m"):
-        load_surface(path)
-    assert load_surface(path, scale=1e-3).volume == pytest.approx(24e-6, rel=1e-6)
+        at.load_surface(path)
+    assert at.load_surface(path, scale=1e-3).volume == pytest.approx(24e-6, rel=1e-6)
 
 
 def test_the_open_hand_is_as_its_readme_says(hand_file):
-    hand = load_surface(hand_file)
+    hand = at.load_surface(hand_file)
     assert len(hand.triangles) == 2314
     assert trimesh.Trimesh(hand.vertices, hand.triangles).area == pytest.approx(425e-4, abs=0.5e-4)
     assert np.round(1e3 * np.ptp(hand.vertices, axis=0)).tolist() == [77, 212, 146]
@@ -89,15 +88,15 @@ def without_face(mesh: trimesh.Trimesh, index: int) -> trimesh.Trimesh:
 def test_what_cannot_be_repaired_names_the_file(tmp_path):
     crowded = trimesh.util.concatenate([box(), box((0.02, 0.0, 0.0), (0.03, 0.03, 0.04))])
     with raises_code("mesh_faulty", "two.obj: ", "4 edges"):
-        load_surface(written(tmp_path / "two.obj", crowded))
+        at.load_surface(written(tmp_path / "two.obj", crowded))
     with raises_code("mesh_faulty", "lidless.ply: ", "1 hole", "36"):
-        load_surface(written(tmp_path / "lidless.ply", without_face(box(), 3)))
+        at.load_surface(written(tmp_path / "lidless.ply", without_face(box(), 3)))
 
 
 def test_an_inside_out_surface_is_turned_and_noted(tmp_path):
     vertices, triangles = box_mesh()
     inside_out = trimesh.Trimesh(vertices, triangles[:, ::-1], process=False)
-    surface = load_surface(written(tmp_path / "box.stl", inside_out))
+    surface = at.load_surface(written(tmp_path / "box.stl", inside_out))
     assert surface.volume == pytest.approx(24e-6, rel=1e-6)
     assert len(surface.repairs) == 1
 
@@ -105,15 +104,15 @@ def test_an_inside_out_surface_is_turned_and_noted(tmp_path):
 def test_holes_are_filled_as_wide_as_asked_for(tmp_path):
     ball = trimesh.creation.icosphere(subdivisions=4, radius=8.0)
     path = written(tmp_path / "ball.stl", without_face(ball, 77))
-    assert "0.63 mm" in load_surface(path, scale=1e-3).repairs[0]
+    assert "0.63 mm" in at.load_surface(path, scale=1e-3).repairs[0]
     with raises_code("mesh_faulty", "ball.stl: ", "0.4 mm"):
-        load_surface(path, scale=1e-3, largest_hole=0.4e-3)
+        at.load_surface(path, scale=1e-3, largest_hole=0.4e-3)
 
 
 @pytest.mark.parametrize("scale", [0.0, -1.0, np.nan])
 def test_the_scale_is_above_zero(tmp_path, scale):
     with raises_code("out_of_range", f"scale is {scale:g}"):
-        load_surface(tmp_path / "box.stl", scale)
+        at.load_surface(tmp_path / "box.stl", scale)
 
 
 @pytest.mark.parametrize(
@@ -128,7 +127,7 @@ def test_files_of_no_surface_are_named(tmp_path, name, code):
     (tmp_path / "folder.stl").mkdir()
     (tmp_path / "hand.step").write_text("ISO-10303-21;")
     with raises_code(code, name):
-        load_surface(tmp_path / name)
+        at.load_surface(tmp_path / name)
 
 
 @pytest.mark.parametrize("suffix", [".stl", ".ply", ".obj", ".glb"])
@@ -136,8 +135,8 @@ def test_files_of_no_surface_are_named(tmp_path, name, code):
 def test_damaged_files_are_rejected(tmp_path, suffix, content):
     path = tmp_path / f"damaged{suffix}"
     path.write_bytes(content)
-    with pytest.raises(InvalidInput) as caught:
-        load_surface(path)
+    with pytest.raises(at.InvalidInput) as caught:
+        at.load_surface(path)
     assert caught.value.code in ("file_unreadable", "empty")
     assert f"damaged{suffix}" in str(caught.value)
 
@@ -146,14 +145,14 @@ def test_a_truncated_file_is_rejected(tmp_path, hand_file):
     path = tmp_path / "cut.glb"
     path.write_bytes(hand_file.read_bytes()[:50_000])
     with raises_code("file_unreadable", "cut.glb"):
-        load_surface(path)
+        at.load_surface(path)
 
 
 def test_a_point_cloud_holds_no_triangles(tmp_path):
     path = written(
         tmp_path / "cloud.ply", trimesh.PointCloud(np.random.default_rng(0).random((50, 3)))
     )
-    with pytest.raises(InvalidInput) as caught:
-        load_surface(path)
+    with pytest.raises(at.InvalidInput) as caught:
+        at.load_surface(path)
     assert "cloud.ply" in str(caught.value)
     assert caught.value.code in ("empty", "file_unreadable")

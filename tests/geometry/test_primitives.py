@@ -7,23 +7,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import airtact as at
 from airtact.geometry.mesh.intersections import self_crossings
 from airtact.geometry.mesh.quadratic_triangles import enclosed_volume
-from airtact.geometry.pose import Pose
 from airtact.geometry.primitives import Capsule, capsule, sphere
-from airtact.geometry.surface import Surface
 from faults import raises_code
 
 number = st.floats(-0.5, 0.5, allow_subnormal=False)
 vector = st.tuples(number, number, number)
 pose = st.builds(
-    Pose.turn, vector.filter(lambda v: np.linalg.norm(v) > 1e-3), st.floats(-6.28, 6.28), vector
+    at.Pose.turn, vector.filter(lambda v: np.linalg.norm(v) > 1e-3), st.floats(-6.28, 6.28), vector
 )
 slenderness = st.one_of(st.just(0.0), st.floats(1e-5, 4.0))
 rod = st.builds(lambda r, s, p: Capsule(r, s * r, p), st.floats(0.5e-3, 30e-3), slenderness, pose)
 
 
-def angles(surface: Surface) -> np.ndarray:
+def angles(surface: at.Surface) -> np.ndarray:
     edges = np.roll(surface.corners, -1, axis=1) - surface.corners
     edges = edges / np.linalg.norm(edges, axis=2, keepdims=True)
     return np.degrees(np.arccos(-np.einsum("tki,tki->tk", edges, np.roll(edges, 1, axis=1))))
@@ -33,7 +32,7 @@ def angles(surface: Surface) -> np.ndarray:
 def test_every_mesh_is_closed_round_well_shaped_and_on_the_shape(shape, relative_edge):
     edge = relative_edge * shape.radius
     surface = shape.mesh(edge)
-    Surface(surface.vertices, surface.triangles, surface.midpoints, shape)  # which checks it
+    at.Surface(surface.vertices, surface.triangles, surface.midpoints, shape)  # which checks it
     assert surface.primitive.radius == shape.radius
     assert (
         len(surface.vertices) - 1.5 * len(surface.triangles) + len(surface.triangles) == 2
@@ -57,7 +56,7 @@ def test_meshes_move_with_their_pose(shape, motion, relative_edge):
 @pytest.mark.parametrize("around", range(6, 17))
 @pytest.mark.parametrize("length", [0.0, 3e-3, 20e-3])
 def test_panels_are_closed_with_any_number_around(length, around):
-    shape = Capsule(8e-3, length, Pose.turn((1, 2, 3), 0.7))
+    shape = Capsule(8e-3, length, at.Pose.turn((1, 2, 3), 0.7))
     panels = shape.panels(16e-3, 2 * np.pi / around)
     corners, triangles = np.unique(
         np.round(panels[:, :3].reshape(-1, 3), 9), axis=0, return_inverse=True
@@ -76,7 +75,7 @@ def test_panels_are_closed_with_any_number_around(length, around):
 
 @pytest.mark.parametrize("length", [0.0, 1e-5, 2e-3, 5e-3, 44e-3])
 def test_no_mesh_crosses_itself(length):
-    surface = Capsule(8e-3, length, Pose.turn((1, 2, 3), 0.7)).mesh(3e-3)
+    surface = Capsule(8e-3, length, at.Pose.turn((1, 2, 3), 0.7)).mesh(3e-3)
     assert len(self_crossings(surface.corners, surface.triangles)) == 0
 
 
@@ -85,11 +84,11 @@ def test_area_and_volume_come_from_the_closed_forms_at_fourth_order(length):
     radius = 8e-3
     area = 4 * math.pi * radius**2 + 2 * math.pi * radius * length
     volume = 4 / 3 * math.pi * radius**3 + math.pi * radius**2 * length
-    shape = Capsule(radius, length, Pose.identity())
+    shape = Capsule(radius, length, at.Pose.identity())
     assert shape.area == pytest.approx(area, rel=1e-14)
     assert shape.volume == pytest.approx(volume, rel=1e-14)
     meshes = [shape.mesh(edge) for edge in (6e-3, 3e-3, 1.5e-3, 0.75e-3)]
-    meshes = [Surface(mesh.vertices, mesh.triangles, mesh.midpoints) for mesh in meshes]
+    meshes = [at.Surface(mesh.vertices, mesh.triangles, mesh.midpoints) for mesh in meshes]
     edges = np.log([m.edge_lengths.max() for m in meshes])
     for truth, found in ((area, [m.area for m in meshes]), (volume, [m.volume for m in meshes])):
         errors = np.abs(np.array(found) / truth - 1)
@@ -143,7 +142,7 @@ def test_a_sphere_is_a_capsule_without_length():
 
 
 def test_projecting_goes_straight_to_the_surface(rng):
-    shape = Capsule(0.008, 0.04, Pose.turn((1, 1, 0), 0.5, (0.1, 0.0, 0.0)))
+    shape = Capsule(0.008, 0.04, at.Pose.turn((1, 1, 0), 0.5, (0.1, 0.0, 0.0)))
     points = shape.pose.translation + rng.normal(scale=0.02, size=(200, 3))
     skin = shape.project(points)
     assert np.abs(shape.depth(skin)).max() < 1e-16
@@ -153,9 +152,9 @@ def test_projecting_goes_straight_to_the_surface(rng):
 
 
 def test_the_smallest_bead_is_accepted_at_any_turn():
-    bead = sphere(0.25e-3, 0.1e-3).moved(Pose.turn((1, 2, 3), 1.0))
+    bead = sphere(0.25e-3, 0.1e-3).moved(at.Pose.turn((1, 2, 3), 1.0))
     assert bead.volume == pytest.approx(4 / 3 * math.pi * 0.25e-3**3, rel=1e-3)
-    Surface(bead.vertices, bead.triangles, bead.midpoints, bead.primitive)
+    at.Surface(bead.vertices, bead.triangles, bead.midpoints, bead.primitive)
 
 
 @pytest.mark.parametrize(
@@ -186,8 +185,8 @@ def test_the_smallest_bead_is_accepted_at_any_turn():
             "not_finite",
             "1 NaN",
         ),
-        (lambda: Capsule(0.01, -0.02, Pose.identity()), "out_of_range", "-0.02 m"),
-        (lambda: Capsule(0.01, math.nan, Pose.identity()), "out_of_range", "nan m"),
+        (lambda: Capsule(0.01, -0.02, at.Pose.identity()), "out_of_range", "-0.02 m"),
+        (lambda: Capsule(0.01, math.nan, at.Pose.identity()), "out_of_range", "nan m"),
     ],
 )
 def test_faults_are_rejected(make, code, said):

@@ -5,7 +5,6 @@ import pytest
 import trimesh
 
 import airtact as at
-from airtact.geometry.files import load_surface
 from airtact.geometry.mesh.mesh_distance import closest_on_triangles
 from airtact.geometry.mesh.panel_tree import panel_tree
 from airtact.geometry.mesh.quadratic_triangles import cut, points_at, shape_functions
@@ -129,7 +128,7 @@ def nearest_of_all(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
 def test_depth_in_a_hand_has_the_sign_of_the_solid_angle_and_the_size_of_an_exhaustive_search(
     hand_file, rng
 ):
-    hand = load_surface(hand_file)
+    hand = at.load_surface(hand_file)
     points = rng.uniform(
         hand.vertices.min(axis=0) - 0.01, hand.vertices.max(axis=0) + 0.01, (400, 3)
     )

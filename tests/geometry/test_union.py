@@ -3,23 +3,21 @@
 import numpy as np
 import pytest
 
+import airtact as at
 from airtact.geometry.checks import check_surface
-from airtact.geometry.primitives import capsule, sphere
-from airtact.geometry.surface import Surface
-from airtact.geometry.union import merged
 from faults import raises_code
 from geometry.mesh.meshes import box_mesh
 
 BALL = 4 / 3 * np.pi * 0.008**3
 
 
-def pair(gap: float) -> list[Surface]:
-    return [sphere(0.008, 0.004), sphere(0.008, 0.004, centre=(0.016 + gap, 0.0, 0.0))]
+def pair(gap: float) -> list[at.Surface]:
+    return [at.sphere(0.008, 0.004), at.sphere(0.008, 0.004, centre=(0.016 + gap, 0.0, 0.0))]
 
 
 @pytest.mark.parametrize("overlap", [0.001, 0.004])
 def test_balls_that_overlap_hold_the_volume_of_their_union(overlap):
-    body = merged(pair(-overlap))
+    body = at.geometry.merged(pair(-overlap))
     check_surface(body)
     lens = (
         np.pi * (4 * 0.008 + 0.016 - overlap) * overlap**2 / 12
@@ -30,7 +28,7 @@ def test_balls_that_overlap_hold_the_volume_of_their_union(overlap):
 @pytest.mark.parametrize("gap", [0.0, 0.0001, 0.00025])
 def test_balls_that_nearly_touch_are_bridged_and_stay_elsewhere(gap):
     bodies = pair(gap)
-    body = merged(bodies)
+    body = at.geometry.merged(bodies)
     check_surface(body)
     assert 2 * BALL * 0.998 < body.volume < 2 * BALL * 1.02
     middle = np.array([[0.008 + gap / 2, 0.0, 0.0]])
@@ -41,24 +39,24 @@ def test_balls_that_nearly_touch_are_bridged_and_stay_elsewhere(gap):
 
 
 def test_a_rod_through_a_box_and_three_in_a_row():
-    box = Surface(*box_mesh(high=(0.02,) * 3))
-    rod = capsule((-0.02, 0.01, 0.01), (0.04, 0.01, 0.01), 0.004, 0.003)
-    body = merged([box, rod])
+    box = at.Surface(*box_mesh(high=(0.02,) * 3))
+    rod = at.capsule((-0.02, 0.01, 0.01), (0.04, 0.01, 0.01), 0.004, 0.003)
+    body = at.geometry.merged([box, rod])
     check_surface(body)
     inside = np.pi * 0.004**2 * 0.02
     assert body.volume == pytest.approx(8e-6 + rod.volume - inside, rel=5e-3)
-    row = [sphere(0.005, 0.003, centre=(0.0102 * i, 0.0, 0.0)) for i in range(3)]
-    assert merged(row).volume == pytest.approx(4 * np.pi * 0.005**3, rel=2e-2)
+    row = [at.sphere(0.005, 0.003, centre=(0.0102 * i, 0.0, 0.0)) for i in range(3)]
+    assert at.geometry.merged(row).volume == pytest.approx(4 * np.pi * 0.005**3, rel=2e-2)
 
 
 def test_one_body_and_one_inside_another_come_back_as_they_are():
-    ball = sphere(0.008, 0.004)
-    assert merged([ball]) is ball
-    assert merged([sphere(0.003, 0.002), ball]) is ball
+    ball = at.sphere(0.008, 0.004)
+    assert at.geometry.merged([ball]) is ball
+    assert at.geometry.merged([at.sphere(0.003, 0.002), ball]) is ball
 
 
 def test_bodies_far_apart_are_rejected_with_their_distance():
     with raises_code("misplaced", "bodies 0 and 1", " 1 mm apart near (", " 0.3 mm"):
-        merged(pair(0.001))
+        at.geometry.merged(pair(0.001))
     with raises_code("empty"):
-        merged([])
+        at.geometry.merged([])

@@ -6,17 +6,10 @@ import math
 import numpy as np
 import pytest
 
-from airtact.acoustics.medium import Medium
-from airtact.acoustics.scene import Scene, sound_hard
-from airtact.acoustics.solvers.bem.solver import BoundaryElement
-from airtact.acoustics.sources import Monopoles
+import airtact as at
 from airtact.acoustics.store import fingerprint
 from airtact.geometry.checks import check_surface
 from airtact.geometry.mesh.quadratic_triangles import enclosed_volume
-from airtact.geometry.pose import Pose
-from airtact.geometry.surface import Surface
-from airtact.hands.files import load_hand
-from airtact.hands.hand import Hand, hand_from_joints
 from airtact.hands.joints import CHAINS, NAMES, TRACKED, side_evidence
 from airtact.hands.kinematics import gap_of
 from airtact.hands.shape import MAX_KEYFRAMES
@@ -29,13 +22,13 @@ MIRROR = np.array([-1.0, 1.0, 1.0])
 
 
 @pytest.fixture(scope="module")
-def opened() -> Hand:
-    return hand_from_joints(PINCH, RADII).open_to(0.012)
+def opened() -> at.Hand:
+    return at.hand_from_joints(PINCH, RADII).open_to(0.012)
 
 
 @pytest.fixture(scope="module")
-def touching() -> Hand:
-    return hand_from_joints(PINCH, RADII)
+def touching() -> at.Hand:
+    return at.hand_from_joints(PINCH, RADII)
 
 
 # --- the skin -------------------------------------------------------------------------------------------------------
@@ -43,7 +36,7 @@ def touching() -> Hand:
 
 def test_the_surface_is_closed_curved_and_exact(opened):
     surface = opened.surface
-    assert isinstance(surface, Surface)
+    assert isinstance(surface, at.Surface)
     check_surface(surface)
     nodes = np.concatenate([surface.vertices, surface.midpoints.reshape(-1, 3)])
     assert np.abs(surface.depth(nodes)).max() < 30e-6
@@ -72,25 +65,25 @@ def test_panels_hold_the_volume_whatever_their_edge(opened):
 
 
 def test_a_hand_moves_with_its_skin(opened):
-    pose = Pose.turn(np.array([1.0, 2.0, -0.5]), 0.7, np.array([0.1, -0.02, 0.05]))
+    pose = at.Pose.turn(np.array([1.0, 2.0, -0.5]), 0.7, np.array([0.1, -0.02, 0.05]))
     moved = opened.surface.moved(pose)
     assert np.abs(moved.depth(moved.vertices)).max() < 1e-8
     assert moved.volume == pytest.approx(opened.surface.volume)
-    elsewhere = hand_from_joints(pose.apply(opened.joints), RADII)
+    elsewhere = at.hand_from_joints(pose.apply(opened.joints), RADII)
     assert np.abs(elsewhere.shape.depth(moved.vertices)).max() < 1e-8
 
 
 def test_trackers_with_21_joints_give_nearly_the_same_hand(opened):
-    fewer = hand_from_joints(PINCH[TRACKED], RADII[TRACKED]).open_to(0.012)
+    fewer = at.hand_from_joints(PINCH[TRACKED], RADII[TRACKED]).open_to(0.012)
     assert np.linalg.norm(fewer.pads - opened.pads, axis=1).max() < 2e-3
     assert fewer.shape.volume == pytest.approx(opened.shape.volume, rel=0.2)
 
 
 def test_radii_grow_with_the_length_of_the_hand():
-    small, large = (hand_from_joints(RELAXED, length=length).radii for length in (0.15, 0.2))
+    small, large = (at.hand_from_joints(RELAXED, length=length).radii for length in (0.15, 0.2))
     assert large == pytest.approx(small * 0.2 / 0.15)
-    radii = hand_from_joints(RELAXED).radii
-    assert hand_from_joints(1.1 * RELAXED).radii == pytest.approx(1.1 * radii)
+    radii = at.hand_from_joints(RELAXED).radii
+    assert at.hand_from_joints(1.1 * RELAXED).radii == pytest.approx(1.1 * radii)
 
 
 # --- left and right -------------------------------------------------------------------------------------------------
@@ -105,8 +98,8 @@ def test_sides_are_distinguished_in_any_pose(seed):
 
 def test_a_left_hand_given_as_right_is_rejected():
     with raises_code("wrong_side"):
-        hand_from_joints(PINCH, side="right")
-    assert hand_from_joints(MIRROR * PINCH, side="right").side == "right"
+        at.hand_from_joints(PINCH, side="right")
+    assert at.hand_from_joints(MIRROR * PINCH, side="right").side == "right"
 
 
 # --- pads and gaps --------------------------------------------------------------------------------------------------
@@ -175,7 +168,7 @@ def test_impossible_gaps_and_unknown_places_are_rejected(opened):
 
 def test_the_next_frame_keeps_the_triangles_and_is_exact(opened):
     before = opened.shape.skin(6e-3)
-    shaken = Pose.turn(np.array([0.0, 1.0, 0.3]), 0.05, np.array([5e-3, 0.0, 0.0]))
+    shaken = at.Pose.turn(np.array([0.0, 1.0, 0.3]), 0.05, np.array([5e-3, 0.0, 0.0]))
     after = opened.posed(shaken.apply(opened.open_to(0.016).joints))
     skin = after.shape.skin(6e-3)
     assert np.array_equal(skin.triangles, before.triangles)
@@ -190,8 +183,8 @@ def test_a_frame_in_which_fingers_meet_is_meshed_anew(opened):
     assert len(closed.shape.skin(6e-3).triangles) != len(opened.shape.skin(6e-3).triangles)
 
 
-def sequence(gaps: np.ndarray) -> list[Hand]:
-    start = hand_from_joints(PINCH, RADII)
+def sequence(gaps: np.ndarray) -> list[at.Hand]:
+    start = at.hand_from_joints(PINCH, RADII)
     hands = [start.open_to(gaps[0])]
     for gap in gaps[1:]:
         hands.append(hands[-1].posed(start.open_to(gap).joints))
@@ -227,12 +220,12 @@ def test_hands_of_one_fingerprint_have_one_mesh_and_those_of_two_do_not():
     gaps = np.array([0.012, 0.016])
     one, twin = sequence(gaps)[1], sequence(gaps)[1]
     one.shape.skin(5e-3)
-    alone = hand_from_joints(one.joints, one.radii, side=one.side)
+    alone = at.hand_from_joints(one.joints, one.radii, side=one.side)
 
-    def name(hand: Hand) -> str:
-        scene = Scene(Medium(343.1, 1.293), [sound_hard(hand.surface)])
+    def name(hand: at.Hand) -> str:
+        scene = at.Scene(at.Medium(343.1, 1.293), [at.sound_hard(hand.surface)])
         return fingerprint(
-            BoundaryElement(), scene, Monopoles(np.array([[0.0, 0.0, 0.3]]), np.ones(1))
+            at.BoundaryElement(), scene, at.Monopoles(np.array([[0.0, 0.0, 0.3]]), np.ones(1))
         )
 
     assert name(one) == name(twin)
@@ -283,7 +276,7 @@ def test_joints_radii_and_sides_of_no_hand_are_rejected(
     code, joints, options, as_outside_the_tests
 ):
     with raises_code(code):
-        hand_from_joints(joints, **options)
+        at.hand_from_joints(joints, **options)
 
 
 # --- files ------------------------------------------------------------------------------------
@@ -297,7 +290,7 @@ def test_a_pose_is_read_in_any_order_of_its_names(tmp_path):
         "radii_m": RADII[order].tolist(),
     }
     (tmp_path / "pose.json").write_text(json.dumps(pose))
-    hand = load_hand(tmp_path / "pose.json")
+    hand = at.load_hand(tmp_path / "pose.json")
     assert np.array_equal(hand.joints, PINCH)
     assert np.array_equal(hand.radii, RADII)
 
@@ -321,4 +314,4 @@ def test_files_that_hold_no_pose_are_rejected(tmp_path, code, text):
     if text is not None:
         (tmp_path / "pose.json").write_text(text)
     with raises_code(code, "pose.json"):
-        load_hand(tmp_path / "pose.json")
+        at.load_hand(tmp_path / "pose.json")

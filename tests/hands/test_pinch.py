@@ -5,15 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from airtact.acoustics.medium import Medium
+import airtact as at
 from airtact.acoustics.scene import Scene, check_outside, sound_hard
 from airtact.geometry.mesh.mesh_distance import segment_distances
-from airtact.hands.pinch_dummy import pinch
 from faults import raises_code
 
 
 def test_tips_axes_and_tilt_are_those_of_the_drawing():
-    hand = pinch(gap=0.012)
+    hand = at.pinch(gap=0.012)
     for side, surface in zip((-1, 1), hand.surfaces, strict=True):
         root, tip = surface.primitive.axis
         assert surface.primitive.radius == 8e-3
@@ -27,7 +26,7 @@ def test_tips_axes_and_tilt_are_those_of_the_drawing():
 
 @pytest.mark.parametrize("gap", [1e-3, 0.012, 0.04])
 def test_pads_are_the_points_of_each_skin_nearest_the_other(gap):
-    hand = pinch(gap)
+    hand = at.pinch(gap)
     thumb, finger = (surface.primitive for surface in hand.surfaces)
     distance, here, there = segment_distances(thumb.axis[None], finger.axis[None])
     between = (there - here) / distance[:, None]
@@ -41,25 +40,25 @@ def test_pads_are_the_points_of_each_skin_nearest_the_other(gap):
 
 
 def test_foci_stand_off_the_pads_into_the_gap():
-    hand = pinch()
-    scene = Scene(Medium(343.1, 1.293), [sound_hard(surface) for surface in hand.surfaces])
+    hand = at.pinch()
+    scene = Scene(at.Medium(343.1, 1.293), [sound_hard(surface) for surface in hand.surfaces])
     assert scene.depth(hand.foci()) == pytest.approx([-0.5e-3, -0.5e-3], abs=1e-16)
     assert scene.depth(hand.foci(2e-3)) == pytest.approx([-2e-3, -2e-3], abs=1e-16)
     check_outside(scene, hand.foci(0.0), "focus")
 
 
 def test_the_edge_is_the_longest_of_the_triangles():
-    for surface in pinch(edge=1.5e-3).surfaces:
+    for surface in at.pinch(edge=1.5e-3).surfaces:
         assert surface.edge_lengths.max() <= 1.5e-3
 
 
 @pytest.mark.parametrize("gap", [0.0, -0.01, math.nan, 12])
 def test_a_gap_is_above_zero_and_in_metres(gap):
     with raises_code("out_of_range", f"{gap:g} m"):
-        pinch(gap)
+        at.pinch(gap)
 
 
 @pytest.mark.parametrize("offset", [-1e-3, 0.012, math.nan])
 def test_foci_stay_in_the_gap(offset):
     with raises_code("out_of_range", f"{1e3 * offset:g} mm", "12 mm"):
-        pinch().foci(offset)
+        at.pinch().foci(offset)

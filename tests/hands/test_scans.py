@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from airtact.geometry.files import load_surface
-from airtact.geometry.pose import Pose
-from airtact.hands.files import load_hand, load_rigged_hand
+import airtact as at
 from airtact.hands.hand import PLACES, hand_from_joints, places_on
 from faults import raises_code
 from paths import EXAMPLES, GENERIC_HAND, HANDS
@@ -17,12 +15,12 @@ from references.rigged_hand import rest
 
 @pytest.fixture(scope="module")
 def hand():
-    return load_rigged_hand(GENERIC_HAND)
+    return at.hands.load_rigged_hand(GENERIC_HAND)
 
 
 @pytest.fixture(scope="module")
 def skin():
-    return load_surface(GENERIC_HAND)
+    return at.load_surface(GENERIC_HAND)
 
 
 def test_the_joints_are_those_that_the_mesh_is_bound_to(hand) -> None:
@@ -54,31 +52,31 @@ def test_a_rig_in_millimetres_is_scaled_as_its_mesh(tmp_path, hand, skin) -> Non
     scene = trimesh.load_scene(GENERIC_HAND, process=False)
     scene.apply_scale(1e3)
     scene.export(tmp_path / "hand.glb")
-    scaled = load_rigged_hand(tmp_path / "hand.glb", scale=1e-3)
+    scaled = at.hands.load_rigged_hand(tmp_path / "hand.glb", scale=1e-3)
     np.testing.assert_allclose(scaled.joints, hand.joints, atol=1e-7)
-    same = places_on(load_surface(tmp_path / "hand.glb", scale=1e-3), scaled)
+    same = places_on(at.load_surface(tmp_path / "hand.glb", scale=1e-3), scaled)
     for name, (point, _) in places_on(skin, hand).items():
         np.testing.assert_allclose(same[name][0], point, atol=1e-6)
     with raises_code("not_in_metres", "hand.glb"):
-        load_rigged_hand(tmp_path / "hand.glb")
+        at.hands.load_rigged_hand(tmp_path / "hand.glb")
 
 
 def test_a_rig_that_lacks_joints_is_named_with_them(tmp_path) -> None:
     trimesh.creation.icosphere(radius=0.03).export(tmp_path / "ball.glb")
     with raises_code("joint_missing", "ball.glb", "25 of the 25", "wrist, thumb-metacarpal, "):
-        load_rigged_hand(tmp_path / "ball.glb")
+        at.hands.load_rigged_hand(tmp_path / "ball.glb")
     scene = trimesh.load_scene(GENERIC_HAND, process=False)
     scene.graph.transforms.remove_node("index-finger-tip")
     scene.export(tmp_path / "hand.glb")
     with raises_code("joint_missing", "1 of the 25", "(index-finger-tip)"):
-        load_rigged_hand(tmp_path / "hand.glb")
+        at.hands.load_rigged_hand(tmp_path / "hand.glb")
     with raises_code("file_missing", "none.glb"):
-        load_rigged_hand(tmp_path / "none.glb")
+        at.hands.load_rigged_hand(tmp_path / "none.glb")
 
 
 def test_joints_of_another_pose_are_rejected(skin) -> None:
     with raises_code("misplaced", "mm from the surface"):
-        places_on(skin, load_hand(HANDS / "pinch.json"))
+        places_on(skin, at.load_hand(HANDS / "pinch.json"))
 
 
 @pytest.mark.parametrize(
@@ -91,12 +89,12 @@ def test_joints_of_another_pose_are_rejected(skin) -> None:
 )
 def test_joints_of_another_frame_are_rejected(shift, fault, hand, skin) -> None:
     with raises_code("misplaced", fault):
-        places_on(skin.moved(Pose(np.eye(3), np.array(shift))), hand)
+        places_on(skin.moved(at.Pose(np.eye(3), np.array(shift))), hand)
 
 
 def test_a_hand_of_joints_finds_its_own_pads() -> None:
     """On the skin that was made from the joints, the places are those of the hand."""
-    hand = load_hand(HANDS / "relaxed.json")
+    hand = at.load_hand(HANDS / "relaxed.json")
     for name, (point, normal) in places_on(hand.surface, hand).items():
         np.testing.assert_allclose(point, hand.places[name][0], atol=1e-6)
         np.testing.assert_allclose(normal, hand.places[name][1], atol=1e-3)
@@ -106,4 +104,4 @@ def test_a_side_that_contradicts_the_rig_is_rejected(hand) -> None:
     mirrored = hand.joints * [1.0, 1.0, -1.0]
     assert hand_from_joints(mirrored).side == "left"
     with raises_code("wrong_side", "left"):
-        load_rigged_hand(GENERIC_HAND, side="left")
+        at.hands.load_rigged_hand(GENERIC_HAND, side="left")

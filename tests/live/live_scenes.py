@@ -5,23 +5,19 @@ from threading import Event, Thread
 import numpy as np
 
 import airtact as at
-from airtact.hands.hand import hand_from_joints
-from airtact.hands.tracking.stream import HandStream, StreamHealth
 from airtact.live.drives.solver_process import SolverProcess
 from airtact.live.moment import Moment, silent_moment
 from airtact.live.page.process import PageProcess
 from airtact.live.page.sound import DirectSound
-from airtact.live.scene import LiveScene
-from airtact.transducers.modulation import AmplitudeModulation
 from references.motions import pinch_pose
 
 
-def one_board() -> LiveScene:
+def one_board() -> at.live.LiveScene:
     """One board 0.2 m under a left hand that pinches, with foci at thumb and index finger."""
     joints, radii = pinch_pose()
-    middle = hand_from_joints(joints, radii, side="left").pads[:2].mean(axis=0)
+    middle = at.hand_from_joints(joints, radii, side="left").pads[:2].mean(axis=0)
     array = at.autd3_board().facing(tuple(middle), (0.0, 0.2, -1.0), 0.2)
-    return LiveScene(
+    return at.live.LiveScene(
         at.air(),
         40e3,
         array,
@@ -29,20 +25,20 @@ def one_board() -> LiveScene:
         radii,
         ("thumb.pad", "index.pad"),
         np.full(2, 1e-3),
-        modulation=AmplitudeModulation(),
+        modulation=at.transducers.AmplitudeModulation(),
     )
 
 
 def open_pinch(gap: float) -> np.ndarray:
     """Joints of the left hand that pinches, thumb and index finger a gap apart [m]."""
     joints, radii = pinch_pose()
-    return np.array(hand_from_joints(joints, radii, side="left").open_to(gap).joints)
+    return np.array(at.hand_from_joints(joints, radii, side="left").open_to(gap).joints)
 
 
-def playing(scene: LiveScene, time: float = 0.0) -> Moment:
+def playing(scene: at.live.LiveScene, time: float = 0.0) -> Moment:
     """A moment of a drive from distances, at a hand that moves to and fro."""
     joints, radii = pinch_pose()
-    hand = hand_from_joints(joints + [0.0, 0.0, 0.01 * np.sin(6.0 * time)], radii, side="left")
+    hand = at.hand_from_joints(joints + [0.0, 0.0, 0.01 * np.sin(6.0 * time)], radii, side="left")
     foci = np.array([hand.places[name][0] + 1e-3 * hand.places[name][1] for name in scene.places])
     drive = at.focus_by_distance(scene.array, at.Target(foci), scene.medium, scene.frequency)
     pressures = np.abs(DirectSound(scene).at(foci, drive.amplitudes, foci.mean(axis=0)))
@@ -92,7 +88,7 @@ class Scheduled(at.live.HandSource):
     """Frames that come at their own times of a virtual clock."""
 
     words = "scheduled frames"
-    health = StreamHealth()
+    health = at.hands.StreamHealth()
 
     def __init__(self, clock: VirtualClock, frames) -> None:
         self.clock, self.frames, self.begun = clock, list(frames), clock.now
@@ -143,7 +139,7 @@ class Loop:
 
     def __init__(self, dragged: bool = False) -> None:
         self.scene, self.pressed = one_board(), Event()
-        self.stream = HandStream() if dragged else None
+        self.stream = at.hands.HandStream() if dragged else None
         hand = pinch_pose()[0] if dragged else None
         self.page = PageProcess(
             self.scene, 0, hand=hand, stream=self.stream, on_emergency=self.pressed.set

@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.drives.methods import METHODS
 from airtact.live.drives.factors import OpenAir
 from airtact.live.drives.maker import HandAware, displaced, off_by, robust_drive
-from airtact.live.moment import Controls
 from airtact.live.scene import LiveScene, pose_hand
 from references.motions import pinch_pose, still
 
@@ -43,7 +41,9 @@ def test_a_robust_drive_keeps_more_where_foci_are_off(scene, foci, phases, metho
     off = 1.2e-3
     rows = OpenAir(scene).rows(foci)
     made = robust_drive(scene, rows, foci, 3.0 * off, phases)
-    usual = METHODS[method](at.TransferMatrix(rows, float("nan")), at.Target(foci)).amplitudes
+    usual = at.drives.METHODS[method](
+        at.TransferMatrix(rows, float("nan")), at.Target(foci)
+    ).amplitudes
     assert lowest_tenth(scene, foci, off, made) > gain * lowest_tenth(scene, foci, off, usual)
     assert np.abs(made).max() == pytest.approx(1.0)
     assert np.abs(made).min() > 0.999 or not phases
@@ -67,7 +67,7 @@ def test_sure_foci_get_the_strongest_drive(scene, foci):
     assert off_by(1.0) == 1.5e-3
     rows = OpenAir(scene).rows(foci)
     sure = robust_drive(scene, rows, foci, 0.3e-3, phase_only=True)
-    best = METHODS["weighted_gerchberg_saxton"](
+    best = at.drives.METHODS["weighted_gerchberg_saxton"](
         at.TransferMatrix(rows, float("nan")), at.Target(foci)
     ).amplitudes
     np.testing.assert_allclose(sure, best, atol=1e-9)
@@ -76,8 +76,8 @@ def test_sure_foci_get_the_strongest_drive(scene, foci):
 def test_the_maker_follows_the_doubt_of_its_predictor(scene):
     maker = HandAware(scene, solvers=[])
     maker.take(still(0, 0.0))
-    soon, late = (maker.make(ahead, Controls(method="robust")) for ahead in (0.001, 0.1))
-    plain = maker.make(0.1, Controls(method="robust_phase_only"))
+    soon, late = (maker.make(ahead, at.live.Controls(method="robust")) for ahead in (0.001, 0.1))
+    plain = maker.make(0.1, at.live.Controls(method="robust_phase_only"))
     assert plain.foci is not None
     assert np.abs(plain.amplitudes).min() > 0.999
     soon, late = (one.amplitudes / np.linalg.norm(one.amplitudes) for one in (soon, late))

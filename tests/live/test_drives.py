@@ -9,9 +9,7 @@ import pytest
 import airtact as at
 from airtact.live.drives.factors import HandFactors, OpenAir, RigidParts, solved
 from airtact.live.drives.library import Library, expected_kept
-from airtact.live.drives.maker import HandAware
 from airtact.live.drives.solver_process import Request, SolverProcess
-from airtact.live.moment import Controls
 from airtact.live.scene import gap_change, pose_hand, turn
 from live.live_scenes import Ready, correlations
 from references.hand_poses import example
@@ -40,9 +38,9 @@ def test_an_element_reaches_nothing_behind_its_face(board, joints):
 
 @pytest.mark.parametrize(("part", "least"), [("phalanges", 0.8), ("hand", 0.95)])
 def test_a_still_hand_gets_nearly_what_the_whole_solution_gives(board, joints, exact, part, least):
-    maker = HandAware(board, noise=1e-4, solvers=[Ready(solved(board, joints, part, 0.0))])
+    maker = at.live.HandAware(board, noise=1e-4, solvers=[Ready(solved(board, joints, part, 0.0))])
     maker.take(seen(joints))
-    moment = maker.make(0.01, Controls())
+    moment = maker.make(0.01, at.live.Controls())
     best = at.weighted_gerchberg_saxton(exact, at.Target(exact.foci))
     assert moment.rule == part
     assert at_weakest(exact, moment.amplitudes) >= least * at_weakest(exact, best.amplitudes)
@@ -92,29 +90,33 @@ def test_a_palm_is_a_plane_beside_rigid_phalanges():
 
 
 def test_distances_are_played_where_nothing_is_solved_or_wanted(board, joints, phalanges):
-    maker = HandAware(board, solvers=[Ready()])
+    maker = at.live.HandAware(board, solvers=[Ready()])
     maker.take(seen(joints))
-    assert maker.make(0.0, Controls()).rule == "distances"
-    maker = HandAware(board, solvers=[Ready(phalanges)])
+    assert maker.make(0.0, at.live.Controls()).rule == "distances"
+    maker = at.live.HandAware(board, solvers=[Ready(phalanges)])
     maker.take(seen(joints))
-    told = maker.make(0.0, Controls(ignore_hand=True))
+    told = maker.make(0.0, at.live.Controls(ignore_hand=True))
     assert (told.rule, told.shape_age) == ("distances", None)
     assert np.abs(told.amplitudes).max() == pytest.approx(1.0)
-    assert maker.make(0.0, Controls()).rule == "phalanges"
+    assert maker.make(0.0, at.live.Controls()).rule == "phalanges"
 
 
 def test_a_pose_far_from_what_was_solved_is_not_trusted(board, joints, phalanges):
     far = np.array(pose_hand(board, joints).hand.open_to(0.06).joints)
-    near, opened = (HandAware(board, noise=1e-4, solvers=[Ready(phalanges)]) for _ in range(2))
+    near, opened = (
+        at.live.HandAware(board, noise=1e-4, solvers=[Ready(phalanges)]) for _ in range(2)
+    )
     near.take(seen(joints))
     opened.take(seen(far))
-    assert opened.make(0.0, Controls()).kept < near.make(0.0, Controls()).kept - 0.15
+    assert (
+        opened.make(0.0, at.live.Controls()).kept < near.make(0.0, at.live.Controls()).kept - 0.15
+    )
 
 
 def test_a_lost_hand_is_silent(board, joints):
-    maker = HandAware(board, solvers=[Ready()])
+    maker = at.live.HandAware(board, solvers=[Ready()])
     for begun in (False, True):
-        moment = maker.make(1.0, Controls())
+        moment = maker.make(1.0, at.live.Controls())
         assert moment.joints is None
         assert moment.foci is None
         assert not moment.amplitudes.any()
@@ -172,21 +174,23 @@ def test_solvers_rest_while_noise_spoils_all_that_they_find(board, joints):
     palm = replace(board, places=("palm",), offsets=board.offsets[:1])
     for one, noise, asked in ((palm, 1e-4, True), (palm, 1e-3, False), (board, 1e-3, True)):
         solver = Ready()
-        maker = HandAware(one, noise=noise, solvers=[solver])
+        maker = at.live.HandAware(one, noise=noise, solvers=[solver])
         maker.take(seen(joints))
-        moment = maker.make(0.01, Controls())
+        moment = maker.make(0.01, at.live.Controls())
         assert (moment.rule, solver.asked is not None) == ("distances", asked)
 
 
 def test_solvers_that_rested_go_on_when_the_tracker_is_quieter(board, joints):
     solver, random = Ready(), np.random.default_rng(3)
-    maker = HandAware(replace(board, places=("palm",), offsets=board.offsets[:1]), solvers=[solver])
+    maker = at.live.HandAware(
+        replace(board, places=("palm",), offsets=board.offsets[:1]), solvers=[solver]
+    )
     asked = []
     for index in range(200):
         noise = 1e-3 if index < 100 else 1e-4
         maker.take(still(index, index / 60, landmarks=joints + noise * random.normal(size=(25, 3))))
         solver.asked = None
-        maker.make(index / 60 + 0.01, Controls())
+        maker.make(index / 60 + 0.01, at.live.Controls())
         asked.append(solver.asked is not None)
     assert not any(asked[20:100])
     assert all(asked[170:])

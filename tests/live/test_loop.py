@@ -7,9 +7,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.hands.tracking.recordings import load_recording
 from airtact.live.safety import FADE, MAX_FRAME_AGE, Gain
-from airtact.live.session import read_session
 from airtact.live.sources import FrameClock
 from live.live_scenes import Kept, Scheduled
 from references.motions import reaching_recording, still
@@ -27,7 +25,7 @@ def loudness(output: Kept) -> np.ndarray:
 
 
 def test_the_example_is_what_it_is_said_to_be():
-    frames = load_recording(at.example("reaching.jsonl")).frames
+    frames = at.hands.load_recording(at.example("reaching.jsonl")).frames
     assert at.example("reaching.jsonl").stat().st_size < 300_000
     for frame, made in zip(frames[::40], reaching_recording()[::40], strict=True):
         assert frame.time == pytest.approx(made.time)
@@ -38,7 +36,7 @@ def test_sound_follows_a_hand_and_the_session_holds_what_was_done(example_scene,
     scene, frames = example_scene, reaching_recording()[:60]
     writer = at.live.SessionWriter(tmp_path / "session.h5", scene)
     done, output = followed(scene, clock, frames, session=writer)
-    session = read_session(tmp_path)
+    session = at.live.read_session(tmp_path)
     assert done.frames == 60
     assert 60 <= done.rate <= 121
     np.testing.assert_allclose(session.frame_time, [frame.time for frame in frames])
@@ -123,7 +121,7 @@ def test_the_emergency_stop_ends_the_sound_for_good(example_scene, clock, tmp_pa
     assert done.stopped
     assert len(output.sent) == 5
     assert "stopped" in done.state
-    session = read_session(tmp_path)
+    session = at.live.read_session(tmp_path)
     assert session.states[-1] == "stopped"
     assert not session.amplitudes[-1].any()
 
@@ -207,7 +205,7 @@ def test_frames_that_come_before_the_loop_begins_are_not_lost():
 
 
 def test_a_recording_in_a_loop_goes_on_with_later_frames():
-    recording = load_recording(at.example("reaching.jsonl"))
+    recording = at.hands.load_recording(at.example("reaching.jsonl"))
     hands = at.live.RecordedHands(recording, loop=True)
     repeated = hands._repeated()
     frames = [next(repeated) for _ in range(2 * len(recording.frames))]

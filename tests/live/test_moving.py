@@ -6,11 +6,8 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.drives.methods import METHODS
 from airtact.live.drives.factors import OpenAir, solved
-from airtact.live.drives.maker import HandAware
 from airtact.live.drives.moving import Rounds, aligned, moving_points, turned_towards
-from airtact.live.moment import Controls
 from airtact.live.scene import pose_hand
 from faults import raises_code
 from live.live_scenes import Kept, Ready, Scheduled
@@ -89,7 +86,7 @@ def test_each_focus_gets_its_sound_where_it_is(scene, joints, phalanges):
     )
     for rows, index in zip(matrix, some, strict=True):
         transfer = at.TransferMatrix(rows, float("nan"))
-        best = METHODS["best"](transfer, at.Target(points[index])).amplitudes
+        best = at.drives.METHODS["best"](transfer, at.Target(points[index])).amplitudes
         assert np.abs(rows @ frames[index]).min() > 0.8 * np.abs(rows @ best).min()
 
 
@@ -106,7 +103,7 @@ def test_a_newer_round_steps_no_farther_than_a_round_itself_at_the_link(
     scene = at.live.live_scene(scene_file(tmp_path, modulation))
     found = solved(scene, joints, "phalanges", 0.0)
     maker, link, rounds = (
-        HandAware(scene, solvers=[Ready(found)]),
+        at.live.HandAware(scene, solvers=[Ready(found)]),
         at.emission.RecordingLink("autd3", 4),
         [],
     )
@@ -118,7 +115,7 @@ def test_a_newer_round_steps_no_farther_than_a_round_itself_at_the_link(
                     now, "left", index, joints + to_and_fro(0.2 + now) - to_and_fro(0.2)
                 )
             )
-            moment = maker.make(now, Controls())
+            moment = maker.make(now, at.live.Controls())
             assert scene.moving is not None
             assert moment.frames is not None
             rounds.append(moment.frames)
@@ -167,8 +164,8 @@ def test_the_loop_leads_foci_and_the_page_holds_them_still(setup, scene, clock):
     outputs = []
     for modulated in (True, False):
         outputs.append(Kept(clock))
-        hands, maker = Scheduled(clock, frames), HandAware(scene, solvers=[])
-        controls = Controls(modulated=modulated)
+        hands, maker = Scheduled(clock, frames), at.live.HandAware(scene, solvers=[])
+        controls = at.live.Controls(modulated=modulated)
         at.live.follow(scene, hands, maker, output=outputs[-1], controls=controls)
     led, still = outputs
     assert led.cycled

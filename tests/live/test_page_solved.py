@@ -7,9 +7,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.hands.hand import hand_from_joints
 from airtact.live.drives.factors import OpenAir, part_of, solved
-from airtact.live.moment import Moment
 from airtact.live.page.sound import (
     SLICE_POINTS,
     SLICE_SIZE,
@@ -26,7 +24,7 @@ from airtact.live.scene import LiveScene, pose_hand
 from live.live_scenes import one_board, playing
 
 
-def asked(scene: LiveScene, moment: Moment, section: Section | None = None) -> SoundRequest:
+def asked(scene: LiveScene, moment: at.live.Moment, section: Section | None = None) -> SoundRequest:
     vertices, _ = MovingSkin(scene.radii).at(moment.joints)
     section = section or Section(moment.foci.mean(axis=0), "y", 0.0)
     return SoundRequest(
@@ -94,7 +92,7 @@ def test_skin_and_slice_are_those_of_a_finer_solution() -> None:
     what = asked(scene, moment)
     sound, points = solver.solved(what), what.section.points()
     fine = at.BoundaryElement(accuracy=0.03)
-    hand = hand_from_joints(moment.joints, scene.radii, side="left")
+    hand = at.hand_from_joints(moment.joints, scene.radii, side="left")
     body = part_of(hand, "hand", scene.places, fine.panel_edge(scene.medium.wavelength(40e3)))
     air = at.Scene(scene.medium, [at.sound_hard(body)], frequency=40e3)
     every = np.vstack([points, what.skin])

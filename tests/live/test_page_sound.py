@@ -5,10 +5,8 @@ import pytest
 
 import airtact as at
 from airtact.geometry.mesh.topology import check_closed
-from airtact.hands.hand import hand_from_joints
 from airtact.live.page.sound import DirectSound
 from airtact.live.page.view import MovingSkin
-from airtact.live.scene import LiveScene
 from live.live_scenes import one_board, playing
 from references.motions import Pinching
 
@@ -19,7 +17,7 @@ def board():
     return scene, playing(scene)
 
 
-def in_open_air(scene: LiveScene, drive: np.ndarray, points: np.ndarray) -> np.ndarray:
+def in_open_air(scene: at.live.LiveScene, drive: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Pressure of the whole elements, all points of their faces."""
     empty = at.Scene(scene.medium, [], frequency=scene.frequency)
     return at.field_map(empty, scene.array, at.Drive(drive), points, solver=at.FreeField())
@@ -56,7 +54,7 @@ def test_hard_skin_has_twice_the_direct_sound_where_it_looks_at_the_array(board)
 
 def test_each_face_of_a_box_lights_its_own_side() -> None:
     scene = one_board()
-    box = LiveScene(
+    box = at.live.LiveScene(
         scene.medium, 40e3, at.surrounding_box(), "left", None, scene.places, scene.offsets
     )
     drive, centre = np.zeros(len(box.array), dtype=np.complex128), np.zeros((1, 3))
@@ -77,7 +75,7 @@ def test_the_skin_stays_closed_on_the_body_while_fingers_open() -> None:
         first = skin.triangles if first is None else first
         assert skin.triangles is first
         check_closed(vertices, first)
-        shape = hand_from_joints(joints, motion.radii).shape
+        shape = at.hand_from_joints(joints, motion.radii).shape
         assert np.abs(shape.depth(vertices)).max() < 1e-6
         outside = shape.depth(vertices + 1e-4 * normals)
         assert np.median(outside) == pytest.approx(-1e-4, rel=0.01)

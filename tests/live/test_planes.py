@@ -6,21 +6,15 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.hands.hand import hand_from_joints
-from airtact.hands.tracking.frame import HandFrame
 from airtact.live.drives.factors import OpenAir, solved
-from airtact.live.drives.maker import HandAware
-from airtact.live.moment import Controls
 from airtact.live.page.sound import DirectSound
 from airtact.live.safety import Workspace
 from airtact.live.scene import LiveScene, WithImages, foci_on
-from airtact.live.session import Session, SessionWriter, read_session
-from airtact.live.verification import verify_session
 from live.live_scenes import Ready, one_board, open_pinch
 from references.motions import pinch_pose
 
 JOINTS = open_pinch(0.02)
-HAND = hand_from_joints(JOINTS, pinch_pose()[1], side="left")
+HAND = at.hand_from_joints(JOINTS, pinch_pose()[1], side="left")
 LOW, MIDDLE = HAND.surface.corners.reshape(-1, 3).min(axis=0), HAND.pads[:2].mean(axis=0)
 TABLE = at.plane((0, 0, LOW[2] - 0.04), (0, 0, 1))
 BEFORE = replace(
@@ -46,9 +40,9 @@ def exact() -> at.TransferMatrix:
 
 def drive_of(scene: LiveScene, part="hand", method: str | None = None, joints=JOINTS) -> np.ndarray:
     found = [Ready(solved(scene, joints, part, 0.0))] if part else []
-    maker = HandAware(scene, noise=1e-4, solvers=found)
-    maker.take(HandFrame(0.0, "left", 0, joints))
-    return maker.make(0.01, Controls(method=method)).amplitudes
+    maker = at.live.HandAware(scene, noise=1e-4, solvers=found)
+    maker.take(at.hands.HandFrame(0.0, "left", 0, joints))
+    return maker.make(0.01, at.live.Controls(method=method)).amplitudes
 
 
 def kept(exact: at.TransferMatrix, amplitudes: np.ndarray) -> float:
@@ -93,17 +87,19 @@ def test_foci_that_move_know_the_table() -> None:
     (places,) = np.tile(np.arange(2), (1, 4, 1))
     moving = at.live.MovingFoci(places, np.zeros((4, 2, 3)), 400.0, "still")
     scene = replace(OVER, moving=moving)
-    maker = HandAware(scene, noise=1e-4, solvers=[Ready(solved(scene, JOINTS, "phalanges", 0.0))])
-    maker.take(HandFrame(0.0, "left", 0, JOINTS))
-    frames = maker.make(0.01, Controls()).frames
+    maker = at.live.HandAware(
+        scene, noise=1e-4, solvers=[Ready(solved(scene, JOINTS, "phalanges", 0.0))]
+    )
+    maker.take(at.hands.HandFrame(0.0, "left", 0, JOINTS))
+    frames = maker.make(0.01, at.live.Controls()).frames
     assert frames is not None
     assert frames.shape == (4, len(OVER.array))
 
 
 def test_a_session_keeps_its_table(tmp_path) -> None:
     for scene, version in ((OVER, 2), (BEFORE, 1)):
-        SessionWriter(tmp_path / "session.h5", scene).close()
-        read = read_session(tmp_path / "session.h5").scene
+        at.live.SessionWriter(tmp_path / "session.h5", scene).close()
+        read = at.live.read_session(tmp_path / "session.h5").scene
         assert len(read.planes) == len(scene.planes)
         for one, other in zip(read.planes, scene.planes, strict=True):
             np.testing.assert_allclose([one.point, one.normal], [other.point, other.normal])
@@ -117,7 +113,7 @@ def test_a_session_is_verified_with_its_table(exact) -> None:
     """The share of a drive that was made for the hand and the table is 1, of one that knows neither it is far less."""
     drives = np.stack([at.best(exact, at.Target(exact.foci)).amplitudes, drive_of(BEFORE, None)])
     times, nan = np.array([0.01, 0.02]), np.full(2, np.nan)
-    session = Session(
+    session = at.live.Session(
         OVER,
         "",
         drives.astype(np.complex64),
@@ -132,7 +128,7 @@ def test_a_session_is_verified_with_its_table(exact) -> None:
         np.array([0.0, 0.1]),
         np.stack([JOINTS] * 2),
     )
-    found = verify_session(session, every=1, accuracy=0.03).kept
+    found = at.live.verify_session(session, every=1, accuracy=0.03).kept
     assert found[0] == pytest.approx(1.0, abs=0.03)
     assert found[1] == pytest.approx(kept(exact, drives[1]), abs=0.03)
 

@@ -11,9 +11,7 @@ import numpy as np
 import pytest
 from websockets.sync.client import connect
 
-from airtact.hands.tracking.messages import to_json
-from airtact.hands.tracking.recordings import load_recording
-from airtact.live.session import read_session
+import airtact as at
 from paths import EXAMPLES
 
 MINUTES = 10
@@ -36,7 +34,7 @@ def state_of(process: int) -> tuple[float, int]:
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="memory is read from /proc")
 def test_ten_minutes_with_nonsense_every_minute(tmp_path):
-    frames = load_recording(EXAMPLES / "hands/reaching.jsonl").frames
+    frames = at.hands.load_recording(EXAMPLES / "hands/reaching.jsonl").frames
     command = [
         sys.executable,
         "-m",
@@ -61,7 +59,9 @@ def test_ten_minutes_with_nonsense_every_minute(tmp_path):
             for index in range(60 * 60 * MINUTES):
                 time.sleep(max(begun + index / 60 - time.monotonic(), 0.0))
                 frame = frames[index % len(frames)]
-                message = to_json(type(frame)(time.monotonic(), frame.side, index, frame.landmarks))
+                message = at.hands.to_json(
+                    type(frame)(time.monotonic(), frame.side, index, frame.landmarks)
+                )
                 tracker.send(message)
                 if index % 3600 == 1800:
                     seen.append(state_of(running.pid))
@@ -72,7 +72,7 @@ def test_ten_minutes_with_nonsense_every_minute(tmp_path):
     memory, threads = np.array(seen, dtype=float).T
     assert memory[-1] <= 1.01 * memory[1]  # the first minute fills what is kept of fixed size
     assert threads[-1] == threads[1]
-    session = read_session(tmp_path)
+    session = at.live.read_session(tmp_path)
     overtaken = json.loads(out)["health"][
         "overtaken"
     ]  # by newer frames, while they waited on a loaded machine

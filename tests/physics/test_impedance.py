@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.acoustics.solvers.problem import RadiatedField
 from references import relative_columns
 from worlds import AIR, directions, one_each
 
@@ -26,7 +25,7 @@ def sphere_scene(ratio: complex, radius: float = 8e-3) -> at.Scene:
     return at.Scene(AIR, [at.impedance(at.sphere(radius, radius), ratio)])
 
 
-def power_into(field: RadiatedField) -> float:
+def power_into(field: at.acoustics.RadiatedField) -> float:
     """Power that enters the bodies [W], from pressure and velocity on their surfaces."""
     surface = field.on_surface
     inwards = -np.einsum("nds,nd->ns", field.velocity(surface.points), surface.normals)

@@ -5,7 +5,6 @@ import pytest
 
 import airtact as at
 from airtact.acoustics.solvers.free_field import open_air_pressure
-from airtact.acoustics.solvers.problem import RadiatedField
 
 AIR = at.Medium(343.1, 1.293, absorption=0.1)
 RADIUS = 6e-3
@@ -36,7 +35,7 @@ SOLVERS = {
 AWAY = ["boundary element, transposed only", "factorised bodies"]
 
 
-def solved(name: str, sources: at.Monopoles = SOURCES) -> RadiatedField:
+def solved(name: str, sources: at.Monopoles = SOURCES) -> at.acoustics.RadiatedField:
     solver = SOLVERS[name]
     if name == "factorised bodies":
         assert isinstance(solver, at.BoundaryElement)
@@ -132,5 +131,7 @@ def test_open_air_scatters_nothing():
 def test_a_field_that_knows_no_better_subtracts_the_incident_pressure():
     field = solved("series")
     np.testing.assert_allclose(
-        RadiatedField.scattered_at(field, POINTS), field.scattered_at(POINTS), rtol=1e-5
+        at.acoustics.RadiatedField.scattered_at(field, POINTS),
+        field.scattered_at(POINTS),
+        rtol=1e-5,
     )

@@ -3,45 +3,34 @@
 import numpy as np
 import pytest
 
-from airtact.acoustics.medium import Medium
-from airtact.acoustics.scene import Scene, sound_hard
+import airtact as at
 from airtact.acoustics.solvers.bem.quadrature import place_nodes
-from airtact.acoustics.solvers.bem.solver import BoundaryElement
-from airtact.acoustics.solvers.problem import Solver
-from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
-from airtact.acoustics.target import Target
-from airtact.acoustics.target_points import surface_points
-from airtact.drives.drive import Drive
-from airtact.drives.gradient_descent import gradient
-from airtact.drives.transfer import TransferMatrix, transfer_matrix
-from airtact.drives.weakest_focus import max_min
-from airtact.evaluation.field import drive_sources
 from airtact.geometry.panels import panels_of
-from airtact.geometry.primitives import sphere
-from airtact.hands.pinch_dummy import pinch
-from airtact.transducers.layout import surrounding_box
 
-AIR = Medium(343.1, 1.293)
-ARRAY = surrounding_box()
+AIR = at.Medium(343.1, 1.293)
+ARRAY = at.surrounding_box()
 
 
-def drives_for(transfer: TransferMatrix, target: Target) -> tuple[Drive, Drive]:
+def drives_for(transfer: at.TransferMatrix, target: at.Target) -> tuple[at.Drive, at.Drive]:
     """The strongest drive that knows no suppression zone, and the one that does, at full scale."""
-    foci = TransferMatrix(transfer.matrix[: len(target.points)], 0.0, target.points)
-    loud, quiet = max_min(foci, Target(target.points)), gradient(transfer, target, loss=0.09)
+    foci = at.TransferMatrix(transfer.matrix[: len(target.points)], 0.0, target.points)
+    loud, quiet = (
+        at.max_min(foci, at.Target(target.points)),
+        at.drives.gradient(transfer, target, loss=0.09),
+    )
     return loud, quiet
 
 
 def measured(
-    scene: Scene,
-    target: Target,
-    drives: tuple[Drive, Drive],
+    scene: at.Scene,
+    target: at.Target,
+    drives: tuple[at.Drive, at.Drive],
     facing: np.ndarray,
     within: float,
-    solver: Solver,
+    solver: at.acoustics.Solver,
 ) -> tuple[float, float]:
     """Fall of the mean p² over the skin that looks to its body's side [dB], and the loss of the weakest focus."""
-    field = solver.radiate(scene, drive_sources(ARRAY, list(drives)))
+    field = solver.radiate(scene, at.evaluation.drive_sources(ARRAY, list(drives)))
     edge = scene.wavelength / 3
     panels = panels_of(
         [obstacle.surface.shape for obstacle in scene.obstacles], edge, np.empty((0, 3)), edge
@@ -56,16 +45,18 @@ def measured(
 
 
 def test_the_back_of_a_ball_falls_silent_by_the_measure_of_another_solver() -> None:
-    ball = sphere(8e-3, edge=3e-3)
-    scene = Scene(AIR, [sound_hard(ball)])
+    ball = at.sphere(8e-3, edge=3e-3)
+    scene = at.Scene(AIR, [at.sound_hard(ball)])
     back = np.array([[-1.0, 0.0, 0.0]])
-    zone = surface_points(ball, 0.3 * scene.wavelength, facing=(-1.0, 0.0, 0.0), within=60.0)
-    target = Target(np.array([[8.5e-3, 0.0, 0.0]]), suppression_points=zone)
-    transfer = transfer_matrix(
-        SphereSeries().radiate(scene, target.beacons(suppression=True)), ARRAY
+    zone = at.acoustics.surface_points(
+        ball, 0.3 * scene.wavelength, facing=(-1.0, 0.0, 0.0), within=60.0
+    )
+    target = at.Target(np.array([[8.5e-3, 0.0, 0.0]]), suppression_points=zone)
+    transfer = at.transfer_matrix(
+        at.SphereSeries().radiate(scene, target.beacons(suppression=True)), ARRAY
     )
     fall, loss = measured(
-        scene, target, drives_for(transfer, target), back, 60.0, BoundaryElement(0.02)
+        scene, target, drives_for(transfer, target), back, 60.0, at.BoundaryElement(0.02)
     )
     assert fall < -10.0
     assert loss < 0.10
@@ -74,19 +65,21 @@ def test_the_back_of_a_ball_falls_silent_by_the_measure_of_another_solver() -> N
 @pytest.mark.slow
 def test_the_backs_of_both_fingers_of_the_pinch_fall_by_ten_decibels() -> None:
     # The backs: the skin that looks within 60 degrees of straight away from the other finger.
-    fingers = pinch()
-    scene = Scene(AIR, [sound_hard(surface) for surface in fingers.surfaces])
+    fingers = at.pinch()
+    scene = at.Scene(AIR, [at.sound_hard(surface) for surface in fingers.surfaces])
     outward = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     zone = [
-        surface_points(surface, 0.25 * scene.wavelength, facing=tuple(side), within=60.0)
+        at.acoustics.surface_points(
+            surface, 0.25 * scene.wavelength, facing=tuple(side), within=60.0
+        )
         for surface, side in zip(fingers.surfaces, outward, strict=True)
     ]
-    target = Target(fingers.foci(), suppression_points=np.concatenate(zone))
-    transfer = transfer_matrix(
-        BoundaryElement(0.1).radiate(scene, target.beacons(suppression=True)), ARRAY
+    target = at.Target(fingers.foci(), suppression_points=np.concatenate(zone))
+    transfer = at.transfer_matrix(
+        at.BoundaryElement(0.1).radiate(scene, target.beacons(suppression=True)), ARRAY
     )
     fall, loss = measured(
-        scene, target, drives_for(transfer, target), outward, 60.0, BoundaryElement(0.01)
+        scene, target, drives_for(transfer, target), outward, 60.0, at.BoundaryElement(0.01)
     )
     assert fall < -10.0
     assert loss < 0.10

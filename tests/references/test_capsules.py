@@ -3,16 +3,12 @@
 import numpy as np
 import pytest
 
-from airtact.acoustics.medium import Medium
-from airtact.acoustics.scene import Scene, sound_hard
-from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
-from airtact.acoustics.sources import Monopoles
+import airtact as at
 from airtact.evaluation import fundamental_solutions as capsules
-from airtact.geometry.pose import Pose
 from airtact.geometry.primitives import Capsule
 from references import two_spheres
 
-AIR = Medium(sound_speed=343.1, density=1.293)
+AIR = at.Medium(sound_speed=343.1, density=1.293)
 K = AIR.wavenumber(40e3)
 
 
@@ -27,20 +23,22 @@ def fingers(first, second, degrees, gap, length):
     for side, radius in ((-1.0, first), (1.0, second)):
         tilt = side * np.radians(degrees)
         tip = np.array([side * (gap / 2.0 + radius), 0.0, 0.0])
-        pose = Pose.turn((0.0, 1.0, 0.0), -tilt)
+        pose = at.Pose.turn((0.0, 1.0, 0.0), -tilt)
         bodies.append(
-            Capsule(radius, length, Pose(pose.rotation, tip - pose.rotation[:, 2] * length / 2.0))
+            Capsule(
+                radius, length, at.Pose(pose.rotation, tip - pose.rotation[:, 2] * length / 2.0)
+            )
         )
     return bodies
 
 
 @pytest.mark.parametrize(("radius", "off"), [(0.008, 0.0), (0.008, 5e-4), (0.0005, 5e-4)])
 def test_one_sphere_is_the_series(radius, off):
-    ball = Capsule(radius, 0.0, Pose(np.eye(3), np.array([0.001, 0.0, -0.002])))
+    ball = Capsule(radius, 0.0, at.Pose(np.eye(3), np.array([0.001, 0.0, -0.002])))
     near, far = ball.pose.translation + around(6, radius + off, seed=1), around(8, 0.08, seed=2)
     pressure, error = capsules.pressure_at([ball], K, near, far)
-    scene = Scene(AIR, [sound_hard(ball.mesh(0.6 * radius))])
-    exact = SphereSeries().radiate(scene, Monopoles(near, np.eye(6))).at(far)
+    scene = at.Scene(AIR, [at.sound_hard(ball.mesh(0.6 * radius))])
+    exact = at.SphereSeries().radiate(scene, at.Monopoles(near, np.eye(6))).at(far)
     true = np.max(np.linalg.norm(pressure - exact, axis=0) / np.linalg.norm(exact, axis=0))
     assert true < error < 3e-3
 
@@ -51,7 +49,7 @@ def test_one_sphere_is_the_series(radius, off):
 )
 def test_two_spheres_are_the_multipoles(first, second, gap):
     balls = [
-        Capsule(r, 0.0, Pose(np.eye(3), np.array([x, 0, 0])))
+        Capsule(r, 0.0, at.Pose(np.eye(3), np.array([x, 0, 0])))
         for r, x in ((first, 0.0), (second, first + second + gap))
     ]
     skin = around(5, first + 5e-4, seed=3)

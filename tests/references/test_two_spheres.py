@@ -3,22 +3,18 @@
 import numpy as np
 import pytest
 
-from airtact.acoustics.medium import Medium
-from airtact.acoustics.scene import Scene, impedance, sound_hard
-from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
-from airtact.acoustics.sources import Monopoles
+import airtact as at
 from airtact.evaluation import self_check
 from airtact.evaluation.fundamental_solutions import pressure_at as by_fundamental_solutions
-from airtact.geometry.pose import Pose
 from airtact.geometry.primitives import Capsule
 from references.two_spheres import fitted, pressure_at
 
-AIR = Medium(sound_speed=343.1, density=1.293)
+AIR = at.Medium(sound_speed=343.1, density=1.293)
 K = AIR.wavenumber(40e3)
 
 
 def ball(centre, radius):
-    return Capsule(radius, 0.0, Pose(np.eye(3), np.asarray(centre, dtype=float)))
+    return Capsule(radius, 0.0, at.Pose(np.eye(3), np.asarray(centre, dtype=float)))
 
 
 def pair(first, second, gap, direction=(0.6, 0.0, 0.8)):
@@ -39,8 +35,8 @@ def test_a_lonely_sphere_is_the_series(off):
     spheres = [ball((0.001, 0.0, -0.002), 0.009), ball((3.0, 0.0, 4.0), 0.0005)]
     near, far = np.array([0.001, 0.0, -0.002]) + around(5, 0.009 + off), around(12, 0.08, seed=1)
     pressure, error = pressure_at(spheres, K, near, far)
-    scene = Scene(AIR, [sound_hard(spheres[0].mesh(0.006))])
-    exact = SphereSeries().radiate(scene, Monopoles(near, np.eye(5))).at(far)
+    scene = at.Scene(AIR, [at.sound_hard(spheres[0].mesh(0.006))])
+    exact = at.SphereSeries().radiate(scene, at.Monopoles(near, np.eye(5))).at(far)
     assert error < 1e-5
     np.testing.assert_allclose(pressure, exact, atol=2e-5 * np.abs(exact).max())
 
@@ -49,8 +45,8 @@ def test_a_lonely_sphere_of_an_impedance_is_the_series():
     spheres, ratio = [ball((0.0, 0.0, 0.0), 0.009), ball((3.0, 0.0, 4.0), 0.0005)], 1.5 + 0.5j
     near, far = around(5, 0.0095), around(12, 0.08, seed=1)
     pressure, error = pressure_at(spheres, K, near, far, admittances=(1 / ratio, 2.0))
-    exact = SphereSeries().radiate(
-        Scene(AIR, [impedance(spheres[0].mesh(0.006), ratio)]), Monopoles(near, np.eye(5))
+    exact = at.SphereSeries().radiate(
+        at.Scene(AIR, [at.impedance(spheres[0].mesh(0.006), ratio)]), at.Monopoles(near, np.eye(5))
     )
     assert error < 1e-5
     np.testing.assert_allclose(pressure, exact.at(far), atol=2e-5 * np.abs(pressure).max())
@@ -108,7 +104,7 @@ def test_power_drawn_from_the_source_arrives_far_away():
 
 
 def test_turning_everything_changes_nothing():
-    turn = Pose.turn((1.0, -0.4, 0.2), 1.1, translation=(0.02, -0.03, 0.01))
+    turn = at.Pose.turn((1.0, -0.4, 0.2), 1.1, translation=(0.02, -0.03, 0.01))
     spheres = pair(0.01, 0.007, 0.004)
     near, far = around(4, 0.0105, seed=6), around(7, 0.09, seed=7)
     here = pressure_at(spheres, K, near, far)[0]

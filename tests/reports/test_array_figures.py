@@ -8,15 +8,13 @@ from matplotlib import colormaps
 from matplotlib.collections import EllipseCollection
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-from airtact.geometry.pose import Pose
-from airtact.hands.pinch_dummy import pinch
+import airtact as at
 from airtact.reports.array_figures import draw_phases, draw_receivers, draw_scene, spacing, unfold
-from airtact.transducers.layout import autd3_board, flat_boards, surrounding_box
 
 ARRAYS = {
-    "box": surrounding_box(),
-    "flat": flat_boards(2, 2),
-    "tilted": autd3_board(Pose.turn((1.0, 2.0, 3.0), 0.7, (0.1, 0.0, 0.2))),
+    "box": at.surrounding_box(),
+    "flat": at.flat_boards(2, 2),
+    "tilted": at.autd3_board(at.Pose.turn((1.0, 2.0, 3.0), 0.7, (0.1, 0.0, 0.2))),
 }
 
 
@@ -85,13 +83,13 @@ def test_discs_have_the_colour_of_phase_and_amplitude():
 
 
 def test_spacing_is_the_pitch():
-    assert spacing(autd3_board().positions) == pytest.approx(10.16e-3)
+    assert spacing(at.autd3_board().positions) == pytest.approx(10.16e-3)
     assert spacing(np.zeros((1, 3))) == 10e-3
 
 
-@pytest.mark.parametrize("array", [surrounding_box(), flat_boards()], ids=["box", "flat"])
+@pytest.mark.parametrize("array", [at.surrounding_box(), at.flat_boards()], ids=["box", "flat"])
 def test_all_is_in_the_frame_and_axes_are_equally_long_for_equal_lengths(array):
-    fingers = pinch()
+    fingers = at.pinch()
     figure = draw_scene(
         array.positions,
         array.normals,
@@ -116,7 +114,7 @@ def test_all_is_in_the_frame_and_axes_are_equally_long_for_equal_lengths(array):
 
 
 def test_walls_that_turn_their_backs_to_the_viewer_are_rings():
-    array = surrounding_box()
+    array = at.surrounding_box()
     figure = draw_scene(array.positions, array.normals, np.ones(996, complex), [], np.zeros((1, 3)))
     discs = [part for part in figure.axes[0].collections if isinstance(part, Poly3DCollection)]
     figure.draw_without_rendering()

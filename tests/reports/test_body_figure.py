@@ -6,9 +6,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.image import imread
 from mpl_toolkits.mplot3d import Axes3D
 
-from airtact.geometry.pose import Pose
-from airtact.geometry.primitives import sphere
-from airtact.geometry.surface import Surface
+import airtact as at
 from airtact.reports.body_figure import MARK, draw_bodies, draw_fault, draw_panels, sharp_edges
 from airtact.reports.page import write_picture
 from airtact.reports.solids import (
@@ -22,8 +20,8 @@ from airtact.reports.solids import (
 )
 from geometry.mesh.meshes import box_mesh
 
-BOX = Surface(*box_mesh())
-BALL = sphere(0.01, 3e-3)
+BOX = at.Surface(*box_mesh())
+BALL = at.sphere(0.01, 3e-3)
 RED, BLUE = 0, 2
 
 
@@ -74,7 +72,7 @@ def test_panels_are_coloured_by_their_smallest_angle(tmp_path):
 
 
 def test_sharp_edges_are_those_of_the_box_wherever_it_stands():
-    moved = BOX.moved(Pose.turn((0, 1, 0), 0.3, (0.1, 0, 0)))
+    moved = BOX.moved(at.Pose.turn((0, 1, 0), 0.3, (0.1, 0, 0)))
     assert (
         sharp_edges(BOX).sum() == sharp_edges(moved).sum() == 24
     )  # twelve edges, each of two triangles
@@ -85,7 +83,9 @@ def test_sharp_edges_are_those_of_the_box_wherever_it_stands():
 
 def test_the_legend_names_bodies_sharp_edges_and_foci():
     figure = draw_bodies(
-        [BOX, BALL.moved(Pose(np.eye(3), np.array([0.1, 0, 0])))], ["box", "ball"], np.zeros((1, 3))
+        [BOX, BALL.moved(at.Pose(np.eye(3), np.array([0.1, 0, 0])))],
+        ["box", "ball"],
+        np.zeros((1, 3)),
     )
     (legend,) = figure.legends
     words = [text.get_text() for text in legend.get_texts()]

@@ -3,15 +3,14 @@
 import numpy as np
 import pytest
 
+import airtact as at
 from airtact.evaluation.windows import plane_across
-from airtact.geometry.pose import Pose
-from airtact.geometry.primitives import sphere
 from airtact.reports.sense_page import draw_moved
 
 
 def test_cuts_of_a_ball_are_circles_about_where_it_was_and_where_it_is():
-    ball = sphere(4e-3, 0.5e-3)
-    moved = ball.moved(Pose(np.eye(3), np.array([2e-3, 1e-3, 0.0])))
+    ball = at.sphere(4e-3, 0.5e-3)
+    moved = ball.moved(at.Pose(np.eye(3), np.array([2e-3, 1e-3, 0.0])))
     foci = np.array([[[0.0, 0.0, 5e-3]], [[2e-3, 1e-3, 5e-3]]])
     window = plane_across(foci[0] * [1, 1, 0], "xz", 8e-3)
     figure = draw_moved(window, [ball], [moved], foci)

@@ -5,7 +5,6 @@ from functools import cache
 import numpy as np
 
 import airtact as at
-from airtact.sensing import ScatteringMatrix
 
 AIR = at.Medium(343.1, 1.293)
 BOX = at.surrounding_box(at.monopole())
@@ -20,7 +19,7 @@ def capsules(gap: float = 0.013) -> at.Scene:
 
 
 @cache
-def solved() -> ScatteringMatrix:
+def solved() -> at.sensing.ScatteringMatrix:
     return at.scattering_matrix(at.BoundaryElement(accuracy=0.03, estimate=False), capsules())
 
 

@@ -5,17 +5,16 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.sensing import hadamard_codes, load_echoes, random_codes, single_codes
 from faults import raises_code
 
-CODES = random_codes(6, 3, seed=1)
+CODES = at.sensing.random_codes(6, 3, seed=1)
 PRESSURES = np.arange(6).reshape(2, 3) * (1 + 2j)
 
 
 def test_a_file_holds_all_that_was_measured(tmp_path) -> None:
     echoes = at.Echoes(CODES, PRESSURES, np.array([4, 1]), 25e3, noise=0.3)
     echoes.save(tmp_path / "echoes.h5")
-    back = load_echoes(tmp_path / "echoes.h5")
+    back = at.sensing.load_echoes(tmp_path / "echoes.h5")
     assert np.array_equal(back.codes, CODES)
     assert np.array_equal(back.pressures, PRESSURES)
     assert back.receiving.tolist() == [4, 1]
@@ -28,7 +27,7 @@ def test_a_file_says_which_pressures_are_valid(tmp_path) -> None:
     echoes = at.Echoes(CODES, PRESSURES + 1, np.array([4, 1]), valid=valid)
     assert np.array_equal(echoes.pressures, np.where(valid, PRESSURES + 1, 0))
     echoes.save(tmp_path / "echoes.h5")
-    assert np.array_equal(load_echoes(tmp_path / "echoes.h5").valid, valid)
+    assert np.array_equal(at.sensing.load_echoes(tmp_path / "echoes.h5").valid, valid)
     with h5py.File(tmp_path / "echoes.h5") as file:
         assert file["format_version"][()] == 2
 
@@ -38,7 +37,7 @@ def test_a_file_by_others_may_leave_out_receivers_and_noise(tmp_path) -> None:
         file["format_version"], file["frequency"] = 1, 40e3
         for name, values in (("codes", np.eye(2)), ("pressures", np.ones((2, 2)))):
             file[f"{name}_real"], file[f"{name}_imaginary"] = values, 0 * values
-    assert load_echoes(tmp_path / "lab.h5").receiving.tolist() == [0, 1]
+    assert at.sensing.load_echoes(tmp_path / "lab.h5").receiving.tolist() == [0, 1]
 
 
 @pytest.mark.parametrize(
@@ -71,19 +70,19 @@ def test_echoes_that_cannot_be_are_rejected(given, code) -> None:
 def test_files_that_are_none_are_rejected(tmp_path) -> None:
     path = tmp_path / "echoes.h5"
     with raises_code("file_missing"):
-        load_echoes(path)
+        at.sensing.load_echoes(path)
     with h5py.File(path, "w") as file:
         file["format_version"] = 1
         file["frequency"] = 40e3
     with raises_code("data_missing"):
-        load_echoes(path)
+        at.sensing.load_echoes(path)
     with h5py.File(path, "w") as file:
         file["format_version"] = 7
     with raises_code("unsupported_version"):
-        load_echoes(path)
+        at.sensing.load_echoes(path)
     path.write_bytes(b"no file")
     with raises_code("file_unreadable"):
-        load_echoes(path)
+        at.sensing.load_echoes(path)
     with raises_code("unknown_format"):
         at.Echoes(np.eye(2), np.ones((2, 2))).save(tmp_path / "echoes.csv")
     with raises_code("not_writable"):
@@ -91,17 +90,21 @@ def test_files_that_are_none_are_rejected(tmp_path) -> None:
 
 
 def test_codes_are_at_full_scale_and_independent() -> None:
-    assert np.array_equal(single_codes(3), np.eye(3))
-    whole = hadamard_codes(5)
+    assert np.array_equal(at.sensing.single_codes(3), np.eye(3))
+    whole = at.sensing.hadamard_codes(5)
     assert whole.shape == (5, 8)
     assert np.array_equal(whole @ whole.T, 8 * np.eye(5))
-    assert np.allclose(np.abs(random_codes(5, 4)), 1, rtol=0, atol=1e-15)
-    assert np.array_equal(random_codes(5, 4, seed=2), random_codes(5, 4, seed=2))
-    assert not np.array_equal(random_codes(5, 4, seed=2), random_codes(5, 4, seed=3))
+    assert np.allclose(np.abs(at.sensing.random_codes(5, 4)), 1, rtol=0, atol=1e-15)
+    assert np.array_equal(
+        at.sensing.random_codes(5, 4, seed=2), at.sensing.random_codes(5, 4, seed=2)
+    )
+    assert not np.array_equal(
+        at.sensing.random_codes(5, 4, seed=2), at.sensing.random_codes(5, 4, seed=3)
+    )
     for wrong in (
-        lambda: hadamard_codes(5, 9),
-        lambda: random_codes(0, 4),
-        lambda: random_codes(5, 4, seed=-1),
+        lambda: at.sensing.hadamard_codes(5, 9),
+        lambda: at.sensing.random_codes(0, 4),
+        lambda: at.sensing.random_codes(5, 4, seed=-1),
     ):
         with raises_code("out_of_range"):
             wrong()

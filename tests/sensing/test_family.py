@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.sensing import ScatteringFamily, scattering_family
 from airtact.sensing.echo_model import EchoModel, array_waves, motion_of
 from faults import raises_code
 from sensing.sensed_scenes import AIR, BOX, TRUE, capsules, off_by, relative
@@ -16,8 +15,8 @@ COARSE = at.BoundaryElement(accuracy=0.03, estimate=False)
 
 
 @cache
-def family() -> ScatteringFamily:
-    return scattering_family(COARSE, capsules, 12e-3, 14e-3, values=4)
+def family() -> at.sensing.ScatteringFamily:
+    return at.sensing.scattering_family(COARSE, capsules, 12e-3, 14e-3, values=4)
 
 
 @cache
@@ -60,9 +59,9 @@ def test_the_effect_of_a_motion_is_that_of_a_motion() -> None:
         one = at.sphere(4e-3, 2e-3, (0, 0, height))
         return at.Scene(AIR, [at.sound_hard(one)], frequency=40e3)
 
-    assert scattering_family(at.SphereSeries(), moved, -5e-4, 5e-4).effect == pytest.approx(
-        1.0, rel=0.02
-    )
+    assert at.sensing.scattering_family(
+        at.SphereSeries(), moved, -5e-4, 5e-4
+    ).effect == pytest.approx(1.0, rel=0.02)
 
 
 def test_pose_and_gap_are_found_together() -> None:
@@ -105,7 +104,9 @@ def test_an_opening_that_is_a_motion_is_named() -> None:
         ]
         return at.Scene(AIR, [at.sound_hard(one) for one in balls], frequency=40e3)
 
-    made = scattering_family(at.BoundaryElement(accuracy=0.1, estimate=False), lifted, -5e-4, 5e-4)
+    made = at.sensing.scattering_family(
+        at.BoundaryElement(accuracy=0.1, estimate=False), lifted, -5e-4, 5e-4
+    )
     echoes = at.simulate_echoes(made.matrices[0], made.scene, BOX, CODES[:, :2])
     with raises_code("pose_not_found"):
         at.locate(echoes, made, BOX, at.Pose.identity())
@@ -118,21 +119,23 @@ def test_an_opening_that_is_a_motion_is_named() -> None:
 
 def test_bad_families_are_rejected() -> None:
     with raises_code("out_of_range"):
-        scattering_family(COARSE, capsules, 14e-3, 12e-3)
+        at.sensing.scattering_family(COARSE, capsules, 14e-3, 12e-3)
     with raises_code("out_of_range"):
-        scattering_family(COARSE, capsules, 12e-3, 14e-3, start=0.02)
+        at.sensing.scattering_family(COARSE, capsules, 12e-3, 14e-3, start=0.02)
     with raises_code("out_of_range"):
-        scattering_family(COARSE, capsules, 12e-3, 14e-3, values=2)
+        at.sensing.scattering_family(COARSE, capsules, 12e-3, 14e-3, values=2)
     ball = at.Scene(AIR, [at.sound_hard(at.sphere(4e-3, 2e-3))], frequency=40e3)
     with raises_code("all_zero"):
-        scattering_family(at.SphereSeries(), lambda value: ball, 0.0, 1.0)
+        at.sensing.scattering_family(at.SphereSeries(), lambda value: ball, 0.0, 1.0)
     with raises_code("does_not_match"):
-        scattering_family(COARSE, lambda value: ball if value < 0.5 else capsules(), 0.0, 1.0)
+        at.sensing.scattering_family(
+            COARSE, lambda value: ball if value < 0.5 else capsules(), 0.0, 1.0
+        )
 
     def far(height: float) -> at.Scene:
         return at.Scene(AIR, [at.sound_hard(at.sphere(4e-3, 2e-3, (0, 0, height)))], frequency=40e3)
 
     with raises_code("too_few"):
-        scattering_family(at.SphereSeries(), far, -5e-3, 5e-3, values=3)
+        at.sensing.scattering_family(at.SphereSeries(), far, -5e-3, 5e-3, values=3)
     with raises_code("given_twice"):
         at.locate(measured(13.6e-3), family(), BOX, TRUE, scattering=family().matrices[0])

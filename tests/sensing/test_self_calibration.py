@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.sensing import Calibrated, hadamard_codes, single_codes
 from airtact.sensing.transmission import boards_of, transmission
 from faults import raises_code
 
@@ -53,12 +52,14 @@ def by_hand(
 
 
 @pytest.fixture(scope="module")
-def found() -> Calibrated:
-    heard = by_hand(pair(OFF).calibrated(gains(0)), gains(1), hadamard_codes(24), 1e-4)
+def found() -> at.sensing.Calibrated:
+    heard = by_hand(pair(OFF).calibrated(gains(0)), gains(1), at.sensing.hadamard_codes(24), 1e-4)
     return calibrate(heard, pair(), BELIEVED_AIR)
 
 
-def test_boards_gains_and_sound_speed_are_found_from_sums_by_hand(found: Calibrated) -> None:
+def test_boards_gains_and_sound_speed_are_found_from_sums_by_hand(
+    found: at.sensing.Calibrated,
+) -> None:
     assert found.converged, found
     middle = pair().positions[12:].mean(axis=0)
     assert np.linalg.norm(found.motions[1].apply(middle) - OFF.apply(middle)) < 2e-5
@@ -77,7 +78,9 @@ def test_errors_are_as_large_as_the_covariance_says() -> None:
     off = []
     true = pair(OFF, at.monopole())
     for seed in range(12):
-        heard = simulate_transmissions(true, TRUE_AIR, hadamard_codes(24), noise=50.0, seed=seed)
+        heard = simulate_transmissions(
+            true, TRUE_AIR, at.sensing.hadamard_codes(24), noise=50.0, seed=seed
+        )
         found = calibrate(heard, pair(OFF, at.monopole()), TRUE_AIR)
         move = found.shifts[1]
         turn = found.motions[1].rotation
@@ -112,7 +115,7 @@ def test_derivatives_are_those_of_the_transmission() -> None:
         assert np.linalg.norm(numeric - slopes[index]) < 1e-6 * np.linalg.norm(slopes[index])
 
 
-def test_a_scene_reads_what_was_found(found: Calibrated, tmp_path) -> None:
+def test_a_scene_reads_what_was_found(found: at.sensing.Calibrated, tmp_path) -> None:
     path = tmp_path / "calibration.csv"
     found.save(path)
     (tmp_path / "scene.toml").write_text(
@@ -136,7 +139,7 @@ def test_a_scene_reads_what_was_found(found: Calibrated, tmp_path) -> None:
 def test_dead_elements_and_few_receivers() -> None:
     emission, reception = gains(0), gains(1)
     emission[3] = reception[20] = 0.0
-    heard = by_hand(pair(OFF).calibrated(emission), reception, single_codes(24), 1e-3)
+    heard = by_hand(pair(OFF).calibrated(emission), reception, at.sensing.single_codes(24), 1e-3)
     some = np.setdiff1d(np.arange(24), [5, 18])
     few = at.Echoes(heard.codes, np.asarray(heard.pressures)[some], some, noise=heard.noise)
     found = calibrate(few, pair(), BELIEVED_AIR)
@@ -152,7 +155,7 @@ def test_dead_elements_and_few_receivers() -> None:
 
 
 def test_something_between_the_boards_is_not_believed() -> None:
-    heard = by_hand(pair(OFF), np.ones(24), hadamard_codes(24), 1e-3)
+    heard = by_hand(pair(OFF), np.ones(24), at.sensing.hadamard_codes(24), 1e-3)
     random = np.random.default_rng(0)
     pressures = np.asarray(heard.pressures)
     spoilt = pressures + 0.3 * np.abs(pressures).mean() * random.normal(size=pressures.shape)
@@ -162,7 +165,7 @@ def test_something_between_the_boards_is_not_believed() -> None:
 
 
 def test_transmissions_that_tell_too_little_are_rejected() -> None:
-    heard = by_hand(pair(OFF), np.ones(24), hadamard_codes(24), 1e-3)
+    heard = by_hand(pair(OFF), np.ones(24), at.sensing.hadamard_codes(24), 1e-3)
     pressures = np.asarray(heard.pressures)
     with raises_code("sizes_differ"):
         calibrate(heard, at.transducers.board_array("nano16"), BELIEVED_AIR)

@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from airtact.geometry.pose import Pose
-from airtact.setup.building import read_scene
+import airtact as at
 from airtact.transducers.boards import BOARDS
-from airtact.transducers.layout import board_array, surrounding_box
 from faults import raises_code
 
 SCENE = """
@@ -29,19 +27,19 @@ ONE_BOARD = 'layout = "boards"\nposes = [{ translation = [0.0, 0.0, -0.1] }]\n'
 
 def array_of(folder, text: str):
     (folder / "scene.toml").write_text(SCENE.format(array=text))
-    return read_scene(folder / "scene.toml").array
+    return at.read_scene(folder / "scene.toml").array
 
 
 def test_a_box_of_real_boards(tmp_path) -> None:
     array = array_of(tmp_path, 'layout = "surrounding_box"\nboard = "autd3"')
-    np.testing.assert_array_equal(array.positions, surrounding_box(board="autd3").positions)
+    np.testing.assert_array_equal(array.positions, at.surrounding_box(board="autd3").positions)
     assert abs(array.positions[0, 0]) == pytest.approx(75.7e-3, abs=1e-12)
 
 
 @pytest.mark.parametrize("name", BOARDS)
 def test_boards_of_any_kind(tmp_path, name: str) -> None:
     array = array_of(tmp_path, ONE_BOARD + f'board = "{name}"')
-    expected = board_array(name, [Pose(np.eye(3), np.array([0.0, 0.0, -0.1]))])
+    expected = at.transducers.board_array(name, [at.Pose(np.eye(3), np.array([0.0, 0.0, -0.1]))])
     np.testing.assert_array_equal(array.positions, expected.positions)
 
 

@@ -3,16 +3,9 @@
 import numpy as np
 import pytest
 
-from airtact.acoustics.medium import air
-from airtact.acoustics.solvers.free_field import FreeField
-from airtact.drives.methods import METHODS
-from airtact.errors import InvalidInput
-from airtact.geometry.primitives import capsule
+import airtact as at
 from airtact.reports.body_figure import sharp_edges
 from airtact.setup.bodies import drawable_bodies
-from airtact.setup.building import read_scene
-from airtact.transducers.boards import board_named
-from airtact.transducers.levels import Levels
 from faults import raises_code
 from paths import EXAMPLES
 
@@ -29,14 +22,14 @@ def read(tmp_path):
     def reader(*parts):
         path = tmp_path / "scene.toml"
         path.write_text("".join(parts))
-        return read_scene(path)
+        return at.read_scene(path)
 
     return reader
 
 
 def fails(read, code, start, *parts):
     """Expect a code, any where None, and one sentence that begins with the file's name and ``start``."""
-    with pytest.raises(InvalidInput) as caught:
+    with pytest.raises(at.InvalidInput) as caught:
         read(*parts)
     assert code in (None, caught.value.code)
     sentence = str(caught.value)
@@ -46,7 +39,7 @@ def fails(read, code, start, *parts):
 
 
 def test_the_papers_scene():
-    setup = read_scene(EXAMPLES / "pinch.toml")
+    setup = at.read_scene(EXAMPLES / "pinch.toml")
     assert (setup.scene.medium.sound_speed, setup.scene.medium.density) == (343.1, 1.293)
     assert len(setup.array) == 996
     assert setup.bodies == ("thumb", "finger")
@@ -57,7 +50,7 @@ def test_the_papers_scene():
 
 
 def test_the_open_hand_looks_at_the_boards():
-    setup = read_scene(EXAMPLES / "open_hand.toml")
+    setup = at.read_scene(EXAMPLES / "open_hand.toml")
     foci, array = setup.target.points, setup.array
     np.testing.assert_allclose(setup.scene.depth(foci), -0.5e-3, atol=5e-6)
     np.testing.assert_allclose(array.normals, np.tile([1.0, 0.0, 0.0], (996, 1)), atol=1e-12)
@@ -72,7 +65,7 @@ def test_the_open_hand_looks_at_the_boards():
 
 def test_weather_is_air(read):
     setup = read("frequency = 25e3\n[medium]\ncelsius = 30.0\nhumidity = 0.2\n", ARRAY, BALL, FOCUS)
-    expected = air(celsius=30.0, humidity=0.2, frequency=25e3)
+    expected = at.air(celsius=30.0, humidity=0.2, frequency=25e3)
     assert setup.scene.medium == expected
     assert setup.scene.frequency == 25e3
 
@@ -84,7 +77,9 @@ def test_absorption_is_kept(read):
 def test_a_capsule_stands_at_its_position(read):
     rod = "[[obstacles]]\ncapsule = { start = [0.02, 0.0, 0.0], end = [0.02, 0.0, 0.03], radius = 6e-3 }\n"
     surface = read(MEDIUM, ARRAY, rod, FOCUS).scene.obstacles[0].surface
-    expected = capsule(np.array([0.02, 0, 0]), np.array([0.02, 0, 0.03]), radius=6e-3, edge=2.5e-3)
+    expected = at.capsule(
+        np.array([0.02, 0, 0]), np.array([0.02, 0, 0.03]), radius=6e-3, edge=2.5e-3
+    )
     np.testing.assert_array_equal(surface.vertices, expected.vertices)
 
 
@@ -156,7 +151,7 @@ def test_bodies_that_can_be_drawn_are_found_though_the_scene_is_rejected(tmp_pat
     ]
     path.write_text("".join([MEDIUM, ARRAY, BALL, *files, FOCUS]))
     with raises_code("mesh_faulty", "scene.toml: obstacles[1]: open.stl: "):
-        read_scene(path)
+        at.read_scene(path)
     ball, box = drawable_bodies(path)
     assert len(ball[1]) > 100
     assert len(box[1]) == 11
@@ -186,7 +181,7 @@ def test_pressures_and_method_are_passed_on(read):
         MEDIUM, ARRAY, BALL, FOCUS, "pressure = 700.0\n", '[drive]\nmethod = "phase_conjugate"\n'
     )
     np.testing.assert_array_equal(setup.target.pressures, [700.0])
-    assert setup.synthesise is METHODS["phase_conjugate"]
+    assert setup.synthesise is at.drives.METHODS["phase_conjugate"]
     assert setup.method == "phase_conjugate"
 
 
@@ -466,7 +461,7 @@ def test_a_setup_offers_all_that_playing_its_drive_needs(read):
     assert (setup.frequency, setup.medium, setup.board) == (41e3, setup.scene.medium, "autd3")
     assert len(setup.poses) == 4
     for face, place in enumerate(setup.poses):
-        there = place.apply(board_named("autd3").positions)
+        there = place.apply(at.transducers.board_named("autd3").positions)
         np.testing.assert_allclose(
             setup.array.positions[249 * face : 249 * (face + 1)], there, atol=1e-12
         )
@@ -510,22 +505,22 @@ def test_a_transducer_inside_a_body_is_rejected_with_its_depth(read, tmp_path):
 
 def test_a_file_that_cannot_be_read_is_rejected(tmp_path):
     with raises_code("file_missing", str(tmp_path / "no.toml")):
-        read_scene(tmp_path / "no.toml")
+        at.read_scene(tmp_path / "no.toml")
     (tmp_path / "bytes.toml").write_bytes(b"frequency = 1\n\xff")
     with raises_code("file_unreadable", "bytes.toml is not a text file: byte 14"):
-        read_scene(tmp_path / "bytes.toml")
+        at.read_scene(tmp_path / "bytes.toml")
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", at.drives.METHODS)
 def test_a_file_can_name_every_method(read, name):
     setup = read(
         MEDIUM, ARRAY, FOCUS, f'[drive]\nmethod = "{name}"\n[uncertainty]\nposition = 1e-3\n'
     )
-    assert setup.synthesise is METHODS[name]
+    assert setup.synthesise is at.drives.METHODS[name]
 
 
 def test_open_air_is_solved_in_closed_form(read):
-    assert isinstance(read(MEDIUM, ARRAY, FOCUS).solver, FreeField)
+    assert isinstance(read(MEDIUM, ARRAY, FOCUS).solver, at.FreeField)
     with raises_code("not_supported", "free_field is for open air"):
         read(MEDIUM, ARRAY, BALL, FOCUS, '[solver]\nname = "free_field"')
 
@@ -555,4 +550,4 @@ def _facet(*corners):
 )
 def test_levels_are_any_of_2_to_256_amplitude_and_phase_apart(read, text, amplitudes, phases):
     levels = read(MEDIUM, ARRAY, BALL, FOCUS, text).levels
-    assert levels.same_as(Levels.even(amplitudes, phases))
+    assert levels.same_as(at.transducers.Levels.even(amplitudes, phases))

@@ -7,11 +7,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
-from airtact.drives.drive import Drive
 from airtact.drives.methods import FOR_SAMPLES, METHODS
-from airtact.errors import InvalidInput
-from airtact.evaluation.field import drive_sources
 from faults import raises_code
 from paths import SCENES
 
@@ -49,8 +45,8 @@ def test_the_default_is_marked(compared):
 
 def test_the_series_agrees_with_the_verification(compared):
     contest, setup = compared[1], compared[1].setup
-    sources = drive_sources(setup.array, [one.emitted for one in contest.contenders])
-    true = np.abs(SphereSeries().radiate(setup.scene, sources).at(setup.target.points)).T
+    sources = at.evaluation.drive_sources(setup.array, [one.emitted for one in contest.contenders])
+    true = np.abs(at.SphereSeries().radiate(setup.scene, sources).at(setup.target.points)).T
     for one, pressures in zip(contest.contenders, true, strict=True):
         np.testing.assert_allclose(one.pressures, pressures, rtol=0.02)
 
@@ -87,7 +83,7 @@ def test_a_drive_file_holds_the_drive(compared):
     one = contest.best
     with h5py.File(folder / "drives" / f"{one.name.replace(' ', '_')}.h5") as file:
         amplitudes = file["amplitude"][:] * np.exp(1j * file["phase"][:])
-    np.testing.assert_allclose(Drive(amplitudes).amplitudes, one.drive.amplitudes, atol=1e-12)
+    np.testing.assert_allclose(at.Drive(amplitudes).amplitudes, one.drive.amplitudes, atol=1e-12)
 
 
 def test_the_page_needs_nothing_else_and_names_every_method(compared):
@@ -100,7 +96,7 @@ def test_the_page_needs_nothing_else_and_names_every_method(compared):
 
 
 def reject(transfer, target):
-    raise InvalidInput("the foci are 0.1 mm apart; part them.", code="too_close")
+    raise at.InvalidInput("the foci are 0.1 mm apart; part them.", code="too_close")
 
 
 def test_a_method_that_raises_is_reported_and_the_others_stand(monkeypatch):

@@ -5,8 +5,6 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.setup.building import read_scene
-from airtact.setup.solving import verification_solver
 from faults import raises_code
 
 TEXT = """
@@ -32,14 +30,14 @@ accuracy = ACCURACY
 def test_finite_elements_are_taken_for_a_filled_body(tmp_path, accuracy, order):
     path = tmp_path / "scene.toml"
     path.write_text(TEXT.replace("ACCURACY", accuracy))
-    assert read_scene(path).solver == at.FiniteElement(order=order)
+    assert at.read_scene(path).solver == at.FiniteElement(order=order)
 
 
 def test_more_than_finite_elements_reach_is_rejected(tmp_path):
     path = tmp_path / "scene.toml"
     path.write_text(TEXT.replace("ACCURACY", "0.0001"))
     with raises_code("out_of_range", "accuracy is 0.0001, but finite elements reach 0.001 to 0.3"):
-        read_scene(path)
+        at.read_scene(path)
 
 
 @pytest.mark.slow
@@ -47,9 +45,9 @@ def test_a_filled_body_is_verified_by_the_next_order(tmp_path):
     path = tmp_path / "scene.toml"
     small = TEXT.replace("radius = 0.004", "radius = 0.0015").replace("0.006", "0.003")
     path.write_text(small.replace("ACCURACY", "0.3"))
-    setup = read_scene(path)
+    setup = at.read_scene(path)
     field = setup.solver.radiate(setup.scene, setup.target.beacons())
-    verified = verification_solver(setup).radiate(setup.scene, setup.target.beacons())
+    verified = at.setup.verification_solver(setup).radiate(setup.scene, setup.target.beacons())
     assert verified.report.settings["order"] == int(field.report.settings["order"]) + 1
 
 

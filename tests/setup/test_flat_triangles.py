@@ -3,18 +3,17 @@
 import numpy as np
 import pytest
 
+import airtact as at
 from airtact.geometry.mesh.quadratic_triangles import cut
 from airtact.geometry.mesh.topology import cone_volumes, edge_twins
-from airtact.geometry.primitives import capsule, sphere
-from airtact.geometry.surface import Surface
 from airtact.setup.panel_files import flat_triangles
 from geometry.mesh.meshes import box_mesh, torus_mesh
 
 BODIES = {
-    "ball": sphere(0.01, 3e-3),
-    "rod": capsule((0, 0, 0), (0, 0, 0.02), 5e-3, 2e-3),
-    "box": Surface(*box_mesh()),
-    "ring": Surface(*torus_mesh(0.02, 0.006, around=48, across=24)),
+    "ball": at.sphere(0.01, 3e-3),
+    "rod": at.capsule((0, 0, 0), (0, 0, 0.02), 5e-3, 2e-3),
+    "box": at.Surface(*box_mesh()),
+    "ring": at.Surface(*torus_mesh(0.02, 0.006, around=48, across=24)),
 }
 EXACT = {  # volumes in closed form
     "ball": 4 / 3 * np.pi * 0.01**3,
@@ -57,7 +56,7 @@ def test_nodes_that_part_by_a_little_are_joined():
 
 def test_bodies_that_stand_apart_are_not_joined():
     near = np.concatenate(
-        [sphere(0.01, 3e-3, (x, 0, 0)).panelled(4e-3).quadratic_triangles for x in (0.0, 0.0203)]
+        [at.sphere(0.01, 3e-3, (x, 0, 0)).panelled(4e-3).quadratic_triangles for x in (0.0, 0.0203)]
     )
     _, triangles = flat_triangles(near)
     assert len(triangles) == 4 * len(near)

@@ -6,10 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import airtact as at
 from airtact.cli import main
 from airtact.geometry.mesh.topology import edge_twins
-from airtact.hands.files import load_hand
-from airtact.setup.building import read_scene
 from faults import raises_code
 from paths import EXAMPLES
 
@@ -25,7 +24,7 @@ def scene_file(tmp_path: Path, old: str = "", new: str = "") -> Path:
 
 
 def test_the_example_has_its_foci_half_a_millimetre_before_the_pads():
-    setup = read_scene(EXAMPLES / "pinch_pose.toml")
+    setup = at.read_scene(EXAMPLES / "pinch_pose.toml")
     assert setup.bodies == ("hand",)
     assert setup.foci == ("thumb.pad", "index.pad")
     assert setup.scene.depth(setup.target.points) == pytest.approx([-0.5e-3, -0.5e-3], abs=1e-8)
@@ -35,13 +34,13 @@ def test_pads_inside_the_body_are_rejected(tmp_path):
     with raises_code(
         "inside_body", "obstacles[0]: thumb.pad at ", " mm inside the body", " would free it"
     ):
-        read_scene(scene_file(tmp_path, "gap = 0.012\n"))
+        at.read_scene(scene_file(tmp_path, "gap = 0.012\n"))
 
 
 def test_a_gap_goes_with_a_hand_only(tmp_path):
     path = scene_file(tmp_path, f'hand = "{PINCH}"', "sphere = { radius = 0.01 }")
     with raises_code("key_misplaced", "obstacles[0].gap goes only with hand"):
-        read_scene(path)
+        at.read_scene(path)
 
 
 def test_the_command_writes_a_closed_skin_and_a_picture(tmp_path, capsys):
@@ -84,7 +83,7 @@ def test_fingers_that_are_swapped_are_rejected(tmp_path):
             json.dumps({"positions_m": [pose_of["positions_m"][row] for row in rows]})
         )
         with raises_code("hand_implausible", sentence, "are fingers swapped"):
-            load_hand(swapped)
+            at.load_hand(swapped)
 
 
 @pytest.mark.parametrize(
@@ -103,7 +102,7 @@ def test_files_that_hold_no_pose_are_rejected(tmp_path, text, code, sentence):
     file = tmp_path / "pose.json"
     file.write_text(text)
     with raises_code(code, sentence):
-        load_hand(file)
+        at.load_hand(file)
 
 
 def test_the_file_of_a_skin_holds_no_made_up_numbers(tmp_path):

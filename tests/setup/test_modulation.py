@@ -2,9 +2,7 @@
 
 import pytest
 
-from airtact.drives.motion import Motion
-from airtact.setup.building import read_scene
-from airtact.transducers.modulation import AmplitudeModulation
+import airtact as at
 from faults import raises_code
 from paths import EXAMPLES
 
@@ -22,31 +20,33 @@ point = [0.0, 0.0, 0.0]
     ("text", "modulation"),
     [
         ("", None),
-        ('[drive.modulation]\nkind = "am"', AmplitudeModulation(200.0, 1.0)),
+        ('[drive.modulation]\nkind = "am"', at.transducers.AmplitudeModulation(200.0, 1.0)),
         (
             '[drive.modulation]\nkind = "am"\nfrequency = 80\ndepth = 0.5',
-            AmplitudeModulation(80.0, 0.5),
+            at.transducers.AmplitudeModulation(80.0, 0.5),
         ),
-        ('[drive.modulation]\nkind = "lm"', Motion("lm")),
+        ('[drive.modulation]\nkind = "lm"', at.drives.Motion("lm")),
         (
             '[drive.modulation]\nkind = "lm"\npath = "line"\nlength = 6e-3',
-            Motion("lm", "line", 6e-3),
+            at.drives.Motion("lm", "line", 6e-3),
         ),
         (
             '[drive.modulation]\nkind = "stm"\nradius = 0.02\nfrequency = 60.0\nframes = 40\nalong = "array"',
-            Motion("stm", None, 0.02, 60.0, 40, "array"),
+            at.drives.Motion("stm", None, 0.02, 60.0, 40, "array"),
         ),
     ],
 )
 def test_a_scene_says_how_its_drive_is_modulated(tmp_path, text: str, modulation) -> None:
     path = tmp_path / "scene.toml"
     path.write_text(SCENE + text)
-    assert read_scene(path).modulation == modulation
+    assert at.read_scene(path).modulation == modulation
 
 
 @pytest.mark.parametrize("name", sorted(path.name for path in EXAMPLES.glob("*.toml")))
 def test_the_examples_are_felt(name: str) -> None:
-    assert read_scene(EXAMPLES / name).modulation == AmplitudeModulation(200.0, 1.0)
+    assert at.read_scene(EXAMPLES / name).modulation == at.transducers.AmplitudeModulation(
+        200.0, 1.0
+    )
 
 
 @pytest.mark.parametrize(
@@ -73,4 +73,4 @@ def test_a_modulation_that_cannot_be_is_rejected(
     path = tmp_path / "scene.toml"
     path.write_text(f"{SCENE}[drive.modulation]\n{text}\n")
     with raises_code(code, shown):
-        read_scene(path)
+        at.read_scene(path)

@@ -7,15 +7,14 @@ import trimesh
 import vtk
 from vtk.util import numpy_support
 
-from airtact.geometry.files import load_surface
+import airtact as at
 from airtact.geometry.mesh.quadratic_triangles import enclosed_volume, panel_areas, smallest_angles
 from airtact.geometry.panels import panels_of
-from airtact.geometry.primitives import capsule, sphere
 from airtact.setup.panel_files import FLAT, write_panels
 from faults import raises_code
 
-BALL = sphere(0.01, 3e-3, (0.03, 0.0, 0.0))
-ROD = capsule((0, 0, 0), (0, 0, 0.02), 5e-3, 2e-3)
+BALL = at.sphere(0.01, 3e-3, (0.03, 0.0, 0.0))
+ROD = at.capsule((0, 0, 0), (0, 0, 0.02), 5e-3, 2e-3)
 PANELS = panels_of([BALL.shape, ROD.shape], 4e-3, np.empty((0, 3)), 2e-3)
 
 
@@ -56,7 +55,7 @@ def test_the_file_is_an_unstructured_grid_of_quadratic_triangles(tmp_path):
 def test_flat_triangles_are_read_back_in_metres(tmp_path, ending):
     path = tmp_path / f"panels{ending}"
     assert write_panels(path, PANELS) == 0
-    surface = load_surface(path)
+    surface = at.load_surface(path)
     np.testing.assert_allclose(np.ptp(surface.vertices, axis=0), [0.045, 0.02, 0.035], rtol=0.01)
     mesh = trimesh.Trimesh(surface.vertices, surface.triangles, process=False)
     assert mesh.is_watertight

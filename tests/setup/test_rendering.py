@@ -12,12 +12,8 @@ from scipy.special import j1
 
 import airtact as at
 from airtact.drives.drive_file import read_drive_file
-from airtact.drives.sequence import Sequence
-from airtact.evaluation.field import drive_sources
 from airtact.reports.result_fields import evaluate_fields
 from airtact.timing import Clock
-from airtact.transducers.levels import Levels
-from airtact.transducers.modulation import AmplitudeModulation
 from faults import raises_code
 from paths import SCENES
 
@@ -62,7 +58,7 @@ def plane(result):
 @pytest.fixture(scope="module")
 def exact(result):
     """Pressure of the drive anywhere, by the series for a sphere."""
-    sources = drive_sources(result.setup.array, [result.drive])
+    sources = at.evaluation.drive_sources(result.setup.array, [result.drive])
     field = at.SphereSeries().radiate(result.setup.scene, sources)
     return lambda points: field.at(points)[:, 0]
 
@@ -123,7 +119,7 @@ def test_the_control_is_that_of_the_series(result):
     setup = result.setup
     assert result.verification.names == ("object-aware", "without the object")
     control = control_in_closed_form(setup)
-    sources = drive_sources(setup.array, [result.drive, control])
+    sources = at.evaluation.drive_sources(setup.array, [result.drive, control])
     ours, theirs = np.abs(at.SphereSeries().radiate(setup.scene, sources).at(setup.target.points)).T
     energy = [np.sum(np.abs(drive.amplitudes) ** 2) for drive in (result.drive, control)]
     ratio = theirs / ours * np.sqrt(energy[0] / energy[1])
@@ -162,7 +158,7 @@ def test_the_pictures_show_the_drive_as_it_is_and_the_control_at_its_energy(resu
     control = control_in_closed_form(setup).amplitudes
     energies = [np.sum(np.abs(values) ** 2) for values in (result.drive.amplitudes, control)]
     emitted = at.Drive(np.sqrt(energies[0] / energies[1]) * control)
-    sources = drive_sources(setup.array, [emitted])
+    sources = at.evaluation.drive_sources(setup.array, [emitted])
     expected = at.SphereSeries().radiate(setup.scene, sources).at(points)[:, 0]
     common = np.vdot(expected, control_drawn)  # a phase that all elements share is free
     expected *= common / abs(common)
@@ -253,7 +249,7 @@ def test_a_drive_is_rounded_to_the_levels_of_its_scene(tmp_path):
     result.save(tmp_path)
     stored = read_drive_file(tmp_path / "drive.h5")
     assert stored.levels is not None
-    assert stored.levels.same_as(Levels.even(amplitudes=5, phases=16))
+    assert stored.levels.same_as(at.transducers.Levels.even(amplitudes=5, phases=16))
     np.testing.assert_array_equal(stored.amplitude_level[0], result.frame.amplitude)
     assert set(result.frame.amplitude) <= set(range(5))
     assert 4 < len(set(result.frame.phase)) <= 16
@@ -268,10 +264,12 @@ def test_moving_foci_are_saved_as_a_sequence_and_an_older_one_goes(tmp_path):
     result.save(tmp_path)
     sequence = at.load_drive(tmp_path / "sequence.h5")
     stored = read_drive_file(tmp_path / "sequence.h5")
-    assert isinstance(sequence, Sequence)
+    assert isinstance(sequence, at.drives.Sequence)
     assert (len(sequence), sequence.rate) == (4, 400.0)
     assert "spatiotemporal" in result.sensation[1]
-    sources = drive_sources(setup.array, [sequence.drive(frame) for frame in range(4)])
+    sources = at.evaluation.drive_sources(
+        setup.array, [sequence.drive(frame) for frame in range(4)]
+    )
     field = at.SphereSeries().radiate(setup.scene, sources)
     foci = stored.foci.reshape(4, 2, 3)
     view = evaluate_fields(result, Clock()).view
@@ -283,7 +281,7 @@ def test_moving_foci_are_saved_as_a_sequence_and_an_older_one_goes(tmp_path):
     result = at.render(ball(tmp_path, extra='\n[drive.modulation]\nkind = "am"\n'))
     result.save(tmp_path)
     assert not (tmp_path / "sequence.h5").exists()
-    assert read_drive_file(tmp_path / "drive.h5").modulation == AmplitudeModulation()
+    assert read_drive_file(tmp_path / "drive.h5").modulation == at.transducers.AmplitudeModulation()
     assert "557 Pa" in result.sensation[0]
 
 

@@ -6,11 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from airtact.geometry.files import load_surface
-from airtact.hands.files import load_rigged_hand
-from airtact.hands.hand import places_on
+import airtact as at
 from airtact.hands.joints import NAMES
-from airtact.setup.building import read_scene
 from faults import raises_code
 from paths import EXAMPLES, GENERIC_HAND
 
@@ -27,7 +24,7 @@ def read(tmp_path):
     def reader(*parts: str):
         path = tmp_path / "scene.toml"
         path.write_text("".join(parts), encoding="utf-8")
-        return read_scene(path)
+        return at.read_scene(path)
 
     return reader
 
@@ -36,14 +33,16 @@ def read(tmp_path):
 def bare(tmp_path):
     """A scan without a rig, and the joints beside it."""
     trimesh.load_scene(GENERIC_HAND, process=False).to_mesh().export(tmp_path / "scan.stl")
-    hand = load_rigged_hand(GENERIC_HAND)
+    hand = at.hands.load_rigged_hand(GENERIC_HAND)
     pose = {"joints": list(NAMES), "positions_m": hand.joints.tolist(), "side": hand.side}
     (tmp_path / "pose.json").write_text(json.dumps(pose), encoding="utf-8")
     return tmp_path
 
 
 def index_pad() -> tuple[np.ndarray, np.ndarray]:
-    return places_on(load_surface(GENERIC_HAND), load_rigged_hand(GENERIC_HAND))["index.pad"]
+    return at.hands.places_on(
+        at.load_surface(GENERIC_HAND), at.hands.load_rigged_hand(GENERIC_HAND)
+    )["index.pad"]
 
 
 def test_a_rig_names_the_pads_of_a_scan(read) -> None:
@@ -132,7 +131,7 @@ def test_joints_go_with_a_mesh_only(read) -> None:
 def test_a_rig_of_unclear_side_asks_for_it(read, bare) -> None:
     """Flattened in the plane of the palm, its fingers bend neither way."""
     scene = trimesh.load_scene(GENERIC_HAND, process=False)
-    joints = load_rigged_hand(GENERIC_HAND).joints
+    joints = at.hands.load_rigged_hand(GENERIC_HAND).joints
     back = np.cross(joints[11] - joints[0], joints[6] - joints[21])
     back /= np.linalg.norm(back)
     for name, joint in zip(NAMES, joints, strict=True):

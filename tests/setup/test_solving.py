@@ -6,36 +6,25 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.acoustics.medium import Medium
-from airtact.acoustics.scene import impedance
 from airtact.acoustics.solvers.bem.solver import OF_THE_DIRECT, BoundaryElement
-from airtact.acoustics.solvers.fem.solver import FiniteElement
-from airtact.acoustics.solvers.free_field import FreeField
-from airtact.acoustics.solvers.problem import Solver
-from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
-from airtact.acoustics.sources import Monopoles
-from airtact.acoustics.target import Target
-from airtact.drives.motion import Motion
-from airtact.setup.building import read_scene
 from airtact.setup.sentences import reach_cautions, sensations
 from airtact.setup.solving import MOST_UNKNOWNS, solve_foci, unknowns_of, verification_solver
 from airtact.timing import Clock
-from airtact.transducers.modulation import AmplitudeModulation
 from paths import EXAMPLES, SCENES
 
-PINCH = read_scene(EXAMPLES / "pinch.toml")
+PINCH = at.read_scene(EXAMPLES / "pinch.toml")
 
 
 def test_paths_that_leave_their_fingers_are_named() -> None:
     for size, count in ((3e-3, 0), (15e-3, 2)):
-        moving = replace(PINCH, modulation=Motion("stm", "circle", size=size))
+        moving = replace(PINCH, modulation=at.drives.Motion("stm", "circle", size=size))
         assert len(reach_cautions(moving)) == count
     assert "16 of 16" in reach_cautions(moving)[0]
 
 
 def test_foci_that_no_method_separates_are_named() -> None:
     (point, *_) = PINCH.target.points
-    near = replace(PINCH, target=Target(np.stack([point, point + [0.0, 0.5e-3, 0.0]])))
+    near = replace(PINCH, target=at.Target(np.stack([point, point + [0.0, 0.5e-3, 0.0]])))
     (words,) = reach_cautions(near)
     assert words.startswith("thumb.pad and finger.pad are 0.5 mm apart")
     assert reach_cautions(PINCH) == ()
@@ -45,28 +34,28 @@ def test_foci_away_from_skin_are_named() -> None:
     points = PINCH.target.points + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.043]])
     away = -PINCH.scene.depth(points)[1]
     assert away > 0.02
-    (words,) = reach_cautions(replace(PINCH, target=Target(points)))
+    (words,) = reach_cautions(replace(PINCH, target=at.Target(points)))
     assert words.startswith(f"finger.pad is {1e3 * away:.2g} mm")
-    far = replace(PINCH, target=Target(PINCH.target.points + [0.0, 0.0, 0.043]))
+    far = replace(PINCH, target=at.Target(PINCH.target.points + [0.0, 0.0, 0.043]))
     assert "1 other focus" in reach_cautions(far)[0]
     open_air = replace(
-        PINCH, target=Target(points), scene=replace(PINCH.scene, obstacles=()), bodies=()
+        PINCH, target=at.Target(points), scene=replace(PINCH.scene, obstacles=()), bodies=()
     )
     assert reach_cautions(open_air) == ()
-    felt = replace(PINCH, modulation=AmplitudeModulation())
+    felt = replace(PINCH, modulation=at.transducers.AmplitudeModulation())
     pressures = np.array([5570.0, 557.0])
-    assert "20 dB above" in sensations(replace(felt, target=Target(points)), pressures)[0]
+    assert "20 dB above" in sensations(replace(felt, target=at.Target(points)), pressures)[0]
     (words,) = sensations(replace(felt, target=far.target), pressures)
     assert "10 mm" in words
     assert "0 dB above" in sensations(felt, pressures)[0]
 
 
 @dataclass(frozen=True)
-class Warned(Solver):
+class Warned(at.acoustics.Solver):
     """A closed form that warns as boundary elements do where their direct solution is 5 % off."""
 
     def radiate(self, scene, sources):
-        field = SphereSeries().radiate(scene, sources)
+        field = at.SphereSeries().radiate(scene, sources)
         return replace(
             field,
             report=replace(
@@ -76,14 +65,14 @@ class Warned(Solver):
 
 
 def test_what_a_matrix_is_made_from_carries_no_warning_of_the_direct_solution() -> None:
-    setup = replace(read_scene(SCENES / "ball.toml"), solver=Warned())
+    setup = replace(at.read_scene(SCENES / "ball.toml"), solver=Warned())
     assert len(setup.solver.radiate(setup.scene, setup.target.beacons()).report.warnings) == 2
     assert solve_foci(setup, Clock())[1].warnings == ("coarse triangles",)
 
 
 def first_accuracy_that_refines(setup) -> float:
     """Try one accuracy after the other, a factor of 1.2 apart."""
-    emitting = Monopoles(setup.array.positions, np.ones(len(setup.array)))
+    emitting = at.Monopoles(setup.array.positions, np.ones(len(setup.array)))
 
     def unknowns(accuracy: float) -> int:
         return BoundaryElement(accuracy=accuracy).unknowns(setup.scene, emitting)
@@ -96,7 +85,7 @@ def first_accuracy_that_refines(setup) -> float:
 
 
 @pytest.mark.parametrize(
-    "setup", [PINCH, replace(PINCH, accuracy=0.2), read_scene(SCENES / "ball.toml")]
+    "setup", [PINCH, replace(PINCH, accuracy=0.2), at.read_scene(SCENES / "ball.toml")]
 )
 def test_verification_has_the_first_accuracy_that_refines_enough(setup) -> None:
     accuracy = first_accuracy_that_refines(setup)
@@ -123,24 +112,25 @@ def test_verification_of_the_best_accuracy_stays_there() -> None:
 
 def test_open_air_and_filled_bodies_have_solvers_of_their_own() -> None:
     scene = replace(PINCH.scene, obstacles=())
-    assert verification_solver(replace(PINCH, scene=scene, bodies=())) == FreeField()
+    assert verification_solver(replace(PINCH, scene=scene, bodies=())) == at.FreeField()
     filled = replace(
         PINCH.scene,
         obstacles=tuple(
-            replace(one, boundary="filled", medium=Medium(1481.0, 998.0))
+            replace(one, boundary="filled", medium=at.Medium(1481.0, 998.0))
             for one in PINCH.scene.obstacles
         ),
     )
-    setup = replace(PINCH, scene=filled, solver=FiniteElement(order=4))
-    assert verification_solver(setup) == FiniteElement(order=5)
+    setup = replace(PINCH, scene=filled, solver=at.FiniteElement(order=4))
+    assert verification_solver(setup) == at.FiniteElement(order=5)
     lined = replace(
-        PINCH.scene, obstacles=tuple(impedance(one.surface, 2.0) for one in PINCH.scene.obstacles)
+        PINCH.scene,
+        obstacles=tuple(at.impedance(one.surface, 2.0) for one in PINCH.scene.obstacles),
     )
     assert isinstance(verification_solver(replace(setup, scene=lined)), BoundaryElement)
 
 
 def test_the_verification_warns_against_what_the_scene_asks() -> None:
-    setup = read_scene(SCENES / "ball.toml")
+    setup = at.read_scene(SCENES / "ball.toml")
     solver = verification_solver(setup)
     assert isinstance(solver, BoundaryElement)
     assert solver.accuracy < setup.accuracy == solver.wanted
@@ -159,7 +149,7 @@ def test_unknowns_of_small_bodies_are_counted_and_of_large_ones_estimated(radius
     scene = at.Scene(at.air(celsius=20.0), [at.sound_hard(at.sphere(radius, radius / 8))])
     unknowns = unknowns_of(solver, scene, away)
     if radius < 0.1:
-        assert unknowns == solver.unknowns(scene, Monopoles(away, np.ones(1)))
+        assert unknowns == solver.unknowns(scene, at.Monopoles(away, np.ones(1)))
     else:
         area = 4 * np.pi * radius**2
         estimate = solver.nodes_per_square_wavelength * area / scene.wavelength**2

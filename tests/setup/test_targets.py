@@ -3,12 +3,7 @@
 import numpy as np
 import pytest
 
-from airtact.acoustics.drawings import svg_path, text
-from airtact.acoustics.target import Target
-from airtact.acoustics.target_points import circle, polyline, segment, sphere_shell, surface_points
-from airtact.hands.pinch_dummy import pinch
-from airtact.setup.building import read_scene
-from airtact.setup.setup import Setup
+import airtact as at
 from faults import raises_code
 
 HEAD = '[medium]\nsound_speed = 343.1\ndensity = 1.293\n[array]\nlayout = "surrounding_box"\n'
@@ -18,31 +13,31 @@ POINT = "[[foci]]\npoint = [0.0, 0.0, 0.03]\n"
 
 @pytest.fixture
 def read(tmp_path):
-    def reader(*parts: str) -> Setup:
+    def reader(*parts: str) -> at.Setup:
         path = tmp_path / "scene.toml"
         path.write_text(HEAD + "".join(parts))
-        return read_scene(path)
+        return at.read_scene(path)
 
     return reader
 
 
 SHAPES = {
-    "segment = { start = [0, 0, 0.03], end = [0.02, 0, 0.03], spacing = 4e-3 }": segment(
+    "segment = { start = [0, 0, 0.03], end = [0.02, 0, 0.03], spacing = 4e-3 }": at.acoustics.segment(
         (0, 0, 0.03), (0.02, 0, 0.03), 4e-3
     ),
-    "polyline = { corners = [[0, 0, 0], [0.02, 0, 0], [0.02, 0.01, 0]], spacing = 4e-3, closed = true }": polyline(
+    "polyline = { corners = [[0, 0, 0], [0.02, 0, 0], [0.02, 0.01, 0]], spacing = 4e-3, closed = true }": at.acoustics.polyline(
         np.array([[0, 0, 0], [0.02, 0, 0], [0.02, 0.01, 0]]), 4e-3, closed=True
     ),
-    "circle = { centre = [0, 0, 0.03], radius = 0.01, normal = [0, 1, 1], spacing = 4e-3 }": circle(
+    "circle = { centre = [0, 0, 0.03], radius = 0.01, normal = [0, 1, 1], spacing = 4e-3 }": at.acoustics.circle(
         (0, 0, 0.03), 0.01, 4e-3, normal=(0, 1, 1)
     ),
-    "sphere_shell = { centre = [0, 0, 0.03], radius = 0.01, spacing = 5e-3 }": sphere_shell(
+    "sphere_shell = { centre = [0, 0, 0.03], radius = 0.01, spacing = 5e-3 }": at.acoustics.sphere_shell(
         (0, 0, 0.03), 0.01, 5e-3
     ),
-    'text = { words = "AIR", height = 0.02, spacing = 3e-3, centre = [0, 0, 0.03] }': text(
+    'text = { words = "AIR", height = 0.02, spacing = 3e-3, centre = [0, 0, 0.03] }': at.acoustics.text(
         "AIR", 0.02, 3e-3, (0.0, 0.0, 0.03)
     ),
-    'svg = { path = "M 0 0 H 10 V 5", width = 0.02, spacing = 3e-3, up = [1, 0, 0] }': svg_path(
+    'svg = { path = "M 0 0 H 10 V 5", width = 0.02, spacing = 3e-3, up = [1, 0, 0] }': at.acoustics.svg_path(
         "M 0 0 H 10 V 5", 0.02, 3e-3, up=(1.0, 0.0, 0.0)
     ),
 }
@@ -69,7 +64,7 @@ def test_shares_and_phases_are_those_of_a_target(read) -> None:
     setup = read(
         POINT, "share = 1.0\nphase_degrees = 0.0\n", other, "share = 0.5\nphase_degrees = 180.0\n"
     )
-    expected = Target(setup.target.points, shares=np.array([1.0, -0.5 + 0j]))
+    expected = at.Target(setup.target.points, shares=np.array([1.0, -0.5 + 0j]))
     np.testing.assert_allclose(setup.target.wanted, expected.wanted, atol=1e-12)
     phased = read(POINT, "phase_degrees = 90.0\n", other, "phase_degrees = 0.0\n").target
     np.testing.assert_allclose(phased.wanted, [1j, 1.0], atol=1e-12)
@@ -84,7 +79,9 @@ def test_an_svg_file_lies_beside_the_scene(read, tmp_path) -> None:
     found = read(
         '[[foci]]\nsvg = { file = "line.svg", width = 0.02, spacing = 3e-3 }\n'
     ).target.points
-    np.testing.assert_allclose(found, svg_path("M 0 0 H 10 V 5", 0.02, 3e-3), atol=1e-12)
+    np.testing.assert_allclose(
+        found, at.acoustics.svg_path("M 0 0 H 10 V 5", 0.02, 3e-3), atol=1e-12
+    )
 
 
 def test_suppression_zones_stand_beside_the_foci(read) -> None:
@@ -93,9 +90,13 @@ def test_suppression_zones_stand_beside_the_foci(read) -> None:
         "[[suppression]]\nsphere_shell = { centre = [0, 0, 0.2], radius = 0.05, spacing = 0.03 }\n"
     )
     target = read(FINGERS, '[[foci]]\nat = "thumb.pad"\n', back, head).target
-    finger = surface_points(pinch().surfaces[1], 4e-3, facing=(1.0, 0.0, 0.0), within=60.0)
+    finger = at.acoustics.surface_points(
+        at.pinch().surfaces[1], 4e-3, facing=(1.0, 0.0, 0.0), within=60.0
+    )
     np.testing.assert_allclose(
-        target.suppression_points, [*finger, *sphere_shell((0, 0, 0.2), 0.05, 0.03)], atol=1e-12
+        target.suppression_points,
+        [*finger, *at.acoustics.sphere_shell((0, 0, 0.2), 0.05, 0.03)],
+        atol=1e-12,
     )
     assert len(target.points) == 1
     assert len(read(FINGERS, '[[foci]]\nat = "thumb.pad"\n').target.suppression_points) == 0

@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from airtact.geometry.pose import Pose
+import airtact as at
 from airtact.transducers.boards import BOARDS, board_named, boards_needed, poses_of_boards
-from airtact.transducers.layout import board_array, surrounding_box
 from faults import raises_code
 
 # Places [mm] of some channels in SonicSurface's own control software, whose plane is x, z and which
@@ -46,10 +45,10 @@ OPENMPD = {
 }
 
 
-def random_poses(count: int, seed: int = 5) -> list[Pose]:
+def random_poses(count: int, seed: int = 5) -> list[at.Pose]:
     random = np.random.default_rng(seed)
     turns = Rotation.random(count, rng=random).as_matrix()
-    return [Pose(turn, random.uniform(-0.3, 0.3, 3)) for turn in turns]
+    return [at.Pose(turn, random.uniform(-0.3, 0.3, 3)) for turn in turns]
 
 
 @pytest.mark.parametrize("board", BOARDS.values(), ids=lambda board: board.name)
@@ -90,7 +89,7 @@ def test_a_nano_drives_the_pins_that_its_firmware_drives() -> None:
 @pytest.mark.parametrize("name", ["autd3", "sonicsurface", "openmpd"])
 def test_boards_are_found_in_an_array_of_them(name: str) -> None:
     poses = random_poses(2)
-    array = board_array(name, poses)
+    array = at.transducers.board_array(name, poses)
     found = poses_of_boards(board_named(name), array.positions, array.normals)
     for pose, there in zip(poses, found, strict=True):
         np.testing.assert_allclose(there.rotation, pose.rotation, rtol=0, atol=1e-12)
@@ -99,7 +98,10 @@ def test_boards_are_found_in_an_array_of_them(name: str) -> None:
 
 def test_the_papers_box_and_a_real_one_are_four_boards() -> None:
     autd3 = board_named("autd3")
-    for box, distance in ((surrounding_box(), 70e-3), (surrounding_box(board="autd3"), 75.7e-3)):
+    for box, distance in (
+        (at.surrounding_box(), 70e-3),
+        (at.surrounding_box(board="autd3"), 75.7e-3),
+    ):
         poses = poses_of_boards(autd3, box.positions, box.normals)
         assert len(poses) == 4
         for face, pose in enumerate(poses):
@@ -107,7 +109,7 @@ def test_the_papers_box_and_a_real_one_are_four_boards() -> None:
 
 
 def test_real_boards_close_their_box_without_overlap() -> None:
-    box = surrounding_box(board="autd3")
+    box = at.surrounding_box(board="autd3")
     width, height = board_named("autd3").outline or (0.0, 0.0)
     corners = []
     for pose in poses_of_boards(board_named("autd3"), box.positions, box.normals):
@@ -132,7 +134,7 @@ def test_boards_without_positions_of_their_own_are_anywhere() -> None:
 
 
 def shifted(index: int):
-    array = board_array("autd3", random_poses(2))
+    array = at.transducers.board_array("autd3", random_poses(2))
     places = array.positions.copy()
     places[index] += [0.0, 0.0, 1e-3]
     return poses_of_boards(board_named("autd3"), places, array.normals)
@@ -155,9 +157,9 @@ def mirrored():
         (lambda: boards_needed(board_named("sonicsurface"), 768), "too_many"),
         (lambda: shifted(300), "wrong_kind"),
         (mirrored, "wrong_kind"),
-        (lambda: board_array("autd3", Pose.identity()), "wrong_kind"),
-        (lambda: board_array("autd3", []), "empty"),
-        (lambda: surrounding_box(board="openmpd"), "unknown_name"),
+        (lambda: at.transducers.board_array("autd3", at.Pose.identity()), "wrong_kind"),
+        (lambda: at.transducers.board_array("autd3", []), "empty"),
+        (lambda: at.surrounding_box(board="openmpd"), "unknown_name"),
     ],
 )
 def test_what_is_no_board_is_rejected(make, code: str, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,33 +4,24 @@ import jaxtyping
 import numpy as np
 import pytest
 
-from airtact.acoustics.medium import Medium
-from airtact.acoustics.scene import Scene
-from airtact.acoustics.solvers.free_field import FreeField
-from airtact.acoustics.target import Target
-from airtact.drives.linear_methods import phase_conjugate, time_reversal
-from airtact.drives.transfer import transfer_matrix
-from airtact.evaluation.field import field_map
-from airtact.geometry.pose import Pose
-from airtact.transducers.calibration import load_calibration
-from airtact.transducers.layout import PhasedArray, board_array, join
+import airtact as at
 from faults import raises_code
 
-SCENE = Scene(Medium(343.1, 1.293), [])
-TARGET = Target(np.array([[0.08, 0.06, 0.15]]))
+SCENE = at.Scene(at.Medium(343.1, 1.293), [])
+TARGET = at.Target(np.array([[0.08, 0.06, 0.15]]))
 
 
-def calibrated(seed: int = 2) -> PhasedArray:
+def calibrated(seed: int = 2) -> at.PhasedArray:
     random = np.random.default_rng(seed)
     gains = random.uniform(0.5, 1.5, 249) * np.exp(1j * random.uniform(-3, 3, 249))
     gains[[0, 7, 248]] = 0.0
-    return board_array("autd3").calibrated(gains)
+    return at.transducers.board_array("autd3").calibrated(gains)
 
 
 def test_the_table_gives_gains_and_leaves_the_others_nominal(tmp_path) -> None:
     path = tmp_path / "gains.csv"
     path.write_text("element,gain,phase\n3,0.5,0.25\n10,0,0\n 1 , 2 , -1.5\n")
-    gains = load_calibration(path, 12)
+    gains = at.transducers.load_calibration(path, 12)
     expected = np.ones(12, dtype=complex)
     expected[[1, 3, 10]] = 2 * np.exp(-1.5j), 0.5 * np.exp(0.25j), 0.0
     np.testing.assert_allclose(gains, expected, rtol=1e-15)
@@ -39,29 +30,29 @@ def test_the_table_gives_gains_and_leaves_the_others_nominal(tmp_path) -> None:
 def test_a_forward_field_has_the_pressure_of_the_matrix() -> None:
     """Reciprocity and the forward field know of the gains each by itself."""
     array = calibrated()
-    transfer = transfer_matrix(FreeField().radiate(SCENE, TARGET.beacons()), array)
-    drive = time_reversal(transfer, TARGET)
-    pressure = field_map(SCENE, array, drive, TARGET.points, solver=FreeField())
+    transfer = at.transfer_matrix(at.FreeField().radiate(SCENE, TARGET.beacons()), array)
+    drive = at.time_reversal(transfer, TARGET)
+    pressure = at.field_map(SCENE, array, drive, TARGET.points, solver=at.FreeField())
     np.testing.assert_allclose(transfer.pressure(drive), pressure, rtol=1e-9)
 
 
 def test_synthesis_makes_up_for_phases_and_leaves_the_dead_silent() -> None:
     array = calibrated()
-    transfer = transfer_matrix(FreeField().radiate(SCENE, TARGET.beacons()), array)
-    for method in (time_reversal, phase_conjugate):
+    transfer = at.transfer_matrix(at.FreeField().radiate(SCENE, TARGET.beacons()), array)
+    for method in (at.time_reversal, at.drives.phase_conjugate):
         amplitudes = method(transfer, TARGET).amplitudes
         assert np.flatnonzero(amplitudes == 0).tolist() == [0, 7, 248]
-    together = np.abs(transfer.pressure(phase_conjugate(transfer, TARGET)))
+    together = np.abs(transfer.pressure(at.drives.phase_conjugate(transfer, TARGET)))
     # All in phase: as strong as the sum of what each emits alone.
     np.testing.assert_allclose(together, np.abs(transfer.matrix).sum(axis=1), rtol=1e-12)
 
 
 def test_gains_ride_with_the_array() -> None:
     array = calibrated()
-    np.testing.assert_array_equal(array.moved(Pose.turn((1, 2, 3), 0.4)).gains, array.gains)
-    plain = board_array("autd3", [Pose(np.eye(3), np.array([0.3, 0.0, 0.0]))])
+    np.testing.assert_array_equal(array.moved(at.Pose.turn((1, 2, 3), 0.4)).gains, array.gains)
+    plain = at.transducers.board_array("autd3", [at.Pose(np.eye(3), np.array([0.3, 0.0, 0.0]))])
     np.testing.assert_array_equal(
-        join([array, plain]).gains, np.concatenate([array.gains, np.ones(249)])
+        at.transducers.join([array, plain]).gains, np.concatenate([array.gains, np.ones(249)])
     )
 
 
@@ -82,15 +73,15 @@ def test_gains_ride_with_the_array() -> None:
 def test_bad_tables_are_rejected(tmp_path, text: str, code: str) -> None:
     (tmp_path / "gains.csv").write_text(text)
     with raises_code(code):
-        load_calibration(tmp_path / "gains.csv", 12)
+        at.transducers.load_calibration(tmp_path / "gains.csv", 12)
 
 
 def test_a_table_that_cannot_be_read_is_rejected(tmp_path) -> None:
     with raises_code("file_missing"):
-        load_calibration(tmp_path / "gains.csv", 12)
+        at.transducers.load_calibration(tmp_path / "gains.csv", 12)
     (tmp_path / "gains.csv").write_bytes(b"element,gain,phase\n\xff\n")
     with raises_code("file_unreadable"):
-        load_calibration(tmp_path / "gains.csv", 12)
+        at.transducers.load_calibration(tmp_path / "gains.csv", 12)
 
 
 @pytest.mark.parametrize(
@@ -104,4 +95,4 @@ def test_a_table_that_cannot_be_read_is_rejected(tmp_path) -> None:
 def test_bad_gains_are_rejected(gains, code: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
     with raises_code(code):
-        board_array("autd3").calibrated(gains)
+        at.transducers.board_array("autd3").calibrated(gains)

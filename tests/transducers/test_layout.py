@@ -6,14 +6,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from airtact.geometry.pose import Pose
-from airtact.transducers.element import Element, monopole, piston
-from airtact.transducers.layout import PhasedArray, autd3_board, flat_boards, join, surrounding_box
+import airtact as at
 from faults import raises_code
 
 unit = st.floats(-1.0, 1.0)
 poses = st.builds(
-    lambda axis, angle, shift: Pose.turn((axis[0], axis[1], 1.1 + axis[2]), angle, shift),
+    lambda axis, angle, shift: at.Pose.turn((axis[0], axis[1], 1.1 + axis[2]), angle, shift),
     st.tuples(unit, unit, unit),
     st.floats(-3.2, 3.2),
     st.tuples(unit, unit, unit),
@@ -21,7 +19,7 @@ poses = st.builds(
 
 
 def test_board_has_the_cells_and_the_order_of_the_real_one() -> None:
-    board = autd3_board()
+    board = at.autd3_board()
     cells = {
         0: (0, 0),
         17: (17, 0),
@@ -46,12 +44,14 @@ def test_board_has_the_cells_and_the_order_of_the_real_one() -> None:
 
 
 def test_a_posed_board_is_the_board_moved() -> None:
-    pose = Pose.turn((1, 2, 3), 0.7, (0.1, -0.2, 0.3))
-    np.testing.assert_array_equal(autd3_board(pose).positions, autd3_board().moved(pose).positions)
+    pose = at.Pose.turn((1, 2, 3), 0.7, (0.1, -0.2, 0.3))
+    np.testing.assert_array_equal(
+        at.autd3_board(pose).positions, at.autd3_board().moved(pose).positions
+    )
 
 
 def test_the_box_stands_around_its_centre_face_by_face() -> None:
-    box = surrounding_box()
+    box = at.surrounding_box()
     assert len(box) == 996
     for face, (axis, sign) in enumerate([(0, 1), (0, -1), (1, 1), (1, -1)]):
         part = slice(249 * face, 249 * (face + 1))
@@ -69,27 +69,27 @@ def test_the_box_stands_around_its_centre_face_by_face() -> None:
 
 
 def test_faces_of_the_box_are_boards_that_were_only_turned_and_moved() -> None:
-    box, board = surrounding_box(piston(4.5e-3)), autd3_board(element=piston(4.5e-3))
+    box, board = at.surrounding_box(at.piston(4.5e-3)), at.autd3_board(element=at.piston(4.5e-3))
     for face in range(4):
         part = slice(249 * face, 249 * (face + 1))
         x, z = box.tangents[249 * face], box.normals[249 * face]
         rotation = np.stack([x, np.cross(z, x), z], axis=1)
-        moved = board.moved(Pose(rotation, box.positions[249 * face]))
+        moved = board.moved(at.Pose(rotation, box.positions[249 * face]))
         np.testing.assert_allclose(box.positions[part], moved.positions, rtol=0, atol=1e-15)
         np.testing.assert_allclose(box.face_points[part], moved.face_points, rtol=0, atol=1e-15)
 
 
 def test_each_face_of_the_box_is_the_first_turned_about_its_long_axis() -> None:
-    box = surrounding_box()
+    box = at.surrounding_box()
     for face, quarter_turns in enumerate([0, 2, 1, 3]):
-        turned = Pose.turn((0, 0, 1), quarter_turns * np.pi / 2).apply(box.positions[:249])
+        turned = at.Pose.turn((0, 0, 1), quarter_turns * np.pi / 2).apply(box.positions[:249])
         np.testing.assert_allclose(
             box.positions[249 * face : 249 * (face + 1)], turned, rtol=0, atol=1e-15
         )
 
 
 def test_flat_boards_lie_edge_to_edge_around_the_origin() -> None:
-    array = flat_boards(rows=2, columns=3)
+    array = at.flat_boards(rows=2, columns=3)
     centres = array.positions.reshape(6, 249, 3)
     middle = (centres.min(axis=1) + centres.max(axis=1)) / 2
     expected = [(x, y, 0.0) for y in (-75.7e-3, 75.7e-3) for x in (-192e-3, 0.0, 192e-3)]
@@ -99,8 +99,8 @@ def test_flat_boards_lie_edge_to_edge_around_the_origin() -> None:
 
 @given(poses)
 @settings(max_examples=30, deadline=None)
-def test_faces_move_exactly_with_the_pose(pose: Pose) -> None:
-    array = join([autd3_board(element=piston(4.5e-3))])
+def test_faces_move_exactly_with_the_pose(pose: at.Pose) -> None:
+    array = at.transducers.join([at.autd3_board(element=at.piston(4.5e-3))])
     moved = array.moved(pose)
     np.testing.assert_allclose(moved.face_points, pose.apply(array.face_points), rtol=0, atol=1e-12)
     np.testing.assert_allclose(moved.normals, pose.rotate(array.normals), rtol=0, atol=1e-12)
@@ -108,9 +108,9 @@ def test_faces_move_exactly_with_the_pose(pose: Pose) -> None:
 
 @given(poses, poses)
 @settings(max_examples=30, deadline=None)
-def test_faces_without_given_tangents_move_exactly_too(first: Pose, second: Pose) -> None:
+def test_faces_without_given_tangents_move_exactly_too(first: at.Pose, second: at.Pose) -> None:
     normals = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [1.0, 1.0, 1.0], [-0.95, 0.1, 0.2]])
-    array = PhasedArray(np.arange(12.0).reshape(4, 3) / 10, normals, piston(4.5e-3))
+    array = at.PhasedArray(np.arange(12.0).reshape(4, 3) / 10, normals, at.piston(4.5e-3))
     moved = array.moved(first).moved(second)
     np.testing.assert_allclose(
         moved.face_points, (second @ first).apply(array.face_points), rtol=0, atol=1e-12
@@ -119,8 +119,8 @@ def test_faces_without_given_tangents_move_exactly_too(first: Pose, second: Pose
 
 @given(poses)
 @settings(max_examples=30, deadline=None)
-def test_seen_from_a_pose_and_carried_back_is_the_array(pose: Pose) -> None:
-    array = autd3_board()
+def test_seen_from_a_pose_and_carried_back_is_the_array(pose: at.Pose) -> None:
+    array = at.autd3_board()
     seen = array.seen_from(pose)
     np.testing.assert_allclose(pose.apply(seen.positions), array.positions, rtol=0, atol=1e-12)
     hand = np.array([0.01, 0.02, 0.03])
@@ -130,19 +130,19 @@ def test_seen_from_a_pose_and_carried_back_is_the_array(pose: Pose) -> None:
 
 
 def test_face_points_stand_in_the_frame_of_tangent_and_normal() -> None:
-    element = Element(np.array([[1e-3, 2e-3, 3e-3]]), np.ones(1))
-    array = PhasedArray(np.zeros((1, 3)), np.array([[0, 0, -2]]), element, np.array([[0, 5, 0]]))
+    element = at.transducers.Element(np.array([[1e-3, 2e-3, 3e-3]]), np.ones(1))
+    array = at.PhasedArray(np.zeros((1, 3)), np.array([[0, 0, -2]]), element, np.array([[0, 5, 0]]))
     np.testing.assert_allclose(array.face_points[0, 0], [2e-3, 1e-3, -3e-3], rtol=0, atol=1e-18)
 
 
 def test_join_keeps_order_and_rejects_other_elements() -> None:
-    left, right = autd3_board(Pose(np.eye(3), np.array([-0.2, 0.0, 0.0]))), autd3_board()
-    both = join([left, right])
+    left, right = at.autd3_board(at.Pose(np.eye(3), np.array([-0.2, 0.0, 0.0]))), at.autd3_board()
+    both = at.transducers.join([left, right])
     np.testing.assert_array_equal(both.positions, np.concatenate([left.positions, right.positions]))
     with raises_code("sizes_differ"):
-        join([left, autd3_board(element=monopole(sensitivity=1.0))])
+        at.transducers.join([left, at.autd3_board(element=at.monopole(sensitivity=1.0))])
     with raises_code("empty"):
-        join([])
+        at.transducers.join([])
 
 
 POINT, UP = np.zeros((2, 3)), np.tile([0.0, 0.0, 1.0], (2, 1))
@@ -151,14 +151,14 @@ POINT, UP = np.zeros((2, 3)), np.tile([0.0, 0.0, 1.0], (2, 1))
 @pytest.mark.parametrize(
     ("make", "code"),
     [
-        (lambda: PhasedArray(np.zeros((0, 3)), np.zeros((0, 3))), "empty"),
-        (lambda: PhasedArray(POINT, UP[:1]), "sizes_differ"),
-        (lambda: PhasedArray(POINT, UP, None, UP[:1]), "sizes_differ"),
-        (lambda: PhasedArray(POINT + [[0], [np.inf]], UP), "not_finite"),
-        (lambda: PhasedArray(POINT, UP * [[1.0], [0.0]]), "all_zero"),
-        (lambda: PhasedArray(POINT, UP * np.nan), "all_zero"),
-        (lambda: PhasedArray(POINT, UP, None, UP + [0.0, 1.0, 0.0]), "out_of_range"),
-        (lambda: flat_boards(0, 2), "too_few"),
+        (lambda: at.PhasedArray(np.zeros((0, 3)), np.zeros((0, 3))), "empty"),
+        (lambda: at.PhasedArray(POINT, UP[:1]), "sizes_differ"),
+        (lambda: at.PhasedArray(POINT, UP, None, UP[:1]), "sizes_differ"),
+        (lambda: at.PhasedArray(POINT + [[0], [np.inf]], UP), "not_finite"),
+        (lambda: at.PhasedArray(POINT, UP * [[1.0], [0.0]]), "all_zero"),
+        (lambda: at.PhasedArray(POINT, UP * np.nan), "all_zero"),
+        (lambda: at.PhasedArray(POINT, UP, None, UP + [0.0, 1.0, 0.0]), "out_of_range"),
+        (lambda: at.flat_boards(0, 2), "too_few"),
     ],
 )
 def test_bad_arrays_are_rejected(make, code: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -170,7 +170,7 @@ def test_bad_arrays_are_rejected(make, code: str, monkeypatch: pytest.MonkeyPatc
 @pytest.mark.parametrize("direction", [(0, 0, 1), (0, 0, -1), (-3, 0, 0), (1, 2, -2)])
 def test_a_board_faces_a_point_from_any_side(direction) -> None:
     point, away = np.array([0.01, -0.02, 0.03]), np.array(direction) / np.linalg.norm(direction)
-    board = autd3_board()
+    board = at.autd3_board()
     placed = board.facing(point, direction, 0.2)
     np.testing.assert_allclose(placed.positions.mean(axis=0), point + 0.2 * away, atol=1e-12)
     np.testing.assert_allclose(placed.normals, np.tile(-away, (249, 1)), atol=1e-12)
@@ -180,8 +180,8 @@ def test_a_board_faces_a_point_from_any_side(direction) -> None:
 
 def test_an_array_without_a_front_faces_nothing() -> None:
     with raises_code("misplaced"):
-        surrounding_box().facing((0, 0, 0), (0, 0, 1), 0.2)
+        at.surrounding_box().facing((0, 0, 0), (0, 0, 1), 0.2)
     with raises_code("all_zero"):
-        autd3_board().facing((0, 0, 0), (0, 0, 0), 0.2)
+        at.autd3_board().facing((0, 0, 0), (0, 0, 0), 0.2)
     with raises_code("out_of_range"):
-        autd3_board().facing((0, 0, 0), (0, 0, 1), -0.2)
+        at.autd3_board().facing((0, 0, 0), (0, 0, 1), -0.2)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.acoustics.scene import Obstacle
 from airtact.transducers.placement import check_placement
 from airtact.transducers.plates import THICKNESS
 from faults import raises_code
@@ -50,7 +49,7 @@ def small_board():
     across = 10.16e-3 * (np.arange(4) - 1.5)
     positions = np.array([(x, y, 0.0) for y in across for x in across])
     array = at.PhasedArray(positions, np.tile([0.0, 0.0, 1.0], (16, 1)), at.piston(4e-3, points=12))
-    return array, Obstacle(box(0.08, 0.08, THICKNESS), "sound_hard", board=True)
+    return array, at.acoustics.Obstacle(box(0.08, 0.08, THICKNESS), "sound_hard", board=True)
 
 
 def relative(found, exact):
@@ -121,7 +120,7 @@ def test_a_small_board_with_its_edges_is_that_of_finite_elements():
         .at(array.face_points.reshape(-1, 3))
     )
     exact = 0.5 * array.element.sensitivity * on_face.reshape(3, -1) @ array.element.weights
-    scene = at.Scene(AIR, [Obstacle(plate, "sound_hard", board=True)])
+    scene = at.Scene(AIR, [at.acoustics.Obstacle(plate, "sound_hard", board=True)])
     found = at.transfer_matrix(at.BoundaryElement(0.01).radiate(scene, beacon), array)
     assert relative(found.matrix[0], exact) < 0.02
 

@@ -2,21 +2,17 @@
 
 import numpy as np
 
-from airtact.acoustics.medium import Medium
-from airtact.acoustics.scene import Scene, sound_hard
-from airtact.acoustics.solvers.free_field import FreeField
-from airtact.acoustics.sources import Monopoles
-from airtact.geometry.primitives import sphere
+import airtact as at
 from faults import raises_code
 
-AIR = Medium(sound_speed=343.1, density=1.293, absorption=0.15)
+AIR = at.Medium(sound_speed=343.1, density=1.293, absorption=0.15)
 
 
 def test_monopoles_add_up_and_decay():
-    scene = Scene(AIR, [])
+    scene = at.Scene(AIR, [])
     positions = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]])
     strengths = np.array([[1.0, 2.0], [0.0, 1j]])
-    field = FreeField().radiate(scene, Monopoles(positions, strengths))
+    field = at.FreeField().radiate(scene, at.Monopoles(positions, strengths))
     pressure = field.at(np.array([[0.3, 0.0, 0.0]]))
     k = 2.0 * np.pi * 40e3 / 343.1
     first = np.exp(1j * k * 0.3) * np.exp(-0.15 * 0.3) / 0.3
@@ -27,8 +23,8 @@ def test_monopoles_add_up_and_decay():
 def test_many_points_are_done_in_blocks(monkeypatch):
     monkeypatch.setattr("airtact.acoustics.solvers.free_field.MAX_PAIRS", 7)
     points = np.random.default_rng(1).uniform(-1.0, 1.0, (11, 3))
-    sources = Monopoles(np.random.default_rng(2).uniform(2.0, 3.0, (3, 3)), np.eye(3))
-    field = FreeField().radiate(Scene(AIR, []), sources)
+    sources = at.Monopoles(np.random.default_rng(2).uniform(2.0, 3.0, (3, 3)), np.eye(3))
+    field = at.FreeField().radiate(at.Scene(AIR, []), sources)
     distance = np.linalg.norm(points[:, None] - sources.positions, axis=2)
     np.testing.assert_allclose(
         field.at(points), np.exp(1j * AIR.wavenumber(40e3) * distance) / distance, rtol=1e-12
@@ -36,7 +32,7 @@ def test_many_points_are_done_in_blocks(monkeypatch):
 
 
 def test_field_is_everywhere_and_has_no_surface():
-    field = FreeField().radiate(Scene(AIR, []), Monopoles(np.zeros((1, 3)), np.ones(1)))
+    field = at.FreeField().radiate(at.Scene(AIR, []), at.Monopoles(np.zeros((1, 3)), np.ones(1)))
     assert field.valid(np.ones((4, 3))).all()
     assert field.on_surface.points.shape == (0, 3)
     assert field.on_surface.pressure.shape == (0, 1)
@@ -44,12 +40,12 @@ def test_field_is_everywhere_and_has_no_surface():
 
 
 def test_a_point_on_a_source_is_rejected():
-    field = FreeField().radiate(Scene(AIR, []), Monopoles(np.ones((1, 3)), np.ones(1)))
+    field = at.FreeField().radiate(at.Scene(AIR, []), at.Monopoles(np.ones((1, 3)), np.ones(1)))
     with raises_code("misplaced"):
         field.at(np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]]))
 
 
 def test_obstacles_are_rejected():
-    scene = Scene(AIR, [sound_hard(sphere(0.01, 0.005))])
+    scene = at.Scene(AIR, [at.sound_hard(at.sphere(0.01, 0.005))])
     with raises_code("not_supported"):
-        FreeField().radiate(scene, Monopoles(np.ones((1, 3)), np.ones(1)))
+        at.FreeField().radiate(scene, at.Monopoles(np.ones((1, 3)), np.ones(1)))

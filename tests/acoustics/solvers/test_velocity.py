@@ -3,43 +3,36 @@
 import numpy as np
 import pytest
 
-from airtact.acoustics.medium import Medium
-from airtact.acoustics.scene import Scene, filled, impedance, sound_hard
-from airtact.acoustics.solvers.bem.solver import BoundaryElement
-from airtact.acoustics.solvers.free_field import FreeField
-from airtact.acoustics.solvers.problem import RadiatedField
-from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
+import airtact as at
 from airtact.acoustics.solvers.velocity import differences
-from airtact.acoustics.sources import Monopoles
-from airtact.geometry.primitives import sphere
 from faults import raises_code
 from references import relative
 from worlds import directions
 
-AIR = Medium(343.1, 1.293, absorption=0.1)
-BALL = sphere(0.01, edge=4e-3, centre=(1e-3, 2e-3, -1e-3))
+AIR = at.Medium(343.1, 1.293, absorption=0.1)
+BALL = at.sphere(0.01, edge=4e-3, centre=(1e-3, 2e-3, -1e-3))
 CENTRE = np.array([1e-3, 2e-3, -1e-3])
-SOURCES = Monopoles(
+SOURCES = at.Monopoles(
     np.array([[0.05, 0.0, 0.01], [-0.03, 0.04, 0.0]]), np.array([[1.0, 1j], [0.5, -0.2]])
 )
 OUTSIDE = CENTRE + 0.014 * np.array(
     [[1.0, 0.0, 0.0], [0.0, -0.6, 0.8], [-0.8, 0.0, 0.6], [0.0, 0.0, -1.0]]
 )
 BOUNDARIES = {
-    "hard": sound_hard(BALL),
-    "impedance": impedance(BALL, 2.0 - 1.0j),
-    "filled": filled(BALL, Medium(500.0, 3.0)),
+    "hard": at.sound_hard(BALL),
+    "impedance": at.impedance(BALL, 2.0 - 1.0j),
+    "filled": at.filled(BALL, at.Medium(500.0, 3.0)),
 }
 
 
-def field_of(kind: str) -> RadiatedField:
+def field_of(kind: str) -> at.acoustics.RadiatedField:
     if kind == "open air":
-        return FreeField().radiate(Scene(AIR, []), SOURCES)
-    return SphereSeries().radiate(Scene(AIR, [BOUNDARIES[kind]]), SOURCES)
+        return at.FreeField().radiate(at.Scene(AIR, []), SOURCES)
+    return at.SphereSeries().radiate(at.Scene(AIR, [BOUNDARIES[kind]]), SOURCES)
 
 
 def differenced(
-    field: RadiatedField, points: np.ndarray, step: float, density: float = AIR.density
+    field: at.acoustics.RadiatedField, points: np.ndarray, step: float, density: float = AIR.density
 ) -> np.ndarray:
     """Velocity by plain central differences of the pressure, which err as the square of the step."""
     slopes = [
@@ -64,8 +57,8 @@ def test_differences_approach_it_as_the_square_of_their_step(kind) -> None:
 
 def test_a_far_monopole_moves_air_along_its_sound_in_phase_with_it() -> None:
     # Far away v = p/(ρc) outwards: with the other sign of the phasor it would point inwards.
-    medium = Medium(343.1, 1.293)
-    field = FreeField().radiate(Scene(medium, []), Monopoles(np.zeros((1, 3)), np.ones(1)))
+    medium = at.Medium(343.1, 1.293)
+    field = at.FreeField().radiate(at.Scene(medium, []), at.Monopoles(np.zeros((1, 3)), np.ones(1)))
     points = np.array([[10.0, 0.0, 0.0], [0.0, -6.0, 8.0]])
     velocity, pressure = field.velocity(points)[:, :, 0], field.at(points)
     np.testing.assert_allclose(
@@ -112,13 +105,13 @@ def test_the_difference_of_any_field_errs_as_the_fourth_power_of_its_step() -> N
         for step in (8e-4, 4e-4)
     ]
     assert np.log2(errors[0] / errors[1]) == pytest.approx(4.0, abs=0.1)
-    by_default = RadiatedField.velocity(field, OUTSIDE)
+    by_default = at.acoustics.RadiatedField.velocity(field, OUTSIDE)
     assert np.linalg.norm(by_default - field.velocity(OUTSIDE)) < 1e-4 * np.linalg.norm(by_default)
 
 
 def test_a_point_and_a_source_both_on_the_surface_are_rejected_with_their_distance() -> None:
-    touching = Monopoles(CENTRE + np.array([[0.01, 0.0, 0.0]]), np.ones(1))
-    field = SphereSeries().radiate(Scene(AIR, [BOUNDARIES["hard"]]), touching)
+    touching = at.Monopoles(CENTRE + np.array([[0.01, 0.0, 0.0]]), np.ones(1))
+    field = at.SphereSeries().radiate(at.Scene(AIR, [BOUNDARIES["hard"]]), touching)
     with raises_code("not_converged"):
         field.velocity(CENTRE + np.array([[0.0, 0.01, 0.0]]))
 
@@ -129,7 +122,7 @@ def test_points_on_a_source_are_rejected(kind) -> None:
         field_of(kind).velocity(SOURCES.positions[1:])
 
 
-ROOM_SOURCES = Monopoles(
+ROOM_SOURCES = at.Monopoles(
     np.array([[0.07, 0.01, 0.02], [-0.05, 0.06, 0.0], [0.0, -0.07, 0.03]]),
     np.array([[1.0, 1j], [0.5, 0.0], [0.7, -1]]),
 )
@@ -137,10 +130,10 @@ ROOM_SOURCES = Monopoles(
 
 @pytest.fixture(scope="module")
 def solved():
-    scene = Scene(Medium(343.1, 1.293), [BOUNDARIES["hard"]])
-    truth = SphereSeries().radiate(scene, ROOM_SOURCES)
+    scene = at.Scene(at.Medium(343.1, 1.293), [BOUNDARIES["hard"]])
+    truth = at.SphereSeries().radiate(scene, ROOM_SOURCES)
     return truth, {
-        accuracy: BoundaryElement(accuracy).radiate(scene, ROOM_SOURCES)
+        accuracy: at.BoundaryElement(accuracy).radiate(scene, ROOM_SOURCES)
         for accuracy in (0.03, 0.003)
     }
 

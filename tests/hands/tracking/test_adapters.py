@@ -14,10 +14,6 @@ from websockets.sync.server import serve
 
 import airtact as at
 from airtact.hands.tracking.adapters import leap
-from airtact.hands.tracking.frame import HandFrame
-from airtact.hands.tracking.messages import from_json
-from airtact.hands.tracking.receivers import WebSocketReceiver
-from airtact.hands.tracking.stream import HandStream
 from references.hand_pictures import facing, pictured
 from references.hand_poses import example
 from references.motions import still
@@ -53,7 +49,7 @@ def leap_message(identity: int, *sides: str) -> str:
 def test_what_leap_tells_is_read():
     greeting = json.dumps({"serviceVersion": "2.3.1+33747", "version": 6})
     messages = [greeting, leap_message(7, "left", "right"), leap_message(8, "right")]
-    frames = [from_json(json.dumps(frame)) for frame in leap.hands_in(iter(messages))]
+    frames = [at.hands.from_json(json.dumps(frame)) for frame in leap.hands_in(iter(messages))]
     assert [(one.side, one.sequence, one.lost) for one in frames] == [
         ("left", 7, False),
         ("right", 7, False),
@@ -67,7 +63,7 @@ def test_what_leap_tells_is_read():
 def test_a_joint_that_leap_does_not_tell_is_half_lost():
     message = json.loads(leap_message(0, "left"))
     del message["pointables"][2]["dipPosition"]
-    stream = HandStream()
+    stream = at.hands.HandStream()
     for frame in leap.hands_in(iter([json.dumps(message)])):
         stream.feed_json(json.dumps(frame))
     assert stream.health.half_lost == 1
@@ -79,8 +75,8 @@ def test_leap_is_received_through_its_own_process():
         for identity in range(5):
             connection.send(leap_message(identity, "left"))
 
-    stream = HandStream(silence=PATIENCE, every=True)
-    with serve(service, "127.0.0.1", 0) as server, WebSocketReceiver(stream) as receiver:
+    stream = at.hands.HandStream(silence=PATIENCE, every=True)
+    with serve(service, "127.0.0.1", 0) as server, at.hands.WebSocketReceiver(stream) as receiver:
         thread = threading.Thread(target=server.serve_forever)
         thread.start()
         service_address = f"ws://127.0.0.1:{server.socket.getsockname()[1]}"
@@ -125,7 +121,7 @@ def test_a_software_device_of_realsense_gives_the_cloud_of_the_skin(depths):
     folder, hand, pose = depths
     done = run("realsense.py", "--side", "left", "--depths", folder)
     assert done.returncode == 0, done.stderr
-    first, second = (from_json(line) for line in done.stdout.splitlines())
+    first, second = (at.hands.from_json(line) for line in done.stdout.splitlines())
     assert second.lost
     assert 1000 < len(first.cloud) <= 4000
     off = np.abs(hand.shape.depth(first.moved(pose.inverse()).cloud))
@@ -191,4 +187,4 @@ def test_frames_of_the_camera_are_brought_into_the_scene():
     camera = at.Pose(np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]]), np.array([0.0, 0.0, 0.5]))
     seen = still(0, landmarks=camera.inverse().apply(still(0).landmarks))
     np.testing.assert_allclose(seen.moved(camera).landmarks, still(0).landmarks, atol=1e-12)
-    assert isinstance(seen, HandFrame)
+    assert isinstance(seen, at.hands.HandFrame)

@@ -10,7 +10,6 @@ from pythonosc.osc_message_builder import OscMessageBuilder
 
 import airtact as at
 from airtact.hands.joints import TRACKED
-from airtact.hands.tracking.frame import FaultyFrame, HandFrame
 from airtact.hands.tracking.messages import (
     ADDRESS,
     from_json,
@@ -46,8 +45,8 @@ LONG = JOINTS + np.where(np.arange(25)[:, None] == 14, [0.0, 0.3, 0.0], 0.0)
 def test_invalid_frames_are_rejected_by_their_fault(fault, changed):
     fields = {"time": 0.0, "side": "left", "sequence": 0, "landmarks": JOINTS} | changed
     with raises_code(fault) as rejected:
-        HandFrame(**fields)
-    assert isinstance(rejected.value, FaultyFrame)
+        at.hands.HandFrame(**fields)
+    assert isinstance(rejected.value, at.hands.FaultyFrame)
     assert rejected.value.fault == fault
 
 
@@ -159,7 +158,7 @@ def test_other_addresses_of_osc_are_passed_over():
 
 
 def test_the_side_of_a_packet_is_read_from_its_head():
-    for frame in (still(3), mirrored(3), HandFrame(1.0, "right", 5)):
+    for frame in (still(3), mirrored(3), at.hands.HandFrame(1.0, "right", 5)):
         assert side_of_osc(to_osc(frame)) == frame.side
     assert side_of_osc(osc((1.5, "f"), ("right", "s"), (3, "i"))) == "right"
     bundle = b"#bundle\0" + bytes(8)
@@ -173,7 +172,7 @@ def test_the_side_of_a_packet_is_read_from_its_head():
 def read_or_fault(read, message):
     try:
         return read(message)
-    except FaultyFrame:
+    except at.hands.FaultyFrame:
         return None
 
 

@@ -15,14 +15,13 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
-from airtact.hands.tracking.messages import to_json, to_osc
+import airtact as at
 from airtact.hands.tracking.receivers import (
     MAX_CONNECTIONS,
     MAX_MESSAGE,
     OscReceiver,
     WebSocketReceiver,
 )
-from airtact.hands.tracking.stream import HandStream
 from faults import raises_code
 from references.motions import still
 
@@ -39,7 +38,7 @@ def until(happens: Callable[[], bool]) -> None:
 
 @pytest.fixture
 def stream():
-    return HandStream(silence=10 * PATIENCE)
+    return at.hands.HandStream(silence=10 * PATIENCE)
 
 
 @pytest.fixture
@@ -65,31 +64,37 @@ def tracker_of(receiver, **options):
 def send(receiver, sequence, **options):
     """Connect, send a frame, and wait for it."""
     with tracker_of(receiver, **options) as tracker:
-        tracker.send(to_json(still(sequence)))
+        tracker.send(at.hands.to_json(still(sequence)))
         assert receiver.stream.wait(PATIENCE).sequence == sequence
 
 
 def test_frames_come_by_websocket(receiver):
     with tracker_of(receiver) as tracker:
-        tracker.send(to_json(still(3)).decode())
+        tracker.send(at.hands.to_json(still(3)).decode())
         assert receiver.stream.wait(PATIENCE).sequence == 3
-        tracker.send(to_json(still(4)))
+        tracker.send(at.hands.to_json(still(4)))
         assert receiver.stream.wait(PATIENCE).sequence == 4
     assert receiver.stream.health.used == 2
 
 
 def test_frames_come_by_osc(osc, stream):
-    osc(to_osc(still(3)))
+    osc(at.hands.to_osc(still(3)))
     assert stream.wait(PATIENCE).sequence == 3
 
 
 def test_nonsense_on_the_wire_is_counted_and_survived(receiver, osc, stream):
     with tracker_of(receiver) as tracker:
-        for message in ("rubbish", b"\xff" * 100, "", "[" * 50_000, to_json(still(1))):
+        for message in ("rubbish", b"\xff" * 100, "", "[" * 50_000, at.hands.to_json(still(1))):
             tracker.send(message)
         assert stream.wait(PATIENCE).sequence == 1
     bundle = b"#bundle\0" + b"\xff" * 40
-    for packet in (b"", b"rubbish", bundle, to_osc(still(2))[:50], to_osc(still(2))):
+    for packet in (
+        b"",
+        b"rubbish",
+        bundle,
+        at.hands.to_osc(still(2))[:50],
+        at.hands.to_osc(still(2)),
+    ):
         osc(packet)
     assert stream.wait(PATIENCE).sequence == 2
     assert stream.health.unreadable == 8
@@ -124,12 +129,12 @@ def test_connections_beyond_the_limit_are_turned_away(receiver, stream):
                 late.recv(timeout=PATIENCE)
             assert caught.value.rcvd.code == 1013
         for index, tracker in enumerate(trackers):
-            tracker.send(to_json(still(index)))
+            tracker.send(at.hands.to_json(still(index)))
             until(lambda count=index + 1: stream.health.used == count)
         trackers[0].close()
         until(lambda: len(receiver._connections) < MAX_CONNECTIONS)
         with tracker_of(receiver) as heir:
-            heir.send(to_json(still(1000)))
+            heir.send(at.hands.to_json(still(1000)))
             until(lambda: stream.latest("left").sequence == 1000)
 
 
@@ -146,12 +151,12 @@ with connect(f"ws://127.0.0.1:{sys.argv[1]}") as tracker:
 
 
 def test_a_sender_that_is_killed_loses_the_hand_and_its_heir_is_followed():
-    stream = HandStream(silence=1.0)
+    stream = at.hands.HandStream(silence=1.0)
     with WebSocketReceiver(stream) as receiver:
         for turn, start in enumerate(("100", "10")):
             command = [sys.executable, "-c", SENDER, str(receiver.port), start]
             with subprocess.Popen(command, stdin=subprocess.PIPE) as sender:
-                sender.stdin.write(to_json(still(12345, 0.5)) + b"\n")
+                sender.stdin.write(at.hands.to_json(still(12345, 0.5)) + b"\n")
                 sender.stdin.close()
                 until(lambda: (newest := stream.latest("left")) is not None and not newest.lost)
                 sender.kill()
@@ -163,7 +168,7 @@ def test_a_sender_that_is_killed_loses_the_hand_and_its_heir_is_followed():
 def test_a_slow_reader_gets_the_latest(receiver, stream):
     with tracker_of(receiver) as tracker:
         for index in range(100):
-            tracker.send(to_json(still(index)))
+            tracker.send(at.hands.to_json(still(index)))
     until(lambda: (newest := stream.latest("left")) is not None and newest.sequence == 99)
     health = stream.health
     assert (health.received, health.used + health.overtaken, health.skipped) == (100, 100, 0)
@@ -185,7 +190,7 @@ def test_waiting_packets_of_osc_are_read_from_the_newest(osc, stream):
     stream._on_frame = note
     try:
         for index in range(20):
-            osc(to_osc(still(index)))
+            osc(at.hands.to_osc(still(index)))
             assert begun.wait(PATIENCE)
     finally:
         released.set()
@@ -196,11 +201,11 @@ def test_waiting_packets_of_osc_are_read_from_the_newest(osc, stream):
 
 def test_every_frame_is_used_where_they_are_recorded():
     used = []
-    stream = HandStream(silence=10 * PATIENCE, on_frame=used.append, every=True)
+    stream = at.hands.HandStream(silence=10 * PATIENCE, on_frame=used.append, every=True)
     with WebSocketReceiver(stream) as receiver:
         with tracker_of(receiver) as tracker:
             for index in range(300):
-                tracker.send(to_json(still(index)))
+                tracker.send(at.hands.to_json(still(index)))
         until(lambda: stream.health.used == 300)
     assert [frame.sequence for frame in used] == list(range(300))
 
@@ -209,7 +214,7 @@ def test_closing_ends_all_connections_and_threads(stream):
     before = threading.active_count()
     receiver = WebSocketReceiver(stream)
     with tracker_of(receiver) as tracker:
-        tracker.send(to_json(still(0)))
+        tracker.send(at.hands.to_json(still(0)))
         assert stream.wait(PATIENCE) is not None
         receiver.close()
         with pytest.raises(ConnectionClosed):

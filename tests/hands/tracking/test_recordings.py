@@ -9,8 +9,6 @@ from hypothesis import strategies as st
 
 import airtact as at
 from airtact.hands.joints import TRACKED
-from airtact.hands.tracking.messages import to_json
-from airtact.hands.tracking.recordings import load_recording, replay, save_recording
 from faults import raises_code
 from references.motions import JOINTS, Clock, mirrored, still
 
@@ -22,14 +20,14 @@ MIXED = [
     still(5, landmarks=None, cloud=JOINTS[:3]),
 ]
 FRAMES = [still(index) for index in range(4)]
-LINES = [to_json(frame).decode() for frame in FRAMES]
+LINES = [at.hands.to_json(frame).decode() for frame in FRAMES]
 
 
 @pytest.mark.parametrize(("ending", "exact"), [(".jsonl", 0.6e-6), (".npz", 0.0)])
 def test_a_written_recording_is_read_back(tmp_path, ending, exact):
     path = tmp_path / f"hand{ending}"
-    save_recording(path, MIXED)
-    recording = load_recording(path)
+    at.hands.save_recording(path, MIXED)
+    recording = at.hands.load_recording(path)
     assert recording.health.used == 5
     assert recording.health.skipped == 2
     for frame, original in zip(recording.frames, MIXED, strict=True):
@@ -64,8 +62,8 @@ def test_a_fault_is_rejected_with_its_line_or_left_out_and_counted(tmp_path, fau
     path = tmp_path / "hand.jsonl"
     path.write_text("\n".join([*LINES[:2], line, LINES[3]]) + "\n\n")
     with raises_code(fault, "hand.jsonl: line 3: "):
-        load_recording(path)
-    recording = load_recording(path, leave_out=True)
+        at.hands.load_recording(path)
+    recording = at.hands.load_recording(path, leave_out=True)
     assert [frame.sequence for frame in recording.frames] == [0, 1, 3]
     assert getattr(recording.health, fault) == 1
     assert recording.health.received - recording.health.used == 1
@@ -87,7 +85,7 @@ def test_other_files_are_rejected(tmp_path, name, content, code, leave_out):
     if content is not None:
         (tmp_path / name).write_bytes(content)
     with raises_code(code, name):
-        load_recording(tmp_path / name, leave_out)
+        at.hands.load_recording(tmp_path / name, leave_out)
 
 
 @pytest.mark.parametrize(
@@ -106,18 +104,18 @@ def test_other_files_are_rejected(tmp_path, name, content, code, leave_out):
 )
 def test_arrays_that_do_not_fit_are_rejected(tmp_path, broken, code, detail):
     path = tmp_path / "hand.npz"
-    save_recording(path, FRAMES)
+    at.hands.save_recording(path, FRAMES)
     arrays = {**np.load(path)} | broken
     np.savez(path, **{name: array for name, array in arrays.items() if array is not None})
     with raises_code(code, detail):
-        load_recording(path)
+        at.hands.load_recording(path)
 
 
 def test_nothing_to_write_is_rejected(tmp_path):
     with raises_code("not_writable", "hand.npz"):
-        save_recording(tmp_path / "hand.npz", [])
+        at.hands.save_recording(tmp_path / "hand.npz", [])
     with raises_code("not_writable", "hand.txt"):
-        save_recording(tmp_path / "hand.txt", FRAMES)
+        at.hands.save_recording(tmp_path / "hand.txt", FRAMES)
 
 
 @given(
@@ -129,7 +127,7 @@ def test_no_lines_break_the_reader(tmp_path_factory, lines):
     path = tmp_path_factory.mktemp("fuzz") / "hand.jsonl"
     path.write_bytes(b"\n".join(lines))
     try:
-        recording = load_recording(path, leave_out=True)
+        recording = at.hands.load_recording(path, leave_out=True)
     except at.InvalidInput:
         return
     assert recording.health.used == len(recording.frames)
@@ -139,7 +137,7 @@ def test_no_lines_break_the_reader(tmp_path_factory, lines):
 def test_replay_gives_each_frame_at_its_time_or_at_once_where_the_reader_is_slow(speed):
     clock = Clock()
     times = []
-    for frame in replay(FRAMES, speed, clock=clock, sleep=clock.sleep):
+    for frame in at.hands.replay(FRAMES, speed, clock=clock, sleep=clock.sleep):
         times.append(clock.now - 1000.0)
         if frame.sequence == 1:
             clock.now += 1.5 / 30 / speed  # reads until after the next frame is due
@@ -148,4 +146,4 @@ def test_replay_gives_each_frame_at_its_time_or_at_once_where_the_reader_is_slow
 
 def test_a_replay_of_no_speed_is_rejected():
     with raises_code("out_of_range", "0 times"):
-        next(replay([still(0)], 0.0))
+        next(at.hands.replay([still(0)], 0.0))

@@ -9,9 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import airtact as at
 from airtact.errors import LONGEST_SENTENCE
-from airtact.hands.tracking.frame import HandFrame
-from airtact.hands.tracking.messages import to_json, to_osc
 from airtact.hands.tracking.stream import MAX_JUMP, MAX_STALE_FRAMES, HandStream
 from damage import damaged, seeds
 from faults import raises_code
@@ -70,7 +69,7 @@ def test_time_that_goes_back_is_counted_and_left_out():
 
 def test_invalid_frames_are_counted_by_kind():
     stream = HandStream(silence=1e6)
-    good = json.loads(to_json(still(0)))
+    good = json.loads(at.hands.to_json(still(0)))
     points = good["landmarks"]
     for fault, changed in {
         "half_lost": {"landmarks": [None] * 9 + points[9:]},
@@ -84,7 +83,7 @@ def test_invalid_frames_are_counted_by_kind():
         assert counted(stream)[fault] == 1
     assert stream.feed_osc(b"noise").fault == "unreadable"
     assert stream.health.unreadable == 2
-    assert stream.feed_json(to_json(still(0))) is None
+    assert stream.feed_json(at.hands.to_json(still(0))) is None
     assert stream.latest("left").sequence == 0
     assert stream.latest("right") is None
 
@@ -170,7 +169,7 @@ def test_the_callback_gets_every_frame_that_is_used():
 def test_of_waiting_messages_the_newest_good_one_of_each_hand_is_used(form, clock):
     used = []
     stream = HandStream(patience=10.0, on_frame=used.append, clock=clock)
-    write = to_json if form == "json" else to_osc
+    write = at.hands.to_json if form == "json" else at.hands.to_osc
     feed = stream.feed_waiting if form == "json" else stream.feed_waiting_osc
     waiting = [write(still(index)) for index in range(8)]
     waiting += [write(mirrored(index)) for index in range(3)]
@@ -192,8 +191,8 @@ def test_of_waiting_messages_the_newest_good_one_of_each_hand_is_used(form, cloc
 def test_every_waiting_message_is_used_for_a_recording():
     used = []
     stream = HandStream(on_frame=used.append, every=True)
-    stream.feed_waiting([to_json(still(index)) for index in range(5)])
-    stream.feed_waiting_osc([to_osc(still(index)) for index in range(5, 9)])
+    stream.feed_waiting([at.hands.to_json(still(index)) for index in range(5)])
+    stream.feed_waiting_osc([at.hands.to_osc(still(index)) for index in range(5, 9)])
     assert [frame.sequence for frame in used] == list(range(9))
     assert stream.health.overtaken == 0
 
@@ -219,11 +218,13 @@ def test_all_messages_are_counted_and_the_newest_is_kept(messages):
         if kind == "json":
             stream.feed_json(b"{%d" % index)
         elif kind == "osc":
-            stream.feed_osc(to_osc(still(index))[: 4 * index])
+            stream.feed_osc(at.hands.to_osc(still(index))[: 4 * index])
         elif kind == "mirrored":
-            stream.feed_json(to_json(still(index)).replace(b"left", b"right"))
+            stream.feed_json(at.hands.to_json(still(index)).replace(b"left", b"right"))
         else:
-            stream.feed(HandFrame(index / 30, "left", index, JOINTS if kind == "good" else None))
+            stream.feed(
+                at.hands.HandFrame(index / 30, "left", index, JOINTS if kind == "good" else None)
+            )
             sent.append(index)
     health = stream.health
     assert health.received == len(messages)
@@ -246,9 +247,9 @@ def test_a_damaged_message_is_used_or_counted_and_the_next_frames_are_used(batch
         stream = HandStream(silence=1e6)
         frame = draw.choice([still(5), still(5, landmarks=None), still(5, cloud=CLOUD)])
         if form == "json":
-            fault = stream.feed_json(damaged(to_json(frame), draw))
+            fault = stream.feed_json(damaged(at.hands.to_json(frame), draw))
         else:
-            fault = stream.feed_osc(damaged(to_osc(frame), draw))
+            fault = stream.feed_osc(damaged(at.hands.to_osc(frame), draw))
         if fault is not None:
             assert str(fault).isprintable()
             assert len(str(fault)) <= LONGEST_SENTENCE

@@ -5,7 +5,6 @@ import pytest
 from manifold3d import Manifold
 
 import airtact as at
-from airtact.acoustics.scene import Obstacle
 from airtact.geometry.mesh.quadratic_triangles import enclosed_volume, panel_areas
 from airtact.geometry.panels import panels_of
 
@@ -39,7 +38,7 @@ def by_images(points: np.ndarray, wavenumber: complex) -> np.ndarray:
 @pytest.mark.parametrize("estimate", [True, False])
 def test_facing_walls_hold_the_sound_as_images_say(estimate):
     """Panels that suit a body in the open are 8 % off here."""
-    scene = at.Scene(DULL, [Obstacle(duct(), "sound_hard", board=True)])
+    scene = at.Scene(DULL, [at.acoustics.Obstacle(duct(), "sound_hard", board=True)])
     random = np.random.default_rng(0)
     within = np.column_stack(
         [random.uniform(-9e-3, 9e-3, (40, 2)), random.uniform(-12e-3, 12e-3, 40)]
