@@ -198,13 +198,13 @@ def test_what_is_no_session_is_not_checked_as_one(tmp_path, live, capsys):
     for arguments, code in [
         ((tmp_path / "bad.h5",), "wrong_kind"),
         ((tmp_path,), "file_missing"),
-        ((tmp_path / "bad.h5", "--scale", "2"), "options_clash"),
-        (("pinch", "--drives", "3"), "options_clash"),
-        ((empty, "--drives", "0"), "too_few"),
+        ((empty, "--drives", "0"), "wrong_usage"),
         ((empty,), "empty"),
     ]:
-        assert main(["check", *map(str, arguments), "--json"]) == 2
+        assert main(["live", "--verify", *map(str, arguments), "--json"]) == 2
         assert json.loads(capsys.readouterr().out)["code"] == code, arguments
+    assert main(["live", "--drives", "3", "--json"]) == 2
+    assert json.loads(capsys.readouterr().out)["code"] == "options_clash"
     code, found, _ = live(*QUICK, "--from", empty, "--out", tmp_path)
     assert (code, found["code"]) == (2, "empty")
 

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 def calibrate(
     echoes: Path | None, scene: Path, simulate: bool, noise: float, seed: int, out: Path
 ) -> None:
-    """Find the poses of the boards of a scene's array, the gains of its elements and the sound speed.
+    """Find the boards of a scene's array, the gains of its elements and the sound speed.
 
     ECHOES is a file (.h5) of what the elements of the empty array receive of each other's
     transmissions, with nothing subtracted, in codes that tell the elements apart. Boards must face

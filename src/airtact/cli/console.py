@@ -130,7 +130,7 @@ def open_page(page: Path) -> None:
 
 
 def plain_table(*columns: str) -> Table:
-    """Begin a table; with names of columns it has a head, and all columns but the first hold numbers."""
+    """Begin a table, with a head if columns are named; all but the first are numbers."""
     table = Table(box=SIMPLE, show_header=any(columns))
     for index, column in enumerate(columns or ("", "")):
         table.add_column(column, justify="right" if index and any(columns) else "left")
@@ -165,4 +165,5 @@ def sharp_edges_in_words(surface: "at.Surface") -> str:
     count = int(sharp.sum()) // 2
     if count == 0:
         return f"none turns by over {surface.sharp_degrees:g}°"
-    return f"{count:,}, {length:.4g} mm together, that turn by over {surface.sharp_degrees:g}° or end a flat cap"
+    turn = f"turn by over {surface.sharp_degrees:g}° or end a flat cap"
+    return f"{count:,}, {length:.4g} mm together, that {turn}"

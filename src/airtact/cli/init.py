@@ -120,7 +120,7 @@ def _scene_text(name: str, board: "Board", hand: "Hand", file: str) -> str:
 
 
 def _over_board(hand: "Hand", height: float) -> "tuple[np.ndarray, float, np.ndarray]":
-    """Return axis, degrees and translation [m] that put ``PLACES``, facing down, at a height [m]."""
+    """Return axis, degrees and translation [m] that put ``PLACES`` at a height, facing down."""
     import numpy as np
 
     from airtact.geometry.pose import Pose

@@ -30,7 +30,8 @@ from airtact.cli.options import (
     "--from",
     "source",
     metavar="FILE.jsonl|SESSION.h5|websocket|osc|page",
-    help="Where the hand comes from: a recording, another run's session, trackers (websocket:PORT for another port "
+    help="Where the hand comes from: a recording, another run's session, trackers "
+    "(websocket:PORT for another port "
     "than 8765, osc:PORT than 9000), or the page; a motion that comes along by default.",
 )
 @click.option(
@@ -46,7 +47,7 @@ from airtact.cli.options import (
     "--verify",
     "session",
     type=OUT_FILE,
-    help="Verify drives of an earlier session (session.h5, or its folder) instead, some seconds each.",
+    help="Verify drives of an earlier session (session.h5, or its folder), some seconds each.",
 )
 @click.option(
     "--drives", type=click.IntRange(min=1), help="Drives that --verify solves; 10 by default."

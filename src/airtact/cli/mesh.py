@@ -116,7 +116,8 @@ def mesh(surface: Path, edge: float | None, file: Path, **settings: float | None
 def usual_edge(wavelength: float) -> float:
     """Return the edge of the panels that a solve of 1 % takes [m].
 
-    >>> f"{1e3 * usual_edge(8.582e-3):.2f} mm"
+    >>> import airtact as at
+    >>> f"{1e3 * usual_edge(at.air(celsius=20.0).wavelength(40e3)):.2f} mm"
     '5.49 mm'
     """
     from airtact.acoustics.solvers.bem.solver import BoundaryElement

@@ -187,14 +187,16 @@ def grid_of(varied: Sequence[str]) -> "list[Row]":
         values = _values(*match.groups()[1:]) if match else None
         if match is None or values is None:
             raise InvalidInput(
-                f'--vary "{words}" is not PATH=LOW:HIGH:COUNT with two numbers and a count from 1 to {MAX_POINTS:,}, '
+                f'--vary "{words}" is not PATH=LOW:HIGH:COUNT with two numbers and a count from 1 '
+                f"to {MAX_POINTS:,}, "
                 'such as "foci[0].offset=0.0005:0.003:6".',
                 code="out_of_range",
             )
         path = match[1].strip()
         if len(values) == 1 and float(match[3]) != values[0]:
             raise InvalidInput(
-                f'--vary "{words}" has 1 point but two ends: give a count of 2 or more, or one value as both ends.',
+                f'--vary "{words}" has 1 point but two ends: give a count of 2 or more, or one '
+                "value as both ends.",
                 code="out_of_range",
             )
         if path in axes:

@@ -68,8 +68,9 @@ def read_scene(
     Raises
     ------
     InvalidInput
-        The file cannot be read, has a wrong key or value, or describes an impossible scene; the message begins with the
-        file's name and the table at fault. "unknown_key": a path of ``changes`` leads nowhere.
+        The file cannot be read, has a wrong key or value, or describes an impossible scene; the
+        message begins with the file's name and the table at fault. "unknown_key": a path of
+        ``changes`` leads nowhere.
     """
     path = Path(path)
     if path.suffix.lower() == ".json":

@@ -46,16 +46,17 @@ def parse_scene(text: str, changes: Mapping[str, Value] | None = None) -> SceneF
     Raises
     ------
     InvalidInput
-        "file_unreadable", "unknown_key" (with the nearest right key), "key_missing", "key_misplaced" (a key of another
-        choice), "options_clash" (none or several of keys that exclude each other), "unknown_name", "out_of_range" or
-        "not_finite"; or a limit is passed: "file_too_large" or "too_many".
+        "file_unreadable", "unknown_key" (with the nearest right key), "key_missing",
+        "key_misplaced" (a key of another choice), "options_clash" (none or several of keys that
+        exclude each other), "unknown_name", "out_of_range" or "not_finite"; or a limit is passed:
+        "file_too_large" or "too_many".
 
     Examples
     --------
-    >>> parse_scene("[medium]\ncelsuis = 20.0")
+    >>> parse_scene("[medum]")
     Traceback (most recent call last):
     ...
-    airtact.errors.InvalidInput: medium.celsuis is not a key of a scene file; did you mean medium.celsius?
+    airtact.errors.InvalidInput: medum is not a key of a scene file; did you mean medium?
     """
     _check_text(text)
     try:
@@ -213,7 +214,8 @@ def _chosen(
         return _table(data[tag], kind, _joined(path, tag))
     for inner in _fields(kind):
         if inner.required and inner.name not in data:
-            sentence = f"the key {_joined(path, inner.name)} is missing: {_phrase(field, tag, by_value)} needs it."
+            phrase = _phrase(field, tag, by_value)
+            sentence = f"the key {_joined(path, inner.name)} is missing: {phrase} needs it."
             raise InvalidInput(sentence, code="key_missing")
     chosen = {key: data[key] for key in keys if key in data}
     if by_value:
@@ -266,7 +268,8 @@ def _tag_by_value(
         return ".csv"
     if value in BOARDS and field.name == "layout":
         raise InvalidInput(
-            f'{_joined(path, field.name)} = "{value}" is a kind of board: write layout = "boards", board = "{value}" '
+            f'{_joined(path, field.name)} = "{value}" is a kind of board: write layout = "boards", '
+            f'board = "{value}" '
             "and poses = [{ translation = [x, y, z] }], a pose for each board.",
             code="unknown_name",
         )
@@ -355,7 +358,8 @@ def with_changes(data: Mapping[str, Any], changes: Mapping[str, Value]) -> dict[
     Raises
     ------
     InvalidInput
-        "unknown_key": a path leads nowhere; the sentence names what is there. "given_twice": two paths are one key.
+        "unknown_key": a path leads nowhere; the sentence names what is there. "given_twice": two
+        paths are one key.
 
     Examples
     --------

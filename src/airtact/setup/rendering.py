@@ -171,7 +171,7 @@ def render(
     >>> target = at.Target([[0.0, 0.0, 0.15]])
     >>> result = render(at.Setup(at.Scene(at.air(), []), at.autd3_board(), target))
     >>> result.headline
-    'Drive: 5.62 kPa at the weakest focus.'
+    'Drive: 3.76 kPa at the weakest focus.'
     """
     of_kind(setup, Setup, "the setup", "read_scene(path) or Setup(scene, array, target)")
     clock = Clock(progress)

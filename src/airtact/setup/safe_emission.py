@@ -139,9 +139,10 @@ def plan(
     Raises
     ------
     InvalidInput
-        If the file is no drive, its transducers are not laid out like such boards, it is for another frequency, the
-        cap is not above 0 and at most 1, a modulation is given for a sequence, or boards that only switch their
-        elements on and off cannot stay under the limit, or the cap silences all elements.
+        If the file is no drive, its transducers are not laid out like such boards, it is for
+        another frequency, the cap is not above 0 and at most 1, a modulation is given for a
+        sequence, or boards that only switch their elements on and off cannot stay under the limit,
+        or the cap silences all elements.
     """
     kind = board_named(board)
     stored = read_drive_file(path)
@@ -315,7 +316,7 @@ def emit(
     progress: Progress = no_progress,
     log: Path | None = None,
 ) -> Played | None:
-    """Play a plan for some time, then silence the boards; return what was played, None for one constant drive.
+    """Play a plan for some time, then silence the boards; None for a constant drive.
 
     Parameters
     ----------
@@ -324,7 +325,8 @@ def emit(
     Raises
     ------
     InvalidInput
-        If the link cannot be opened, or the boards cannot play the sequence; nothing was emitted then.
+        If the link cannot be opened, or the boards cannot play the sequence; nothing was emitted
+        then.
     LinkFailed
         If the link fails, with what was sent last.
     """

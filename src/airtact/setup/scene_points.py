@@ -42,8 +42,8 @@ from airtact.timing import Clock
 FRAME_COLUMNS = ("frame", "side", "time")
 """Columns of a frame of a recording: its number, the side, the tracker's time [s]."""
 
-PATH_FAULTS = ("unknown_key", "out_of_range", "key_misplaced", "given_twice")
-"""Codes of faults of the paths or values of a point."""
+PATH_FAULTS = ("unknown_key", "key_misplaced", "given_twice")
+"""Codes of faults of the paths of a point."""
 
 
 @dataclass(frozen=True)
@@ -108,9 +108,9 @@ class ScenePoints:
             return read_scene(self.scene, posed | changes)
 
     def memory(self, points: Sequence[Mapping[str, Value]]) -> float:
-        """Estimate the memory of a process that solves the first, the middle or the last point [bytes].
+        """Estimate the memory of a solve from the first, the middle and the last point [bytes].
 
-        Raise the fault of a path that leads nowhere, or of the points if none of these can be built.
+        Raise the fault of a path that leads nowhere, or of the points if none can be built.
         """
         read_scene(self.scene)
         needed = 1.2e8  # of a process that has loaded airtact and solves nothing
@@ -136,7 +136,8 @@ def scene_points(scene: Setup | str | Path, recording: Path | None = None) -> Sc
     Raises
     ------
     InvalidInput
-        A file cannot be read, the scene does not have one hand for a recording, or the setup has no scene file.
+        A file cannot be read, the scene does not have one hand for a recording, or the setup has no
+        scene file.
     """
     if isinstance(scene, Setup):
         if scene.path is None:
@@ -203,7 +204,8 @@ def _hand_key(scene: Path) -> tuple[str, Path]:
     ]
     if len(hands) != 1:
         raise InvalidInput(
-            f'{scene.name}: {len(hands)} obstacles are a hand = "POSE.json", but a recording moves just 1.',
+            f'{scene.name}: {len(hands)} obstacles are a hand = "POSE.json", but a recording '
+            "moves just 1.",
             code="unknown_key",
         )
     index, pose = hands[0]

@@ -327,7 +327,8 @@ def calibrate_array(
 
     Returns
     -------
-    The calibration; and for simulated transmissions the errors of the worst board [m] and of the sound speed [m/s].
+    The calibration; and for simulated transmissions the errors of the worst board [m] and of the
+    sound speed [m/s].
 
     Raises
     ------

@@ -63,7 +63,8 @@ def _skin_cautions(setup: Setup) -> Iterator[str]:
     others = int(np.count_nonzero(bare)) - 1
     beside = ""
     if others:
-        beside = f", and {counted(others, 'other focus', 'other foci')} over {1e3 * MAX_SKIN_DISTANCE:g} mm"
+        foci = counted(others, "other focus", "other foci")
+        beside = f", and {foci} over {1e3 * MAX_SKIN_DISTANCE:g} mm"
     yield (
         f"{setup.foci[int(away.argmax())]} is {1e3 * away.max():.2g} mm from the nearest "
         f"body{beside}: no skin is modelled there, so its level above the tactile threshold is "
@@ -153,7 +154,10 @@ def share_of_bound(setup: Setup, transfer: TransferMatrix, drive: Drive) -> str:
             f"is {rounded / exact:.1%} of it."
         )
     else:
-        words = f"That is {exact:.0%} of the upper bound for any drive, {rounded:.0%} rounded to {levels}."
+        words = (
+            f"That is {exact:.0%} of the upper bound for any drive, {rounded:.0%} rounded to "
+            f"{levels}."
+        )
     return words.replace("%", " %")
 
 

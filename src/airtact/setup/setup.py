@@ -57,8 +57,8 @@ class Setup:
     Raises
     ------
     InvalidInput
-        If a focus is inside a body, the array reaches into a body, the method is unknown, or a setting does not fit
-        the others.
+        If a focus is inside a body, the array reaches into a body, the method is unknown, or a
+        setting does not fit the others.
 
     Examples
     --------
@@ -199,7 +199,7 @@ def check_method(method: str, uncertain: bool) -> None:
         )
     if method in FOR_SAMPLES and not uncertain:
         raise InvalidInput(
-            f'method = "{method}" needs an uncertainty: add a table [uncertainty], such as position = 1e-3 and '
-            "rotation = 2.0.",
+            f'method = "{method}" needs an uncertainty: add a table [uncertainty], such as '
+            "position = 1e-3 and rotation = 2.0.",
             code="data_missing",
         )

@@ -46,7 +46,8 @@ def solve_beacons(setup: Setup, clock: Clock, store: Path | None = None) -> Radi
     target = setup.target
     foci = f"focus ({len(target.points)})"
     if len(target.suppression_points):
-        foci += f" and {counted(len(target.suppression_points), 'suppression point', 'suppression points')}"
+        count = len(target.suppression_points)
+        foci += f" and {counted(count, 'suppression point', 'suppression points')}"
     around = ", ".join(setup.bodies) or "nothing"
     with clock.step("beacons", f"solving for a beacon in each {foci} around {around}"):
         beacons = stored(setup.solver, store).radiate(setup.scene, target.beacons(suppression=True))

@@ -70,14 +70,16 @@ def sweep(
 
     Returns
     -------
-    For each point its values, then the results; ``"error"`` and ``"sentence"`` are empty, or the code and the sentence
+    For each point its values, then the results; ``"error"`` and ``"sentence"`` are empty, or the
+    code and the sentence
     of what was raised there.
 
     Raises
     ------
     InvalidInput
-        The points are of the wrong kind, the function cannot be passed to a process or its results cannot be kept, the
-        folder takes no files, or a process ended by itself. Where a function raises, the sweep goes on.
+        The points are of the wrong kind, the function cannot be passed to a process or its results
+        cannot be kept, the folder takes no files, or a process ended by itself. Where a function
+        raises, the sweep goes on.
 
     Examples
     --------
@@ -154,7 +156,8 @@ def _checked_row(values: Mapping[str, Any], what: str) -> Row:
     """Return names and single values as a row; raise "wrong_kind" for others."""
     if not isinstance(values, Mapping):
         raise InvalidInput(
-            f'{what} is a {type(values).__name__}, but it must be names with a value each, such as {{"gap": 0.012}}.',
+            f"{what} is a {type(values).__name__}, but it must be names with a value each, such as "
+            '{"gap": 0.012}.',
             code="wrong_kind",
         )
     row: Row = {}
@@ -222,7 +225,8 @@ def _computed(
             raise InvalidInput(
                 f"a process ended by itself with {len(futures)} of {len(waiting)} points left, as "
                 "where memory runs "
-                'out, or where a script calls sweep outside of if __name__ == "__main__": what is in the store stays.',
+                'out, or where a script calls sweep outside of if __name__ == "__main__": what is '
+                "in the store stays.",
                 code="link_closed",
             ) from None
         finally:

@@ -94,7 +94,7 @@ class BoardsTable(Layout, frozen=True, tag="boards"):
 
 
 class ListedTable(Layout, frozen=True, tag=".csv"):
-    """Positions and normals in a .csv file beside the scene file, which is the value of ``layout``."""
+    """Positions and normals in a .csv file, which is the value of ``layout``."""
 
     file: str
 
@@ -290,7 +290,7 @@ class SvgTable(Drawn, frozen=True, kw_only=True, tag="svg"):
 
 
 class SurfacePointsTable(Choice, frozen=True, tag="surface"):
-    """Points on the surface of a ``body``, or on the side of it that faces ``facing`` within so many degrees."""
+    """Points on the surface of a ``body``, or those that face ``facing`` within some degrees."""
 
     body: str
     spacing: float
@@ -347,17 +347,17 @@ class ModulationKind(Table, frozen=True, tag_field="kind"):
 
 
 class AmplitudeTable(ModulationKind, frozen=True, tag="am"):
-    """The amplitude varies, so that the force follows a cosine of a ``frequency`` [Hz] and ``depth``."""
+    """The force follows a cosine of a ``frequency`` [Hz] and ``depth``."""
 
     frequency: float = 200.0
     depth: float = 1.0
 
 
 class Moving(ModulationKind, frozen=True):
-    """Foci run along a ``path``, "circle" of a ``radius`` or "line" of a ``length`` [m], ``frequency`` times a second.
+    """Foci run along a "circle" of a ``radius`` or a "line" of a ``length`` [m].
 
-    A path has so many ``frames``, and lies ``along`` the "skin", or the plane across the direction
-    to the "array".
+    A path is run through ``frequency`` times a second in ``frames`` positions. It lies ``along``
+    the "skin", or the plane across the direction to the "array".
     """
 
     path: str | None = None
@@ -373,7 +373,7 @@ class LateralTable(Moving, frozen=True, tag="lm"):
 
 
 class SpatiotemporalTable(Moving, frozen=True, tag="stm"):
-    """One focus runs through the foci in their order, the ``path`` "points", or each around its position."""
+    """One focus runs through all "points" in order, or each focus around its position."""
 
 
 class ModulationTable(Table, frozen=True):
@@ -383,7 +383,7 @@ class ModulationTable(Table, frozen=True):
 
 
 class DriveTable(Table, frozen=True):
-    """How the drive is made from the transfer matrix, its modulation, and the levels it is rounded to, 2 to 256."""
+    """Method of the drive, its modulation, and the levels it is rounded to, 2 to 256."""
 
     method: str = "best"
     levels: int | LevelsTable = 256
@@ -391,7 +391,7 @@ class DriveTable(Table, frozen=True):
 
 
 class UncertaintyTable(Table, frozen=True):
-    """How sure one is of hand, air and transducers: standard deviations, as of ``airtact.Uncertainty``.
+    """Standard deviations of hand, air and transducers, as of ``airtact.Uncertainty``.
 
     Drives are made for so many ``samples`` of them, from a ``seed``.
     """
@@ -415,7 +415,7 @@ class UncertaintyTable(Table, frozen=True):
 
 
 class SceneFile(Table, frozen=True):
-    """The whole file; ``merge_bodies`` makes one of sound-hard bodies that overlap or are nearer than 0.3 mm.
+    """The whole file; ``merge_bodies`` joins sound-hard bodies nearer than 0.3 mm.
 
     ``most_points`` is the largest number of foci and suppression points together. ``tracker`` is
     where a tracker stands whose hand the sound follows, from its frame to the obstacles'.

@@ -24,7 +24,7 @@ QUADRATIC_TRIANGLE = 22
 def write_field(
     path: Path, box: Box, pressure: Complex[np.ndarray, "points"], bodies: Sequence[Surface]
 ) -> None:
-    """Write the pressure [Pa] at a box's points as image data, and the bodies as polygons beside it.
+    """Write the pressure [Pa] at a box's points as image data, and the bodies as polygons.
 
     The data are pressure_real and pressure_imag, NaN where there is no field; cell data ``body``
     numbers the bodies.
