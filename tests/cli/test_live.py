@@ -181,7 +181,7 @@ def test_the_frames_of_a_session_are_followed_again(tmp_path, live):
 @pytest.mark.slow
 def test_a_session_is_checked_against_the_hand_that_was_there(tmp_path, live, capsys):
     live(*QUICK, "--out", tmp_path, seconds=2.0)
-    assert main(["check", str(tmp_path), "--drives", "3", "--json"]) == 0
+    assert main(["live", "--verify", str(tmp_path), "--drives", "3", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     session = at.live.read_session(tmp_path)
     assert (found["frames"], found["drives"]) == (len(session.frame_time), len(session.time_in_air))
