@@ -106,38 +106,31 @@ def dual_product(
     factors: np.ndarray,
     vectors: np.ndarray,
     transposed: bool,
-    out: np.ndarray,
-) -> None: ...
-def double_layer_matrix(targets: np.ndarray, layer: Layer, out: np.ndarray) -> None: ...
-def dual_matrix(targets: np.ndarray, inside: np.ndarray, layer: Layer, out: np.ndarray) -> None: ...
+) -> np.ndarray: ...
+def double_layer_matrix(targets: np.ndarray, layer: Layer, precision: str) -> np.ndarray: ...
+def dual_matrix(
+    targets: np.ndarray, inside: np.ndarray, layer: Layer, precision: str
+) -> np.ndarray: ...
 def apply_transposed(
-    targets: np.ndarray, layer: Layer, strengths: np.ndarray, precision: str, out: np.ndarray
-) -> None: ...
+    targets: np.ndarray, layer: Layer, strengths: np.ndarray, precision: str
+) -> np.ndarray: ...
 def apply_double_layer(
-    targets: np.ndarray,
-    layer: Layer,
-    density: np.ndarray,
-    least: float,
-    precision: str,
-    out: np.ndarray,
-) -> None: ...
+    targets: np.ndarray, layer: Layer, density: np.ndarray, least: float, precision: str
+) -> np.ndarray: ...
 def apply_monopoles(
     targets: np.ndarray,
     sources: np.ndarray,
     strengths: np.ndarray,
     wavenumber: complex,
     precision: str,
-    out: np.ndarray,
-) -> None: ...
+) -> np.ndarray: ...
 def apply_in_cells(
-    cells: Cells, inside: bool, layer: Layer, density: np.ndarray, least: float, out: np.ndarray
-) -> None: ...
-def few_products(
-    matrix: np.ndarray, vectors: np.ndarray, transposed: bool, out: np.ndarray
-) -> None: ...
+    cells: Cells, inside: bool, layer: Layer, density: np.ndarray, least: float
+) -> np.ndarray: ...
+def few_products(matrix: np.ndarray, vectors: np.ndarray, transposed: bool) -> np.ndarray: ...
 def few_rounded_products(
-    matrix: np.ndarray, scales: np.ndarray, vectors: np.ndarray, transposed: bool, out: np.ndarray
-) -> None: ...
+    matrix: np.ndarray, scales: np.ndarray, vectors: np.ndarray, transposed: bool
+) -> np.ndarray: ...
 def krylov_step(bases: np.ndarray, spaces: KrylovSpaces) -> None: ...
 def near_excess(
     targets: np.ndarray,
@@ -157,10 +150,7 @@ def near_integrals(
     panels: Panels,
     wavenumber: complex,
     quadrature: NearQuadrature,
-    out: np.ndarray,
-    distance: np.ndarray,
-    reference: np.ndarray,
-) -> None: ...
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]: ...
 def chebyshev_sum(
     values: np.ndarray, columns: np.ndarray, rows: np.ndarray, factors: np.ndarray, x: np.ndarray
 ) -> None: ...
@@ -171,16 +161,10 @@ def surface_integral(
     monopoles: np.ndarray,
     dipoles: np.ndarray,
     k: complex,
-    out: np.ndarray,
-) -> None: ...
+) -> np.ndarray: ...
 def normal_derivative(
-    points: np.ndarray,
-    normals: np.ndarray,
-    sources: np.ndarray,
-    strength: np.ndarray,
-    k: complex,
-    out: np.ndarray,
-) -> None: ...
+    points: np.ndarray, normals: np.ndarray, sources: np.ndarray, strength: np.ndarray, k: complex
+) -> np.ndarray: ...
 def detoured_waves(
     centres: np.ndarray,
     foci: np.ndarray,
@@ -188,8 +172,7 @@ def detoured_waves(
     straight: np.ndarray,
     waves: np.ndarray,
     k: float,
-    out: np.ndarray,
-) -> None: ...
+) -> np.ndarray: ...
 def interpolate(
     table: np.ndarray,
     first: np.ndarray,
@@ -197,38 +180,26 @@ def interpolate(
     u: np.ndarray,
     v: np.ndarray,
     w: np.ndarray,
-    out: np.ndarray,
-) -> None: ...
+) -> np.ndarray: ...
 def near_pairs(
     targets: np.ndarray, centres: np.ndarray, reach: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]: ...
-def panel_distances(
-    panels: np.ndarray, points: np.ndarray, within: float, distance: np.ndarray
-) -> None: ...
+def panel_distances(panels: np.ndarray, points: np.ndarray, within: float) -> np.ndarray: ...
 def mark_blocks(
     first: np.ndarray, panel: np.ndarray, targets: int, panels: int, met: np.ndarray
 ) -> None: ...
 def place_nodes(
-    panels: np.ndarray,
-    rule: np.ndarray,
-    weights: np.ndarray,
-    points: np.ndarray,
-    normals: np.ndarray,
-    areas: np.ndarray,
-    centres: np.ndarray,
-    radii: np.ndarray,
-) -> None: ...
-def block_order(points: np.ndarray, each: int, order: np.ndarray) -> None: ...
+    panels: np.ndarray, rule: np.ndarray, weights: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]: ...
+def block_order(points: np.ndarray, each: int) -> np.ndarray: ...
 def closest_on_panels(
     targets: np.ndarray,
     quadratic_triangles: np.ndarray,
     order: np.ndarray,
     lower: np.ndarray,
     upper: np.ndarray,
-    panel: np.ndarray,
-    reference: np.ndarray,
-    distance: np.ndarray,
-) -> None: ...
+    within: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]: ...
 def gerchberg_saxton(
     real: np.ndarray,
     imag: np.ndarray,
@@ -237,13 +208,9 @@ def gerchberg_saxton(
     foci_iterations: int,
     iterations: int,
     weighted: bool,
-    sources: np.ndarray,
-    worst: np.ndarray,
-    drives: np.ndarray,
-) -> None: ...
-def hull_distances(
-    points: np.ndarray, balls: np.ndarray, parts: np.ndarray, out: np.ndarray
-) -> None: ...
+    start: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]: ...
+def hull_distances(points: np.ndarray, balls: np.ndarray, parts: np.ndarray) -> np.ndarray: ...
 def blended_distance(
     points: np.ndarray,
     balls: np.ndarray,
@@ -252,23 +219,15 @@ def blended_distance(
     apart: np.ndarray,
     carve: float,
     reach: float,
-    distance: np.ndarray,
-    gradient: np.ndarray,
-    bend: np.ndarray,
-    facing: np.ndarray,
-    nearest: np.ndarray,
-) -> None: ...
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]: ...
 def hull_gaps(
     points: np.ndarray,
     balls: np.ndarray,
     parts: np.ndarray,
     blend: np.ndarray,
-    camera: np.ndarray,
+    camera: np.ndarray | None,
     facing: float,
-    distance: np.ndarray,
-    gradients: np.ndarray,
-    hull: np.ndarray,
-) -> None: ...
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]: ...
 def project_on_hulls(
     points: np.ndarray,
     balls: np.ndarray,

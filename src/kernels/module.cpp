@@ -7,6 +7,8 @@
 #include <nanobind/stl/string.h>
 
 #include <algorithm>
+#include <initializer_list>
+#include <limits>
 #include <optional>
 #include <string>
 #include <tuple>
@@ -115,7 +117,7 @@ static void use(const std::string &name) {
     throw nb::value_error(("this machine does not run the variant " + name).c_str());
 }
 
-// Arrays as Python passes them. No output is converted: a copy of another type would be filled and thrown away.
+// Arrays as Python passes them. None that is changed is converted: the copy would be filled and thrown away.
 template <class T, int... n> using Read = nb::ndarray<nb::numpy, const T, nb::shape<n...>, nb::c_contig, nb::device::cpu>;
 template <class T, int... n> using Write = nb::ndarray<nb::numpy, T, nb::shape<n...>, nb::c_contig, nb::device::cpu>;
 using Complex = std::complex<double>;
@@ -123,6 +125,26 @@ using Points = Read<double, -1, 3>;
 using Index = Read<std::int64_t, -1>;
 using Line = Read<double, -1>;
 using Triangles = Read<double, -1, 6, 3>;  // quadratic: three corners, three middles of edges
+
+template <class T> constexpr const char *kind = nullptr;  // NumPy's name
+template <> constexpr const char *kind<float> = "float32";
+template <> constexpr const char *kind<double> = "float64";
+template <> constexpr const char *kind<std::int64_t> = "int64";
+template <> constexpr const char *kind<std::complex<float>> = "complex64";
+template <> constexpr const char *kind<Complex> = "complex128";
+
+// A new array, with numbers that are not set. NumPy makes it, because it takes large ones from huge pages.
+template <class T> struct Output {
+    nb::object array;
+    T *data;
+
+    explicit Output(std::initializer_list<std::size_t> shape) {
+        nb::list sizes;
+        for (const std::size_t size : shape) sizes.append(size);
+        array = nb::module_::import_("numpy").attr("empty")(nb::tuple(sizes), kind<T>);
+        data = nb::cast<nb::ndarray<nb::numpy, T, nb::c_contig, nb::device::cpu>>(array).data();
+    }
+};
 
 static void same(std::size_t a, std::size_t b) {
     if (a != b) throw nb::value_error("arrays of different lengths");
@@ -280,7 +302,6 @@ using Blocks = nb::ndarray<nb::numpy, Store, nb::shape<-1, lanes, 2, words<Store
 template <class Store>
 using Rows = nb::ndarray<nb::numpy, Store, nb::shape<-1, 2, words<Store>>, nb::c_contig, nb::device::cpu>;
 template <class Store> using Vectors = Read<std::complex<typename Arithmetic<Store>::Real>, -1, -1>;
-template <class Store> using Products = Write<std::complex<typename Arithmetic<Store>::Real>, -1, -1>;
 
 static void all_in(const NearRows &near, std::size_t targets, std::int64_t each, const Pairs &whole) {
     for (std::size_t i = 0; i < targets; i++) {
@@ -322,90 +343,120 @@ std::int64_t dual_low_rank(Points targets, Points shifted, const bound::Layer &l
 }
 
 template <class Store>
-void dual_product(const bound::Pairs &whole, Blocks<const Store> blocks, const bound::FarBlocks &far, Rows<const Store> factors,
-                  Vectors<Store> vectors, bool transposed, Products<Store> out) {
+nb::object dual_product(const bound::Pairs &whole, Blocks<const Store> blocks, const bound::FarBlocks &far,
+                        Rows<const Store> factors, Vectors<Store> vectors, bool transposed) {
     const std::size_t m = vectors.shape(1);
-    same(blocks.shape(0), whole.column.shape(0)), same(vectors.shape(0), out.shape(0)), same(m, out.shape(1));
+    same(blocks.shape(0), whole.column.shape(0));
     const Pairs pairs = whole.of(m), far_pairs = far.of(m);
     const LowRank<Store> terms = far.checked(factors.data(), factors.shape(0));
-    nb::gil_scoped_release release;
-    std::get<Dual<Store>>(active->dual)
-        .product(pairs, blocks.data(), far_pairs, terms, std::int64_t(m), vectors.data(), vectors.shape(0), transposed, out.data());
+    const Output<std::complex<typename Arithmetic<Store>::Real>> out({vectors.shape(0), m});
+    {
+        nb::gil_scoped_release release;
+        std::get<Dual<Store>>(active->dual)
+            .product(pairs, blocks.data(), far_pairs, terms, std::int64_t(m), vectors.data(), vectors.shape(0), transposed, out.data);
+    }
+    return out.array;
 }
 
-template <class Real>
-void double_layer_matrix(Points targets, const bound::Layer &layer, Write<std::complex<Real>, -1, -1> out) {
-    same(out.shape(0), targets.shape(0)), same(out.shape(1), layer.size());
+template <class Real> nb::object double_layer_matrix(Points targets, const bound::Layer &layer) {
+    const Output<std::complex<Real>> out({targets.shape(0), layer.size()});
     const double *normals = layer.double_layer();
-    nb::gil_scoped_release release;
-    far<Real>().double_layer_matrix(targets.data(), targets.shape(0), layer.points.data(), normals, layer.single_layer(),
-                                    layer.size(), layer.k, out.data());
+    {
+        nb::gil_scoped_release release;
+        far<Real>().double_layer_matrix(targets.data(), targets.shape(0), layer.points.data(), normals, layer.single_layer(),
+                                        layer.size(), layer.k, out.data);
+    }
+    return out.array;
 }
 
-template <class Real>
-void dual_matrix(Points targets, Points inside, const bound::Layer &layer, Write<std::complex<Real>, -1, -1> out) {
-    same(targets.shape(0), inside.shape(0)), same(out.shape(0), targets.shape(0)), same(out.shape(1), layer.size());
+template <class Real> nb::object dual_matrix(Points targets, Points inside, const bound::Layer &layer) {
+    same(targets.shape(0), inside.shape(0));
+    const Output<std::complex<Real>> out({targets.shape(0), layer.size()});
     const double *normals = layer.double_layer();
-    nb::gil_scoped_release release;
-    far<Real>().dual_matrix(targets.data(), inside.data(), targets.shape(0), layer.points.data(), normals, layer.single_layer(),
-                            layer.size(), layer.k, out.data());
+    {
+        nb::gil_scoped_release release;
+        far<Real>().dual_matrix(targets.data(), inside.data(), targets.shape(0), layer.points.data(), normals,
+                                layer.single_layer(), layer.size(), layer.k, out.data);
+    }
+    return out.array;
 }
 
-static void apply_transposed(Points targets, const bound::Layer &layer, Read<Complex, -1, -1> strengths,
-                             const std::string &precision, Write<Complex, -1, -1> out) {
-    same(strengths.shape(0), targets.shape(0)), same(out.shape(0), layer.size()), same(out.shape(1), strengths.shape(1));
+static nb::object apply_transposed(Points targets, const bound::Layer &layer, Read<Complex, -1, -1> strengths,
+                                   const std::string &precision) {
+    same(strengths.shape(0), targets.shape(0));
+    const Output<Complex> out({layer.size(), strengths.shape(1)});
     const double *normals = layer.double_layer();
     const auto loop = in_single(precision) ? far<float>().apply_transposed : far<double>().apply_transposed;
-    nb::gil_scoped_release release;
-    loop(targets.data(), targets.shape(0), layer.points.data(), normals, layer.single_layer(), layer.size(), strengths.data(),
-         strengths.shape(1), layer.k, out.data());
+    {
+        nb::gil_scoped_release release;
+        loop(targets.data(), targets.shape(0), layer.points.data(), normals, layer.single_layer(), layer.size(),
+             strengths.data(), strengths.shape(1), layer.k, out.data);
+    }
+    return out.array;
 }
 
-static void apply_double_layer(Points targets, const bound::Layer &layer, Read<Complex, -1, -1> density, double least,
-                               const std::string &precision, Write<Complex, -1, -1> out) {
-    same(density.shape(0), layer.size()), same(out.shape(0), targets.shape(0)), same(out.shape(1), density.shape(1));
+static nb::object apply_double_layer(Points targets, const bound::Layer &layer, Read<Complex, -1, -1> density, double least,
+                                     const std::string &precision) {
+    same(density.shape(0), layer.size());
+    const Output<Complex> out({targets.shape(0), density.shape(1)});
     const double *normals = layer.double_layer();
     const auto loop = in_single(precision) ? far<float>().apply_double_layer : far<double>().apply_double_layer;
-    nb::gil_scoped_release release;
-    loop(targets.data(), targets.shape(0), layer.points.data(), normals, layer.single_layer(), layer.size(), density.data(),
-         density.shape(1), layer.k, least, out.data());
+    {
+        nb::gil_scoped_release release;
+        loop(targets.data(), targets.shape(0), layer.points.data(), normals, layer.single_layer(), layer.size(), density.data(),
+             density.shape(1), layer.k, least, out.data);
+    }
+    return out.array;
 }
 
-static void apply_monopoles(Points targets, Points sources, Read<Complex, -1, -1> strengths, Complex k, const std::string &precision,
-                            Write<Complex, -1, -1> out) {
-    same(strengths.shape(0), sources.shape(0)), same(out.shape(0), targets.shape(0)), same(out.shape(1), strengths.shape(1));
+static nb::object apply_monopoles(Points targets, Points sources, Read<Complex, -1, -1> strengths, Complex k,
+                                  const std::string &precision) {
+    same(strengths.shape(0), sources.shape(0));
+    const Output<Complex> out({targets.shape(0), strengths.shape(1)});
     const auto loop = in_single(precision) ? far<float>().apply_monopoles : far<double>().apply_monopoles;
-    nb::gil_scoped_release release;
-    loop(targets.data(), targets.shape(0), sources.data(), sources.shape(0), strengths.data(), strengths.shape(1), wave(k),
-         out.data());
+    {
+        nb::gil_scoped_release release;
+        loop(targets.data(), targets.shape(0), sources.data(), sources.shape(0), strengths.data(), strengths.shape(1), wave(k),
+             out.data);
+    }
+    return out.array;
 }
 
-static void apply_in_cells(const bound::Cells &cells, bool inside, const bound::Layer &layer, Read<Complex, -1, -1> density,
-                           double least, Write<Complex, -1, -1> out) {
-    same(density.shape(0), layer.size()), same(out.shape(0), cells.points.shape(0)), same(out.shape(1), density.shape(1));
-    nb::gil_scoped_release release;
-    active->apply_in_cells(cells.points.data(), cells.first.data(), cells.centres.shape(0), cells.centres.data(), cells.reach, inside,
-                           layer.points.data(), layer.normals ? layer.normals->data() : nullptr, layer.single_layer(), layer.size(),
-                           density.data(), density.shape(1), layer.k, least, out.data());
+static nb::object apply_in_cells(const bound::Cells &cells, bool inside, const bound::Layer &layer, Read<Complex, -1, -1> density,
+                                 double least) {
+    same(density.shape(0), layer.size());
+    const Output<Complex> out({cells.points.shape(0), density.shape(1)});
+    {
+        nb::gil_scoped_release release;
+        active->apply_in_cells(cells.points.data(), cells.first.data(), cells.centres.shape(0), cells.centres.data(), cells.reach,
+                               inside, layer.points.data(), layer.normals ? layer.normals->data() : nullptr,
+                               layer.single_layer(), layer.size(), density.data(), density.shape(1), layer.k, least, out.data);
+    }
+    return out.array;
 }
 
 template <class Real>
-void few_products(Read<std::complex<Real>, -1, -1> matrix, Read<std::complex<Real>, -1, -1> vectors, bool transposed,
-                  Write<std::complex<Real>, -1, -1> out) {
-    same(vectors.shape(0), out.shape(0));
-    same(vectors.shape(1), matrix.shape(transposed ? 0 : 1)), same(out.shape(1), matrix.shape(transposed ? 1 : 0));
-    nb::gil_scoped_release release;
-    far<Real>().few_products(matrix.data(), matrix.shape(0), matrix.shape(1), vectors.data(), vectors.shape(0), transposed,
-                             out.data());
+nb::object few_products(Read<std::complex<Real>, -1, -1> matrix, Read<std::complex<Real>, -1, -1> vectors, bool transposed) {
+    same(vectors.shape(1), matrix.shape(transposed ? 0 : 1));
+    const Output<std::complex<Real>> out({vectors.shape(0), matrix.shape(transposed ? 1 : 0)});
+    {
+        nb::gil_scoped_release release;
+        far<Real>().few_products(matrix.data(), matrix.shape(0), matrix.shape(1), vectors.data(), vectors.shape(0), transposed,
+                                 out.data);
+    }
+    return out.array;
 }
 
-static void few_rounded_products(Read<std::int16_t, -1, -1, 2> matrix, Read<float, -1> scales, Read<std::complex<float>, -1, -1> vectors,
-                                 bool transposed, Write<std::complex<float>, -1, -1> out) {
-    same(vectors.shape(0), out.shape(0)), same(scales.shape(0), matrix.shape(0));
-    same(vectors.shape(1), matrix.shape(transposed ? 0 : 1)), same(out.shape(1), matrix.shape(transposed ? 1 : 0));
-    nb::gil_scoped_release release;
-    active->few_rounded_products(matrix.data(), scales.data(), matrix.shape(0), matrix.shape(1), vectors.data(), vectors.shape(0),
-                                 transposed, out.data());
+static nb::object few_rounded_products(Read<std::int16_t, -1, -1, 2> matrix, Read<float, -1> scales,
+                                       Read<std::complex<float>, -1, -1> vectors, bool transposed) {
+    same(scales.shape(0), matrix.shape(0)), same(vectors.shape(1), matrix.shape(transposed ? 0 : 1));
+    const Output<std::complex<float>> out({vectors.shape(0), matrix.shape(transposed ? 1 : 0)});
+    {
+        nb::gil_scoped_release release;
+        active->few_rounded_products(matrix.data(), scales.data(), matrix.shape(0), matrix.shape(1), vectors.data(),
+                                     vectors.shape(0), transposed, out.data);
+    }
+    return out.array;
 }
 
 template <class Real> void krylov_step(Write<std::complex<Real>, -1, -1, -1> bases, const bound::KrylovSpaces &spaces) {
@@ -416,47 +467,59 @@ template <class Real> void krylov_step(Write<std::complex<Real>, -1, -1, -1> bas
     far<Real>().krylov_step(bases.data(), spaces.sides(), bases.shape(2), std::int64_t(vectors) - 2, spaces.krylov());
 }
 
-static void detoured(Read<double, -1, -1, 3> centres, Points foci, Points elements, Line straight,
-                     Read<std::complex<float>, -1, -1, -1> waves, double k, Write<std::complex<float>, -1, -1> out) {
+static nb::object detoured(Read<double, -1, -1, 3> centres, Points foci, Points elements, Line straight,
+                           Read<std::complex<float>, -1, -1, -1> waves, double k) {
     const std::size_t bones = centres.shape(0), count = foci.shape(0), n = elements.shape(0);
-    same(centres.shape(1), count), same(straight.shape(0), count), same(out.shape(0), count), same(out.shape(1), n);
+    same(centres.shape(1), count), same(straight.shape(0), count);
     same(waves.shape(0), bones), same(waves.shape(1), count), same(waves.shape(2), n);
-    nb::gil_scoped_release release;
-    active->detoured_waves(centres.data(), bones, foci.data(), count, elements.data(), n, straight.data(), waves.data(), k,
-                           out.data());
+    const Output<std::complex<float>> out({count, n});
+    {
+        nb::gil_scoped_release release;
+        active->detoured_waves(centres.data(), bones, foci.data(), count, elements.data(), n, straight.data(), waves.data(), k,
+                               out.data);
+    }
+    return out.array;
 }
 
-static void whole_surface(Points x, Points y, Points a, Read<Complex, -1, -1> single, Read<Complex, -1, -1> twin,
-                          Complex k, Write<Complex, -1, -1> out) {
+static nb::object whole_surface(Points x, Points y, Points a, Read<Complex, -1, -1> single, Read<Complex, -1, -1> twin, Complex k) {
     same(y.shape(0), a.shape(0)), same(single.shape(0), y.shape(0)), same(twin.shape(0), y.shape(0));
-    same(out.shape(0), x.shape(0)), same(out.shape(1), single.shape(1)), same(out.shape(1), twin.shape(1));
-    nb::gil_scoped_release release;
-    active->surface_integral(x.data(), x.shape(0), y.data(), a.data(), y.shape(0), single.data(), twin.data(),
-                             out.shape(1), wave(k), out.data());
+    same(single.shape(1), twin.shape(1));
+    const Output<Complex> out({x.shape(0), single.shape(1)});
+    {
+        nb::gil_scoped_release release;
+        active->surface_integral(x.data(), x.shape(0), y.data(), a.data(), y.shape(0), single.data(), twin.data(),
+                                 single.shape(1), wave(k), out.data);
+    }
+    return out.array;
 }
 
-static void along_normals(Points x, Points a, Points y, Read<Complex, -1, -1> strength, Complex k,
-                          Write<Complex, -1, -1> out) {
+static nb::object along_normals(Points x, Points a, Points y, Read<Complex, -1, -1> strength, Complex k) {
     same(x.shape(0), a.shape(0)), same(strength.shape(0), y.shape(0));
-    same(out.shape(0), x.shape(0)), same(out.shape(1), strength.shape(1));
-    nb::gil_scoped_release release;
-    active->normal_derivative(x.data(), a.data(), x.shape(0), y.data(), y.shape(0), strength.data(), out.shape(1),
-                              wave(k), out.data());
+    const Output<Complex> out({x.shape(0), strength.shape(1)});
+    {
+        nb::gil_scoped_release release;
+        active->normal_derivative(x.data(), a.data(), x.shape(0), y.data(), y.shape(0), strength.data(), strength.shape(1),
+                                  wave(k), out.data);
+    }
+    return out.array;
 }
 
-static void interpolated(Read<std::complex<float>, -1> table, Index first, Read<std::int64_t, 2> steps,
-                         Read<float, -1, -1> u, Read<float, -1, -1> v, Read<float, -1, -1> w,
-                         Write<Complex, -1, -1> out) {
-    const std::size_t n = first.shape(0), sounds = out.shape(1);
-    same(u.shape(0), n), same(v.shape(0), n), same(w.shape(0), n), same(out.shape(0), n);
+static nb::object interpolated(Read<std::complex<float>, -1, -1> table, Index first, Read<std::int64_t, 2> steps,
+                               Read<float, -1, -1> u, Read<float, -1, -1> v, Read<float, -1, -1> w) {
+    const std::size_t n = first.shape(0), sounds = table.shape(1);
+    same(u.shape(0), n), same(v.shape(0), n), same(w.shape(0), n);
     const std::int64_t last = (std::int64_t(u.shape(1)) - 1) * steps.data()[0] +
                               (std::int64_t(v.shape(1)) - 1) * steps.data()[1] + std::int64_t(w.shape(1) * sounds);
     for (std::size_t i = 0; i < n; i++)
-        if (first.data()[i] < 0 || first.data()[i] + last > std::int64_t(table.shape(0)))
+        if (first.data()[i] < 0 || first.data()[i] + last > std::int64_t(table.size()))
             throw nb::index_error("a value lies beyond the table");
-    nb::gil_scoped_release release;
-    active->interpolate(table.data(), first.data(), n, steps.data(), u.data(), u.shape(1), v.data(), v.shape(1), w.data(),
-                        w.shape(1), sounds, out.data());
+    const Output<Complex> out({n, sounds});
+    {
+        nb::gil_scoped_release release;
+        active->interpolate(table.data(), first.data(), n, steps.data(), u.data(), u.shape(1), v.data(), v.shape(1), w.data(),
+                            w.shape(1), sounds, out.data);
+    }
+    return out.array;
 }
 
 template <class Real>
@@ -495,10 +558,13 @@ static std::pair<Numbers, Numbers> near_pairs(Points x, Points centres, Line rea
     return {array_of(std::move(first)), array_of(std::move(panel))};
 }
 
-static void panel_distances(Triangles panels, Points points, double within, Write<double, -1> distance) {
-    same(panels.shape(0), distance.shape(0));
-    nb::gil_scoped_release release;
-    active->panel_distances(panels.data(), panels.shape(0), points.data(), points.shape(0), within, distance.data());
+static nb::object panel_distances(Triangles panels, Points points, double within) {
+    const Output<double> distance({panels.shape(0)});
+    {
+        nb::gil_scoped_release release;
+        active->panel_distances(panels.data(), panels.shape(0), points.data(), points.shape(0), within, distance.data);
+    }
+    return distance.array;
 }
 
 static void mark_blocks(Index first, Index panel, std::int64_t targets, std::int64_t panels, Write<bool, -1, -1> met) {
@@ -513,33 +579,40 @@ static void mark_blocks(Index first, Index panel, std::int64_t targets, std::int
     active->mark_blocks(first.data(), n, panel.data(), targets, panels, columns, met.data());
 }
 
-static void place_nodes(Triangles panels, Read<double, 19, 6> rule, Read<double, 6> weights, Write<double, -1, 3> points,
-                        Write<double, -1, 3> normals, Write<double, -1> areas, Write<double, -1, 3> centres,
-                        Write<double, -1> radii) {
+static nb::tuple place_nodes(Triangles panels, Read<double, 19, 6> rule, Read<double, 6> weights) {
     const std::size_t n = panels.shape(0);
-    same(points.shape(0), 6 * n), same(normals.shape(0), 6 * n), same(areas.shape(0), 6 * n);
-    same(centres.shape(0), n), same(radii.shape(0), n);
-    nb::gil_scoped_release release;
-    active->place_nodes(panels.data(), n, rule.data(), weights.data(), points.data(), normals.data(), areas.data(),
-                        centres.data(), radii.data());
+    const Output<double> points({6 * n, 3}), normals({6 * n, 3}), areas({6 * n}), centres({n, 3}), radii({n});
+    {
+        nb::gil_scoped_release release;
+        active->place_nodes(panels.data(), n, rule.data(), weights.data(), points.data, normals.data, areas.data, centres.data,
+                            radii.data);
+    }
+    return nb::make_tuple(points.array, normals.array, areas.array, centres.array, radii.array);
 }
 
-static void block_order(Points points, std::int64_t each, Write<std::int64_t, -1> order) {
-    same(points.shape(0), order.shape(0));
+static nb::object block_order(Points points, std::int64_t each) {
     if (each < 1) throw nb::value_error("blocks of no points");
-    nb::gil_scoped_release release;
-    active->block_order(points.data(), points.shape(0), each, order.data());
+    const Output<std::int64_t> order({points.shape(0)});
+    {
+        nb::gil_scoped_release release;
+        active->block_order(points.data(), points.shape(0), each, order.data);
+    }
+    return order.array;
 }
 
-static void near_integrals(bool single_layer, Points targets, Index pair_target, Index pair_panel, const bound::Panels &panels,
-                           Complex k, const bound::NearQuadrature &quadrature, Write<Complex, -1, 6> out,
-                           Write<double, -1> distance, Write<double, -1, 2> reference) {
+static nb::tuple near_integrals(bool single_layer, Points targets, Index pair_target, Index pair_panel, const bound::Panels &panels,
+                                Complex k, const bound::NearQuadrature &quadrature) {
     const std::size_t pairs = pair_target.shape(0);
-    same(pairs, pair_panel.shape(0)), same(pairs, out.shape(0)), same(pairs, distance.shape(0)), same(pairs, reference.shape(0));
-    nb::gil_scoped_release release;
-    active->near_integrals(single_layer, targets.data(), pair_target.data(), pair_panel.data(), std::int64_t(pairs),
-                           panels.triangles.data(), panels.contact.data(), wave(k), quadrature.rule(), out.data(), distance.data(),
-                           reference.data());
+    same(pairs, pair_panel.shape(0));
+    const Output<Complex> moments({pairs, 6});
+    const Output<double> distance({pairs}), reference({pairs, 2});
+    {
+        nb::gil_scoped_release release;
+        active->near_integrals(single_layer, targets.data(), pair_target.data(), pair_panel.data(), std::int64_t(pairs),
+                               panels.triangles.data(), panels.contact.data(), wave(k), quadrature.rule(), moments.data,
+                               distance.data, reference.data);
+    }
+    return nb::make_tuple(moments.array, distance.array, reference.array);
 }
 
 static void near_excess(Points targets, const bound::NearRows &rows, const bound::Panels &panels, const bound::Layer &layer,
@@ -553,30 +626,41 @@ static void near_excess(Points targets, const bound::NearRows &rows, const bound
          layer.points.data(), normals, layer.single_layer(), nodal.data(), layer.k, least, quadrature.rule(), rows.excess.data());
 }
 
-static void closest(Points targets, Triangles panels, Index order, Points lower, Points upper,
-                    Write<std::int64_t, -1> panel, Write<double, -1, 2> reference, Write<double, -1> distance) {
+static nb::tuple closest(Points targets, Triangles panels, Index order, Points lower, Points upper, std::optional<Line> within) {
+    const std::size_t n = targets.shape(0);
     same(panels.shape(0), order.shape(0)), same(lower.shape(0), upper.shape(0));
-    same(targets.shape(0), panel.shape(0)), same(targets.shape(0), reference.shape(0));
-    same(targets.shape(0), distance.shape(0));
-    nb::gil_scoped_release release;
-    active->closest_on_panels(targets.data(), targets.shape(0), panels.data(), order.data(), panels.shape(0), lower.data(),
-                              upper.data(), lower.shape(0) / 2, panel.data(), reference.data(), distance.data());
+    if (within) same(n, within->shape(0));
+    const Output<std::int64_t> panel({n});
+    const Output<double> reference({n, 2}), distance({n});
+    std::fill_n(panel.data, n, 0), std::fill_n(reference.data, 2 * n, 0.0);
+    std::fill_n(distance.data, n, std::numeric_limits<double>::infinity());
+    if (within) std::copy_n(within->data(), n, distance.data);
+    {
+        nb::gil_scoped_release release;
+        active->closest_on_panels(targets.data(), n, panels.data(), order.data(), panels.shape(0), lower.data(), upper.data(),
+                                  lower.shape(0) / 2, panel.data, reference.data, distance.data);
+    }
+    return nb::make_tuple(panel.array, reference.array, distance.array);
 }
 
-static void saxton(Read<float, -1, -1> real, Read<float, -1, -1> imag, Read<std::int64_t, -1, -1> rows,
-                   Read<float, -1, -1> wanted, std::int64_t foci_iterations, std::int64_t iterations, bool weighted,
-                   Write<std::complex<float>, -1, -1> sources, Write<float, -1> worst,
-                   Write<std::complex<float>, -1, -1> drives) {
+static nb::tuple saxton(Read<float, -1, -1> real, Read<float, -1, -1> imag, Read<std::int64_t, -1, -1> rows,
+                        Read<float, -1, -1> wanted, std::int64_t foci_iterations, std::int64_t iterations, bool weighted,
+                        Read<std::complex<float>, -1, -1> start) {
     const std::size_t sets = rows.shape(0), foci = rows.shape(1), points = real.shape(0), elements = real.shape(1);
     same(imag.shape(0), points), same(imag.shape(1), elements);
-    same(wanted.shape(0), sets), same(wanted.shape(1), foci), same(sources.shape(0), sets), same(sources.shape(1), foci);
-    same(worst.shape(0), sets), same(drives.shape(0), sets), same(drives.shape(1), elements);
+    same(wanted.shape(0), sets), same(wanted.shape(1), foci), same(start.shape(0), sets), same(start.shape(1), foci);
     for (std::size_t i = 0; i < sets * foci; i++)
         if (rows.data()[i] < 0 || rows.data()[i] >= std::int64_t(points))
             throw nb::index_error("a set has a row that the matrix does not have");
-    nb::gil_scoped_release release;
-    active->gerchberg_saxton(real.data(), imag.data(), elements, rows.data(), wanted.data(), sets, foci, foci_iterations, iterations, weighted,
-                             sources.data(), worst.data(), drives.data());
+    const Output<std::complex<float>> sources({sets, foci}), drives({sets, elements});
+    const Output<float> worst({sets});
+    std::copy_n(start.data(), sets * foci, sources.data);
+    {
+        nb::gil_scoped_release release;
+        active->gerchberg_saxton(real.data(), imag.data(), elements, rows.data(), wanted.data(), sets, foci, foci_iterations,
+                                 iterations, weighted, sources.data, worst.data, drives.data);
+    }
+    return nb::make_tuple(sources.array, worst.array, drives.array);
 }
 
 using Square = Read<double, -1, -1>;
@@ -588,39 +672,44 @@ static void right_balls(Read<double, -1, 4> balls, Hulls parts) {
             throw nb::index_error("a hull has a ball that does not exist");
 }
 
-static void apart_from_hulls(Points x, Read<double, -1, 4> balls, Hulls parts, Write<double, -1, -1> out) {
+static nb::object apart_from_hulls(Points x, Read<double, -1, 4> balls, Hulls parts) {
     right_balls(balls, parts);
-    same(out.shape(0), x.shape(0)), same(out.shape(1), parts.shape(0));
-    nb::gil_scoped_release release;
-    active->hull_distances(x.data(), x.shape(0), balls.data(), parts.data(), parts.shape(0), out.data());
+    const Output<double> out({x.shape(0), parts.shape(0)});
+    {
+        nb::gil_scoped_release release;
+        active->hull_distances(x.data(), x.shape(0), balls.data(), parts.data(), parts.shape(0), out.data);
+    }
+    return out.array;
 }
 
-static void blended(Points x, Read<double, -1, 4> balls, Hulls parts, Square blend, Square apart,
-                    double carve, double reach, Write<double, -1> distance, Write<double, -1, 3> gradient,
-                    Write<double, -1> bend, Write<double, -1> facing, Write<std::int64_t, -1> nearest) {
+static nb::tuple blended(Points x, Read<double, -1, 4> balls, Hulls parts, Square blend, Square apart, double carve, double reach) {
     right_balls(balls, parts);
     for (const Square &table : {blend, apart})
         same(table.shape(0), parts.shape(0)), same(table.shape(1), parts.shape(0));
-    same(distance.shape(0), x.shape(0)), same(gradient.shape(0), x.shape(0)), same(bend.shape(0), x.shape(0));
-    same(facing.shape(0), x.shape(0)), same(nearest.shape(0), x.shape(0));
-    nb::gil_scoped_release release;
-    active->blended_distance(x.data(), x.shape(0), balls.data(), parts.data(), parts.shape(0), blend.data(), apart.data(),
-                             carve, reach, distance.data(), gradient.data(), bend.data(), facing.data(),
-                             nearest.data());
+    const std::size_t n = x.shape(0);
+    const Output<double> distance({n}), gradient({n, 3}), bend({n}), facing({n});
+    const Output<std::int64_t> nearest({n});
+    {
+        nb::gil_scoped_release release;
+        active->blended_distance(x.data(), n, balls.data(), parts.data(), parts.shape(0), blend.data(), apart.data(), carve, reach,
+                                 distance.data, gradient.data, bend.data, facing.data, nearest.data);
+    }
+    return nb::make_tuple(distance.array, gradient.array, bend.array, facing.array, nearest.array);
 }
 
-static void gaps(Points x, Read<double, -1, 4> balls, Hulls parts, Square blend, Read<double, -1> camera, double facing,
-                 Write<double, -1> distance, Write<double, -1, -1> gradients, Write<std::int64_t, -1> hull) {
+static nb::tuple gaps(Points x, Read<double, -1, 4> balls, Hulls parts, Square blend, std::optional<Read<double, 3>> camera,
+                      double facing) {
     right_balls(balls, parts);
     same(blend.shape(0), parts.shape(0)), same(blend.shape(1), parts.shape(0));
-    same(distance.shape(0), x.shape(0)), same(gradients.shape(0), x.shape(0)), same(hull.shape(0), x.shape(0));
-    same(gradients.shape(1), 4 * balls.shape(0));
     if (parts.shape(0) == 0) throw nb::index_error("there is no hull");
-    if (camera.shape(0) > 0) same(camera.shape(0), 3);
-    nb::gil_scoped_release release;
-    active->hull_gaps(x.data(), x.shape(0), balls.data(), balls.shape(0), parts.data(), parts.shape(0), blend.data(),
-                      camera.shape(0) > 0 ? camera.data() : nullptr, facing, distance.data(), gradients.data(),
-                      hull.data());
+    const Output<double> distance({x.shape(0)}), gradients({x.shape(0), 4 * balls.shape(0)});
+    const Output<std::int64_t> hull({x.shape(0)});
+    {
+        nb::gil_scoped_release release;
+        active->hull_gaps(x.data(), x.shape(0), balls.data(), balls.shape(0), parts.data(), parts.shape(0), blend.data(),
+                          camera ? camera->data() : nullptr, facing, distance.data, gradients.data, hull.data);
+    }
+    return nb::make_tuple(distance.array, gradients.array, hull.array);
 }
 
 static void on_hulls(Write<double, -1, 3> x, Read<double, -1, 4> balls, Hulls parts, Square blend, Square apart,
@@ -724,28 +813,38 @@ NB_MODULE(_kernels, m) {
         m.def("dual_low_rank", &dual_low_rank<Store>, "targets"_a, "shifted"_a, "layer"_a, "far"_a, "tolerance"_a,
               "factors"_a.noconvert());
         m.def("dual_product", &dual_product<Store>, "whole"_a, "blocks"_a.noconvert(), "far"_a, "factors"_a.noconvert(),
-              "vectors"_a.noconvert(), "transposed"_a, out);
+              "vectors"_a.noconvert(), "transposed"_a);
     };
     dual(std::uint32_t()), dual(float()), dual(double());
     const auto both = [&](auto real) {
         using Real = decltype(real);
-        m.def("double_layer_matrix", &double_layer_matrix<Real>, "targets"_a, "layer"_a, out);
-        m.def("dual_matrix", &dual_matrix<Real>, "targets"_a, "inside"_a, "layer"_a, out);
-        m.def("few_products", &few_products<Real>, "matrix"_a.noconvert(), "vectors"_a.noconvert(), "transposed"_a, out);
+        m.def("few_products", &few_products<Real>, "matrix"_a.noconvert(), "vectors"_a.noconvert(), "transposed"_a);
         m.def("krylov_step", &krylov_step<Real>, "bases"_a.noconvert(), "spaces"_a);
         m.def("chebyshev_sum", &chebyshev<Real>, "values"_a.noconvert(), "columns"_a, "rows"_a, "factors"_a.noconvert(),
               "x"_a.noconvert());
     };
     both(float()), both(double());
-    m.def("few_rounded_products", &few_rounded_products, "matrix"_a, "scales"_a, "vectors"_a, "transposed"_a, out);
-    m.def("apply_transposed", &apply_transposed, "targets"_a, "layer"_a, "strengths"_a, "precision"_a, out);
-    m.def("apply_double_layer", &apply_double_layer, "targets"_a, "layer"_a, "density"_a, "least"_a, "precision"_a, out);
-    m.def("apply_monopoles", &apply_monopoles, "targets"_a, "sources"_a, "strengths"_a, "wavenumber"_a, "precision"_a, out);
-    m.def("apply_in_cells", &apply_in_cells, "cells"_a, "inside"_a, "layer"_a, "density"_a, "least"_a, out);
+    m.def("few_rounded_products", &few_rounded_products, "matrix"_a, "scales"_a, "vectors"_a, "transposed"_a);
+    m.def(
+        "double_layer_matrix",
+        [](Points targets, const bound::Layer &layer, const std::string &precision) {
+            return in_single(precision) ? double_layer_matrix<float>(targets, layer) : double_layer_matrix<double>(targets, layer);
+        },
+        "targets"_a, "layer"_a, "precision"_a);
+    m.def(
+        "dual_matrix",
+        [](Points targets, Points inside, const bound::Layer &layer, const std::string &precision) {
+            return in_single(precision) ? dual_matrix<float>(targets, inside, layer) : dual_matrix<double>(targets, inside, layer);
+        },
+        "targets"_a, "inside"_a, "layer"_a, "precision"_a);
+    m.def("apply_transposed", &apply_transposed, "targets"_a, "layer"_a, "strengths"_a, "precision"_a);
+    m.def("apply_double_layer", &apply_double_layer, "targets"_a, "layer"_a, "density"_a, "least"_a, "precision"_a);
+    m.def("apply_monopoles", &apply_monopoles, "targets"_a, "sources"_a, "strengths"_a, "wavenumber"_a, "precision"_a);
+    m.def("apply_in_cells", &apply_in_cells, "cells"_a, "inside"_a, "layer"_a, "density"_a, "least"_a);
     m.def("near_excess", &near_excess, "targets"_a, "rows"_a, "panels"_a, "layer"_a, "nodal"_a, "least"_a, "quadrature"_a,
           "precision"_a);
     m.def("near_integrals", &near_integrals, "single_layer"_a, "targets"_a, "pair_target"_a, "pair_panel"_a, "panels"_a,
-          "wavenumber"_a, "quadrature"_a, out, "distance"_a.noconvert(), "reference"_a.noconvert());
+          "wavenumber"_a, "quadrature"_a);
     m.def("surface_integral", &whole_surface);
     m.def("normal_derivative", &along_normals);
     m.def("interpolate", &interpolated);
@@ -755,10 +854,11 @@ NB_MODULE(_kernels, m) {
     m.def("mark_blocks", &mark_blocks);
     m.def("place_nodes", &place_nodes);
     m.def("panel_distances", &panel_distances);
-    m.def("closest_on_panels", &closest);
+    m.def("closest_on_panels", &closest, "targets"_a, "quadratic_triangles"_a, "order"_a, "lower"_a, "upper"_a,
+          "within"_a = nb::none());
     m.def("hull_distances", &apart_from_hulls);
     m.def("blended_distance", &blended);
-    m.def("hull_gaps", &gaps);
+    m.def("hull_gaps", &gaps, "points"_a, "balls"_a, "parts"_a, "blend"_a, "camera"_a.none(), "facing"_a);
     m.def("project_on_hulls", &on_hulls);
     m.def("grade_sizes", &graded);
     m.def("even_pass", &even);

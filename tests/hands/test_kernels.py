@@ -26,7 +26,6 @@ BALLS = np.array(
 )
 BALLS = 1e-3 * BALLS
 PARTS = np.array([[0, 1, -1], [0, 1, 2], [1, 3, -1], [4, 3, -1], [0, 5, -1], [5, 0, 2]])
-ANYWHERE = np.zeros(0)
 
 
 pytestmark = pytest.mark.usefixtures("variant")
@@ -57,8 +56,8 @@ def random_points(count: int, seed: int) -> np.ndarray:
 
 
 def test_distance_to_each_hull_is_that_to_its_nearest_ball():
-    points, found = random_points(60, 1), np.empty((60, len(PARTS)))
-    _kernels.hull_distances(points, BALLS, PARTS, found)
+    points = random_points(60, 1)
+    found = _kernels.hull_distances(points, BALLS, PARTS)
     for index, part in enumerate(PARTS):
         assert np.abs(found[:, index] - nearest_ball(points, part)).max() < 1e-6
 
@@ -67,23 +66,17 @@ def normals(points: np.ndarray, part: np.ndarray, step: float = 1e-6) -> np.ndar
     out = np.empty((2, *points.shape[::-1], len(PARTS)))
     for axis in range(3):
         for side, shift in enumerate((-step, step)):
-            _kernels.hull_distances(
-                np.ascontiguousarray(points + shift * np.eye(3)[axis]),
-                BALLS,
-                PARTS,
-                out[side, axis],
-            )
+            moved = points + shift * np.eye(3)[axis]
+            out[side, axis] = _kernels.hull_distances(moved, BALLS, PARTS)
     return ((out[1] - out[0]) / (2 * step))[..., part].T
 
 
 def gaps(
-    points: np.ndarray, balls: np.ndarray, parts: np.ndarray, camera: np.ndarray = ANYWHERE
+    points: np.ndarray, balls: np.ndarray, parts: np.ndarray, camera: np.ndarray | None = None
 ) -> tuple:
     """Distances, their derivatives by the balls, and hulls, without blending."""
-    count, none = len(points), np.zeros((len(parts), len(parts)))
-    found = np.empty(count), np.empty((count, balls.size)), np.empty(count, dtype=np.int64)
-    _kernels.hull_gaps(points, balls, parts, none, camera, -0.05, *found)
-    return found
+    none = np.zeros((len(parts), len(parts)))
+    return _kernels.hull_gaps(points, balls, parts, none, camera, -0.05)
 
 
 @pytest.mark.parametrize("row", [False, True])
@@ -93,8 +86,7 @@ def test_gaps_change_with_balls_as_the_distance_does(row):
         balls[2, :3] = balls[0, :3] + 0.4 * (balls[1, :3] - balls[0, :3])
     points = random_points(40, 3)
     distance, by_balls, hull = gaps(points, balls, PARTS)
-    each = np.empty((40, len(PARTS)))
-    _kernels.hull_distances(points, balls, PARTS, each)
+    each = _kernels.hull_distances(points, balls, PARTS)
     assert distance == pytest.approx(each.min(axis=1), abs=1e-15)
     assert np.take_along_axis(each, hull[:, None], axis=1)[:, 0] == pytest.approx(
         distance, abs=1e-15
@@ -219,7 +211,7 @@ def test_sizes_grow_no_faster_than_the_way_over_edges_from_the_smallest():
 
 def test_hulls_of_balls_that_do_not_exist_are_rejected():
     with pytest.raises(IndexError, match="ball that does not exist"):
-        _kernels.hull_distances(np.zeros((1, 3)), BALLS, np.array([[0, 9, -1]]), np.empty((1, 1)))
+        _kernels.hull_distances(np.zeros((1, 3)), BALLS, np.array([[0, 9, -1]]))
     with pytest.raises(IndexError, match="ball that does not exist"):
         gaps(np.zeros((1, 3)), BALLS, np.array([[0, 9, -1]]))
     with pytest.raises(IndexError, match="there is no hull"):

@@ -154,22 +154,16 @@ def alternating_projections(
     """
     single = matrix.astype(np.complex64)
     asked = (wanted / wanted.max(axis=1, keepdims=True)).astype(np.float32)
-    best = sources.astype(np.complex64)
-    worst = np.empty(len(sets), dtype=np.float32)
-    drives = np.empty((len(sets), matrix.shape[1]), dtype=np.complex64)
-    _kernels.gerchberg_saxton(
-        np.ascontiguousarray(single.real),
-        np.ascontiguousarray(single.imag),
-        np.ascontiguousarray(sets),
+    return _kernels.gerchberg_saxton(
+        single.real,
+        single.imag,
+        sets,
         asked,
         foci_iterations,
         iterations,
         True,  # weighted
-        best,
-        worst,
-        drives,
+        sources.astype(np.complex64),
     )
-    return best, worst, drives
 
 
 def best_sources(

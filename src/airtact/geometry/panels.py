@@ -167,9 +167,8 @@ def _allowed(
     panels: QuadraticTriangles, edges: PanelSizes, points: Points, factor: float
 ) -> PanelSizes:
     """Longest edge that points allow each panel [m]; infinite if it is longer than any edge."""
-    distance = np.empty(len(panels))
-    _kernels.panel_distances(panels, points, float(edges.max()) * 1.001 / factor, distance)
-    return factor * distance
+    limit = float(edges.max()) * 1.001 / factor
+    return factor * _kernels.panel_distances(panels, points, limit)
 
 
 def _allowed_by_own_surface(

@@ -91,27 +91,16 @@ class Hulls:
         farther than the nearest by more than ``reach`` [m], and by more than the largest blend
         radius, are left out.
         """
-        points = np.ascontiguousarray(points, dtype=np.float64)
-        count = len(points)
-        look = Look(
-            distance=np.empty(count),
-            gradient=np.empty((count, 3)),
-            bend=np.empty(count),
-            facing=np.empty(count),
-            nearest=np.empty(count, np.int64),
-        )
         reach = max(reach, carve, float(self.blend.max()))
-        _kernels.blended_distance(
-            points, self.balls, self.parts, self.blend, self.apart, carve, reach, *look
+        return Look(
+            *_kernels.blended_distance(
+                points, self.balls, self.parts, self.blend, self.apart, carve, reach
+            )
         )
-        return look
 
     def each(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points hulls"]:
         """Distance of points (P, 3) [m] to each hull by itself (P, H) [m]."""
-        points = np.ascontiguousarray(points, dtype=np.float64)
-        distances = np.empty((len(points), len(self.parts)))
-        _kernels.hull_distances(points, self.balls, self.parts, distances)
-        return distances
+        return _kernels.hull_distances(points, self.balls, self.parts)
 
     def project(self, points: Real[np.ndarray, "points 3"]) -> Points:
         """Project points (P, 3) [m] near the skin onto it, along the gradient of the distance."""

@@ -27,13 +27,12 @@ def open_air_bound(
     """
     element = array.element
     strengths = element.sensitivity * np.abs(array.gains)
-    targets = np.ascontiguousarray(array.face_points.reshape(-1, 3))
+    targets = array.face_points.reshape(-1, 3)
     unit = np.ones((1, 1), dtype=np.complex128)
-    received = np.empty((len(targets), 1), dtype=np.complex128)
     bounds = np.empty(len(points))
     for index, point in enumerate(np.asarray(points, dtype=np.float64)):
-        _kernels.apply_monopoles(
-            targets, point[None], unit, complex(wavenumber), "float64", received
+        received = _kernels.apply_monopoles(
+            targets, point[None], unit, complex(wavenumber), "float64"
         )
         waves = np.abs(received.reshape(len(array), -1) @ element.weights)
         if element.directional:

@@ -27,8 +27,8 @@ from airtact.acoustics.sources import STANDS_ON, Monopoles, nearest_source
 from airtact.checks import counted, points_of
 from airtact.errors import InvalidInput
 
+# Pairs of points and sources that are evaluated at once
 MAX_PAIRS = 1 << 20
-"""Pairs of points and sources that are evaluated at once."""
 
 
 def unit_monopoles(points: Points, positions: SourcePoints, wavenumber: complex) -> ComplexPairs:

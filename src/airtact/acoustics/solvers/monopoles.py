@@ -15,13 +15,4 @@ def monopole_pressure(
     precision: str,
 ) -> Pressures:
     """Open-air pressure Σ_j s_j e^{ikr}/r at points [Pa]; ``precision`` is float32 or float64."""
-    out = np.empty((len(points), strengths.shape[1]), dtype=np.complex128)
-    _kernels.apply_monopoles(
-        np.ascontiguousarray(points, dtype=np.float64),
-        np.ascontiguousarray(positions, dtype=np.float64),
-        np.ascontiguousarray(strengths, dtype=np.complex128),
-        complex(wavenumber),
-        precision,
-        out,
-    )
-    return out
+    return _kernels.apply_monopoles(points, positions, strengths, complex(wavenumber), precision)

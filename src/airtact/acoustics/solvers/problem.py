@@ -24,14 +24,14 @@ from airtact.checks import counted, points_of
 from airtact.printing import html_table, in_short, one_line
 from airtact.timing import Progress
 
+# Setting of a report: number of planes of the scene, if there are any
 PLANES = "rigid_planes"
-"""Setting of a report: number of planes of the scene, if there are any."""
 
+# Setting of a report: number of reflecting boards, if there are any
 BOARDS = "reflecting_boards"
-"""Setting of a report: number of reflecting boards, if there are any."""
 
+# Step of the differences of a field without a closed form [λ]
 DIFFERENCE = 1.0 / 40.0
-"""Step of the differences of a field without a closed form [λ]."""
 
 
 @dataclass(frozen=True)

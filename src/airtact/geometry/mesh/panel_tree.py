@@ -32,21 +32,9 @@ class PanelTree:
         Where no panel is nearer than ``within`` [m], the panel is arbitrary and the distance
         infinite.
         """
-        points = np.ascontiguousarray(points, dtype=np.float64)
-        panel = np.zeros(len(points), dtype=np.int64)
-        reference = np.zeros((len(points), 2))
-        distance = np.full(len(points), np.inf) if within is None else within.copy()
-        _kernels.closest_on_panels(
-            points,
-            self.quadratic_triangles,
-            self.order,
-            self.lower,
-            self.upper,
-            panel,
-            reference,
-            distance,
+        return _kernels.closest_on_panels(
+            points, self.quadratic_triangles, self.order, self.lower, self.upper, within
         )
-        return panel, reference, distance
 
 
 def panel_tree(panels: QuadraticTriangles) -> PanelTree:

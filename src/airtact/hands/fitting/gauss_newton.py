@@ -121,17 +121,10 @@ def skin_residuals(points: Points, hulls: Hulls, camera: Point | None = None) ->
 
     Points that a ``camera`` (3,) [m] saw belong to skin that faces it.
     """
-    count = len(points)
-    residuals = SkinResiduals(
-        distance=np.empty(count),
-        by_balls=np.empty((count, hulls.balls.size)),
-        hull=np.empty(count, dtype=np.int64),
-    )
-    eye = np.zeros(0) if camera is None else np.ascontiguousarray(camera, dtype=np.float64)
-    points = np.ascontiguousarray(points)
     facing = -0.05  # cosine to the line of sight below which skin faces away from the camera
-    _kernels.hull_gaps(points, hulls.balls, hulls.parts, hulls.blend, eye, facing, *residuals)
-    return residuals
+    return SkinResiduals(
+        *_kernels.hull_gaps(points, hulls.balls, hulls.parts, hulls.blend, camera, facing)
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -245,10 +245,8 @@ def _detoured(
 ) -> Factors:
     """Add up the sound that comes straight and that by way of each bone, with their centres [m]."""
     elements = scene.with_images.array.positions
-    factors = np.empty((len(foci), len(elements)), dtype=np.complex64)
     wavenumber = scene.wavenumber.real
-    _kernels.detoured_waves(centres, foci, elements, straight, waves, wavenumber, factors)
-    return factors
+    return _kernels.detoured_waves(centres, foci, elements, straight, waves, wavenumber)
 
 
 def detours(

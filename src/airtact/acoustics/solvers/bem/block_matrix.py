@@ -19,23 +19,23 @@ from airtact.acoustics.solvers.memory import available_memory
 from airtact.errors import InvalidInput
 from airtact.printing import in_short
 
+# Panels of a block, of six unknowns each
 PANELS = _kernels.lanes // 6
-"""Panels of a block, of six unknowns each."""
 
+# Number format of a matrix in memory; bfloat16 is the upper half of a float32, right to 0.2 %
 Store = Literal["bfloat16", "float32", "float64"]
-"""Number format of a matrix in memory; bfloat16 is the upper half of a float32, right to 0.2 %."""
 
+# Bytes of a matrix up to which the free memory is not looked up
 ALWAYS_FREE = 2**26
-"""Bytes of a matrix up to which the free memory is not looked up."""
 
+# Bytes of a matrix above which its memory is not kept for the next one
 MAX_REUSED = 2**28
-"""Bytes of a matrix above which its memory is not kept for the next one."""
 
+# Memory allocated over memory needed: the next pose may have more unknowns
 HEADROOM = 1.25
-"""Memory allocated over memory needed: the next pose may have more unknowns."""
 
+# Memory of the last released matrix: touching fresh memory takes longer than filling it
 _released: list[UInt8[np.ndarray, "bytes"]] = []
-"""Memory of the last released matrix: touching fresh memory takes longer than filling it."""
 
 
 class BlockPairs(_kernels.Pairs):
@@ -64,9 +64,7 @@ def block_order(centres: Float64[np.ndarray, "panels 3"]) -> Int64[np.ndarray, "
     The panels are bisected across the direction of their largest extent, and each half again.
     Moving the bodies rigidly keeps their blocks.
     """
-    order = np.empty(len(centres), dtype=np.int64)
-    _kernels.block_order(np.ascontiguousarray(centres), PANELS, order)
-    return order
+    return _kernels.block_order(centres, PANELS)
 
 
 def near_blocks(panels: int, *lists: NearLists) -> Bool[np.ndarray, "blocks blocks"]:
@@ -141,17 +139,9 @@ class BlockMatrix:
     ) -> Complex[np.ndarray, "columns nodes"]:
         """Multiply the matrix, or its transpose, by row vectors, in one pass over it."""
         vectors = np.ascontiguousarray(vectors, dtype=self.precision)
-        out = np.empty_like(vectors)
-        _kernels.dual_product(
-            self.whole,
-            self.blocks,
-            self.far,
-            self.factors,
-            vectors=vectors,
-            transposed=transposed,
-            out=out,
+        return _kernels.dual_product(
+            self.whole, self.blocks, self.far, self.factors, vectors, transposed
         )
-        return out
 
     def dense(self) -> Complex[np.ndarray, "nodes nodes"]:
         """Return a matrix without low-rank blocks as one array; not from bfloat16."""

@@ -14,8 +14,8 @@ from airtact.acoustics.solvers.bem.quadrature import RULE_POINTS, Nodes, place_n
 # and with it the three nodes that share a second collocation point.
 _MIRRORED = np.array([2, 1, 0, 4, 3, 5])
 _TURNED_RULE = np.stack([RULE_POINTS[:, 0], 1 - RULE_POINTS.sum(axis=1)], axis=1)
+# Node of a panel for each node of its image
 _NODE_ORDER = np.linalg.norm(_TURNED_RULE[:, None] - RULE_POINTS, axis=2).argmin(axis=1)
-"""Node of a panel for each node of its image."""
 
 
 def surface_with_images(surface: DualSurface, planes: Sequence[Plane]) -> DualSurface:

@@ -93,7 +93,7 @@ def near_rows(
         lists = near_lists(nodes, points, near_rule.reach * nodes.radii)
     rows = NearRows(*lists, np.empty((len(lists[1]), 6), dtype=np.complex128))
     _kernels.near_excess(
-        np.ascontiguousarray(points, dtype=np.float64),
+        points,
         rows,
         panels=nodes.panels,
         layer=nodes.layer(wavenumber),
@@ -125,7 +125,6 @@ def double_layer_pressure(
         integrals need no more than the working precision then.
     contact : which points were projected onto a panel.
     """
-    points = np.ascontiguousarray(points, dtype=np.float64)
     layer = nodes.layer(wavenumber)
     if cells is None:
         # float32 does not resolve the position of a node nearer than ``least``; the plain sum may
@@ -134,10 +133,7 @@ def double_layer_pressure(
         if precision != "float32" or least >= 0.5 * (near_rule.reach - 1) * nodes.radii.min():
             least = 0.0
             precision = "float64"
-        out = np.empty((len(points), pressure.shape[1]), dtype=np.complex128)
-        _kernels.apply_double_layer(
-            points, layer, np.ascontiguousarray(pressure), least, precision, out
-        )
+        out = _kernels.apply_double_layer(points, layer, pressure, least, precision)
         near_precision = precision if nodal else "float64"
     else:
         least = 0.05 * float(nodes.radii.min())
@@ -196,7 +192,6 @@ def double_layer_transposed(
 
     ``contact`` marks the points that were projected onto a panel.
     """
-    points = np.ascontiguousarray(points, dtype=np.float64)
     excitations = strengths.shape[1]
     total = np.zeros((len(nodes.points), excitations), dtype=np.complex128)
     near = np.zeros(len(points), dtype=bool)
@@ -211,17 +206,15 @@ def double_layer_transposed(
         if not group.any():
             continue
         sources = points[group]
-        out = np.zeros_like(total)
         if excitations <= 64:  # BLAS would be slower, and leave threads spinning
-            _kernels.apply_transposed(sources, layer, strengths[group], kind, out)
-        else:
-            dtype = np.complex64 if kind == "float32" else np.complex128
-            for start in range(0, len(sources), 512):  # bounds the memory of the matrix
-                block = slice(start, start + 512)
-                rows = np.empty((len(sources[block]), len(total)), dtype=dtype)
-                _kernels.double_layer_matrix(sources[block], layer, rows)
-                out += rows.T @ strengths[group][block].astype(dtype)
-        total += out
+            total += _kernels.apply_transposed(sources, layer, strengths[group], kind)
+            continue
+        part = np.zeros_like(total)
+        for start in range(0, len(sources), 512):  # bounds the memory of the matrix
+            block = slice(start, start + 512)
+            matrix = _kernels.double_layer_matrix(sources[block], layer, kind)
+            part += matrix.T @ strengths[group][block].astype(matrix.dtype)
+        total += part
     return total
 
 
@@ -305,9 +298,8 @@ def locate(scene: Scene, nodes: Nodes, points: Points, near_rule: NearRule) -> L
         area = nodes.weighted_normals.reshape(-1, 6, 3).sum(axis=1)
         layer = _kernels.Layer(nodes.centres, area, np.empty(0, dtype=np.complex128), 0j)
         ones = np.ones((len(nodes.points), 1), dtype=np.complex128)
-        solid = np.empty((np.count_nonzero(in_box), 1), dtype=np.complex128)
-        _kernels.apply_double_layer(
-            positions[in_box], layer, ones[: len(area)], 0.0, "float32", solid
+        solid = _kernels.apply_double_layer(
+            positions[in_box], layer, ones[: len(area)], 0.0, "float32"
         )
         outside[in_box] = np.real(solid[:, 0]) > -0.5
         # the panels deviate from the true surface, so its distance only preselects contacts

@@ -44,8 +44,8 @@ from airtact.acoustics.solvers.monopoles import monopole_pressure
 from airtact.acoustics.sources import Monopoles
 from airtact.printing import in_short
 
+# Thickness from which on a body is no longer thin [λ]
 THICK = 2 / 3
-"""Thickness from which on a body is no longer thin [λ]."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,12 +43,13 @@ def _degree_four_rule() -> tuple[Float64[np.ndarray, "6 2"], Float64[np.ndarray,
     return np.array(points)[neighbours], np.array(weights)[neighbours]
 
 
+# Distance from the true surface beyond which nothing touches a panel [its contact length]
 CONTACT_REACH = 2.0
-"""Distance from the true surface beyond which nothing touches a panel [its contact length]."""
 # A panel deviates from the true surface by less than 2/3 of its contact length.
 
 RULE_POINTS, RULE_WEIGHTS = _degree_four_rule()
 
+# (19, 6) shape functions at the six nodes, their u and v derivatives, and at the centre
 RULE = np.concatenate(
     [
         shape_functions(RULE_POINTS),
@@ -56,15 +57,12 @@ RULE = np.concatenate(
         shape_functions(np.full((1, 2), 1 / 3)),
     ]
 )
-"""(19, 6) shape functions at the six nodes, their u and v derivatives, and at the centre."""
 
 _U, _V = RULE_POINTS.T
 
+# (6, 6) coefficients of 1, u, v, u², uv, v² (the order of the compiled near integrals). Column j
+# is the quadratic that is 1 at node j and 0 at the other nodes.
 NODAL = np.linalg.inv(np.stack([np.ones(6), _U, _V, _U * _U, _U * _V, _V * _V], axis=1))
-"""(6, 6) coefficients of 1, u, v, u², uv, v² (the order of the compiled near integrals).
-
-Column j is the quadratic that is 1 at node j and 0 at the other nodes.
-"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,11 +136,7 @@ def place_nodes(
     """
     panels = np.ascontiguousarray(quadratic_triangles)
     count = len(panels)
-    points, normals = np.empty((2, 6 * count, 3))
-    weights = np.empty(6 * count)
-    centres = np.empty((count, 3))
-    radii = np.empty(count)
-    _kernels.place_nodes(panels, RULE, RULE_WEIGHTS, points, normals, weights, centres, radii)
+    points, normals, weights, centres, radii = _kernels.place_nodes(panels, RULE, RULE_WEIGHTS)
     return Nodes(
         points=points,
         normals=normals,
@@ -172,9 +166,7 @@ def near_lists(nodes: Nodes, points: Points, limits: PanelLengths) -> NearLists:
 
     Those of point i are ``panel[first[i]:first[i + 1]]``.
     """
-    first, panel = _kernels.near_pairs(
-        np.ascontiguousarray(points, dtype=np.float64), nodes.centres, limits
-    )
+    first, panel = _kernels.near_pairs(points, nodes.centres, limits)
     return first.view(np.int64), panel.view(np.int64)  # NumPy has two names for this type
 
 
@@ -211,13 +203,9 @@ def integrate_near(
     its contact length counts as lying on it. ``gauss_points`` along the angle and the radius are
     what the integrals begin with; the sinh stretching adds more close to a panel.
     """
-    points = np.ascontiguousarray(points, dtype=np.float64)
     first, panel = near_lists(nodes, points, reach * nodes.radii)
     target = np.repeat(np.arange(len(points)), np.diff(first))
-    moments = np.empty((len(target), 6), dtype=np.complex128)
-    distance = np.empty(len(target))
-    reference = np.empty((len(target), 2))
-    _kernels.near_integrals(
+    moments, distance, reference = _kernels.near_integrals(
         single_layer,
         points,
         target,
@@ -225,9 +213,6 @@ def integrate_near(
         nodes.panels,
         wavenumber=complex(wavenumber),
         quadrature=near_quadrature(*gauss_points),
-        out=moments,
-        distance=distance,
-        reference=reference,
     )
     return NearPairs(target, panel, moments @ NODAL, distance, reference)
 

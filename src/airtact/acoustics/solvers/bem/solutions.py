@@ -32,8 +32,8 @@ from airtact.acoustics.sources import Monopoles, nearest_source
 from airtact.geometry.mesh.quadratic_triangles import cut, shape_functions, shape_gradients
 from airtact.printing import in_short
 
+# Nodes, and the pressure at them [Pa]
 NodalPressure = tuple[Nodes, NodeValues]
-"""Nodes, and the pressure at them [Pa]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,13 +217,13 @@ def incident_pressure(
 
 
 _POWERS = [(u, v) for u in range(4) for v in range(4 - u)]
+# (10, 2) reference coordinates of the samples that a cubic interpolates
 _SAMPLES = np.array(_POWERS) / 3.0
-"""(10, 2) reference coordinates of the samples that a cubic interpolates."""
 
+# (10, 10) coefficients: column j is the cubic that is 1 at sample j and 0 at the others
 _CUBIC = np.linalg.inv(
     np.stack([_SAMPLES[:, 0] ** a * _SAMPLES[:, 1] ** b for a, b in _POWERS], axis=1)
 )
-"""(10, 10) coefficients: column j is the cubic that is 1 at sample j and 0 at the others."""
 
 
 def surface_gradient(

@@ -75,8 +75,8 @@ CITATIONS = (
     "Y. Saad, M. H. Schultz, SIAM J. Sci. Stat. Comput. 7 (1986) 856: GMRES",
 )
 
+# Beginning of the warning about the direct solution, which no drive is made from
 OF_THE_DIRECT = "the pressure at points (direct solution)"
-"""Beginning of the warning about the direct solution, which no drive is made from."""
 
 
 @dataclass(frozen=True)
@@ -130,8 +130,8 @@ class Settings:
 
 SETTINGS = Settings()
 
+# One of the two equations that a solve is made of
 Equation = Literal["transposed", "direct"]
-"""One of the two equations that a solve is made of."""
 
 
 @dataclass(frozen=True)

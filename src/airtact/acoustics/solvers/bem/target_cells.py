@@ -15,11 +15,11 @@ from airtact.acoustics.solvers.arrays import Points, SourcePoints
 from airtact.acoustics.solvers.chebyshev import chebyshev_weights
 from airtact.printing import in_short
 
+# Relative error, points along each edge of a cell's grid, near distance from its corners [λ]
 GRIDS = ((1e-3, 8, 0.3), (2e-5, 10, 0.6))
-"""Relative error, points along each edge of a cell's grid, near distance from its corners [λ]."""
 
+# Grid points over points above which cells do not pay
 MAX_GRID_SHARE = 0.5
-"""Grid points over points above which cells do not pay."""
 
 
 def monopole_layer(positions: SourcePoints, wavenumber: complex) -> _kernels.Layer:
@@ -67,23 +67,18 @@ class Cells:
         The sums are in float32 with each cell's centre as origin. A double layer leaves out nodes
         nearer than ``least`` [m].
         """
-        strengths = np.ascontiguousarray(strengths, dtype=np.complex128)
-        excitations = strengths.shape[1]
         cells = len(self.centres)
-        near = np.empty((len(self.points), excitations), dtype=np.complex128)
         at_points = _kernels.Cells(self.points, self.first, self.centres, self.reach)
-        _kernels.apply_in_cells(at_points, True, layer, strengths, least, near)
-        far = np.empty((len(self.grids), excitations), dtype=np.complex128)
+        near = _kernels.apply_in_cells(at_points, True, layer, strengths, least)
         bounds = len(self.grids) // cells * np.arange(cells + 1)
         at_grids = _kernels.Cells(self.grids, bounds, self.centres, self.reach)
-        _kernels.apply_in_cells(at_grids, False, layer, strengths, least, far)
+        far = _kernels.apply_in_cells(at_grids, False, layer, strengths, least)
         # the far part is smooth in a cell: interpolate it
         cell = np.repeat(np.arange(cells), np.diff(self.first))
         _, b, c = (part.shape[1] for part in self.weights)
-        steps = np.array([b * c * excitations, c * excitations])
-        between = np.empty_like(near)
-        table = far.astype(np.complex64).ravel()
-        _kernels.interpolate(table, cell * (far.size // cells), steps, *self.weights, between)
+        steps = np.array([b * c, c]) * far.shape[1]
+        table = far.astype(np.complex64)
+        between = _kernels.interpolate(table, cell * (far.size // cells), steps, *self.weights)
         out = np.empty_like(near)
         out[self.order] = near + between
         return out

@@ -101,17 +101,9 @@ def surface_integral(
     wavenumber: complex,
 ) -> Pressures:
     """Return Σ_j m_j G(x, y_j) + d_j ∂G(x, y_j)/∂n_j with G = e^{ikr}/r at points x."""
-    pressure = np.empty((len(points), monopoles.shape[1]), dtype=np.complex128)
-    _kernels.surface_integral(
-        np.ascontiguousarray(points, dtype=np.float64),
-        np.ascontiguousarray(positions, dtype=np.float64),
-        np.ascontiguousarray(normals, dtype=np.float64),
-        np.ascontiguousarray(monopoles),
-        np.ascontiguousarray(dipoles),
-        complex(wavenumber),
-        pressure,
+    return _kernels.surface_integral(
+        points, positions, normals, monopoles, dipoles, complex(wavenumber)
     )
-    return pressure
 
 
 def normal_derivative(
@@ -122,13 +114,4 @@ def normal_derivative(
     wavenumber: complex,
 ) -> Pressures:
     """Return Σ_j s_j ∂G/∂n at points x with normals n, off the positions y_j."""
-    derivative = np.empty((len(points), strengths.shape[1]), dtype=np.complex128)
-    _kernels.normal_derivative(
-        np.ascontiguousarray(points, dtype=np.float64),
-        np.ascontiguousarray(normals, dtype=np.float64),
-        np.ascontiguousarray(positions, dtype=np.float64),
-        np.ascontiguousarray(strengths),
-        complex(wavenumber),
-        derivative,
-    )
-    return derivative
+    return _kernels.normal_derivative(points, normals, positions, strengths, complex(wavenumber))

@@ -83,15 +83,13 @@ class InterpolationSpheres:
         first_azimuth, azimuth_weights = _window(azimuth, step)
         first_polar, polar_weights = _window(polar, step)
         strides = np.array([azimuths * radii * excitations, radii * excitations])
-        slow = np.empty((len(offsets), excitations), dtype=np.complex128)
-        _kernels.interpolate(
-            self.values.reshape(-1),
+        slow = _kernels.interpolate(
+            self.values.reshape(-1, excitations),
             first_polar * strides[0] + first_azimuth * strides[1],
             strides,
             polar_weights,
             azimuth_weights,
             chebyshev_weights(1 - 2 * self.radius / distance, radii),
-            slow,
         )
         phase = np.exp(1j * wavenumber * (distance - self.radius))
         return slow * (self.radius / distance * phase)[:, None]

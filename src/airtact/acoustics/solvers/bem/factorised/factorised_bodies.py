@@ -118,9 +118,8 @@ class PlacedBody:
             single,
             complex(self.reduced.surface.wavenumber),
         )
-        block = np.empty((count, len(nodes)), dtype=self.reduced.solved.dtype)
-        _kernels.dual_matrix(points[:count], points[count:], layer, block)
-        return block
+        precision = self.reduced.surface.precision
+        return _kernels.dual_matrix(points[:count], points[count:], layer, precision)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,8 +8,8 @@ from jaxtyping import Complex, Float32, Int16, Num
 from airtact import _kernels
 from airtact.printing import in_short
 
+# Vectors up to which a compiled loop multiplies: BLAS is slower and leaves threads spinning
 FEW = 8
-"""Vectors up to which a compiled loop multiplies: BLAS is slower and leaves threads spinning."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,9 +63,6 @@ def product(
         full = matrix.as_complex() if isinstance(matrix, RoundedMatrix) else matrix
         return vectors.astype(full.dtype, copy=False) @ (full if transposed else full.T)
     vectors = np.ascontiguousarray(vectors, dtype=matrix.dtype)
-    out = np.empty((len(vectors), matrix.shape[int(transposed)]), dtype=matrix.dtype)
     if isinstance(matrix, RoundedMatrix):
-        _kernels.few_rounded_products(matrix.numbers, matrix.scales, vectors, transposed, out)
-    else:
-        _kernels.few_products(matrix, vectors, transposed, out)
-    return out
+        return _kernels.few_rounded_products(matrix.numbers, matrix.scales, vectors, transposed)
+    return _kernels.few_products(matrix, vectors, transposed)
