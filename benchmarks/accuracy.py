@@ -12,9 +12,8 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 import airtact as at
-from airtact.evaluation import fundamental_solutions
 from benchmarks import common as scenes
-from references import two_spheres
+from references import fundamental_solutions, two_spheres
 
 PAPER_AIR, FREQUENCY = scenes.AIR, scenes.FREQUENCY
 INTERIOR_EIGENVALUES = (4.493409, 5.763459, 6.987932, 9.355812)

@@ -7,7 +7,7 @@ change against a coarser fit.
 
 import numpy as np
 
-from airtact.evaluation.fundamental_solutions import least_squares, normal_derivatives, waves
+from references.fundamental_solutions import least_squares, normal_derivatives, waves
 
 DEPTH = 0.55
 """Depth of the monopoles over the smaller radius of curvature."""

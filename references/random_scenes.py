@@ -10,9 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 import airtact as at
-from airtact.evaluation import fundamental_solutions
 from airtact.geometry.primitives import Capsule
-from references import axisymmetric
+from references import axisymmetric, fundamental_solutions
 from references.axisymmetric import Meridian
 
 FAMILIES = ("spheroid", "torus", "cup", "shell", "capsules")

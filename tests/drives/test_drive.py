@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from airtact.drives.drive import Drive
+import airtact as at
 
-WEAK = Drive(np.array([0.3, 0.4j, 0.0]))
-FLAT = Drive(np.full(3, 0.99 + 0j))
+WEAK = at.Drive(np.array([0.3, 0.4j, 0.0]))
+FLAT = at.Drive(np.full(3, 0.99 + 0j))
 
 
 def test_energy_and_peak_are_those_of_the_amplitudes() -> None:
@@ -21,5 +21,5 @@ def test_at_full_scale_the_strongest_element_is_there() -> None:
 
 @pytest.mark.parametrize("quantity", ["energy", "peak"])
 def test_the_factor_makes_energy_or_peak_equal(quantity) -> None:
-    scaled = Drive(FLAT.amplitudes * FLAT.factor_to_match(WEAK, quantity))
+    scaled = at.Drive(FLAT.amplitudes * FLAT.factor_to_match(WEAK, quantity))
     assert getattr(scaled, quantity) == pytest.approx(getattr(WEAK, quantity))

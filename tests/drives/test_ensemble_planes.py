@@ -117,12 +117,11 @@ def test_warmer_air_is_solved_in_it() -> None:
 def test_open_air_before_a_plane_needs_no_solver() -> None:
     doubt = replace(DOUBT, own_position=1e-3, temperature=2.0)
     found = at.ensemble(in_open_air(), UPRIGHT, doubt, samples=4)
-    middle = FOCI.mean(axis=0)
     for matrix, draw in zip(
-        found.matrices, draws(doubt, 4, 0, middle, list(FOCI), 2, []), strict=True
+        found.matrices, draws(doubt, 4, 0, FOCI.mean(axis=0), list(FOCI), 2, []), strict=True
     ):
         foci = draw.hand.apply(
-            np.stack([own.apply(one) for own, one in zip(draw.own, FOCI, strict=True)])
+            np.stack([own.apply(one) for own, one in zip(draw.groups, FOCI, strict=True)])
         )
         slow = replace(MEDIUM, sound_speed=MEDIUM.sound_speed / draw.slower)
         faces, k = UPRIGHT.face_points.reshape(-1, 1, 3), slow.wavenumber(40e3)

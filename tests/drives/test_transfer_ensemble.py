@@ -155,10 +155,10 @@ def test_bodies_that_move_by_themselves() -> None:
     for index, draw in enumerate(draws(uncertainty, 2, 0, middle, list(target.points), 2, [])):
         moved = [
             at.sound_hard(one.surface.moved(own))
-            for one, own in zip(scene.obstacles, draw.own, strict=True)
+            for one, own in zip(scene.obstacles, draw.groups, strict=True)
         ]
         foci = np.stack(
-            [own.apply(point) for own, point in zip(draw.own, target.points, strict=True)]
+            [own.apply(point) for own, point in zip(draw.groups, target.points, strict=True)]
         )
         there = at.Scene(MEDIUM, moved, frequency=40e3)
         exact = at.transfer_matrix(solver.radiate(there, at.Target(foci).beacons()), FLAT).matrix

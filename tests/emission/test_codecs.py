@@ -39,7 +39,7 @@ def heard_by(model, message: bytes) -> np.ndarray:
 @pytest.mark.parametrize("name", BOARDS)
 @given(seed=st.integers(0, 10**6), boards=st.integers(1, 2))
 def test_every_frame_comes_back_from_its_message(name: str, seed: int, boards: int) -> None:
-    frame = random_frame(name, min(boards, board_named(name).most), seed)
+    frame = random_frame(name, min(boards, board_named(name).max_boards), seed)
     back = codec_of(name).decode(codec_of(name).encode(frame))
     assert back.same_as(frame)
     assert back.levels.same_as(frame.levels)

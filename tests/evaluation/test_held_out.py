@@ -63,6 +63,5 @@ def test_shifts_into_an_element_stay_blank_and_all_panels_have_one_scale(beacons
     images = [axes.images[0] for axes in figure.axes if axes.images]
     assert {image.get_clim() for image in images} == {(0.0, near.pressures.max())}
     np.testing.assert_allclose(images[1].get_array().ravel(), near.pressures[1])
-    ring = figure.axes[0].patches[-1]
-    assert ring.get_radius() == pytest.approx(1.0)
+    assert figure.axes[0].patches[-1].get_radius() == pytest.approx(1.0)
     assert figure.axes[0].get_ylabel() == "shift: z [mm]"

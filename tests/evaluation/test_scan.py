@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from airtact.evaluation.scan import Scan, load_scan, overlay_scan
+from airtact.evaluation import Scan, load_scan, overlay_scan
 from faults import raises_code
 
 POINTS = np.array([[0.0, 0, 0], [0, 0, 0.01], [0, 0.01, 0.02], [0.02, 0.01, 0.02]])

@@ -90,6 +90,6 @@ def test_a_box_reaches_past_the_foci_with_x_fastest():
 
 
 def test_a_large_box_is_coarser_rather_than_larger():
-    box = box_around(np.array([[0.0, 0.0, 0.0], [0.2, 0.2, 0.2]]), WAVELENGTH, most=20_000)
+    box = box_around(np.array([[0.0, 0.0, 0.0], [0.2, 0.2, 0.2]]), WAVELENGTH, max_points=20_000)
     assert np.prod(box.counts) <= 22_000
     assert box.step > WAVELENGTH / 8

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 import trimesh
 
+import airtact as at
 from airtact.files.meshes import MAX_FILE_TRIANGLES, MAX_MESH_LINES, read_node_positions
-from airtact.geometry.files import load_surface
 from damage import damaged, read_or_rejected, seeds
 from faults import raises_code
 from geometry.mesh.meshes import box_mesh, torus_mesh
@@ -145,7 +145,7 @@ def test_a_file_that_hurts_is_rejected(name, tmp_path):
     raw, code = HURTFUL[name]
     (folder / name).write_bytes(raw)
     with raises_code(code, name):
-        load_surface(folder / name)
+        at.load_surface(folder / name)
 
 
 def test_a_file_of_many_nodes_is_read(tmp_path):
@@ -156,7 +156,7 @@ def test_a_file_of_many_nodes_is_read(tmp_path):
     for index in range(200):
         scene.graph.update(frame_to=f"empty {index}", frame_from="world")
     path.write_bytes(scene.export(file_type="glb"))
-    assert load_surface(path).volume == pytest.approx(
+    assert at.load_surface(path).volume == pytest.approx(
         trimesh.Trimesh(vertices, triangles).volume, rel=1e-5
     )
     assert "empty 199" in read_node_positions(path)
@@ -168,7 +168,7 @@ def test_a_sparse_binary_file_of_many_triangles_is_rejected(tmp_path):
         file.write(b" " * 80 + struct.pack("<I", count))
         file.truncate(84 + 50 * count)
     with raises_code("too_many", "250,001", "250,000"):
-        load_surface(path)
+        at.load_surface(path)
 
 
 @pytest.mark.parametrize(
@@ -197,7 +197,7 @@ def test_what_harms_nobody_is_read(name, raw, tmp_path):
     (tmp_path / "beside.bin").write_bytes(NUMBERS)
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / name).write_bytes(raw)
-    assert load_surface(tmp_path / name).volume == pytest.approx(1e-6 / 6, rel=1e-6)
+    assert at.load_surface(tmp_path / name).volume == pytest.approx(1e-6 / 6, rel=1e-6)
 
 
 def test_a_surface_that_crosses_itself_is_rejected_when_it_is_read(tmp_path):
@@ -207,7 +207,7 @@ def test_a_surface_that_crosses_itself_is_rejected_when_it_is_read(tmp_path):
     ]
     trimesh.util.concatenate(boxes).export(tmp_path / "crossed.ply")
     with raises_code("mesh_faulty"):
-        load_surface(tmp_path / "crossed.ply")
+        at.load_surface(tmp_path / "crossed.ply")
 
 
 @pytest.fixture(scope="module")
@@ -230,4 +230,4 @@ def test_a_damaged_file_is_read_or_rejected_in_one_short_sentence(batch, whole_f
     for seed in batch:
         draw = random.Random(seed)
         suffix, raw = draw.choice(whole_files)
-        read_or_rejected(load_surface, tmp_path / f"body{suffix}", damaged(raw, draw))
+        read_or_rejected(at.load_surface, tmp_path / f"body{suffix}", damaged(raw, draw))

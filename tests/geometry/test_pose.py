@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from airtact.geometry.pose import Pose
+import airtact as at
 from faults import raises_code
 
 number = st.floats(-1.0, 1.0, allow_subnormal=False)
 vector = st.tuples(number, number, number)
 axis = vector.filter(lambda v: np.linalg.norm(v) > 1e-3)
-pose = st.builds(Pose.turn, axis, st.floats(-2 * math.pi, 2 * math.pi), vector)
+pose = st.builds(at.Pose.turn, axis, st.floats(-2 * math.pi, 2 * math.pi), vector)
 
 
 @given(pose, pose, vector)
@@ -41,25 +41,25 @@ def test_poses_keep_distances_and_handedness(motion, one, two):
 
 @given(axis, st.floats(-2 * math.pi, 2 * math.pi))
 def test_a_turn_keeps_its_axis_and_has_its_angle(direction, angle):
-    motion = Pose.turn(direction, angle)
+    motion = at.Pose.turn(direction, angle)
     assert np.allclose(motion.rotate(np.array(direction)), direction, rtol=0, atol=1e-14)
     assert np.trace(motion.rotation) == pytest.approx(1 + 2 * math.cos(angle), abs=1e-14)
 
 
 def test_a_quarter_turn_is_right_handed_and_shifts_afterwards():
-    quarter = Pose.turn((0, 0, 2), math.pi / 2, translation=(1, 0, 0))
+    quarter = at.Pose.turn((0, 0, 2), math.pi / 2, translation=(1, 0, 0))
     assert np.allclose(quarter.apply(np.array([[1.0, 0.0, 5.0]])), [[1.0, 1.0, 5.0]])
     assert np.allclose(quarter.rotate(np.array([[1.0, 0.0, 5.0]])), [[0.0, 1.0, 5.0]])
 
 
 def test_poses_apply_to_stacks_of_points():
     stack = np.arange(24).reshape(2, 4, 3)
-    motion = Pose.turn((1, 2, 3), 0.3, (4, 5, 6))
+    motion = at.Pose.turn((1, 2, 3), 0.3, (4, 5, 6))
     assert np.array_equal(motion.apply(stack)[1], motion.apply(stack[1]))
 
 
 def test_the_identity_moves_nothing():
-    assert np.array_equal(Pose.identity().apply(np.array([[1.0, 2.0, 3.0]])), [[1.0, 2.0, 3.0]])
+    assert np.array_equal(at.Pose.identity().apply(np.array([[1.0, 2.0, 3.0]])), [[1.0, 2.0, 3.0]])
 
 
 @pytest.mark.usefixtures("as_outside_the_tests")
@@ -81,7 +81,7 @@ def test_the_identity_moves_nothing():
 )
 def test_what_is_no_rigid_motion_is_rejected(rotation, translation, code, said):
     with raises_code(code, said):
-        Pose(rotation, translation)
+        at.Pose(rotation, translation)
 
 
 @pytest.mark.parametrize(
@@ -95,4 +95,4 @@ def test_what_is_no_rigid_motion_is_rejected(rotation, translation, code, said):
 )
 def test_a_turn_needs_an_axis_and_an_angle_in_radians(axis, angle, code):
     with raises_code(code):
-        Pose.turn(axis, angle)
+        at.Pose.turn(axis, angle)

@@ -119,8 +119,7 @@ def winding(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
 def nearest_of_all(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     distance = np.empty((len(points), len(corners)))
     for row, point in enumerate(points):
-        repeated = np.broadcast_to(point, (len(corners), 3))
-        nearest = closest_on_triangles(repeated, corners)
+        nearest = closest_on_triangles(np.broadcast_to(point, (len(corners), 3)), corners)
         distance[row] = np.linalg.norm(point - nearest, axis=1)
     return distance.min(axis=1)
 

@@ -7,16 +7,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from airtact.geometry.pose import Pose
-from airtact.geometry.primitives import Capsule, sphere
-from airtact.geometry.surface import Surface, rigid_motion
+import airtact as at
+from airtact.geometry.primitives import Capsule
+from airtact.geometry.surface import rigid_motion
 from faults import raises_code
 from geometry.mesh.meshes import box_mesh, torus_mesh
 
 number = st.floats(-1.0, 1.0, allow_subnormal=False)
 vector = st.tuples(number, number, number)
 axis = vector.filter(lambda v: np.linalg.norm(v) > 1e-3)
-pose = st.builds(Pose.turn, axis, st.floats(-6.28, 6.28), vector)
+pose = st.builds(at.Pose.turn, axis, st.floats(-6.28, 6.28), vector)
 
 
 # ---- surfaces: closed forms
@@ -37,8 +37,7 @@ def test_the_depth_in_a_box_is_the_closed_form(box, rng):
     points = rng.uniform(-0.03, 0.03, (2000, 3))
     outside = np.linalg.norm(np.maximum(np.abs(points) - half, 0), axis=1)
     inside = np.maximum((half - np.abs(points)).min(axis=1), 0)
-    depth = box(-half, half).depth(points)
-    assert np.allclose(depth, inside - outside, rtol=0, atol=1e-15)
+    assert np.allclose(box(-half, half).depth(points), inside - outside, rtol=0, atol=1e-15)
 
 
 def test_the_depth_is_exact_beside_edges_and_corners(box):
@@ -51,21 +50,20 @@ def test_the_depth_is_exact_beside_edges_and_corners(box):
             [0.02, 0.02, 0.0],
         ]
     )
-    depth = box((-0.01,) * 3, (0.01,) * 3).depth(points)
-    assert depth == pytest.approx(
+    assert box((-0.01,) * 3, (0.01,) * 3).depth(points) == pytest.approx(
         [-math.sqrt(3) * 0.01, -0.01, 0.0, 0.0, -math.sqrt(2) * 0.01], abs=1e-17
     )
 
 
 def test_flat_and_exact_depths_differ_by_the_sagitta_only_and_curved_ones_hardly(rng):
-    exact = sphere(0.01, 0.001)
-    flat = Surface(exact.vertices, exact.triangles, sharp_degrees=0)
+    exact = at.sphere(0.01, 0.001)
+    flat = at.Surface(exact.vertices, exact.triangles, sharp_degrees=0)
     points = rng.normal(scale=0.008, size=(500, 3))
     sagitta = exact.edge_lengths.max() ** 2 / (6 * 0.01)
     gap = exact.depth(points) - flat.depth(points)
     assert gap.min() > -1e-15
     assert 0.5 * sagitta < gap.max() < sagitta
-    curved = Surface(exact.vertices, exact.triangles)
+    curved = at.Surface(exact.vertices, exact.triangles)
     off_centre = points[exact.depth(points) < 0.007]
     assert np.abs(exact.depth(off_centre) - curved.depth(off_centre)).max() < 0.03 * sagitta
 
@@ -74,15 +72,15 @@ def test_curved_volume_is_that_of_the_quadratic_panels():
     # A box whose flat faces carry midpoints at the true middles is the same box.
     vertices, triangles = box_mesh()
     corners = vertices[triangles]
-    curved = Surface(vertices, triangles, (corners + np.roll(corners, -1, axis=1)) / 2)
-    flat = Surface(vertices, triangles)
+    curved = at.Surface(vertices, triangles, (corners + np.roll(corners, -1, axis=1)) / 2)
+    flat = at.Surface(vertices, triangles)
     assert curved.volume == pytest.approx(flat.volume, rel=1e-13)
     assert curved.area == pytest.approx(flat.area, rel=1e-13)
 
 
 @given(pose)
 def test_moving_a_surface_moves_all_of_it(motion):
-    body = Capsule(0.01, 0.02, Pose.identity()).mesh(0.02)
+    body = Capsule(0.01, 0.02, at.Pose.identity()).mesh(0.02)
     moved = body.moved(motion)
     assert np.array_equal(moved.vertices, motion.apply(body.vertices))
     assert np.array_equal(moved.midpoints, motion.apply(body.midpoints))
@@ -94,10 +92,10 @@ def test_moving_a_surface_moves_all_of_it(motion):
 
 
 def test_the_motion_between_two_places_of_a_body_is_known_and_is_that_of_its_vertices():
-    body = Capsule(0.01, 0.02, Pose.identity()).mesh(0.02)
-    here = body.moved(Pose.turn((1, 2, 0), 0.7, (0.1, 0.0, 0.0)))
-    there = here.moved(Pose.turn((0, 1, 1), 1.1, (0.0, -0.2, 0.1)))
-    made_there = Surface(there.vertices, there.triangles, there.midpoints, there.primitive)
+    body = Capsule(0.01, 0.02, at.Pose.identity()).mesh(0.02)
+    here = body.moved(at.Pose.turn((1, 2, 0), 0.7, (0.1, 0.0, 0.0)))
+    there = here.moved(at.Pose.turn((0, 1, 1), 1.1, (0.0, -0.2, 0.1)))
+    made_there = at.Surface(there.vertices, there.triangles, there.midpoints, there.primitive)
     for now in (there, made_there):
         motion, off = rigid_motion(here, now)
         assert off < 1e-12
@@ -105,9 +103,9 @@ def test_the_motion_between_two_places_of_a_body_is_known_and_is_that_of_its_ver
 
 
 def test_moving_a_flat_surface_keeps_what_was_found_about_it():
-    crossing = Surface(*torus_mesh(0.01, 0.015))
-    there = Pose.turn((1, 1, 0), 0.4, (0.3, 0.0, 0.0))
-    fresh = Surface(there.apply(crossing.vertices), crossing.triangles)
+    crossing = at.Surface(*torus_mesh(0.01, 0.015))
+    there = at.Pose.turn((1, 1, 0), 0.4, (0.3, 0.0, 0.0))
+    fresh = at.Surface(there.apply(crossing.vertices), crossing.triangles)
     assert np.array_equal(crossing.moved(there).crossings, fresh.crossings)
     assert len(crossing.crossings) > 0
     assert np.array_equal(crossing.moved(there).crossings, crossing.crossings)
@@ -115,7 +113,7 @@ def test_moving_a_flat_surface_keeps_what_was_found_about_it():
 
 def test_a_surface_is_a_locked_copy(box):
     vertices, triangles = box_mesh()
-    surface = Surface(vertices, triangles)
+    surface = at.Surface(vertices, triangles)
     vertices[:] = 0
     assert surface.volume > 0
     assert not any(
@@ -126,7 +124,7 @@ def test_a_surface_is_a_locked_copy(box):
 @pytest.mark.parametrize("dtype", [np.int32, np.uint8, np.int64])
 def test_any_integers_are_vertex_indices(dtype):
     vertices, triangles = box_mesh()
-    assert Surface(vertices, triangles.astype(dtype)).triangles.dtype == np.int64
+    assert at.Surface(vertices, triangles.astype(dtype)).triangles.dtype == np.int64
 
 
 # ---- surfaces: guards
@@ -195,12 +193,12 @@ TURNED[5] = TURNED[5, ::-1]
 )
 def test_faulty_meshes_are_rejected_with_their_number_and_place(mesh, code, values):
     with raises_code(code, *values):
-        Surface(*mesh)
+        at.Surface(*mesh)
 
 
 @pytest.mark.parametrize("scale", [50.0, 0.0125])
 def test_the_largest_and_the_smallest_body_are_accepted(scale):
-    surface = Surface(BOX[0] * scale, BOX[1])
+    surface = at.Surface(BOX[0] * scale, BOX[1])
     assert np.ptp(surface.vertices, axis=0).max() == pytest.approx(0.04 * scale)
 
 
@@ -218,7 +216,7 @@ def test_the_largest_and_the_smallest_body_are_accepted(scale):
 )
 def test_wrong_shapes_are_rejected(arrays, code, value):
     with raises_code(code, value):
-        Surface(*arrays)
+        at.Surface(*arrays)
 
 
 @pytest.mark.parametrize(
@@ -229,11 +227,11 @@ def test_wrong_shapes_are_rejected(arrays, code, value):
     ],
 )
 def test_faulty_midpoints_are_rejected(place, change, code, values):
-    body = sphere(0.01, 0.02)
+    body = at.sphere(0.01, 0.02)
     midpoints = body.midpoints.copy()
     midpoints[place] += change
     with raises_code(code, *values):
-        Surface(body.vertices, body.triangles, midpoints)
+        at.Surface(body.vertices, body.triangles, midpoints)
 
 
 def test_midpoints_far_off_their_edges_are_rejected():
@@ -243,14 +241,14 @@ def test_midpoints_far_off_their_edges_are_rejected():
     on_edge = np.isclose(middles, [0.01, 0.0, 0.0]).all(axis=2)  # of 20 mm, in both triangles
     middles[on_edge] -= [0.0, 0.0, 0.011]
     with raises_code("mesh_faulty", " 11 mm", "0.55") as caught:
-        Surface(vertices, triangles, middles)
+        at.Surface(vertices, triangles, middles)
     assert caught.value.position == pytest.approx([0.01, 0.0, -0.011])
 
 
 def test_a_primitive_that_is_another_shape_is_rejected():
-    ball = sphere(0.01, 0.004)
+    ball = at.sphere(0.01, 0.004)
     with raises_code("not_supported", " 10 mm") as caught:
-        Surface(2.0 * ball.vertices, ball.triangles, primitive=ball.primitive)
+        at.Surface(2.0 * ball.vertices, ball.triangles, primitive=ball.primitive)
     assert np.linalg.norm(caught.value.position) == pytest.approx(0.02)
-    same = Surface(ball.vertices, ball.triangles, primitive=ball.primitive)
+    same = at.Surface(ball.vertices, ball.triangles, primitive=ball.primitive)
     assert same.primitive is ball.primitive

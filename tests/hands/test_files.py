@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from airtact.hands.files import load_cloud, load_landmarks
+from airtact.hands import load_cloud, load_landmarks
 from faults import raises_code
 from paths import HANDS
 

@@ -240,8 +240,7 @@ def test_a_long_sequence_keeps_few_frames_and_little_history():
     hands = sequence(np.concatenate([opening, opening[::-1]] * 3))
     assert max(hand.shape.keyframes for hand in hands) <= MAX_KEYFRAMES + 1
     assert all(hand.shape.follows is not None for hand in hands[1:12])
-    cold = hands[-1].shape.skin(7e-3)
-    assert np.abs(hands[-1].shape.depth(cold.vertices)).max() < 30e-6
+    assert np.abs(hands[-1].shape.depth(hands[-1].shape.skin(7e-3).vertices)).max() < 30e-6
 
 
 def test_a_mesh_that_was_handed_out_cannot_be_written_to(opened):

@@ -153,8 +153,7 @@ def test_blending_is_the_smooth_minimum():
 
 
 def test_the_gradient_leads_onto_the_skin():
-    blend = 8e-3 * (1 - np.eye(6))
-    hulls = Hulls(BALLS, PARTS, blend, np.zeros((6, 6)))
+    hulls = Hulls(BALLS, PARTS, 8e-3 * (1 - np.eye(6)), np.zeros((6, 6)))
     points = random_points(3000, 4)
     points = points[np.abs(hulls.look(points).distance) < 2e-3]
     assert np.abs(hulls.look(hulls.project(points)).distance).max() < 1e-9

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.evaluation import fundamental_solutions
-from references import relative_columns, two_spheres
+from references import fundamental_solutions, relative_columns, two_spheres
 from worlds import (
     AIR,
     ball,

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.evaluation import fundamental_solutions as capsules
 from airtact.geometry.primitives import Capsule
+from references import fundamental_solutions as capsules
 from references import two_spheres
 
 AIR = at.Medium(sound_speed=343.1, density=1.293)

@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 from scipy.special import gamma, j1
 
-from airtact.transducers.element import MAX_PISTON_SIZE, Element, check_pattern, monopole, piston
+import airtact as at
+from airtact.transducers import Element
+from airtact.transducers.element import MAX_PISTON_SIZE, check_pattern
 from faults import raises_code
 
 
@@ -25,7 +27,7 @@ def _pattern_error(ka: float, radius: float = 5e-3, points: int = 19) -> float:
     x = np.maximum(ka * sines, 1e-9)
     return float(
         np.abs(
-            piston(radius, points=points).far_pattern(directions, ka / radius) - 2.0 * j1(x) / x
+            at.piston(radius, points=points).far_pattern(directions, ka / radius) - 2.0 * j1(x) / x
         ).max()
     )
 
@@ -50,21 +52,20 @@ def test_error_of_the_pattern_is_of_order_ten() -> None:
     ("points", "degree"), [*((19, n) for n in range(10)), *((12, n) for n in range(8))]
 )
 def test_points_of_a_piston_integrate_the_disc_to_their_degree(points: int, degree: int) -> None:
-    element = piston(0.1, points=points)
+    element = at.piston(0.1, points=points)
     x, y, _ = 10.0 * element.points.T
     for a in range(degree + 1):
         b = degree - a
-        odd = a % 2 or b % 2
         exact = (
             0.0
-            if odd
+            if (a % 2 or b % 2)
             else gamma((a + 1) / 2) * gamma((b + 1) / 2) / (np.pi * gamma((a + b) / 2 + 2))
         )
         assert element.weights @ (x**a * y**b) == pytest.approx(exact, abs=1e-15)
 
 
 def test_points_of_a_piston_lie_on_its_face() -> None:
-    element = piston(4.5e-3)
+    element = at.piston(4.5e-3)
     assert np.all(element.points[:, 2] == 0.0)
     assert 0.9 * 4.5e-3 < element.reach < 4.5e-3
     assert np.all(element.weights > 0.0)
@@ -74,28 +75,28 @@ def test_points_of_a_piston_lie_on_its_face() -> None:
 
 def test_a_monopole_radiates_alike_everywhere() -> None:
     directions, _ = _directions()
-    element = monopole(sensitivity=2.0)
+    element = at.monopole(sensitivity=2.0)
     assert np.array_equal(element.far_pattern(directions, 732.0), np.ones(len(directions)))
     assert (element.sensitivity, element.directional, element.reach) == (2.0, False, 0.0)
 
 
 def test_default_sensitivity_is_the_cited_rms_pressure() -> None:
-    assert monopole().sensitivity / np.sqrt(2.0) == pytest.approx(3.10, abs=5e-3)
+    assert at.monopole().sensitivity / np.sqrt(2.0) == pytest.approx(3.10, abs=5e-3)
 
 
 def test_sameness_looks_at_every_number() -> None:
-    assert piston(4e-3).same_as(piston(4e-3))
-    assert not piston(4e-3).same_as(piston(5e-3))
-    assert not monopole().same_as(monopole(sensitivity=1.0))
+    assert at.piston(4e-3).same_as(at.piston(4e-3))
+    assert not at.piston(4e-3).same_as(at.piston(5e-3))
+    assert not at.monopole().same_as(at.monopole(sensitivity=1.0))
 
 
 @pytest.mark.parametrize(
     ("make", "code"),
     [
-        (lambda: piston(-0.001), "out_of_range"),
-        (lambda: piston(float("nan")), "out_of_range"),
-        (lambda: monopole(sensitivity=0.0), "out_of_range"),
-        (lambda: monopole(sensitivity=float("inf")), "out_of_range"),
+        (lambda: at.piston(-0.001), "out_of_range"),
+        (lambda: at.piston(float("nan")), "out_of_range"),
+        (lambda: at.monopole(sensitivity=0.0), "out_of_range"),
+        (lambda: at.monopole(sensitivity=float("inf")), "out_of_range"),
         (lambda: Element(np.zeros((2, 3)), np.array([0.5, 0.4])), "out_of_range"),
         (lambda: Element(np.zeros((2, 3)), np.ones(3) / 3), "wrong_shape"),
         (lambda: Element(np.zeros((0, 3)), np.zeros(0)), "empty"),
@@ -112,6 +113,6 @@ def test_bad_elements_are_rejected(make, code: str, monkeypatch: pytest.MonkeyPa
 
 
 def test_a_piston_too_large_for_its_points_is_rejected() -> None:
-    check_pattern(piston(6.5e-3), 732.5)
+    check_pattern(at.piston(6.5e-3), 732.5)
     with raises_code("out_of_range"):
-        check_pattern(piston(10e-3), 733.0 + 0.1j)
+        check_pattern(at.piston(10e-3), 733.0 + 0.1j)

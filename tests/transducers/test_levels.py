@@ -4,8 +4,9 @@ import jaxtyping
 import numpy as np
 import pytest
 
-from airtact.drives.drive import Drive, quantise
-from airtact.transducers.levels import EIGHT_BITS, Levels
+import airtact as at
+from airtact.transducers import Levels
+from airtact.transducers.levels import EIGHT_BITS
 from faults import raises_code
 
 
@@ -14,9 +15,11 @@ from faults import raises_code
 )
 def test_any_number_of_levels_rounds_to_the_nearest(amplitudes: int, phases: int) -> None:
     random = np.random.default_rng(1)
-    drive = Drive(random.uniform(0.01, 1.0, 3000) * np.exp(2j * np.pi * random.uniform(size=3000)))
+    drive = at.Drive(
+        random.uniform(0.01, 1.0, 3000) * np.exp(2j * np.pi * random.uniform(size=3000))
+    )
     levels = Levels.even(amplitudes, phases)
-    frame = quantise(drive, levels)
+    frame = at.quantise(drive, levels)
     emitted = frame.drive().amplitudes
     assert frame.amplitude.max() == amplitudes - 1
     assert frame.phase.max() == phases - 1
@@ -28,7 +31,7 @@ def test_any_number_of_levels_rounds_to_the_nearest(amplitudes: int, phases: int
     on = np.abs(emitted) > 0
     turns = np.angle(emitted[on] / drive.amplitudes[on]) / (2 * np.pi)
     assert np.abs(turns).max() <= 0.5 / phases + 1e-12
-    assert quantise(frame.drive(), levels).same_as(frame)
+    assert at.quantise(frame.drive(), levels).same_as(frame)
 
 
 def test_eight_bits_are_256_even_levels() -> None:

@@ -20,7 +20,7 @@ def boards() -> None:
         row = (
             str(len(board)),
             f"{amplitudes} x {board.phases} phases",
-            "1 board" if board.most == 1 else f"1 to {board.most} boards",
+            "1 board" if board.max_boards == 1 else f"1 to {board.max_boards} boards",
         )
         table.add_row(board.name, *row)
     links = [
@@ -38,7 +38,7 @@ def boards() -> None:
                 "elements": len(board),
                 "amplitudes": board.amplitudes,
                 "phases": board.phases,
-                "most": board.most,
+                "most": board.max_boards,
                 "links": list(links_of(board.name)),
             }
             for board in BOARDS.values()

@@ -29,20 +29,27 @@ def selfcheck() -> None:
     ]
     table = plain_table("solved", "error", "reference", "error of the reference")
     for field in checked.fields:
-        error, own = f"{100 * field.error:.2f} %", f"{100 * field.own:.1g} %"
-        table.add_row(field.name, error, field.truth, own)
+        error = f"{100 * field.error:.2f} %"
+        table.add_row(field.name, error, field.truth, f"{100 * field.reference_error:.1g} %")
     warnings = [
         f"{field.name}: the error is {100 * field.error:.2g} %, and {100 * checked.asked:g} % was "
         "asked. Do not trust solutions on this machine; install airtact anew, and report the "
         "instruction set if that does not help."
         for field in checked.failed
     ]
-    keys = ("name", "truth", "error", "own")
     record = {
         "instructions": checked.instructions,
         "threads": checked.threads,
         "asked": checked.asked,
-        "fields": [{key: getattr(field, key) for key in keys} for field in checked.fields],
+        "fields": [
+            {
+                "name": field.name,
+                "truth": field.truth,
+                "error": field.error,
+                "own": field.reference_error,
+            }
+            for field in checked.fields
+        ],
     }
     show(facts_table(facts), table, warnings=warnings, record=record)
     if checked.failed:

@@ -57,14 +57,14 @@ class UpperBound:
         By Schur's complement that is equivalent to diag(y) − Hᴴ diag(μ) H being positive
         semidefinite.
         """
-        matrix, wanted = asked_rows(transfer, target)
-        multipliers = self.multipliers[target.weights > 0.0] / wanted**2
+        matrix, requests = asked_rows(transfer, target)
+        multipliers = self.multipliers[target.weights > 0.0] / requests**2
         return _largest_eigenvalue(matrix, multipliers, self.elements)
 
     def reached(self, transfer: TransferMatrix, target: Target, drive: Drive) -> float:
         """Smallest fraction or pressure under a drive over the bound; 1 is the best possible."""
-        matrix, wanted = asked_rows(transfer, target)
-        return float((np.abs(matrix @ drive.amplitudes) / wanted).min() / self.worst)
+        matrix, requests = asked_rows(transfer, target)
+        return float((np.abs(matrix @ drive.amplitudes) / requests).min() / self.worst)
 
 
 def upper_bound(transfer: TransferMatrix, target: Target, *, tolerance: float = 1e-3) -> UpperBound:
@@ -91,9 +91,9 @@ def upper_bound(transfer: TransferMatrix, target: Target, *, tolerance: float = 
     InvalidInput
         As ``weighted_gerchberg_saxton``, or the tolerance is not above zero.
     """
-    matrix, wanted = asked_rows(transfer, target)
+    matrix, requests = asked_rows(transfer, target)
     positive(tolerance, "the tolerance", "of the bound")
-    bound, _ = relaxed_bound(matrix / wanted[:, None], tolerance)
+    bound, _ = relaxed_bound(matrix / requests[:, None], tolerance)
     multipliers = np.zeros(len(target.points))
     multipliers[target.weights > 0.0] = bound.multipliers
     return replace(bound, multipliers=multipliers)
@@ -119,7 +119,13 @@ class Relaxed:
 
 def relaxed_bound(matrix: FociRows, tolerance: float) -> tuple[UpperBound, Relaxed]:
     """Return the bound and the solved relaxation, for rows over what each focus asks."""
-    relaxed = _starting_point(matrix)
+    foci, elements = matrix.shape
+    # A time interval for each focus, up to 32: with more foci the optimum has a lower rank.
+    directions = np.eye(foci, dtype=np.complex128)
+    if foci > 32:
+        random = np.random.default_rng(0).normal(size=(2, foci, 32))
+        directions = _unit(random[0] + 1j * random[1])
+    relaxed = Relaxed(directions, np.ones(foci), np.ones(elements), np.zeros(foci))
     bound = None
     reached = 0.0
     for _ in range(100):
@@ -133,7 +139,7 @@ def relaxed_bound(matrix: FociRows, tolerance: float) -> tuple[UpperBound, Relax
             bound = candidate
         if bound.worst <= (1.0 + tolerance) * reached:
             break
-    assert bound is not None
+    assert bound is not None  # the loop runs at least once
     return replace(bound, relaxed=reached), relaxed
 
 
@@ -154,35 +160,20 @@ def to_rank_one(matrix: FociRows, relaxed: Relaxed) -> Complex128[np.ndarray, "f
     return relaxed.weights * relaxed.directions[:, 0]
 
 
-def _starting_point(matrix: FociRows) -> Relaxed:
-    """Give each focus a time interval of its own, up to a rank of 32.
-
-    A larger rank is not needed: the optimum has less with that many foci.
-    """
-    foci, elements = matrix.shape
-    directions = np.eye(foci, dtype=np.complex128)
-    if foci > 32:
-        random = np.random.default_rng(0).normal(size=(2, foci, 32))
-        directions = _unit(random[0] + 1j * random[1])
-    return Relaxed(directions, np.ones(foci), np.ones(elements), np.zeros(foci))
-
-
-def _iterated(matrix: FociRows, start: Relaxed, iterations: int) -> Relaxed:
+def _iterated(matrix: FociRows, state: Relaxed, iterations: int) -> Relaxed:
     """Alternate between elements and foci, with more weight on foci that lag."""
+    # A contiguous copy, since every iteration multiplies by it.
     back = np.ascontiguousarray(matrix.conj().T)
-    directions = start.directions
-    weights = start.weights
-    norms = start.norms
-    pressures = start.pressures
     for _ in range(iterations):
-        sent = back @ (weights[:, None] * directions)
+        sent = back @ (state.weights[:, None] * state.directions)
         norms = np.linalg.norm(sent, axis=1)
         received = matrix @ (sent / np.maximum(norms, np.finfo(float).tiny)[:, None])
         pressures = np.linalg.norm(received, axis=1)
-        directions = received / pressures[:, None]
-        weights = weights * pressures.mean() / pressures
+        weights = state.weights * pressures.mean() / pressures
+        # Only ratios of weights matter; a mean of 1 keeps them from drifting out of range.
         weights = weights / weights.mean()
-    return Relaxed(directions, weights, norms, pressures)
+        state = Relaxed(received / pressures[:, None], weights, norms, pressures)
+    return state
 
 
 def _certified(
@@ -201,6 +192,7 @@ def _largest_eigenvalue(
     multipliers: Float64[np.ndarray, "foci"],
     elements: Float64[np.ndarray, "elements"],
 ) -> float:
+    # The (F, F) product has the nonzero eigenvalues of the (E, E) one, and F is far below E.
     half = np.sqrt(multipliers)[:, None] * matrix / np.sqrt(elements)
     return float(np.linalg.eigvalsh(half @ half.conj().T)[-1])
 

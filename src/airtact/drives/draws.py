@@ -23,7 +23,7 @@ class Draw:
     Attributes
     ----------
     hand : motion of the whole hand in the obstacles' frame.
-    own : motion of each group of foci, and of the body that carries it, before that of the whole
+    groups : motion of each group of foci, and of the body that carries it, before that of the whole
         hand.
     skin : (F, 2) shift of each focus along its surface, in two directions [m].
     boards : motion of each board in its array.
@@ -31,7 +31,7 @@ class Draw:
     """
 
     hand: Pose
-    own: tuple[Pose, ...]
+    groups: tuple[Pose, ...]
     skin: Float64[np.ndarray, "foci 2"]
     boards: tuple[Pose, ...]
     slower: float
@@ -64,20 +64,21 @@ def draws(
     numbers = np.clip(numbers, 1e-9, 1.0 - 1e-9)
     normal = ndtri(numbers[:, 6 * motions :])
     for sample in range(samples):
-        hand, *others = np.split(numbers[sample, : 6 * motions], motions)
+        hand, *parts = np.split(numbers[sample, : 6 * motions], motions)
         age, warmer, damper = normal[sample, :3]
+        # A frame that is older than expected finds the hand farther along its velocity.
         pose = _motion(hand, uncertainty.position, uncertainty.rotation, middle)
         drift = uncertainty.age * age * np.asarray(uncertainty.velocity)
         yield Draw(
             hand=Pose(pose.rotation, pose.translation + drift),
-            own=tuple(
+            groups=tuple(
                 _motion(part, uncertainty.own_position, uncertainty.own_rotation, pivot)
-                for part, pivot in zip(others[len(boards) :], groups, strict=False)
+                for part, pivot in zip(parts[len(boards) :], groups, strict=False)
             ),
             skin=uncertainty.along_skin * normal[sample, 3:].reshape(foci, 2),
             boards=tuple(
                 _motion(part, uncertainty.board_position, uncertainty.board_rotation, pivot)
-                for part, pivot in zip(others, boards, strict=False)
+                for part, pivot in zip(parts, boards, strict=False)
             ),
             slower=_slower(uncertainty.temperature * warmer, uncertainty.humidity * damper),
         )
@@ -89,6 +90,7 @@ def gains(
     """Draw an independent factor for each element; None where all are 1."""
     if not (uncertainty.gain or uncertainty.phase or uncertainty.dead):
         return None
+    # Pseudo-random: quasi-random points lose their advantage in hundreds of dimensions.
     random = np.random.default_rng([seed, elements])
     size = 1.0 + uncertainty.gain * random.normal(size=(samples, elements))
     lag = np.radians(uncertainty.phase) * random.normal(size=(samples, elements))
@@ -103,6 +105,7 @@ def _motion(
     if not (position or degrees):
         return Pose.identity()
     shift = position * ndtri(numbers[:3])
+    # Axes are uniform on the sphere: uniform in height and in azimuth (Archimedes).
     height = 2.0 * numbers[3] - 1.0
     around = 2.0 * np.pi * numbers[4]
     flat = np.sqrt(1.0 - height**2)
@@ -117,6 +120,7 @@ def _slower(kelvin: float, humidity: float) -> float:
     """Wavenumber over that at 20 °C and 50 % in warmer and damper air."""
     if not (kelvin or humidity):
         return 1.0
+    # ``air`` is valid from −20 to 50 °C; rare draws beyond that are brought back.
     warmer = air(
         celsius=float(np.clip(20.0 + kelvin, -20.0, 50.0)),
         humidity=float(np.clip(0.5 + humidity, 0.0, 1.0)),

@@ -70,6 +70,7 @@ class Drive:
                 "divide the drive by that.",
                 code="over_full_scale",
             )
+        # Read-only, since drives are shared and their magnitudes were checked just now.
         amplitudes.flags.writeable = False
         object.__setattr__(self, "amplitudes", amplitudes)
 
@@ -110,10 +111,12 @@ class Drive:
         """
         if held_equal == "peak":
             return reference.peak / self.peak
+        # Energy goes with the square of the factor.
         return float(np.sqrt(reference.energy / self.energy))
 
     def phase_only(self) -> "Drive":
         """Return the drive with every element that emits at full scale, phases kept."""
+        # The sign of a complex number is the number over its magnitude, and 0 for 0.
         return Drive(np.sign(self.amplitudes))
 
     def save(
@@ -175,9 +178,10 @@ class Drive:
         )
 
 
-def check_drive(drive: Drive, what: str) -> None:
-    """Raise ``InvalidInput`` unless given a drive; ``what`` names it in the sentence."""
-    of_kind(drive, Drive, what, "frame.drive()" if hasattr(drive, "drive") else "Drive(amplitudes)")
+def check_drive(drive: Drive, name: str) -> None:
+    """Raise ``InvalidInput`` unless given a drive; ``name`` stands for it in the sentence."""
+    # Frames are the likely mistake: their amplitudes are levels.
+    of_kind(drive, Drive, name, "frame.drive()" if hasattr(drive, "drive") else "Drive(amplitudes)")
 
 
 def quantise(drive: Drive, levels: Levels = EIGHT_BITS) -> Frame:

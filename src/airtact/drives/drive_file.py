@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Complex128, Float64, Real, UInt8
+from jaxtyping import Complex128, Float64, UInt8
 
 from airtact.acoustics.medium import Medium
 from airtact.acoustics.scene import Scene
@@ -171,10 +171,10 @@ def save_drives(
     write_drive_file(Path(path), DriveFile(drives, rate, amplitude, phase, levels, **contents))
 
 
-def _check_count(count: int, elements: int, what: str) -> None:
+def _check_count(count: int, elements: int, name: str) -> None:
     if count != elements:
         raise InvalidInput(
-            f"{what} has {count} elements, and the drive {elements}: give the one that it was "
+            f"{name} has {count} elements, and the drive {elements}: give the one that it was "
             "made for.",
             code="sizes_differ",
         )
@@ -236,6 +236,7 @@ def checked_ending(path: Path, endings: Sequence[str], kind: str) -> str:
 def _datasets(contents: DriveFile) -> dict[str, Any]:
     """Return the datasets of a file by name, without those that are not known."""
     drives = contents.drives
+    # A drive is one frame without a rate, and has no axis of frames in the file.
     if contents.rate is None and len(drives) == 1:
         drives = drives[0]
     datasets = {
@@ -319,7 +320,9 @@ def read_drive_file(path: Path) -> DriveFile:
         arrays = arrays_of(path).items()
         raw = {name: array.item() if array.ndim == 0 else array for name, array in arrays}
     else:
-        raw = _read_table(path)
+        lines = text_of(path, LARGEST_DATA).splitlines()
+        with about(path.name):
+            raw = _read_table(lines)
     with about(path.name):
         version = raw.get("format_version", VERSION)
         if version != VERSION:
@@ -335,6 +338,7 @@ def read_drive_file(path: Path) -> DriveFile:
             return _parsed(raw)
         except InvalidInput:
             raise
+        # What the checks of the parts do not see, such as arrays of different lengths.
         except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
             raise InvalidInput(
                 f"its datasets do not fit each other ({error}).", code="wrong_shape"
@@ -351,14 +355,15 @@ def _parsed(raw: Mapping[str, Any]) -> DriveFile:
         raise InvalidInput("positions and normals differ in number.", code="sizes_differ")
     drives = _drives(raw, count)
     numbers: dict[str, Any] = {
-        name: positive(raw[name], what, unit)
-        for name, what, unit in (
+        name: positive(raw[name], words, unit)
+        for name, words, unit in (
             ("rate", "the rate", "frames/s"),
             ("frequency", "the frequency", "Hz"),
             ("sensitivity", "the sensitivity of an element", "Pa·m"),
         )
         if name in raw
     }
+    # In the order of the fields of ``Medium``, the last of which may be missing.
     medium = [float(raw[name]) for name in ("sound_speed", "density", "absorption") if name in raw]
     levels = None
     if "shares_of_levels" in raw:
@@ -391,6 +396,7 @@ def _levels(
 ) -> UInt8[np.ndarray, "frames elements"] | None:
     if name not in raw:
         return None
+    # Tables hold levels as floating-point numbers, and foreign files may hold any.
     levels = real_numbers(np.asarray(raw[name]), name).reshape(shape)
     wrong = ~((levels >= 0.0) & (levels <= 255.0) & (levels == np.trunc(levels)))
     if wrong.any():
@@ -440,53 +446,36 @@ def _drives(raw: Mapping[str, Any], elements: int) -> Complex128[np.ndarray, "fr
     return amplitude * np.exp(1j * np.atleast_2d(phase))
 
 
-def _read_table(path: Path) -> dict[str, Any]:
-    lines = text_of(path, LARGEST_DATA).splitlines() or [""]
-    with about(path.name):
-        columns = tuple(lines[0].split(","))
-        if columns not in (COLUMNS, FRAME_COLUMNS):
-            raise InvalidInput(
-                f"line 1 must be {','.join(COLUMNS)} or {','.join(FRAME_COLUMNS)}.",
-                code="file_unreadable",
-            )
-        return _table_datasets(columns, _rows(lines, len(columns)))
-
-
-def _rows(lines: Sequence[str], columns: int) -> Float64[np.ndarray, "rows columns"]:
-    """Read the numbers in all lines but the first; empty cells are NaN."""
-
-    def cells() -> Iterator[float]:
-        for number, line in enumerate(lines[1:], start=2):
-            if not line:
-                continue
-            words = line.split(",")
-            if len(words) != columns:
-                raise InvalidInput(
-                    f"line {number} has {len(words)} cells, and each needs {columns} cells.",
-                    code="wrong_shape",
-                )
-            for word in words:
-                try:
-                    yield float(word or "nan")
-                except ValueError:
-                    raise InvalidInput(
-                        f"line {number} has the cell {word!r}, which cannot be read as a number.",
-                        code="file_unreadable",
-                    ) from None
-
-    rows = np.fromiter(cells(), dtype=np.float64).reshape(-1, columns)
-    if not len(rows):
-        raise InvalidInput("the table has no lines of numbers.", code="wrong_shape")
-    return rows
-
-
-def _table_datasets(
-    columns: tuple[str, ...], rows: Real[np.ndarray, "rows columns"]
-) -> dict[str, Any]:
+def _read_table(lines: list[str]) -> dict[str, Any]:
+    """Return the datasets in the lines of a table, whose first line names the columns."""
+    columns = tuple(lines[0].split(",")) if lines else ()
+    if columns not in (COLUMNS, FRAME_COLUMNS):
+        raise InvalidInput(
+            f"line 1 must be {','.join(COLUMNS)} or {','.join(FRAME_COLUMNS)}.",
+            code="file_unreadable",
+        )
+    try:
+        # A frame without a rate has no time, and its second cell is empty.
+        rows = np.loadtxt(
+            lines[1:] if any(lines[1:]) else [""],
+            delimiter=",",
+            comments=None,
+            converters={1: lambda cell: float(cell or "nan")},
+            ndmin=2,
+        )
+    except ValueError as error:
+        raise InvalidInput(
+            f"the lines are not read as numbers: {error}.", code="file_unreadable"
+        ) from None
+    if rows.shape[1] != len(columns):
+        raise InvalidInput(
+            f"a line has {rows.shape[1]} cells, and each needs {len(columns)}.", code="wrong_shape"
+        )
     by_name = dict(zip(columns, rows.T, strict=True))
-    names = ("amplitude", "phase", "amplitude_level", "phase_level")
+    datasets = {
+        name: by_name[name] for name in ("amplitude", "phase", "amplitude_level", "phase_level")
+    }
     if columns == COLUMNS:
-        datasets = {name: by_name[name] for name in names}
         return datasets | {"positions": rows[:, 1:4], "normals": rows[:, 4:7]}
     last = float(by_name["frame"].max())
     count = int(last) + 1 if 0.0 <= last < len(rows) else 0
@@ -495,8 +484,8 @@ def _table_datasets(
             f"{len(rows)} lines are not whole frames up to frame {last:g}.", code="wrong_shape"
         )
     if count == 1:
-        return {name: by_name[name] for name in names}
-    datasets = {name: by_name[name].reshape(count, -1) for name in names}
+        return datasets
+    datasets = {name: values.reshape(count, -1) for name, values in datasets.items()}
     end = by_name["seconds"].reshape(count, -1)[-1, 0]
     if end > 0.0:
         # The rate is not in the table; twelve digits undo the rounding of the division.

@@ -39,6 +39,7 @@ class Frame:
     def __post_init__(self) -> None:
         counts = {"amplitude": len(self.levels.amplitudes), "phase": self.levels.phases}
         for name, count in counts.items():
+            # A copy, so that nobody changes the levels after they were checked.
             levels = np.array(getattr(self, name))
             if levels.dtype != np.uint8 or levels.ndim != 1 or len(levels) == 0:
                 raise InvalidInput(
@@ -68,10 +69,10 @@ class Frame:
         """Whether no element emits."""
         return not self.amplitude.any()
 
-    def same_as(self, other: "Frame") -> bool:
+    def same_as(self, frame: "Frame") -> bool:
         """Whether both frames are the same in every level."""
-        return np.array_equal(self.amplitude, other.amplitude) and np.array_equal(
-            self.phase, other.phase
+        return np.array_equal(self.amplitude, frame.amplitude) and np.array_equal(
+            self.phase, frame.phase
         )
 
     def drive(self) -> "airtact.Drive":
@@ -110,6 +111,7 @@ def share_under_cap(
     cap = check_cap(cap)
     if levels.phase_only:
         return cap
+    # The floor keeps the factor of a silent drive finite.
     return min(1.0, cap / max(float(np.abs(drives).max()), 1e-12))
 
 
@@ -117,6 +119,7 @@ def check_cap(cap: float) -> float:
     """Return a cap on amplitudes; raise "out_of_range" unless above 0 and at most 1."""
     cap = number(cap, "the cap", "shares of full scale")
     if not 0.0 < cap <= 1.0:
+        # A cap of 1.5 to 100 was probably meant as per cent.
         percent = f": for {cap:g} per cent give {cap / 100.0:g}" if 1.0 < cap <= 100.0 else ""
         raise InvalidInput(
             f"the cap is {cap:g}, but it is a share of full scale, above 0 and at most 1{percent}.",

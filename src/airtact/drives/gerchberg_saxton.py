@@ -45,9 +45,9 @@ def weighted_gerchberg_saxton(
         If the foci of the target are not those of the matrix, there are more foci than elements,
         two foci are too close together, a focus is shadowed, or there is less than one iteration.
     """
-    matrix, wanted = asked_rows(transfer, target)
+    matrix, requests = asked_rows(transfer, target)
     check_iterations(iterations)
-    sources = best_sources(matrix, wanted, starting_sources(matrix, wanted), iterations)
+    sources = best_sources(matrix, requests, starting_sources(matrix, requests), iterations)
     return scaled_to_target(transfer, target, phase(matrix.conj().T @ sources))
 
 
@@ -60,10 +60,10 @@ def gs_pat(transfer: TransferMatrix, target: Target, *, iterations: int = 50) ->
     does not have, recover the pressure that full scale costs the worst focus; they never make it
     worse. Parameters, result and errors are those of ``weighted_gerchberg_saxton``.
     """
-    matrix, wanted = asked_rows(transfer, target)
+    matrix, requests = asked_rows(transfer, target)
     check_iterations(iterations)
-    start = wanted[None].astype(np.complex128)
-    sources = best_sources(matrix, wanted, start, iterations=10, foci_iterations=iterations)
+    start = requests[None].astype(np.complex128)
+    sources = best_sources(matrix, requests, start, iterations=10, foci_iterations=iterations)
     return scaled_to_target(transfer, target, phase(matrix.conj().T @ sources))
 
 
@@ -103,20 +103,21 @@ def weighted_gerchberg_saxton_sets(
             f"{points - 1}.",
             code="out_of_range",
         )
-    wanted = np.ones(sets.shape) if weights is None else weights
-    if wanted.shape != sets.shape or not (np.isfinite(wanted) & (wanted >= 0.0)).all():
+    requests = np.ones(sets.shape) if weights is None else weights
+    if requests.shape != sets.shape or not (np.isfinite(requests) & (requests >= 0.0)).all():
         raise InvalidInput(
             f"weights of sets need shape {sets.shape} and finite numbers from 0 up.",
             code="out_of_range",
         )
-    silent = np.flatnonzero(wanted.max(axis=1, initial=0.0) == 0.0)
+    silent = np.flatnonzero(requests.max(axis=1, initial=0.0) == 0.0)
     if len(silent):
         raise InvalidInput(
             f"set {silent[0]} asks every focus for 0; ask at least one focus for more.",
             code="empty",
         )
-    start = wanted.astype(np.complex128)
-    *_, drives = alternating_projections(transfer.matrix, sets, wanted, start, iterations, 50)
+    start = requests.astype(np.complex128)
+    # GS-PAT works on (F, F) products: its 50 iterations cost little beside those with all elements.
+    *_, drives = alternating_projections(transfer.matrix, sets, requests, start, iterations, 50)
     return [Drive(phases) for phases in (SINGLE * drives).astype(np.complex128)]
 
 
@@ -127,7 +128,7 @@ SINGLE = np.float32(1.0 - 2e-7)
 def alternating_projections(
     matrix: Complex128[np.ndarray, "points elements"],
     sets: Int64[np.ndarray, "sets foci"],
-    wanted: Float64[np.ndarray, "sets foci"],
+    requests: Float64[np.ndarray, "sets foci"],
     sources: Complex128[np.ndarray, "sets foci"],
     iterations: int,
     foci_iterations: int = 0,
@@ -142,7 +143,7 @@ def alternating_projections(
     ----------
     matrix : pressure at all points per unit drive.
     sets : rows of the matrix that are the foci of each set.
-    wanted : pressures asked in proportion.
+    requests : pressures asked in proportion.
     sources : start; their magnitudes are the first weights.
     iterations : of weighted Gerchberg-Saxton, of which the best is returned.
     foci_iterations : of GS-PAT, before these.
@@ -152,8 +153,9 @@ def alternating_projections(
     For each set the sources at the foci, the smallest pressure over what was asked (the largest of
     which counts 1) [Pa], and the phasors of the elements.
     """
+    # The kernel works in single precision: only phases matter, and its error is below 1e-6 there.
     single = matrix.astype(np.complex64)
-    asked = (wanted / wanted.max(axis=1, keepdims=True)).astype(np.float32)
+    asked = (requests / requests.max(axis=1, keepdims=True)).astype(np.float32)
     return _kernels.gerchberg_saxton(
         single.real,
         single.imag,
@@ -168,14 +170,14 @@ def alternating_projections(
 
 def best_sources(
     matrix: FociRows,
-    wanted: Float64[np.ndarray, "foci"],
+    requests: Float64[np.ndarray, "foci"],
     starts: Complex128[np.ndarray, "starts foci"],
     iterations: int,
     foci_iterations: int = 0,
 ) -> Sources:
     """Alternate from several starts; return the sources of the strongest worst focus."""
-    rows = np.tile(np.arange(len(wanted)), (len(starts), 1))
-    asked = np.tile(wanted, (len(starts), 1))
+    rows = np.tile(np.arange(len(requests)), (len(starts), 1))
+    asked = np.tile(requests, (len(starts), 1))
     sources, worst, _ = alternating_projections(
         matrix, rows, asked, starts, iterations, foci_iterations
     )
@@ -183,14 +185,16 @@ def best_sources(
 
 
 def starting_sources(
-    matrix: FociRows, wanted: Float64[np.ndarray, "foci"]
+    matrix: FociRows, requests: Float64[np.ndarray, "foci"]
 ) -> Complex128[np.ndarray, "2 foci"]:
     """Return two starts: the foci in phase, and one step from the elements in phase."""
-    in_phase = wanted.astype(np.complex128)
+    in_phase = requests.astype(np.complex128)
+    # The pressure if all elements emit in phase.
     pressure = matrix.sum(axis=1)
     # Foci that the elements in phase barely reach would get all the weight.
     floor = 1e-3 * max(float(np.abs(pressure).max()), np.finfo(float).tiny)
-    from_elements = wanted**2 * phase(pressure) / np.maximum(np.abs(pressure), floor)
+    from_elements = requests**2 * phase(pressure) / np.maximum(np.abs(pressure), floor)
+    # A focus at an exact zero of that field has no phase to start from.
     if not from_elements.all():
         from_elements = in_phase
     return np.stack([in_phase, from_elements / np.abs(from_elements).max()])
@@ -198,6 +202,7 @@ def starting_sources(
 
 def phase(numbers: Complex128[np.ndarray, "*shape"]) -> Complex128[np.ndarray, "*shape"]:
     """Return numbers of magnitude 1 with the same phases; 0 stays 0."""
+    # The smallest normal number keeps 0 / 0 away without changing any other quotient.
     return numbers / np.maximum(np.abs(numbers), np.finfo(float).tiny)
 
 

@@ -57,7 +57,7 @@ def gradient(
     Stalled
         If the steps were too few; the best drive is returned.
     """
-    matrix, wanted = asked_rows(transfer, target)
+    matrix, requests = asked_rows(transfer, target)
     suppressed = suppression_rows(transfer, target)
     check_iterations(iterations)
     if not 0.0 <= loss < 1.0:
@@ -65,12 +65,13 @@ def gradient(
             f"the loss at the foci is {loss:g}, but it must be a fraction from 0 up to 1.",
             code="out_of_range",
         )
-    matrix = matrix / wanted[:, None]
+    matrix = matrix / requests[:, None]
+    # The descent is local, so it starts from the best drive known.
     start = phase(matrix.conj().T @ strongest_sources(matrix, 300))
     if len(suppressed):
         # Suppression points 60 dB below the weakest focus are silent enough. The penalty grows from
         # one descent to the next, so that the first ones can pass the limit.
-        silenced = suppressed / (1e-3 * smallest_pressure(matrix * wanted[:, None], start))
+        silenced = suppressed / (1e-3 * smallest_pressure(matrix * requests[:, None], start))
         lowest = _soft_smallest(matrix, start)[0] + np.log1p(-loss)
         drive = start
         converged = True
@@ -78,6 +79,7 @@ def gradient(
             drive, converged = _descend(matrix, silenced, lowest, penalty, drive, iterations)
     else:
         drive, converged = _descend(matrix, suppressed, 0.0, 0.0, start, iterations)
+        # The power mean may rise while the smallest pressure falls.
         if smallest_pressure(matrix, drive) < smallest_pressure(matrix, start):
             drive = start
     if not converged:
@@ -120,6 +122,7 @@ def _descend(
         turns = np.exp(1j * coordinates[:count])
         amplitudes = coordinates[count:] * turns
         value, gradient = objective(amplitudes)
+        # The chain rule for d = r e^{iφ}: ∂d/∂φ = i d, ∂d/∂r = e^{iφ}.
         by_phase = np.real(np.conj(gradient) * 1j * amplitudes)
         by_magnitude = np.real(np.conj(gradient) * turns)
         return value, np.concatenate([by_phase, by_magnitude])
@@ -142,6 +145,7 @@ def _soft_smallest(matrix: FociRows, amplitudes: Amplitudes) -> tuple[float, Amp
     # Relative to the smallest, so that no power overflows.
     weights = np.exp(SHARPNESS * (logs.min() - logs))
     smallest = logs.min() - np.log(weights.mean()) / SHARPNESS
+    # ∂ log|p| / ∂ conj(p) has the direction p / |p|².
     shares = weights / weights.sum()
     return float(smallest), matrix.conj().T @ (shares * pressure / np.exp(2.0 * logs))
 
@@ -149,5 +153,6 @@ def _soft_smallest(matrix: FociRows, amplitudes: Amplitudes) -> tuple[float, Amp
 def _suppressed_level(suppressed: Suppressed, amplitudes: Amplitudes) -> tuple[float, Amplitudes]:
     """Logarithm of √(1 + mean squared pressure) at the suppression points, and its gradient."""
     pressure = suppressed @ amplitudes
+    # The 1 under the root keeps the logarithm from rewarding silence beyond the 60 dB asked.
     energy = float(np.vdot(pressure, pressure).real) + len(suppressed)
     return 0.5 * np.log(energy / len(suppressed)), suppressed.conj().T @ pressure / energy

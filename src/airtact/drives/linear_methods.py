@@ -93,9 +93,10 @@ def inverse_filter(
     """
     check_solvable(transfer, target)
     matrix = np.concatenate([foci_rows(transfer, target), suppression_rows(transfer, target)])
-    wanted = np.concatenate([target.wanted, np.zeros(len(matrix) - len(target.points))])
+    requests = np.concatenate([target.wanted, np.zeros(len(matrix) - len(target.points))])
+    # In the eigenvectors of H Hᴴ every weight costs one division, which the L-curve needs.
     eigenvalues, modes = np.linalg.eigh(matrix @ matrix.conj().T)
-    asked = modes.conj().T @ wanted
+    asked = modes.conj().T @ requests
     if weight is None:
         weight = _l_curve_corner(eigenvalues, np.abs(asked) ** 2)
     if weight != 0.0:
@@ -110,11 +111,13 @@ def _l_curve_corner(
     eigenvalues: Float64[np.ndarray, "rows"], asked: Float64[np.ndarray, "rows"]
 ) -> float:
     """Tikhonov's weight at the largest curvature of log ‖d‖ over log ‖H d − w‖."""
+    # Twelve weights per decade, from rounding error to the norm of H Hᴴ itself.
     weights = np.geomspace(1e-10, 1.0, 121)
     relative = np.maximum(eigenvalues / eigenvalues[-1], 0.0)
     damped = relative + weights[:, None]
     missing = 0.5 * np.log(np.sum(asked * (weights[:, None] / damped) ** 2, axis=1))
     norm = 0.5 * np.log(np.sum(asked * relative / damped**2, axis=1))
+    # Curvature (x' y'' − x'' y') / (x'² + y'²)^{3/2} of the curve over the logarithm of the weight.
     step = np.log(weights[1] / weights[0])
     x1 = np.gradient(missing, step)
     y1 = np.gradient(norm, step)
@@ -157,7 +160,7 @@ def least_peak(transfer: TransferMatrix, target: Target, *, iterations: int = 50
 
 def exact_amplitudes(
     matrix: FociRows,
-    wanted: Complex128[np.ndarray, "foci"],
+    requests: Complex128[np.ndarray, "foci"],
     iterations: int = 50,
     sufficient_peak: float = 0.0,
 ) -> Amplitudes:
@@ -165,22 +168,23 @@ def exact_amplitudes(
 
     The iteration starts at those of least energy and stops early at ``sufficient_peak``.
     """
+    # Rows of equal norm condition the least squares well, however far foci are from the array.
     norms = np.linalg.norm(matrix, axis=1)
     matrix = matrix / norms[:, None]
-    wanted = wanted / norms
+    requests = requests / norms
     back = matrix.conj().T
     weights = np.ones(len(back))
     best = np.zeros(len(back), dtype=np.complex128)
-    least = np.inf
+    lowest_peak = np.inf
     for _ in range(iterations):
-        sources = np.linalg.lstsq(matrix @ (weights[:, None] * back), wanted, rcond=None)[0]
+        sources = np.linalg.lstsq(matrix @ (weights[:, None] * back), requests, rcond=None)[0]
         sent = back @ sources
         amplitudes = weights * sent
         peak = float(np.abs(amplitudes).max())
-        if peak < least:
+        if peak < lowest_peak:
             best = amplitudes
-            least = peak
-        if least <= sufficient_peak:
+            lowest_peak = peak
+        if lowest_peak <= sufficient_peak:
             break
         # Elements that barely matter keep a finite weight.
         weights = 1.0 / np.maximum(np.abs(sent) / np.abs(sent).mean(), 1e-6)

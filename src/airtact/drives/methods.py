@@ -74,6 +74,7 @@ def best(transfer: TransferMatrix, target: Target) -> Drive:
         with warnings.catch_warnings(record=True) as stalled:
             warnings.simplefilter("always", Stalled)
             drive = max_min(transfer, target)
+        # Many foci close together stall the alternation; the descent costs more but goes on.
         if stalled:
             drive = gradient(transfer, target)
     else:
@@ -81,9 +82,9 @@ def best(transfer: TransferMatrix, target: Target) -> Drive:
     if target.pressures is None or len(target.suppression_points):
         return drive
     # Exactly the pressures asked, with the phases that the method chose, if full scale is enough.
-    matrix, wanted = asked_rows(transfer, target)
+    matrix, requests = asked_rows(transfer, target)
     phases = np.exp(1j * np.angle(matrix @ drive.amplitudes))
-    amplitudes = exact_amplitudes(matrix, wanted * phases, sufficient_peak=1.0)
+    amplitudes = exact_amplitudes(matrix, requests * phases, sufficient_peak=1.0)
     return Drive(amplitudes) if np.abs(amplitudes).max() <= FULL_SCALE else drive
 
 
@@ -92,6 +93,7 @@ def method_for(target: Target) -> MakeDrive:
     phases = target.phases is not None
     if len(target.suppression_points):
         return inverse_filter if phases else gradient
+    # One focus needs no balance: all elements in phase there are the attainable maximum.
     if np.count_nonzero(target.weights) == 1:
         return phase_conjugate
     return least_peak if phases else max_min
@@ -138,10 +140,10 @@ _ALL = (
         "the phases of time reversal, all elements at one amplitude",
         heeds_phases=True,
     ),
-    Method(inverse_filter, "regularised least squares for the pressures wanted", True, True),
+    Method(inverse_filter, "regularised least squares for the pressures asked", True, True),
     Method(
         least_peak,
-        "exactly the pressures and phases wanted, the peak amplitude least",
+        "exactly the pressures and phases asked, at the lowest peak amplitude",
         heeds_phases=True,
     ),
     Method(weighted_gerchberg_saxton, "alternating projections with more weight on foci that lag"),

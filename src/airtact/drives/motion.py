@@ -108,7 +108,7 @@ class Motion:
             )
 
     def through_points(self, foci: int) -> bool:
-        """Whether one focus runs through the points of a target of this many foci."""
+        """Whether a focus runs through the points of a target of this many foci."""
         return self.path == "points" or (self.kind == "stm" and self.path is None and foci > 1)
 
     def paths(self, scene: Scene, target: Target, array_middle: Real[np.ndarray, "3"]) -> Paths:
@@ -158,6 +158,7 @@ class Motion:
         if self.path != "line":
             return radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
         reach = self.size / 2.0 if self.size else radius
+        # A triangle wave: the focus runs at one speed and has no rests at the ends.
         to_and_fro = 2.0 / np.pi * np.arcsin(np.sin(angles))
         return reach * np.stack([to_and_fro, np.zeros(frames)], axis=1)
 
@@ -265,5 +266,6 @@ def moving_foci(
             f"in a second: give {clock / frames:.4g} Hz or less.",
             code="out_of_range",
         )
+    # Boards keep a frame for whole periods of the sound, so the rounds are rounded here, openly.
     periods = round(clock / (turns * frames))
     return sequence_through(transfer, target, indices, clock / periods, method)

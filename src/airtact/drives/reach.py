@@ -58,6 +58,7 @@ def asked_rows(
     """Return the rows of the foci that ask for sound, and their requests."""
     rows = check_solvable(transfer, target)
     asked = target.weights > 0.0
+    # Where all foci ask for sound nothing is copied.
     return (rows, target.weights) if asked.all() else (rows[asked], target.weights[asked])
 
 
@@ -81,8 +82,9 @@ def check_solvable(transfer: TransferMatrix, target: Target) -> FociRows:
     attainable = np.abs(rows).sum(axis=1)[asked]
     shares = attainable / target.weights[asked]
     worst = int(shares.argmin())
-    others = np.delete(shares, worst)
-    if shares[worst] < 0.05 * shares.max() and shares[worst] < 0.05 * np.median(others):
+    # Also below the median, so that one strong focus does not make all the rest count as shadowed.
+    rest = np.delete(shares, worst)
+    if shares[worst] < 0.05 * shares.max() and shares[worst] < 0.05 * np.median(rest):
         point = target.points[asked[worst]]
         rest = np.median(np.delete(attainable, worst))
         raise InvalidInput(
@@ -107,6 +109,7 @@ def nearest_foci(points: Float64[np.ndarray, "foci 3"]) -> tuple[int, int, float
 def _check_separable(transfer: TransferMatrix, target: Target, rows: FociRows) -> None:
     points = target.points
     apart = np.linalg.norm(points[:, None] - points, axis=2)
+    # Without a wavelength, rows that are parallel to 1e-4 stand for foci at one place.
     if transfer.wavelength is None:
         norms = np.maximum(np.linalg.norm(rows, axis=1), np.finfo(float).tiny)
         near = np.abs(rows @ rows.conj().T) > (1.0 - 1e-4) * norms[:, None] * norms
@@ -193,6 +196,7 @@ def scaled_to_target(
             "foci that cancel at every element leave no drive: all amplitudes are 0.",
             code="all_zero",
         )
+    # At full scale first: the fraction there decides whether the drive must be scaled down.
     full = Drive(amplitudes / largest)
     if target.pressures is None:
         return full

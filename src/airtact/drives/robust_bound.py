@@ -52,6 +52,7 @@ class RobustBound:
     def reached(self, ensemble: TransferMatrix, target: Target, drive: Drive) -> float:
         """Return the goal under a drive over the bound at its energy; 1 is the best possible."""
         values = np.abs(sampled_rows(ensemble, target) @ drive.amplitudes).min(axis=1)
+        # Pressure is linear in the drive, so the bound scales with the root of the energy.
         value = values.min() if self.goal == "worst" else values.mean()
         return float(value / (self.value * np.linalg.norm(drive.amplitudes)))
 
@@ -90,6 +91,7 @@ def robust_upper_bound(
     rows = sampled_rows(ensemble, target)
     samples, foci, elements = rows.shape
     flat = rows.reshape(-1, elements)
+    # Σ m hᴴ h over the elements has the nonzero eigenvalues of this smaller product of rows.
     products = flat @ flat.conj().T
     # The multipliers that the optimality conditions of ``robust`` suggest are a good start.
     asked = Target(target.points, target.pressures, shares=target.shares)
@@ -140,6 +142,7 @@ def _soft_bound(
     multipliers = np.exp(logs - logs.max())
     half = np.sqrt(multipliers)
     values, vectors = np.linalg.eigh(half[:, None] * products * half)
+    # Relative to the largest, so that powers up to 128 do not overflow.
     largest = float(values[-1])
     values = np.maximum(values, 0.0) / largest
     powers = values**power

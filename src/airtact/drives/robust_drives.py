@@ -140,17 +140,18 @@ def robust(
     >>> bool(lowest > goal_value(samples, target, at.time_reversal(samples, target)))
     True
     """
+    # Goals and limits also come from scene files, as words.
     for word, allowed in ((goal, get_args(Goal)), (limit, get_args(Limit))):
         if word not in allowed:
             raise InvalidInput(
                 f'"{word}" is not known here; give {", ".join(allowed)}.', code="unknown_name"
             )
-    nominal, wanted = asked_rows(ensemble, target)
+    nominal, requests = asked_rows(ensemble, target)
     search = _Search(
         sampled_rows(ensemble, target), _suppressed_rows(ensemble, target), goal, limit
     )
     with one_thread():  # threads would wait for each other, because the products are small
-        amplitudes = _best(nominal / wanted[:, None], search)
+        amplitudes = _best(nominal / requests[:, None], search)
     full = Drive(amplitudes / np.abs(amplitudes).max())
     if target.pressures is None:
         return full
@@ -182,7 +183,13 @@ def goal_value(
     InvalidInput
         If the elements or the foci do not match.
     """
-    return _statistic(weakest_in_samples(ensemble, target, drive), goal)
+    _, requests = asked_rows(ensemble, target)
+    if isinstance(ensemble, TransferEnsemble):
+        pressures = ensemble.pressures(drive)
+    else:
+        pressures = ensemble.pressure(drive)[None]
+    asked = np.flatnonzero(target.weights > 0.0)
+    return _statistic((np.abs(pressures[:, asked]) / requests).min(axis=1), goal)
 
 
 def _statistic(values: Float64[np.ndarray, "samples"], goal: str) -> float:
@@ -191,28 +198,16 @@ def _statistic(values: Float64[np.ndarray, "samples"], goal: str) -> float:
     return float(values.min() if goal == "worst" else np.quantile(values, 0.1))
 
 
-def weakest_in_samples(
-    ensemble: TransferMatrix, target: Target, drive: Drive
-) -> Float64[np.ndarray, "samples"]:
-    """Pressure of the weakest focus in each sample (S,) [Pa], over what it asks if it does."""
-    _, wanted = asked_rows(ensemble, target)
-    if isinstance(ensemble, TransferEnsemble):
-        pressures = ensemble.pressures(drive)
-    else:
-        pressures = ensemble.pressure(drive)[None]
-    asked = np.flatnonzero(target.weights > 0.0)
-    return (np.abs(pressures[:, asked]) / wanted).min(axis=1)
-
-
 def sampled_rows(ensemble: TransferMatrix, target: Target) -> SampledRows:
     """Return the rows of each sample at the foci, over what they ask; one sample if all agree."""
-    nominal, wanted = asked_rows(ensemble, target)
+    nominal, requests = asked_rows(ensemble, target)
     if not isinstance(ensemble, TransferEnsemble):
-        return (nominal / wanted[:, None])[None]
+        return (nominal / requests[:, None])[None]
     rows = ensemble.geometry[:, np.flatnonzero(target.weights > 0.0)]
+    # Where only the gains are uncertain, one sample stands for all.
     if np.abs(rows - nominal).max() <= 1e-9 * np.abs(nominal).max():
         rows = nominal[None]
-    return rows / wanted[:, None]
+    return rows / requests[:, None]
 
 
 def _suppressed_rows(
@@ -272,10 +267,12 @@ def _best(nominal: FociRows, search: _Search) -> Amplitudes:
     if not len(suppressed):
         return best
     lowest = (1.0 - SETTINGS.allowed_loss) * search.value(best)
+    # Penalties are relative to the mean energy that a unit drive gives the suppression points.
     elements = suppressed.shape[1]
     energy = float(np.sum(np.abs(suppressed) ** 2))
     for penalty in SETTINGS.penalties:
         candidate = search.climbed(best, penalty * elements / energy)
+        # A larger penalty only costs the foci more.
         if search.value(candidate) < lowest:
             break
         best = candidate
@@ -323,6 +320,7 @@ def balanced(matrix: FociRows, phases: bool, steps: int = SETTINGS.balancing_ste
     if phases:
         return phase(matrix.conj().T @ strongest_sources(matrix, 300))
     foci = len(matrix)
+    # One focus at a given energy: time reversal, by Cauchy-Schwarz.
     if foci == 1:
         return matrix[0].conj()
     products = matrix @ matrix.conj().T
@@ -348,6 +346,7 @@ def _balanced_sources(
         received = products @ sources
         magnitudes = np.maximum(np.abs(received), np.finfo(float).tiny)
         change = magnitudes.mean() / magnitudes
+        # The root halves the step in the logarithm, which keeps two coupled foci from oscillating.
         weights = weights * np.sqrt(change)
         weights = weights / weights.mean()
         sources = weights * received / magnitudes
@@ -376,8 +375,10 @@ def _climb_at_equal_energy(
         energy = np.eye(len(start)) + penalty * suppressed.conj().T @ suppressed
         back = cho_solve((cholesky(energy, lower=True), True), back)
     products = search.rows @ back
+    # Rounding leaves the products a little off Hermitian, which the Cholesky factor must not see.
     products = 0.5 * (products + products.conj().T)
     count = len(products)
+    # Samples of nearly the same hand have nearly dependent rows.
     ridge = SETTINGS.ridge * np.trace(products).real / count
     lower = cholesky(products + ridge * np.eye(count), lower=True)
 
@@ -466,6 +467,7 @@ def _climb_with_momentum(samples: SampledRows, start: Amplitudes) -> Amplitudes:
     This is Adam (D. P. Kingma, J. Ba, "Adam: a method for stochastic optimization", ICLR 2015,
     algorithm 1) with one second moment for all phases.
     """
+    # Single precision: this runs for each frame of a moving hand.
     rows = samples.reshape(-1, len(start)).astype(np.complex64)
     exponent = SETTINGS.exponents["lowest tenth"][0][-1]
     phases = np.angle(start)

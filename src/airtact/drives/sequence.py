@@ -187,7 +187,7 @@ def spatiotemporal_modulation(
             "or more.",
             code="too_few",
         )
-    count = _frames_of_period(frequency, rate, least=points)
+    count = _frames_of_period(frequency, rate, minimum=points)
     chosen = points * np.arange(count, dtype=np.int64) // count
     return sequence_through(transfer, target, chosen[:, None], rate, method)
 
@@ -218,6 +218,7 @@ def sequence_through(
         If the target does not fit the matrix, or as the method.
     """
     check_foci(transfer, target)
+    # Paths repeat positions; each set of foci is made once.
     made: dict[tuple[int, ...], Amplitudes] = {}
     frames = []
     before = None
@@ -225,9 +226,11 @@ def sequence_through(
         key = tuple(indices.tolist())
         if key not in made:
             amplitudes = _frame_amplitudes(transfer, target, indices, method)
+            # The first frame keeps its phase; each later one is turned towards the one before.
             if before is not None:
                 turn = np.vdot(amplitudes, before)
                 amplitudes = amplitudes * (turn / abs(turn) if abs(turn) > 0.0 else 1.0)
+            # A silent frame has no phase to turn towards.
             if amplitudes.any():
                 before = amplitudes
             made[key] = amplitudes
@@ -243,7 +246,7 @@ def _frame_amplitudes(
     if not weights.any():
         return np.zeros(transfer.matrix.shape[1], dtype=np.complex128)
     phases = 1.0 if target.phases is None else np.exp(1j * target.phases[foci])
-    # Shares hold between frames, too: a frame of weaker foci is weaker as a whole.
+    # Shares also hold between frames: a frame of weaker foci is weaker as a whole.
     scale = 1.0
     asked = {}
     if target.shares is not None:
@@ -261,16 +264,16 @@ def _frame_amplitudes(
     return scale * method(frame_transfer, frame_target).amplitudes
 
 
-def _frames_of_period(frequency: float, rate: float, least: int = MIN_FRAMES) -> int:
+def _frames_of_period(frequency: float, rate: float, minimum: int = MIN_FRAMES) -> int:
     """Count the frames of a period, and check that the rate fits the frequency."""
     frequency = positive(frequency, "the frequency of the modulation", "Hz")
     rate = positive(rate, "the rate of a sequence", "frames/s")
-    least = max(least, MIN_FRAMES)
+    minimum = max(minimum, MIN_FRAMES)
     count = round(rate / frequency)
-    if count < least:
+    if count < minimum:
         raise InvalidInput(
             f"{rate:g} frames/s give {rate / frequency:.3g} frames in a period of {frequency:g} "
-            f"Hz, and {least} are needed: give {least * frequency:g} frames/s or more.",
+            f"Hz, and {minimum} are needed: give {minimum * frequency:g} frames/s or more.",
             code="out_of_range",
         )
     if abs(count * frequency - rate) > 1e-6 * rate:

@@ -165,6 +165,7 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
         )
     check_placement(beacons.scene, array, sources.positions)
     received = beacons.at(array.face_points.reshape(-1, 3)).reshape(len(array), -1, count)
+    # Stored fields are NaN outside their samples.
     unknown = ~np.isfinite(received).all(axis=(1, 2))
     if unknown.any():
         first = int(unknown.argmax())
@@ -206,6 +207,7 @@ def open_air_matrix(scene: Scene, array: PhasedArray, target: Target) -> Transfe
     """
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles)")
     of_kind(target, Target, "the target", "Target(points, pressures)")
+    # Boards would reflect as bodies do, so they are left out with them.
     empty = Scene(scene.medium, [], frequency=scene.frequency, planes=scene.planes)
     return transfer_matrix(FreeField().radiate(empty, target.beacons(suppression=True)), array)
 
@@ -249,6 +251,7 @@ def _by_distance(
     of_kind(target, Target, "the target", "Target(points, pressures)")
     of_kind(medium, Medium, "the medium", "air() or Medium(sound_speed, density)")
     check_frequency(frequency)
+    # No scene checks the placement here, so the element and the foci are checked alone.
     check_pattern(array.element, medium.wavenumber(frequency))
     check_reach(array, target.points)
     distance = np.linalg.norm(array.positions[:, None, :] - target.points[None, :, :], axis=-1)
@@ -287,6 +290,7 @@ def rounding_error(
     rounded = frame.drive()
     exact = np.abs(transfer.pressure(drive))
     emitted = np.abs(transfer.pressure(rounded))
+    # Weak elements were raised to full scale, which adds energy but focuses no better.
     if frame.levels.phase_only:
         emitted = emitted * rounded.factor_to_match(drive)
     return np.where(exact > 0.0, emitted / np.where(exact > 0.0, exact, 1.0) - 1.0, np.nan)

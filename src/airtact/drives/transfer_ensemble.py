@@ -224,13 +224,16 @@ def matrices_at(
     """
     nominal = transfer_matrix(beacons, array).matrix
     sampler = _Sampler.of(beacons, array, nominal, Uncertainty(), solver)
-    return sampler.matrices(sampler.at_rest(pose, slower) for pose in poses)
+    # Only the hand as a whole moves: no group by itself, no focus along the skin, no board.
+    still = (Pose.identity(),) * len(sampler.groups)
+    unshifted = np.zeros((len(beacons.sources.positions), 2))
+    return sampler.matrices(Draw(pose, still, unshifted, (), slower) for pose in poses)
 
 
 def check_counts(samples: int, seed: int) -> None:
     """Raise "out_of_range" for an impossible number of samples or seed."""
-    whole = isinstance(samples, int | np.integer) and not isinstance(samples, bool)
-    if not whole or not 1 <= samples <= MAX_SAMPLES:
+    integer = isinstance(samples, int | np.integer) and not isinstance(samples, bool)
+    if not integer or not 1 <= samples <= MAX_SAMPLES:
         raise InvalidInput(
             f"the number of samples is {samples!r}, but it must be a whole number from 1 to "
             f"{MAX_SAMPLES}.",
@@ -373,11 +376,6 @@ class _Sampler:
         boards = [piece.positions.mean(axis=0) for piece in self.pieces]
         return draws(self.uncertainty, samples, seed, self.middle, pivots, len(foci), boards)
 
-    def at_rest(self, pose: Pose, slower: float) -> Draw:
-        """Return the draw of a motion of the whole hand and a scale of the wavenumber alone."""
-        still = (Pose.identity(),) * len(self.groups)
-        return Draw(pose, still, np.zeros((len(self.field.sources.positions), 2)), (), slower)
-
     def matrices(self, samples: Iterable[Draw]) -> Iterator[FociRows | None]:
         """Yield the transfer matrix of each draw; None for impossible ones."""
         if self.field.scene.planes:
@@ -408,8 +406,8 @@ class _Sampler:
         if not self.together:
             shifts = along_skin(self.field.scene, foci, draw.skin)
             poses = [
-                draw.hand @ Pose(own.rotation, own.translation + shifts[group[0]])
-                for own, group in zip(draw.own, self.groups, strict=True)
+                draw.hand @ Pose(motion.rotation, motion.translation + shifts[group[0]])
+                for motion, group in zip(draw.groups, self.groups, strict=True)
             ]
         for pose, group in zip(poses, self.groups, strict=True):
             self._check(self.field.scene, array, pose, foci[group], self.ball)
@@ -482,11 +480,11 @@ class _Sampler:
         carrying = self.bodies if scene.obstacles else np.arange(len(foci))
         obstacles = [
             replace(obstacle, surface=obstacle.surface.moved(pose))
-            for obstacle, pose in zip(scene.obstacles, draw.own, strict=False)
+            for obstacle, pose in zip(scene.obstacles, draw.groups, strict=False)
         ]
         scene = replace(scene, obstacles=obstacles)
         pairs = zip(carrying, foci, strict=True)
-        foci = np.stack([draw.own[body].apply(point) for body, point in pairs])
+        foci = np.stack([draw.groups[body].apply(point) for body, point in pairs])
         if draw.skin.any():
             shifted = foci + along_skin(scene, foci, draw.skin)
             # Keep the distance from the skin, which is not flat.

@@ -65,11 +65,11 @@ def max_min(transfer: TransferMatrix, target: Target, *, iterations: int = 300) 
         If the worst focus stays more than 3 % below what the same phases allow; the best drive is
         returned.
     """
-    matrix, wanted = asked_rows(transfer, target)
+    matrix, requests = asked_rows(transfer, target)
     check_iterations(iterations)
-    sources = strongest_sources(matrix / wanted[:, None], iterations)
-    _warn_if_stalled(matrix / wanted[:, None], sources, iterations)
-    return scaled_to_target(transfer, target, phase(matrix.conj().T @ (sources / wanted)))
+    sources = strongest_sources(matrix / requests[:, None], iterations)
+    _warn_if_stalled(matrix / requests[:, None], sources, iterations)
+    return scaled_to_target(transfer, target, phase(matrix.conj().T @ (sources / requests)))
 
 
 def strongest_sources(matrix: FociRows, iterations: int) -> Sources:
@@ -77,6 +77,7 @@ def strongest_sources(matrix: FociRows, iterations: int) -> Sources:
     alike = np.ones(len(matrix))
     # A smaller gap than 1e-2 of the relaxation changes nothing after the rank is reduced.
     reduced = to_rank_one(matrix, relaxed_bound(matrix, 1e-2)[1])
+    # The relaxation need not be tight, so the plain starts compete with it.
     starts = np.concatenate([reduced[None], starting_sources(matrix, alike)])
     return best_sources(matrix, alike, starts, iterations)
 
@@ -107,7 +108,7 @@ def warn_stalled(method: str, matrix: FociRows, worst: float, where: str) -> Non
             "with gradient.",
             reached,
         ),
-        stacklevel=4,
+        stacklevel=4,  # the caller of the public method
     )
 
 

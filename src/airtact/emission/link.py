@@ -80,9 +80,12 @@ class Link(ABC):
 
     def __init__(self, board: str, boards: int = 1) -> None:
         self.codec = codec_of(board)
-        if not isinstance(boards, int | np.integer) or not 1 <= boards <= self.codec.board.most:
+        if (
+            not isinstance(boards, int | np.integer)
+            or not 1 <= boards <= self.codec.board.max_boards
+        ):
             raise InvalidInput(
-                f"one link drives 1 to {self.codec.board.most} {board} boards, not {boards}.",
+                f"one link drives 1 to {self.codec.board.max_boards} {board} boards, not {boards}.",
                 code="sizes_differ",
             )
         self.elements = boards * len(self.codec.board)

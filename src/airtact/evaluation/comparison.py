@@ -62,6 +62,7 @@ class Comparison:
 
     def _strongest(self) -> tuple[float, str]:
         """Return the largest pressure at the weakest focus at equal peak, and its drive's name."""
+        # Full scale is the limit of the hardware, so equal peak decides.
         weakest = self.weakest("equal peak")
         best = int(np.argmax(weakest))
         return float(weakest[best]), self.names[best]
@@ -81,6 +82,7 @@ class Comparison:
                 f"{name!r} is none of the drives: {', '.join(self.names)}.",
                 code="unknown_name",
             )
+        # The drives by their phases alone follow after all drives as they are.
         return self.names.index(name) + len(self.names) * phase_only
 
     def at(
@@ -158,6 +160,7 @@ class Comparison:
         """
         rows: list[dict[str, str | int | float]] = []
         for held_equal, pressures in self.pressures.items():
+            # A table shows NaN where ``ratios`` raises, so that its other rows can be read.
             reference = np.where(pressures[0] > 0.0, pressures[0], np.nan)
             for drive, name in enumerate(self.names):
                 for focus, (x, y, z) in enumerate(self.target.points.tolist()):
@@ -180,10 +183,10 @@ class Comparison:
         foci = counted(len(self.target.points), "focus", "foci")
         rows = [[f"weakest of {foci} [Pa]", *self.pressures], *self._weakest_rows()]
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        lines = []
-        for name, *texts in rows:
-            cells = [text.rjust(width) for text, width in zip(texts, widths[1:], strict=True)]
-            lines.append("  ".join([name.ljust(widths[0]), *cells]))
+        lines = [
+            "  ".join([name.ljust(widths[0]), *map(str.rjust, texts, widths[1:])])
+            for name, *texts in rows
+        ]
         return "\n".join([*lines, *self._notes()])
 
     def _notes(self) -> list[str]:
@@ -252,8 +255,11 @@ def compare(
     strongest = [drive.at_full_scale() for drive in drives.values()]
     excitations = [*strongest, *(drive.phase_only() for drive in strongest)]
     field = radiate_drives(scene, array, excitations, solver, foci=target.points, progress=progress)
+    # Drives along the first axis, so that each drive's pressures are contiguous.
     magnitudes = np.abs(np.ascontiguousarray(field.at(target.points).T))
     equal_peak = magnitudes[: len(drives)]
+    # The drive of lowest energy sets the energy that all drives can reach below full scale. The
+    # field is linear in the drive, so the second normalisation needs no solve.
     least_energetic = min(strongest, key=lambda drive: drive.energy)
     factors = np.array([drive.factor_to_match(least_energetic) for drive in strongest])
     pressures = {

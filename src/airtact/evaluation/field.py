@@ -50,11 +50,14 @@ def drive_sources(
                 f"has {len(array)}.",
                 code="sizes_differ",
             )
+        # Dead elements have the gain 0, so a drive of only those is silent as well.
         if not (array.gains * drive.amplitudes).any():
             raise InvalidInput(
                 f"drive {index} is silent: all amplitudes are 0 or of dead elements.",
                 code="all_zero",
             )
+    # (E, 1) gains times (E, S) amplitudes, then (1, Q, 1) weights: element by element, as
+    # ``face_points`` are.
     amplitudes = array.gains[:, None] * np.stack([drive.amplitudes for drive in drives], axis=1)
     sensitivity = array.element.sensitivity * (1.0 if scene is None else strength_in(scene, array))
     strengths = sensitivity * array.element.weights[None, :, None] * amplitudes[:, None, :]
@@ -77,13 +80,13 @@ def radiate_drives(
     (by the word for one of them), which must be off the bodies and the elements. The errors are
     those of ``evaluate``.
     """
+    # A class in place of an instance is the usual slip; the sentence then names that class.
     kind = solver.__name__ if isinstance(solver, type) else "BoundaryElement"
     of_kind(solver, Solver, "the solver", f"an instance such as {kind}()")
     sources = drive_sources(array, drives, scene)
     check_placement(scene, array, foci)
-    checked = dict(points or {})
-    if foci is not None:
-        checked = {"focus": foci, **checked}
+    # Foci first: of several misplaced points the sentence should name a focus.
+    checked = dict(points or {}) if foci is None else {"focus": foci, **(points or {})}
     for word, positions in checked.items():
         if len(positions):
             check_outside(scene, positions, word)
@@ -127,6 +130,7 @@ def field_map(
         or something is of the wrong kind.
     """
     points = points_of(points, "points", least=0)
+    # Checked before the solve, which may take a minute.
     check_off_sources(points, drive_sources(array, [drive], scene))
     field = radiate_drives(scene, array, [drive], solver, progress=progress)
     (progress or no_progress)(f"evaluating the field at {counted(len(points), 'point', 'points')}")

@@ -27,8 +27,10 @@ def headline(comparison: Comparison, drive: Drive, word: str = "hand") -> str:
         second has the same energy.
     word : the word for the bodies.
     """
+    # Below full scale the hardware does not limit the peak, so the drives are compared by energy.
     held_equal = "equal peak" if drive.is_full_scale else "equal energy"
     weakest = _weakest(comparison, held_equal)
+    # The comparison has every drive at full scale; the drive is emitted at its own peak.
     first = drive.peak * _weakest(comparison, "equal peak")[0]
     amount = _amount(first, comparison.target)
     sentence = f"{_capital(comparison.names[0])}: {amount} at the weakest focus."
@@ -44,6 +46,7 @@ def headline(comparison: Comparison, drive: Drive, word: str = "hand") -> str:
             f"{sentence} The {word} does not matter here: the solution distinguishes no less than "
             f"{error:.1%}."
         )
+    # Typographic minus, and a space before the per cent sign (ISO 80000-1).
     gain = f"{1.0 / ratio - 1.0:+.0%}".replace("%", " %").replace("-", "−")
     same = "hardware" if drive.is_full_scale else "energy"
     return f"{sentence} Same {same}: {gain}."
@@ -63,6 +66,7 @@ def shortfalls(
     """
     if target.pressures is None:
         return ()
+    # Solvers are asked for 1 % by default, so a miss below 2 % is not worth a sentence.
     short = [
         f"{name} {pascals(got)} of {pascals(asked)}"
         for name, got, asked in zip(foci, reached, target.pressures, strict=True)

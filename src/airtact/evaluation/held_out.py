@@ -71,10 +71,8 @@ class HeldOut:
 
     def sentence(self) -> str:
         """State the pressure that the weakest focus exceeds 9 of 10 times."""
-        first, *others = self.lowest_tenth
-        words = [
-            f"{name}: {pascals(low)}" for name, low in zip(self.names[1:], others, strict=True)
-        ]
+        first, *rest = self.lowest_tenth
+        words = [f"{name}: {pascals(low)}" for name, low in zip(self.names[1:], rest, strict=True)]
         compared = f" ({', '.join(words)} at equal energy)" if words else ""
         left_out = f"; {self.left_out} samples are impossible" if self.left_out else ""
         return (
@@ -99,13 +97,11 @@ def held_out(samples: TransferEnsemble, target: Target, drives: Mapping[str, Dri
     """
     if not drives:
         raise InvalidInput("there is no drive to try; give one or more by name.", code="empty")
-    asked = target.weights > 0.0
+    # The rows of the foci come first; suppression points after them do not count.
+    asked = np.flatnonzero(target.weights > 0.0)
     factors = _factors(drives)
-    sampled = []
-    nominal = []
-    for drive in drives.values():
-        sampled.append(np.abs(samples.pressures(drive))[:, : len(asked)][:, asked].min(axis=1))
-        nominal.append(np.abs(samples.pressure(drive))[: len(asked)][asked].min())
+    sampled = [np.abs(samples.pressures(drive)[:, asked]).min(axis=1) for drive in drives.values()]
+    nominal = [np.abs(samples.pressure(drive)[asked]).min() for drive in drives.values()]
     return HeldOut(
         names=tuple(drives),
         pressures=factors[:, None] * np.stack(sampled),
@@ -137,6 +133,7 @@ def shift_map(
     weakest = np.full((len(drives), len(shifts.points)), np.nan)
     poses = (Pose(np.eye(3), shift) for shift in shifts.points)
     for index, matrix in enumerate(matrices_at(beacons, array, poses, solver=solver)):
+        # An element would reach into the hand at this shift: its pixel stays NaN.
         if matrix is not None:
             weakest[:, index] = np.abs(matrix[asked] @ amplitudes).min(axis=0)
     return ShiftMap(shifts, _factors(drives)[:, None] * weakest)

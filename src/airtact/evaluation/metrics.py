@@ -25,6 +25,7 @@ NOT_MODELLED = (
 
 def not_modelled(report: SolveReport) -> str:
     """Return the limits of the pressures that a report belongs to, in a sentence."""
+    # Solvers note planes and boards in their settings, which also stored fields carry.
     planes = PLANES in report.settings
     if BOARDS in report.settings:
         walls = "Tables and walls"
@@ -110,6 +111,7 @@ class Evaluation:
         They are shares of the pressure asked where one is; else magnitudes [Pa], each over the
         share asked, if any.
         """
+        # Foci that ask for nothing have no share, and would be the worst with any other value.
         if self.target.pressures is not None:
             return self.shares[np.isfinite(self.shares)]
         asked = self.target.weights > 0.0
@@ -132,6 +134,7 @@ class Evaluation:
         Di Leonardo, Ianni and Ruocco (Optics Express 15, 1913, 2007) define it for intensity; here
         it is that of pressure, or of the share of the pressure asked.
         """
+        # All silent: 0, not 0 / 0.
         high = self.counted.max()
         low = self.counted.min()
         return float(1.0 - (high - low) / (high + low)) if high > 0.0 else 0.0
@@ -184,5 +187,6 @@ def evaluate(
     """
     of_kind(target, Target, "the target", "Target(points, pressures)")
     field = radiate_drives(scene, array, [drive], solver, foci=target.points, progress=progress)
+    # Contiguous, as attributes that are shared and stored should be.
     pressures = np.ascontiguousarray(field.at(target.points)[:, 0])
     return Evaluation(target, pressures, field.report_at(target.points), field)

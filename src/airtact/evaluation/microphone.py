@@ -35,6 +35,7 @@ class Microphone:
     housing: float = 0.05
 
     def __post_init__(self) -> None:
+        # A diameter of over two wavelengths at 40 kHz is probably in millimetres.
         if positive(self.diameter, "the diameter of a microphone", "m") > 0.02:
             raise InvalidInput(
                 f"the diameter of a microphone is {self.diameter:g} m, more than 20 mm: give "
@@ -60,6 +61,7 @@ class Microphone:
 
     def face(self, centres: Real[np.ndarray, "centres 3"]) -> Float64[np.ndarray, "centres face 3"]:
         """Return the points of the face (N, Q, 3) [m] for centres of it (N, 3) [m]."""
+        # The quadrature of a piston's face is exact for polynomials of degree 9.
         return centres[:, None, :] + piston(self.diameter / 2.0).points @ self._turn.T
 
     def blocked(
@@ -73,6 +75,7 @@ class Microphone:
         centres : (N, 3) of the face [m].
         """
         centres = points_of(centres, "positions of a microphone", least=0)
+        # A disc of 49 points: the centre, and rings at half the radius and at the rim.
         angles = np.arange(24) * (2.0 * np.pi / 24)
         rim = self.diameter / 2.0 * np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=1)
         disc = np.concatenate([np.zeros((1, 3)), 0.5 * rim, rim])
@@ -96,6 +99,7 @@ class Microphone:
         centres = points_of(centres, "positions of a microphone", least=0)
         excitations = field.sources.strengths.shape[1]
         readings = np.full((len(centres), excitations), np.nan, dtype=np.complex128)
+        # The field inside bodies is not defined, so blocked positions are not evaluated.
         free = ~self.blocked(field.scene, centres)
         points = self.face(centres[free])
         pressure = field.at(points.reshape(-1, 3)).reshape(*points.shape[:2], excitations)

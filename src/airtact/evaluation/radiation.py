@@ -110,6 +110,7 @@ class RadiationMap:
                 f"there is no body {body}; the scene has bodies 0 to {count - 1}.",
                 code="unknown_name",
             )
+        # Six quadrature points on each panel. Pressure acts against the outward normal.
         chosen = np.repeat(self.body, 6) == body
         return -(self.areas * self.radiation_pressure)[chosen] @ self.normals[chosen]
 
@@ -130,6 +131,7 @@ class RadiationMap:
         chosen, centre = self.around(focus, radius)
         if centre is None:
             return None
+        # A radius below the distance of the quadrature points would give a force of 0.
         if not chosen.any():
             nearest = np.linalg.norm(self.points - centre, axis=1).min()
             raise InvalidInput(
@@ -156,7 +158,7 @@ class RadiationMap:
             return np.zeros(len(away), dtype=bool), None
         centre = focus - height * self.normals[nearest]
         body = np.repeat(self.body, 6)
-        # The other side of a finger may be within the radius, too.
+        # The opposite side of a thin finger may also be within the radius.
         facing = self.normals @ self.normals[nearest] > 0.0
         within = np.linalg.norm(self.points - centre, axis=1) < radius
         return within & facing & (body == body[nearest]), centre
@@ -185,12 +187,14 @@ def radiation_of(field: RadiatedField, excitation: int) -> RadiationMap:
     edge = scene.wavelength / 3.0
     panels = panels_of(shapes, edge, np.empty((0, 3)), smallest=edge)
     nodes = place_nodes(panels.quadratic_triangles, panels.body, panels.deviation)
+    # Quadratic panels deviate from the surface; the solver evaluates pressure and velocity on it.
     points = np.array(nodes.points)
     for index, shape in enumerate(shapes):
         on_body = nodes.body == index
         points[on_body] = shape.project(points[on_body])
     pressure = field.at(points)[:, excitation]
     velocity = field.velocity(points)[:, :, excitation]
+    # Solvers that only know the field away from surfaces return NaN on them.
     lost = int(np.sum(~np.isfinite(pressure) | ~np.isfinite(velocity).all(axis=1)))
     if lost:
         raise InvalidInput(

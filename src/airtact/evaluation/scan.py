@@ -49,6 +49,7 @@ class Scan:
         check_finite(pressures, "pressures of a scan")
         away = np.linalg.norm(points, axis=1)
         worst = int(away.argmax())
+        # The scene is some decimetres wide, so positions beyond 2 m are probably in millimetres.
         if away[worst] > 2.0:
             raise InvalidInput(
                 f"position {worst} of the scan is {away[worst]:.4g} m from the origin: is this in "
@@ -60,6 +61,7 @@ class Scan:
             raise InvalidInput(
                 "all pressures of the scan are 0; nothing was measured.", code="all_zero"
             )
+        # Repeated positions would count twice in the fit.
         _, first = np.unique(points, axis=0, return_index=True)
         repeated = np.setdiff1d(np.arange(len(points)), first)
         if len(repeated):
@@ -180,12 +182,14 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
         )
     model = predicted[used]
     measured = scan.pressures[used]
+    # Without phases only magnitudes can be compared, and the scale is real and positive.
     if not scan.phased:
         model = np.abs(model).astype(np.complex128)
         measured = np.abs(measured).astype(np.complex128)
     if not model.any():
         raise InvalidInput("the prediction is 0 Pa at all positions of the scan.", code="all_zero")
     scale, error = _fitted(measured, model)
+    # Instruments with the convention e^(+iωt) store conjugated phases.
     mirrored = _fitted(measured, model.conj())[1] if scan.phased else error
     # Up to 20 % the scan agrees, however well its mirror image does.
     if mirrored < 0.5 * error and error > 0.2:
@@ -200,5 +204,6 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
 def _fitted(
     measured: Complex128[np.ndarray, "points"], model: Complex128[np.ndarray, "points"]
 ) -> tuple[complex, float]:
+    # Least squares: s = ⟨model, measured⟩ / ‖model‖²; ``vdot`` conjugates its first argument.
     scale = complex(np.vdot(model, measured) / np.vdot(model, model).real)
     return scale, float(np.linalg.norm(measured - scale * model) / np.linalg.norm(measured))

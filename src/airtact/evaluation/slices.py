@@ -71,37 +71,38 @@ def slices_around(
     lowest = (foci @ axes.T).min(axis=0) - 1.5 * wavelength
     highest = (foci @ axes.T).max(axis=0) + 1.5 * wavelength
     counts, any_axis = _counts((highest - lowest) / wavelength)
-    sides = [
-        np.linspace(low, high, count)
-        for low, high, count in zip(lowest, highest, counts, strict=True)
-    ]
-    grid = np.stack(np.meshgrid(*sides[::-1], indexing="ij")[::-1], axis=-1)
+    # Planes along the first axis of the array, then rows, then columns.
+    coordinates = list(map(np.linspace, lowest, highest, counts))
+    grid = np.stack(np.meshgrid(*coordinates[::-1], indexing="ij")[::-1], axis=-1)
     points = grid.reshape(-1, 3) @ axes
     depth = field.scene.depth(points).reshape(grid.shape[:3])
     pressure = _pressure(field, points, depth.ravel())[:, list(columns)]
     pressure = _carried_inside(pressure.reshape(*grid.shape[:3], -1))
+    # What is behind a plane is hidden like the inside of bodies.
     for plane in field.scene.planes:
         depth = np.maximum(depth, -plane.height(points).reshape(depth.shape))
     fine = (2, 2, 2) if any_axis else (1, 2, 2)
     if len(columns) > 3:  # the page would grow large
         fine = (1, 1, 1)
     excitations = np.moveaxis(pressure, -1, 0)
+    # Complex values are interpolated, since magnitudes have kinks at their zeros.
     pressures = np.stack([np.abs(_finer(part, fine)) for part in excitations], axis=-1)
     steps = (highest - lowest) / (np.array(pressures.shape[2::-1]) - 1)
     depth = np.real(_finer(np.clip(depth, -wavelength, wavelength), fine))
     return Slices(lowest @ axes, axes, steps, pressures, depth, any_axis)
 
 
-def _counts(sides: Float64[np.ndarray, "3"]) -> tuple[tuple[int, ...], bool]:
-    """Points along the sides [wavelengths], and whether they are equally close along all."""
+def _counts(size: Float64[np.ndarray, "3"]) -> tuple[tuple[int, ...], bool]:
+    """Points along each axis of a size [wavelengths], and whether they are equally close on all."""
     # An odd number, so that one plane is in the middle.
-    counts = 2 * np.ceil(sides * 5.0 / 2.0).astype(int) + 1
+    counts = 2 * np.ceil(size * 5.0 / 2.0).astype(int) + 1
     if counts.prod() <= MAX_POINTS:
         return tuple(counts.tolist()), True
-    least_planes = 9
-    step = max(0.25, float(np.sqrt(sides[0] * sides[1] * least_planes / MAX_POINTS)))
-    across, along = (np.ceil(sides[:2] / step).astype(int) + 1).tolist()
-    planes = min(int(counts[2]), max(least_planes, MAX_POINTS // (across * along)))
+    # Too many points for a box: four a wavelength or fewer in the planes, and at least nine planes.
+    min_planes = 9
+    step = max(0.25, float(np.sqrt(size[0] * size[1] * min_planes / MAX_POINTS)))
+    across, along = (np.ceil(size[:2] / step).astype(int) + 1).tolist()
+    planes = min(int(counts[2]), max(min_planes, MAX_POINTS // (across * along)))
     return (across, along, planes - 1 + planes % 2), False
 
 
@@ -142,10 +143,10 @@ def _pressure(
     normals = surface.normals[nearest]
     height = np.sum((surface.points[nearest] - points[near]) * normals, axis=1, keepdims=True)
     projections = points[near] + height * normals
+    # One call for both sets, so that the solver prepares its evaluation once.
     evaluated = field.at(np.concatenate([points[away], projections + rim * normals]))
-    far = np.count_nonzero(away)
-    pressure[away] = evaluated[:far]
-    rims = evaluated[far:]
+    pressure[away] = evaluated[: np.count_nonzero(away)]
+    rims = evaluated[np.count_nonzero(away) :]
     walls = pressure_on_surfaces(field, projections)
     # The slope along the normal vanishes on the wall: a parabola in the height.
     weight = (depth[near] / rim)[:, None] ** 2

@@ -36,6 +36,7 @@ class Threshold:
         if not value > 0.0:
             return -np.inf
         factor = 10.0 if self.quantity == "force" else 20.0
+        # Nine digits hide the rounding of the logarithm.
         return round(factor * float(np.log10(value / self.value)), 9)
 
 
@@ -94,6 +95,7 @@ def sensation(pressure: float, modulation: Modulation | None, depth: float = 1.0
     if modulation is None:
         return CONSTANT_FORCE_NOTE
     threshold = next(each for each in thresholds_of(modulation) if each.quantity == "pressure")
+    # The depth is that of the force, which goes with the square of the pressure.
     level = threshold.level(pressure * np.sqrt(depth))
     return (
         f"The weakest focus is {abs(level):.0f} dB {'above' if level >= 0 else 'below'} the "

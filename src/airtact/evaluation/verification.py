@@ -132,6 +132,7 @@ class Verification:
     @property
     def quantisation_loss(self) -> float:
         """Largest change of a focus's pressure by rounding, over its pressure."""
+        # Silent foci have no relative change.
         exact = self.evaluation.magnitudes
         change = np.abs(self.quantised.magnitudes - exact)[exact > 0.0] / exact[exact > 0.0]
         return float(change.max(initial=0.0))
@@ -195,6 +196,7 @@ class Verification:
         return "\n".join(lines)
 
     def __str__(self) -> str:
+        # A focus that no element reaches stays at 0 instead of 0 / 0.
         attainable = np.where(self.attainable_at_energy > 0, self.attainable_at_energy, 1)
         at_energy = self.evaluation.magnitudes / attainable
         lines = [
@@ -272,6 +274,7 @@ def verify(
     head = points_of(head, "points of the head", least=0)
     if transfer is not None:
         check_foci(transfer, target)
+    # Both drives in one solve: rounding then costs a right-hand side, not a factorisation.
     rounded = quantise(drive, levels).drive()
     if not rounded.amplitudes.any():  # a drive too weak for the levels
         rounded = drive
@@ -295,6 +298,7 @@ def verify(
     report = field.report_at(points)
     skin = radiation_of(field, 0) if scene.obstacles else None
     progress("looking for side lobes")
+    # Nearer than a wavelength a maximum is part of the focus, not a lobe.
     lobe_on_surface = None
     if skin is not None:
         off = _farther(skin.points, target.points, scene.wavelength)
@@ -317,11 +321,11 @@ def verify(
 
 def _farther(
     points: Float64[np.ndarray, "points 3"],
-    others: Float64[np.ndarray, "others 3"],
+    centres: Float64[np.ndarray, "centres 3"],
     distance: float,
 ) -> Bool[np.ndarray, "points"]:
-    """Whether points are farther than a distance [m] from all others."""
-    return np.asarray(KDTree(others).query(points)[0]) > distance
+    """Whether points are farther than a distance [m] from all centres."""
+    return np.asarray(KDTree(centres).query(points)[0]) > distance
 
 
 def _strongest(
@@ -330,6 +334,7 @@ def _strongest(
     """Return the strongest of the finite pressures, None if there is none."""
     if not np.isfinite(pressure).any():
         return None
+    # NaN marks points that do not count; −1 is below every magnitude.
     magnitudes = np.where(np.isfinite(pressure), np.abs(pressure), -1.0)
     return SideLobe(float(magnitudes.max()), points[magnitudes.argmax()])
 
@@ -356,14 +361,8 @@ def _side_lobe_in_box(field: RadiatedField, array: PhasedArray, target: Target) 
     high = target.points.max(axis=0) + 2.0 * wavelength
     # Six points per wavelength, but 20,000 points at most.
     spacing = max(wavelength / 6.0, float(np.cbrt(np.prod(high - low) / 20_000)))
-    points, pressure = pressure_at(
-        _grid(
-            [
-                np.linspace(start, end, int((end - start) / spacing) + 1)
-                for start, end in zip(low, high, strict=True)
-            ]
-        )
-    )
+    counts = ((high - low) / spacing).astype(int) + 1
+    points, pressure = pressure_at(_grid(list(map(np.linspace, low, high, counts))))
     # A lobe may be between the points: look again, at a third of the spacing, round the strongest.
     strongest = points[np.argsort(-np.abs(pressure))[:40]]
     around = strongest[:, None] + _grid([np.array([-1.0, 0.0, 1.0]) * spacing / 3.0] * 3)

@@ -84,6 +84,7 @@ def plane_through(
     allows, and has about 20,000 points at most.
     """
     middle = foci.mean(axis=0)
+    # Directions in which the foci spread, the widest first; a tenth of a wavelength is no spread.
     _, spreads, principal = np.linalg.svd(foci - middle, full_matrices=False)
     candidates = list(principal[: len(spreads)][spreads > wavelength / 10])
     if len(bodies):
@@ -98,8 +99,8 @@ def plane_through(
     up = _direction(axis - axis @ normal * normal)
     right = np.cross(up, normal)
     right = right * np.sign(right[np.argmax(np.abs(right))])
-    # Rounding would hide that a side is along an axis of the frame.
-    right, up = (np.where(np.abs(side) < 1e-12, 0.0, side) for side in (right, up))
+    # Rounding would hide that an edge is along an axis of the frame.
+    right, up = (np.where(np.abs(edge) < 1e-12, 0.0, edge) for edge in (right, up))
     return _round_foci(foci, right, up, wavelength)
 
 
@@ -125,6 +126,7 @@ def _round_foci(foci: np.ndarray, right: np.ndarray, up: np.ndarray, wavelength:
     highest = within.max(axis=0)
     width, height = highest - lowest + 6 * wavelength
     centre = middle + (lowest + highest) / 2 @ np.stack([right, up])
+    # About 20,000 points, within 8 to 18 points per wavelength.
     step = np.clip(np.sqrt(width * height / 20_000), wavelength / 18, wavelength / 8)
     return Window(centre, right, up, float(width), float(height), float(step))
 
@@ -169,18 +171,17 @@ class Box:
     @property
     def points(self) -> Float64[np.ndarray, "points 3"]:
         """The points, along x fastest and z slowest [m]."""
-        sides = [
-            start + self.step * np.arange(count)
-            for start, count in zip(self.origin, self.counts, strict=True)
-        ]
-        z, y, x = np.meshgrid(*sides[::-1], indexing="ij")
-        return np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)
+        # The order of VTK's image data.
+        indices = np.stack(np.unravel_index(np.arange(np.prod(self.counts)), self.counts, "F"), 1)
+        return self.origin + self.step * indices
 
 
-def box_around(foci: Real[np.ndarray, "foci 3"], wavelength: float, most: int = 60_000) -> Box:
+def box_around(
+    foci: Real[np.ndarray, "foci 3"], wavelength: float, max_points: int = 60_000
+) -> Box:
     """Return a box to 1.5 wavelengths past the foci, with 8 points per wavelength if possible."""
     lowest = foci.min(axis=0) - 1.5 * wavelength
-    sides = foci.max(axis=0) + 1.5 * wavelength - lowest
-    step = float(max(wavelength / 8, np.cbrt(np.prod(sides) / most)))
-    across, along, deep = (max(2, int(side / step) + 1) for side in sides)
+    size = foci.max(axis=0) + 1.5 * wavelength - lowest
+    step = float(max(wavelength / 8, np.cbrt(np.prod(size) / max_points)))
+    across, along, deep = (max(2, int(length / step) + 1) for length in size)
     return Box(lowest, step, (across, along, deep))

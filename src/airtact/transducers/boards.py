@@ -40,7 +40,7 @@ class Board:
         differs.
     placed : whether the board fixes the positions of its transducers; else ``positions`` are an
         example.
-    most : largest number of boards on one link.
+    max_boards : largest number of boards on one link.
     amplitudes, phases : number of levels of each.
     transducer : its kind of transducer.
     radius : of the piston that has the pattern of that transducer [m], see ``piston``.
@@ -54,7 +54,7 @@ class Board:
     message_length: int
     outline: tuple[float, float] | None
     placed: bool
-    most: int
+    max_boards: int
     amplitudes: int
     phases: int
     transducer: str
@@ -97,10 +97,11 @@ def boards_needed(board: Board, elements: int) -> int:
         "sizes_differ": they do not fill whole boards; "too_many": more than one link takes.
     """
     count = _whole_boards(board, elements)
-    if count > board.most:
+    if count > board.max_boards:
         raise InvalidInput(
             f"{elements} elements are {count} {board.name} boards, and one link takes at most "
-            f"{board.most}: make a drive for {board.most * len(board)} elements or fewer.",
+            f"{board.max_boards}: make a drive for {board.max_boards * len(board)} elements or "
+            "fewer.",
             code="too_many",
         )
     return count
@@ -109,7 +110,7 @@ def boards_needed(board: Board, elements: int) -> int:
 def _whole_boards(board: Board, elements: int) -> int:
     count, rest = divmod(elements, len(board))
     if rest or count == 0:
-        near = len(board) * min(max(count, 1), board.most)
+        near = len(board) * min(max(count, 1), board.max_boards)
         raise InvalidInput(
             f"{counted(elements, 'element does', 'elements do')} not fill whole {board.name} "
             f"boards of {len(board)}: give a drive for {near} elements.",
@@ -122,6 +123,7 @@ def kind_of_array(
     positions: Real[np.ndarray, "elements 3"], normals: Real[np.ndarray, "elements 3"]
 ) -> tuple[Board, list[Pose]] | None:
     """Find the kind of the boards of an array and their poses; None if it is not made of boards."""
+    # Kinds of one pitch differ in the order of their elements, so at most one of them fits.
     for board in BOARDS.values():
         if board.placed:
             with suppress(InvalidInput):
@@ -205,7 +207,7 @@ def _autd3() -> Board:
         message_length=249,
         outline=(192.0e-3, 151.4e-3),
         placed=True,
-        most=256,
+        max_boards=256,
         amplitudes=256,
         phases=256,
         transducer="Nippon Ceramic T4010A1",
@@ -216,6 +218,7 @@ def _autd3() -> Board:
 
 def _sonicsurface() -> Board:
     """Lay out 16 by 16 cells in the order of channels: blocks of 4 (x) by 2 (y), y first."""
+    # Cells of a block in the order of channels (``Distribute.vhd``).
     block = [(0, 0), (2, 0), (3, 0), (1, 1), (0, 1), (3, 1), (2, 1), (1, 0)]
     cells = [
         (4 * group + x, 2 * pair + y, 7.5)
@@ -231,7 +234,7 @@ def _sonicsurface() -> Board:
         message_length=256,
         outline=(183.0e-3, 169.0e-3),
         placed=True,
-        most=2,
+        max_boards=2,
         amplitudes=2,
         phases=32,
         transducer="of 10 mm, as Murata MA40S4S",
@@ -251,7 +254,7 @@ def _nano16() -> Board:
         message_length=16,
         outline=None,
         placed=False,
-        most=1,
+        max_boards=1,
         amplitudes=2,
         phases=16,
         transducer="of 10 mm, as Murata MA40S4S",
@@ -262,6 +265,7 @@ def _nano16() -> Board:
 
 def _openmpd() -> Board:
     """Lay out 16 by 16 cells, columns from the top; its pins come in blocks of 4 (x) by 2 (y)."""
+    # Pins within a block by column and row (``board_6.pat``).
     columns, rows = np.divmod(np.arange(256), 16)
     pins = np.array([[1, 5], [0, 4], [3, 6], [2, 7]])
     return Board(
@@ -272,7 +276,7 @@ def _openmpd() -> Board:
         message_length=256,
         outline=None,
         placed=True,
-        most=256,
+        max_boards=256,
         amplitudes=65,
         phases=128,
         transducer="Murata MA40S4S",

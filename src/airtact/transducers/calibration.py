@@ -69,6 +69,7 @@ def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, 
                     f"gain {gain:g} of element {element} must be 0 to 10.", code="out_of_range"
                 )
             lines[element] = line
+            # A lag is a positive phase in Re[p e^{−iωt}].
             gains[element] = gain * np.exp(1j * phase)
     return gains
 
@@ -93,6 +94,7 @@ def calibrated_by(path: str | Path, array: PhasedArray) -> PhasedArray:
     if not any(name in table.names for name in MOTION):
         return array.calibrated(gains)
     for column in MOTION:
+        # Half a turn or 0.1 m is no deviation but another unit.
         limit, unit = (np.pi, "rad") if column.startswith("turn") else (0.1, "m")
         values = np.abs(table.numbers(column))
         if values.max(initial=0.0) >= limit:
@@ -102,9 +104,11 @@ def calibrated_by(path: str | Path, array: PhasedArray) -> PhasedArray:
                 f"{column}, and {limit:.3g} is too far: give metres and radians.",
                 code="out_of_range",
             )
+    # Elements that are not listed keep their place.
     motions = np.zeros((len(array), 6))
     elements = table.numbers(COLUMNS[0]).astype(np.int64)
     motions[elements] = np.stack([table.numbers(name) for name in MOTION], axis=1)
+    # SciPy wants writable arrays, and those of an array are read-only.
     turns = Rotation.from_rotvec(motions[:, 3:])
     return PhasedArray(
         array.positions + motions[:, :3],
@@ -137,9 +141,11 @@ def save_calibration(
     shifts = np.stack([pose.apply(point) - point for pose, point in pairs])
     turns = Rotation.from_matrix(np.stack([pose.rotation for pose in deviations])).as_rotvec()
     numbers = np.column_stack([np.abs(gains), np.angle(gains), shifts, turns])
-    lines = [",".join((*COLUMNS, *MOTION))]
-    for index, row in enumerate(numbers):
-        lines.append(",".join([str(index), *(f"{value:.9g}" for value in row)]))
+    # Nine digits: a micrometre over a kilometre, far below any measurement.
+    lines = [",".join((*COLUMNS, *MOTION))] + [
+        ",".join([str(index), *(f"{value:.9g}" for value in row)])
+        for index, row in enumerate(numbers)
+    ]
     try:
         with whole_file(path) as partial:
             partial.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -79,10 +79,8 @@ class Element:
                 f"the radius of an element cannot be {radius:g} m: give 0 or a length in metres.",
                 code="out_of_range",
             )
-        object.__setattr__(self, "points", points)
-        object.__setattr__(self, "weights", weights)
-        object.__setattr__(self, "sensitivity", sensitivity)
-        object.__setattr__(self, "radius", radius)
+        # The checked values replace those given, past the frozen dataclass.
+        vars(self).update(points=points, weights=weights, sensitivity=sensitivity, radius=radius)
 
     @property
     def kind(self) -> str:
@@ -112,13 +110,13 @@ class Element:
             width = f"-6 dB at {np.degrees(np.arcsin(half / size)):.0f} degrees"
         return f"pistons of {self.radius * 1e3:.3g} mm radius ({width}), nothing behind them"
 
-    def same_as(self, other: "Element") -> bool:
+    def same_as(self, element: "Element") -> bool:
         """Whether both elements are the same in every number."""
         return (
-            np.array_equal(self.points, other.points)
-            and np.array_equal(self.weights, other.weights)
+            np.array_equal(self.points, element.points)
+            and np.array_equal(self.weights, element.weights)
             and (self.sensitivity, self.directional, self.radius)
-            == (other.sensitivity, other.directional, other.radius)
+            == (element.sensitivity, element.directional, element.radius)
         )
 
     def far_pattern(
@@ -202,6 +200,7 @@ def piston(radius: float, sensitivity: float = DEFAULT_SENSITIVITY, points: int 
         raise InvalidInput(
             f"there is no piston of {points} points: take 12 or 19.", code="out_of_range"
         )
+    # Boards take 12 points: their transducers have ka below 3.5, and cost grows with the points.
     places, weights = _degree_7() if points == 12 else _degree_9()
     return Element(radius * places, weights, sensitivity, directional=True, radius=radius)
 
@@ -209,6 +208,7 @@ def piston(radius: float, sensitivity: float = DEFAULT_SENSITIVITY, points: int 
 def _degree_7() -> tuple[Float64[np.ndarray, "12 3"], Float64[np.ndarray, "12"]]:
     """Return the points and weights of S2 7-1 on the unit disc."""
     root = np.sqrt(29.0)
+    # Radius, weight and first angle of each ring of four points.
     rings = (
         (np.sqrt(3 / 4), 2 / 27, 0.0),
         (np.sqrt((27 - 3 * root) / 52), (551 + 41 * root) / 6264, np.pi / 4),
@@ -221,6 +221,7 @@ def _degree_7() -> tuple[Float64[np.ndarray, "12 3"], Float64[np.ndarray, "12"]]
 def _degree_9() -> tuple[Float64[np.ndarray, "19 3"], Float64[np.ndarray, "19"]]:
     """Return the points and weights of S2 9-1 on the unit disc."""
     root = np.sqrt(111.0)
+    # Radius, weight and first angle of each ring of six points, around one in the middle.
     rings = (
         (np.sqrt((96 - 4 * root) / 155), (110297 + 5713 * root) / 2045952, 0.0),
         (np.sqrt(4 / 5), 125 / 3072, np.pi / 6),
@@ -239,6 +240,7 @@ def _ring(distance: float, count: int, start: float) -> Float64[np.ndarray, "poi
 
 def check_pattern(element: Element, wavenumber: complex | float) -> None:
     """Raise "out_of_range" where the points of a face are too few for a wavenumber [rad/m]."""
+    # The rules integrate polynomials up to their degree, and the phase over a face grows with ka.
     size = wavenumber.real * element.radius
     count = len(element.points)
     largest = MAX_PISTON_SIZE.get(count, MAX_PISTON_SIZE[19])

@@ -96,6 +96,7 @@ class PhasedArray:
             along_x = np.abs(normals[:, :1]) >= 0.9
             tangents = _across(np.where(along_x, [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]), normals)
         tangents = _unit(_as_many(tangents, positions, "tangent"), "tangent")
+        # Both are unit vectors, so this is the cosine of their angle.
         slant = np.abs(np.einsum("ed,ed->e", normals, tangents))
         if slant.max() > 1e-5:
             first = int(np.argmax(slant))
@@ -104,11 +105,29 @@ class PhasedArray:
                 f"{slant[first]:g}.",
                 code="out_of_range",
             )
-        object.__setattr__(self, "positions", positions)
-        object.__setattr__(self, "normals", normals)
-        object.__setattr__(self, "element", element)
-        object.__setattr__(self, "tangents", _unit(_across(tangents, normals), "tangent"))
-        object.__setattr__(self, "gains", _checked_gains(gains, len(positions)))
+        gains = complex_numbers(
+            np.ones(len(positions)) if gains is None else gains, "element gains"
+        )
+        if gains.shape != (len(positions),):
+            raise InvalidInput(
+                f"element gains need shape ({len(positions)},), not {gains.shape}.",
+                code="wrong_shape",
+            )
+        check_finite(gains, "element gains")
+        if not gains.any():
+            raise InvalidInput(
+                "all elements are dead: their gains are 0, so nothing is emitted.",
+                code="all_zero",
+            )
+        gains.flags.writeable = False
+        # Past the frozen dataclass. Tangents off by rounding are brought back across the normals.
+        vars(self).update(
+            positions=positions,
+            normals=normals,
+            element=element,
+            tangents=_unit(_across(tangents, normals), "tangent"),
+            gains=gains,
+        )
 
     def __len__(self) -> int:
         return len(self.positions)
@@ -123,14 +142,18 @@ class PhasedArray:
     def moved(self, pose: Pose) -> "PhasedArray":
         """Move the array rigidly: positions x become pose.apply(x), and the faces turn with it."""
         of_kind(pose, Pose, "the motion of an array", "Pose(rotation, translation)")
-        moved = object.__new__(PhasedArray)  # a rigid motion preserves all that was checked
+        # A rigid motion preserves all that was checked, and a moving hand needs many motions a
+        # second. Directions are made unit again, so that rounding does not add up over them.
+        moved = object.__new__(PhasedArray)
         normals = _unit(pose.rotate(self.normals), "normal")
         tangents = _unit(_across(pose.rotate(self.tangents), normals), "tangent")
-        object.__setattr__(moved, "positions", fixed(pose.apply(self.positions)))
-        object.__setattr__(moved, "normals", normals)
-        object.__setattr__(moved, "element", self.element)
-        object.__setattr__(moved, "tangents", tangents)
-        object.__setattr__(moved, "gains", self.gains)
+        vars(moved).update(
+            positions=fixed(pose.apply(self.positions)),
+            normals=normals,
+            element=self.element,
+            tangents=tangents,
+            gains=self.gains,
+        )
         return moved
 
     def facing(self, point: Vector, direction: Vector, distance: float) -> "PhasedArray":
@@ -159,6 +182,7 @@ class PhasedArray:
         distance = positive(distance, "the distance of an array", "m")
         outward = _unit(point_of(direction, "the direction to an array")[None], "direction")[0]
         front = self.normals.mean(axis=0)
+        # Unit normals that mostly cancel: a box has 0, a bowl of half a sphere 0.5.
         if np.linalg.norm(front) < 0.3:
             raise InvalidInput(
                 f"the normals of {counted(len(self), 'element', 'elements')} point to all sides, "
@@ -166,9 +190,11 @@ class PhasedArray:
                 code="misplaced",
             )
         front = front / np.linalg.norm(front)
+        # The shortest turn that brings the front to face the point.
         axis = np.cross(front, -outward)
         angle = float(np.arctan2(np.linalg.norm(axis), front @ -outward))
-        if np.linalg.norm(axis) < 1e-9:  # it faces there, or the other way
+        # It faces the point, or away from it: any axis across the front serves.
+        if np.linalg.norm(axis) < 1e-9:
             axis = self.tangents[0]
         turned = self.moved(Pose.turn(axis, angle))
         middle = point_of(point, "the point that an array faces") + distance * outward
@@ -243,24 +269,6 @@ def _across(
 ) -> Float64[np.ndarray, "elements 3"]:
     """Project each vector to the plane across its normal."""
     return vectors - np.einsum("ed,ed->e", vectors, normals)[:, None] * normals
-
-
-def _checked_gains(
-    gains: Num[np.ndarray, "gains"] | None, count: int
-) -> Complex128[np.ndarray, "elements"]:
-    """Return one finite gain for each element, read-only."""
-    gains = complex_numbers(np.ones(count) if gains is None else gains, "element gains")
-    if gains.shape != (count,):
-        raise InvalidInput(
-            f"element gains need shape ({count},), not {gains.shape}.", code="wrong_shape"
-        )
-    check_finite(gains, "element gains")
-    if not gains.any():
-        raise InvalidInput(
-            "all elements are dead: their gains are 0, so nothing is emitted.", code="all_zero"
-        )
-    gains.flags.writeable = False
-    return gains
 
 
 def board_array(
@@ -365,6 +373,7 @@ def surrounding_box(element: Element | None = None, board: str | None = None) ->
         np.array([distance, 0.0, 0.0]),
     )
     faces = []
+    # Exact cosines and sines keep the faces free of rounding: +x, −x, +y, −y.
     for cosine, sine in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)):
         about_z = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
         faces.append(flat.moved(Pose(about_z, np.zeros(3)) @ stand_up))
@@ -411,13 +420,13 @@ def flat_boards(rows: int = 2, columns: int = 2, element: Element | None = None)
             code="out_of_range",
         )
     board = _centred(autd3, element)
-    boards = []
-    for row in range(rows):
-        for column in range(columns):
-            x = (column - (columns - 1) / 2) * width
-            y = (row - (rows - 1) / 2) * height
-            boards.append(board.moved(Pose(np.eye(3), np.array([x, y, 0.0]))))
-    return join(boards)
+    # Along x fastest, as boards are numbered.
+    places = [
+        [(column - (columns - 1) / 2) * width, (row - (rows - 1) / 2) * height, 0.0]
+        for row in range(rows)
+        for column in range(columns)
+    ]
+    return join([board.moved(Pose(np.eye(3), np.array(place))) for place in places])
 
 
 def join(arrays: Sequence[PhasedArray]) -> PhasedArray:

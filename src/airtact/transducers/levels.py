@@ -83,9 +83,9 @@ class Levels:
         """Whether the board can only switch an element off or emit at full scale."""
         return len(self.amplitudes) == 2
 
-    def same_as(self, other: "Levels") -> bool:
+    def same_as(self, levels: "Levels") -> bool:
         """Whether both are the same levels."""
-        return self.phases == other.phases and np.array_equal(self.amplitudes, other.amplitudes)
+        return self.phases == levels.phases and np.array_equal(self.amplitudes, levels.amplitudes)
 
     def nearest(self, shares: Real[np.ndarray, "*elements"]) -> Int64[np.ndarray, "*elements"]:
         """Find the nearest level to each share of full scale.
@@ -94,6 +94,7 @@ class Levels:
         """
         if self.phase_only:
             return (shares > 1e-3).astype(np.int64)
+        # Between two middles a level is the nearest one; a share in a middle rounds up.
         middles = (self.amplitudes[1:] + self.amplitudes[:-1]) / 2
         return np.searchsorted(middles, shares, side="right").astype(np.int64)
 
@@ -103,15 +104,17 @@ class Levels:
         """Round complex drives to levels of amplitude and phase; off elements get phase level 0."""
         amplitude = self.nearest(np.abs(drives))
         turns = np.rint(np.angle(drives) * (self.phases / (2.0 * np.pi))).astype(np.int64)
+        # A phase level for silent elements would only make equal frames differ.
         phase = np.where(amplitude > 0, turns % self.phases, 0)
         return amplitude.astype(np.uint8), phase.astype(np.uint8)
 
 
-def _check_count(levels: int, what: str) -> int:
-    whole = isinstance(levels, int | np.integer) and not isinstance(levels, bool)
-    if not whole or not 2 <= levels <= 256:  # levels are stored in bytes
+def _check_count(levels: int, name: str) -> int:
+    # Levels are stored in bytes. Booleans are integers in Python, but no numbers of levels.
+    integer = isinstance(levels, int | np.integer) and not isinstance(levels, bool)
+    if not integer or not 2 <= levels <= 256:
         raise InvalidInput(
-            f"there are 2 to 256 levels of {what}, not {levels}.", code="out_of_range"
+            f"there are 2 to 256 levels of {name}, not {levels}.", code="out_of_range"
         )
     return int(levels)
 

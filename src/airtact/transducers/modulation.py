@@ -61,12 +61,14 @@ class AmplitudeModulation:
         >>> (AmplitudeModulation(depth=1.0).envelope(4) ** 2).round(12).tolist()
         [1.0, 0.5, 0.0, 0.5]
         """
+        # Rounding must not put a negative number under the root.
         angle = 2.0 * np.pi * np.arange(frames) / frames
         return np.sqrt(np.maximum(1.0 - self.depth * (1.0 - np.cos(angle)) / 2.0, 0.0))
 
 
 def check_rate(rate: float, clock: float, slowest: int, board: str) -> None:
     """Check that a rate [frames/s] is a clock [Hz] over a whole number up to ``slowest``."""
+    # Boards count whole ticks of their clock per frame.
     divide = min(max(round(clock / rate), 1), slowest)
     if abs(clock / divide - rate) > 1e-6 * rate:
         raise InvalidInput(

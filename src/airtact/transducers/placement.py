@@ -43,6 +43,7 @@ def check_placement(
     check_before_planes(scene.planes, array.face_points.reshape(-1, 3), "face")
     if foci is not None:
         check_reach(array, foci)
+    # The rigid faces of reflecting boards shade what is behind them.
     if strength_in(scene, array) != 1.0 or not array.element.directional:
         return
     for index, obstacle in enumerate(scene.obstacles):
@@ -54,18 +55,19 @@ def check_placement(
 def _check_body(
     array: PhasedArray,
     vertices: Float64[np.ndarray, "vertices 3"],
-    what: str,
+    subject: str,
     elements: Bool[np.ndarray, "elements"] | None = None,
 ) -> None:
     """Raise where a body reaches behind the face of an element, or of the chosen ones."""
     middle = vertices.mean(axis=0)
     radius = np.sqrt(np.max(np.sum((vertices - middle) ** 2, axis=1)))
+    # The usual case by a bounding sphere: hulls of fine meshes are slow.
     if _height(array, middle[None]).min() > radius:
         return
     # Of all vertices those of the hull are the farthest behind a face.
     hull = vertices[ConvexHull(vertices).vertices]
     behind = -_height(array, hull).min(axis=0)
-    _check_behind(array, behind if elements is None else np.where(elements, behind, 0.0), what)
+    _check_behind(array, behind if elements is None else np.where(elements, behind, 0.0), subject)
 
 
 def _check_images(
@@ -94,6 +96,7 @@ def off_plane(plane: Plane, array: PhasedArray) -> Bool[np.ndarray, "elements"]:
 def _check_outside_bodies(scene: Scene, array: PhasedArray) -> None:
     """Raise where the centre or a face point of an element is in a body."""
     depth = scene.depth(array.positions)
+    # An array in millimetres is metres away from everything.
     if scene.obstacles:
         _check_metres(-depth, "the nearest body")
     reach = array.element.reach
@@ -116,11 +119,11 @@ def _check_outside_bodies(scene: Scene, array: PhasedArray) -> None:
         )
 
 
-def _check_metres(distances: Depths, what: str) -> None:
+def _check_metres(distances: Depths, place: str) -> None:
     farthest = int(distances.argmax())
     if distances[farthest] > MAX_ELEMENT_DISTANCE:
         raise InvalidInput(
-            f"element {farthest} is {distances[farthest]:.4g} m from {what}, more than "
+            f"element {farthest} is {distances[farthest]:.4g} m from {place}, more than "
             f"{MAX_ELEMENT_DISTANCE:g} m: is the array or its pose in millimetres? Give metres.",
             code="not_in_metres",
         )
@@ -142,7 +145,7 @@ def check_reach(array: PhasedArray, foci: Real[np.ndarray, "foci 3"]) -> None:
         _check_behind(array, behind[worst], f"focus {worst} stands")
 
 
-def _check_behind(array: PhasedArray, behind: Depths, what: str) -> None:
+def _check_behind(array: PhasedArray, behind: Depths, subject: str) -> None:
     """Raise where something is behind a face; name the board if it is behind all its faces."""
     faces = np.flatnonzero(behind > CONTACT)
     if not len(faces):
@@ -150,20 +153,21 @@ def _check_behind(array: PhasedArray, behind: Depths, what: str) -> None:
     boards = kind_of_array(array.positions, array.normals)
     if boards is not None:
         board, poses = boards
+        # Behind its least affected face by more than the tolerance: behind all of the board.
         depths = behind.reshape(len(poses), len(board)).min(axis=1)
         index = int(np.argmax(depths > CONTACT))
         if depths[index] > CONTACT:
             direction = np.round(poses[index].rotation[:, 2], 3) + 0.0
             raise InvalidInput(
-                f"{what} {depths[index] * 1e3:.3g} mm behind board {index} of {len(poses)} "
+                f"{subject} {depths[index] * 1e3:.3g} mm behind board {index} of {len(poses)} "
                 f"({board.name}, {len(board)} elements), which radiates forwards only, along "
                 f"{direction}: turn or move that board.",
                 code="behind_faces",
             )
     raise InvalidInput(
-        f"{what} behind the faces of {counted(len(faces), 'element', 'elements')}, first element "
-        f"{faces[0]} by {behind[faces[0]] * 1e3:.3g} mm: they radiate forwards only, so move it "
-        "before them.",
+        f"{subject} behind the faces of {counted(len(faces), 'element', 'elements')}, first "
+        f"element {faces[0]} by {behind[faces[0]] * 1e3:.3g} mm: they radiate forwards only, so "
+        "move it before them.",
         code="behind_faces",
     )
 

@@ -83,6 +83,7 @@ def strength_in(scene: Scene, array: PhasedArray) -> float:
     if not scene.boards:
         return 1.0
     surfaces = [scene.obstacles[index].surface for index in scene.boards]
+    # Distance to the nearest board; faces of elements are in the front of their own board.
     off = np.min([np.abs(surface.depth(array.positions)) for surface in surfaces], axis=0)
     wrong = int(np.sum(off > 1e-6))  # metres
     if wrong:
@@ -118,6 +119,7 @@ def _bodies(board: Board, poses: Sequence[Pose], thickness: float) -> list[Surfa
         mesh = part.to_mesh64()
         vertices: Float64[np.ndarray, "vertices 3"] = np.asarray(mesh.vert_properties)[:, :3]
         triangles = np.asarray(mesh.tri_verts).astype(np.int64)
+        # Boards are boxes: every edge between two of their faces is sharp.
         surfaces.append(Surface(vertices, triangles, sharp_degrees=1.0))
     return surfaces
 
@@ -129,6 +131,7 @@ def _plate(board: Board, pose: Pose, thickness: float, margin: float = 0.0):
     middle = 0.5 * (board.positions.min(axis=0) + board.positions.max(axis=0))
     width, height = board.outline or (0.0, 0.0)
     size = np.array([width + 2 * margin, height + 2 * margin, thickness])
+    # The front of the box is the plane of the transducers' faces, z = 0.
     low = middle - size * [0.5, 0.5, 1.0]
     motion = np.concatenate([pose.rotation, pose.translation[:, None]], axis=1)
     return Manifold.cube(size).translate(low).transform(motion)

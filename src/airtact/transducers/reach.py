@@ -34,6 +34,7 @@ def open_air_bound(
         received = _kernels.apply_monopoles(
             targets, point[None], unit, complex(wavenumber), "float64"
         )
+        # All elements arrive in phase, so the magnitudes add up.
         waves = np.abs(received.reshape(len(array), -1) @ element.weights)
         if element.directional:
             before = np.einsum("ed,ed->e", point - array.positions, array.normals) > 0.0
@@ -52,7 +53,8 @@ def strongest_open_air(array: PhasedArray, wavenumber: float) -> float:
     for distance in (0.05, 0.1, 0.2):
         points.append(middle + distance * axis)
         points.extend(array.positions[chosen] + distance * array.normals[chosen])
-    far = [
+    # Nearer points would show a single element, not the array.
+    clear = [
         point for point in points if np.linalg.norm(array.positions - point, axis=1).min() > 30e-3
     ]
-    return float(open_air_bound(array, np.array(far), wavenumber).max())
+    return float(open_air_bound(array, np.array(clear), wavenumber).max())

@@ -3,10 +3,10 @@
 import numpy as np
 import trimesh
 
+import airtact as at
 from airtact.geometry.checks import check_surface
 from airtact.geometry.mesh.repair import RepairedMesh, repaired
 from airtact.geometry.mesh.topology import cone_volumes
-from airtact.geometry.surface import Surface
 from geometry.mesh.meshes import flat_mesh
 
 Mesh = tuple[np.ndarray, np.ndarray]
@@ -46,7 +46,7 @@ def volume(vertices: np.ndarray, triangles: np.ndarray) -> float:
 def accepted(vertices: np.ndarray, triangles: np.ndarray, **settings) -> RepairedMesh:
     """Repair, and let the checks of a scene look at what came out."""
     result = repaired(vertices, triangles, **settings)
-    check_surface(Surface(result.vertices, result.triangles, repairs=result.notes))
+    check_surface(at.Surface(result.vertices, result.triangles, repairs=result.notes))
     return result
 
 

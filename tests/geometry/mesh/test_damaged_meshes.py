@@ -6,13 +6,13 @@ from collections import Counter
 import numpy as np
 import pytest
 
+import airtact as at
 from airtact.checks import in_mm
-from airtact.errors import InvalidInput
 from geometry.mesh.repaired_meshes import accepted, apart, volume
 from references.damaged_meshes import DAMAGES, Mesh, body, damaged
 
 
-def check_fault(fault: InvalidInput) -> None:
+def check_fault(fault: at.InvalidInput) -> None:
     """A position in the sentence of an error is the one that is drawn."""
     if shown := re.search(r"\([-\d., ]+\) mm", str(fault)):
         assert fault.position is not None, str(fault)
@@ -23,7 +23,7 @@ def outcome(name: str, sound: Mesh, damaged_mesh: Mesh) -> str:
     """Repair a mesh and compare it with the undamaged one: "repaired" or "rejected"."""
     try:
         result = accepted(*damaged_mesh)
-    except InvalidInput as fault:
+    except at.InvalidInput as fault:
         check_fault(fault)
         return "rejected"
     widths = [float(width) for width in re.findall(r"up to ([\d.]+) mm", " ".join(result.notes))]

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from airtact.geometry.files import load_surface
+import airtact as at
 from airtact.geometry.mesh.intersections import (
     crossings_between,
     segment_triangle_distances,
     self_crossings,
     size_groups,
 )
-from airtact.geometry.primitives import Capsule, sphere
+from airtact.geometry.primitives import Capsule
 from geometry.mesh.meshes import box_mesh, torus_mesh
 
 
@@ -112,13 +112,13 @@ def test_crossings_do_not_depend_on_place_and_order(rng):
 
 
 def test_the_open_hand_does_not_cross_itself(hand_file):
-    hand = load_surface(hand_file)
+    hand = at.load_surface(hand_file)
     assert len(hand.triangles) == 2314
     assert len(self_crossings(hand.corners, hand.triangles)) == 0
 
 
 def test_a_finger_pushed_through_the_palm_is_seen(hand_file):
-    hand = load_surface(hand_file)
+    hand = at.load_surface(hand_file)
     tip = int(hand.vertices[:, 1].argmin())  # the end of the longest finger
     moved = hand.vertices.copy()
     near = np.linalg.norm(moved - moved[tip], axis=1) < 0.012
@@ -127,7 +127,7 @@ def test_a_finger_pushed_through_the_palm_is_seen(hand_file):
 
 
 def test_large_and_small_triangles_are_paired():
-    small = sphere(
+    small = at.sphere(
         0.001, 0.0003, centre=(0.01, 0.0, 0.0)
     )  # straddles one face of a box 40 times as large
     box = box_mesh((-0.03, -0.03, -0.03), (0.01, 0.03, 0.03))
@@ -139,7 +139,7 @@ def test_large_and_small_triangles_are_paired():
 
 
 def test_a_fine_mesh_has_no_false_alarm():
-    rod = Capsule(0.05, 0.1, sphere(0.01, 0.01).primitive.pose).mesh(0.0024)
+    rod = Capsule(0.05, 0.1, at.sphere(0.01, 0.01).primitive.pose).mesh(0.0024)
     assert len(rod.triangles) > 70_000
     assert len(self_crossings(rod.corners, rod.triangles)) == 0
 
@@ -163,7 +163,7 @@ def test_segment_and_triangle(rng):
 
 
 def test_size_groups_hold_every_triangle_once(hand_file):
-    corners = load_surface(hand_file).corners
+    corners = at.load_surface(hand_file).corners
     groups = size_groups(corners)
     assert np.array_equal(
         np.sort(np.concatenate([members for members, _, _ in groups])), np.arange(len(corners))

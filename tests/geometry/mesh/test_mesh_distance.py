@@ -24,8 +24,7 @@ def test_the_nearest_point_of_a_triangle(rng):
     weights = closest_weights(points, corners)
     assert weights.min() >= 0.0
     assert np.allclose(weights.sum(axis=1), 1.0, rtol=0, atol=1e-14)
-    nearest = np.einsum("nk,nki->ni", weights, corners)
-    assert beyond(points, nearest, corners) < 1e-12
+    assert beyond(points, np.einsum("nk,nki->ni", weights, corners), corners) < 1e-12
     assert {int((w == 0).sum()) for w in weights} == {
         0,
         1,
@@ -37,8 +36,7 @@ def test_the_nearest_point_of_a_sliver(rng):
     corners = rng.normal(size=(2000, 3, 3))
     corners[:, 2] = corners[:, :2].mean(axis=1) + 1e-5 * rng.normal(size=(2000, 3))
     points = rng.normal(scale=2.0, size=(2000, 3))
-    nearest = closest_on_triangles(points, corners)
-    assert beyond(points, nearest, corners) < 1e-10
+    assert beyond(points, closest_on_triangles(points, corners), corners) < 1e-10
 
 
 def test_the_nearest_point_of_a_segment(rng):

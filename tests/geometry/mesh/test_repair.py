@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import trimesh
 
+import airtact as at
 from airtact.geometry.checks import check_surface
 from airtact.geometry.mesh.repair import repaired
-from airtact.geometry.surface import Surface
 from faults import raises_code
 from geometry.mesh.meshes import box_mesh, torus_mesh
 from geometry.mesh.repaired_meshes import (
@@ -231,7 +231,7 @@ def test_cavities_and_crossings_are_left_for_the_check_to_reject():
     v, t = BALL
     cavity = repaired(np.vstack([v, 0.5 * v]), np.vstack([t, t[:, ::-1] + len(v)]))
     with raises_code("mesh_faulty", "piece 1 of 2"):
-        check_surface(Surface(*mesh_of(cavity)))
+        check_surface(at.Surface(*mesh_of(cavity)))
     with raises_code("mesh_faulty"):
         accepted(np.vstack([v, v + 0.003]), np.vstack([t, t + len(v)]))
 

@@ -7,17 +7,12 @@ from hypothesis import strategies as st
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
+import airtact as at
 from airtact.geometry.mesh.topology import edge_twins
+from airtact.hands import FittedHand, HandAnatomy
 from airtact.hands.fitting import fit
-from airtact.hands.fitting.fit import FittedHand, fit_hand, with_offset
-from airtact.hands.fitting.priors import (
-    SIZE_LENGTHS,
-    SIZE_RADII,
-    SPANS,
-    HandAnatomy,
-    population_prior,
-)
-from airtact.hands.hand import Hand, hand_from_joints
+from airtact.hands.fitting.fit import with_offset
+from airtact.hands.fitting.priors import SIZE_LENGTHS, SIZE_RADII, SPANS, population_prior
 from airtact.hands.joints import FINGERS, TRACKED
 from faults import raises_code
 from geometry.mesh.meshes import flat_mesh
@@ -46,7 +41,7 @@ def landmarks(true_hand: Rigged) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def fitted(cloud: np.ndarray, landmarks: np.ndarray) -> FittedHand:
-    return fit_hand(cloud, landmarks, "right", CAMERA)
+    return at.fit_hand(cloud, landmarks, "right", CAMERA)
 
 
 def mean_error(fitted: FittedHand, true: Rigged) -> float:
@@ -71,7 +66,7 @@ def mean_error(fitted: FittedHand, true: Rigged) -> float:
 )
 def test_both_skins_are_near_each_other_and_the_uncertainty_is_honest(pose, view, palm) -> None:
     true = turned_to_camera(posed(pose), view, palm=palm)
-    fitted = fit_hand(seen(true, view), rough(true.joints, view), "right", CAMERA)
+    fitted = at.fit_hand(seen(true, view), rough(true.joints, view), "right", CAMERA)
     from_true, from_fitted, true_part, fitted_part = off_each_other(fitted.hand, true)
 
     assert 0.5 * (from_true.mean() + from_fitted.mean()) < 2.5e-3
@@ -90,7 +85,7 @@ def test_later_frames_are_as_good_and_keep_the_sizes() -> None:
     errors = []
     for frame in range(LEARNED + 3):
         true = turned_to_camera(posed("pinch", 0.1 * frame), 3, tilt=20.0 + frame)
-        before = fit_hand(seen(true, frame), rough(true.joints, frame), "right", CAMERA, before)
+        before = at.fit_hand(seen(true, frame), rough(true.joints, frame), "right", CAMERA, before)
         errors.append(mean_error(before, true))
         if frame == LEARNED - 1:
             learned = before.anatomy
@@ -109,9 +104,9 @@ def test_a_clean_cloud_of_our_own_body_gives_its_own_joints(seed: int) -> None:
     ends = joints[np.array(SPANS)]
     sizes = np.log(np.r_[np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1), RADII])
     sure = HandAnatomy(sizes, 1e-6 * np.eye(62), LEARNED)
-    cloud = Hand(joints, RADII, "left").shape.skin(4e-3).vertices
+    cloud = at.Hand(joints, RADII, "left").shape.skin(4e-3).vertices
 
-    fitted = fit_hand(cloud, rough(joints, seed), "left", anatomy=sure)
+    fitted = at.fit_hand(cloud, rough(joints, seed), "left", anatomy=sure)
 
     assert np.linalg.norm(fitted.hand.joints - joints, axis=1).max() < 0.11e-3
     assert fitted.misfit < 0.05e-3
@@ -123,8 +118,8 @@ def test_moving_the_cloud_moves_the_hand(turn: tuple, shift: tuple) -> None:
     true = turned_to_camera(posed("curl"), 4)
     landmarks = rough(true.joints, 4)
     rotation = Rotation.from_rotvec(turn)
-    at_rest = fit_hand(true.vertices, landmarks, "right").hand.joints
-    moved = fit_hand(
+    at_rest = at.fit_hand(true.vertices, landmarks, "right").hand.joints
+    moved = at.fit_hand(
         rotation.apply(true.vertices) + shift, rotation.apply(landmarks) + shift, "right"
     )
 
@@ -141,14 +136,14 @@ def test_outliers_are_distinguished_from_skin(true_hand: Rigged, fitted: FittedH
 
 
 def test_21_landmarks_do_as_well(true_hand, cloud, landmarks) -> None:
-    fitted = fit_hand(cloud, landmarks[TRACKED], camera=CAMERA)
+    fitted = at.fit_hand(cloud, landmarks[TRACKED], camera=CAMERA)
 
     assert fitted.hand.side == "right"
     assert mean_error(fitted, true_hand) < 2.5e-3
 
 
 def test_a_hand_seen_from_all_sides_needs_no_camera(true_hand, landmarks) -> None:
-    fitted = fit_hand(true_hand.vertices, landmarks, "right")
+    fitted = at.fit_hand(true_hand.vertices, landmarks, "right")
 
     assert mean_error(fitted, true_hand) < 1.5e-3
 
@@ -161,7 +156,7 @@ def test_a_forearm_is_left_out(cloud, true_hand, landmarks) -> None:
     beside = np.cross(back, [0.0, 0.0, 1.0])
     arm = arm + np.outer(random.uniform(-0.025, 0.025, 9000), beside) - [0.0, 0.0, 0.015]
 
-    fitted = fit_hand(np.vstack([cloud, arm]), landmarks, "right", CAMERA)
+    fitted = at.fit_hand(np.vstack([cloud, arm]), landmarks, "right", CAMERA)
 
     assert mean_error(fitted, true_hand) < 2.5e-3
 
@@ -188,11 +183,11 @@ def test_radii_of_the_population_grow_more_slowly_than_bones(landmarks: np.ndarr
 
 
 @pytest.fixture(scope="module")
-def hand() -> Hand:
-    return hand_from_joints(REST, RADII)
+def hand() -> at.Hand:
+    return at.hand_from_joints(REST, RADII)
 
 
-def points_off(hand: Hand, distance: float) -> np.ndarray:
+def points_off(hand: at.Hand, distance: float) -> np.ndarray:
     """Points off the skin of a hand [m], on one side of it."""
     places = hand.shape.skin(2.5e-3).vertices
     normals = hand.shape.hulls.look(places).gradient
@@ -201,7 +196,7 @@ def points_off(hand: Hand, distance: float) -> np.ndarray:
 
 def test_seen_skin_is_nearer_to_the_true_one_and_has_the_places() -> None:
     true_hand = turned_to_camera(posed("pinch", build="stout"), 2)
-    fitted = fit_hand(seen(true_hand, 2), rough(true_hand.joints, 2), "right", CAMERA)
+    fitted = at.fit_hand(seen(true_hand, 2), rough(true_hand.joints, 2), "right", CAMERA)
     true = flat_mesh(true_hand.vertices, true_hand.triangles)
     medians = []
     for places in (fitted.hand.shape.skin(3.5e-3).vertices, fitted.surface.vertices):
@@ -216,7 +211,7 @@ def test_seen_skin_is_nearer_to_the_true_one_and_has_the_places() -> None:
     assert np.linalg.norm(normal) == pytest.approx(1.0)
 
 
-def test_skin_moves_as_far_as_points_are_off_and_stays_where_there_are_none(hand: Hand) -> None:
+def test_skin_moves_as_far_as_points_are_off_and_stays_where_there_are_none(hand: at.Hand) -> None:
     points = points_off(hand, 0.8e-3)
 
     skin = with_offset(hand.shape.hulls, points)
@@ -229,13 +224,12 @@ def test_skin_moves_as_far_as_points_are_off_and_stays_where_there_are_none(hand
     assert np.abs(look.distance[away]).max() < 1e-6
 
 
-def test_points_far_off_are_not_followed(hand: Hand) -> None:
+def test_points_far_off_are_not_followed(hand: at.Hand) -> None:
     hulls = hand.shape.hulls
     far = points_off(hand, 4e-3)
     far = far[hulls.look(far).distance > 3.15e-3]  # in creases they are near other parts
     for points, limit in ((far, 1e-6), (points_off(hand, 2.5e-3), 1.515e-3)):
-        skin = with_offset(hulls, points)
-        assert np.abs(hulls.look(skin.vertices).distance).max() < limit
+        assert np.abs(hulls.look(with_offset(hulls, points).vertices).distance).max() < limit
 
 
 def test_where_the_moved_skin_would_cross_itself_it_stays(hand, monkeypatch) -> None:
@@ -304,7 +298,7 @@ def test_bad_input_is_rejected(code, change, cloud, landmarks, as_outside_the_te
     changed = change(cloud, landmarks)
     defaults = (cloud, landmarks, "right", CAMERA)
     with raises_code(code):
-        fit_hand(*changed, *defaults[len(changed) :])
+        at.fit_hand(*changed, *defaults[len(changed) :])
 
 
 def test_a_cloud_that_is_mostly_outliers_is_rejected(cloud, landmarks) -> None:
@@ -312,4 +306,4 @@ def test_a_cloud_that_is_mostly_outliers_is_rejected(cloud, landmarks) -> None:
     fog = landmarks[random.integers(0, 25, 20_000)] + random.normal(scale=22e-3, size=(20_000, 3))
 
     with raises_code("pose_not_found"):
-        fit_hand(np.vstack([cloud[::20], fog]), landmarks, "right")
+        at.fit_hand(np.vstack([cloud[::20], fog]), landmarks, "right")

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import airtact as at
 from airtact.hands.body import Hulls
 from airtact.hands.fitting.fit import cell_means
 from airtact.hands.fitting.gauss_newton import skin_residuals
@@ -19,7 +20,6 @@ from airtact.hands.fitting.priors import (
     usual_last_bones,
 )
 from airtact.hands.fitting.silhouette import silhouette_of
-from airtact.hands.hand import hand_from_joints
 from airtact.hands.joints import BONES, CHAINS
 from airtact.hands.kinematics import evenly_bent
 from references.hand_poses import example
@@ -31,7 +31,7 @@ STEP = 1e-7
 @pytest.fixture(scope="module")
 def hulls() -> Hulls:
     joints, radii = example("relaxed")
-    return hand_from_joints(joints, radii).shape.hulls
+    return at.hand_from_joints(joints, radii).shape.hulls
 
 
 @pytest.fixture(scope="module")
@@ -89,8 +89,7 @@ def test_derivatives_of_distances_are_exact_without_blending(
 def test_points_are_held_against_skin_that_faces_the_camera(hulls: Hulls) -> None:
     finger = Hulls.unblended(hulls.balls[[6, 7]], np.array([[0, 1, -1]]).repeat(4, axis=0))
     ball = 0.5 * (finger.balls[0] + finger.balls[1])
-    axis = finger.balls[1, :3] - finger.balls[0, :3]
-    sight = np.cross(axis, [0.0, 0.0, 1.0])
+    sight = np.cross(finger.balls[1, :3] - finger.balls[0, :3], [0.0, 0.0, 1.0])
     sight /= np.linalg.norm(sight)
     camera = ball[:3] + 0.5 * sight
     behind = (ball[:3] - 0.9 * ball[3] * sight)[None]
@@ -162,9 +161,7 @@ def test_last_bones_turn_by_two_thirds_of_what_middle_joints_do() -> None:
         )
         joints[chain[place]] = joints[chain[place - 1]] + bone
 
-    usual = usual_last_bones(joints, axes)[1]
-
-    np.testing.assert_allclose(usual, bone / 0.02, atol=1e-12)
+    np.testing.assert_allclose(usual_last_bones(joints, axes)[1], bone / 0.02, atol=1e-12)
 
 
 def test_rough_landmarks_are_untangled_by_how_far_knuckles_and_tips_are_apart() -> None:
@@ -223,9 +220,8 @@ def test_cell_means_average_neighbours_and_drop_lonely_points() -> None:
     plate = np.column_stack(
         [random.uniform(0.0, 0.1, (20_000, 2)), random.normal(scale=0.5e-3, size=20_000)]
     )
-    lonely = np.array([[0.05, 0.05, 0.2]])
 
-    kept = cell_means(np.vstack([plate, lonely]))
+    kept = cell_means(np.vstack([plate, np.array([[0.05, 0.05, 0.2]])]))
 
     assert 400 < len(kept) < 1500
     assert np.abs(kept[:, 2]).max() < 2e-3

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
+from airtact.hands import HandFrame, Predictor
 from airtact.hands.joints import TRACKED
-from airtact.hands.tracking.frame import HandFrame
 from airtact.hands.tracking.prediction import (
     BENDING,
     COMMON,
-    Predictor,
     first_seen,
     measured,
     process_noise,

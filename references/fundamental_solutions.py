@@ -1,18 +1,24 @@
-"""Sound-hard capsules by fundamental solutions: a reference that shares no code with the solvers.
+"""Sound-hard capsules by fundamental solutions: independent of every solver in src.
 
 The scattered field is a sum of monopoles inside the bodies, fitted by least squares to ∂p/∂n = 0 at
 more points of the surface (G. Fairweather, A. Karageorghis, P. A. Martin, Eng. Anal. Bound. Elem.
 27, 759, 2003). The error falls fast in depth over spacing as long as the monopoles lie outside the
 images of the other body, which for a gap d stand a (1 - e^{-μ}) deep, cosh μ = 1 + d/(2a). So depth
 and spacing follow the gap along the surface: fine where bodies come close, coarse elsewhere.
+
+``python -m references.fundamental_solutions`` writes the pressures that ``airtact selfcheck``
+compares with.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Complex128, Float64, Int64, Real
 
+import airtact
+from airtact.geometry.pose import Pose
 from airtact.geometry.primitives import Capsule
 from airtact.printing import in_short
 
@@ -211,3 +217,21 @@ def least_squares(
     factor = cho_factor(gram, lower=True, overwrite_a=True, check_finite=False)
     solution = cho_solve(factor, matrix.conj().T @ right)
     return solution + cho_solve(factor, matrix.conj().T @ (right - matrix @ solution))
+
+
+def two_spheres() -> dict[str, np.ndarray]:
+    """Solve the two spheres of ``airtact selfcheck``: radii of 8 mm and 5 mm, 3 mm apart."""
+    beside = Pose(np.eye(3), np.array([16e-3, 0.0, 0.0]))
+    spheres = [Capsule(8e-3, 0.0, Pose.identity()), Capsule(5e-3, 0.0, beside)]
+    vectors = np.random.default_rng(4).normal(size=(24, 3))
+    away = 0.1 * vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    across = np.linspace(-5e-3, 5e-3, 9)[:, None] * [0.0, 0.6, 0.8]
+    between = np.array([9.5e-3, 0.0, 0.0]) + across
+    wavenumber = airtact.Medium(sound_speed=343.1, density=1.293).wavenumber(40e3)
+    pressure, error = pressure_at(spheres, wavenumber, away, between, wanted=1e-3)
+    return {"away": away, "between": between, "pressure": pressure, "error": np.array(error)}
+
+
+if __name__ == "__main__":
+    folder = Path(airtact.__file__).parent / "evaluation"
+    np.savez_compressed(folder / "two_spheres.npz", **two_spheres())
