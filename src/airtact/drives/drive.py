@@ -179,7 +179,7 @@ class Drive:
 
 
 def check_drive(drive: Drive, name: str) -> None:
-    """Raise ``InvalidInput`` unless given a drive; ``name`` stands for it in the sentence."""
+    """Raise ``InvalidInput`` unless given a drive; ``name`` is its name in the sentence."""
     # Frames are the likely mistake: their amplitudes are levels.
     of_kind(drive, Drive, name, "frame.drive()" if hasattr(drive, "drive") else "Drive(amplitudes)")
 

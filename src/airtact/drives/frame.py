@@ -21,7 +21,7 @@ class Frame:
     amplitude : (E,) uint8; with eight bits 255 is full scale, and pressure is linear in it.
     phase : (E,) uint8; levels of a turn in the phasor Re[d e^{−iωt}]: with eight bits +64 delays
         the wave by a quarter of a period.
-    levels : the amplitudes and phases that the numbers stand for.
+    levels : the amplitudes and phases that the numbers index.
 
     Raises
     ------

@@ -109,7 +109,7 @@ def nearest_foci(points: Float64[np.ndarray, "foci 3"]) -> tuple[int, int, float
 def _check_separable(transfer: TransferMatrix, target: Target, rows: FociRows) -> None:
     points = target.points
     apart = np.linalg.norm(points[:, None] - points, axis=2)
-    # Without a wavelength, rows that are parallel to 1e-4 stand for foci at one place.
+    # Without a wavelength, foci at one place are those whose rows are parallel to 1e-4.
     if transfer.wavelength is None:
         norms = np.maximum(np.linalg.norm(rows, axis=1), np.finfo(float).tiny)
         near = np.abs(rows @ rows.conj().T) > (1.0 - 1e-4) * norms[:, None] * norms

@@ -101,7 +101,7 @@ def robust_upper_bound(
     weights = np.exp(8.0 * (1.0 - pressures / weakest)) / weakest ** (1 if goal == "mean" else 3)
     logs = np.log(weights / weights.sum()).reshape(-1)
     best = None
-    # Trace norms of ever higher powers stand for the largest eigenvalue.
+    # Trace norms of ever higher powers approach the largest eigenvalue.
     for power in (8, 32, 128):
         logs = minimize(
             _soft_bound,

@@ -4,7 +4,7 @@ Each sample has a value: the pressure of its weakest focus over what that focus 
 statistic of these values: their mean, their lowest tenth, or the worst. The search maximises a
 smooth stand-in for it, the power mean of the values with some exponent: 1 is the mean, and far
 below zero the worst value decides. The lowest tenth is no smooth function of the drive; the power
-mean of exponent −2 stands for it. It raises the lowest tenth of other samples as much as a smoothed
+mean of exponent −2 takes its place. It raises the lowest tenth of other samples as much as a smoothed
 quantile does, without fitting the few samples at the quantile.
 
 ``robust`` takes these steps:
@@ -204,7 +204,7 @@ def sampled_rows(ensemble: TransferMatrix, target: Target) -> SampledRows:
     if not isinstance(ensemble, TransferEnsemble):
         return (nominal / requests[:, None])[None]
     rows = ensemble.geometry[:, np.flatnonzero(target.weights > 0.0)]
-    # Where only the gains are uncertain, one sample stands for all.
+    # Where only the gains are uncertain, one sample replaces all.
     if np.abs(rows - nominal).max() <= 1e-9 * np.abs(nominal).max():
         rows = nominal[None]
     return rows / requests[:, None]
@@ -331,7 +331,7 @@ def balanced(matrix: FociRows, phases: bool, steps: int = SETTINGS.balancing_ste
     strengths = np.array(
         [np.abs(products @ end).min() / np.sqrt(np.vdot(end, products @ end).real) for end in ends]
     )
-    # Of equal ends the first, whatever the rounding.
+    # Of ends that are equal up to rounding the first.
     best = int(np.argmax(np.round(strengths / strengths.max(), 9)))
     return matrix.conj().T @ ends[best]
 

@@ -218,7 +218,7 @@ def focus_by_distance(
     """Focus by the distances of each element to the foci, as if there were no hand; a control.
 
     d_e = Σ_f e^{−ik r_ef}, the paper's equation 11 in its equation 5, scaled to a largest amplitude
-    of 1. All foci count alike, whatever pressures they ask for, and k is the real part of the
+    of 1. All foci count alike, also those that ask for less, and k is the real part of the
     wavenumber.
 
     Parameters

@@ -159,7 +159,7 @@ def ensemble(
     uncertainty : standard deviations.
     samples : number of them, 1 to 10 000; a power of 2 spreads best.
     seed : of the random numbers, 0 or more.
-    solver : solves each sample where bodies move by themselves or foci are off along the skin, and
+    solver : solves each sample where bodies move independently or foci are off along the skin, and
         before a plane.
 
     Returns
@@ -274,7 +274,7 @@ class _Sampler:
     array : the transducers.
     pieces : its boards where they are uncertain, else none.
     uncertainty : the distributions.
-    solver : for bodies that move by themselves, and for hands that move towards a plane; or None.
+    solver : for bodies that move independently, and for hands that move towards a plane; or None.
     groups : indices of the foci that move together.
     bodies : (F,) the body that each focus is nearest to; 0 in open air.
     middle : (3,) of the foci [m], about which the hand turns.
@@ -458,7 +458,7 @@ class _Sampler:
     # --- solved one by one ---
 
     def _solved(self, draw: Draw) -> FociRows:
-        """Solve the scene with its bodies where they are by themselves."""
+        """Solve the scene with each body at its own place."""
         assert self.solver is not None
         scene, foci = self._moved(draw, self.field.scene)
         array = self._array(draw)

@@ -126,7 +126,7 @@ def shift_map(
     beacons : field of unit beacons in the foci.
     array, target, drives : for the hand where it is expected.
     shifts : a window around no shift at all.
-    solver : solves the scene anew for each distance from a plane, if there is one.
+    solver : solves the scene for each distance from a plane, if there is one.
     """
     asked = np.flatnonzero(target.weights > 0.0)
     amplitudes = np.stack([drive.amplitudes for drive in drives.values()], axis=1)

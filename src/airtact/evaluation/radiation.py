@@ -79,7 +79,7 @@ class RadiationMap:
     quadratic_triangles : (T, 6, 3) panels of the surfaces [m]; panel t has the points 6 t to 6 t +
         5.
     body : (T,) the body of each panel.
-    points, normals, areas : (Q, 3) [m], (Q, 3) outward and (Q,) [m²] that each point stands for.
+    points, normals, areas : (Q, 3) [m], (Q, 3) outward and (Q,) [m²] of each point.
     pressure : (Q,) total peak pressure [Pa].
     velocity : (Q, 3) total peak particle velocity, along the surface [m/s].
     radiation_pressure : (Q,) mean pressure inwards [Pa].

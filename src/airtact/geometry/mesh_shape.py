@@ -190,8 +190,8 @@ def _new_panels(mesh: QuadraticMesh, edge: float, away: float) -> QuadraticTrian
         bend_sizes(base.vertices, base.triangles, base.ridges, largest, bend_share),
         wall_sizes(base.vertices, base.triangles, largest),
     )
-    wanted = mesh.area / (np.sqrt(3) / 4 * edge**2)
-    new = remeshed(base, np.min(limits, axis=0), edge, wanted, wall)
+    expected = mesh.area / (np.sqrt(3) / 4 * edge**2)
+    new = remeshed(base, np.min(limits, axis=0), edge, expected, wall)
     return _cut_where_it_helps(mesh, _on_surface(mesh, new, edge), edge, away)
 
 
@@ -226,18 +226,18 @@ def _cut_where_it_helps(
     for _ in range(4):
         deviation = mesh.deviation(panels)
         steep = (_bending(panels) > 1.4) & (longest_edges(panels) > 0.4 * edge)
-        far = steep | (deviation > min(too_far, away))
-        if not far.any():
+        rough = steep | (deviation > min(too_far, away))
+        if not rough.any():
             break
-        pieces, _ = cut(panels[far], np.full(int(far.sum()), 2))
+        pieces, _ = cut(panels[rough], np.full(int(rough.sum()), 2))
         pieces = mesh.fitted(pieces)
         # Cutting reduces the deviation from a smooth surface by a factor of 8 or more, from a
         # rough one by less. It must reach half for a panel that is too far off, a fifth for one
         # that only misses ``away``.
-        enough = np.where(deviation[far] > too_far, 0.5, 0.2) * deviation[far]
+        enough = np.where(deviation[rough] > too_far, 0.5, 0.2) * deviation[rough]
         mean_square = np.mean(mesh.deviation(pieces).reshape(-1, 4) ** 2, axis=1)
-        better = (np.sqrt(mean_square) < enough) | steep[far]
-        finished += [panels[~far], panels[far][~better]]
+        better = (np.sqrt(mean_square) < enough) | steep[rough]
+        finished += [panels[~rough], panels[rough][~better]]
         panels = pieces.reshape(-1, 4, 6, 3)[better].reshape(-1, 6, 3)
     return np.concatenate([*finished, panels])
 

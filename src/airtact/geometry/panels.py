@@ -181,8 +181,8 @@ def _allowed_by_own_surface(
     # The other side is near and faces the opposite direction, so the tree holds normals too.
     centres, normals = middles_of(panels)
     tree = KDTree(np.concatenate([centres, reach * normals], axis=1))
-    wanted = np.concatenate([centres[chosen], -reach * normals[chosen]], axis=1)
-    distance, opposite = tree.query(wanted, distance_upper_bound=reach)
+    queries = np.concatenate([centres[chosen], -reach * normals[chosen]], axis=1)
+    distance, opposite = tree.query(queries, distance_upper_bound=reach)
     met = np.flatnonzero(distance < share * edges[chosen])
     gap = centres[np.asarray(opposite)[met]] - centres[chosen][met]
     across = np.einsum("nd,nd->n", gap, normals[chosen][met])
@@ -238,10 +238,10 @@ class _Face:
         aligned = np.abs(normals - self.normal).max(axis=1) < 1e-4
         return aligned & (np.abs(middles @ self.normal - self.distance) < 1e-6)
 
-    def faces(self, other: "_Face") -> bool:
+    def faces(self, opposite_face: "_Face") -> bool:
         """Whether another face is turned towards this one and lies partly in front of it."""
-        ahead = other.middles @ self.normal - self.distance > 1e-6
-        return bool(self.normal @ other.normal < -0.5 and ahead.any())
+        ahead = opposite_face.middles @ self.normal - self.distance > 1e-6
+        return bool(self.normal @ opposite_face.normal < -0.5 and ahead.any())
 
 
 def _facing_faces(bodies: Sequence[Pieces]) -> list[_Face]:
@@ -259,7 +259,9 @@ def _facing_faces(bodies: Sequence[Pieces]) -> list[_Face]:
         middles = middles[~within]
         normals = normals[~within]
     return [
-        face for face in faces if any(face.faces(other) and other.faces(face) for other in faces)
+        face
+        for face in faces
+        if any(face.faces(opposite_face) and opposite_face.faces(face) for opposite_face in faces)
     ]
 
 

@@ -123,9 +123,9 @@ class Pose:
     def _inverse(self) -> "Pose":
         return Pose(self.rotation.T, -self.rotation.T @ self.translation)
 
-    def __matmul__(self, other: "Pose") -> "Pose":
+    def __matmul__(self, first: "Pose") -> "Pose":
         """Chain two motions: ``(self @ other).apply(x) == self.apply(other.apply(x))``."""
-        return Pose(self.rotation @ other.rotation, self.apply(other.translation))
+        return Pose(self.rotation @ first.rotation, self.apply(first.translation))
 
 
 def nearest_motion(

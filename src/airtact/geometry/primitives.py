@@ -139,7 +139,7 @@ class Capsule(Shape):
         area of its panels allows.
         """
         # Narrow panels around a pole contribute less, so 1.35 times as many are needed.
-        wanted = 1.35 * self.area / (np.sqrt(3) / 4 * edge**2)
+        needed = 1.35 * self.area / (np.sqrt(3) / 4 * edge**2)
         length = self.length / self.radius
         max_rings = math.ceil(max(2.0 * self.radius / edge, 2.0 / bend)) + 3
         min_around = math.ceil(2.0 * math.pi / (1.001 * bend))
@@ -148,7 +148,7 @@ class Capsule(Shape):
         for rings in range(2, max_rings + 1):
             for around in range(max(3 * rings, min_around), 4 * rings + 1):
                 count = _triangle_count(rings, around, length)
-                if count >= wanted:
+                if count >= needed:
                     options.append((count, rings, around))
         _, rings, around = min(options)
         vertices, triangles = _mesh(rings, around, length)
@@ -205,7 +205,7 @@ class Capsule(Shape):
 
 
 def sphere(radius: float, edge: float, centre: Vector = (0, 0, 0)) -> Surface:
-    """Make a sphere. Solvers use its formula and choose panels themselves, whatever the edge.
+    """Make a sphere. Solvers use its formula and choose panels themselves at any edge.
 
     Parameters
     ----------

@@ -52,12 +52,12 @@ class Shape(ABC):
         return self.thinnest
 
     def thickness_at(
-        self, points: Points, normals: PointVectors, most: float
+        self, points: Points, normals: PointVectors, largest: float
     ) -> Float64[np.ndarray, "points"]:
         """Lower bound of the diameter (P,) [m] of inner balls that touch the surface at points.
 
-        The points (P, 3) [m] have outward normals (P, 3). Diameters above ``most`` [m] need not be
-        distinguished.
+        The points (P, 3) [m] have outward normals (P, 3). Diameters above ``largest`` [m] need not
+        be distinguished.
         """
         return np.full(len(points), self.least_thickness)
 

@@ -186,7 +186,7 @@ class Surface:
         Raises
         ------
         InvalidInput
-            If the edge is not above zero, or the surface cannot be meshed anew.
+            If the edge is not above zero, or the surface cannot be meshed again.
         """
         edge = positive(edge, "edge", "m")
         near = np.empty((0, 3))

@@ -96,7 +96,9 @@ def merged(surfaces: Sequence[Surface], gap: float = NEAREST) -> Surface:
         check_not_crossed(body)
     meshes = {index: flattened(body) for index, body in enumerate(bodies)}
     for index in reversed(range(len(bodies))):
-        if any(_lies_in(bodies, meshes, index, other) for other in meshes if other != index):
+        if any(
+            _lies_in(bodies, meshes, index, container) for container in meshes if container != index
+        ):
             del meshes[index]
     if len(meshes) == 1:
         return bodies[next(iter(meshes))]
@@ -109,10 +111,10 @@ def _bridged(
     bodies: Sequence[Surface], meshes: dict[int, FlatMesh], links: Sequence[Link], gap: float
 ) -> Surface:
     """Merge bodies by bridges as wide as the gap, or by thicker ones where these are too thin."""
-    kept = [bodies[index] for index in meshes]
+    remaining = [bodies[index] for index in meshes]
     cavities = sum(int(shells(triangles).max()) for _, triangles in meshes.values())
-    repairs = tuple(sentence for body in kept for sentence in body.repairs)
-    result = kept[0]
+    repairs = tuple(sentence for body in remaining for sentence in body.repairs)
+    result = remaining[0]
     for radius in (0.0, max(BALL_RADIUS, 0.6 * gap)):
         bridges = []
         for link in links:
@@ -127,7 +129,7 @@ def _bridged(
             result = Surface(
                 vertices,
                 triangles,
-                _middles(kept, vertices, triangles),
+                _middles(remaining, vertices, triangles),
                 sharp_degrees=45.0,  # round parts of merged bodies turn less
                 repairs=repairs,
             )
@@ -385,8 +387,8 @@ def _grid(cubes: Int64[np.ndarray, "cubes 3"], low: Vector3, edge: float) -> _Gr
 
 def _snapped(level: Float64[np.ndarray, "points"], edge: float) -> Float64[np.ndarray, "points"]:
     """Keep levels off zero, so that the surface makes no slivers at grid points."""
-    least = 0.05 * edge
-    return np.where(level < 0.0, np.minimum(level, -least), np.maximum(level, least))
+    smallest = 0.05 * edge
+    return np.where(level < 0.0, np.minimum(level, -smallest), np.maximum(level, smallest))
 
 
 def _level_set(grid: _Grid, level: Float64[np.ndarray, "points"]) -> FlatMesh:

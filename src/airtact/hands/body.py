@@ -176,6 +176,7 @@ class Touch:
 def hand_hulls(joints: Joints, radii: Radii) -> tuple[Hulls, tuple[Touch, ...]]:
     """Build the body of a hand, and find where parts that stand apart in an open hand are one."""
     scale = hand_length(joints) / GENERIC_LENGTH
+    # Blend radii were tuned on a hand of usual length. The web's ball is thinner than the thumb.
     thumb = np.append(0.5 * (joints[1] + joints[2]), 0.4 * (radii[1] + radii[2]))
     balls = np.ascontiguousarray(np.vstack([np.column_stack([joints, radii]), thumb]))
     blend = scale * _open_hand_blend()
@@ -185,7 +186,7 @@ def hand_hulls(joints: Joints, radii: Radii) -> tuple[Hulls, tuple[Touch, ...]]:
     touches = []
     for i, j, gap, place in _joined_skins(open_hulls, apart):
         touches.append(Touch(part_name(i), part_name(j), gap, place))
-        # skins that overlap are blended over a wider radius, by up to 3 mm
+        # Skins that overlap are blended over a wider radius, by up to 3 mm.
         width = scale * (5e-3 + min(max(-gap, 0.0), 3e-3))
         blend[i, j] = blend[j, i] = max(width, blend[i, j])
         apart[i, j] = apart[j, i] = False
@@ -239,6 +240,7 @@ def _joined_skins(
     spheres = starts[:, None] + shares[:, None] * bones[:, None]
     gaps = hulls.each(spheres[..., :3].reshape(-1, 3)).reshape(FREE, samples, -1)
     gaps -= spheres[..., 3:]
+    # Candidates: a coarse sample overestimates the gap, hence 20 % more than the 2 mm below.
     phalanx, hull = np.nonzero((gaps.min(axis=1) < 1.2 * 2e-3) & apart[:FREE])
     if len(phalanx) == 0:
         return []
@@ -262,6 +264,7 @@ def _joined_skins(
     near = gap < 0.3e-3
     touching = np.zeros(hulls.blend.shape, dtype=bool)
     touching[tuple(pairs[near].T)] = True
+    # Pairs beside a touching pair: each of them is joined to one of its two hulls, or is it.
     joined = (hulls.blend > 0.0).astype(np.int64) + np.eye(len(PARTS), dtype=np.int64)
     beside = joined @ (touching | touching.T).astype(np.int64) @ joined > 0
     order = np.argsort(gap, kind="stable")
@@ -272,6 +275,7 @@ def _joined_skins(
     for index in order:
         towards = Hulls.unblended(hulls.balls, PARTS[hull[index], None])
         away = towards.look(sphere[index, None, :3]).gradient[0]
+        # Halfway between the two skins, along the shortest line from the sphere to the hull.
         place = sphere[index, :3] - (sphere[index, 3] + 0.5 * gap[index]) * away
         joints.append((int(pairs[index, 0]), int(pairs[index, 1]), float(gap[index]), place))
     return joints

@@ -48,6 +48,7 @@ def load_hand(path: str | Path, gap: float | None = None) -> Hand:
         names = pose.get("joints")
         if radii is not None:
             _check_count(radii, points, "radii")
+        # Other orders need all 25 names; radii are brought into the same order.
         if names is not None and tuple(names) != NAMES:
             _check_count(names, points, "names")
             order = {name: index for index, name in enumerate(names)}
@@ -93,6 +94,7 @@ def _read_pose(path: Path) -> dict[str, Any]:
     text = text_of(path, 1_000_000)
     try:
         pose = json.loads(text)
+    # Deep nesting or endless digits must not end in a traceback.
     except RecursionError:
         raise InvalidInput(
             "this is no pose of a hand: its brackets are nested too deep.", code="wrong_kind"
@@ -133,6 +135,7 @@ def _numbers(
     pose: dict[str, Any], key: str, shape: tuple[int, ...]
 ) -> Float64[np.ndarray, "joints *shape"]:
     """Return the numbers under a key, an array of ``shape`` for each joint."""
+    # Nested lists of unequal lengths and texts raise different errors, reported by one sentence.
     try:
         numbers = np.array(pose[key], dtype=np.float64)
     except (TypeError, ValueError):
@@ -146,10 +149,10 @@ def _numbers(
     return numbers
 
 
-def _check_count(values: Any, points: Float64[np.ndarray, "joints 3"], what: str) -> None:
+def _check_count(values: Any, points: Float64[np.ndarray, "joints 3"], name: str) -> None:
     if len(values) != len(points):
         raise InvalidInput(
-            f"there are {len(values)} {what} for {len(points)} positions; give one for each.",
+            f"there are {len(values)} {name} for {len(points)} positions; give one for each.",
             code="sizes_differ",
         )
 

@@ -134,6 +134,7 @@ class Hand:
             the sentence has the depth and the gap that frees the position.
         """
         point, normal = self.position(name)
+        # Exact places are on the skin to rounding; a micrometre inside is inside.
         depth = float(self.shape.depth(point[None])[0])
         if depth > 1e-6:
             raise InvalidInput(
@@ -149,6 +150,7 @@ class Hand:
         partner = "index" if finger == "thumb" else "thumb"
         gaps = (0.5e-3, 1e-3, 2e-3, 3e-3, 4e-3, 6e-3, 8e-3, 12e-3, 16e-3, 20e-3)
         for gap in gaps if finger in FINGERS else ():
+            # Not every gap can be reached by a turn about the root of a finger.
             try:
                 opened_hand = self.open_to(gap, finger, partner)
             except InvalidInput:
@@ -197,6 +199,7 @@ class Hand:
         InvalidInput
             As ``hand_from_joints``.
         """
+        # The radii stay: skin does not swell from one frame to the next.
         new = hand_from_joints(joints, self.radii, side=self.side)
         return Hand(new.joints, new.radii, new.side, self.shape.keyframe)
 
@@ -205,6 +208,8 @@ class Hand:
         root, tip = CHAINS[finger][-2:]
         along = self.joints[tip] - self.joints[root]
         bone = unit(along)
+        # The pad faces the side to which the finger bends. The skin of the last bone is a cone,
+        # whose normal leans towards its tip by the taper.
         out = unit(cross(bending_axis(self.joints, self.side, finger), bone))
         taper = (self.radii[root] - self.radii[tip]) / float(np.linalg.norm(along))
         normal = math.sqrt(max(1.0 - taper**2, 0.0)) * out + taper * bone
@@ -215,6 +220,7 @@ class Hand:
     def _palm(self) -> Place:
         back = unit(cross(self.joints[11] - self.joints[0], self.joints[6] - self.joints[21]))
         inwards = back if self.side == "right" else -back
+        # Between the metacarpals of the four fingers, then 30 mm outwards, clear of the skin.
         point = self.joints[[5, 6, 10, 11, 15, 16, 20, 21]].mean(axis=0) - 0.03 * inwards
         # Sphere tracing: no step is longer than the distance, so it ends at the first skin.
         for _ in range(60):
@@ -249,6 +255,7 @@ def hand_from_joints(
         because joints are swapped; radii that no hand has; a side that the bends contradict, or
         that they leave open and is not given.
     """
+    # In this order, so that swapped fingers are reported as such and not as an unclear side.
     joints = joints_of(positions)
     check_finger_order(joints)
     skin_radii = radii_of(radii, length, joints)

@@ -78,7 +78,7 @@ GENERIC_LENGTH = 0.1942
 
 
 def joints_of(
-    joints: Real[np.ndarray, "joints 3"], tolerance: float = 0.0, what: str = "joint"
+    joints: Real[np.ndarray, "joints 3"], tolerance: float = 0.0, word: str = "joint"
 ) -> Joints:
     """Check 25 or 21 joints of a tracker and return the 25 of WebXR [m].
 
@@ -86,36 +86,38 @@ def joints_of(
     ----------
     joints : (25, 3) in the order of WebXR or (21, 3) in that of MediaPipe and Leap [m].
     tolerance : by which bones between rough joints may be longer or shorter than any [m].
-    what : name of a joint in error messages.
+    word : name of a joint in error messages.
     """
-    points = real_numbers(joints, f"{what}s of a hand")
+    points = real_numbers(joints, f"{word}s of a hand")
+    # A tracker marks lost joints by NaN, which is worth a sentence that names the first of them.
     lost = np.flatnonzero(~np.isfinite(points).all(axis=-1)) if points.ndim == 2 else []
     if points.shape in ((21, 3), (25, 3)) and len(lost):
         name = NAMES[lost[0] if len(points) == 25 else TRACKED[lost[0]]]
         raise InvalidInput(
-            f"{counted(len(lost), f'{what} is', f'{what}s are')} NaN or infinite, the first is "
-            f"{what} {lost[0]}, {name}: the tracker lost it; leave this frame out.",
+            f"{counted(len(lost), f'{word} is', f'{word}s are')} NaN or infinite, the first is "
+            f"{word} {lost[0]}, {name}: the tracker lost it; leave this frame out.",
             code="not_finite",
         )
-    points = points_of(points, f"{what}s of a hand")
+    points = points_of(points, f"{word}s of a hand")
     if len(points) not in (21, 25):
         raise InvalidInput(
-            f"there are {counted(len(points), what, f'{what}s')}; give 25 (WebXR) or 21 "
+            f"there are {counted(len(points), word, f'{word}s')}; give 25 (WebXR) or 21 "
             "(MediaPipe, Leap).",
             code="joint_count",
         )
     span = float(np.ptp(points, axis=0).max())
     if span > 1.0:
         raise InvalidInput(
-            f"the {what}s span {span:.4g} m: are they in millimetres? Give metres.",
+            f"the {word}s span {span:.4g} m: are they in millimetres? Give metres.",
             code="not_in_metres",
         )
+    # MediaPipe and Leap have no bases of the metacarpals, which the palm needs.
     if len(points) == 21:
         tracked = points
         points = np.empty((25, 3))
         points[TRACKED] = tracked
         for chain in CHAINS[1:]:
-            # the base of a metacarpal lies 41 % of the way from the wrist to the knuckle
+            # The base of a metacarpal lies 41 % of the way from the wrist to the knuckle.
             points[chain[0]] = (1.0 - 0.41) * points[0] + 0.41 * points[chain[1]]
     _check_bone_lengths(points, tolerance)
     return fixed(points)
@@ -182,6 +184,7 @@ def radii_of(
     if len(radii) == 21:
         generic[TRACKED] = radii
         radii = fixed(generic)
+    # From a child's fingertip to the wrist of a large hand.
     wrong = np.flatnonzero((radii < 3e-3) | (radii > 35e-3))
     if len(wrong):
         raise InvalidInput(
@@ -198,7 +201,7 @@ def hand_length(joints: Joints) -> float:
 
 
 def checked_side(
-    joints: Joints, side: str | None, what: str = "joints", min_evidence: float = 0.2
+    joints: Joints, side: str | None, word: str = "joints", min_evidence: float = 0.2
 ) -> Side:
     """Return the side of a hand, from the bends of its fingers unless given.
 
@@ -214,13 +217,13 @@ def checked_side(
     clear = abs(evidence) >= min_evidence
     if side is None and not clear:
         raise InvalidInput(
-            f"the {what} do not distinguish a left hand from a right one ({evidence:+.2f}, from "
+            f"the {word} do not distinguish a left hand from a right one ({evidence:+.2f}, from "
             f"{min_evidence:g} they would): the fingers are too straight; give side.",
             code="side_unclear",
         )
     if side is not None and side != bent_as and clear:
         raise InvalidInput(
-            f"the {what} are given as those of a {side} hand, but the fingers bend and the thumb "
+            f"the {word} are given as those of a {side} hand, but the fingers bend and the thumb "
             f"points as those of a {bent_as} one ({evidence:+.2f}, above 0 being right): are they "
             "mirrored?",
             code="wrong_side",
@@ -230,6 +233,8 @@ def checked_side(
 
 def side_evidence(joints: Joints) -> float:
     """Sum of the sines of all bends and of the thumb's lean; positive for a right hand."""
+    # Fingers only bend towards the palm. Across the palm from the little finger, all bends of a
+    # right hand turn the same way, and those of a left one the other way.
     across = unit(joints[6] - joints[21])
     back = unit(cross(joints[11] - joints[0], across))
     bones = np.diff(joints[np.array(CHAINS[1:])], axis=1)
@@ -245,6 +250,7 @@ def check_finger_order(joints: Joints, tolerance: float = 0.0) -> None:
     """
     slack = 5e-3 + 0.5 * tolerance
     knuckles = np.array([chain[1] for chain in CHAINS[1:]])
+    # Along the line of the knuckles, from the index finger to the little finger.
     from_index = joints[knuckles] - joints[knuckles[0]]
     steps = np.diff(from_index @ unit(from_index[-1]))
     worst = int(steps.argmin())

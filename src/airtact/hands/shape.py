@@ -21,7 +21,7 @@ NEAR_KEYFRAME = 2.5e-3
 """Motion up to which a frame keeps the keyframe that it follows [m]."""
 
 MAX_KEYFRAMES = 16
-"""Longest chain of keyframes: deforming a mesh along it takes no longer than making it anew."""
+"""Longest chain of keyframes: deforming a mesh along it takes no longer than a new mesh."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,7 @@ class HandShape(Shape):
         """Make a shape that follows a keyframe if it has moved little and the same parts touch."""
         if keyframe is not None and np.array_equal(hulls.apart, keyframe.hulls.apart):
             moved = motion(keyframe.hulls, hulls)
-            # beyond 12 mm no mesh is deformed
+            # Beyond 12 mm a new mesh is made instead.
             may_chain = moved <= 12e-3 and keyframe.keyframes < MAX_KEYFRAMES
             if moved <= NEAR_KEYFRAME or may_chain:
                 return HandShape(hulls, Pose.identity(), keyframe)
@@ -74,6 +74,7 @@ class HandShape(Shape):
     @property
     def extent(self) -> float:
         """Largest side of the axis-aligned box round it at rest [m]."""
+        # Hulls lie within the box around their balls.
         centres = self.hulls.balls[:, :3]
         radii = self.hulls.balls[:, 3:]
         return float(((centres + radii).max(axis=0) - (centres - radii).min(axis=0)).max())
@@ -106,15 +107,15 @@ class HandShape(Shape):
         self,
         points: Real[np.ndarray, "points 3"],
         normals: Points,
-        most: float,
+        largest: float,
     ) -> PerPoint:
-        """Diameter (P,) [m] of a ball inside at each point: ``most`` where that fits."""
-        least = self.least_thickness
-        if least >= most:
-            return np.full(len(points), least)
+        """Diameter (P,) [m] of a ball inside at each point: ``largest`` where that fits."""
+        smallest = self.least_thickness
+        if smallest >= largest:
+            return np.full(len(points), smallest)
         # Panels lie a little off the body: a ball may reach out of it by 5 % of its diameter.
-        fits = self.depth(points - 0.5 * most * normals) >= 0.5 * (1.0 - 0.05) * most
-        return np.where(fits, most, least)
+        fits = self.depth(points - 0.5 * largest * normals) >= 0.5 * (1.0 - 0.05) * largest
+        return np.where(fits, largest, smallest)
 
     def depth(self, points: Real[np.ndarray, "points 3"]) -> PerPoint:
         """Distance to the skin [m] of points (P, 3) [m], positive inside."""
@@ -180,8 +181,8 @@ def deformed(before: Hulls, mesh: HandMesh, now: Hulls, edge: float) -> HandMesh
     new = settled(now, replace(mesh, vertices=vertices), edge)
     ends = np.roll(new.triangles, -1, axis=1)
     lengths = np.linalg.norm(new.vertices[new.triangles] - new.vertices[ends], axis=2)
-    wanted = mesh.sizes[new.triangles].max(axis=1, keepdims=True)
-    return new if new.angles.min() >= 20.0 and (lengths / wanted).max() <= 2.0 else None
+    sizes = mesh.sizes[new.triangles].max(axis=1, keepdims=True)
+    return new if new.angles.min() >= 20.0 and (lengths / sizes).max() <= 2.0 else None
 
 
 def hull_weights(hulls: Hulls, vertices: Vertices) -> Float64[np.ndarray, "vertices hulls"]:

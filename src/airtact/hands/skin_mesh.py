@@ -1,4 +1,4 @@
-"""Even triangles on the body of a hand, closed whatever the fingers do.
+"""Even triangles on the body of a hand, closed in every pose of the fingers.
 
 Marching cubes on a grid of the distance give closed triangles. Passes of splitting, collapsing,
 flipping and smoothing make them even; each pass projects the vertices onto the skin. On the grid,
@@ -349,10 +349,10 @@ def _middles(
     # Where two skins meet, their flanks are nearer than the crease between them: points beside
     # the middle are projected as well, and the nearest result is taken.
     for share in (0.4, 0.6, 0.3, 0.7):
-        far = np.flatnonzero(off > 0.3 * lengths)
-        projected = hulls.project(starts[far] + share * edges[far])
-        distance = np.linalg.norm(projected - straight[far], axis=1)
-        better = distance < off[far]
+        poor = np.flatnonzero(off > 0.3 * lengths)
+        projected = hulls.project(starts[poor] + share * edges[poor])
+        distance = np.linalg.norm(projected - straight[poor], axis=1)
+        better = distance < off[poor]
         middles[far[better]] = projected[better]
         off[far[better]] = distance[better]
     return middles, off / lengths

@@ -82,8 +82,8 @@ def wall_sizes(vertices: Vertices, triangles: Triangles, largest: float) -> Vert
     # and scaled normals, and is asked for the reversed normal.
     reach = 0.6 * largest
     tree = KDTree(np.concatenate([vertices, reach * normals], axis=1))
-    wanted = np.concatenate([vertices, -reach * normals], axis=1)
-    distance, opposite = tree.query(wanted, distance_upper_bound=reach)
+    queries = np.concatenate([vertices, -reach * normals], axis=1)
+    distance, opposite = tree.query(queries, distance_upper_bound=reach)
     met = np.flatnonzero(distance < reach)
     across = vertices[met] - vertices[np.asarray(opposite)[met]]
     thickness = np.einsum("nd,nd->n", across, normals[met])

@@ -202,8 +202,8 @@ def find_holes(vertices: Vertices, triangles: Triangles) -> list[Hole]:
         if len(points) <= MAX_RIM_EDGES:
             width = float(pdist(points).max())
         else:  # two sweeps are accurate enough for an error
-            far = points[np.linalg.norm(points - points[0], axis=1).argmax()]
-            width = float(np.linalg.norm(points - far, axis=1).max())
+            farthest = points[np.linalg.norm(points - points[0], axis=1).argmax()]
+            width = float(np.linalg.norm(points - farthest, axis=1).max())
         holes.append(Hole(starts[walk], border[walk] // 3, width, points.mean(axis=0)))
     return holes
 

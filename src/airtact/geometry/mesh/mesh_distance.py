@@ -200,9 +200,9 @@ def _nearer(best: Nearest, first: PairedCorners, second: PairedCorners) -> Neare
     if len(first) == 0:
         return best
     distance, on_first, on_second = triangle_to_triangle(first, second)
-    least = int(distance.argmin())
-    if distance[least] < best[0]:
-        return float(distance[least]), on_first[least], on_second[least]
+    closest = int(distance.argmin())
+    if distance[closest] < best[0]:
+        return float(distance[closest]), on_first[closest], on_second[closest]
     return best
 
 

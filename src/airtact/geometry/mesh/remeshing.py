@@ -55,7 +55,7 @@ def coarsened(mesh: RidgedMesh, edge: float, wall: float = np.inf) -> RidgedMesh
 
 
 def remeshed(
-    mesh: RidgedMesh, sizes: VertexSizes, edge: float, wanted: float, wall: float = np.inf
+    mesh: RidgedMesh, sizes: VertexSizes, edge: float, expected: float, wall: float = np.inf
 ) -> RidgedMesh:
     """Mesh a closed surface again with triangles of the size of equilateral ones of a given edge.
 
@@ -66,7 +66,7 @@ def remeshed(
     mesh : the surface.
     sizes : (V,) longest edge allowed at each vertex [m].
     edge : edge of the equilateral triangles [m].
-    wanted : number of triangles by the area.
+    expected : number of triangles by the area.
     wall : as in ``coarsened``.
     """
     deviation = min(0.15, 0.3 * wall / edge)
@@ -74,14 +74,14 @@ def remeshed(
     # the wanted number is reached.
     for stretch in (1.4, 1.2, 1.0):
         result = _mmg(mesh, np.clip(sizes / edge, MIN_EDGE, stretch), edge, deviation)
-        if len(result.triangles) >= 0.9 * wanted:
+        if len(result.triangles) >= 0.9 * expected:
             return result
     return _mmg(mesh, np.clip(sizes / edge, MIN_EDGE, 0.85), edge, deviation)
 
 
 def _mmg(surface: RidgedMesh, sizes: VertexSizes, edge: float, deviation: float) -> RidgedMesh:
     """Run MMG in units of the edge; ``deviation`` is the largest distance from the surface."""
-    with extra("mesh", "a surface that is meshed anew needs MMG"):
+    with extra("mesh", "remeshing a surface needs MMG"):
         import mmgpy
 
     mesh = mmgpy.MmgMeshS()
@@ -105,7 +105,7 @@ def _mmg(surface: RidgedMesh, sizes: VertexSizes, edge: float, deviation: float)
         )
     except RuntimeError as fault:
         raise InvalidInput(
-            f"the surface of {len(triangles)} triangles cannot be meshed anew with an edge of "
+            f"the surface of {len(triangles)} triangles cannot be remeshed with an edge of "
             f"{1e3 * edge:.3g} mm ({fault}); repair it, or give a mesh with fewer slivers.",
             code="mesh_faulty",
         ) from fault
@@ -113,7 +113,7 @@ def _mmg(surface: RidgedMesh, sizes: VertexSizes, edge: float, deviation: float)
     if len(result) < 4 or edge_twins(result).min() < 0:
         raise InvalidInput(
             f"the surface of {len(triangles)} triangles does not stay closed when it is meshed "
-            f"anew with an edge of {1e3 * edge:.3g} mm; repair it, or ask for a shorter edge.",
+            f"again with an edge of {1e3 * edge:.3g} mm; repair it, or ask for a shorter edge.",
             code="mesh_faulty",
         )
     ridges = np.asarray(mesh.get_edges(), dtype=np.int64).reshape(-1, 2)

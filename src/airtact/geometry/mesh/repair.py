@@ -118,9 +118,9 @@ def repaired(
     return RepairedMesh(vertices, triangles, tuple(notes))
 
 
-def _note(notes: list[str], what: str, where: Real[np.ndarray, "*points 3"]) -> None:
+def _note(notes: list[str], sentence: str, where: Real[np.ndarray, "*points 3"]) -> None:
     """Append a sentence; ``where`` are the corners of the first triangle, or one point."""
-    notes.append(f"{what}, the first near {in_mm(where.reshape(-1, 3).mean(axis=0))}.")
+    notes.append(f"{sentence}, the first near {in_mm(where.reshape(-1, 3).mean(axis=0))}.")
 
 
 # --- vertices ---------------------------------------------------------------------------------
@@ -185,11 +185,11 @@ def _with_merged_vertices(vertices: Vertices, triangles: Triangles, notes: list[
         return vertices, triangles
     cluster = components(pairs[:, 0], pairs[:, 1], len(vertices))
     first = np.unique(cluster, return_index=True)[1][cluster]
-    kept = first == np.arange(len(vertices))
-    were = counted(int((~kept).sum()), "vertex was", "vertices were")
+    is_first = first == np.arange(len(vertices))
+    were = counted(int((~is_first).sum()), "vertex was", "vertices were")
     within = f"within {near * 1e6:.2g} micrometres"
-    _note(notes, f"{were} merged with another {within}", vertices[(~kept).argmax()])
-    return _with_vertices(vertices, first[triangles], kept)
+    _note(notes, f"{were} merged with another {within}", vertices[(~is_first).argmax()])
+    return _with_vertices(vertices, first[triangles], is_first)
 
 
 # --- triangles --------------------------------------------------------------------------------
@@ -214,7 +214,7 @@ def _without_collapsed(vertices: Vertices, triangles: Triangles, notes: list[str
 
 
 def _without_repeats(vertices: Vertices, triangles: Triangles, notes: list[str]) -> NewTriangles:
-    """Keep the first of triangles over the same three vertices, in whatever order."""
+    """Keep the first of triangles over the same three vertices, in any order."""
     corners = np.sort(triangles, axis=1)
     order = np.lexsort(corners.T)
     repeated = np.zeros(len(triangles), dtype=bool)

@@ -201,10 +201,10 @@ class _EditableMesh:
         if len(beside) != 1:
             return None
         neighbour = beside.pop()
-        (far,) = set(self.corners(neighbour)) - {start, end}
-        if far == apex or far in self.neighbours(apex):
+        (tip,) = set(self.corners(neighbour)) - {start, end}
+        if tip == apex or tip in self.neighbours(apex):
             return None
-        flipped = {cap: [apex, start, far], neighbour: [far, end, apex]}
+        flipped = {cap: [apex, start, tip], neighbour: [tip, end, apex]}
         if min(map(self._flatness, flipped.values())) <= self._flatness(corners):
             return None
         old = self.corners(neighbour)

@@ -97,9 +97,9 @@ def with_fans(triangles: Triangles, through: Mapping[int, Sequence[int]]) -> New
         start, end, apex = np.roll(triangles[edge // 3], -(edge % 3))
         chain = np.array([start, *vertices, end])
         fans.append(np.stack([chain[:-1], chain[1:], np.full(len(chain) - 1, apex)], axis=1))
-    kept = np.ones(len(triangles), dtype=bool)
-    kept[np.array(list(through)) // 3] = False
-    return np.concatenate([triangles[kept], *fans])
+    keep = np.ones(len(triangles), dtype=bool)
+    keep[np.array(list(through)) // 3] = False
+    return np.concatenate([triangles[keep], *fans])
 
 
 def cone_volumes(corners: Corners) -> Float64[np.ndarray, "triangles"]:

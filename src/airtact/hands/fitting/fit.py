@@ -163,12 +163,13 @@ def fit_hand(
     """
     joints = joints_of(landmarks, LANDMARK_TOLERANCE)
     check_finger_order(joints, LANDMARK_TOLERANCE)
-    # rough landmarks distinguish a left hand from a right one where fingers bend clearly
+    # Rough landmarks distinguish a left hand from a right one where fingers bend clearly.
     side = checked_side(joints, side, "landmarks", min_evidence=1.5)
     if before is not None:
-        of_kind(before, FittedHand, "the frame before", "what fit_hand gave")
+        of_kind(before, FittedHand, "the frame before", "a result of fit_hand")
     cloud = _checked_cloud(points, joints)
     eye = None if camera is None else _checked_camera(camera, cloud)
+    # A settled anatomy is the prior; one that is still learned only gives the sizes to start from.
     person = anatomy or (None if before is None else before.anatomy)
     prior = person if person is not None and person.settled else population_prior(joints)
     spread = np.full(25, LANDMARK_SPREAD)
@@ -203,6 +204,7 @@ def _best_estimate(
     report_step("fitting a hand to the landmarks")
     no_points = replace(seen, points=np.zeros((0, 3)), camera=None, silhouette=None)
     bent = evenly_bent(seen.landmarks, np.exp(prior.mean[: len(BONES)]), seen.side)
+    # First to the landmarks alone, because points of a cloud belong to no finger in particular.
     by_landmarks = best_hand(no_points, (bent,), prior.mean, hold=prior.settled).joints
     report_step(f"fitting it to {cloud}")
     return best_hand(seen, (by_landmarks, seen.landmarks), sizes, hold=prior.settled)
@@ -217,7 +219,7 @@ def _fitted(
     keyframe = None if before is None else before.hand.shape.keyframe
     radii = np.exp(estimate.sizes[SIZE_RADII])
     hand = Hand(fixed(estimate.joints), fixed(radii), seen.side, keyframe)
-    # a joint under skin is known to 1 mm in each coordinate at best
+    # A joint under skin is known to 1 mm in each coordinate at best.
     variance = np.diag(estimate.covariance)[JOINTS].reshape(25, 3).sum(axis=1) + 3.0 * 1e-3**2
     spread = skin_spread(estimate)
     owner = np.r_[OWNER, np.full(len(PARTS) - FREE, len(FINGERS))]
@@ -241,6 +243,7 @@ def _fitted(
 
 def _check_explained(seen: Observation, fitted: FittedHand, cloud: Points) -> None:
     """Raise where the hand leaves many points unexplained or is far from a landmark."""
+    # 2000 points are enough for a share of 80 %.
     sampled = cloud[:: max(len(cloud) // 2000, 1)]
     residuals = skin_residuals(sampled, fitted.hand.shape.hulls, seen.camera)
     explained = float((np.abs(residuals.distance) < 6e-3).mean())
@@ -253,6 +256,7 @@ def _check_explained(seen: Observation, fitted: FittedHand, cloud: Points) -> No
             code="pose_not_found",
         )
     off = np.linalg.norm(fitted.hand.joints - seen.landmarks, axis=1)
+    # Joints that the tracker did not give were guessed, and may be off.
     off[seen.spread > LANDMARK_SPREAD] = 0.0
     worst = int(off.argmax())
     if off[worst] > 30e-3:
@@ -267,6 +271,7 @@ def _check_explained(seen: Observation, fitted: FittedHand, cloud: Points) -> No
 def _checked_camera(camera: Real[np.ndarray, "3"], cloud: Points) -> Point:
     eye = point_of(camera, "the position of the camera")
     sight = np.median(cloud, axis=0) - eye
+    # Depth along the line of sight to the middle of the cloud.
     ahead = (cloud - eye) @ sight / max(float(np.linalg.norm(sight)), 30e-3)
     if ahead.min() < 30e-3:
         raise InvalidInput(
@@ -301,6 +306,7 @@ def _checked_cloud(
             code="out_of_range",
         )
     distance = _distance_to_bones(cloud, joints)
+    # The forearm belongs to the person but not to the model: behind the wrist, near its axis.
     along = unit(joints[0] - joints[[6, 11, 16, 21]].mean(axis=0))
     behind = (cloud - joints[0]) @ along
     beside = np.linalg.norm(cloud - joints[0] - behind[:, None] * along, axis=1)
@@ -308,6 +314,7 @@ def _checked_cloud(
     near = (distance < HAND_RADIUS) & ~forearm
     if near.sum() < MIN_POINTS:
         usual = float(np.median(distance))
+        # If a thousandth of the cloud fits, it is in millimetres.
         if (_distance_to_bones(1e-3 * cloud, joints) < HAND_RADIUS).mean() > 0.5:
             raise InvalidInput(
                 f"the cloud lies {usual:.4g} m from the landmarks: is it in millimetres? Give "
@@ -344,11 +351,13 @@ def cell_means(points: Points, cell: float = 4e-3) -> Float64[np.ndarray, "fewer
     The mean is of the points near the one nearest to the mean of all, so that outliers weigh less.
     """
     cubes = np.floor((points - points.min(axis=0)) / cell).astype(np.int64)
+    # One integer for each cube, so that ``unique`` sorts numbers instead of rows.
     wide = cubes.max(axis=0) + 1
     keys = (cubes[:, 0] * wide[1] + cubes[:, 1]) * wide[2] + cubes[:, 2]
     _, cube, count = np.unique(keys, return_inverse=True, return_counts=True)
     mean = np.column_stack([np.bincount(cube, column) / count for column in points.T])
     off = np.linalg.norm(points - mean[cube], axis=1)
+    # Sorted by cube, and within it by the distance from the mean: the first of each is the nearest.
     first = np.lexsort((off, cube))[np.r_[0, np.cumsum(count)[:-1]]]
     close = np.linalg.norm(points - points[first][cube], axis=1) < 3e-3
     sums = [np.bincount(cube[close], column, len(first)) for column in points[close].T]
@@ -377,7 +386,7 @@ def with_offset(hulls: Hulls, points: Points, edges: tuple[float, ...] = EDGES) 
             surface = Surface(skin.vertices + move[:, None] * normals, skin.triangles)
             if len(surface.crossings) == 0:
                 return surface
-            # around crossings the skin stays where it is
+            # Around crossings the skin stays where it is.
             crossed = skin.vertices[skin.triangles[surface.crossings.ravel()].ravel()]
             move[KDTree(crossed).query(skin.vertices)[0] < 8e-3] = 0.0
     return None

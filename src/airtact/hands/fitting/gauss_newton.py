@@ -83,7 +83,7 @@ class Observation:
     anatomy : what its sizes may be.
     camera : (3,) that saw the points [m], or None.
     silhouette : what that camera saw of the hand, or None.
-    each : number of points that each of these stands for.
+    each : number of points behind each of these.
     """
 
     points: Points
@@ -139,7 +139,7 @@ class NormalEquations:
     residuals : of the points.
     weights : (N,) of the points, 0 for outliers.
     scale : (2,) of the misfit at fingers and at the palm [m].
-    each : number of points that each of them stands for.
+    each : number of points behind each of them.
     """
 
     unknowns: Unknowns
@@ -225,8 +225,8 @@ def _equations_of_points(
     root = np.sqrt(weights[used])
     rows = residuals.by_balls[used] * root[:, None]
     pull = (root * residuals.distance[used]) @ rows
-    both = by_body(np.vstack([rows.T @ rows, pull]), sizes)
-    return by_body(np.ascontiguousarray(both[:-1].T), sizes), both[-1]
+    solved = by_body(np.vstack([rows.T @ rows, pull]), sizes)
+    return by_body(np.ascontiguousarray(solved[:-1].T), sizes), solved[-1]
 
 
 # --- the search -------------------------------------------------------------------------------
@@ -331,10 +331,10 @@ def _descended(
         moved = here.unknowns.copy()
         moved[:free] += step
         min_scale *= 0.7
-        there = normal_equations(seen, hulls, moved, min_scale)
-        better = there.cost(here.scale) < here.cost(here.scale)
+        next_equations = normal_equations(seen, hulls, moved, min_scale)
+        better = next_equations.cost(here.scale) < here.cost(here.scale)
         if better:
-            here = there
+            here = next_equations
         damping = damping / 5.0 if better else damping * 10.0
         # A step may break its promise because points change from one part of the hand to another:
         # then the search ends at a larger share of the cost.
@@ -386,7 +386,7 @@ def _estimate(seen: Observation, here: NormalEquations, hold: bool) -> HandEstim
     matrix = equations_of_rules(seen, here.unknowns)[0]
     by_variance = here.weights / (alike * here.scale**2)[kinds]
     matrix[BODY_BLOCK] += _equations_of_points(here.residuals, by_variance, sizes)[0]
-    if hold:  # the sizes keep their covariance, whatever this frame shows of them
+    if hold:  # the sizes keep their covariance in every frame
         by_sizes = -np.linalg.solve(matrix[JOINTS, JOINTS], matrix[JOINTS, SIZES])
         follow = np.vstack([by_sizes, np.eye(62)])
         covariance = follow @ seen.anatomy.covariance @ follow.T

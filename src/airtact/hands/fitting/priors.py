@@ -230,15 +230,15 @@ def length_rules(joints: Joints, sizes: Sizes) -> Rules:
     starts, ends = _SPAN_ENDS.T
     along = joints[ends] - joints[starts]
     length = np.sqrt((along**2).sum(axis=1))
-    wanted = np.exp(sizes[SIZE_LENGTHS])
+    expected = np.exp(sizes[SIZE_LENGTHS])
     rows = np.arange(len(SPANS))
     gradients = np.zeros((len(SPANS), 137))
     by_joint = gradients[:, JOINTS].reshape(-1, 25, 3)
     way = along / (length * _SPAN_SPREAD)[:, None]
     by_joint[rows, ends] += way
     by_joint[rows, starts] -= way
-    gradients[rows, SIZES.start + rows] = -wanted / _SPAN_SPREAD
-    return Rules((length - wanted) / _SPAN_SPREAD, gradients)
+    gradients[rows, SIZES.start + rows] = -expected / _SPAN_SPREAD
+    return Rules((length - expected) / _SPAN_SPREAD, gradients)
 
 
 def bending_axes(joints: Joints, side: str) -> Axes:
@@ -341,5 +341,5 @@ def landmark_pull(
     Errors have Cauchy's distribution of a ``spread`` (25,) [m]. The second number is twice the
     cost, whose gradient is twice the squares of the weights times ``off``.
     """
-    far = np.linalg.norm(off, axis=1) / (3.0 * spread)
-    return 1.0 / (spread * np.sqrt(1.0 + far**2)), 9.0 * float(np.log1p(far**2).sum())
+    excess = np.linalg.norm(off, axis=1) / (3.0 * spread)
+    return 1.0 / (spread * np.sqrt(1.0 + excess**2)), 9.0 * float(np.log1p(excess**2).sum())

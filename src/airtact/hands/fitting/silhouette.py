@@ -37,7 +37,7 @@ class Silhouette:
     ----------
     camera : (3,) [m].
     frame : (3, 3) rows: right and up in the picture, and the line of sight.
-    far : distance of the picture from the camera [m].
+    focal : distance of the picture from the camera [m].
     corner : (2,) of its first pixel [m].
     pixel : side of its pixels [m].
     outside : (W, H) distance of each from the silhouette, 0 in it [m].
@@ -45,7 +45,7 @@ class Silhouette:
 
     camera: Point
     frame: Float64[np.ndarray, "3 3"]
-    far: float
+    focal: float
     corner: Float64[np.ndarray, "2"]
     pixel: float
     outside: Float64[np.ndarray, "width height"]
@@ -67,7 +67,7 @@ class Silhouette:
         rim = np.column_stack([np.cos(angles), np.sin(angles)])
         ball = _SAMPLES @ balls
         seen = (ball[:, :3] - self.camera) @ self.frame.T
-        scale = self.far / seen[:, 2]
+        scale = self.focal / seen[:, 2]
         flat = scale[:, None] * seen[:, :2]
         positions = (flat[:, None] + (scale * ball[:, 3])[:, None, None] * rim).reshape(-1, 2)
         value, gradient = self._at(positions)
@@ -77,7 +77,7 @@ class Silhouette:
         sample = out // rim_count
         by_position = gradient[out] * (weight * scale[sample])[:, None]
         by_ball = np.zeros((len(out), 4))
-        by_depth = -np.einsum("ri,ri->r", by_position, positions[out]) / self.far
+        by_depth = -np.einsum("ri,ri->r", by_position, positions[out]) / self.focal
         by_ball[:, :3] = by_position @ self.frame[:2] + by_depth[:, None] * self.frame[2]
         by_ball[:, 3] = np.einsum("ri,ri->r", by_position, rim[out % rim_count])
         by_balls = (_SAMPLES[sample][:, :, None] * by_ball[:, None]).reshape(len(out), 104)
@@ -107,13 +107,13 @@ class Silhouette:
 def silhouette_of(points: Points, camera: Point) -> Silhouette:
     """Find the silhouette of a hand, points (N, 3) [m], that a camera (3,) [m] saw."""
     sight = np.median(points, axis=0) - camera
-    far = float(np.linalg.norm(sight))
-    sight = sight / far
+    focal = float(np.linalg.norm(sight))
+    sight = sight / focal
     right = np.cross(sight, np.eye(3)[np.abs(sight).argmin()])
     right = right / np.linalg.norm(right)
     frame = np.stack([right, np.cross(sight, right), sight])
     seen = (points - camera) @ frame.T
-    flat = far * seen[:, :2] / seen[:, 2:]
+    flat = focal * seen[:, :2] / seen[:, 2:]
     tree = KDTree(flat, balanced_tree=False, compact_nodes=False)  # built in half the time
     spacing = float(np.median(tree.query(flat[:: max(len(flat) // 500, 1)], k=2)[0][:, 1]))
     pixel = max(1e-3, 1.2 * spacing)
@@ -124,7 +124,7 @@ def silhouette_of(points: Points, camera: Point) -> Silhouette:
     hit[tuple(((flat - corner) / pixel).astype(np.int64).T)] = True
     distance = np.asarray(ndimage.distance_transform_edt(~_closed(hit, pixel)))
     outside = pixel * np.maximum(distance - 0.5, 0.0)
-    return Silhouette(camera, frame, far, corner, pixel, outside)
+    return Silhouette(camera, frame, focal, corner, pixel, outside)
 
 
 def _closed(

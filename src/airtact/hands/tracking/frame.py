@@ -42,7 +42,7 @@ class FaultyFrame(InvalidInput):
 
     Attributes
     ----------
-    fault : the kind, one of ``Fault``; it is the code, too.
+    fault : the kind, one of ``Fault``; it is also the code.
     """
 
     def __init__(
@@ -103,7 +103,7 @@ class HandFrame:
         object.__setattr__(self, "sequence", int(self.sequence))
         if self.landmarks is not None:
             with _as_faulty_frame(_LANDMARK_FAULTS):
-                checked_side(joints_of(self.landmarks, what="landmark"), self.side, "landmarks")
+                checked_side(joints_of(self.landmarks, word="landmark"), self.side, "landmarks")
             object.__setattr__(self, "landmarks", fixed(self.landmarks))
         if self.cloud is not None:
             with _as_faulty_frame({}):

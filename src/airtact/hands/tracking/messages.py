@@ -91,8 +91,8 @@ def side_of_osc(packet: bytes) -> Side | None:
     end = packet.find(b"\0", len(head))
     start = end + 4 - end % 4 + (8 if kinds == b"ds" else 4)
     word = packet[start : start + 8].partition(b"\0")[0]
-    sides: dict[bytes, Side] = {b"left": "left", b"right": "right"}
-    return sides.get(word)
+    words: dict[bytes, Side] = {b"left": "left", b"right": "right"}
+    return words.get(word)
 
 
 def to_osc(frame: HandFrame) -> bytes:

@@ -173,7 +173,7 @@ class Predictor:
         estimate it from the frames.
     agility : how suddenly landmarks change their velocity, as spectral density of the acceleration
         [m²/s³].
-    patience : a hand that was not seen for longer is lost, and begins anew when it is back [s].
+    patience : a hand that was not seen for longer is lost, and starts again when it is back [s].
 
     Raises
     ------
@@ -283,9 +283,9 @@ class Predictor:
         try:
             return HandFrame(then, frame.side, frame.sequence, carried)
         except FaultyFrame:
-            kept = _with_lengths(carried, reach.positions + bend.positions)
+            joints = _with_lengths(carried, reach.positions + bend.positions)
         try:
-            return HandFrame(then, frame.side, frame.sequence, kept)
+            return HandFrame(then, frame.side, frame.sequence, joints)
         except FaultyFrame:
             return HandFrame(then, frame.side, frame.sequence, frame.landmarks)
 
@@ -332,12 +332,12 @@ def _with_lengths(
     chains = CHAINS
     if len(now) == 21:
         chains = tuple(tuple(range(start, start + 4)) for start in (1, 5, 9, 13, 17))
-    kept = carried.copy()
+    joints = carried.copy()
     for chain in chains:
         for start, end in pairwise((0, *chain)):
             bone = carried[end] - carried[start]
             length = float(np.linalg.norm(bone))
             if length > 0.0:
-                wanted = float(np.linalg.norm(now[end] - now[start]))
-                kept[end] = kept[start] + wanted / length * bone
-    return kept
+                measured = float(np.linalg.norm(now[end] - now[start]))
+                joints[end] = joints[start] + measured / length * bone
+    return joints

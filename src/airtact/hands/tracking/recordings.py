@@ -69,6 +69,7 @@ def load_recording(path: Path, leave_out: bool = False) -> Recording:
     frames = []
     with about(path.name):
         for position, read in entries:
+            # The stream counts faults exactly as it would have counted them live.
             try:
                 frame = read()
             except FaultyFrame as unreadable:
@@ -142,6 +143,7 @@ def replay(
         if begun is None or start is None:
             begun = clock()
             start = frame.time
+        # Measured from the first frame, so that errors of sleeping do not add up.
         early = (frame.time - start) / speed - (clock() - begun)
         if early > 0.0:
             sleep(early)
@@ -157,6 +159,7 @@ Entries = Iterator[tuple[str, Callable[[], HandFrame]]]
 def _lines(path: Path) -> Entries:
     try:
         with path.open("rb") as file:
+            # Limited lines, so that a file without line ends does not fill the memory.
             lines = iter(lambda: file.readline(2**26), b"")
             for number, line in enumerate(lines, start=1):
                 if line.strip():
@@ -297,6 +300,7 @@ def pads_over_time(frames: Iterable[HandFrame], side: Side) -> PadTrack:
     pads = np.full((len(frames), 5, 3), np.nan)
     for index, frame in enumerate(frames):
         if frame.landmarks is not None:
+            # The radii of the first frame: the size of a hand does not change.
             hand = frame.hand(radii)
             radii = hand.radii
             pads[index] = hand.pads

@@ -18,7 +18,7 @@ from airtact.hands.tracking.frame import FaultyFrame, HandFrame
 from airtact.hands.tracking.messages import from_json, from_osc, side_of, side_of_osc
 
 MAX_STALE_FRAMES = 20
-"""From so many successive frames that do not follow the newest one, the tracker has restarted."""
+"""Successive frames that do not follow the newest one; more mean that the tracker restarted."""
 
 MAX_JUMP = 1000
 """Largest jump of the sequence number; a larger one is a new count."""
@@ -147,14 +147,14 @@ class HandStream:
             return StreamHealth(**self._counts)
 
     def feed_json(self, text: bytes | str) -> FaultyFrame | None:
-        """Take a message in JSON, whatever it is; return why it was left out, or None if used."""
+        """Take any message in JSON; return why it was left out, or None if used."""
         try:
             return self.feed(from_json(text))
         except FaultyFrame as fault:
             return self.feed(fault)
 
     def feed_osc(self, packet: bytes) -> FaultyFrame | None:
-        """Take a packet of OSC, whatever it is; return why its last frame was left out, or None."""
+        """Take any packet of OSC; return why its last frame was left out, or None."""
         try:
             faults = [self.feed(frame) for frame in from_osc(packet)]
         except FaultyFrame as fault:
@@ -188,10 +188,11 @@ class HandStream:
                 waiting[side].append(message)
         for of_hand in waiting.values():
             skipped = self._counts["skipped"]
+            # Newest first, until one is good.
             while of_hand and feed(of_hand.pop()) is not None:
                 pass
             with self._changed:
-                # frames that are overtaken were not skipped by the tracker
+                # Frames that are overtaken were not skipped by the tracker.
                 newly_skipped = max(self._counts["skipped"] - skipped, 0)
                 self._counts["skipped"] -= min(len(of_hand), newly_skipped)
                 self._counts["received"] += len(of_hand)
@@ -252,7 +253,7 @@ class HandStream:
                 left = end - time.monotonic()
                 if left <= 0.0:
                     return None
-                # nothing wakes this thread when a hand falls silent
+                # Nothing wakes this thread when a hand falls silent.
                 self._changed.wait(min(left, self._silence / 4))
 
     def _fault_in_order(self, frame: HandFrame, hand: _TrackedHand) -> FaultyFrame | None:
@@ -261,6 +262,7 @@ class HandStream:
         if newest is None:
             return None
         step = frame.sequence - newest.sequence
+        # The usual case: a later number and a later time.
         if step > 0 and frame.time > newest.time:
             if step > MAX_JUMP:
                 self._counts["restarted"] += 1
@@ -274,13 +276,15 @@ class HandStream:
         follows = last is not None and frame.sequence > last.sequence and frame.time > last.time
         hand.stale = hand.stale + 1 if follows else 1
         hand.last_stale = frame
+        # A restarted tracker begins its count and its clock again; stray old frames do not follow
+        # each other for long.
         if hand.silent or hand.stale >= MAX_STALE_FRAMES:
             self._counts["restarted"] += 1
             hand.recent.clear()
             self._quickest = None
             return None
         if step <= 0:
-            # it was counted as skipped, and came after all
+            # It was counted as skipped, and came after all.
             self._counts["skipped"] = max(self._counts["skipped"] - 1, 0)
             return FaultyFrame(
                 "out_of_order", f"{name} comes after frame {newest.sequence}; put them in order."
@@ -294,6 +298,8 @@ class HandStream:
     def _use(self, frame: HandFrame, hand: _TrackedHand) -> None:
         now = self._clock()
         delay = now - frame.time
+        # The clocks have an unknown offset, so delays are compared with the shortest one. It grows
+        # with time, because one of the clocks may run faster.
         if self._quickest is not None:
             shortest, then = self._quickest
             shortest += DRIFT * (now - then)
@@ -317,6 +323,7 @@ class HandStream:
             newest = hand.newest
             if newest is None or newest.lost or now - hand.arrived < self._silence:
                 continue
+            # A frame without landmarks and cloud means a lost hand.
             hand.newest = HandFrame(newest.time, side, newest.sequence)
             hand.taken = False
             hand.silent = True

@@ -61,17 +61,17 @@ def hands_in(messages: Iterator[str]) -> Iterator[dict[str, Any]]:
         fingers: dict[Any, dict[int, dict[str, Any]]] = {}
         for finger in frame.get("pointables", []):
             fingers.setdefault(finger.get("handId"), {})[finger.get("type")] = finger
-        sides = {
+        by_side = {
             hand["type"]: _landmarks(hand, fingers.get(hand["id"], {})) for hand in frame["hands"]
         }
-        for side in sorted(seen | set(sides)):
+        for side in sorted(seen | set(by_side)):
             yield {
                 "time": 1e-6 * frame["timestamp"],
                 "side": side,
                 "sequence": int(frame["id"]),
-                "landmarks": sides.get(side),
+                "landmarks": by_side.get(side),
             }
-        seen = set(sides)
+        seen = set(by_side)
 
 
 def _landmarks(

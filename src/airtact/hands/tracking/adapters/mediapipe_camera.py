@@ -70,8 +70,8 @@ def _hands_in(
             by_side: dict[str, list[tuple[Any, Any]]] = {}
             for side, look in looks:
                 by_side.setdefault(side, []).append(look)
-            sides = sorted(seen | set(by_side)) if options.side is None else [options.side]
-            for side in sides:
+            seen_or_asked = sorted(seen | set(by_side)) if options.side is None else [options.side]
+            for side in seen_or_asked:
                 joints = None
                 if side in by_side:
                     joints = _placed(by_side[side], picture.shape, options)
@@ -215,7 +215,9 @@ def _options() -> argparse.Namespace:
         "--hand-length", type=float, help="wrist to middle fingertip along the bones, in metres"
     )
     parser.add_argument("--side", choices=("left", "right"), help="send this hand only")
-    parser.add_argument("--hands", type=int, default=2, help="so many hands at most; 2 by default")
+    parser.add_argument(
+        "--hands", type=int, default=2, help="largest number of hands; 2 by default"
+    )
     parser.add_argument(
         "--confidence",
         type=float,

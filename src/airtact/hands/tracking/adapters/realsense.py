@@ -6,8 +6,8 @@ It needs ``pyrealsense2`` (which needs the system's libusb 1.0), NumPy and ``web
 
 Clouds are in the frame of the depth camera: origin at its left lens, x to the right and y down in
 its picture, z away from it, in metres. All points nearer than ``--farthest`` are taken to be the
-hand: nothing else may stand there. There are no landmarks; a hand is fitted to the cloud by those
-who have rough ones. Time is the camera's own.
+hand, so nothing else may be in front of the camera. There are no landmarks; ``fit_hand`` needs
+rough ones from another tracker. Time is the camera's own.
 
 Without a camera, ``--depths`` plays pictures of depth through a *software device* of the same
 library.
@@ -46,6 +46,7 @@ def _clouds_in(depths: Iterator[Any], options: argparse.Namespace) -> Iterator[d
         vertices = np.asanyarray(cloud.calculate(depth).get_vertices())
         points = vertices.view(np.float32).reshape(-1, 3)
         points = points[(points[:, 2] > options.nearest) & (points[:, 2] < options.farthest)]
+        # Every n-th point, rounded to 0.01 mm, which is far below the camera's noise.
         points = points[:: max(1, -(-len(points) // options.points))].astype(np.float64).round(5)
         yield {
             "time": 1e-3 * depth.get_timestamp(),
@@ -78,6 +79,7 @@ def _seen() -> Iterator[Any]:
         raise SystemExit(
             f"no RealSense camera can be read: {error}; plug one in, or give --depths."
         ) from None
+    # The camera stays claimed until the pipeline is stopped.
     try:
         while True:
             yield pipeline.wait_for_frames().get_depth_frame()
@@ -96,6 +98,7 @@ def _played(options: argparse.Namespace) -> Iterator[Any]:
             f"{options.depths} holds no .npy files; give a folder with pictures of depth."
         )
     rows, columns = _picture(files[0]).shape
+    # A pinhole in the middle of the picture, without distortion.
     lens = rs.intrinsics()
     lens.width = columns
     lens.height = rows
@@ -124,6 +127,7 @@ def _played(options: argparse.Namespace) -> Iterator[Any]:
     sensor.start(queue)
     for number, file in enumerate(files):
         metres = _picture(file, (rows, columns))
+        # Level 0 means no depth to the library.
         levels = np.where(np.isfinite(metres), np.round(metres / unit), 0.0)
         frame = rs.software_video_frame()
         frame.pixels = np.ascontiguousarray(levels.astype(np.uint16))
