@@ -177,9 +177,8 @@ def best_sources(
 ) -> Sources:
     """Alternate from several starts; return the sources of the strongest worst focus."""
     rows = np.tile(np.arange(len(requests)), (len(starts), 1))
-    asked = np.tile(requests, (len(starts), 1))
     sources, worst, _ = alternating_projections(
-        matrix, rows, asked, starts, iterations, foci_iterations
+        matrix, rows, np.tile(requests, (len(starts), 1)), starts, iterations, foci_iterations
     )
     return sources[worst.argmax()].astype(np.complex128)
 

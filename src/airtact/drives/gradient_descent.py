@@ -105,27 +105,24 @@ def _descend(
 
     count = len(start)
 
-    def objective(amplitudes: Amplitudes) -> tuple[float, Amplitudes]:
-        """Value and gradient g: it changes by Re Σ conj(g_e) δd_e."""
-        smallest, smallest_gradient = _soft_smallest(matrix, amplitudes)
-        if not len(suppressed):
-            return -smallest, -smallest_gradient
-        level, level_gradient = _suppressed_level(suppressed, amplitudes)
-        missing = max(lowest - smallest, 0.0)
-        gradient = level_gradient - 2.0 * penalty * missing * smallest_gradient
-        return level + penalty * missing**2, gradient
-
     def by_coordinates(
         coordinates: Float64[np.ndarray, "coordinates"],
     ) -> tuple[float, Float64[np.ndarray, "coordinates"]]:
         """Value and gradient by the phases, then the magnitudes, of all elements."""
         turns = np.exp(1j * coordinates[:count])
         amplitudes = coordinates[count:] * turns
-        value, gradient = objective(amplitudes)
+        # The value changes by Re Σ conj(g_e) δd_e with the gradient g.
+        smallest, slope = _soft_smallest(matrix, amplitudes)
+        value = -smallest
+        gradient = -slope
+        if len(suppressed):
+            level, level_gradient = _suppressed_level(suppressed, amplitudes)
+            missing = max(lowest - smallest, 0.0)
+            value = level + penalty * missing**2
+            gradient = level_gradient - 2.0 * penalty * missing * slope
         # The chain rule for d = r e^{iφ}: ∂d/∂φ = i d, ∂d/∂r = e^{iφ}.
         by_phase = np.real(np.conj(gradient) * 1j * amplitudes)
-        by_magnitude = np.real(np.conj(gradient) * turns)
-        return value, np.concatenate([by_phase, by_magnitude])
+        return value, np.concatenate([by_phase, np.real(np.conj(gradient) * turns)])
 
     end = minimize(
         by_coordinates,

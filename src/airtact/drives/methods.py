@@ -128,7 +128,7 @@ class Method:
         return self.make.__name__
 
 
-_ALL = (
+_METHODS = (
     Method(best, "the default: the method below that serves the target best", True, True),
     Method(
         time_reversal,
@@ -169,5 +169,5 @@ _ALL = (
 FOR_SAMPLES = ("robust", "robust_phase_only")
 """Methods whose drives serve all samples of an ensemble; without samples nothing is uncertain."""
 
-METHODS: dict[str, Method] = {method.name: method for method in _ALL}
+METHODS: dict[str, Method] = {method.name: method for method in _METHODS}
 """All methods by name, the default first."""

@@ -145,8 +145,7 @@ class Motion:
             depths = scene.depth(target.points)
             for index, (focus, depth) in enumerate(zip(target.points, depths, strict=True)):
                 if -depth <= MAX_OFFSET:
-                    flat = self._laid(scene, focus, array_middle)[1]
-                    off[index] = depth - scene.depth(flat)
+                    off[index] = depth - scene.depth(self._laid(scene, focus, array_middle)[1])
         return off
 
     def _flat_path(self) -> Float64[np.ndarray, "frames 2"]:

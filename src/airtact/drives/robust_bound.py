@@ -46,8 +46,7 @@ class RobustBound:
         """Compute the bound from its multipliers and the matrices alone: the proof."""
         rows = sampled_rows(ensemble, target).reshape(self.multipliers.size, -1)
         half = np.sqrt(self.multipliers.reshape(-1))[:, None] * rows
-        largest = float(np.linalg.norm(half, 2)) ** 2
-        return _bound(self.goal, self.multipliers, largest)
+        return _bound(self.goal, self.multipliers, float(np.linalg.norm(half, 2)) ** 2)
 
     def reached(self, ensemble: TransferMatrix, target: Target, drive: Drive) -> float:
         """Return the goal under a drive over the bound at its energy; 1 is the best possible."""

@@ -4,7 +4,7 @@ Each sample has a value: the pressure of its weakest focus over what that focus 
 statistic of these values: their mean, their lowest tenth, or the worst. The search maximises a
 smooth stand-in for it, the power mean of the values with some exponent: 1 is the mean, and far
 below zero the worst value decides. The lowest tenth is no smooth function of the drive; the power
-mean of exponent −2 takes its place. It raises the lowest tenth of other samples as much as a smoothed
+mean of exponent −2 replaces it. It raises the lowest tenth of other samples as much as a smoothed
 quantile does, without fitting the few samples at the quantile.
 
 ``robust`` takes these steps:
@@ -49,51 +49,21 @@ Rows = Complex128[np.ndarray, "rows"]
 """One number for each focus of each sample, sample by sample."""
 
 
-@dataclass(frozen=True)
-class Settings:
-    """Numbers of the search that were tuned together.
+EXPONENTS: dict[str, tuple[tuple[float, ...], ...]] = {
+    "mean": ((1.0,),),
+    "lowest tenth": ((-2.0,), (1.0, -2.0)),
+    "worst": ((-2.0, -8.0, -32.0), (1.0, -2.0, -8.0, -32.0)),
+}
+"""Sequences of exponents of the power mean by goal, each of them one descent after another.
 
-    Attributes
-    ----------
-    exponents : sequences of exponents of the power mean, by goal. Each is one descent after
-        another. Hands that are off by much have many good drives far apart, of which each sequence
-        finds another one; the best is kept.
-    focus_sharpness : minus the exponent of the power mean over the foci of one sample, which stands
-        for the weakest of them.
-    steps : largest number of L-BFGS steps of one descent.
-    balancing_steps, starting_steps : steps that balance the foci of one matrix, where that is the
-        result and where samples go on from there.
-    allowed_loss : share of the goal that suppression points may cost.
-    penalties : weights of the mean energy at the suppression points over that of the elements,
-        tried in turn.
-    ridge : share of the mean eigenvalue added to products of rows, which may be dependent.
-    momentum_steps : steps of the quick search with momentum.
-    momentum_turn : root mean square turn of the phases in each of them [rad].
-    slope_memory, square_memory : shares of the running means of the slope and of its square that
-        each of them keeps.
-    """
+Hands that are off by much have many good drives far apart. Each sequence finds another one; the
+best is kept."""
 
-    exponents: dict[str, tuple[tuple[float, ...], ...]]
-    focus_sharpness: float = 8.0
-    steps: int = 60
-    balancing_steps: int = 2000
-    starting_steps: int = 30
-    allowed_loss: float = 0.15
-    penalties: tuple[float, ...] = tuple(float(10.0 ** (power / 2)) for power in range(-5, 7))
-    ridge: float = 1e-10
-    momentum_steps: int = 20
-    momentum_turn: float = 0.1
-    slope_memory: float = 0.8
-    square_memory: float = 0.95
+FOCUS_SHARPNESS = 8.0
+"""Minus the exponent of the power mean over the foci of a sample, in place of the weakest."""
 
-
-SETTINGS = Settings(
-    exponents={
-        "mean": ((1.0,),),
-        "lowest tenth": ((-2.0,), (1.0, -2.0)),
-        "worst": ((-2.0, -8.0, -32.0), (1.0, -2.0, -8.0, -32.0)),
-    }
-)
+MAX_STEPS = 60
+"""Largest number of L-BFGS steps of one descent."""
 
 
 def robust(
@@ -231,12 +201,6 @@ class _Search:
     limit: Limit
 
     @property
-    def shape(self) -> tuple[int, int]:
-        """Number of samples and of foci."""
-        samples, foci, _ = self.samples.shape
-        return samples, foci
-
-    @property
     def rows(self) -> Complex128[np.ndarray, "rows elements"]:
         """(S F, E) the rows of all samples."""
         return self.samples.reshape(-1, self.samples.shape[2])
@@ -249,7 +213,7 @@ class _Search:
     def climbed(self, start: Amplitudes, penalty: float) -> Amplitudes:
         """Climb from a start; the energy at the suppression points counts by the penalty."""
         climb = _climb_at_equal_energy if self.limit == "energy" else _climb_with_limited_elements
-        sequences = SETTINGS.exponents[self.goal]
+        sequences = EXPONENTS[self.goal]
         if penalty:  # the start comes from the best sequence already
             sequences = sequences[:1]
         ends = [climb(self, start, penalty, exponents) for exponents in sequences]
@@ -259,18 +223,20 @@ class _Search:
 def _best(nominal: FociRows, search: _Search) -> Amplitudes:
     suppressed = search.suppressed
     certain = len(search.samples) == 1
-    final = certain and not len(suppressed)
-    steps = SETTINGS.balancing_steps if final else SETTINGS.starting_steps
+    # The balance is the result where nothing is uncertain, and else only the start of the search.
+    steps = 2000 if certain and not len(suppressed) else 30
     best = balanced(nominal, search.limit != "energy", steps)
     if not certain:
         best = max(best, search.climbed(best, 0.0), key=search.value)
     if not len(suppressed):
         return best
-    lowest = (1.0 - SETTINGS.allowed_loss) * search.value(best)
+    # Suppression points may cost 15 % of the goal.
+    lowest = (1.0 - 0.15) * search.value(best)
     # Penalties are relative to the mean energy that a unit drive gives the suppression points.
     elements = suppressed.shape[1]
     energy = float(np.sum(np.abs(suppressed) ** 2))
-    for penalty in SETTINGS.penalties:
+    for power in range(-5, 7):
+        penalty = float(10.0 ** (power / 2))
         candidate = search.climbed(best, penalty * elements / energy)
         # A larger penalty only costs the foci more.
         if search.value(candidate) < lowest:
@@ -297,11 +263,11 @@ def improved(samples: SampledRows, start: Amplitudes, limit: Limit) -> Amplitude
     if limit != "energy":
         return _climb_with_momentum(samples, start)
     search = _Search(samples, np.empty((0, len(start)), dtype=np.complex128), "lowest tenth", limit)
-    exponents = SETTINGS.exponents["lowest tenth"][0]
+    exponents = EXPONENTS["lowest tenth"][0]
 
     def mean(drive: Amplitudes) -> float:
         received = search.rows @ drive / np.linalg.norm(drive)
-        return _power_mean(received, search.shape, exponents[-1])[0]
+        return _power_mean(received, search.samples.shape[:2], exponents[-1])[0]
 
     with one_thread():
         best = max(start, _climb_at_equal_energy(search, start, 0.0, exponents), key=mean)
@@ -311,7 +277,7 @@ def improved(samples: SampledRows, start: Amplitudes, limit: Limit) -> Amplitude
 # --- one matrix -------------------------------------------------------------------------------
 
 
-def balanced(matrix: FociRows, phases: bool, steps: int = SETTINGS.balancing_steps) -> Amplitudes:
+def balanced(matrix: FociRows, phases: bool, steps: int = 2000) -> Amplitudes:
     """Make the weakest focus of one matrix strongest, by weighted alternating projections.
 
     With ``phases`` every element is at full scale, else the energy is limited; ``matrix`` has rows
@@ -379,7 +345,7 @@ def _climb_at_equal_energy(
     products = 0.5 * (products + products.conj().T)
     count = len(products)
     # Samples of nearly the same hand have nearly dependent rows.
-    ridge = SETTINGS.ridge * np.trace(products).real / count
+    ridge = 1e-10 * np.trace(products).real / count
     lower = cholesky(products + ridge * np.eye(count), lower=True)
 
     def objective(
@@ -388,7 +354,7 @@ def _climb_at_equal_energy(
         numbers = coordinates[:count] + 1j * coordinates[count:]
         norm = np.linalg.norm(numbers)
         unit = numbers / norm
-        mean, by_pressure = _power_mean(lower @ unit, search.shape, exponent)
+        mean, by_pressure = _power_mean(lower @ unit, search.samples.shape[:2], exponent)
         by_unit = lower.conj().T @ by_pressure
         # Only the part of the gradient across x turns its direction.
         slope = (by_unit - unit * np.vdot(unit, by_unit).real) / norm
@@ -403,7 +369,7 @@ def _climb_at_equal_energy(
             (exponent,),
             jac=True,
             method="L-BFGS-B",
-            options={"maxiter": SETTINGS.steps, "ftol": 1e-5},
+            options={"maxiter": MAX_STEPS, "ftol": 1e-5},
         ).x
         numbers = coordinates[:count] + 1j * coordinates[count:]
     return back @ solve_triangular(lower.conj().T, numbers / np.linalg.norm(numbers), lower=False)
@@ -432,7 +398,7 @@ def _climb_with_limited_elements(
         angles: Float64[np.ndarray, "angles"], exponent: float
     ) -> tuple[float, Float64[np.ndarray, "angles"]]:
         amplitudes = drive_of(angles)
-        mean, by_pressure = _power_mean(rows @ amplitudes, search.shape, exponent)
+        mean, by_pressure = _power_mean(rows @ amplitudes, search.samples.shape[:2], exponent)
         slope = back @ by_pressure
         if penalty:
             pressure = suppressed @ amplitudes
@@ -456,7 +422,7 @@ def _climb_with_limited_elements(
             (exponent,),
             jac=True,
             method="L-BFGS-B",
-            options={"maxiter": SETTINGS.steps},
+            options={"maxiter": MAX_STEPS},
         ).x
     return drive_of(angles)
 
@@ -469,13 +435,13 @@ def _climb_with_momentum(samples: SampledRows, start: Amplitudes) -> Amplitudes:
     """
     # Single precision: this runs for each frame of a moving hand.
     rows = samples.reshape(-1, len(start)).astype(np.complex64)
-    exponent = SETTINGS.exponents["lowest tenth"][0][-1]
+    exponent = EXPONENTS["lowest tenth"][0][-1]
     phases = np.angle(start)
     slope = np.zeros(len(start))
     square = 0.0
     best = start
     largest = -np.inf
-    for step in range(1, SETTINGS.momentum_steps + 2):
+    for step in range(1, 22):
         drive = np.exp(1j * phases)
         received = (rows @ drive.astype(np.complex64)).astype(np.complex128)
         mean, by_pressure = _power_mean(received, samples.shape[:2], exponent)
@@ -483,13 +449,12 @@ def _climb_with_momentum(samples: SampledRows, start: Amplitudes) -> Amplitudes:
             best = drive
             largest = mean
         by_phase = -np.imag((by_pressure.conj().astype(np.complex64) @ rows) * drive)
-        keep = SETTINGS.slope_memory
-        slope = keep * slope + (1.0 - keep) * by_phase
-        keep_square = SETTINGS.square_memory
-        square = keep_square * square + (1.0 - keep_square) * float(np.mean(by_phase**2))
+        slope = 0.8 * slope + (1.0 - 0.8) * by_phase
+        square = 0.95 * square + (1.0 - 0.95) * float(np.mean(by_phase**2))
         # The running means start at 0; the powers undo that.
-        size = np.sqrt(square / (1.0 - keep_square**step)) + np.finfo(float).tiny
-        phases = phases + SETTINGS.momentum_turn / size * slope / (1.0 - keep**step)
+        size = np.sqrt(square / (1.0 - 0.95**step)) + np.finfo(float).tiny
+        # Phases turn by 0.1 rad in the root mean square.
+        phases = phases + 0.1 / size * slope / (1.0 - 0.8**step)
     return best
 
 
@@ -509,8 +474,8 @@ def _power_mean(pressures: Rows, shape: tuple[int, int], exponent: float) -> tup
     logs = np.log(np.maximum(np.abs(pressures), np.finfo(float).tiny)).reshape(shape)
     # Values relative to the smallest or largest, so that no power overflows.
     lowest = logs.min(axis=1, keepdims=True)
-    foci = np.exp(SETTINGS.focus_sharpness * (lowest - logs))
-    values = lowest[:, 0] - np.log(foci.mean(axis=1)) / SETTINGS.focus_sharpness
+    foci = np.exp(FOCUS_SHARPNESS * (lowest - logs))
+    values = lowest[:, 0] - np.log(foci.mean(axis=1)) / FOCUS_SHARPNESS
     peak = (exponent * values).max()
     samples = np.exp(exponent * values - peak)
     mean = (peak + np.log(samples.mean())) / exponent

@@ -232,21 +232,6 @@ def focus_by_distance(
         If a focus is behind the face of a directional element, the frequency is outside 1 kHz to
         1 MHz, or something is of the wrong kind.
     """
-    amplitudes = _by_distance(array, target, medium, frequency)
-    return Drive(amplitudes / np.abs(amplitudes).max())  # a sum of several foci may exceed 1
-
-
-def focus_by_distance_phase_only(
-    array: PhasedArray, target: Target, medium: Medium, frequency: float
-) -> Drive:
-    """Return the phases of ``focus_by_distance`` with every element at full scale."""
-    return Drive(np.exp(1j * np.angle(_by_distance(array, target, medium, frequency))))
-
-
-def _by_distance(
-    array: PhasedArray, target: Target, medium: Medium, frequency: float
-) -> Complex128[np.ndarray, "elements"]:
-    """Σ_f e^{−ik r_ef} for every element e."""
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
     of_kind(target, Target, "the target", "Target(points, pressures)")
     of_kind(medium, Medium, "the medium", "air() or Medium(sound_speed, density)")
@@ -255,7 +240,16 @@ def _by_distance(
     check_pattern(array.element, medium.wavenumber(frequency))
     check_reach(array, target.points)
     distance = np.linalg.norm(array.positions[:, None, :] - target.points[None, :, :], axis=-1)
-    return np.exp(-1j * medium.wavenumber(frequency).real * distance).sum(axis=1)
+    amplitudes = np.exp(-1j * medium.wavenumber(frequency).real * distance).sum(axis=1)
+    # The sum over several foci may exceed 1.
+    return Drive(amplitudes / np.abs(amplitudes).max())
+
+
+def focus_by_distance_phase_only(
+    array: PhasedArray, target: Target, medium: Medium, frequency: float
+) -> Drive:
+    """Return the phases of ``focus_by_distance`` with every element at full scale."""
+    return focus_by_distance(array, target, medium, frequency).phase_only()
 
 
 def rounding_error(

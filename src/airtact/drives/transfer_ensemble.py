@@ -607,8 +607,7 @@ def _columns(
     sources = field.sources
     if len(group) == len(sources.positions) or not isinstance(field, MultipoleField):
         return field.at(points)[:, group]
-    away = np.linalg.norm(points - field.spheres.centre, axis=1)
-    if away.min() < field.spheres.radius:
+    if np.linalg.norm(points - field.spheres.centre, axis=1).min() < field.spheres.radius:
         return field.at(points)[:, group]
     spheres = replace(field.spheres, values=np.ascontiguousarray(field.spheres.values[..., group]))
     beacons = Monopoles(sources.positions[group], np.eye(len(group)))

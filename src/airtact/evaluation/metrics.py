@@ -61,8 +61,7 @@ class Evaluation:
     field: RadiatedField | None = None
 
     def __repr__(self) -> str:
-        foci = counted(len(self.pressures), "focus", "foci")
-        return one_line(self, foci, *self._summary(".0f"))
+        return one_line(self, counted(len(self.pressures), "focus", "foci"), *self._summary(".0f"))
 
     def _repr_html_(self) -> str:
         head = ["focus", "x [mm]", "y [mm]", "z [mm]", "pressure [Pa]", "asked [Pa]", "share"]

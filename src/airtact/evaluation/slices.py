@@ -132,8 +132,7 @@ def _pressure(
     rim = WALL * field.scene.wavelength
     near = np.abs(depth) < rim
     away = depth <= -rim
-    shape = len(points), field.sources.strengths.shape[1]
-    pressure = np.full(shape, np.nan, dtype=np.complex128)
+    pressure = np.full((len(points), field.sources.strengths.shape[1]), np.nan, dtype=np.complex128)
     if not near.any():
         pressure[away] = field.at(points[away])
         return pressure

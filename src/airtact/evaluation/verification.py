@@ -139,8 +139,7 @@ class Verification:
 
     def contrast(self, lobe: SideLobe | None) -> float:
         """Level of the weakest focus above a side lobe [dB]; NaN without one."""
-        asked = self.evaluation.target.weights > 0.0
-        weakest = float(self.evaluation.magnitudes[asked].min())
+        weakest = float(self.evaluation.magnitudes[self.evaluation.target.weights > 0.0].min())
         if lobe is None or not (lobe.pressure > 0.0 and weakest > 0.0):
             return float("nan")
         return float(20.0 * np.log10(weakest / lobe.pressure))

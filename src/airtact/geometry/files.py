@@ -28,7 +28,7 @@ def load_surface(
     """Read a closed surface from a file, and repair its damage.
 
     The nodes of a scene graph are placed by their transforms and joined. Vertices at the same
-    position are merged, also of another texture or normal. ``repairs`` of the surface lists what was
+    position are merged despite other textures or normals. ``repairs`` of the surface lists what was
     repaired (see ``airtact.geometry.mesh.repair.repaired``). Files of up to 100 MB and 250,000
     triangles are read, which takes up to some 10 s and 1 GB. Other files are read from the same
     folder only, materials and pictures never.

@@ -353,8 +353,8 @@ def _middles(
         projected = hulls.project(starts[poor] + share * edges[poor])
         distance = np.linalg.norm(projected - straight[poor], axis=1)
         better = distance < off[poor]
-        middles[far[better]] = projected[better]
-        off[far[better]] = distance[better]
+        middles[poor[better]] = projected[better]
+        off[poor[better]] = distance[better]
     return middles, off / lengths
 
 

@@ -65,8 +65,7 @@ def _check_body(
     if _height(array, middle[None]).min() > radius:
         return
     # Of all vertices those of the hull are the farthest behind a face.
-    hull = vertices[ConvexHull(vertices).vertices]
-    behind = -_height(array, hull).min(axis=0)
+    behind = -_height(array, vertices[ConvexHull(vertices).vertices]).min(axis=0)
     _check_behind(array, behind if elements is None else np.where(elements, behind, 0.0), subject)
 
 
@@ -137,8 +136,7 @@ def check_reach(array: PhasedArray, foci: Real[np.ndarray, "foci 3"]) -> None:
     """
     for index, focus in enumerate(foci):
         offsets = array.positions - focus
-        distances = np.sqrt(np.einsum("ed,ed->e", offsets, offsets))
-        _check_metres(distances, f"focus {index}")
+        _check_metres(np.sqrt(np.einsum("ed,ed->e", offsets, offsets)), f"focus {index}")
     if array.element.directional:
         behind = -_height(array, foci)
         worst = int(np.argmax(behind.max(axis=1)))
