@@ -174,7 +174,7 @@ NANO, ONES = codec_of("nano16").levels, np.ones(3, dtype=np.uint8)
 @pytest.mark.parametrize(
     ("make", "code", "shown"),
     [
-        (lambda: at.transducers.Levels(np.array([0.0]), 32), "out_of_range", "(1,)"),
+        (lambda: at.transducers.Levels(np.array([0.0]), 32), "out_of_range", "2 to 256"),
         (lambda: at.transducers.Levels(np.array([0.0, 0.5]), 32), "out_of_range", "0 to 0.5"),
         (
             lambda: at.transducers.Levels(np.array([0.0, 1.0]), 300),

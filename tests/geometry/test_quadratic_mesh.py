@@ -69,16 +69,6 @@ def test_points_off_the_surface_along_its_normal_are_that_deep(rng, step):
         assert np.median(depth) == pytest.approx(step, abs=1e-12)
 
 
-def test_off_edges_and_corners_the_sign_is_right(rng):
-    """Off a corner or edge of a box the closest panels disagree; the weighted normal decides."""
-    box = at.Surface(*box_mesh(high=(0.01, 0.02, 0.03)))
-    points = rng.uniform(-0.01, 0.04, size=(4000, 3))
-    outside = np.maximum(np.maximum(-points, points - [0.01, 0.02, 0.03]), 0)
-    inside = np.minimum(points, [0.01, 0.02, 0.03] - points).min(axis=1)
-    true = np.where(inside > 0, inside, -np.linalg.norm(outside, axis=1))
-    assert np.abs(box.depth(points) - true).max() < 1e-15
-
-
 def test_depth_and_closest_points_move_with_the_body(rng):
     body = bumpy()
     pose = at.Pose.turn((3, 2, 1), 1.1, translation=(0.1, -0.2, 0.3))

@@ -121,12 +121,6 @@ def test_a_surface_is_a_locked_copy(box):
     )
 
 
-@pytest.mark.parametrize("dtype", [np.int32, np.uint8, np.int64])
-def test_any_integers_are_vertex_indices(dtype):
-    vertices, triangles = box_mesh()
-    assert at.Surface(vertices, triangles.astype(dtype)).triangles.dtype == np.int64
-
-
 # ---- surfaces: guards
 
 

@@ -54,10 +54,6 @@ def test_the_surface_is_fine_at_the_pads_and_coarse_at_the_wrist(opened):
     assert np.median(longest[far]) > 6e-3
 
 
-def test_every_joint_lies_as_deep_as_its_skin_is_thick_or_deeper(opened):
-    assert (opened.surface.depth(opened.joints) >= opened.radii - 1e-9).all()
-
-
 def test_panels_hold_the_volume_whatever_their_edge(opened):
     volumes = [enclosed_volume(opened.shape.panels(edge)) for edge in (3e-3, 6e-3, 9e-3)]
     assert volumes == pytest.approx([volumes[0]] * 3, rel=2e-3)
@@ -207,13 +203,6 @@ def test_what_was_asked_of_a_frame_changes_no_later_one():
     assert np.array_equal(
         expected.triangles, silent[0].shape.skin(9e-3).triangles
     )  # it does follow
-
-
-def test_a_frame_that_was_not_asked_can_be_asked_later():
-    gaps = np.array([0.012, 0.016])
-    asked = sequence(gaps)
-    asked[0].shape.skin(7e-3)
-    assert np.array_equal(asked[1].shape.panels(7e-3), sequence(gaps)[1].shape.panels(7e-3))
 
 
 def test_hands_of_one_fingerprint_have_one_mesh_and_those_of_two_do_not():

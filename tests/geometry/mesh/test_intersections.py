@@ -11,7 +11,6 @@ from airtact.geometry.mesh.intersections import (
     self_crossings,
     size_groups,
 )
-from airtact.geometry.primitives import Capsule
 from geometry.mesh.meshes import box_mesh, torus_mesh
 
 
@@ -136,12 +135,6 @@ def test_large_and_small_triangles_are_paired():
         small.corners[:, :, 0].max(axis=1) >= 0.01
     )
     assert set(pairs[:, 0].tolist()) == set(np.flatnonzero(straddling).tolist())
-
-
-def test_a_fine_mesh_has_no_false_alarm():
-    rod = Capsule(0.05, 0.1, at.sphere(0.01, 0.01).primitive.pose).mesh(0.0024)
-    assert len(rod.triangles) > 70_000
-    assert len(self_crossings(rod.corners, rod.triangles)) == 0
 
 
 def test_segment_and_triangle(rng):

@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 import airtact as at
 from airtact.geometry.mesh.topology import edge_twins
 from airtact.hands import FittedHand, HandAnatomy
-from airtact.hands.fitting import fit
 from airtact.hands.fitting.fit import with_offset
 from airtact.hands.fitting.priors import SIZE_LENGTHS, SIZE_RADII, SPANS, population_prior
 from airtact.hands.joints import FINGERS, TRACKED
@@ -230,14 +229,6 @@ def test_points_far_off_are_not_followed(hand: at.Hand) -> None:
     far = far[hulls.look(far).distance > 3.15e-3]  # in creases they are near other parts
     for points, limit in ((far, 1e-6), (points_off(hand, 2.5e-3), 1.515e-3)):
         assert np.abs(hulls.look(with_offset(hulls, points).vertices).distance).max() < limit
-
-
-def test_where_the_moved_skin_would_cross_itself_it_stays(hand, monkeypatch) -> None:
-    unit_rows = fit._unit_rows
-    monkeypatch.setattr(fit, "_unit_rows", lambda vectors: 6.0 * unit_rows(vectors))  # far moves
-    skin = with_offset(hand.shape.hulls, points_off(hand, 0.8e-3))
-
-    assert skin is None or len(skin.crossings) == 0
 
 
 # --- bad input --------------------------------------------------------------------------------

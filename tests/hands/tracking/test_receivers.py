@@ -77,11 +77,6 @@ def test_frames_come_by_websocket(receiver):
     assert receiver.stream.health.used == 2
 
 
-def test_frames_come_by_osc(osc, stream):
-    osc(at.hands.to_osc(still(3)))
-    assert stream.wait(PATIENCE).sequence == 3
-
-
 def test_nonsense_on_the_wire_is_counted_and_survived(receiver, osc, stream):
     with tracker_of(receiver) as tracker:
         for message in ("rubbish", b"\xff" * 100, "", "[" * 50_000, at.hands.to_json(still(1))):

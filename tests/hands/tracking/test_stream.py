@@ -159,12 +159,6 @@ def test_a_slow_reader_gets_the_latest_of_each_hand(clock):
     assert stream.wait(0.0) is None
 
 
-def test_the_callback_gets_every_frame_that_is_used():
-    used = []
-    fed([still(0), still(1), still(1), still(2)], on_frame=used.append)
-    assert [frame.sequence for frame in used] == [0, 1, 2]
-
-
 @pytest.mark.parametrize("form", ["json", "osc"])
 def test_of_waiting_messages_the_newest_good_one_of_each_hand_is_used(form, clock):
     used = []
