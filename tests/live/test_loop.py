@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import airtact as at
+from airtact.live.loop import MIN_INTERVAL
 from airtact.live.safety import FADE, MAX_FRAME_AGE, Gain
 from airtact.live.sources import FrameClock
 from live.live_scenes import Kept, Scheduled
@@ -73,6 +74,21 @@ def test_a_hand_that_is_not_seen_fades_in_time_and_rises_again(example_scene, cl
     assert sum(done.faded.values()) == 2  # in the gap, and at the end
     assert last + MAX_FRAME_AGE < silent < last + MAX_FRAME_AGE + FADE + 0.02
     assert loud[(times > back + 0.02) & (times < frames[-1].time)].all()
+    # The drives of the fade are paced like all others.
+    fading = times[(times > last + MAX_FRAME_AGE) & (times <= silent)]
+    assert len(fading) > 3
+    assert np.diff(fading).min() > 0.99 * MIN_INTERVAL
+
+
+def test_a_pause_is_not_a_busy_loop(example_scene, clock):
+    frames = [still(index, index / 60) for index in range(20)]
+    paused = at.live.Controls(playing=False)
+    output = Kept(clock)
+    beats = []
+    output.beat = lambda: beats.append(clock.now)
+    done, _ = followed(example_scene, clock, frames, output, controls=paused, seconds=0.5)
+    assert done.drives == 0
+    assert len(beats) < 60
 
 
 def test_a_frame_without_a_hand_fades_at_once(example_scene, clock):

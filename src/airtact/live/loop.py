@@ -282,8 +282,12 @@ class _Loop:
     def patience(self, latest: float) -> float:
         """Return the longest time to wait for a frame [s]."""
         until = latest
-        if not self.silent or self._fault is None:
-            until = min(self._next_drive(), self._last_good + MAX_FRAME_AGE)
+        playing = self._fault is None and self._controls.playing
+        if playing or not self.silent:
+            until = self._next_drive()
+        # During a fade this time has passed already: with it, nothing would pace the drives.
+        if playing:
+            until = min(until, self._last_good + MAX_FRAME_AGE)
         return max(until - time.monotonic(), 0.0)
 
     def _next_drive(self) -> float:

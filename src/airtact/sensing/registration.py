@@ -24,6 +24,7 @@ from airtact.geometry.pose import Pose
 from airtact.printing import one_line
 from airtact.sensing.echo_model import EchoModel, Motion, Received, array_waves, motion_of
 from airtact.sensing.echoes import Echoes, check_elements, check_not_clipped
+from airtact.sensing.gauss_newton import Iterate, Squares, Step, descend
 from airtact.sensing.scattering import (
     ScatteringFamily,
     ScatteringMatrix,
@@ -68,6 +69,10 @@ class Settings:
 
 SETTINGS = Settings()
 
+ALL = slice(None)
+
+Derivatives = Complex[np.ndarray, "unknowns receivers transmissions"]
+
 
 @dataclass(frozen=True, eq=False)
 class Located:
@@ -106,18 +111,13 @@ class Located:
 
     def __repr__(self) -> str:
         position, turn = self.deviation
-        opened = (
-            ()
-            if self.opening is None
-            else (f"opening {self.opening:.5g} ± {self.opening_deviation:.2g}",)
-        )
-        return one_line(
-            self,
+        facts = [
             "converged" if self.converged else "NOT converged",
             f"sure to {1e3 * position:.2g} mm and {np.degrees(turn):.2g} degrees",
-            *opened,
-            f"residual {self.residual:.2g}, misfit {self.misfit:.2g}",
-        )
+        ]
+        if self.opening is not None:
+            facts.append(f"opening {self.opening:.5g} ± {self.opening_deviation:.2g}")
+        return one_line(self, *facts, f"residual {self.residual:.2g}, misfit {self.misfit:.2g}")
 
     @property
     def deviation(self) -> tuple[float, float]:
@@ -172,65 +172,99 @@ def locate(
     >>> places = ((-7e-3, 0, 0), (7e-3, 2e-3, 0), (0, 8e-3, 0))
     >>> bodies = [at.sound_hard(at.sphere(4e-3, 1.5e-3, place)) for place in places]
     >>> scene = at.Scene(at.air(celsius=20.0), bodies, frequency=40e3)
-    >>> array, true = at.surrounding_box(), at.Pose.turn((0, 0, 1), 0.3, (1e-3, 0, 2e-3))
+    >>> array = at.surrounding_box()
+    >>> true = at.Pose.turn((0, 0, 1), 0.3, (1e-3, 0, 2e-3))
     >>> scattering = at.scattering_matrix(at.BoundaryElement(accuracy=0.05, estimate=False), scene)
-    >>> seen, codes = array.seen_from(true), at.sensing.random_codes(996, 4)
-    >>> echoes = at.simulate_echoes(scattering, scene, seen, codes, noise=30.0)
+    >>> codes = at.sensing.random_codes(996, 4)
+    >>> echoes = at.simulate_echoes(scattering, scene, array.seen_from(true), codes, noise=30.0)
     >>> near = at.Pose.turn((0, 0, 1), 0.29, (1.5e-3, 0, 2e-3))
-    >>> found = locate(echoes, scene, array, near, scattering=scattering)
-    >>> bool(found.converged and np.abs(found.pose.translation - true.translation).max() < 2e-5)
+    >>> located = locate(echoes, scene, array, near, scattering=scattering)
+    >>> bool(located.converged and np.allclose(located.pose.translation, true.translation, atol=2e-5))
     True
     """
     family = None
     if isinstance(scene, ScatteringFamily):
-        family = scene
-        scene = family.scene
         if scattering is not None or solver is not None:
             raise InvalidInput(
-                f"a family has {len(family.matrices)} scattering matrices of its own: leave "
+                f"a family has {len(scene.matrices)} scattering matrices of its own: leave "
                 "scattering and solver out.",
                 code="given_twice",
             )
-    seen = check_start(echoes, scene, array, start)
+        family = scene
+        scene = family.scene
+    seen = _checked_array(echoes, scene, array, start)
     if family is not None:
         scattering = family.at(family.start)
     else:
         solver = solver or BoundaryElement(accuracy=0.005, estimate=False)
         scattering = scattering or scattering_matrix(solver, scene)
         check_own(scattering, scene)
-        _ = scattering.patterns  # found once, as every pose that is tried uses them
+        _ = scattering.patterns  # computed once, as every pose that is tried uses them
     waves = array_waves(scattering, seen, scattering.order + SPARE_ORDERS, single=True)
-    codes = np.asarray(echoes.codes)
-    model = EchoModel.of(scattering, waves, codes, echoes.receiving, echoes.valid)
+    model = EchoModel.of(
+        scattering, waves, np.asarray(echoes.codes), echoes.receiving, echoes.valid
+    )
     measured = np.asarray(echoes.pressures).astype(np.complex64)
     fit = _Fit(model, measured, echoes.noise or 0.0, family)
     best = fit.best()
-    receivers = np.arange(len(echoes.receiving))
+    # Receivers that fit nothing would spoil the pose: the last steps are taken without them.
     missing = fit.missing(best)
+    rows = np.setdiff1d(np.arange(len(measured)), missing)
     if len(missing):
-        fit = fit.part(np.setdiff1d(receivers, missing), model.emitted.shape[1])
+        fit = fit.part(rows, measured.shape[1])
         best = fit.follow(best.motion, best.opening, best.steps)
-    counted_receivers = echoes.receiving[np.setdiff1d(receivers, missing)]
-    places = array.positions[counted_receivers]
-    return _located(fit, best, start, echoes.receiving[missing], places)
+    centre = scattering.centre
+    turn = best.motion[:3, :3]
+    pose = start @ Pose(turn, centre - turn @ centre + best.motion[:3, 3])
+    assert best.derivatives is not None  # the last step has them
+    information = information_of(best.derivatives)
+    smallest = 1e-3
+    inside = True
+    if family is not None and best.opening is not None:
+        # The derivative by the opening lacks the waves that the matrices leave out, and is off by
+        # more than the interpolated matrix is.
+        smallest = max(5e-3, 10.0 * family.error)
+        inside = family.low < best.opening < family.high
+    _check_determined(information, fit.units, smallest, pose, *fit.measured.shape)
+    to_array = np.eye(len(information))
+    to_array[:6, :6] = np.kron(np.eye(2), pose.rotation)
+    inverse = np.linalg.inv(information)
+    unit = to_array @ inverse @ to_array.T / 2.0
+    variance = best.cost / max(np.count_nonzero(fit.measured) - len(information) / 2, 1)
+    places = array.positions[echoes.receiving[rows]]
+    variance *= max(1.0, disagreement(best.derivatives, best.residual, inverse, places))
+    misfit = fit.misfit(best)
+    # A wrong shape leaves a residual of few degrees of freedom, however many pressures there are:
+    # about 8 (two fingers' ends and radii, less the six of a pose). The pose has taken up about as
+    # much in each of its own, so the power is divided by these and not by the number of pressures.
+    # Solvers and interpolation leave 5 % unexplained without any fault of the shape.
+    of_shape = 2.0 * max(misfit**2 - 0.05**2, 0.0) * power(fit.measured) / 8
+    return Located(
+        pose=pose,
+        covariance=(variance + of_shape) * unit,
+        bound=(fit.noise**2 if fit.noise else np.nan) * unit,
+        residual=float(np.sqrt(best.cost / power(fit.measured))),
+        misfit=misfit,
+        converged=bool(best.settled and misfit <= MAX_MISFIT and inside),
+        steps=best.steps,
+        centre=pose.apply(centre[None])[0],
+        left_out=echoes.receiving[missing],
+        opening=best.opening,
+    )
 
 
 @dataclass(frozen=True, eq=False)
-class _Found:
-    """A pose, as a motion from the start, the opening there, and what both leave unexplained."""
+class _Estimate(Iterate):
+    """A motion from the start, the opening, and what both leave unexplained.
+
+    The derivatives of the echoes, per metre, radian and unit of the opening, may be those of an
+    estimate within ``Settings.kept``.
+    """
 
     motion: Motion
     residual: Received
-    steps: int
-    settled: bool
-    opening: float | None = None
-    derivatives: Complex[np.ndarray, "unknowns receivers transmissions"] | None = None
-    """Of the echoes, per metre, radian and unit of the opening, within ``Settings.kept``."""
-
-    @property
-    def cost(self) -> float:
-        """Sum of the squares of the residual [Pa²]."""
-        return power(self.residual)
+    opening: float | None
+    derivatives: Derivatives | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,92 +276,86 @@ class _Fit:
     noise: float
     family: ScatteringFamily | None = None
 
-    def best(self) -> _Found:
+    def best(self) -> _Estimate:
         """Follow the start, and other starts if it fails, by few receivers and then by all."""
-        few = self.few()
+        receivers, transmissions = self.measured.shape
+        chosen = np.random.default_rng(0).permutation(receivers)[: SETTINGS.receivers]
+        few = self.part(np.sort(chosen), min(transmissions, SETTINGS.transmissions))
         start = few.follow(np.eye(4), None if self.family is None else self.family.start)
         if few.explained(start):
             pose = self.follow(start.motion, start.opening, start.steps)
             if self.explained(pose):
                 return pose
-        tried = sorted([start, *few.others()], key=lambda pose: pose.cost)[: SETTINGS.compared]
-        poses = [self.follow(pose.motion, pose.opening, pose.steps) for pose in tried]
+        tried = sorted([start, *few.other_starts()], key=lambda pose: pose.cost)
+        poses = [
+            self.follow(pose.motion, pose.opening, pose.steps)
+            for pose in tried[: SETTINGS.compared]
+        ]
         return min(poses, key=lambda pose: pose.cost)
 
-    def start(
-        self, motion: Motion, opening: float | None, steps: int = 0, *, derive: bool = False
-    ) -> _Found:
+    def at(self, motion: Motion, opening: float | None, derivatives: bool = False) -> _Estimate:
         """Return what a pose and an opening leave unexplained, with the derivatives if wanted."""
-        model = self._opened(opening)
-        if not derive:
-            return _Found(motion, model.echoes(motion) - self.measured, steps, False, opening)
-        both = model.with_derivatives(motion)
-        residual, by = both[0] - self.measured, both[1:]
-        if self.family is not None and opening is not None:
-            changed = replace(self.model, scattering=self.family.derivative(opening))
+        family = self.family
+        model = self.model
+        if family is not None and opening is not None:
+            model = replace(model, scattering=family.at(opening))
+        if not derivatives:
+            residual = model.echoes(motion) - self.measured
+            return _Estimate(motion, residual, opening, None, cost=power(residual))
+        echoes = model.with_derivatives(motion)
+        residual = echoes[0] - self.measured
+        by = echoes[1:]
+        if family is not None and opening is not None:
+            changed = replace(model, scattering=family.derivative(opening))
             by = np.concatenate([by, changed.echoes(motion)[None]])
-        return _Found(motion, residual, steps, False, opening, by)
+        return _Estimate(motion, residual, opening, by, cost=power(residual))
 
-    def follow(self, motion: Motion, opening: float | None, steps: int = 0) -> _Found:
+    def follow(self, motion: Motion, opening: float | None, steps: int = 0) -> _Estimate:
         """Take damped Gauss-Newton steps from a pose and an opening until they settle."""
-        damping, units = 1e-3, self.units
-        here = self.start(motion, opening, steps, derive=True)
-        by = here.derivatives
-        for count in range(steps + 1, steps + SETTINGS.steps + 1):
-            assert by is not None  # of the start
-            information = information_of(by)
-            squares = units[:, None] * information * units
+        units = self.units
+
+        def equations(here: _Estimate) -> tuple[Squares, Step, Step]:
+            by = here.derivatives
+            assert by is not None  # of the start, and handed on by ``move``
+            squares = units[:, None] * information_of(by) * units
             slope = units * np.real(by.reshape(len(by), -1).conj() @ here.residual.reshape(-1))
-            while True:
-                least = np.diag(np.diag(squares) + 1e-12 * squares.max())
-                step = -np.linalg.solve(squares + damping * least, slope)
-                length = float(np.linalg.norm(step))
-                if length < SETTINGS.settled:
-                    return replace(here, steps=count, settled=True, derivatives=by)
-                tried = self._moved(here, step * units, count, derive=length > SETTINGS.kept)
-                if tried.cost < here.cost:
-                    break
-                if damping > 1e6:
-                    return replace(here, steps=count, derivatives=by)
-                damping *= 6.0
-            small = tried.cost > (1.0 - 1e-7) * here.cost
-            here, damping = tried, 0.2 * damping
-            by = by if here.derivatives is None else here.derivatives
-            if small:
-                return replace(here, settled=True, derivatives=by)
-        return replace(here, derivatives=by)
+            return squares, slope, np.diag(squares) + 1e-12 * squares.max()
+
+        def move(here: _Estimate, step: Step) -> _Estimate:
+            length = float(np.linalg.norm(step))
+            if length < SETTINGS.settled:
+                return here  # not worth its evaluation
+            step = step * units
+            opening = here.opening
+            if self.family is not None and opening is not None:
+                opening = float(np.clip(opening + step[6], self.family.low, self.family.high))
+            motion = here.motion @ motion_of(step[:6])
+            # Derivatives cost seven times the echoes, and hardly change over a short step.
+            derive = length > SETTINGS.kept
+            moved = self.at(motion, opening, derive)
+            return moved if derive else replace(moved, derivatives=here.derivatives)
+
+        return descend(
+            replace(self.at(motion, opening, True), steps=steps),
+            equations,
+            move,
+            steps=SETTINGS.steps,
+            settled=SETTINGS.settled,
+            flat=1e-7,
+        )
 
     @property
-    def units(self) -> Float64[np.ndarray, "unknowns"]:
+    def units(self) -> Step:
         """Factors from steps in metres to metres, radians and units of the opening."""
         of_opening = [] if self.family is None else [1.0 / self.family.effect]
         return np.array([1.0] * 3 + [1.0 / self.model.scattering.radius] * 3 + of_opening)
 
-    def _opened(self, opening: float | None) -> EchoModel:
-        if self.family is None or opening is None:
-            return self.model
-        return replace(self.model, scattering=self.family.at(opening))
-
-    def _moved(
-        self, here: _Found, step: Float64[np.ndarray, "unknowns"], count: int, *, derive: bool
-    ) -> _Found:
-        opening = here.opening
-        if self.family is not None and opening is not None:
-            opening = float(np.clip(opening + step[6], self.family.low, self.family.high))
-        return self.start(here.motion @ motion_of(step[:6]), opening, count, derive=derive)
-
-    def few(self) -> "_Fit":
-        """Return the fit of few receivers, chosen at random, and of the first transmissions."""
-        receivers, transmissions = self.measured.shape
-        some = np.sort(np.random.default_rng(0).permutation(receivers)[: SETTINGS.receivers])
-        return self.part(some, min(transmissions, SETTINGS.transmissions))
-
-    def others(self) -> Iterator[_Found]:
+    def other_starts(self) -> Iterator[_Estimate]:
         """Follow other starts, in order of their cost, until one explains the echoes."""
         family = self.family
-        starts = (
-            2.0 * qmc.Sobol(6 if family is None else 7, rng=0).random(4 * SETTINGS.starts) - 1.0
-        )
+        random = qmc.Sobol(6 if family is None else 7, rng=0).random(4 * SETTINGS.starts)
+        starts = 2.0 * random - 1.0
+        # Those within the unit balls of translation and turn: four in a cube leave enough.
         lengths = np.linalg.norm(starts[:, :6].reshape(-1, 2, 3), axis=2).max(axis=1)
         reach = np.repeat([SETTINGS.shift, SETTINGS.turn], 3)
         tried = []
@@ -335,137 +363,77 @@ class _Fit:
             opening = None
             if family is not None:
                 opening = 0.5 * (family.low + family.high + start[6] * (family.high - family.low))
-            tried.append(self.start(motion_of(reach * start[:6]), opening))
+            tried.append(self.at(motion_of(reach * start[:6]), opening))
         for start in sorted(tried, key=lambda start: start.cost)[: SETTINGS.followed]:
-            pose = self.follow(start.motion, start.opening, start.steps)
+            pose = self.follow(start.motion, start.opening)
             yield pose
             if self.explained(pose):
                 return
 
-    def part(self, receivers: Int64[np.ndarray, "some"], transmissions: int) -> "_Fit":
+    def part(self, receivers: Int64[np.ndarray, "chosen"], transmissions: int) -> "_Fit":
         """Return the fit of some receivers and the first transmissions."""
         measured = self.measured[receivers, :transmissions]
         return _Fit(self.model.part(receivers, transmissions), measured, self.noise, self.family)
 
-    def misfit(self, found: _Found) -> float:
+    def misfit(self, pose: _Estimate, rows: slice | Int64[np.ndarray, "rows"] = ALL) -> float:
         """Rms of the residual beyond noise over that of the echoes beyond noise."""
-        of_noise = self.noise**2 * np.count_nonzero(self.measured)  # those that are not valid are 0
-        whole = max(power(self.measured) - of_noise, 1e-300)
-        return float(np.sqrt(max(found.cost - of_noise, 0.0) / whole))
+        measured = self.measured[rows]
+        of_noise = self.noise**2 * np.count_nonzero(measured)  # those that are not valid are 0
+        of_echoes = max(power(measured) - of_noise, 1e-300)
+        return float(np.sqrt(max(power(pose.residual[rows]) - of_noise, 0.0) / of_echoes))
 
-    def of_shape(self, found: _Found) -> float:
-        """Twice the power that a wrong shape leaves unexplained, per degree of freedom [Pa²].
-
-        Such a residual is one of few degrees of freedom, however many pressures there are. What a
-        pose has taken up of it is about as much for each of its own, so that it is divided by these
-        and not by the number of pressures.
-        """
-        # Solvers and interpolation leave 5 % unexplained. A wrong shape has about 8 degrees of
-        # freedom: two fingers' ends and radii, less the six of a pose.
-        excess = max(self.misfit(found) ** 2 - 0.05**2, 0.0)
-        return 2.0 * excess * power(self.measured) / 8
-
-    def explained(self, found: _Found) -> bool:
+    def explained(self, pose: _Estimate) -> bool:
         """Whether a pose is to be believed; receivers that fit nothing do not count."""
-        missing = self.missing(found)
-        if not len(missing):
-            return self.misfit(found) <= MAX_MISFIT
-        kept = np.setdiff1d(np.arange(len(self.measured)), missing)
-        alone = replace(found, residual=found.residual[kept], derivatives=None)
-        return _Fit(self.model, self.measured[kept], self.noise).misfit(alone) <= MAX_MISFIT
+        missing = self.missing(pose)
+        rows = np.setdiff1d(np.arange(len(self.measured)), missing) if len(missing) else ALL
+        return self.misfit(pose, rows) <= MAX_MISFIT
 
-    def missing(self, found: _Found) -> Int64[np.ndarray, "missing"]:
+    def missing(self, pose: _Estimate) -> Int64[np.ndarray, "missing"]:
         """Rows of receivers that fit nothing while most do: at most one in five."""
-        own = np.sqrt(np.mean(np.abs(found.residual) ** 2, axis=1))
-        size = np.sqrt(np.mean(np.abs(self.measured) ** 2, axis=1))
-        expected = np.sqrt(np.mean(np.abs(found.residual + self.measured) ** 2, axis=1))
-        bad = np.flatnonzero(
-            (own > 5.0 * np.median(own)) & (own > 0.5 * np.maximum(size, expected))
+        residual, measured, expected = (
+            np.sqrt(np.mean(np.abs(pressures) ** 2, axis=1))
+            for pressures in (pose.residual, self.measured, pose.residual + self.measured)
         )
-        return bad if len(bad) <= 0.2 * len(own) else np.zeros(0, dtype=np.int64)
-
-
-def _located(
-    fit: _Fit,
-    found: _Found,
-    start: Pose,
-    left_out: Int64[np.ndarray, "missing"],
-    places: Float64[np.ndarray, "receivers 3"],
-) -> Located:
-    """Say what was found, and how sure it is; ``places`` are those of the receivers that count."""
-    scattering, size = fit.model.scattering, power(fit.measured)
-    centre, turn = scattering.centre, found.motion[:3, :3]
-    pose = start @ Pose(turn, centre - turn @ centre + found.motion[:3, 3])
-    by = found.derivatives
-    assert by is not None  # the last pose of steps has them
-    information = information_of(by)
-    least = 1e-3
-    if fit.family is not None:
-        # The derivative by the opening lacks the waves that the matrices leave out, and is off by
-        # more than the interpolated matrix is.
-        least = max(5e-3, 10.0 * fit.family.error)
-    _check_determined(information, fit.units, least, pose, *fit.measured.shape)
-    to_array = np.eye(len(information))
-    to_array[:6, :6] = np.kron(np.eye(2), pose.rotation)
-    inverse = np.linalg.inv(information)
-    unit = to_array @ inverse @ to_array.T / 2.0
-    unexplained = found.cost / max(np.count_nonzero(fit.measured) - len(information) / 2, 1)
-    unexplained *= max(1.0, disagreement(by, found.residual, inverse, places))
-    misfit, family = fit.misfit(found), fit.family
-    inside = family is None or found.opening is None or family.low < found.opening < family.high
-    return Located(
-        pose=pose,
-        covariance=(unexplained + fit.of_shape(found)) * unit,
-        bound=(fit.noise**2 if fit.noise else np.nan) * unit,
-        residual=float(np.sqrt(found.cost / size)),
-        misfit=misfit,
-        converged=bool(found.settled and misfit <= MAX_MISFIT and inside),
-        steps=found.steps,
-        centre=pose.apply(centre[None])[0],
-        left_out=left_out,
-        opening=found.opening,
-    )
+        bad = (residual > 5.0 * np.median(residual)) & (
+            residual > 0.5 * np.maximum(measured, expected)
+        )
+        return np.flatnonzero(bad & (np.mean(bad) <= 0.2))
 
 
 def _check_determined(
-    information: Float64[np.ndarray, "unknowns unknowns"],
-    units: Float64[np.ndarray, "unknowns"],
-    least: float,
+    information: Squares,
+    units: Step,
+    smallest: float,
     pose: Pose,
     receivers: int,
     transmissions: int,
 ) -> None:
     """Raise "pose_not_found" where a motion or the opening hardly changes the echoes."""
     values, vectors = np.linalg.eigh(units[:, None] * information * units)
-    if values[0] > least**2 * values[-1]:
+    if values[0] > smallest**2 * values[-1]:
         return
-    effect, motion = np.sqrt(max(values[0], 0.0) / values[-1]), vectors[:, 0]
+    effect = np.sqrt(max(values[0], 0.0) / values[-1])
+    motion = vectors[:, 0]
     shift = float(np.linalg.norm(motion[:3]))
     turn = float(np.linalg.norm(motion[3:6]))
-    opening = float(np.linalg.norm(motion[6:]))
+    opens = float(np.linalg.norm(motion[6:])) > 0.1
     x, y, z = pose.rotate(motion[3:6] if turn > shift else motion[:3]) / max(shift, turn, 1e-12)
-    kind = "a turn about" if turn > shift else "a translation along"
-    parts = [f"{kind} ({x:.2f}, {y:.2f}, {z:.2f})"]
-    if opening > 0.1:
-        parts = ["a change of the opening", *(parts if max(shift, turn) > 0.1 else [])]
+    parts = ["a change of the opening"] if opens else []
+    if not opens or max(shift, turn) > 0.1:
+        kind = "a turn about" if turn > shift else "a translation along"
+        parts.append(f"{kind} ({x:.2f}, {y:.2f}, {z:.2f})")
     raise InvalidInput(
         f"{counted(receivers, 'receiver', 'receivers')} and "
-        f"{counted(transmissions, 'transmission', 'transmissions')} "
-        f"do not determine the {'pose and the opening' if opening > 0.1 else 'pose'}: "
-        f"{' together with '.join(parts)} "
-        f"changes the echoes by {effect:.1g} of what other motions do. Give more of them, or "
-        "bodies without that "
-        "symmetry.",
+        f"{counted(transmissions, 'transmission', 'transmissions')} do not determine the "
+        f"{'pose and the opening' if opens else 'pose'}: {' together with '.join(parts)} changes "
+        f"the echoes by {effect:.1g} of what other motions do. Give more of them, or bodies "
+        "without that symmetry.",
         code="pose_not_found",
     )
 
 
-def check_start(echoes: Echoes, scene: Scene, array: PhasedArray, start: Pose) -> PhasedArray:
-    """Return the array in the frame of the bodies.
-
-    Raise for echoes that are not of this scene and array, or hold nothing, and for a start that
-    cannot be.
-    """
+def _checked_array(echoes: Echoes, scene: Scene, array: PhasedArray, start: Pose) -> PhasedArray:
+    """Return the array in the frame of the bodies, after all checks of the arguments."""
     of_kind(start, Pose, "the start", "Pose(rotation, translation)")
     of_kind(echoes, Echoes, "the echoes", "Echoes(codes, pressures)")
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles)")
@@ -474,8 +442,7 @@ def check_start(echoes: Echoes, scene: Scene, array: PhasedArray, start: Pose) -
     if abs(echoes.frequency - scene.frequency) > 1e-6 * scene.frequency:
         raise InvalidInput(
             f"the echoes are at {echoes.frequency:g} Hz, and the scene at {scene.frequency:g} Hz: "
-            "give the scene the "
-            "frequency of the echoes.",
+            "give the scene the frequency of the echoes.",
             code="does_not_match",
         )
     seen = array.seen_from(start)
@@ -501,17 +468,17 @@ def power(pressures: Received) -> float:
 
 
 def information_of(
-    by: Complex[np.ndarray, "unknowns receivers transmissions"],
-) -> Float64[np.ndarray, "unknowns unknowns"]:
+    by: Derivatives,
+) -> Squares:
     """Real part of the products of derivatives."""
     parts = np.ascontiguousarray(by).reshape(len(by), -1).view(np.real(by).dtype)
     return (parts @ parts.T).astype(np.float64)
 
 
 def disagreement(
-    by: Complex[np.ndarray, "unknowns receivers transmissions"],
+    by: Derivatives,
     residual: Received,
-    inverse: Float64[np.ndarray, "unknowns unknowns"],
+    inverse: Squares,
     places: Float64[np.ndarray, "receivers 3"],
 ) -> float:
     """Variance of the pose by groups of receivers over that by independent ones; 1 for noise.
@@ -526,7 +493,7 @@ def disagreement(
         return 1.0
     groups = kmeans2(places, count, rng=0, minit="++")[1]
     scores = np.real(by.conj() * residual).sum(axis=2, dtype=np.float64)
-    summed = np.stack([np.bincount(groups, one, count) for one in scores])
+    summed = np.stack([np.bincount(groups, score, count) for score in scores])
     mean = power(residual) / max(np.count_nonzero(residual), 1) / 2.0
     return float(np.sum(summed * (inverse @ summed))) * count / (count - 1) / (mean * len(by))
 
@@ -546,8 +513,7 @@ def unexplained(
     Returns
     -------
     (R,) root mean square over the transmissions; NaN where a receiver received none. About 1.4
-    everywhere for a pose
-    that explains nothing, and the share of noise for one that explains all.
+    everywhere for a pose that explains nothing, and the share of noise for one that explains all.
 
     Raises
     ------
@@ -568,11 +534,9 @@ def unexplained(
     check_elements(echoes, array, "echoes")
     waves = array_waves(scattering, array.seen_from(pose), scattering.order)
     expected = waves.echo(scattering, np.asarray(echoes.codes))[echoes.receiving]
-    received = (
-        np.ones(expected.shape, dtype=bool) if echoes.valid is None else np.asarray(echoes.valid)
-    )
     pressures = np.asarray(echoes.pressures)
-    off = np.sum(np.abs(np.where(received, pressures - expected, 0.0)) ** 2, axis=1)
+    received = np.ones(pressures.shape, bool) if echoes.valid is None else np.asarray(echoes.valid)
+    squares = np.sum(np.abs(np.where(received, pressures - expected, 0.0)) ** 2, axis=1)
     count = received.sum(axis=1)
-    mean = np.divide(off, count, out=np.full(len(off), np.nan), where=count > 0)
+    mean = np.divide(squares, count, out=np.full(len(squares), np.nan), where=count > 0)
     return np.sqrt(mean / np.mean(np.abs(pressures[received]) ** 2))

@@ -3,18 +3,18 @@
 Elements of boards that face each other receive each other's transmissions. From each element alone,
 which codes such as Hadamard's separate, element r receives p_re = ρ_r τ_e T_re: T is the direct
 sound between elements of unit gain, τ are the gains by which elements emit and ρ those by which
-they receive, which electronics make different ones. For given positions the gains follow by solving
+they receive, which differ by the electronics. For given positions the gains follow by solving
 for ρ and τ in turn. Motions of the boards and the sound speed follow by damped Gauss-Newton steps
 on what is left once all gains have adapted (variable projection: G. Golub and V. Pereyra, SIAM J.
 Numer. Anal. 10, 413, 1973), with exact derivatives.
 
-Board 0 is held, as nothing tells a motion of the whole array. A factor that multiplies all ρ and
-divides all τ changes nothing either: both get the same geometric mean and mean phase (of two boards
-alone, in each direction for itself). The scale of the array follows from the positions of elements
-on their boards, which are taken as they were drawn.
+Board 0 is held, as a motion of the whole array changes nothing. A factor that multiplies all ρ and
+divides all τ changes nothing either: both get the same geometric mean and mean phase (with two boards, in each direction separately). The scale of the array follows from the positions of elements
+on their boards, which are taken as exact.
 """
 
 from dataclasses import dataclass, replace
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +25,7 @@ from airtact.checks import counted, of_kind
 from airtact.errors import InvalidInput
 from airtact.geometry.pose import Pose
 from airtact.printing import one_line
-from airtact.sensing.calibration_fit import ArrayFit, ArrayState, Information, motion_of
+from airtact.sensing.calibration_fit import ArrayFit, ArrayState, Gains, Information, motion_of
 from airtact.sensing.echoes import Echoes, check_elements, check_not_clipped
 from airtact.sensing.transmission import Pairs, boards_of, facing
 from airtact.transducers.calibration import save_calibration
@@ -35,8 +35,8 @@ from airtact.transducers.layout import PhasedArray, join
 MAX_MISFIT = 0.1
 """Largest share of the direct sound that a believed calibration leaves unexplained beyond noise."""
 
-SAME_POWER = 1e-6
-"""Smallest ratio of eigenvalues of codes that separate the elements."""
+CountedPairs = Bool[np.ndarray, "elements elements"]
+"""Whether a receiver and an emitter count."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,10 +129,9 @@ class Calibrated:
         InvalidInput
             "unknown_format" for another one than .csv, "not_writable".
         """
-        motions = np.repeat(np.arange(len(self.motions)), len(self.array) // len(self.motions))
-        save_calibration(
-            path, self.emission, [self.motions[index] for index in motions], self.believed
-        )
+        size = len(self.array) // len(self.motions)
+        motions = [motion for motion in self.motions for _ in range(size)]
+        save_calibration(path, self.emission, motions, self.believed)
 
 
 def calibrate(
@@ -161,7 +160,7 @@ def calibrate(
 
     Examples
     --------
-    Two small boards 6 cm apart, of which the second stands 0.3 mm off:
+    Two small boards 6 cm apart, the second 0.3 mm off:
 
     >>> import airtact as at
     >>> from airtact.sensing import hadamard_codes, simulate_transmissions
@@ -169,10 +168,10 @@ def calibrate(
     >>> believed = at.transducers.board_array("nano16", [at.Pose.identity(), facing])
     >>> off = at.Pose(np.eye(3), np.array([3e-4, 0, 0]))
     >>> true = at.transducers.board_array("nano16", [at.Pose.identity(), off @ facing])
-    >>> air, codes = at.air(celsius=20.0), hadamard_codes(24)
-    >>> received = simulate_transmissions(true, air, codes, boards=2, noise=80.0)
-    >>> found = calibrate(received, believed, at.air(celsius=21.0), boards=2)
-    >>> found.converged, f"{1e3 * found.shifts[1, 0]:.2f} mm"
+    >>> codes = hadamard_codes(24)
+    >>> received = simulate_transmissions(true, at.air(celsius=20.0), codes, boards=2, noise=80.0)
+    >>> calibrated = calibrate(received, believed, at.air(celsius=21.0), boards=2)
+    >>> calibrated.converged, f"{1e3 * calibrated.shifts[1, 0]:.2f} mm"
     (True, '0.30 mm')
     """
     of_kind(echoes, Echoes, "the transmissions", "Echoes(codes, pressures)")
@@ -182,149 +181,126 @@ def calibrate(
     check_pattern(array.element, medium.wavenumber(echoes.frequency))
     parts = boards_of(array, boards)
     alone, noise = _separated(echoes)
-    heard = _facing_pairs(echoes, parts)
-    dead = _dead(alone, heard, noise)
-    heard[dead], heard[:, dead] = False, False
-    _check_heard(alone, heard, len(parts), noise, dead)
-    fit = ArrayFit(np.where(heard, alone, 0.0), heard)
-    level = noise**2 * int(heard.sum()) / float(np.sum(np.abs(fit.measured) ** 2))
-    found = fit.best(tuple(parts), medium.wavenumber(echoes.frequency), 1.5 * level + MAX_MISFIT**2)
-    return _calibrated(fit, found, noise, array, echoes, dead)
+    counted_pairs = _facing_pairs(echoes, parts)
+    dead = _dead(alone, counted_pairs, noise)
+    counted_pairs[dead] = False
+    counted_pairs[:, dead] = False
+    _check_linked(alone, counted_pairs, len(parts), noise, dead)
+    fit = ArrayFit(np.where(counted_pairs, alone, 0.0), counted_pairs)
+    power = float(np.sum(np.abs(fit.measured) ** 2))
+    of_noise = noise**2 * int(fit.counted.sum())
+    enough = 1.5 * (of_noise / power) + MAX_MISFIT**2
+    best = fit.best(tuple(parts), medium.wavenumber(echoes.frequency), enough)
+    misfit = float(np.sqrt(max(best.cost - of_noise, 0.0) / max(power - of_noise, 1e-300)))
+    equations = fit.information(best)
+    # Each element takes two complex gains from the data.
+    variance = best.cost / max(int(fit.counted.sum()) - 2 * len(array), 1) / 2.0
+    converged = bool(best.settled and misfit <= MAX_MISFIT)
+    if converged:
+        _check_determined(equations, variance, echoes)
+    covariance = variance * np.linalg.pinv(equations.squares, hermitian=True)
+    speed = 2 * np.pi * echoes.frequency / best.wavenumber.real
+    # From metres to metres, radians, and the sound speed in place of the wavenumber.
+    scale = np.append(equations.units[:-1], -equations.units[-1] * speed / best.wavenumber.real)
+    emission, reception = _same_mean(fit, best, dead)
+    calibrated = join(best.boards).calibrated(emission)
+    return Calibrated(
+        array=calibrated,
+        sound_speed=speed,
+        motions=tuple(motion_of(*pair) for pair in zip(parts, best.boards, strict=True)),
+        emission=calibrated.gains,
+        reception=reception,
+        covariance=covariance * np.outer(scale, scale),
+        gain_deviation=float(np.sqrt(variance * equations.gain_variance)),
+        residual=float(np.sqrt(best.cost / power)),
+        misfit=misfit,
+        converged=converged,
+        steps=best.steps,
+        believed=array,
+        dead=dead,
+    )
 
 
 def _separated(echoes: Echoes) -> tuple[Pairs, float]:
     """Pressures (E, E) at each receiver from each element alone, and their rms noise [Pa]."""
-    codes, receivers = np.asarray(echoes.codes), echoes.receiving
+    codes = np.asarray(echoes.codes)
     squares = codes @ codes.conj().T
     power = np.diag(np.diag(squares))
-    orthogonal = np.abs(squares - power).max() < SAME_POWER * np.abs(power).max()
+    smallest = 1e-6  # ratio of eigenvalues of codes that separate the elements
+    # The eigenvalues of a thousand elements take a second; Hadamard's codes need none.
+    orthogonal = np.abs(squares - power).max() < smallest * np.abs(power).max()
     values = np.real(np.diag(squares)) if orthogonal else np.linalg.eigvalsh(squares)
-    apart = int(np.sum(values > SAME_POWER * values.max()))
-    if apart < len(codes):
+    separated = int(np.sum(values > smallest * values.max()))
+    if separated < len(codes):
         raise InvalidInput(
-            f"{counted(codes.shape[1], 'transmission tells', 'transmissions tell')} {apart} of "
-            f"{len(codes)} elements "
-            "apart, and calibration needs each by itself: transmit the codes "
-            f"hadamard_codes({len(codes)}).",
+            f"{counted(codes.shape[1], 'transmission separates', 'transmissions separate')} "
+            f"{separated} of {len(codes)} elements, and calibration needs each by itself: transmit "
+            f"the codes hadamard_codes({len(codes)}).",
             code="given_twice",
         )
     inverse = np.diag(1.0 / np.diag(squares)) if orthogonal else np.linalg.inv(squares)
     alone = np.zeros((len(codes), len(codes)), dtype=np.complex128)
-    alone[receivers] = np.asarray(echoes.pressures) @ codes.conj().T @ inverse
+    alone[echoes.receiving] = np.asarray(echoes.pressures) @ codes.conj().T @ inverse
     return alone, (echoes.noise or 0.0) * float(np.sqrt(np.mean(np.real(np.diag(inverse)))))
 
 
-def _facing_pairs(
-    echoes: Echoes, boards: list[PhasedArray]
-) -> Bool[np.ndarray, "elements elements"]:
-    """Return which receivers (E) face which emitters (E) on another board; raise "clipped"."""
-    size, total = len(boards[0]), len(echoes.codes)
-    heard = np.zeros((total, total), dtype=bool)
-    for one in range(len(boards)):
-        for other in range(len(boards)):
-            if one != other:
-                here, there = (slice(index * size, (index + 1) * size) for index in (one, other))
-                heard[here, there] = facing(boards[one], boards[other])
-    heard[np.setdiff1d(np.arange(total), echoes.receiving)] = False
-    emitting = np.asarray(echoes.codes) != 0.0
-    facing_pairs = heard[echoes.receiving] @ emitting
-    check_not_clipped(np.abs(np.asarray(echoes.pressures))[facing_pairs])
-    return heard
+def _facing_pairs(echoes: Echoes, boards: list[PhasedArray]) -> CountedPairs:
+    """Which receivers face which emitters on another board; raise "signal_unusable"."""
+    size = len(boards[0])
+    total = len(echoes.codes)
+    pairs = np.zeros((total, total), dtype=bool)
+    for first, second in permutations(range(len(boards)), 2):
+        rows = slice(first * size, (first + 1) * size)
+        columns = slice(second * size, (second + 1) * size)
+        pairs[rows, columns] = facing(boards[first], boards[second])
+    pairs[np.setdiff1d(np.arange(total), echoes.receiving)] = False
+    receives = pairs[echoes.receiving] @ (np.asarray(echoes.codes) != 0.0)
+    check_not_clipped(np.abs(np.asarray(echoes.pressures))[receives])
+    return pairs
 
 
-def _dead(
-    alone: Pairs, heard: Bool[np.ndarray, "elements elements"], noise: float
-) -> Int64[np.ndarray, "dead"]:
-    """Elements that emit, or receive, much less than most."""
-    power, dead = np.where(heard, np.abs(alone) ** 2, 0.0), []
+def _dead(alone: Pairs, pairs: CountedPairs, noise: float) -> Int64[np.ndarray, "dead"]:
+    """Elements that emit, or receive, less than a tenth of the median."""
+    power = np.where(pairs, np.abs(alone) ** 2, 0.0)
+    dead = []
     for axis in (0, 1):
-        count = heard.sum(axis=axis)
+        count = pairs.sum(axis=axis)
         size = np.sqrt(np.maximum(power.sum(axis=axis) / np.maximum(count, 1) - noise**2, 0.0))
         typical = np.median(size[count > 0]) if count.any() else 0.0
         dead.append(np.flatnonzero((count > 0) & (size < 0.1 * typical)))
     return np.union1d(*dead)
 
 
-def _check_heard(
-    alone: Pairs,
-    heard: Bool[np.ndarray, "e e"],
-    boards: int,
-    noise: float,
-    dead: Int64[np.ndarray, "dead"],
+def _check_linked(
+    alone: Pairs, pairs: CountedPairs, boards: int, noise: float, dead: Int64[np.ndarray, "dead"]
 ) -> None:
     """Raise "misplaced" or "signal_unusable"."""
-    by_boards = heard.reshape(boards, -1, boards, len(heard) // boards).any(axis=(1, 3))
-    linked, known = (
-        np.linalg.matrix_power(np.eye(boards) + by_boards + by_boards.T, boards)[0] > 0,
-        heard.any(axis=0),
-    )
-    known |= np.isin(np.arange(len(heard)), dead)
-    if not linked.all():
-        board = int(np.flatnonzero(~linked)[0])
+    by_boards = pairs.reshape(boards, -1, boards, len(pairs) // boards).any(axis=(1, 3))
+    # The power of I + links has a non-zero entry for each board that a path leads to.
+    paths = np.linalg.matrix_power(np.eye(boards) + by_boards + by_boards.T, boards)
+    unlinked = np.flatnonzero(paths[0] == 0)
+    if len(unlinked):
         raise InvalidInput(
-            f"board {board} of {boards} faces no other within 60 degrees, or none of its elements "
-            "receives or is "
-            "received: nothing tells where it is. Leave it out of the array.",
+            f"board {unlinked[0]} of {boards} faces no other within 60 degrees, or none of its "
+            "elements receives or is received, so its place cannot be found. Leave it out of the "
+            "array.",
             code="misplaced",
         )
-    if not known.all():
-        silent = np.flatnonzero(~known)
+    silent = np.setdiff1d(np.flatnonzero(~pairs.any(axis=0)), dead)
+    if len(silent):
         raise InvalidInput(
             f"{counted(len(silent), 'element faces', 'elements face')} no receiver on another "
-            "board within 60 degrees, "
-            f"first element {silent[0]}: their gains cannot be found.",
+            f"board within 60 degrees, first element {silent[0]}: their gains cannot be found.",
             code="misplaced",
         )
-    rms = float(np.sqrt(np.mean(np.abs(alone[heard]) ** 2)))
+    rms = float(np.sqrt(np.mean(np.abs(alone[pairs]) ** 2)))
     if rms == 0.0 or rms < 1.05 * noise:
         raise InvalidInput(
             f"each element alone arrives with {rms:.3g} Pa rms, hardly more than the noise of "
-            f"{noise:.3g} Pa: no "
-            "direct sound is left in the transmissions. Subtract nothing, and transmit more or "
-            "longer.",
+            f"{noise:.3g} Pa: no direct sound is left in the transmissions. Subtract nothing, and "
+            "transmit more or longer.",
             code="signal_unusable",
         )
-
-
-def _calibrated(
-    fit: ArrayFit,
-    found: ArrayState,
-    noise: float,
-    array: PhasedArray,
-    echoes: Echoes,
-    dead: Int64[np.ndarray, "dead"],
-) -> Calibrated:
-    """Say what was found, and how sure it is."""
-    whole, of_noise = float(np.sum(np.abs(fit.measured) ** 2)), noise**2 * int(fit.counted.sum())
-    misfit = float(np.sqrt(max(found.cost - of_noise, 0.0) / max(whole - of_noise, 1e-300)))
-    equations = fit.information(found)
-    variance = found.cost / max(int(fit.counted.sum()) - 2 * len(array), 1) / 2.0
-    converged = bool(found.settled and misfit <= MAX_MISFIT)
-    if converged:
-        _check_determined(equations, variance, echoes)
-    covariance = variance * np.linalg.pinv(equations.squares, hermitian=True)
-    speed = 2 * np.pi * echoes.frequency / found.wavenumber.real
-    scale = np.append(equations.units[:-1], -equations.units[-1] * speed / found.wavenumber.real)
-    emission, reception = _same_mean(fit, found, dead)
-    moved = join(found.boards).calibrated(emission)
-    return Calibrated(
-        array=moved,
-        sound_speed=speed,
-        motions=tuple(
-            motion_of(*pair)
-            for pair in zip(boards_of(array, len(found.boards)), found.boards, strict=True)
-        ),
-        emission=moved.gains,
-        reception=reception,
-        covariance=covariance * np.outer(scale, scale),
-        gain_deviation=float(np.sqrt(variance * equations.gain_variance)),
-        residual=float(np.sqrt(found.cost / whole)),
-        misfit=misfit,
-        converged=converged,
-        steps=found.steps,
-        believed=array,
-        dead=dead,
-    )
 
 
 def _check_determined(equations: Information, variance: float, echoes: Echoes) -> None:
@@ -334,42 +310,42 @@ def _check_determined(equations: Information, variance: float, echoes: Echoes) -
     if values[0] > 1e-12 * values[-1] and variance < values[0] * 1e-3**2:
         return
     boards = range(1, 1 + len(values) // 6)
-    names = [f"the {what} of board {board}" for board in boards for what in ("position", "angles")]
+    names = [f"the {kind} of board {board}" for board in boards for kind in ("position", "angles")]
+    names.append("the sound speed")
     shares = np.append(np.linalg.norm(vectors[:-1, 0].reshape(-1, 3), axis=1), abs(vectors[-1, 0]))
-    named = [
-        name for name, share in zip([*names, "the sound speed"], shares, strict=True) if share > 0.3
-    ]
-    sure = 1e3 * np.sqrt(variance / max(values[0], 1e-12 * values[-1]))
+    involved = [name for name, share in zip(names, shares, strict=True) if share > 0.3]
+    deviation = 1e3 * np.sqrt(variance / max(values[0], 1e-12 * values[-1]))
     raise InvalidInput(
         f"{counted(len(echoes.pressures), 'receiver', 'receivers')} of {len(echoes.codes)} "
-        "elements do not determine "
-        f"{' together with '.join(named)}: known to {sure:.2g} mm only. Give more receivers or "
-        "less noise, or leave "
-        "boards out.",
+        f"elements do not determine {' together with '.join(involved)}: known to {deviation:.2g} mm "
+        "only. Give more receivers or less noise, or leave boards out.",
         code="pose_not_found",
     )
 
 
 def _same_mean(
-    fit: ArrayFit, found: ArrayState, dead: Int64[np.ndarray, "dead"]
-) -> tuple[Complex128[np.ndarray, "elements"], Complex128[np.ndarray, "elements"]]:
+    fit: ArrayFit, state: ArrayState, dead: Int64[np.ndarray, "dead"]
+) -> tuple[Gains, Gains]:
     """Gains of emission and reception with a common factor in each group that makes both alike."""
-    emission, reception = found.emission.copy(), found.reception.copy()
-    receives, emits = fit.counted.any(axis=1), fit.counted.any(axis=0)
+    emission = state.emission.copy()
+    reception = state.reception.copy()
+    receives = fit.counted.any(axis=1)
+    emits = fit.counted.any(axis=0)
     for group in np.unique(fit.groups[1][emits]):
-        some = emits & (fit.groups[1] == group), receives & (fit.groups[0] == group)
-        logarithms = [
-            np.mean(np.log(np.abs(one[rows])))
-            for one, rows in zip((emission, reception), some, strict=True)
-        ]
-        phases = [
-            np.angle(np.sum(one[rows]))
-            for one, rows in zip((emission, reception), some, strict=True)
-        ]
-        factor = np.exp(0.5 * (logarithms[1] - logarithms[0]) + 0.5j * (phases[1] - phases[0]))
-        emission[some[0]] *= factor
-        reception[some[1]] /= factor
+        emitters = emits & (fit.groups[1] == group)
+        receivers = receives & (fit.groups[0] == group)
+        size, phase = (
+            mean(reception[receivers]) - mean(emission[emitters])
+            for mean in (
+                lambda gains: np.mean(np.log(np.abs(gains))),
+                lambda gains: np.angle(np.sum(gains)),
+            )
+        )
+        factor = np.exp(0.5 * size + 0.5j * phase)
+        emission[emitters] *= factor
+        reception[receivers] /= factor
     reception[~receives] = 1.0
-    emission[dead] = reception[dead] = 0.0
+    emission[dead] = 0.0
+    reception[dead] = 0.0
     reception.flags.writeable = False
     return emission, reception
