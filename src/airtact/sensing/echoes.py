@@ -1,6 +1,6 @@
-"""What the elements of an array receive of each other's coded transmissions, and its file.
+"""Coded transmissions as the elements of an array receive them, and their file.
 
-Version 2 of the file is HDF5 with these datasets, those in brackets only where they are known:
+Version 2 of the file is HDF5 with these datasets; those in brackets are optional:
 
 - ``format_version``: 2, or 1 where there is no ``valid``.
 - ``frequency`` [Hz].
@@ -101,22 +101,34 @@ class Echoes:
                 "for each.",
                 code="sizes_differ",
             )
-        _check_codes(codes)
-        valid = self.valid
-        if valid is not None:
-            valid = _checked_valid(valid, pressures.shape)
-            pressures = np.where(valid, pressures, 0.0)
-        receivers = _checked_receivers(self.receivers, len(codes), len(pressures))
-        for array in (codes, pressures, receivers, valid):
-            if array is not None:
-                array.flags.writeable = False
-        object.__setattr__(self, "codes", codes)
-        object.__setattr__(self, "pressures", pressures)
-        object.__setattr__(self, "receivers", receivers)
-        object.__setattr__(self, "valid", valid)
+        magnitude = np.abs(codes)
+        if magnitude.max() > FULL_SCALE:
+            element, column = np.unravel_index(magnitude.argmax(), codes.shape)
+            raise InvalidInput(
+                f"codes are shares of full scale, but element {element} has {magnitude.max():.4g} "
+                f"in transmission {column}; divide them by that.",
+                code="over_full_scale",
+            )
+        silent = np.flatnonzero(~codes.any(axis=0))
+        if len(silent):
+            raise InvalidInput(
+                f"no element emits in transmission {silent[0]}; leave it out.", code="all_zero"
+            )
+        checked = {
+            "codes": codes,
+            "receivers": _checked_receivers(self.receivers, len(codes), len(pressures)),
+            "frequency": check_frequency(self.frequency),
+        }
+        if self.valid is not None:
+            checked["valid"] = _checked_valid(self.valid, pressures.shape)
+            pressures = np.where(checked["valid"], pressures, 0.0)
         if self.noise is not None:
-            object.__setattr__(self, "noise", positive(self.noise, "the noise of echoes", "Pa"))
-        object.__setattr__(self, "frequency", check_frequency(self.frequency))
+            checked["noise"] = positive(self.noise, "the noise of echoes", "Pa")
+        for name, value in {**checked, "pressures": pressures}.items():
+            if isinstance(value, np.ndarray):
+                # Read only: the fit and its parts share these arrays.
+                value.flags.writeable = False
+            object.__setattr__(self, name, value)
 
     @property
     def receiving(self) -> Receivers:
@@ -130,7 +142,7 @@ class Echoes:
         Raises
         ------
         InvalidInput
-            "unknown_format" for another one than .h5, "not_writable".
+            "unknown_format": the name does not end in .h5; "not_writable".
 
         Examples
         --------
@@ -213,11 +225,11 @@ def load_echoes(path: str | Path) -> Echoes:
         )
 
 
-def check_elements(echoes: Echoes, array: PhasedArray, what: str) -> None:
+def check_elements(echoes: Echoes, array: PhasedArray, name: str) -> None:
     """Raise "sizes_differ" where echoes, named in words, are of another array."""
     if len(echoes.codes) != len(array):
         raise InvalidInput(
-            f"the {what} are of an array of {len(echoes.codes)} elements, and this one has "
+            f"the {name} are of an array of {len(echoes.codes)} elements, and this one has "
             f"{len(array)}. Give the array that they were measured with.",
             code="sizes_differ",
         )
@@ -225,6 +237,7 @@ def check_elements(echoes: Echoes, array: PhasedArray, what: str) -> None:
 
 def check_not_clipped(values: Num[np.ndarray, "pressures"]) -> None:
     """Raise "signal_unusable" where over 5 % of the values share the largest size."""
+    # Noise makes all sizes differ, unless an amplifier or converter saturates.
     equal = int(np.sum(values > (1.0 - 1e-6) * values.max())) if len(values) else 0
     if equal > max(0.05 * len(values), 8):
         raise InvalidInput(
@@ -244,36 +257,20 @@ def _checked_path(path: str | Path) -> Path:
 
 
 def _table(
-    values: Num[np.ndarray, "rows columns"], what: str
+    values: Num[np.ndarray, "rows columns"], name: str
 ) -> Complex128[np.ndarray, "rows columns"]:
     """Return finite numbers (rows, transmissions)."""
-    table = complex_numbers(values, what)
+    table = complex_numbers(values, name)
     if table.ndim != 2:
         raise InvalidInput(
-            f"{what} have shape {table.shape}, but they are a table with a column for each "
+            f"{name} have shape {table.shape}, but they are a table with a column for each "
             "transmission.",
             code="wrong_shape",
         )
     if table.size == 0:
-        raise InvalidInput(f"{what} of shape {table.shape} are empty.", code="empty")
-    check_finite(table, what)
+        raise InvalidInput(f"{name} of shape {table.shape} are empty.", code="empty")
+    check_finite(table, name)
     return table
-
-
-def _check_codes(codes: Codes) -> None:
-    magnitude = np.abs(codes)
-    if magnitude.max() > FULL_SCALE:
-        element, column = np.unravel_index(magnitude.argmax(), codes.shape)
-        raise InvalidInput(
-            f"codes are shares of full scale, but element {element} has {magnitude.max():.4g} in "
-            f"transmission {column}; divide them by that.",
-            code="over_full_scale",
-        )
-    silent = np.flatnonzero(~codes.any(axis=0))
-    if len(silent):
-        raise InvalidInput(
-            f"no element emits in transmission {silent[0]}; leave it out.", code="all_zero"
-        )
 
 
 def _checked_valid(
@@ -321,11 +318,11 @@ def _checked_receivers(
     return numbers.astype(np.int64)
 
 
-def check_numbers(numbers: Integer[np.ndarray, "numbers"], elements: int, what: str) -> None:
-    """Raise "out_of_range" where a number is none of an element."""
+def check_numbers(numbers: Integer[np.ndarray, "numbers"], elements: int, name: str) -> None:
+    """Raise "out_of_range" where no element has a number."""
     wrong = numbers[(numbers < 0) | (numbers >= elements)]
     if len(wrong):
         raise InvalidInput(
-            f"{what} {wrong[0]} does not exist: elements are 0 to {elements - 1}.",
+            f"{name} {wrong[0]} does not exist: elements are 0 to {elements - 1}.",
             code="out_of_range",
         )

@@ -38,12 +38,6 @@ from airtact.sensing.waves import (
     wave_count,
 )
 
-MAX_ORDER = 80
-"""Highest order of a matrix: 6,561 waves."""
-
-MAX_INTERPOLATION_ERROR = 0.02
-"""Largest relative error of a matrix interpolated between those of a family."""
-
 
 @dataclass(frozen=True, eq=False)
 class ScatteringMatrix:
@@ -108,15 +102,16 @@ class ScatteringMatrix:
         (patterns, 1) are given then. ``locate`` asks for them, which takes some tenths of a second.
         ``scatter`` uses them once they are found.
         """
+        # Real patterns must suit both parts of the matrix, so both are stacked.
         parts = np.concatenate([np.real(self.single), np.imag(self.single)])
         squares, patterns = scipy.linalg.eigh(parts.T @ parts, overwrite_a=True, check_finite=False)
         left_out = np.cumsum(np.maximum(squares, 0.0), dtype=np.float64)
         count = len(squares)
         # Up to 3e-4 of the matrix (Frobenius) is left out, far below a solver's error.
-        kept = count - int(np.searchsorted(left_out, 3e-4**2 * left_out[-1]))
-        if kept * (count + kept) > count**2:
-            return None
-        basis = np.ascontiguousarray(patterns[:, -kept:])
+        rank = count - int(np.searchsorted(left_out, 3e-4**2 * left_out[-1]))
+        if rank * (count + rank) > count**2:
+            return None  # two products with the basis cost more than one with the matrix
+        basis = np.ascontiguousarray(patterns[:, -rank:])
         among = mixed(basis.T, mixed(basis.T, self.single).T)
         turn = _eigenvectors(among.astype(np.complex128)).astype(np.float32)
         diagonal = mixed(turn.T, mixed(turn.T, among).T)
@@ -156,12 +151,12 @@ def _eigenvectors(
     what a solver's error is off (N. J. Higham, Functions of Matrices, 2008, section 8.3); real and
     imaginary part have the same eigenvectors.
     """
-    one = np.eye(len(among))
-    unitary = one + 2.0 * among
-    unitary = unitary @ (1.5 * one - 0.5 * unitary.conj().T @ unitary)
+    identity = np.eye(len(among))
+    unitary = identity + 2.0 * among
+    unitary = unitary @ (1.5 * identity - 0.5 * unitary.conj().T @ unitary)
     # An irrational share, so that different eigenvalues make different sums.
-    both = unitary.real + 0.618 * unitary.imag
-    return scipy.linalg.eigh(0.5 * (both + both.T), overwrite_a=True, check_finite=False)[1]
+    mixture = unitary.real + 0.618 * unitary.imag
+    return scipy.linalg.eigh(0.5 * (mixture + mixture.T), overwrite_a=True, check_finite=False)[1]
 
 
 def scattering_matrix(
@@ -250,8 +245,8 @@ def _symmetric(
         return 0.5 * (scattered + scattered.T)
     among = mixed(patterns.T, scattered)
     half = scattered - mixed(patterns, among - 0.25 * (among + among.T))
-    whole = mixed(patterns, half.T)
-    return whole + whole.T
+    halves = mixed(patterns, half.T)
+    return halves + halves.T
 
 
 def check_own(scattering: ScatteringMatrix, scene: Scene) -> None:
@@ -271,11 +266,10 @@ def _order(reach: float, accuracy: float) -> int:
     measured on pairs of capsules.
     """
     order = int(np.ceil(reach + 0.8 * (-np.log10(accuracy)) ** (2 / 3) * np.cbrt(reach)))
-    if order > MAX_ORDER:
+    if order > 80:  # 6,561 waves take 0.7 GB
         raise InvalidInput(
-            f"the bodies need waves up to order {order}, more than {MAX_ORDER}: give smaller "
-            "bodies, such as the "
-            "fingers without the hand, or a lower accuracy.",
+            f"the bodies need waves up to order {order}, more than 80: give smaller bodies, such "
+            "as the fingers without the hand, or a lower accuracy.",
             code="too_many",
         )
     return order
@@ -296,7 +290,7 @@ def _quadrature(
 
 
 def reaching_patterns(
-    scene: Scene, centre: Float64[np.ndarray, "3"], order: int, least: float
+    scene: Scene, centre: Float64[np.ndarray, "3"], order: int, smallest: float
 ) -> Float64[np.ndarray, "waves patterns"] | None:
     """Orthonormal patterns of regular waves that reach the bodies; None if nearly all do.
 
@@ -305,7 +299,7 @@ def reaching_patterns(
     the surfaces and under them. Points under them see what vanishes on the surface alone, as at an
     interior resonance.
 
-    All others make less than ``least`` of the rms pressure of the strongest on and under the
+    All others make less than ``smallest`` of the rms pressure of the strongest on and under the
     surfaces.
     """
     points = _points_of(scene) - centre
@@ -316,9 +310,9 @@ def reaching_patterns(
     values, patterns = scipy.linalg.eigh(
         squares, overwrite_a=True, check_finite=False, driver="evd"
     )
-    kept = int(np.count_nonzero(values > least**2 * values[-1]))
-    # With most of the patterns kept, the detour through them saves no work.
-    return patterns[:, -kept:].astype(np.float64) if kept < 0.8 * len(values) else None
+    count = int(np.count_nonzero(values > smallest**2 * values[-1]))
+    # With most of the patterns needed, the detour through them saves no work.
+    return patterns[:, -count:].astype(np.float64) if count < 0.8 * len(values) else None
 
 
 def _points_of(scene: Scene) -> Float64[np.ndarray, "points 3"]:
@@ -400,12 +394,13 @@ class ScatteringFamily:
     def effect(self) -> float:
         """Change of the matrix by the number, over that by a translation of 1 m."""
         middle = 0.5 * (self.low + self.high)
-        here, change = self.at(middle).matrix, self.derivative(middle).matrix
+        here = self.at(middle).matrix
+        change = self.derivative(middle).matrix
         wavenumber = self.scene.wavenumber.real
-        moved = [one + one.T for one in along_motions(np.ascontiguousarray(here), wavenumber)[:3]]
-        return float(
-            np.linalg.norm(change) / np.sqrt(np.mean([np.linalg.norm(one) ** 2 for one in moved]))
-        )
+        # A translation changes T by V T − T V, with V antisymmetric and T symmetric.
+        products = along_motions(np.ascontiguousarray(here), wavenumber)[:3]
+        squares = [np.linalg.norm(product + product.T) ** 2 for product in products]
+        return float(np.linalg.norm(change) / np.sqrt(np.mean(squares)))
 
     def _scaled(self, value: float) -> float:
         return (2.0 * value - self.low - self.high) / (self.high - self.low)
@@ -416,7 +411,7 @@ class ScatteringFamily:
         count = len(self.matrices)
         terms = chebyshev.chebvander(chebyshev.chebpts1(count), count - 1) * (2.0 / count)
         terms[:, 0] *= 0.5
-        return terms.T @ np.stack([one.matrix.reshape(-1) for one in self.matrices])
+        return terms.T @ np.stack([solved.matrix.reshape(-1) for solved in self.matrices])
 
     def _sum(self, weights: Float64[np.ndarray, "values"]) -> ScatteringMatrix:
         first = self.matrices[0]
@@ -453,10 +448,8 @@ def scattering_family(
     ------
     InvalidInput
         "out_of_range": of the values; "does_not_match": the scenes do not belong together;
-        "all_zero": the bodies do
-        not change with the number; "too_few": interpolation between them is more than 2 % off; or
-        as
-        ``scattering_matrix``.
+        "all_zero": the bodies do not change with the number; "too_few": interpolation between them
+        is more than 2 % off; or as ``scattering_matrix``.
 
     Examples
     --------
@@ -513,11 +506,11 @@ def scattering_family(
             f"{1e3 * shift:.1g} mm: scene_of must use the number.",
             code="all_zero",
         )
-    if family.error > MAX_INTERPOLATION_ERROR:
+    if family.error > 0.02:  # more would limit the fit, and not the solver
         raise InvalidInput(
             f"{len(matrices)} values from {low:g} to {high:g} are too few: between them the "
-            f"scattering matrix is {100 * family.error:.2g} % off, more than "
-            f"{100 * MAX_INTERPOLATION_ERROR:g} %. Give more values, or a smaller range.",
+            f"scattering matrix is {100 * family.error:.2g} % off, more than 2 %. Give more "
+            "values, or a smaller range.",
             code="too_few",
         )
     return family

@@ -9,8 +9,9 @@ on what is left once all gains have adapted (variable projection: G. Golub and V
 Numer. Anal. 10, 413, 1973), with exact derivatives.
 
 Board 0 is held, as a motion of the whole array changes nothing. A factor that multiplies all ρ and
-divides all τ changes nothing either: both get the same geometric mean and mean phase (with two boards, in each direction separately). The scale of the array follows from the positions of elements
-on their boards, which are taken as exact.
+divides all τ changes nothing either: both get the same geometric mean and mean phase (with two
+boards, in each direction separately). The scale of the array follows from the positions of
+elements on their boards, which are taken as exact.
 """
 
 from dataclasses import dataclass, replace
@@ -317,8 +318,8 @@ def _check_determined(equations: Information, variance: float, echoes: Echoes) -
     deviation = 1e3 * np.sqrt(variance / max(values[0], 1e-12 * values[-1]))
     raise InvalidInput(
         f"{counted(len(echoes.pressures), 'receiver', 'receivers')} of {len(echoes.codes)} "
-        f"elements do not determine {' together with '.join(involved)}: known to {deviation:.2g} mm "
-        "only. Give more receivers or less noise, or leave boards out.",
+        f"elements do not determine {' together with '.join(involved)}: known to {deviation:.2g} "
+        "mm only. Give more receivers or less noise, or leave boards out.",
         code="pose_not_found",
     )
 

@@ -98,10 +98,10 @@ def random_codes(
     return np.where(np.asarray(parts)[:, None] == emitting, codes, 0.0)
 
 
-def _count(count: int, what: str, largest: int = 4096) -> int:
+def _count(count: int, name: str, largest: int = 4096) -> int:
     if not isinstance(count, int | np.integer) or not 1 <= count <= largest:
         raise InvalidInput(
-            f"codes need a whole number of {what} from 1 to {largest}, not {count!r}.",
+            f"codes need a whole number of {name} from 1 to {largest}, not {count!r}.",
             code="out_of_range",
         )
     return int(count)
@@ -168,8 +168,10 @@ def simulate_echoes(
         )
     check_seed(seed)
     count = len(array) if receivers is None else len(receivers)
+    # Echoes checks codes and receivers before anything is solved.
     checked = Echoes(codes, np.zeros((count, codes.shape[1])), receivers)
-    drives, receiving = np.asarray(checked.codes), checked.receiving
+    drives = np.asarray(checked.codes)
+    receiving = checked.receiving
     if isinstance(made_by, ScatteringMatrix):
         check_own(made_by, scene)
         pressures = array_waves(made_by, array, made_by.order).echo(made_by, drives)
@@ -177,11 +179,11 @@ def simulate_echoes(
         pressures = _solved_echoes(made_by, scene, array, drives)
     pressures = pressures[receiving]
     valid = None
-    size = pressures
+    received = pressures
     if ring_down is not None:
         valid = _received_after(ring_down, scene, array, drives)[receiving]
-        size = pressures[valid]
-    rms = float(np.linalg.norm(size) / np.sqrt(max(size.size, 1)))
+        received = pressures[valid]
+    rms = float(np.linalg.norm(received) / np.sqrt(max(received.size, 1)))
     random = np.random.default_rng(seed)
     if subtraction is not None:
         rest = ratio_of(subtraction, "the subtraction of direct sound")
@@ -201,6 +203,7 @@ def _received_after(
     """Whether an element is silent in a transmission, or has rung down before its echo."""
     slip = "is it in milliseconds? Give seconds."
     ring_down = between(ring_down, 0.0, 1.0, "the ring-down", "s", slip)
+    # The path to the bodies and back is that to their nearest corner, from the nearest emitter.
     corners = [body.surface.corners.reshape(-1, 3) for body in scene.obstacles]
     away = cdist(array.positions, np.unique(np.concatenate(corners), axis=0))
     emits = codes != 0
@@ -249,10 +252,10 @@ def direct_sound(
     return np.sqrt(power @ np.abs(codes) ** 2)
 
 
-def ratio_of(decibels: float, what: str) -> float:
-    """Amplitude ratio of a disturbance that is so many decibels under the echoes."""
+def ratio_of(decibels: float, name: str) -> float:
+    """Amplitude ratio of a disturbance to the echoes, from their distance in decibels."""
     slip = "it is how far the echoes, or the direct sound, stand above the rest."
-    return 10.0 ** (-between(decibels, -300.0, 300.0, what, "dB", slip) / 20.0)
+    return 10.0 ** (-between(decibels, -300.0, 300.0, name, "dB", slip) / 20.0)
 
 
 def normal_noise(

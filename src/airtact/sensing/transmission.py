@@ -8,6 +8,7 @@ face points.
 """
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from jaxtyping import Bool, Complex128, Num
@@ -44,13 +45,15 @@ def transmission(
     receiving: PhasedArray, emitting: PhasedArray, wavenumber: complex
 ) -> Transmission:
     """Sum the direct sound over the faces of all elements of two boards, with its derivatives."""
-    weights, faces = receiving.element.weights, receiving.face_points
+    weights = receiving.element.weights
+    faces = receiving.face_points
     sources = emitting.face_points.reshape(-1, 3)
-    emitters, count = len(emitting), len(weights)
+    emitters = len(emitting)
+    count = len(weights)
     pressures = np.empty((len(receiving), emitters), dtype=np.complex128)
     slopes = np.empty((13, *pressures.shape), dtype=np.complex128)
     strengths = receiving.element.sensitivity * np.outer(weights, weights)
-    rows = max(1, (1 << 18) // (len(sources) * count))
+    rows = max(1, (1 << 18) // (len(sources) * count))  # receivers at once: it bounds the memory
     for first in range(0, len(receiving), rows):
         block = slice(first, first + rows)
         points = faces[block].reshape(-1, 3)
@@ -70,8 +73,9 @@ def transmission(
             (6, (sources - emitting.positions.mean(axis=0))[None, :, :], -1.0),
         ):
             for axis in range(3):
-                one, two = (axis + 1) % 3, (axis + 2) % 3
-                moment = arms[..., one] * slope[..., two] - arms[..., two] * slope[..., one]
+                y = (axis + 1) % 3
+                z = (axis + 2) % 3
+                moment = arms[..., y] * slope[..., z] - arms[..., z] * slope[..., y]
                 slopes[place + axis, block] = sign * _summed(slope[..., axis], count, emitters)
                 slopes[place + 3 + axis, block] = sign * _summed(moment, count, emitters)
     return Transmission(pressures, slopes)
@@ -109,24 +113,20 @@ def boards_of(array: PhasedArray, count: int | None = None) -> list[PhasedArray]
     """
     if count is None:
         count = len((kind_of_array(array.positions, array.normals) or (None, ()))[1])
-        found = (
-            f"its {len(array)} elements make {count} boards of a known kind; give the number of "
-            "boards"
-        )
-    else:
-        found = f"{len(array)} elements do not make {count} boards of as many elements"
     if count < 2 or len(array) % count:
         raise InvalidInput(
-            f"an array is calibrated by 2 or more boards that face each other, but {found}.",
+            "an array is calibrated by 2 or more boards of equal size that face each other, but "
+            f"its {len(array)} elements make {count} boards; give the number of boards.",
             code="unknown_name",
         )
-    parts = zip(
-        *(np.split(part, count) for part in (array.positions, array.normals, array.tangents)),
-        strict=True,
-    )
     return [
         PhasedArray(positions, normals, array.element, tangents)
-        for positions, normals, tangents in parts
+        for positions, normals, tangents in zip(
+            np.split(array.positions, count),
+            np.split(array.normals, count),
+            np.split(array.tangents, count),
+            strict=True,
+        )
     ]
 
 
@@ -161,10 +161,11 @@ def simulate_transmissions(
     Raises
     ------
     InvalidInput
-        As ``Echoes``; "sizes_differ", "unknown_name", "out_of_range", "out_of_range".
+        As ``Echoes``; "sizes_differ", "unknown_name", "out_of_range".
     """
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
-    parts, wavenumber = boards_of(array, boards), medium.wavenumber(frequency)
+    parts = boards_of(array, boards)
+    wavenumber = medium.wavenumber(frequency)
     check_pattern(array.element, wavenumber)
     check_seed(seed)
     received = (
@@ -179,12 +180,14 @@ def simulate_transmissions(
     size = len(parts[0])
     pairs = np.zeros((len(array), len(array)), dtype=np.complex128)
     front = 0.0 if array.element.directional else -1.0
-    for one in range(len(parts)):
-        for other in range(one):
-            seen = facing(parts[one], parts[other], front, 0.0)
-            between = transmission(parts[one], parts[other], wavenumber).pressures * seen
-            here, there = (slice(index * size, (index + 1) * size) for index in (one, other))
-            pairs[here, there], pairs[there, here] = between, between.T
+    for first, second in combinations(range(len(parts)), 2):
+        # The later board receives; the other direction follows by reciprocity.
+        seen = facing(parts[second], parts[first], front, 0.0)
+        between = transmission(parts[second], parts[first], wavenumber).pressures * seen
+        rows = slice(second * size, (second + 1) * size)
+        columns = slice(first * size, (first + 1) * size)
+        pairs[rows, columns] = between
+        pairs[columns, rows] = between.T
     pressures = received[:, None] * (pairs @ (array.gains[:, None] * codes))
     deviation = None
     if noise is not None:

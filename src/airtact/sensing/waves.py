@@ -33,7 +33,7 @@ def wave_count(order: int) -> int:
 
 
 def order_of(waves: Waves) -> int:
-    """Order of so many waves."""
+    """Order of waves, from their number."""
     return round(np.sqrt(len(waves))) - 1
 
 
@@ -59,19 +59,17 @@ def _by_order(
     """Yield per order Legendre functions (n + 1, P), √2 cos mφ (0 to n), √2 sin mφ (n to 1).
 
     The normalised Legendre functions follow from those of the two orders below, for all degrees m
-    at once (DLMF
-    14.10.3): stable, as they grow with n.
+    at once (DLMF 14.10.3): stable, as they grow with n.
     """
     x, y, z = (np.asarray(offsets, dtype=np.float64) / np.linalg.norm(offsets, axis=1)[:, None]).T
-    sine, azimuth = np.hypot(x, y), np.arctan2(y, x)
-    turn = np.arange(order + 1)[:, None] * azimuth
-    cosines, sines = np.sqrt(2.0) * np.cos(turn), np.sqrt(2.0) * np.sin(turn)
+    sine = np.hypot(x, y)
+    turn = np.arange(order + 1)[:, None] * np.arctan2(y, x)
+    cosines = (np.sqrt(2.0) * np.cos(turn)).astype(precision, copy=False)
+    sines = (np.sqrt(2.0) * np.sin(turn)).astype(precision, copy=False)
     cosines[0] = 1.0
-    cosines, sines = cosines.astype(precision, copy=False), sines.astype(precision, copy=False)
-    below, legendre = (
-        np.zeros((1, len(offsets))),
-        np.full((1, len(offsets)), 1 / np.sqrt(4 * np.pi)),
-    )
+    # Legendre functions stay in double precision, in which their recurrence runs.
+    below = np.zeros((1, len(offsets)))
+    legendre = np.full((1, len(offsets)), 1 / np.sqrt(4 * np.pi))
     for n in range(order + 1):
         if n:
             m = np.arange(n)[:, None]
@@ -80,7 +78,8 @@ def _by_order(
             factor = ((2 * n + 1) * ((n - 1) ** 2 - m**2)) / (max(2 * n - 3, 1) * (n**2 - m**2))
             grown[: n - 1] -= np.sqrt(factor[: n - 1]) * below[: n - 1]
             grown[n] = np.sqrt((2 * n + 1) / (2 * n)) * sine * legendre[n - 1]
-            below, legendre = legendre, grown
+            below = legendre
+            legendre = grown
         yield legendre.astype(precision, copy=False), cosines[: n + 1], sines[n:0:-1]
 
 
@@ -100,7 +99,7 @@ def outgoing_radial(
 def of_waves(
     order: int, radial: Shaped[np.ndarray, "orders points"]
 ) -> Shaped[np.ndarray, "waves points"]:
-    """Repeat what each order has for each of its waves."""
+    """Repeat the row of each order for each of its waves."""
     return np.repeat(radial, 2 * np.arange(order + 1) + 1, axis=0)
 
 
@@ -115,11 +114,9 @@ def projected(
     The sums are in single precision: strengths that a solver gives are not right to more.
     """
     waves = regular_waves(order, offsets, wavenumber)
-    given = np.ascontiguousarray(strengths, dtype=np.complex64)
-    if wavenumber.imag:
-        summed = waves.astype(np.complex64) @ given
-    else:  # half the work
-        summed = (waves.astype(np.float32) @ given.view(np.float32)).view(np.complex64)
+    strengths = np.ascontiguousarray(strengths, dtype=np.complex64)
+    real = not wavenumber.imag  # half the work
+    summed = mixed(waves, strengths) if real else waves.astype(np.complex64) @ strengths
     return 4j * np.pi * wavenumber * summed.astype(np.complex128)
 
 
@@ -172,26 +169,28 @@ def motions(order: int) -> tuple[csr_matrix, ...]:
     along = csr_matrix((coupling, (below, index[lower])), size)
     along_z = along - along.T
     real = _to_real(order)
+    # r × ∇ = iL, with the angular momentum L of quantum mechanics in ladder operators.
     turns = [
-        np.real(real.conj() @ (1j * one) @ real.T)
-        for one in ((up + down) / 2, (up - down) / 2j, diags(degrees.astype(float)))
+        np.real(real.conj() @ (1j * momentum) @ real.T)
+        for momentum in ((up + down) / 2, (up - down) / 2j, diags(degrees.astype(float)))
     ]
     along_z = np.real(real.conj() @ along_z @ real.T)
     along_x = along_z @ turns[1] - turns[1] @ along_z
     along_y = turns[0] @ along_z - along_z @ turns[0]
-    made = [csr_matrix(one) for one in (along_x, along_y, along_z, *turns)]
-    for one in made:
-        one.data[np.abs(one.data) < 1e-13] = 0.0
-        one.eliminate_zeros()
-    return tuple(made)
+    matrices = [csr_matrix(matrix) for matrix in (along_x, along_y, along_z, *turns)]
+    for matrix in matrices:
+        # Rounding fills entries that cancel, which would double the work of every product.
+        matrix.data[np.abs(matrix.data) < 1e-13] = 0.0
+        matrix.eliminate_zeros()
+    return tuple(matrices)
 
 
 def along_motions(waves: Waves, wavenumber: float) -> Complex[np.ndarray, "6 waves columns"]:
     """Differentiate regular waves by the six motions, translations [1/m] and turns [1/rad]."""
     real = as_real(waves)
-    found = np.stack([one @ real for one in _six(order_of(waves), real.dtype.name)])
-    found[:3] *= wavenumber
-    return found.view(waves.dtype)
+    along = np.stack([matrix @ real for matrix in _in_precision(order_of(waves), real.dtype.name)])
+    along[:3] *= wavenumber
+    return along.view(waves.dtype)
 
 
 def moved(twist: Real[np.ndarray, "6"], waves: Waves, wavenumber: float) -> Waves:
@@ -223,7 +222,7 @@ def moved(twist: Real[np.ndarray, "6"], waves: Waves, wavenumber: float) -> Wave
     return total.view(waves.dtype)
 
 
-def as_real(waves: Waves) -> Float[np.ndarray, "waves both"]:
+def as_real(waves: Waves) -> Float[np.ndarray, "waves parts"]:
     """Real and imaginary parts as columns, which real matrices take."""
     return np.ascontiguousarray(waves).view(
         np.float32 if waves.dtype == np.complex64 else np.float64
@@ -239,9 +238,9 @@ def mixed(
 
 
 @lru_cache(maxsize=16)
-def _six(order: int, precision: str) -> tuple[csr_matrix, ...]:
+def _in_precision(order: int, precision: str) -> tuple[csr_matrix, ...]:
     """Return the matrices of ``motions`` in a precision."""
-    return tuple(csr_matrix(one, dtype=precision) for one in motions(order))
+    return tuple(csr_matrix(matrix, dtype=precision) for matrix in motions(order))
 
 
 @lru_cache(maxsize=16)
@@ -249,10 +248,11 @@ def _together(
     order: int,
 ) -> tuple[Float64[np.ndarray, "6 entries"], Int[np.ndarray, "entries"], Int[np.ndarray, "ends"]]:
     """Entries of the six ``motions`` in one common sparse pattern, its columns and rows."""
-    shared = csr_matrix(sum(abs(one) for one in motions(order)))
+    # One pattern for all: their weighted sum is then a sum of values, without a search.
+    shared = csr_matrix(sum(abs(matrix) for matrix in motions(order)))
     shared.sort_indices()
     row, column = shared.tocoo().coords
-    values = np.stack([np.asarray(one[row, column]).reshape(-1) for one in motions(order)])
+    values = np.stack([np.asarray(matrix[row, column]).reshape(-1) for matrix in motions(order)])
     return values, shared.indices, shared.indptr
 
 
