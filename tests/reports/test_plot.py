@@ -138,11 +138,11 @@ def test_pads_stand_beside_what_was_asked(evaluation, comparison) -> None:
 
 @pytest.mark.usefixtures("as_outside_the_tests")
 def test_what_cannot_be_plotted_is_named(evaluation, comparison, drive) -> None:
-    with raises_code("options_clash", "1 drive"):
+    with raises_code("options_clash"):
         at.plot.field(evaluation, over="two")
-    with raises_code("unknown_name", "'three'", "2 drives"):
+    with raises_code("unknown_name", "'three'"):
         at.plot.field(comparison, drive="three")
-    with raises_code("unknown_name", "drive is 5", "1 excitation"):
+    with raises_code("unknown_name", "5"):
         at.plot.field(evaluation, drive=5)
     with raises_code("unknown_name", "'zx'"):
         at.plot.field(evaluation, plane="zx")

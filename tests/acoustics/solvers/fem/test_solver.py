@@ -326,7 +326,7 @@ def test_bodies_that_netgen_cannot_mesh_are_rejected_by_name():
     plate = np.array([[face[0], face[one], face[one + 1]] for face in faces for one in (1, 2)])
     with raises_code("out_of_range"):
         QUICK.factorised(ball_scene(at.sound_hard(at.Surface(corners, plate))))
-    with raises_code("mesh_faulty"):
+    with raises_code("mesh_open"):
         QUICK.factorised(ball_scene(at.sound_hard(at.Surface(BALL.vertices, BALL.triangles[1:]))))
 
 
