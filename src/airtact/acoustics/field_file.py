@@ -38,8 +38,7 @@ def packed(field: RadiatedField, key: str) -> bytes:
     import h5py
 
     arrays: list[np.ndarray] = []
-    references = {id(field.scene): "scene", id(field.sources): "sources"}
-    tree = _to_tree(field, arrays, references)
+    tree = _to_tree(field, arrays, {id(field.scene): "scene", id(field.sources): "sources"})
     stream = io.BytesIO()
     with h5py.File(stream, "w", userblock_size=USER_BLOCK) as file:
         file.attrs["key"] = key

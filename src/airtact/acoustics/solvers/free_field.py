@@ -13,6 +13,7 @@ from airtact.acoustics.solvers.arrays import (
     Points,
     Pressures,
     SourcePoints,
+    Vectors,
 )
 from airtact.acoustics.solvers.problem import (
     PLANES,
@@ -20,11 +21,10 @@ from airtact.acoustics.solvers.problem import (
     Solver,
     SolveReport,
     SurfaceField,
-    receivers,
 )
 from airtact.acoustics.solvers.velocity import open_air_gradient, velocity_of
 from airtact.acoustics.sources import STANDS_ON, Monopoles, nearest_source
-from airtact.checks import counted, points_of
+from airtact.checks import counted
 from airtact.errors import InvalidInput
 
 # Pairs of points and sources that are evaluated at once
@@ -49,50 +49,38 @@ def open_air_pressure(points: Points, sources: Monopoles, wavenumber: complex) -
     return pressure
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class OpenAirField(RadiatedField):
     """The field of monopoles, and of their images in a plane, in a scene without obstacles."""
-
-    scene: Scene
-    sources: Monopoles
-    report: SolveReport
-
-    __repr__ = RadiatedField.__repr__
 
     @property
     def on_surface(self) -> SurfaceField:
         """No surface: arrays of length 0."""
         return SurfaceField.empty(self.sources)
 
-    def at(self, points: Points) -> Pressures:
-        """Pressure [Pa] of each excitation at points (P, 3) [m]; errors as of the base class."""
-        points = receivers(points, self.sources)
+    def _at(self, points: Vectors) -> Pressures:
         pressure = open_air_pressure(points, self._emitting, self.scene.wavenumber)
-        pressure[~self.valid(points)] = np.nan
+        pressure[~self._valid(points)] = np.nan
         return pressure
 
-    def scattered_at(self, points: Points) -> Pressures:
-        """Scattered pressure [Pa]: that of the images in a plane, else zeros."""
-        points = points_of(points, "points", least=0)
-        scattered = np.zeros((len(points), self.sources.strengths.shape[1]), dtype=np.complex128)
+    def _scattered_at(self, points: Vectors) -> Pressures:
+        # only the images in a plane scatter
+        scattered = np.zeros((len(points), self.excitations), dtype=np.complex128)
         for plane in self.scene.planes:
             images = Monopoles(plane.image(self.sources.positions), self.sources.strengths)
             on = nearest_source(points, images, STANDS_ON)[0] < STANDS_ON
             scattered[~on] += open_air_pressure(points[~on], images, self.scene.wavenumber)
             scattered[on] = np.nan
-        scattered[~self.valid(points)] = np.nan
+        scattered[~self._valid(points)] = np.nan
         return scattered
 
-    def velocity(self, points: Points) -> Gradients:
-        """Particle velocity [m/s] at points (P, 3) [m], in closed form; errors as of ``at``."""
-        points = receivers(points, self.sources)
+    def _velocity(self, points: Vectors) -> Gradients:
         gradient = open_air_gradient(points, self._emitting, self.scene.wavenumber)
-        gradient[~self.valid(points)] = np.nan
+        gradient[~self._valid(points)] = np.nan
         return velocity_of(gradient, self.scene.frequency, self.scene.medium.density)
 
-    def valid(self, points: Points) -> Mask:
-        """Everywhere but behind a plane: there is no body."""
-        return before_planes(self.scene.planes, points_of(points, "points", least=0))
+    def _valid(self, points: Vectors) -> Mask:
+        return before_planes(self.scene.planes, points)
 
     @property
     def _emitting(self) -> Monopoles:

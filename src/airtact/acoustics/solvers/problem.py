@@ -2,7 +2,8 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 from jaxtyping import Float64
@@ -107,6 +108,7 @@ class SurfaceField:
         return cls(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), pressure)
 
 
+@dataclass(frozen=True, eq=False, repr=False)
 class RadiatedField(ABC):
     """The sound field of some monopoles in a scene, evaluated at any points outside the bodies.
 
@@ -129,11 +131,15 @@ class RadiatedField(ABC):
         seconds = [(f"{step} [s]", f"{took:.2f}") for step, took in self.report.seconds.items()]
         return html_table(type(self).__name__, [], [*facts, *seconds], self.report.warnings)
 
+    @property
+    def excitations(self) -> int:
+        """Number of excitations of the sources."""
+        return self.sources.strengths.shape[1]
+
     def _facts(self) -> list[str]:
         """Return what was solved, in words."""
-        count = self.sources.strengths.shape[1]
         sources = len(self.sources.positions)
-        facts = [f"{counted(count, 'excitation', 'excitations')} of {sources} sources"]
+        facts = [f"{counted(self.excitations, 'excitation', 'excitations')} of {sources} sources"]
         if self.scene.obstacles:
             facts.append(f"around {counted(len(self.scene.obstacles), 'body', 'bodies')}")
         facts.append(f"by {self.report.solver}")
@@ -161,7 +167,8 @@ class RadiatedField(ABC):
         """
         return None if self.scene.planes else self
 
-    @abstractmethod
+    # The methods that take points check them here, once; what a solver knows is in those with an
+    # underscore.
     def at(self, points: Points) -> Pressures:
         """Total pressure [Pa] of each excitation at points (P, 3) [m]; NaN where not ``valid``.
 
@@ -170,48 +177,74 @@ class RadiatedField(ABC):
         InvalidInput
             A point is NaN or infinite, the shape is another, or a point stands on a source.
         """
+        return self._at(self._receivers(points))
 
     def scattered_at(self, points: Points) -> Pressures:
         """Scattered pressure [Pa]: the total pressure less that of the sources alone in open air.
 
         It is finite at the sources' own positions, where ``at`` is infinite; NaN where not
-        ``valid``, and at a source that touches a body. By default the open-air pressure is
-        subtracted from ``at``, which needs points off the sources.
+        ``valid``, and at a source that touches a body. Where a solver does not compute it itself,
+        the open-air pressure is subtracted from ``at``, which needs points off the sources.
 
         Raises
         ------
         InvalidInput
             A point is NaN or infinite.
         """
-        points = points_of(points, "points", least=0)
-        return self.at(points) - self._incident(points)
+        return self._scattered_at(points_of(points, "points", least=0))
 
-    def _incident(self, points: Points) -> Pressures:
-        """Pressure [Pa] of the sources alone in open air, at points [m] off the sources."""
-        sources = self.sources
-        return monopole_pressure(
-            points, sources.positions, sources.strengths, self.scene.wavenumber, "float64"
-        )
-
-    @abstractmethod
     def valid(self, points: Points) -> Mask:
         """Whether the field exists at points (P, 3): False inside bodies, except filled ones."""
+        return self._valid(points_of(points, "points", least=0))
 
     def velocity(self, points: Points) -> Gradients:
         """Particle velocity v = ∇p/(iωρ) [m/s] along x, y and z, of each excitation.
 
-        On a sound-hard surface it is tangential; NaN where not ``valid``. By default ``at`` is
-        differenced over 1/40 of a wavelength, which gives NaN where the difference reaches into a
-        body. Errors as of ``at``.
+        On a sound-hard surface it is tangential; NaN where not ``valid``. Fields without a closed
+        form are differenced over 1/40 of a wavelength, which gives NaN where the difference reaches
+        into a body. Errors as of ``at``.
         """
-        points = points_of(points, "points", least=0)
+        return self._velocity(self._receivers(points))
+
+    @abstractmethod
+    def _at(self, points: Vectors) -> Pressures:
+        """Total pressure at checked points, as ``at``."""
+
+    def _scattered_at(self, points: Vectors) -> Pressures:
+        return self.at(points) - self._incident(points)
+
+    @abstractmethod
+    def _valid(self, points: Vectors) -> Mask:
+        """Whether the field exists at checked points, as ``valid``."""
+
+    def _velocity(self, points: Vectors) -> Gradients:
         step = np.full(len(points), DIFFERENCE * self.scene.wavelength)
         gradient = differences(self.at, points, step)
         return velocity_of(gradient, self.scene.frequency, self.scene.medium.density)
 
+    def _receivers(self, points: Points) -> Vectors:
+        """Check points at which a total pressure, infinite on a source, is evaluated."""
+        points = points_of(points, "points", least=0)
+        check_off_sources(points, self.sources)
+        return points
+
+    def _incident(self, points: Points) -> Pressures:
+        """Pressure [Pa] of the sources alone in open air, at points [m] off the sources."""
+        return monopole_pressure(
+            points,
+            self.sources.positions,
+            self.sources.strengths,
+            self.scene.wavenumber,
+            "float64",
+        )
+
+    def nowhere(self, points: Points) -> Pressures:
+        """NaN for each point and excitation, to be filled where the field exists."""
+        return np.full((len(points), self.excitations), np.nan, dtype=np.complex128)
+
     def error_at(self, points: Points) -> Float64[np.ndarray, "excitations"]:
         """Estimated relative error over points away from the surfaces, for each excitation."""
-        return np.full(self.sources.strengths.shape[1], self.report.estimated_error)
+        return np.full(self.excitations, self.report.estimated_error)
 
     def report_at(self, points: Points) -> SolveReport:
         """Return the report with the error estimated at points [m], where it is the larger one.
@@ -220,13 +253,6 @@ class RadiatedField(ABC):
         """
         points_of(points, "points", least=0)
         return self.report
-
-
-def receivers(points: Points, sources: Monopoles) -> Vectors:
-    """Check points [m] at which a total pressure is evaluated; raise as ``RadiatedField.at``."""
-    points = points_of(points, "points", least=0)
-    check_off_sources(points, sources)
-    return points
 
 
 def surrounding_points(scene: Scene, points: Vectors) -> Float64[np.ndarray, "around 3"]:
@@ -252,9 +278,11 @@ class Solver(ABC):
     def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
         """Solve the scene for the monopoles, for all their excitations at once."""
 
-    def reporting(self, progress: Progress | None) -> "Solver":
+    def reporting(self, progress: Progress | None) -> Self:
         """Return the solver with a callback, such as ``print``, for the words of each step.
 
         Solvers in closed form have no steps and return themselves, as does every solver for None.
         """
-        return self
+        if progress is None or not hasattr(self, "progress"):
+            return self
+        return replace(self, progress=progress)  # type: ignore[type-var]

@@ -11,8 +11,8 @@ from jaxtyping import Complex128, Float64, Num, Real
 from scipy.spatial import Delaunay, KDTree, QhullError
 
 from airtact.acoustics.scene import Scene, check_sources
-from airtact.acoustics.solvers.arrays import Mask, Points, Pressures, SourcePoints, Vectors
-from airtact.acoustics.solvers.problem import RadiatedField, SolveReport, SurfaceField, receivers
+from airtact.acoustics.solvers.arrays import Mask, Pressures, SourcePoints, Vectors
+from airtact.acoustics.solvers.problem import RadiatedField, SolveReport, SurfaceField
 from airtact.acoustics.sources import STANDS_ON, Monopoles, nearest_source
 from airtact.checks import check_choice, check_finite, complex_numbers, in_mm, points_of, positive
 from airtact.errors import InvalidInput, about
@@ -24,7 +24,7 @@ TimeSign = Literal["e^{-iωt}", "e^{+jωt}"]
 SAME_NODE = 1e-9
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SampledField(RadiatedField):
     """A field given by its pressure at nodes, interpolated between them; NaN outside their hull.
 
@@ -48,13 +48,9 @@ class SampledField(RadiatedField):
         one plane.
     """
 
-    scene: Scene
-    sources: Monopoles
+    report: SolveReport = field(init=False)
     nodes: Real[np.ndarray, "nodes 3"]
     pressures: Num[np.ndarray, "nodes excitations"] | Num[np.ndarray, "nodes"]
-    report: SolveReport = field(init=False)
-
-    __repr__ = RadiatedField.__repr__
 
     def __post_init__(self) -> None:
         check_sources(self.scene, self.sources)
@@ -113,23 +109,16 @@ class SampledField(RadiatedField):
         """Arrays of length 0: the nodes do not show where the surfaces of the bodies are."""
         return SurfaceField.empty(self.sources)
 
-    def valid(self, points: Points) -> Mask:
-        """Whether points (P, 3) [m] lie between the samples."""
-        return self._simplices(points_of(points, "points", least=0)) >= 0
+    def _valid(self, points: Vectors) -> Mask:
+        return self._simplices(points) >= 0
 
-    def at(self, points: Points) -> Pressures:
-        """Total pressure [Pa] at points (P, 3) [m], as ``RadiatedField.at``."""
-        points = receivers(points, self.sources)
+    def _at(self, points: Vectors) -> Pressures:
         emitting = [self.sources.positions[strength != 0] for strength in self.sources.strengths.T]
         return self._interpolated(points, np.asarray(self.pressures), emitting)
 
-    def scattered_at(self, points: Points) -> Pressures:
-        """Scattered pressure [Pa] at points (P, 3) [m], as ``RadiatedField.scattered_at``.
-
-        The open-air pressure is subtracted at the nodes, and what remains is interpolated after
-        division by e^{ikr}/r of the nearest body's middle.
-        """
-        points = points_of(points, "points", least=0)
+    def _scattered_at(self, points: Vectors) -> Pressures:
+        # The open-air pressure is subtracted at the nodes. What remains varies as the waves of the
+        # bodies, so it is interpolated after division by e^{ikr}/r of the nearest body's middle.
         middles = [
             obstacle.surface.vertices.mean(axis=0)
             for obstacle in self.scene.obstacles
@@ -146,7 +135,7 @@ class SampledField(RadiatedField):
 
     @cached_property
     def _scattered(self) -> Complex128[np.ndarray, "nodes excitations"]:
-        """Scattered pressure at the nodes [Pa]; not finite at a node that stands on a source."""
+        # not finite at a node that stands on a source
         return np.asarray(self.pressures) - self._incident(np.asarray(self.nodes))
 
     def _simplices(self, points: Vectors) -> np.ndarray:
@@ -174,8 +163,7 @@ class SampledField(RadiatedField):
         for column, candidates in enumerate(centres):
             at_corners = values[corners, column]
             if len(candidates):
-                nearest = KDTree(candidates).query(nodes.mean(axis=1))[1]
-                centre = candidates[nearest]
+                centre = candidates[KDTree(candidates).query(nodes.mean(axis=1))[1]]
                 at_nodes = np.linalg.norm(nodes - centre[:, None], axis=2)
                 at_point = np.linalg.norm(points[inside] - centre, axis=1)[:, None]
                 phase = self.scene.wavenumber * (at_point - at_nodes)
@@ -305,8 +293,7 @@ def _fits(sampled: SampledField, stretch: float) -> Float64[np.ndarray, "2"]:
         for source in np.flatnonzero(sampled.sources.strengths[:, column]):
             distance = np.linalg.norm(nodes - sampled.sources.positions[source], axis=1)
             # Nodes within 3 wavelengths, but 1,000 of them at least.
-            nearest = np.sort(distance)[:1000][-1]
-            reach = max(3.0 * sampled.scene.wavelength, nearest)
+            reach = max(3.0 * sampled.scene.wavelength, np.sort(distance)[:1000][-1])
             near = (distance <= reach) & (distance > SAME_NODE)
             level = pressures[near, column] * distance[near]
             phase = np.exp(1j * sampled.scene.wavenumber.real * distance[near])

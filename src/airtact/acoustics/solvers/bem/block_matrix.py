@@ -148,8 +148,7 @@ class BlockMatrix:
         lanes = _kernels.lanes
         out = np.empty((self.count, self.count), dtype=self.precision, order="F")  # as LAPACK wants
         rows = lanes * self.whole.row
-        columns = lanes * self.whole.column
-        for block, row, column in zip(self.blocks, rows, columns, strict=True):
+        for block, row, column in zip(self.blocks, rows, lanes * self.whole.column, strict=True):
             part = out[row : row + lanes, column : column + lanes]
             part.real = block[: len(part), 0, : part.shape[1]]
             part.imag = block[: len(part), 1, : part.shape[1]]

@@ -13,18 +13,17 @@ from jaxtyping import Bool
 
 from airtact import _kernels
 from airtact.acoustics.scene import Scene
-from airtact.acoustics.solvers.arrays import Gradients, Mask, Points, Pressures
+from airtact.acoustics.solvers.arrays import Gradients, Mask, Points, Pressures, Vectors
 from airtact.acoustics.solvers.bem.field import BoundaryField
-from airtact.acoustics.solvers.problem import RadiatedField, SolveReport, SurfaceField, receivers
+from airtact.acoustics.solvers.problem import RadiatedField, SolveReport, SurfaceField
 from airtact.acoustics.sources import Monopoles
-from airtact.checks import points_of
 
 NOT_ESTIMATED = (
     "the estimated error is that around the bodies, without errors of the boards' reflections"
 )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class BoardField(RadiatedField):
     """The field of elements in reflecting boards, around the other bodies of a scene.
 
@@ -36,35 +35,24 @@ class BoardField(RadiatedField):
     reach : distance from a board below which the field is not known [m].
     """
 
-    scene: Scene
-    sources: Monopoles
     boards: Scene
     around: RadiatedField
     reach: float
-    report: SolveReport
-
-    __repr__ = RadiatedField.__repr__
 
     @property
     def on_surface(self) -> SurfaceField:
         """Total pressure on the surfaces of the bodies other than the boards."""
         return self.around.on_surface
 
-    def valid(self, points: Points) -> Mask:
-        """Whether points are outside the bodies and at least ``reach`` off the boards."""
-        points = points_of(points, "points", least=0)
+    def _valid(self, points: Vectors) -> Mask:
         return self.around.valid(points) & (self.boards.depth(points) < -self.reach)
 
-    def at(self, points: Points) -> Pressures:
-        """Total pressure [Pa] of each excitation; NaN where ``valid`` is False."""
-        points = receivers(points, self.sources)
+    def _at(self, points: Vectors) -> Pressures:
         pressure = self.around.at(points)
         pressure[self.boards.depth(points) >= -self.reach] = np.nan
         return pressure
 
-    def velocity(self, points: Points) -> Gradients:
-        """Particle velocity [m/s] at points (P, 3), as ``at``."""
-        points = receivers(points, self.sources)
+    def _velocity(self, points: Vectors) -> Gradients:
         velocity = self.around.velocity(points)
         velocity[self.boards.depth(points) >= -self.reach] = np.nan
         return velocity

@@ -8,7 +8,6 @@ from jaxtyping import Bool, Complex128, Float64, Int64
 from scipy.spatial import KDTree
 
 from airtact.acoustics.planes import before_planes, with_images
-from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.arrays import (
     Gradients,
     Mask,
@@ -38,7 +37,6 @@ from airtact.acoustics.solvers.problem import (
     RadiatedField,
     SolveReport,
     SurfaceField,
-    receivers,
 )
 from airtact.acoustics.solvers.velocity import differences, velocity_of
 from airtact.acoustics.sources import STANDS_ON, Monopoles, nearest_source
@@ -47,9 +45,17 @@ from airtact.errors import InvalidInput
 from airtact.geometry.mesh.quadratic_triangles import points_at
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class BoundaryField(RadiatedField):
     """The field of some monopoles around bodies, as ``BoundaryElement`` solved it.
+
+    On and near the surface the pressure is the direct solution's. Elsewhere it is the transposed
+    one's for excitations with a source near the surface, and the mean of both for the others, which
+    makes the field reciprocal. Many points close together, such as those of a picture, are
+    evaluated in cells, which costs 4 % of the accuracy; excitations without a source near the
+    surface are then the direct solution's everywhere. The velocity on the surface was 1.5 % off on
+    a sphere of 10 mm at accuracy 0.01, 6 % on one of 6 mm. ``InvalidInput`` is raised on and near
+    the surface where the direct solution was not solved for (``estimate=False``).
 
     Attributes
     ----------
@@ -61,17 +67,12 @@ class BoundaryField(RadiatedField):
     wanted : relative error above which a warning is given.
     """
 
-    scene: Scene
-    sources: Monopoles
     surface: DualSurface
     pressure: NodeValues | None
     density: NodeValues | None
     factors: Float64[np.ndarray, "sources"]
     accuracy: float
     wanted: float
-    report: SolveReport
-
-    __repr__ = RadiatedField.__repr__
 
     @cached_property
     def direct(self) -> DirectSolution:
@@ -90,10 +91,6 @@ class BoundaryField(RadiatedField):
         assert self.density is not None
         factors = np.tile(self.factors, 1 + len(self.scene.planes))
         return TransposedSolution(self._emitting, self.surface, self.density, factors)
-
-    @property
-    def _excitations(self) -> int:
-        return self.sources.strengths.shape[1]
 
     @cached_property
     def _emitting(self) -> Monopoles:
@@ -131,41 +128,17 @@ class BoundaryField(RadiatedField):
         pressure = without_images(self.direct.pressure, planes)
         return SurfaceField(nodes.points, nodes.normals, nodes.weights, pressure)
 
-    def valid(self, points: Points) -> Mask:
-        """Whether points [m] lie outside the bodies or on them, and not behind a plane."""
-        points = points_of(points, "points", least=0)
+    def _valid(self, points: Vectors) -> Mask:
         return locate(self.scene, self.surface.nodes, points, self.surface.near_rule).outside
 
-    def at(self, points: Points) -> Pressures:
-        """Total pressure [Pa] of each excitation; NaN inside the bodies.
+    def _at(self, points: Vectors) -> Pressures:
+        return self._evaluated(points, total=True)
 
-        On and near the surface it is the direct solution's. Elsewhere it is the transposed one's
-        for excitations with a source near the surface, and the mean of both for the others, which
-        makes the field reciprocal.
-
-        Many points close together, such as those of a picture, are evaluated in cells, which costs
-        4 % of the accuracy. Excitations without a source near the surface are then the direct
-        solution's everywhere, from panels refined near the points.
-
-        Raises
-        ------
-        InvalidInput
-            A point is not finite, stands on a source, or is on or near the surface while the
-            direct solution was not solved for (``estimate=False``).
-        """
-        return self._evaluated(receivers(points, self.sources), total=True)
-
-    def scattered_at(self, points: Points) -> Pressures:
-        """Scattered pressure [Pa] of each excitation: ``at`` less the open-air pressure.
-
-        It is computed from the bodies' monopoles or double layer, so it is accurate at the sources
-        too. It is NaN at a source that touches a body, because its image makes it infinite.
-        ``InvalidInput`` is raised as by ``at``.
-        """
-        points = points_of(points, "points", least=0)
+    def _scattered_at(self, points: Vectors) -> Pressures:
         out = self._evaluated(points, total=False)
         distance, source = nearest_source(points, self.sources, STANDS_ON)
         on = np.flatnonzero(distance < STANDS_ON)
+        # the image of a source that touches a body makes the scattered pressure infinite there
         out[on[self.factors[source[on]] > 1]] = np.nan
         for plane in self.scene.planes:
             images = Monopoles(plane.image(self.sources.positions), self.sources.strengths)
@@ -177,7 +150,7 @@ class BoundaryField(RadiatedField):
     def _evaluated(self, points: Vectors, total: bool) -> Pressures:
         """Total or scattered pressure [Pa]; NaN inside the bodies."""
         located = locate(self.scene, self.surface.nodes, points, self.surface.near_rule)
-        out = np.full((len(points), self._excitations), np.nan, dtype=np.complex128)
+        out = self.nowhere(points)
         near = located.outside & located.near
         # projected points are not in the plane of a picture any more, so cells leave them out
         off = located.outside & ~located.contact
@@ -204,7 +177,7 @@ class BoundaryField(RadiatedField):
 
         Each solution is evaluated at all of them if one of them needs it.
         """
-        out = np.full((len(off), self._excitations), np.nan, dtype=np.complex128)
+        out = self.nowhere(located.points)
         points = located.points[off]
         near = located.near[off]
         direct = self._served_by_both | (self.density is None)
@@ -226,7 +199,7 @@ class BoundaryField(RadiatedField):
     def _served_by_both(self) -> Bool[np.ndarray, "excitations"]:
         """Excitations whose sources are all away from the surface, if both equations are solved."""
         if self.pressure is None:
-            return np.zeros(self._excitations, dtype=bool)
+            return np.zeros(self.excitations, dtype=bool)
         nodes = self.surface.nodes
         near = near_surface(nodes, self.sources.positions, self.surface.near_rule.reach)
         return ~(self.sources.strengths[near] != 0).any(axis=0)
@@ -252,7 +225,7 @@ class BoundaryField(RadiatedField):
     ) -> tuple[Float64[np.ndarray, "excitations"], Float64[np.ndarray, "points"]]:
         """Relative error of each excitation, and the largest contribution of each point."""
         if self.pressure is None or self.density is None:
-            return np.full(self._excitations, np.nan), np.full(len(points), np.nan)
+            return np.full(self.excitations, np.nan), np.full(len(points), np.nan)
         points = self._lifted(points)
         # their difference shows the errors that they do not share
         transposed = self.transposed.at(points)
@@ -306,18 +279,13 @@ class BoundaryField(RadiatedField):
             warnings=warnings,
         )
 
-    def velocity(self, points: Points) -> Gradients:
-        """Particle velocity [m/s] of each excitation; NaN inside the bodies.
-
-        On the surface it is the tangential gradient of the direct solution (at accuracy 0.01 it was
-        1.5 % off on a sphere of 10 mm, 6 % on one of 6 mm) and, along the normal, the pressure over
-        the impedance. Near the surface it is the difference of the direct solution's pressure;
-        within 1/60 of a wavelength both are blended. Elsewhere it is the gradient of the transposed
-        solution in closed form. ``InvalidInput`` is raised as by ``at``.
-        """
-        points = receivers(points, self.sources)
+    def _velocity(self, points: Vectors) -> Gradients:
+        # On the surface it is the tangential gradient of the direct solution and, along the normal,
+        # the pressure over the impedance. Near the surface it is the difference of the direct
+        # solution's pressure; within 1/60 of a wavelength both are blended. Elsewhere it is the
+        # gradient of the transposed solution in closed form.
         located = locate(self.scene, self.surface.nodes, points, self.surface.near_rule)
-        gradient = np.full((len(points), 3, self._excitations), np.nan, dtype=np.complex128)
+        gradient = np.full((len(points), 3, self.excitations), np.nan, dtype=np.complex128)
         between = located.outside & located.near
         away = located.outside & ~located.near
         close, gradient_close = self._gradient_at_surface(points, np.flatnonzero(located.outside))
@@ -335,7 +303,7 @@ class BoundaryField(RadiatedField):
     def _gradient_near(self, points: Points) -> Gradients:
         """∇p by differences [Pa/m], at points near the surface and outside it."""
         if not len(points):
-            return np.empty((0, 3, self._excitations), dtype=np.complex128)
+            return np.empty((0, 3, self.excitations), dtype=np.complex128)
         step = np.minimum(DIFFERENCE * self.scene.wavelength, 0.4 * -self.scene.depth(points))
         return differences(self.direct.near, points, step)
 
@@ -351,7 +319,7 @@ class BoundaryField(RadiatedField):
         contacts = find_contacts(nodes, points[outside], least)
         target = outside[contacts.target]
         if not len(target):
-            return target, np.empty((0, 3, self._excitations), dtype=np.complex128)
+            return target, np.empty((0, 3, self.excitations), dtype=np.complex128)
         panel = contacts.panel
         feet, normals = points_at(nodes.quadratic_triangles[panel], contacts.reference)
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)

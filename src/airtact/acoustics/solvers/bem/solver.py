@@ -206,10 +206,6 @@ class BoundaryElement(Solver):
         """Nodes per λ² of surface: the error falls as the third power of the panel edge."""
         return 34.0 * (0.01 / self.accuracy) ** (2 / 3)
 
-    def reporting(self, progress: Progress | None) -> "BoundaryElement":
-        """Return the solver with a callback that gets the words of each step as it begins."""
-        return self if progress is None else replace(self, progress=progress)
-
     def unknowns(self, scene: Scene, sources: Monopoles) -> int:
         """Count the nodes (unknowns) of a solve, from its panels alone."""
         return 6 * len(self._panels(scene, sources.refined_positions).quadratic_triangles)
@@ -264,7 +260,7 @@ class BoundaryElement(Solver):
             estimated_error=around.report.estimated_error,
             warnings=(*with_boards.report.warnings, NOT_ESTIMATED, *around.report.warnings),
         )
-        return BoardField(rest, sources, boards, around, reach_of(with_boards), report)
+        return BoardField(rest, sources, report, boards, around, reach_of(with_boards))
 
     def _radiate(
         self,
@@ -349,13 +345,13 @@ class BoundaryElement(Solver):
         solved_field = BoundaryField(
             scene,
             sources,
+            report,
             surface_with_images(surface, scene.planes),
             pressure=values.get("direct"),
             density=values.get("transposed"),
             factors=factors,
             accuracy=self.accuracy,
             wanted=self.wanted,
-            report=report,
         )
         if len(equations) == 1:
             return solved_field

@@ -11,28 +11,28 @@ import numpy as np
 from jaxtyping import Bool
 
 from airtact.acoustics.scene import CONTACT, Scene
-from airtact.acoustics.solvers.arrays import Gradients, Mask, Points, Pressures
+from airtact.acoustics.solvers.arrays import Gradients, Mask, Points, Pressures, Vectors
 from airtact.acoustics.solvers.fem.solution import PointSources, Solution, solve
 from airtact.acoustics.solvers.fem.symmetry import TOLERANCE, images
 from airtact.acoustics.solvers.fem.system import System
 from airtact.acoustics.solvers.problem import (
     DIFFERENCE,
     RadiatedField,
-    SolveReport,
     SurfaceField,
-    receivers,
 )
 from airtact.acoustics.solvers.velocity import differences, velocity_of
 from airtact.acoustics.sources import STANDS_ON, Monopoles, nearest_source
-from airtact.checks import in_mm, points_of
+from airtact.checks import in_mm
 
 # Distance from a filled body up to which a source is a point load for its own surroundings too [λ]
 TOUCHING = 0.04
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FiniteField(RadiatedField):
-    """The field of some monopoles, as ``FiniteElement`` solved it.
+    """The field of some monopoles, as ``FiniteElement`` solved it; valid in a meshed workspace only.
+
+    A source within 0.04 wavelengths of a filled body touches it.
 
     Attributes
     ----------
@@ -41,13 +41,8 @@ class FiniteField(RadiatedField):
     workspace : whether the whole workspace is meshed and read off the mesh, as the paper does.
     """
 
-    scene: Scene
-    sources: Monopoles
     from_afar: Solution
-    report: SolveReport
     workspace: bool = False
-
-    __repr__ = RadiatedField.__repr__
 
     @property
     def system(self) -> System:
@@ -114,12 +109,7 @@ class FiniteField(RadiatedField):
                 mirrored.append(PointSources(image, source.strengths))
         return mirrored
 
-    def valid(self, points: Points) -> Mask:
-        """Whether points (P, 3) [m] lie outside the bodies, on them or in a filled one.
-
-        Where a workspace is meshed, valid points lie in it.
-        """
-        points = points_of(points, "points", least=0)
+    def _valid(self, points: Vectors) -> Mask:
         valid = np.ones(len(points), dtype=np.bool_)
         if self.workspace:
             length = self.scene.wavelength
@@ -130,10 +120,8 @@ class FiniteField(RadiatedField):
                 valid &= obstacle.surface.depth(points) <= CONTACT
         return valid
 
-    def at(self, points: Points) -> Pressures:
-        """Total pressure [Pa] at points (P, 3) [m], as ``RadiatedField.at``."""
-        points = receivers(points, self.sources)
-        pressure = self._unknown(points)
+    def _at(self, points: Vectors) -> Pressures:
+        pressure = self.nowhere(points)
         close, away = self._close_and_away(points)
         length = self.scene.wavelength
         if close.any():
@@ -142,13 +130,8 @@ class FiniteField(RadiatedField):
             pressure[away] = self._total_away(points[away])
         return pressure
 
-    def scattered_at(self, points: Points) -> Pressures:
-        """Scattered pressure [Pa] at points (P, 3) [m], as ``RadiatedField.scattered_at``.
-
-        A source within 0.04 wavelengths of a filled body touches it.
-        """
-        points = points_of(points, "points", least=0)
-        pressure = self._unknown(points)
+    def _scattered_at(self, points: Vectors) -> Pressures:
+        pressure = self.nowhere(points)
         close, away = self._close_and_away(points)
         if away.any():
             pressure[away] = self._scattered_away(points[away])
@@ -166,19 +149,13 @@ class FiniteField(RadiatedField):
         pressure[on_source[touching[source[on_source]]]] = np.nan
         return pressure
 
-    def velocity(self, points: Points) -> Gradients:
-        """Particle velocity [m/s] at points (P, 3) [m], as ``RadiatedField.velocity``.
-
-        Beside the bodies, on their surfaces and in them it is the gradient of the finite elements:
-        along the surface where that is sound-hard, and on either side of a filled body's. Elsewhere
-        the surface integral is differentiated.
-        """
-        points = receivers(points, self.sources)
+    def _velocity(self, points: Vectors) -> Gradients:
+        # Beside the bodies, on their surfaces and in them it is the gradient of the finite
+        # elements: along the surface where that is sound-hard, and on either side of a filled
+        # body's. Elsewhere the surface integral is differentiated.
         close, away = self._close_and_away(points)
         length = self.scene.wavelength
-        gradients = np.full(
-            (len(points), 3, self.sources.strengths.shape[1]), np.nan, dtype=np.complex128
-        )
+        gradients = np.full((len(points), 3, self.excitations), np.nan, dtype=np.complex128)
         density = np.full(len(points), self.scene.medium.density)
         if close.any():
             gradients[close], density[close] = self.from_nearby.gradients(points[close] / length)
@@ -192,12 +169,9 @@ class FiniteField(RadiatedField):
             gradients[away] = differences(partial(self._total_away, fine=True), points[away], step)
         return velocity_of(gradients, self.scene.frequency, density)
 
-    def _unknown(self, points: Points) -> Pressures:
-        return np.full((len(points), self.sources.strengths.shape[1]), np.nan, dtype=np.complex128)
-
     def _close_and_away(self, points: Points) -> tuple[Mask, Mask]:
         """Find valid points beside the bodies or in a meshed workspace, and other valid ones."""
-        valid = self.valid(points)
+        valid = self._valid(points)
         near = self.workspace | beside(self.scene, points)
         return valid & near, valid & ~near
 

@@ -86,8 +86,7 @@ class Solution:
         folded, image = self.system.folded(points)
         number, weights = self.system.holding(folded)
         mapped = self.system.mesh_points(number, weights)
-        excitations = self.outer.strengths.shape[1]
-        gradients = np.zeros((len(points), 3, excitations), dtype=np.complex128)
+        gradients = np.zeros((len(points), 3, self.outer.strengths.shape[1]), dtype=np.complex128)
         for sign, column, function in self._functions(image):
             gradient = np.asarray(ngsolve.grad(function)(mapped)).reshape(-1, 3)
             gradients[:, :, column] += sign[:, None] * gradient

@@ -131,10 +131,6 @@ class FiniteElement(Solver):
         between(accuracy, 1e-3, 0.3, "accuracy", "", "0.01 is 1 %.")
         return cls(order=4 if accuracy >= 0.03 else 5 if accuracy >= 0.005 else 6)
 
-    def reporting(self, progress: Progress | None) -> "FiniteElement":
-        """Return the solver with a callback that gets the words of each step as it begins."""
-        return self if progress is None else replace(self, progress=progress)
-
     def radiate(self, scene: Scene, sources: Monopoles) -> FiniteField:
         """Solve the scene for monopoles outside the bodies or on their surface.
 
@@ -292,7 +288,7 @@ class FactorisedScene(Solver):
             warnings=touching_warnings(scene, sources),
         )
         fields = [
-            FiniteField(scene, sources, solution, report, workspace) for solution in solutions
+            FiniteField(scene, sources, report, solution, workspace) for solution in solutions
         ]
         if len(fields) == 1:
             return fields[0]

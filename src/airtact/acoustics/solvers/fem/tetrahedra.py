@@ -57,8 +57,7 @@ class Tetrahedra:
         smallest = np.full(len(every), np.inf)
         for sample in samples:
             weights = np.broadcast_to(sample, (len(every), 4))
-            volume = np.linalg.det(self.jacobians(every, weights))
-            smallest = np.minimum(smallest, volume / flat)
+            smallest = np.minimum(smallest, np.linalg.det(self.jacobians(every, weights)) / flat)
         return float(smallest.min()), int(smallest.argmin())
 
     def holding(self, points: Points) -> tuple[Indices, Barycentric]:

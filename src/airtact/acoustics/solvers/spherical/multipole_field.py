@@ -36,10 +36,9 @@ from airtact.acoustics.solvers.arrays import (
 from airtact.acoustics.solvers.chebyshev import chebyshev_weights
 from airtact.acoustics.solvers.memory import available_memory
 from airtact.acoustics.solvers.monopoles import monopole_pressure
-from airtact.acoustics.solvers.problem import RadiatedField, SolveReport, SurfaceField, receivers
+from airtact.acoustics.solvers.problem import RadiatedField, SurfaceField
 from airtact.acoustics.solvers.spherical.radial_functions import outgoing_shapes
-from airtact.acoustics.sources import Monopoles
-from airtact.checks import of_kind, points_of
+from airtact.checks import of_kind
 from airtact.errors import InvalidInput
 from airtact.printing import in_short
 from airtact.timing import Clock, Progress
@@ -95,11 +94,12 @@ class InterpolationSpheres:
         return slow * (self.radius / distance * phase)[:, None]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class MultipoleField(RadiatedField):
     """A solved field whose scattered part is a multipole expansion.
 
-    ``multipole_expansion`` makes it.
+    ``multipole_expansion`` makes it. Nearer to the bodies than the smallest sphere, and for the
+    velocity, it is the field as it was solved.
 
     Attributes
     ----------
@@ -109,14 +109,9 @@ class MultipoleField(RadiatedField):
     errors : (S,) relative error of each excitation, of the solution and the expansion together.
     """
 
-    scene: Scene
-    sources: Monopoles
     solved: RadiatedField
     spheres: InterpolationSpheres
-    report: SolveReport
     errors: Float64[np.ndarray, "excitations"]
-
-    __repr__ = RadiatedField.__repr__
 
     @property
     def on_surface(self) -> SurfaceField:
@@ -128,45 +123,30 @@ class MultipoleField(RadiatedField):
         """Centre and radius of the ball around the bodies [m]."""
         return self.spheres.centre, self.spheres.radius - MARGIN * self.scene.wavelength
 
-    def valid(self, points: Points) -> Mask:
-        """Whether the field exists at points (P, 3) [m]."""
-        points = points_of(points, "points", least=0)
+    def _valid(self, points: Vectors) -> Mask:
         valid = self._expanded(points)
         valid[~valid] = self.solved.valid(points[~valid])
         return valid
 
-    def at(self, points: Points) -> Pressures:
-        """Total pressure [Pa] at points (P, 3).
-
-        It is from the expansion, or as it was solved nearer to the bodies.
-        """
-        points = receivers(points, self.sources)
+    def _at(self, points: Vectors) -> Pressures:
         away = self._expanded(points)
         if away.all():
             return self._away(points)
-        out = np.empty((len(points), self.sources.strengths.shape[1]), dtype=np.complex128)
+        out = self.nowhere(points)
         out[away] = self._away(points[away])
         out[~away] = self.solved.at(points[~away])
         return out
 
-    def scattered_at(self, points: Points) -> Pressures:
-        """Scattered pressure [Pa] at points (P, 3), also at the sources.
-
-        It is from the expansion, or as it was solved nearer to the bodies.
-
-        Before a plane it is as solved everywhere.
-        """
-        points = points_of(points, "points", least=0)
-        if self.scene.planes:
+    def _scattered_at(self, points: Vectors) -> Pressures:
+        if self.scene.planes:  # the expansion leaves out the images of the sources
             return self.solved.scattered_at(points)
         away = self._expanded(points)
-        out = np.empty((len(points), self.sources.strengths.shape[1]), dtype=np.complex128)
+        out = self.nowhere(points)
         out[away] = self.spheres.at(points[away] - self.spheres.centre, self.scene.wavenumber)
         out[~away] = self.solved.scattered_at(points[~away])
         return out
 
-    def velocity(self, points: Points) -> Gradients:
-        """Particle velocity [m/s] at points (P, 3), as it was solved: no faster than there."""
+    def _velocity(self, points: Vectors) -> Gradients:
         return self.solved.velocity(points)
 
     def error_at(self, points: Points) -> Float64[np.ndarray, "excitations"]:
@@ -259,8 +239,8 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
     with clock.step("expansion", "comparing it with the field"):
         points = _test_points(spheres)
         points = points[before_planes(scene.planes, points)]
-        no_errors = np.zeros(field.sources.strengths.shape[1])
-        expanded = MultipoleField(scene, field.sources, field, spheres, field.report, no_errors)
+        no_errors = np.zeros(field.excitations)
+        expanded = MultipoleField(scene, field.sources, field.report, field, spheres, no_errors)
         exact = field.at(points)
         size = np.linalg.norm(exact, axis=0)
         errors = np.linalg.norm(expanded.at(points) - exact, axis=0) / np.where(size > 0, size, 1)

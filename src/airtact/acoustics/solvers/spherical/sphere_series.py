@@ -26,12 +26,10 @@ from airtact.acoustics.solvers.problem import (
     Solver,
     SolveReport,
     SurfaceField,
-    receivers,
 )
 from airtact.acoustics.solvers.spherical.modes import ACCURACY, SphereModes
 from airtact.acoustics.solvers.velocity import open_air_gradient, velocity_of
 from airtact.acoustics.sources import STANDS_ON, Monopoles, nearest_source
-from airtact.checks import points_of
 from airtact.errors import InvalidInput
 from airtact.geometry.primitives import Capsule
 from airtact.timing import Clock
@@ -62,20 +60,17 @@ class _Block:
     versine: Pairs
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SphereField(RadiatedField):
     """The field of monopoles around one sphere, and inside it if it is filled.
 
-    ``centre`` is the sphere's [m].
+    It is right to 1e-8 of the open-air pressures. ``NotConverged`` is raised at a point within
+    micrometres of a source that touches the surface, and by ``velocity`` where a point and a source
+    are both within about 0.3 % of the radius from the surface. ``centre`` is the sphere's [m].
     """
 
-    scene: Scene
-    sources: Monopoles
     modes: SphereModes
     centre: Float64[np.ndarray, "3"]
-    report: SolveReport
-
-    __repr__ = RadiatedField.__repr__
 
     @property
     def on_surface(self) -> SurfaceField:
@@ -91,28 +86,13 @@ class SphereField(RadiatedField):
         points = self.centre + self.modes.radius * normals
         return SurfaceField(points, normals, areas, self.at(points))
 
-    def valid(self, points: Points) -> Mask:
-        """Whether the field exists at points (P, 3) [m].
-
-        It does not inside a sphere that is hard or has an impedance.
-        """
-        points = points_of(points, "points", least=0)
+    def _valid(self, points: Vectors) -> Mask:
         if self.modes.inner_wavenumber is not None:
             return np.ones(len(points), dtype=np.bool_)
         return ~self._inside(points)
 
-    def at(self, points: Points) -> Pressures:
-        """Total pressure [Pa] at points (P, 3) [m], as ``RadiatedField.at``.
-
-        It is right to 1e-8 of the open-air pressures.
-
-        Raises
-        ------
-        NotConverged
-            If a point lies within micrometres of a source that touches the surface.
-        """
-        points = receivers(points, self.sources)
-        pressure = np.full((len(points), self.sources.strengths.shape[1]), np.nan + 0j)
+    def _at(self, points: Vectors) -> Pressures:
+        pressure = self.nowhere(points)
         inside = self._inside(points)
         outside = np.flatnonzero(~inside)
         pressure[outside] = open_air_pressure(points[outside], self.sources, self.scene.wavenumber)
@@ -121,13 +101,8 @@ class SphereField(RadiatedField):
             pressure[inside] = self._scattered(points[inside], inside=True)
         return pressure
 
-    def scattered_at(self, points: Points) -> Pressures:
-        """Scattered pressure [Pa] at points (P, 3) [m], the series itself.
-
-        Errors as of ``at``, but for sources.
-        """
-        points = points_of(points, "points", least=0)
-        pressure = np.full((len(points), self.sources.strengths.shape[1]), np.nan + 0j)
+    def _scattered_at(self, points: Vectors) -> Pressures:
+        pressure = self.nowhere(points)
         inside = self._inside(points)
         on_source = nearest_source(points, self.sources, STANDS_ON)[0] < STANDS_ON
         distance = np.linalg.norm(points - self.centre, axis=1)
@@ -141,16 +116,8 @@ class SphereField(RadiatedField):
             )
         return pressure
 
-    def velocity(self, points: Points) -> Gradients:
-        """Particle velocity [m/s] at points (P, 3) [m], as ``RadiatedField.velocity``.
-
-        Raises
-        ------
-        NotConverged
-            If a point and a source are both within about 0.3 % of the radius from the surface.
-        """
-        points = receivers(points, self.sources)
-        gradient = np.full((len(points), 3, self.sources.strengths.shape[1]), np.nan + 0j)
+    def _velocity(self, points: Vectors) -> Gradients:
+        gradient = np.full((len(points), 3, self.excitations), np.nan + 0j)
         density = np.full(len(points), self.scene.medium.density)
         inside = self._inside(points)
         outside = ~inside
@@ -172,7 +139,7 @@ class SphereField(RadiatedField):
         It is right to ``ACCURACY`` of the open-air pressure; or, ``alone``, of that at the distance
         of the image too, which is finite at the source itself.
         """
-        pressure = np.zeros((len(points), self.sources.strengths.shape[1]), dtype=np.complex128)
+        pressure = np.zeros((len(points), self.excitations), dtype=np.complex128)
         order = np.argsort(KDTree(self.sources.positions).query(points)[0])
         for block in self._blocks(points, inside, order):
             if alone:
@@ -193,7 +160,7 @@ class SphereField(RadiatedField):
 
     def _scattered_gradient(self, points: Points, inside: bool) -> Gradients:
         """Gradient of the series for points on one side of the surface [Pa/m]."""
-        gradient = np.zeros((len(points), 3, self.sources.strengths.shape[1]), dtype=np.complex128)
+        gradient = np.zeros((len(points), 3, self.excitations), dtype=np.complex128)
         for block in self._blocks(points, inside, np.arange(len(points))):
             outward, along = self.modes.gradient(
                 inside, block.radii, block.source_radii, block.versine
@@ -266,7 +233,7 @@ class SphereSeries(Solver):
             settings={"accuracy": ACCURACY, "boundary": obstacle.boundary},
             citations=_CITATIONS,
         )
-        return SphereField(scene, sources, modes, centre, report)
+        return SphereField(scene, sources, report, modes, centre)
 
 
 def _only_sphere(scene: Scene) -> tuple[Obstacle, Capsule]:

@@ -34,10 +34,9 @@ from airtact.acoustics.solvers.problem import (
     Solver,
     SolveReport,
     SurfaceField,
-    receivers,
 )
 from airtact.acoustics.sources import Monopoles
-from airtact.checks import counted, points_of
+from airtact.checks import counted
 from airtact.errors import InvalidInput
 from airtact.geometry.panels import LARGEST_TO_POINT, LONGEST_TO_EQUILATERAL
 from airtact.geometry.pose import Pose
@@ -171,7 +170,7 @@ class Coupling:
         return [slice(begin, end) for begin, end in pairwise([0, *ends])]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FactorisedField(RadiatedField):
     """The field of some monopoles around factorised bodies, known away from their surfaces only.
 
@@ -181,14 +180,9 @@ class FactorisedField(RadiatedField):
     factors : 1 for sources off the surface, 2 for those on it, which radiate with their image.
     """
 
-    scene: Scene
-    sources: Monopoles
     placed: tuple[PlacedBody, ...]
     densities: Complex128[np.ndarray, "rows excitations"]
     factors: Float64[np.ndarray, "sources"]
-    report: SolveReport
-
-    __repr__ = RadiatedField.__repr__
 
     @property
     def on_surface(self) -> SurfaceField:
@@ -199,9 +193,8 @@ class FactorisedField(RadiatedField):
             code="not_supported",
         )
 
-    def valid(self, points: Points) -> Mask:
-        """Whether points lie outside the bodies and farther off than the skeletons' reach."""
-        points = points_of(points, "points", least=0)
+    def _valid(self, points: Vectors) -> Mask:
+        # outside the bodies, and farther off than the skeletons' reach
         if all(body.clear_of(points, body.reduced.reach) for body in self.placed):
             return np.ones(len(points), dtype=bool)
         valid = ~np.any([body.reaches(points) for body in self.placed], axis=0)
@@ -209,25 +202,20 @@ class FactorisedField(RadiatedField):
         valid[within] = self.scene.depth(points[within]) < 0
         return valid
 
-    def at(self, points: Points) -> Pressures:
-        """Total pressure [Pa] of each excitation, off the sources; NaN where ``valid`` is False."""
+    def _at(self, points: Vectors) -> Pressures:
         emitted = self.factors[:, None] * self.sources.strengths
-        return self._pressure(receivers(points, self.sources), self.sources.positions, emitted)
+        return self._pressure(points, self.sources.positions, emitted)
 
-    def scattered_at(self, points: Points) -> Pressures:
-        """Scattered pressure [Pa], also at the sources; NaN where ``valid`` is False."""
+    def _scattered_at(self, points: Vectors) -> Pressures:
+        # a source on a surface has an image there, which scatters
         image = self.factors > 1
-        return self._pressure(
-            points_of(points, "points", least=0),
-            self.sources.positions[image],
-            self.sources.strengths[image],
-        )
+        return self._pressure(points, self.sources.positions[image], self.sources.strengths[image])
 
     def _pressure(
         self, points: Vectors, positions: SourcePoints, strengths: Strengths
     ) -> Pressures:
         """Pressure [Pa] of the skeletons and of some monopoles in open air."""
-        valid = self.valid(points)
+        valid = self._valid(points)
         inside = points if valid.all() else points[valid]
         wavenumber = self.scene.wavenumber
         precision = self.placed[0].reduced.surface.precision
@@ -236,7 +224,7 @@ class FactorisedField(RadiatedField):
         pressure += monopole_pressure(inside, scattering, densities, wavenumber, precision)
         if valid.all():
             return pressure
-        out = np.full((len(points), pressure.shape[1]), np.nan, dtype=np.complex128)
+        out = self.nowhere(points)
         out[valid] = pressure
         return out
 
@@ -334,7 +322,7 @@ class FactorisedBodies(Solver):
             warnings=(*self.report.warnings, *self._coarse(placed, sources)),
         )
         return FactorisedField(
-            scene, sources, placed, result.solution.T.astype(np.complex128), factors, report
+            scene, sources, report, placed, result.solution.T.astype(np.complex128), factors
         )
 
     def _coarse(self, placed: Sequence[PlacedBody], sources: Monopoles) -> Iterator[str]:

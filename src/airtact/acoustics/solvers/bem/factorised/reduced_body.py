@@ -185,8 +185,7 @@ def _error_check(
     nodes = surface.nodes
     sources = np.arange(0, len(proxies), -(-len(proxies) // 64))
     beside = np.arange(0, len(nodes.points), -(-len(nodes.points) // 64))
-    receivers = proxies[sources - len(proxies) // 2]
-    radiated = _direct_sides(surface, receivers, np.eye(len(sources)))
+    radiated = _direct_sides(surface, proxies[sources - len(proxies) // 2], np.eye(len(sources)))
     # 0.06 λ over the surface: half a millimetre at 40 kHz in air
     height = 0.06 * 2 * np.pi / surface.wavenumber.real
     close = nodes.points[beside] + height * nodes.normals[beside]
