@@ -71,6 +71,7 @@ def text(
     font.load_default_font("futural")
     font.normalize_rendering(1.0)  # otherwise y would run down
     strokes = [np.array(stroke, dtype=np.float64) for stroke in font.strokes_for_text(words)]
+    # The height of the font's own capitals differs from font to font.
     capital = np.concatenate([np.array(stroke) for stroke in font.strokes_for_text("H")])
     scale = positive(height, "the height of a letter", "m") / float(np.ptp(capital[:, 1]))
     strokes = [stroke * scale for stroke in strokes]
@@ -114,6 +115,7 @@ def svg_path(
         _check_curves(_numbers_in(source) + _letters_in(source), name)
     strokes = _strokes_of(drawing, name)
     corners = np.concatenate([np.empty((0, 2)), *strokes])
+    # Written as `not ... <=`, which NaN does not pass either.
     farthest = np.abs(corners).max(initial=0.0)
     if not farthest <= LARGEST_NUMBER:
         raise InvalidInput(
@@ -121,6 +123,7 @@ def svg_path(
             code="out_of_range",
         )
     extent = np.ptp(corners, axis=0) if len(corners) else np.zeros(2)
+    # An upright line has no width.
     size = extent[0] if extent[0] > 0.0 else extent[1]
     if size < SMALLEST_NUMBER:
         raise InvalidInput(f"{name} holds no lines longer than 0.", code="empty")
@@ -171,6 +174,7 @@ def _checked_drawing(drawing: bytes, name: str) -> bytes:
         root = ElementTree.fromstring(drawing)
     except (ElementTree.ParseError, ValueError, LookupError) as error:
         raise InvalidInput(f"{name} is not SVG: {error}.", code="file_unreadable") from None
+    # An element that is used a thousand times is read as a thousand elements.
     by_id = {element.attrib.get("id"): element for element in root.iter()}
     counts: dict[ElementTree.Element, int] = {}
 
@@ -192,6 +196,8 @@ def _checked_drawing(drawing: bytes, name: str) -> bytes:
             inside = list(element)
             if element.tag.rpartition("}")[2] == "use" and link[1:] in by_id:
                 inside.append(by_id[link[1:]])
+            # An element costs the reader about as much as one curve of six numbers, even if it is
+            # empty.
             total = 6 + sum(_numbers_in(value) for value in attributes.values())
             total += _letters_in(attributes.get("d", ""))
             counts[element] = total + sum(count(part, level + 1) for part in inside)
@@ -251,6 +257,7 @@ def _along(corners: Float64[np.ndarray, "corners 3"], spacing: float) -> Points:
     corners = corners[np.append(True, moving)]
     steps = steps[moving]
     lengths = lengths[moving]
+    # Corners would be rounded off where points are spaced evenly over the whole stroke.
     cosine = np.einsum("ij,ij->i", steps[1:], steps[:-1]) / (lengths[1:] * lengths[:-1])
     sharp = 1 + np.flatnonzero(cosine < 0.5)  # the stroke bends by more than 60 degrees
     points = []

@@ -46,6 +46,7 @@ def packed(field: RadiatedField, key: str) -> bytes:
         for index, array in enumerate(arrays):
             file[f"arrays/{index}"] = array
     content = stream.getvalue()
+    # HDF5 leaves its user block to others, so the checksum needs no second file.
     return _user_block(content) + content[USER_BLOCK:]
 
 
@@ -84,6 +85,7 @@ def save(path: Path, content: bytes) -> None:
             stream.write(content)
             stream.flush()
             os.fsync(stream.fileno())
+        # Renaming is atomic: readers find the old file or the whole new one.
         os.replace(partial, path)
         if hasattr(os, "O_DIRECTORY"):  # Windows opens no folder
             folder = os.open(path.parent, os.O_RDONLY)
@@ -111,6 +113,7 @@ def _to_tree(value: object, arrays: list[np.ndarray], references: Mapping[int, s
     if isinstance(value, complex):
         return {"complex": [value.real, value.imag]}
     if isinstance(value, np.ndarray) and value.dtype.kind in "biufc":
+        # JSON has no arrays: each becomes a dataset, and the tree its number.
         arrays.append(value)
         return {"array": len(arrays) - 1}
     if isinstance(value, tuple):
@@ -151,6 +154,7 @@ def _from_tree(tree: Any, arrays: list[np.ndarray], references: Mapping[str, obj
         case {"module": str(module), "class": name, "fields": table} if module.startswith(
             "airtact."
         ):
+            # Only dataclasses of airtact are made again, whatever the file names.
             kind = getattr(importlib.import_module(module), name)
             if isinstance(kind, type) and is_dataclass(kind):
                 return kind(**restored(table))

@@ -183,6 +183,7 @@ class Scene:
         self._check_units()
         for obstacle in self.obstacles:
             check_surface(obstacle.surface)
+        # Boards of one array may touch each other.
         check_apart([obstacle.surface for obstacle in self.obstacles if not obstacle.board])
         _check_off_boards(self.obstacles)
         surfaces = [obstacle.surface for obstacle in self.obstacles]
@@ -199,6 +200,7 @@ class Scene:
                 code="out_of_range",
             )
         for index, obstacle in enumerate(self.obstacles):
+            # One vertex shows it: a body in millimetres is far beyond this.
             distance = math.hypot(*obstacle.surface.vertices[obstacle.surface.triangles[0, 0]])
             if distance > 10.0:
                 raise InvalidInput(
@@ -263,6 +265,7 @@ def _check_off_boards(obstacles: Sequence[Obstacle]) -> None:
         for board in boards:
             if obstacle.board:
                 continue
+            # Less rounding, so that a body at this very distance passes.
             contact = approach(obstacle.surface, board.surface, NEAREST * (1.0 - 1e-9))
             if contact is not None:
                 gap = "cuts into"

@@ -97,6 +97,7 @@ def nearest_source(
     columns = np.ascontiguousarray(points.T)  # many times quicker than a minimum over three columns
     low = columns.min(axis=1, initial=np.inf) - within
     high = columns.max(axis=1, initial=-np.inf) + within
+    # Most points are far from all sources; the box around them leaves few sources to look at.
     inside = np.flatnonzero(((sources.positions >= low) & (sources.positions <= high)).all(axis=1))
     if not len(inside) or not len(points):
         return np.full(len(points), np.inf), np.zeros(len(points), dtype=np.int64)

@@ -57,6 +57,7 @@ def name_of(*values: object) -> str:
 def program(package: Path = Path(errors.__file__).parent) -> str:
     """Version of airtact and a digest of its Python files and compiled kernels."""
     digest = hashlib.blake2b(digest_size=20)
+    # A change of the program may change its numbers, so fields of another one are not found.
     for file in [*sorted(package.rglob("*.py")), Path(str(_kernels.__file__))]:
         digest.update(file.name.encode() + hashlib.blake2b(file.read_bytes()).digest())
     return f"airtact {version('airtact')} {digest.hexdigest()}"
@@ -64,6 +65,7 @@ def program(package: Path = Path(errors.__file__).parent) -> str:
 
 def _feed(update: Callable[[bytes], None], value: object) -> None:
     """Feed kind, length and bytes of a value to a digest, unambiguously."""
+    # Kind and length go first, so that different values never feed the same bytes.
     kind = type(value)
     if isinstance(value, np.ndarray) and value.dtype.kind in "biufc":
         update(f"array {value.dtype.str} {value.shape} ".encode())
@@ -174,6 +176,7 @@ class Stored(Solver):
             if fault:
                 field = _with_warning(field, fault)
         self._memory[key] = field
+        # The latest few are enough, and a field takes megabytes.
         while len(self._memory) > 8:
             self._memory.popitem(last=False)
         return field
@@ -229,6 +232,7 @@ class Stored(Solver):
                     entries.append((state.st_mtime_ns, state.st_size, path))
                 elif path.suffix == ".partial" and time.time() - state.st_mtime > ABANDONED_AFTER:
                     path.unlink()
+        # The time of last use was recorded by _from_folder.
         total = sum(size for _, size, _ in entries)
         for _, size, path in sorted(entries):
             if total <= self.most_bytes:

@@ -144,14 +144,16 @@ class Target:
         elif shares is not None:
             wanted = _per_focus(shares, len(foci), "target share", "")
         magnitudes = None if wanted is None else fixed(np.abs(wanted))
-        phases = None
-        if wanted is not None and np.iscomplexobj(wanted):
-            phases = fixed(np.angle(wanted))
-        object.__setattr__(self, "points", foci)
-        object.__setattr__(self, "suppression_points", suppressed)
-        object.__setattr__(self, "pressures", None if pressures is None else magnitudes)
-        object.__setattr__(self, "shares", None if shares is None else magnitudes)
-        object.__setattr__(self, "phases", phases)
+        values = {
+            "points": foci,
+            "suppression_points": suppressed,
+            "pressures": None if pressures is None else magnitudes,
+            "shares": None if shares is None else magnitudes,
+            # real numbers leave the phases to the method
+            "phases": fixed(np.angle(wanted)) if np.iscomplexobj(wanted) else None,
+        }
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
 
     @property
     def weights(self) -> Float64[np.ndarray, "foci"]:
@@ -175,6 +177,7 @@ class Target:
         ----------
         suppression : whether the suppression points follow as further beacons, (F + Q, F + Q).
         """
+        # Each beacon is an excitation of its own: its field is one row of the transfer matrix.
         points = self.points
         if suppression:
             points = np.concatenate([points, self.suppression_points])
@@ -215,6 +218,7 @@ def _check_suppressed_foci(
     foci: Float64[np.ndarray, "foci 3"], suppressed: Float64[np.ndarray, "suppressed 3"]
 ) -> None:
     """Raise where a suppression point is nearer than 1 µm to a focus."""
+    # One pressure cannot be both strong and zero.
     for index, focus in enumerate(foci):
         distance = np.linalg.norm(suppressed - focus, axis=1)
         if len(distance) and distance.min() < 1e-6:

@@ -80,6 +80,7 @@ def polyline(
             "point.",
             code="all_zero",
         )
+    # Rounding must not add a point where the spacing divides the length.
     counts = np.maximum(np.ceil(lengths / spacing - 1e-9), 1.0)
     check_count(counts.sum() + 1.0, spacing)
     parts = [
@@ -151,6 +152,7 @@ def sphere_shell(centre: Vector, radius: float, spacing: float) -> Points:
     check_count(count, spacing)
     index = np.arange(int(count)) + 0.5
     height = 1.0 - 2.0 * index / count
+    # The golden angle never lines points up in meridians.
     azimuth = np.pi * (1.0 + np.sqrt(5.0)) * index
     across = np.sqrt(1.0 - height**2)
     directions = np.stack([across * np.cos(azimuth), across * np.sin(azimuth), height], axis=1)
@@ -180,6 +182,8 @@ def surface_points(
     of_kind(surface, Surface, "the surface", "one Surface, such as pinch().surfaces[0]")
     spacing = positive(spacing, "the spacing", "m")
     check_count(surface.area / (np.sqrt(0.75) * spacing**2), spacing)
+    # Panels much smaller than the spacing cover the surface densely; their centres are thinned
+    # below.
     edge = spacing / 3.0
     panels = panels_of([surface.shape], edge, np.empty((0, 3)), smallest=edge).quadratic_triangles
     centres, normals = points_at(panels, np.full((len(panels), 2), 1.0 / 3.0))
@@ -194,6 +198,7 @@ def surface_points(
             f"{np.asarray(facing).tolist()}.",
             code="empty",
         )
+    # Thinned points are farther apart on average than the least distance that is kept.
     return spaced_apart(surface.shape.project(centres), 0.85 * spacing)
 
 
@@ -225,6 +230,7 @@ def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Po
     offset = between(offset, 0.0, MAX_OFFSET, "the offset", "m", "give metres.")
     projected = surface.shape.project(points_of(points, "points", least=0))
     shifted = projected + offset * outward(surface.depth, projected)
+    # In a crevice the shifted point is nearer to the opposite side.
     short = np.flatnonzero(-surface.depth(shifted) < 0.5 * offset)
     if len(short):
         where = projected[short[0]]
@@ -264,6 +270,7 @@ def frame_of(
             code="all_zero",
         )
     towards = towards / length
+    # Any direction but the normal will do.
     if up is None:
         up = (0.0, 1.0, 0.0) if abs(towards[1]) < 0.9 else (0.0, 0.0, 1.0)
     direction = point_of(up, "the direction up")
@@ -299,6 +306,7 @@ def outward(
     """
     step = 1e-4  # [m]
     shifts = step * np.concatenate([np.eye(3), -np.eye(3)])
+    # Central differences: the depth has no gradient of its own.
     around = depth((points[:, None] + shifts).reshape(-1, 3)).reshape(-1, 6)
     gradients = around[:, 3:] - around[:, :3]
     length = np.linalg.norm(gradients, axis=1, keepdims=True)

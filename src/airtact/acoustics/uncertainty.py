@@ -110,6 +110,7 @@ class Uncertainty:
     @property
     def shift(self) -> float:
         """Standard deviation of a focus along one axis, without rotations [m]."""
+        # The hand is off by its way since the pose was measured.
         late = self.age * np.linalg.norm(self.velocity)
         return float(np.sqrt(self.position**2 + self.own_position**2 + late**2))
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.acoustics.solvers.velocity import differences
+from airtact.acoustics.solvers.open_air import differences
 from faults import raises_code
 from references import relative
 from worlds import directions

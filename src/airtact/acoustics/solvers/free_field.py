@@ -15,6 +15,7 @@ from airtact.acoustics.solvers.arrays import (
     SourcePoints,
     Vectors,
 )
+from airtact.acoustics.solvers.open_air import open_air_gradient, velocity_of
 from airtact.acoustics.solvers.problem import (
     PLANES,
     RadiatedField,
@@ -22,7 +23,6 @@ from airtact.acoustics.solvers.problem import (
     SolveReport,
     SurfaceField,
 )
-from airtact.acoustics.solvers.velocity import open_air_gradient, velocity_of
 from airtact.acoustics.sources import STANDS_ON, Monopoles, nearest_source
 from airtact.checks import counted
 from airtact.errors import InvalidInput

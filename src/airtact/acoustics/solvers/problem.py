@@ -3,7 +3,6 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Self
 
 import numpy as np
 from jaxtyping import Float64
@@ -18,8 +17,7 @@ from airtact.acoustics.solvers.arrays import (
     Pressures,
     Vectors,
 )
-from airtact.acoustics.solvers.monopoles import monopole_pressure
-from airtact.acoustics.solvers.velocity import differences, velocity_of
+from airtact.acoustics.solvers.open_air import differences, monopole_pressure, velocity_of
 from airtact.acoustics.sources import Monopoles, check_off_sources
 from airtact.checks import counted, points_of
 from airtact.printing import html_table, in_short, one_line
@@ -278,7 +276,7 @@ class Solver(ABC):
     def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
         """Solve the scene for the monopoles, for all their excitations at once."""
 
-    def reporting(self, progress: Progress | None) -> Self:
+    def reporting(self, progress: Progress | None) -> "Solver":
         """Return the solver with a callback, such as ``print``, for the words of each step.
 
         Solvers in closed form have no steps and return themselves, as does every solver for None.

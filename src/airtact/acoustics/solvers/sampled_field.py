@@ -97,6 +97,7 @@ class SampledField(RadiatedField):
         try:
             return Delaunay(nodes)
         except QhullError:
+            # The smallest singular value measures how thick the cloud of nodes is.
             spread = np.linalg.svd(nodes - nodes.mean(axis=0), compute_uv=False)[-1]
             raise InvalidInput(
                 f"the {len(nodes)} nodes lie in one plane, to "
@@ -129,6 +130,8 @@ class SampledField(RadiatedField):
         pressure = self._interpolated(points, self._scattered, [centres] * excitations)
         distance, source = nearest_source(points, self.sources, STANDS_ON)
         on_source = np.flatnonzero(distance < STANDS_ON)
+        # The image of a source on a body is at the same place, so the scattered pressure is
+        # infinite.
         touching = self.scene.depth(self.sources.positions[source[on_source]]) > -STANDS_ON
         pressure[on_source[touching]] = np.nan
         return pressure
@@ -140,6 +143,7 @@ class SampledField(RadiatedField):
 
     def _simplices(self, points: Vectors) -> np.ndarray:
         """Tetrahedron of each point, -1 outside the hull."""
+        # A point on the hull counts as inside despite rounding.
         return self._tetrahedra.find_simplex(points, tol=1e-6)
 
     def _interpolated(
@@ -155,6 +159,7 @@ class SampledField(RadiatedField):
         if not len(inside):
             return pressures
         number = number[inside]
+        # Qhull keeps the map from points to the first three barycentric coordinates.
         transforms = self._tetrahedra.transform[number]
         three = np.einsum("pij,pj->pi", transforms[:, :3], points[inside] - transforms[:, 3])
         weights = np.column_stack([three, 1.0 - three.sum(axis=1)])
@@ -164,6 +169,7 @@ class SampledField(RadiatedField):
             at_corners = values[corners, column]
             if len(candidates):
                 centre = candidates[KDTree(candidates).query(nodes.mean(axis=1))[1]]
+                # What is interpolated varies slowly; the wave is put back at the point.
                 at_nodes = np.linalg.norm(nodes - centre[:, None], axis=2)
                 at_point = np.linalg.norm(points[inside] - centre, axis=1)[:, None]
                 phase = self.scene.wavenumber * (at_point - at_nodes)
@@ -297,6 +303,7 @@ def _fits(sampled: SampledField, stretch: float) -> Float64[np.ndarray, "2"]:
             near = (distance <= reach) & (distance > SAME_NODE)
             level = pressures[near, column] * distance[near]
             phase = np.exp(1j * sampled.scene.wavenumber.real * distance[near])
+            # The sum adds up in step only where the phase runs as that of the wave.
             fits += np.abs([np.vdot(phase, level), np.vdot(phase.conj(), level)])
             total += np.abs(level).sum()
     return fits / total if total else fits

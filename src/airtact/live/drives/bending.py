@@ -22,7 +22,7 @@ from airtact import _kernels
 from airtact.acoustics.scene import Scene, sound_hard
 from airtact.acoustics.solvers.bem.solutions import DirectSolution
 from airtact.acoustics.solvers.bem.solver import BoundaryElement
-from airtact.acoustics.solvers.monopoles import monopole_pressure
+from airtact.acoustics.solvers.open_air import monopole_pressure
 from airtact.acoustics.sources import Monopoles
 from airtact.acoustics.target import Target
 from airtact.geometry.mesh.arrays import QuadraticTriangles

@@ -18,7 +18,7 @@ from scipy.ndimage import zoom
 from scipy.spatial import KDTree
 
 from airtact.acoustics.solvers.bem.solutions import DirectSolution
-from airtact.acoustics.solvers.monopoles import monopole_pressure
+from airtact.acoustics.solvers.open_air import monopole_pressure
 from airtact.acoustics.sources import Monopoles
 from airtact.errors import InvalidInput, NotConverged
 from airtact.hands.shape import Hulls

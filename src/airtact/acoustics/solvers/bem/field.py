@@ -32,13 +32,13 @@ from airtact.acoustics.solvers.bem.solutions import (
     surface_gradient,
 )
 from airtact.acoustics.solvers.bem.target_cells import Cells, cells_of
+from airtact.acoustics.solvers.open_air import differences, velocity_of
 from airtact.acoustics.solvers.problem import (
     DIFFERENCE,
     RadiatedField,
     SolveReport,
     SurfaceField,
 )
-from airtact.acoustics.solvers.velocity import differences, velocity_of
 from airtact.acoustics.sources import STANDS_ON, Monopoles, nearest_source
 from airtact.checks import in_mm, points_of
 from airtact.errors import InvalidInput

@@ -40,7 +40,7 @@ from airtact.acoustics.solvers.bem.layer_potentials import (
     project_contacts,
 )
 from airtact.acoustics.solvers.bem.quadrature import Nodes, near_lists, thickness
-from airtact.acoustics.solvers.monopoles import monopole_pressure
+from airtact.acoustics.solvers.open_air import monopole_pressure
 from airtact.acoustics.sources import Monopoles
 from airtact.printing import in_short
 

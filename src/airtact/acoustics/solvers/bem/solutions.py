@@ -26,8 +26,7 @@ from airtact.acoustics.solvers.bem.layer_potentials import double_layer_pressure
 from airtact.acoustics.solvers.bem.operator import DualSurface
 from airtact.acoustics.solvers.bem.quadrature import Nodes, near_lists, place_nodes
 from airtact.acoustics.solvers.bem.target_cells import Cells, monopole_layer
-from airtact.acoustics.solvers.monopoles import monopole_pressure
-from airtact.acoustics.solvers.velocity import open_air_gradient
+from airtact.acoustics.solvers.open_air import monopole_pressure, open_air_gradient
 from airtact.acoustics.sources import Monopoles, nearest_source
 from airtact.geometry.mesh.quadratic_triangles import cut, shape_functions, shape_gradients
 from airtact.printing import in_short

@@ -57,12 +57,15 @@ class Factor(ABC):
         with many_threads():
             for number in range(right.shape[1]):
                 column.FV().NumPy()[:] = right[:, number]
+                # Static condensation: what drives the inside of tetrahedra moves to the unknowns
+                # that they share ...
                 column.data += form.harmonic_extension_trans * column
                 solution[:, number] = column.FV().NumPy()
             shared = self.solve_shared(solution)
             for number in range(right.shape[1]):
                 inner.FV().NumPy()[:] = solution[:, number]
                 column.FV().NumPy()[:] = shared[:, number]
+                # ... and the inside follows from those afterwards.
                 column.data += form.harmonic_extension * column
                 column.data += form.inner_solve * inner
                 solution[:, number] = column.FV().NumPy()
@@ -129,6 +132,7 @@ class Pardiso(Factor):
             (matrix.data.astype(kind), matrix.indptr, matrix.indices),
         )
         self._call(12)
+        # Pardiso's memory is not Python's, so it is released with the object.
         self._release = weakref.finalize(self, self._call, -1)
 
     def solve_shared(self, right: Coefficients) -> Coefficients:
@@ -161,6 +165,7 @@ class Pardiso(Factor):
             scale = np.abs(residual).max() or 1.0
             step = self._solved_once(residual / scale)
             change = np.where(self.free[:, None], self._times(self.form.mat, step), 0)
+            # A change at right angles to all earlier ones never undoes what they gained.
             for earlier, its_change in directions:
                 part = (its_change.conj() * change).sum(axis=0)
                 step = step - part * earlier
@@ -178,6 +183,7 @@ class Pardiso(Factor):
         return solution, worst
 
     def _solved_once(self, right: Coefficients) -> Coefficients:
+        # The unknowns are reversed, as in the matrix.
         columns = np.asfortranarray(right[self.free][::-1], dtype=self._kind)
         solved = np.zeros_like(columns)
         self._call(33, columns, solved)

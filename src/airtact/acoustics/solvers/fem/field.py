@@ -15,12 +15,12 @@ from airtact.acoustics.solvers.arrays import Gradients, Mask, Points, Pressures,
 from airtact.acoustics.solvers.fem.solution import PointSources, Solution, solve
 from airtact.acoustics.solvers.fem.symmetry import TOLERANCE, images
 from airtact.acoustics.solvers.fem.system import System
+from airtact.acoustics.solvers.open_air import differences, velocity_of
 from airtact.acoustics.solvers.problem import (
     DIFFERENCE,
     RadiatedField,
     SurfaceField,
 )
-from airtact.acoustics.solvers.velocity import differences, velocity_of
 from airtact.acoustics.sources import STANDS_ON, Monopoles, nearest_source
 from airtact.checks import in_mm
 
@@ -30,7 +30,7 @@ TOUCHING = 0.04
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FiniteField(RadiatedField):
-    """The field of some monopoles, as ``FiniteElement`` solved it; valid in a meshed workspace only.
+    """The field of some monopoles, as ``FiniteElement`` solved it; valid in the workspace, if meshed.
 
     A source within 0.04 wavelengths of a filled body touches it.
 
@@ -61,6 +61,7 @@ class FiniteField(RadiatedField):
         mirrors = self.system.mirrors
         pressure = np.concatenate(self.from_nearby.at_nodes(nodes)) / length
         points = np.concatenate(images(mirrors, nodes.points)) * length
+        # Mirrors turn normals too, so their tips are mirrored.
         tips = np.concatenate(images(mirrors, nodes.points + nodes.normals)) * length
         areas = np.tile(nodes.areas, 2 ** len(mirrors)) * length**2
         return SurfaceField(points, (tips - points) / length, areas, pressure)
@@ -138,6 +139,8 @@ class FiniteField(RadiatedField):
         if close.any():
             wavenumber = self.system.wavenumber
             scaled = points[close] / self.scene.wavelength
+            # The free field of the images is scattered sound; that of sources on a filled body,
+            # which were loads, is in the finite elements.
             scattered = self._scattering.finite_elements(scaled)
             for image in self._images:
                 scattered += image.pressure(scaled, wavenumber)
@@ -161,6 +164,7 @@ class FiniteField(RadiatedField):
             gradients[close], density[close] = self.from_nearby.gradients(points[close] / length)
             gradients /= length**2
             hard = close & _touching(self.scene, points, ("sound_hard",), CONTACT)
+            # On a hard surface what is left along the normal is error.
             normals = self.system.nearest_on_surface(points[hard] / length)[1]
             along_normal = np.einsum("pd,pds->ps", normals, gradients[hard])
             gradients[hard] -= normals[:, :, None] * along_normal[:, None]

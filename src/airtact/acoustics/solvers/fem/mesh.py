@@ -135,6 +135,7 @@ def _tetrahedra(
     meshing, _ = netgen_libraries()
     vertices, flat, sides = _flat_faces(surface, box, filled, wavelength, size)
     added = surface.vertices / wavelength
+    # Along a cut both meshes have the same vertices, which must be one.
     distance, nearest = KDTree(vertices).query(added)
     same = distance < SAME_POINT
     number = np.where(same, nearest, len(vertices) + np.cumsum(~same) - 1)
@@ -224,6 +225,7 @@ def _flat_faces(
     inside, outside, side, axis = np.array(names, dtype=np.int64)[elements["index"] - 1].T
     corners = vertices[triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    # Netgen turns the faces either way.
     wrong = (normals[np.arange(len(axis)), axis] > 0) != (side == 1)
     triangles[wrong] = triangles[wrong][:, ::-1]
     return vertices, triangles, np.stack([inside, outside, 2 * axis + side], axis=1)
@@ -258,6 +260,7 @@ def _outlines(surface: SurfaceMesh, mirror: Mirror) -> list[Int64[np.ndarray, "v
     ends = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
     keys = np.sort(ends, axis=1) @ [len(vertices), 1]
     _, inverse, count = np.unique(keys, return_inverse=True, return_counts=True)
+    # The border of the cut surface has one triangle at each edge.
     on_mirror = (vertices[ends][:, :, mirror.axis] == mirror.position).all(axis=1)
     following = dict(ends[(count[inverse] == 1) & on_mirror].tolist())
     chains = []
@@ -285,6 +288,7 @@ def _loop(
     )
     if first & last:
         return chain
+    # Two mirrors cut the body: the outline turns at the line that they share.
     corner = chain[0].copy()
     for other in first | last:
         corner[other.axis] = other.position
@@ -306,6 +310,7 @@ def _curved(mesh: NetgenMesh, surface: SurfaceMesh, wavelength: float) -> Tetrah
     triangles = on_surface[surface.triangles]
     ends = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
     ends = np.sort(ends, axis=1)
+    # An edge is known by its two vertices, written as one number.
     keys, first = np.unique(ends[:, 0] * len(vertices) + ends[:, 1], return_index=True)
     straight = 0.5 * (vertices[ends[first, 0]] + vertices[ends[first, 1]])
     bend = surface.middles.reshape(-1, 3)[first] / wavelength - straight

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Complex128
 
+from airtact import _kernels
 from airtact.acoustics.solvers.arrays import (
     Coefficients,
     Gradients,
@@ -18,11 +19,10 @@ from airtact.acoustics.solvers.arrays import (
     Strengths,
 )
 from airtact.acoustics.solvers.fem.libraries import ngsolve_library
-from airtact.acoustics.solvers.fem.surface_integral import QuadraturePoints, surface_integral
+from airtact.acoustics.solvers.fem.quadrature_points import QuadraturePoints
 from airtact.acoustics.solvers.fem.symmetry import images, parities, signs
 from airtact.acoustics.solvers.fem.system import System
-from airtact.acoustics.solvers.monopoles import monopole_pressure
-from airtact.acoustics.solvers.velocity import open_air_gradient
+from airtact.acoustics.solvers.open_air import monopole_pressure, open_air_gradient
 from airtact.acoustics.sources import Monopoles
 
 
@@ -90,6 +90,7 @@ class Solution:
         for sign, column, function in self._functions(image):
             gradient = np.asarray(ngsolve.grad(function)(mapped)).reshape(-1, 3)
             gradients[:, :, column] += sign[:, None] * gradient
+        # A mirrored point has the mirrored vector.
         gradients *= self.system.axis_signs(image)[:, :, None]
         if len(self.outer.positions):
             waves = Monopoles(self.outer.positions, self.outer.strengths)
@@ -119,6 +120,7 @@ class Solution:
         interior = system.interior
         positions = np.concatenate([surface.points, interior.points])
         normals = np.concatenate([surface.normals, interior.normals])
+        # Kirchhoff and Helmholtz: the solution itself is the test function of L_y.
         w_d, w_s, w_v = system.weights / (4 * np.pi)
         dipole_weights = w_d[surface.body] * surface.areas
         dipole_weights = np.concatenate([dipole_weights, np.zeros(len(interior.body))])[:, None]
@@ -130,7 +132,8 @@ class Solution:
         inside = self.at_nodes(interior)
         for number, image in enumerate(images(system.mirrors, points)):
             pressure = np.concatenate([on_surface[number], inside[number]])
-            scattered += surface_integral(
+            # Σ_j m_j G(x, y_j) + d_j ∂G(x, y_j)/∂n_j with G = e^{ikr}/r
+            scattered += _kernels.surface_integral(
                 image,
                 positions,
                 normals,
@@ -159,6 +162,7 @@ def solve(system: System, outer: PointSources, inner: PointSources) -> Solution:
     every = parities(system.mirrors)
     right = np.zeros((len(every), system.unknowns, outer.strengths.shape[1]), dtype=np.complex128)
     if len(outer.positions):
+        # The part of a source with some parity is its images with that parity's signs.
         for number, positions in enumerate(images(system.mirrors, outer.positions)):
             scattered = system.right_hand_side(positions, outer.strengths)
             for row, parity in enumerate(every):

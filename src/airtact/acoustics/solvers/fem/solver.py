@@ -167,6 +167,8 @@ class FiniteElement(Solver):
         refined = points_of(refined, "points to refine", least=0)
         method = chosen_method(self.factorisation)
         clock = Clock(self.progress)
+        # Each mirror halves the unknowns; sources that are not symmetric take a factor for each
+        # parity.
         mirrors = mirrors_of(scene, None if self.symmetry == "found" else tuple(self.symmetry))
         box = self._box(scene, mirrors)
         check_memory(box, scene.wavelength, self.order, self.elements_per_wavelength, method)
@@ -292,6 +294,7 @@ class FactorisedScene(Solver):
         ]
         if len(fields) == 1:
             return fields[0]
+        # Compared where an array would be: beside the bodies either order is rougher.
         points = surrounding_points(scene, first.surface.points * scene.wavelength)
         coarse, fine = (field.at(points) for field in fields)
         size = np.linalg.norm(fine, axis=0)

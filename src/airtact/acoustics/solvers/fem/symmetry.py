@@ -38,6 +38,7 @@ def mirrors_of(scene: Scene, axes: Sequence[str] | None) -> tuple[Mirror, ...]:
     "does_not_match" where it is not symmetric about one of ``axes``.
     """
     shapes = [obstacle.surface.shape for obstacle in scene.obstacles]
+    # The bodies alone decide: any source is a sum of even and odd parts.
     corners = np.concatenate([shape.extreme_points() for shape in shapes])
     middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
     tolerance = TOLERANCE * scene.wavelength

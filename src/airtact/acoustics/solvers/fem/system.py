@@ -6,11 +6,14 @@ A system has the factorised matrix and makes right-hand sides.
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import factorial
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Complex128, Real, Shaped
+from jaxtyping import Bool, Complex128, Float64, Int64, Real, Shaped
+from scipy.spatial import KDTree
 
+from airtact import _kernels
 from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.arrays import (
     Barycentric,
@@ -32,18 +35,16 @@ from airtact.acoustics.solvers.fem.libraries import (
     ngsolve_library,
 )
 from airtact.acoustics.solvers.fem.mesh import Box
-from airtact.acoustics.solvers.fem.orders import grade_orders
-from airtact.acoustics.solvers.fem.surface_integral import (
+from airtact.acoustics.solvers.fem.quadrature_points import (
     MAX_RULE_ORDER,
     QuadraturePoints,
-    normal_derivative,
     quadrature,
 )
 from airtact.acoustics.solvers.fem.surface_mesh import SurfaceMesh
 from airtact.acoustics.solvers.fem.symmetry import Mirror, images, parities
 from airtact.acoustics.solvers.fem.tetrahedra import EDGES, Tetrahedra
 from airtact.acoustics.solvers.fem.weak_form import boundary_weights, weak_form
-from airtact.acoustics.solvers.monopoles import monopole_pressure
+from airtact.acoustics.solvers.open_air import monopole_pressure
 from airtact.checks import in_mm
 from airtact.errors import InvalidInput
 from airtact.geometry.mesh.panel_tree import PanelTree, panel_tree
@@ -120,6 +121,7 @@ class System:
 
     def factor(self, parity: tuple[int, ...]) -> Factor:
         """Factorised matrix for a parity, made when it is first needed."""
+        # A factor takes most of the time and memory; many sources excite one parity only.
         if parity not in self.factors:
             free = self._free(parity, shared=True)
             self.factors[parity] = factorised(self.form, free, self.order, self.method)
@@ -127,11 +129,12 @@ class System:
 
     def right_hand_side(self, positions: SourcePoints, strengths: Strengths) -> Coefficients:
         """Right-hand side for the pressure that monopoles at positions [λ] scatter."""
+        # L_y(v) of the weak form, summed over the sources y.
         w_d, w_s, w_v = self.weights
         surface = self.surface
         interior = self.interior
         wavenumber = self.wavenumber
-        derivative = normal_derivative(
+        derivative = _kernels.normal_derivative(
             surface.points, surface.normals, positions, strengths, wavenumber
         )
         value = w_d[surface.body, None] * derivative
@@ -156,6 +159,7 @@ class System:
         element = ngsolve.ElementId(ngsolve.VOL, number)
         load = np.zeros(self.unknowns, dtype=np.complex128)
         shape = np.asarray(self.space.GetFE(element).CalcShape(*weights[:3])).ravel()
+        # e^{ikr}/r is 4π times the fundamental solution of the Helmholtz equation.
         load[list(self.space.GetDofNrs(element))] = 4 * np.pi * shape
         return load
 
@@ -169,6 +173,7 @@ class System:
         for mirror in self.mirrors:
             beyond = folded[:, mirror.axis] < mirror.position
             folded[beyond] = mirror.image(folded[beyond])
+            # The bits of the number say at which mirrors, the first one highest, as in `parities`.
             image = 2 * image + beyond
         return folded, image
 
@@ -200,6 +205,7 @@ class System:
         folded, image = self.folded(points)
         panel, reference, _ = self.panels.closest(folded)
         nearest, normals = points_at(self.panels.quadratic_triangles[panel], reference)[:2]
+        # The nearest point of the whole surface is the image of that of the meshed part.
         nearest = np.stack(images(self.mirrors, nearest))[image, np.arange(len(image))]
         normals = normals * self.axis_signs(image)
         return nearest, normals / np.linalg.norm(normals, axis=1, keepdims=True)
@@ -216,6 +222,7 @@ class System:
 
     def mesh_points(self, number: Indices, weights: Barycentric) -> Shaped[np.ndarray, "points"]:
         """Barycentric coordinates in tetrahedra as NGSolve's points."""
+        # All points in one array of NGSolve's records: mapping them one by one from Python is slow.
         points: Any = np.zeros(len(number), dtype=self._mesh_point.dtype)
         points[:] = self._mesh_point
         points["nr"] = number
@@ -257,6 +264,8 @@ def assembled(
             nodes = None if workspace else panels.reshape(-1, 3)
             grade_orders(space, mesh, scene, box, order, graded, nodes)
         equation = weak_form(scene, box, mesh, space)
+        # Static condensation: unknowns inside a tetrahedron are eliminated there, which leaves a
+        # far smaller matrix to factorise.
         form = ngsolve.BilinearForm(equation, symmetric=True, symmetric_storage=True, condense=True)
         form.Assemble()
         return System(
@@ -294,3 +303,88 @@ def _bend(mesh: CurvedMesh, tetrahedra: Tetrahedra) -> None:
             bubble = 4 + int(np.argmax(np.abs(values[4:])))
             bend[:, unknowns[bubble]] = tetrahedra.bends[number, edge] / values[bubble]
     mesh.SetDeformation(deformation)
+
+
+# Orders are at most this much above the one asked for
+MAX_ABOVE = 4
+
+
+# Netgen's tetrahedra are up to three times larger and smaller than asked. With one order everywhere
+# the largest make the error and the smallest the cost; with an order of its own, each contributes
+# equally to both.
+def longest_served(order: int, size: float, ease: float = 1.0) -> Float64[np.ndarray, "orders"]:
+    """Longest edges [λ] that orders 1, 2 ... serve as well as one order serves a given edge.
+
+    A polynomial of order p misses e^{ikx} over an edge h by 2 (kh/4)^(p+1) / (p+1)! (interpolation
+    after Chebyshev). ``order`` serves the edge ``size`` [λ]; ``ease`` is how much more error is
+    allowed.
+    """
+    error = ease * (0.5 * np.pi * size) ** (order + 1) / factorial(order + 1)
+    powers = range(2, order + MAX_ABOVE + 2)
+    return np.array([(error * factorial(n)) ** (1 / n) / (0.5 * np.pi) for n in powers])
+
+
+def grade_orders(
+    space: FiniteSpace,
+    mesh: CurvedMesh,
+    scene: Scene,
+    box: Box,
+    order: int,
+    size: float,
+    surface: Real[np.ndarray, "nodes 3"] | None,
+) -> None:
+    """Give edges, faces and tetrahedra the orders that their lengths ask for.
+
+    ``order`` where an edge is ``size`` [λ].
+
+    ``surface`` are points all over the surfaces [λ]; None where the pressure is read off the mesh
+    far from them too.
+    """
+    ngsolve = ngsolve_library()
+    points = np.array([vertex.point for vertex in mesh.vertices])
+    ends = np.array([[vertex.nr for vertex in edge.vertices] for edge in mesh.edges])
+    lengths = np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1)
+    lengths *= _shortening(scene, mesh)
+    middles = points[ends].mean(axis=1)
+    faces = np.array([[edge.nr for edge in face.edges] for face in mesh.faces])
+    cells = np.array([[edge.nr for edge in cell.edges] for cell in mesh.Elements(ngsolve.VOL)])
+    on_box = 1e-9  # [m] off it the middle of an edge on the box may be
+    air = Box(box.low - on_box, box.high + on_box, box.layer, box.mirrors)
+    near = None if surface is None else KDTree(surface)
+    edges_of = {
+        ngsolve.EDGE: np.arange(len(ends))[:, None],
+        ngsolve.FACE: faces,
+        ngsolve.CELL: cells,
+    }
+    for kind, edges in edges_of.items():
+        longest = lengths[edges].max(axis=1)
+        middle = middles[edges].mean(axis=1)
+        # Little of the error in the layer and far from the surfaces comes back: three times as much
+        # is allowed there.
+        eased = ~air.holds(middle * scene.wavelength)
+        if near is not None:
+            eased |= near.query(middle)[0] > 0.5
+        orders = np.where(
+            eased, _served(longest, order, size, 3.0), _served(longest, order, size, 1.0)
+        )
+        for number in np.flatnonzero(orders != order).tolist():
+            space.SetOrder(ngsolve.NodeId(kind, number), int(orders[number]))
+    space.UpdateDofTables()
+
+
+def _served(
+    lengths: Real[np.ndarray, "nodes"], order: int, size: float, ease: float
+) -> Int64[np.ndarray, "nodes"]:
+    limits = longest_served(order, 1.5 * size, ease)  # Netgen's longest edges
+    return np.clip(1 + np.searchsorted(limits, lengths), min(order, 3), order + MAX_ABOVE)
+
+
+def _shortening(scene: Scene, mesh: CurvedMesh) -> Float64[np.ndarray, "edges"]:
+    """Wavelength in air over the one beside each edge, at least 1."""
+    factors = np.ones(mesh.nedge)
+    for body, obstacle in enumerate(scene.obstacles):
+        if obstacle.medium is not None:
+            shorter = scene.medium.sound_speed / obstacle.medium.sound_speed
+            for cell in mesh.Materials(f"body{body}").Elements():
+                factors[[edge.nr for edge in cell.edges]] = max(shorter, 1.0)
+    return factors

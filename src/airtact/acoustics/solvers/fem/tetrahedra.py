@@ -100,6 +100,7 @@ class Tetrahedra:
         for _ in range(6):
             off = points[bent] - self.positions(number[bent], weights[bent])
             jacobians = self.jacobians(number[bent], weights[bent])
+            # One step is exact in a straight tetrahedron.
             step = np.linalg.solve(jacobians, off[:, :, None])[:, :, 0]
             weights[bent, :3] += np.clip(step, -1e3, 1e3)
             weights[bent, 3] = 1 - weights[bent, :3].sum(axis=1)

@@ -76,6 +76,7 @@ def _layer_form(
     stretches = []  # derivatives of the complex coordinates along x, y and z
     for x, bottom, top in zip(axes, low.tolist(), high.tolist(), strict=True):
         beyond = ngsolve.IfPos(x - top, 1, ngsolve.IfPos(bottom - x, 1, 0))
+        # Across the layer and back a wave decays by e^{-2 · 2π · 1.4 · 0.55}, to 6e-5.
         stretches.append(1 + 1j * 1.4 * beyond)
     volume = stretches[0] * stretches[1] * stretches[2]
     layer = ngsolve.dx(definedon=mesh.Materials("layer"))

@@ -153,6 +153,7 @@ class SphereModes:
             legendre_polynomials(versine),
             strict=False,
         )
+        # Static images carry the singular part of sources near the surface.
         tail = _Tail.between(self, inside, radii, source_radii, versine)
         pressure = _summed(waves, tail, self.first_safe_order(), 1e-10 * scale)
         if pressure is None:
@@ -270,6 +271,7 @@ class _Tail:
         if inside:
             ratio = radii[:, None] / source_radii
         else:
+            # The image of a source at r0 is at a²/r0.
             ratio = (modes.radius / radii)[:, None] * scale
             scale = ratio
         return cls(ratio, versine, scale, modes.images(inside))
@@ -343,6 +345,7 @@ def _summed(
             return estimate
         if order >= _MAX_TERMS:
             return None
+        # The tail is taken a quarter later again, so that agreement is no chance.
         check = min(int(1.25 * order) + 4, _MAX_TERMS)
         last_estimate = estimate
     return None

@@ -35,7 +35,7 @@ from airtact.acoustics.solvers.arrays import (
 )
 from airtact.acoustics.solvers.chebyshev import chebyshev_weights
 from airtact.acoustics.solvers.memory import available_memory
-from airtact.acoustics.solvers.monopoles import monopole_pressure
+from airtact.acoustics.solvers.open_air import monopole_pressure
 from airtact.acoustics.solvers.problem import RadiatedField, SurfaceField
 from airtact.acoustics.solvers.spherical.radial_functions import outgoing_shapes
 from airtact.checks import of_kind
@@ -82,6 +82,7 @@ class InterpolationSpheres:
         first_azimuth, azimuth_weights = _window(azimuth, step)
         first_polar, polar_weights = _window(polar, step)
         strides = np.array([azimuths * radii * excitations, radii * excitations])
+        # Without its carrier wave the field varies slowly along r.
         slow = _kernels.interpolate(
             self.values.reshape(-1, excitations),
             first_polar * strides[0] + first_azimuth * strides[1],
@@ -290,6 +291,7 @@ def interpolation_spheres(
     Raises "data_missing" where the field is not known on all of the sphere.
     """
     strengths = _coefficients(field, centre, radius, order)
+    # Points in radius/r from the sphere to infinity, where the field over its carrier is smooth.
     shrinkings = 0.5 - 0.5 * np.cos(np.pi * (np.arange(count) + 0.5) / count)
     wavenumber = field.scene.wavenumber
     shapes = outgoing_shapes(radius / shrinkings * wavenumber, radius * wavenumber)
@@ -301,6 +303,7 @@ def _coefficients(
     field: RadiatedField, centre: Float64[np.ndarray, "3"], radius: float, order: int
 ) -> Complex128[np.ndarray, "orders degrees excitations"]:
     """Coefficients of the waves Y_nm h_n(kr)/h_n(k radius), m = 0, 1, ... -2, -1."""
+    # Gauss-Legendre latitudes and equal longitudes integrate products of two such orders exactly.
     cosines, weights = np.polynomial.legendre.leggauss(order + 1)
     polar = np.arccos(cosines)[:, None]
     azimuth = 2 * np.pi * np.arange(2 * order + 1) / (2 * order + 1)
@@ -335,6 +338,7 @@ def _table(
     harmonics = np.real(sph_harm_y_all(orders - 1, orders - 1, polar, np.zeros(len(polar))))
     half = np.einsum("nmj,nr,nms->mjrs", harmonics, radial, strengths, optimize=True)
     parity = (-1.0) ** np.abs(np.fft.fftfreq(degrees, 1 / degrees).round())
+    # Continued over the poles, a function on the sphere is periodic in both angles.
     back = parity[:, None, None, None] * half[:, -2:0:-1]  # f(-θ, φ) = f(θ, φ + π)
     series = np.asarray(fft(np.concatenate([half, back], axis=1), axis=1, norm="forward"))
     fine = 2 * around
@@ -350,6 +354,7 @@ def _table(
     wide = np.zeros((fine, fine, *series.shape[2:]), dtype=np.complex64)
     polar_orders = np.fft.fftfreq(around, 1 / around).astype(int)
     azimuth_orders = np.fft.fftfreq(degrees, 1 / degrees).round().astype(int)
+    # Divided out here, because interpolation by the kernel multiplies by it.
     scale = 1 / np.outer(_transform(polar_orders, fine), _transform(azimuth_orders, fine))
     wide[np.ix_(polar_orders, azimuth_orders)] = np.moveaxis(series, 0, 1) * scale[:, :, None, None]
     table = np.asarray(ifft2(wide, axes=(0, 1), norm="forward", overwrite_x=True))
@@ -362,6 +367,7 @@ def _table(
 
 def _test_points(spheres: InterpolationSpheres) -> Float64[np.ndarray, "checked 3"]:
     """Draw 100 random points from the smallest sphere to twenty times as far away [m]."""
+    # Random, because points on a grid could fall on those of the table.
     random = np.random.default_rng(0)
     directions = random.normal(size=(100, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)

@@ -44,6 +44,7 @@ def outgoing_shapes(
     quotient = 1.0 / arguments - 1j
     for order, reference_quotient in enumerate(outgoing_quotients(reference), start=1):
         yield shape
+        # A quotient of quotients stays near 1, where h_n itself overflows.
         shape = shape * (quotient / reference_quotient)
         quotient = (2 * order + 1) / arguments - 1.0 / quotient
 
@@ -132,6 +133,7 @@ def legendre_polynomials(
     while True:
         yield polynomial
         step = (order * step - (2 * order + 1) * versine * polynomial) / (order + 1)
+        # Steps between neighbouring orders: their sum does not lose digits near γ = 0.
         polynomial = polynomial + step
         order += 1
 

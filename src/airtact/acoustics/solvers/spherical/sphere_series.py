@@ -21,6 +21,7 @@ from airtact.acoustics.solvers.arrays import (
     Vectors,
 )
 from airtact.acoustics.solvers.free_field import open_air_pressure, unit_monopoles
+from airtact.acoustics.solvers.open_air import open_air_gradient, velocity_of
 from airtact.acoustics.solvers.problem import (
     RadiatedField,
     Solver,
@@ -28,7 +29,6 @@ from airtact.acoustics.solvers.problem import (
     SurfaceField,
 )
 from airtact.acoustics.solvers.spherical.modes import ACCURACY, SphereModes
-from airtact.acoustics.solvers.velocity import open_air_gradient, velocity_of
 from airtact.acoustics.sources import STANDS_ON, Monopoles, nearest_source
 from airtact.errors import InvalidInput
 from airtact.geometry.primitives import Capsule
@@ -110,6 +110,7 @@ class SphereField(RadiatedField):
         outside = np.flatnonzero(~inside & ~unbounded)
         pressure[outside] = self._scattered(points[outside], inside=False, alone=True)
         if self.modes.inner_wavenumber is not None:
+            # Inside a fluid the series is the total pressure.
             total = self._scattered(points[inside], inside=True)
             pressure[inside] = total - open_air_pressure(
                 points[inside], self.sources, self.scene.wavenumber
@@ -143,6 +144,7 @@ class SphereField(RadiatedField):
         order = np.argsort(KDTree(self.sources.positions).query(points)[0])
         for block in self._blocks(points, inside, order):
             if alone:
+                # The image is as far below the surface as the source is above it.
                 heights = block.radii[:, None] + block.source_radii - 2.0 * self.modes.radius
                 distance = cdist(points[block.index], self.sources.positions)
                 distance = np.maximum(distance, heights)
@@ -177,12 +179,14 @@ class SphereField(RadiatedField):
         """Yield points in blocks of ``PAIRS_PER_BLOCK``."""
         radii, directions = self._polar(points)
         source_radii, source_directions = self._polar(self.sources.positions)
+        # Rounding may put what is on the surface a little below it.
         source_radii = np.maximum(source_radii, self.modes.radius)
         if not inside:
             radii = np.maximum(radii, self.modes.radius)
         rows = max(1, PAIRS_PER_BLOCK // len(self.sources.positions))
         for first in range(0, len(points), rows):
             index = order[first : first + rows]
+            # Half the square of the chord keeps the digits of 1 - cos γ at small angles.
             apart = directions[index, None, :] - source_directions
             yield _Block(
                 index=index,

@@ -28,7 +28,7 @@ from airtact.acoustics.solvers.bem.factorised.reduced_body import ReducedBody
 from airtact.acoustics.solvers.bem.layer_potentials import double_layer_transposed, project_contacts
 from airtact.acoustics.solvers.bem.quadrature import CONTACT_REACH
 from airtact.acoustics.solvers.gmres import GmresResult, gmres
-from airtact.acoustics.solvers.monopoles import monopole_pressure
+from airtact.acoustics.solvers.open_air import monopole_pressure
 from airtact.acoustics.solvers.problem import (
     RadiatedField,
     Solver,

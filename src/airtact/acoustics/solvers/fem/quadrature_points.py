@@ -1,21 +1,13 @@
-"""Integrals over the surfaces of the bodies.
-
-Quadrature points, and the compiled loops that no other solver uses.
-"""
+"""Quadrature points on the surfaces of the bodies and inside filled ones."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Complex128, Float64, Int64, Real
+from jaxtyping import Complex128, Float64, Int64
 from scipy.sparse import csr_array
 
-from airtact import _kernels
 from airtact.acoustics.solvers.arrays import (
     Coefficients,
-    Points,
-    Pressures,
-    SourcePoints,
-    Strengths,
 )
 from airtact.acoustics.solvers.fem.libraries import CurvedMesh, FiniteSpace, ngsolve_library
 
@@ -86,32 +78,8 @@ def quadrature(mesh: CurvedMesh, space: FiniteSpace, kind: str, order: int) -> Q
     normals = np.zeros_like(points)
     if on_surface:
         normals = -np.asarray(ngsolve.specialcf.normal(3)(mapped)).reshape(-1, 3)
+    # Integrating 1 against each point gives the area or volume that it represents.
     ones = np.zeros(space.ndof)
     ones[: mesh.nv] = 1.0  # the shape functions of the vertices add up to 1 everywhere
     body = np.asarray(owner_of(mapped)).ravel().round().astype(np.int64)
     return QuadraturePoints(points, normals, chosen.T @ ones, body, csr_array(chosen))
-
-
-def surface_integral(
-    points: Points,
-    positions: Real[np.ndarray, "nodes 3"],
-    normals: Real[np.ndarray, "nodes 3"],
-    monopoles: Complex128[np.ndarray, "nodes excitations"],
-    dipoles: Complex128[np.ndarray, "nodes excitations"],
-    wavenumber: complex,
-) -> Pressures:
-    """Return Σ_j m_j G(x, y_j) + d_j ∂G(x, y_j)/∂n_j with G = e^{ikr}/r at points x."""
-    return _kernels.surface_integral(
-        points, positions, normals, monopoles, dipoles, complex(wavenumber)
-    )
-
-
-def normal_derivative(
-    points: Points,
-    normals: Points,
-    positions: SourcePoints,
-    strengths: Strengths,
-    wavenumber: complex,
-) -> Pressures:
-    """Return Σ_j s_j ∂G/∂n at points x with normals n, off the positions y_j."""
-    return _kernels.normal_derivative(points, normals, positions, strengths, complex(wavenumber))

@@ -1,11 +1,15 @@
-"""Particle velocity of a sound field: v = ∇p / (iωρ), because ρ ∂v/∂t = −∇p and e^{−iωt}."""
+"""Monopoles in open air, whose field every solver adds to the scattered one, and velocities.
+
+The particle velocity of a sound field is v = ∇p / (iωρ), because ρ ∂v/∂t = −∇p and e^{−iωt}.
+"""
 
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Real
+from jaxtyping import Complex, Real
 
-from airtact.acoustics.solvers.arrays import Gradients, Lengths, Points, Pressures
+from airtact import _kernels
+from airtact.acoustics.solvers.arrays import Gradients, Lengths, Points, Pressures, SourcePoints
 from airtact.acoustics.sources import Monopoles
 
 
@@ -47,3 +51,14 @@ def differences(
         ]
         gradient.append(sum(shifted[1:], shifted[0]) / step[:, None])
     return np.stack(gradient, axis=1)
+
+
+def monopole_pressure(
+    points: Points,
+    positions: SourcePoints,
+    strengths: Complex[np.ndarray, "sources excitations"],
+    wavenumber: complex,
+    precision: str,
+) -> Pressures:
+    """Open-air pressure Σ_j s_j e^{ikr}/r at points [Pa]; ``precision`` is float32 or float64."""
+    return _kernels.apply_monopoles(points, positions, strengths, complex(wavenumber), precision)
