@@ -16,6 +16,16 @@ def directions(count: int, seed: int) -> np.ndarray:
     return vectors / np.linalg.norm(vectors, axis=1)[:, None]
 
 
+def sphere_rule(latitudes: int) -> tuple[np.ndarray, np.ndarray]:
+    """Directions and their solid angles: Gauss-Legendre latitudes, twice as many longitudes."""
+    cosine, weight = np.polynomial.legendre.leggauss(latitudes)
+    turn = np.pi * np.arange(2 * latitudes) / latitudes
+    across = np.sqrt(1 - cosine**2)[:, None] * np.exp(1j * turn)
+    up = np.broadcast_to(cosine[:, None], across.shape)
+    ways = np.stack([across.real, across.imag, up], axis=-1).reshape(-1, 3)
+    return ways, np.repeat(weight, 2 * latitudes) * np.pi / latitudes
+
+
 def far_points(count: int = 60, seed: int = 7) -> np.ndarray:
     """Points 60 to 100 mm from the origin."""
     radius = np.random.default_rng(seed).uniform(0.06, 0.1, size=(count, 1))

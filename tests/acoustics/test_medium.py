@@ -67,10 +67,6 @@ def test_absorption_is_that_of_iso_9613_2_in_every_octave(celsius, percent, row)
         assert ours == pytest.approx(float(printed), abs=0.55 * last_digit(printed))
 
 
-def test_absorption_at_40_khz_is_1_32_decibel_per_metre():
-    assert DECIBEL * air(20.0, 0.5, 40e3).absorption == pytest.approx(1.32, abs=0.005)
-
-
 def test_speed_and_density_are_those_of_iec_61094_2():
     # IEC 61094-2:2009, Annex F, Table F.1: 23 °C, 101 325 Pa, 50 % relative humidity.
     medium = air(23.0, 0.5)
@@ -79,8 +75,7 @@ def test_speed_and_density_are_those_of_iec_61094_2():
 
 
 def test_a_wave_decays_by_its_absorption():
-    medium = air(20.0, 0.5, 40e3)
-    after_one_metre = abs(pow(math.e, 1j * medium.wavenumber(40e3)))
+    after_one_metre = abs(pow(math.e, 1j * air(20.0, 0.5, 40e3).wavenumber(40e3)))
     assert -20 * math.log10(after_one_metre) == pytest.approx(1.32, abs=0.005)
 
 
@@ -92,21 +87,25 @@ def test_wavelength_and_wavenumber_are_those_of_the_paper():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "code", "sentence"),
+    "numbers",
     [
-        ((0.0, 1.2, 0.0), "out_of_range", "sound speed is 0 m/s"),
-        ((-343.0, 1.2, 0.0), "out_of_range", "sound speed is -343 m/s"),
-        ((343.0, 0.0, 0.0), "out_of_range", "density is 0 kg/m³"),
-        ((343.0, -1.2, 0.0), "out_of_range", "density is -1.2 kg/m³"),
-        ((math.nan, 1.2, 0.0), "out_of_range", "sound speed is nan"),
-        ((343.0, math.inf, 0.0), "out_of_range", "density is inf"),
-        ((343.0, 1.2, -0.1), "out_of_range", "absorption is -0.1 Np/m"),
-        ((343.0, 1.2, math.nan), "out_of_range", "absorption is nan"),
+        (0.0, 1.2, 0.0),
+        (-343.0, 1.2, 0.0),
+        (343.0, 0.0, 0.0),
+        (343.0, -1.2, 0.0),
+        (math.nan, 1.2, 0.0),
+        (343.0, math.inf, 0.0),
+        (343.0, 1.2, -0.1),
+        (343.0, 1.2, math.nan),
+        # in other units
+        (0.343, 1.2, 0.0),
+        (34300, 1.2, 0.0),
+        (343, 0.0012, 0.0),
     ],
 )
-def test_impossible_media_are_rejected(arguments, code, sentence):
-    with raises_code(code, sentence):
-        Medium(*arguments)
+def test_impossible_media_are_rejected(numbers):
+    with raises_code("out_of_range"):
+        Medium(*numbers)
 
 
 @pytest.mark.parametrize("frequency", [0.0, -40e3, math.nan, math.inf])
@@ -118,37 +117,9 @@ def test_a_frequency_must_be_above_zero(frequency):
 
 
 @pytest.mark.parametrize(
-    ("celsius", "humidity", "code", "sentence"),
-    [
-        (293.15, 0.5, "out_of_range", "293.15 °C"),
-        (-40.0, 0.5, "out_of_range", "-40 °C"),
-        (math.nan, 0.5, "out_of_range", "nan °C"),
-        (20.0, 50.0, "out_of_range", "humidity is 50, ... 50 per cent is humidity=0.5"),
-        (20.0, -0.1, "out_of_range", "humidity is -0.1"),
-        (20.0, math.nan, "out_of_range", "humidity is nan"),
-    ],
+    ("celsius", "humidity"),
+    [(293.15, 0.5), (-40.0, 0.5), (math.nan, 0.5), (20.0, 50.0), (20.0, -0.1), (20.0, math.nan)],
 )
-def test_air_outside_its_formulas_is_rejected(celsius, humidity, code, sentence):
-    with raises_code(code, *sentence.split(" ... ")):
+def test_air_outside_its_formulas_is_rejected(celsius, humidity):
+    with raises_code("out_of_range"):
         air(celsius, humidity)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "code", "sentence"),
-    [
-        (
-            (0.343, 1.2),
-            "out_of_range",
-            "sound speed is 0.343 m/s, but it must lie between 100 and 10000 m/s: is it in km/s?",
-        ),
-        ((34300, 1.2), "out_of_range", "sound speed is 34300 m/s"),
-        (
-            (343, 0.0012),
-            "out_of_range",
-            "density is 0.0012 kg/m³, but it must lie between 0.01 and 30000 kg/m³: is it in g/cm³?",
-        ),
-    ],
-)
-def test_fluids_in_other_units_are_asked_about(arguments, code, sentence):
-    with raises_code(code, sentence):
-        Medium(*arguments)

@@ -7,55 +7,29 @@ from faults import raises_code
 POINTS = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.01]])
 
 
-def test_one_number_is_asked_of_every_focus():
-    assert Target(POINTS, 1500.0).pressures.tolist() == [1500.0, 1500.0]
-    assert Target(POINTS, 1500).pressures.dtype == np.float64
-
-
-def test_pressures_may_differ_and_one_may_be_zero():
+def test_pressures_are_one_for_all_or_one_each_or_as_strong_as_possible():
+    target = Target(POINTS, 1500)
+    assert target.pressures.tolist() == [1500.0, 1500.0]
+    assert target.pressures.dtype == np.float64
+    assert not target.points.flags.writeable
+    assert not target.pressures.flags.writeable
     assert Target(POINTS, np.array([0, 200])).pressures.tolist() == [0.0, 200.0]
-
-
-def test_without_pressures_as_strong_as_possible():
     assert Target(POINTS).pressures is None
 
 
-def test_beacons_are_one_pascal_metre_each_in_every_focus():
-    beacons = Target(POINTS, 1500.0).beacons()
-    assert np.array_equal(beacons.positions, POINTS)
-    assert np.array_equal(beacons.strengths, np.eye(2))
-
-
-def test_arrays_are_locked():
-    target = Target(POINTS, 3.0)
-    assert not target.points.flags.writeable
-    assert not target.pressures.flags.writeable
-
-
 @pytest.mark.parametrize(
-    ("points", "pressures", "code"),
+    ("points", "code"),
     [
-        (np.zeros((0, 3)), None, "empty"),
-        (np.array([[0.0, np.nan, 0.0]]), None, "not_finite"),
-        (POINTS, -3.0, "out_of_range"),
-        (POINTS, np.array([10.0, -2.0]), "out_of_range"),
-        (POINTS, 0.0, "empty"),
-        (POINTS, np.nan, "not_finite"),
-        (POINTS, np.array([1.0, np.inf]), "not_finite"),
-        (POINTS, np.ones(3), "wrong_shape"),
-        ((POINTS[1], np.array([0.0, -0.6, 0.8])), None, "misplaced"),
-        (POINTS, np.zeros(0), "wrong_shape"),
+        (np.zeros((0, 3)), "empty"),
+        (np.array([[0.0, np.nan, 0.0]]), "not_finite"),
+        ((POINTS[1], np.array([0.0, -0.6, 0.8])), "misplaced"),
+        (np.array([[0.0, 0.0, 1.0], [0.0, 5.5, 0.0]]), "out_of_range"),
     ],
 )
 @pytest.mark.usefixtures("as_outside_the_tests")
-def test_faults_are_rejected(points, pressures, code):
+def test_faults_of_points_are_rejected(points, code):
     with raises_code(code):
-        Target(points, pressures)
-
-
-def test_foci_in_millimetres_are_asked_about():
-    with raises_code("out_of_range"):
-        Target(np.array([[0.0, 0.0, 1.0], [0.0, 5.5, 0.0]]))
+        Target(points)
 
 
 def test_a_share_asks_for_proportions_only():
@@ -80,6 +54,7 @@ def test_complex_numbers_fix_the_phases_and_real_ones_leave_them():
 def test_suppression_points_follow_the_foci_as_beacons_where_asked():
     target = Target(POINTS, suppression_points=np.array([[0.01, 0.0, 0.0]]))
     assert np.array_equal(target.beacons().positions, POINTS)
+    assert np.array_equal(target.beacons().strengths, np.eye(2))
     both = target.beacons(suppression=True)
     assert np.array_equal(both.positions, [*POINTS, [0.01, 0.0, 0.0]])
     assert np.array_equal(both.strengths, np.eye(3))
@@ -89,6 +64,13 @@ def test_suppression_points_follow_the_foci_as_beacons_where_asked():
 @pytest.mark.parametrize(
     ("asked", "code"),
     [
+        ({"pressures": -3.0}, "out_of_range"),
+        ({"pressures": np.array([10.0, -2.0])}, "out_of_range"),
+        ({"pressures": 0.0}, "empty"),
+        ({"pressures": np.nan}, "not_finite"),
+        ({"pressures": np.array([1.0, np.inf])}, "not_finite"),
+        ({"pressures": np.ones(3)}, "wrong_shape"),
+        ({"pressures": np.zeros(0)}, "wrong_shape"),
         ({"shares": -0.5}, "out_of_range"),
         ({"shares": 0.0}, "empty"),
         ({"shares": 0j}, "empty"),

@@ -22,12 +22,9 @@ TILTED = np.array([1.0, -2.0, 2.0]) / 3.0
 
 def test_a_segment_has_both_ends_and_even_steps():
     points = segment((0.0, 0.01, 0.0), (0.03, 0.01, 0.04), spacing=0.011)
-    assert points.shape == (6, 3)
     np.testing.assert_allclose(points[[0, -1]], [[0, 0.01, 0], [0.03, 0.01, 0.04]], atol=1e-15)
     np.testing.assert_allclose(np.linalg.norm(np.diff(points, axis=0), axis=1), 0.01)
-
-
-def test_a_spacing_that_fits_is_kept():
+    # a spacing that fits is kept
     assert len(segment((0, 0, 0), (0.03, 0, 0), spacing=0.01)) == 4
     assert len(circle((0, 0, 0), radius=0.01, spacing=2 * np.pi * 0.01 / 8)) == 8
 
@@ -36,8 +33,7 @@ def test_a_polyline_has_all_its_corners_once():
     corners = np.array([[0.0, 0, 0], [0.01, 0, 0], [0.01, 0.02, 0]])
     line, ring = polyline(corners, 4e-3), polyline(corners, 4e-3, closed=True)
     for points in (line, ring):
-        apart = KDTree(points).query(points, k=2)[0][:, 1]
-        assert apart.min() > 1e-3
+        assert KDTree(points).query(points, k=2)[0][:, 1].min() > 1e-3
         assert KDTree(points).query(corners)[0].max() < 1e-12
     assert (len(line), len(ring)) == (3 + 5 + 1, 3 + 5 + 6)
 
@@ -78,12 +74,9 @@ def test_surface_points_lie_on_the_side_that_faces_there():
 
 
 def test_surface_points_are_neither_dense_nor_sparse():
-    ball = at.sphere(0.01, edge=3e-3)
-    points = surface_points(ball, 2.5e-3)
-    nearest = KDTree(points).query(points, k=2)[0][:, 1]
-    assert nearest.min() > 0.8 * 2.5e-3
-    probes = sphere_shell((0, 0, 0), 0.01, 0.7e-3)
-    assert KDTree(points).query(probes)[0].max() < 1.2 * 2.5e-3
+    points = surface_points(at.sphere(0.01, edge=3e-3), 2.5e-3)
+    assert KDTree(points).query(points, k=2)[0][:, 1].min() > 0.8 * 2.5e-3
+    assert KDTree(points).query(sphere_shell((0, 0, 0), 0.01, 0.7e-3))[0].max() < 1.2 * 2.5e-3
 
 
 def test_thinning_keeps_the_first():

@@ -18,30 +18,24 @@ def test_nothing_is_in_doubt_unless_given() -> None:
     assert not at.Uncertainty(dead=0.1).none
 
 
-@pytest.mark.parametrize("name", DEVIATIONS)
-def test_negative_and_endless_deviations_raise(name) -> None:
-    with raises_code("out_of_range", "-0.2"):
-        at.Uncertainty(**{name: -0.2})
-    with raises_code("out_of_range"):
-        at.Uncertainty(**{name: np.nan})
-
-
-@pytest.mark.parametrize("name", ["rotation", "own_rotation", "phase", "board_rotation"])
-def test_degrees_that_were_meant_in_radians_raise(name) -> None:
-    with raises_code("out_of_range", "0.035", " 2"):
-        at.Uncertainty(**{name: 0.035})
-
-
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("position", 2.0), ("age", 20.0), ("humidity", 5.0), ("dead", 10.0), ("temperature", 300.0)],
+    [
+        *((name, value) for name in DEVIATIONS for value in (-0.2, np.nan)),
+        # degrees that were meant in radians, and other units
+        *((name, 0.035) for name in ("rotation", "own_rotation", "phase", "board_rotation")),
+        ("position", 2.0),
+        ("age", 20.0),
+        ("humidity", 5.0),
+        ("dead", 10.0),
+        ("temperature", 300.0),
+        ("velocity", (500.0, 0.0, 0.0)),
+    ],
 )
-def test_numbers_in_another_unit_raise(name, value) -> None:
-    with raises_code("out_of_range", f"{value:g}"):
+def test_numbers_that_make_no_sense_raise(name, value) -> None:
+    with raises_code("out_of_range"):
         at.Uncertainty(**{name: value})
 
 
 def test_the_velocity_is_a_vector_of_a_hand() -> None:
     assert at.Uncertainty(age=0.01, velocity=np.array([0.5, 0.0, 0.0])).velocity == (0.5, 0.0, 0.0)
-    with raises_code("out_of_range", "500"):
-        at.Uncertainty(velocity=(500.0, 0.0, 0.0))

@@ -2,16 +2,16 @@
 
 import numpy as np
 import pytest
-from scipy.special import roots_legendre
 
 import airtact as at
+from airtact.acoustics.target_points import outward
 from airtact.hands.body import Hulls, hand_hulls, part_name
 from airtact.hands.shape import HandShape
 from airtact.hands.skin_mesh import even_skin, midpoints
 from references import relative_columns as relative
 from references.hand_poses import example
 from worlds import AIR as PAPER_AIR
-from worlds import directions, far_points, one_each
+from worlds import directions, far_points, hard, one_each, sphere_rule
 
 WATER = at.Medium(1481.0, 999.7)
 
@@ -52,17 +52,9 @@ class Case:
         self.ready = at.FiniteElement(symmetry=()).factorised(self.scene)
         nodes, chance = surface.vertices, np.random.default_rng(5)
         self.reach = float(np.linalg.norm(nodes, axis=1).max())
-        self.beside = self.lifted(nodes[chance.choice(len(nodes), 3, replace=False)], 5e-4)
+        chosen = nodes[chance.choice(len(nodes), 3, replace=False)]
+        self.beside = chosen + 5e-4 * outward(self.scene.depth, chosen)
         self.sources = np.concatenate([self.beside, directions(3, 1) * (self.reach + 0.012)])
-
-    def lifted(self, points: np.ndarray, height: float) -> np.ndarray:
-        """Points so high over the surface, along the gradient of the depth."""
-        step = 1e-4 * np.eye(3)
-        gradient = np.stack(
-            [self.scene.depth(points + one) - self.scene.depth(points - one) for one in step],
-            axis=1,
-        )
-        return points - height * gradient / np.linalg.norm(gradient, axis=1, keepdims=True)
 
 
 @pytest.fixture(
@@ -85,10 +77,7 @@ def test_far_away_boundary_elements_find_the_same(case):
 def test_contact_where_panels_stand_off_each_other_agrees_with_finite_elements():
     """Two vertices beside panels that lie 1 and 11 micrometres off the one that is touched."""
     tip = fingertip()
-    scene, points = (
-        at.Scene(PAPER_AIR, [at.sound_hard(at.Surface(tip.vertices, tip.triangles))]),
-        far_points(30),
-    )
+    scene, points = hard(at.Surface(tip.vertices, tip.triangles)), far_points(30)
     ready = at.FiniteElement(symmetry=()).factorised(scene)
     for vertex in tip.vertices[[70, 110]]:
         sources = one_each(vertex[None])
@@ -121,14 +110,8 @@ def test_source_and_receiver_may_change_places(case):
 
 def power_through(field: at.acoustics.RadiatedField, radius: float) -> tuple[float, float]:
     """Power that leaves a sphere, and the power that crosses it either way."""
-    cosine, weight = roots_legendre(32)
-    turn = 2 * np.pi * np.arange(64) / 64
-    sine, step = np.sqrt(1 - cosine**2), 1e-5
-    way = np.stack(
-        [np.outer(sine, np.cos(turn)), np.outer(sine, np.sin(turn)), np.outer(cosine, np.ones(64))],
-        -1,
-    )
-    way, area = way.reshape(-1, 3), np.repeat(weight, 64) * 2 * np.pi / 64
+    step = 1e-5
+    way, area = sphere_rule(32)
     low, high = (field.at(way * (radius + side * step))[:, 0] for side in (-1, 1))
     crossing = np.imag(np.conj(0.5 * (low + high)) * (high - low) / (2 * step))
     return float(area @ crossing), float(area @ np.abs(crossing))

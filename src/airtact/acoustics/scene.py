@@ -164,12 +164,9 @@ class Scene:
         if self.obstacles:
             kinds = ", ".join(sorted({obstacle.kind for obstacle in self.obstacles}))
             bodies = counted(len(self.obstacles), f"{kinds} body", "bodies")
-        planes = ""
-        if self.planes:
-            planes = counted(len(self.planes), "rigid plane", "rigid planes")
         return [
             bodies,
-            planes,
+            counted(len(self.planes), "rigid plane", "rigid planes") if self.planes else "",
             f"{1e-3 * self.frequency:g} kHz",
             f"wavelength {1e3 * self.wavelength:.3g} mm",
         ]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Complex128, Float64, Num, Real
+from scipy.spatial.distance import cdist
 
 from airtact.acoustics.sources import Monopoles
 from airtact.checks import (
@@ -219,16 +220,15 @@ def _check_suppressed_foci(
 ) -> None:
     """Raise where a suppression point is nearer than 1 µm to a focus."""
     # One pressure cannot be both strong and zero.
-    for index, focus in enumerate(foci):
-        distance = np.linalg.norm(suppressed - focus, axis=1)
-        if len(distance) and distance.min() < 1e-6:
-            raise InvalidInput(
-                f"suppression point {int(distance.argmin())} is {1e3 * distance.min():.2g} mm from "
-                f"focus {index} at {in_mm(focus)}, so both cannot hold; leave it out of the "
-                "suppression zone.",
-                focus,
-                code="misplaced",
-            )
+    distance = cdist(foci, suppressed)
+    if distance.min(initial=np.inf) < 1e-6:
+        index, point = np.unravel_index(distance.argmin(), distance.shape)
+        raise InvalidInput(
+            f"suppression point {point} is {1e3 * distance.min():.2g} mm from focus {index} at "
+            f"{in_mm(foci[index])}, so both cannot hold; leave it out of the suppression zone.",
+            foci[index],
+            code="misplaced",
+        )
 
 
 def _check_no_normal(points: Real[np.ndarray, "foci 3"]) -> None:

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from airtact.acoustics.solvers.gmres import gmres
-from airtact.errors import NotConverged
 from faults import raises_code
 
 
@@ -36,27 +35,19 @@ def test_a_zero_column_stays_zero():
     assert np.allclose(matrix @ found.solution.T, right, atol=1e-6)
 
 
-def test_stopping_short_raises_with_residual_and_iterations():
-    matrix, right = system()
-    with raises_code("not_converged"):
-        gmres(lambda v: v @ matrix.T, right.T, 1e-10, most_iterations=3)
-
-
-@pytest.mark.parametrize("size", [1, 2, 5])
-def test_an_exhausted_krylov_space_gives_the_exact_solution(size):
-    pick = np.random.default_rng(1)
-    right = pick.normal(size=(2, size)) + 1j * pick.normal(size=(2, size))
-    diagonal = np.exp(1j * np.arange(size))  # as many different eigenvalues as steps are needed
-    found = gmres(lambda v: v * diagonal, right, 1e-9)
-    assert found.iterations == size
-    assert np.allclose(found.solution, right / diagonal, rtol=1e-8)
-
-
-def test_a_cyclic_shift_is_solved_in_the_last_step():
-    shift = np.roll(np.eye(4), 1, axis=0)  # nothing is gained before the last step
-    found = gmres(lambda v: v @ shift.T, np.eye(4, dtype=complex)[:1], 1e-9)
-    assert found.iterations == 4
-    assert np.allclose(shift @ found.solution[0], np.eye(4)[0], atol=1e-9)
+@pytest.mark.parametrize(
+    "matrix",
+    [
+        # as many different eigenvalues as steps are needed
+        *(np.diag(np.exp(1j * np.arange(size))) for size in (1, 2, 5)),
+        np.roll(np.eye(4), 1, axis=0),  # nothing is gained before the last step
+    ],
+)
+def test_an_exhausted_krylov_space_gives_the_exact_solution(matrix):
+    right = np.eye(len(matrix), dtype=complex)[:1] + (0 if matrix.dtype == float else 0.5 + 0.2j)
+    found = gmres(lambda v: v @ matrix.T, right, 1e-9)
+    assert found.iterations == len(matrix)
+    assert np.allclose(matrix @ found.solution[0], right[0], atol=1e-8)
 
 
 def near_resonance(size: int = 120, small: int = 20):
@@ -93,20 +84,18 @@ def test_well_conditioned_equations_take_no_further_iterations():
     assert careful.iterations == plain.iterations
 
 
-def test_a_product_that_is_no_number_does_not_count_as_a_solution() -> None:
-    with pytest.raises(NotConverged, match="nan") as raised:
-        gmres(
-            lambda vectors: np.full_like(vectors, np.nan),
-            np.ones((2, 5), np.complex128),
-            1e-3,
-            most_iterations=4,
-        )
-    assert raised.value.code == "not_converged"
-
-
-def test_a_matrix_that_makes_everything_zero_does_not_count_as_solved():
+@pytest.mark.parametrize(
+    ("product", "right"),
+    [
+        (lambda v: v @ system()[0].T, system()[1].T),  # stopped short
+        (lambda v: np.full_like(v, np.nan), np.ones((2, 5), complex)),
+        (lambda v: 0 * v, np.ones((1, 4), complex)),
+    ],
+    ids=["slow", "NaN", "zero"],
+)
+def test_what_does_not_reach_the_tolerance_does_not_count_as_solved(product, right):
     with raises_code("not_converged"):
-        gmres(lambda vectors: 0 * vectors, np.ones((1, 4), complex), 1e-3, most_iterations=6)
+        gmres(product, right, 1e-10, most_iterations=3)
 
 
 @pytest.mark.parametrize("strength", [1e-24, 1e20])

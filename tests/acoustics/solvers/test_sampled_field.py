@@ -64,15 +64,10 @@ def test_the_scattered_pressure_is_interpolated_at_sources_too():
 
 def test_nothing_is_known_beyond_the_samples():
     sampled = at.SampledField(SCENE, SOURCES, NODES, EXACT.at(NODES))
-    beyond = np.array([[0.0, 0.0, 0.05], [0.02, 0.0, 0.03]])
-    assert not sampled.valid(beyond).any()
-    assert np.isnan(sampled.at(beyond)).all()
-    assert len(sampled.on_surface.points) == 0
-
-
-def test_transducers_beyond_the_samples_are_rejected():
-    sampled = at.SampledField(SCENE, SOURCES, NODES, EXACT.at(NODES))
     positions = np.array([INNER[0], [0.0, 0.0, 0.05], [0.02, 0.0, 0.03]])
+    assert sampled.valid(positions).tolist() == [True, False, False]
+    assert np.isnan(sampled.at(positions[1:])).all()
+    assert len(sampled.on_surface.points) == 0
     array = at.PhasedArray(positions, np.tile([0.0, 0.0, -1.0], (3, 1)))
     with raises_code("data_missing"):
         at.transfer_matrix(sampled, array)
@@ -120,23 +115,26 @@ def test_samples_that_do_not_show_the_sign_are_warned_of(tmp_path):
     assert "do not show the sign of time (a fit of 0." in sampled.report.warnings[0]
 
 
-def test_samples_that_do_not_fit_are_rejected():
-    pressures = EXACT.at(NODES)
-    with raises_code("wrong_shape", "(4913, 1)", "(4913, 2)"):
-        at.SampledField(SCENE, SOURCES, NODES, pressures[:, 0])
-    with raises_code("not_finite"):
-        at.SampledField(
-            SCENE,
-            SOURCES,
+TWICE = np.array(NODES)
+TWICE[7] = TWICE[3]
+
+
+@pytest.mark.parametrize(
+    ("nodes", "pressures", "code"),
+    [
+        (NODES, np.ones(len(NODES), complex), "wrong_shape"),
+        (
             NODES,
-            np.where(np.arange(len(NODES))[:, None] == 3, np.nan, pressures)[:, :2],
-        )
-    twice = np.array(NODES)
-    twice[7] = twice[3]
-    with raises_code("given_twice"):
-        at.SampledField(SCENE, SOURCES, twice, pressures)
-    with raises_code("too_few"):
-        at.SampledField(SCENE, SOURCES, NODES[:3], pressures[:3])
+            np.where(np.arange(len(NODES))[:, None] == 3, np.nan, np.ones(2) + 0j),
+            "not_finite",
+        ),
+        (TWICE, np.ones((len(NODES), 2), complex), "given_twice"),
+        (NODES[:3], np.ones((3, 2), complex), "too_few"),
+    ],
+)
+def test_samples_that_do_not_fit_are_rejected(nodes, pressures, code):
+    with raises_code(code):
+        at.SampledField(SCENE, SOURCES, nodes, pressures)
 
 
 @pytest.mark.parametrize(

@@ -50,8 +50,7 @@ def test_differences_approach_it_as_the_square_of_their_step(kind) -> None:
     errors = [
         np.linalg.norm(differenced(field, OUTSIDE, step) - exact) for step in (4e-4, 2e-4, 1e-4)
     ]
-    orders = np.log2(np.divide(errors[:-1], errors[1:]))
-    np.testing.assert_allclose(orders, 2.0, atol=0.03)
+    np.testing.assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), 2.0, atol=0.03)
     assert errors[-1] < 2e-3 * np.linalg.norm(exact)
 
 
@@ -70,6 +69,7 @@ def test_air_slides_along_a_hard_surface_and_enters_a_soft_one() -> None:
     outward = np.array([[1.0, 0.0, 0.0], [0.0, -0.6, 0.8], [-0.8, 0.0, 0.6]])
     skin = CENTRE + 0.01 * outward
     sliding = field_of("hard").velocity(skin)
+    assert np.isnan(field_of("hard").velocity(CENTRE[None])).all()
     normal = np.einsum("pd,pds->ps", outward, sliding)
     assert np.abs(normal).max() < 1e-9 * np.abs(sliding).max()
     soft = field_of("impedance")
@@ -81,8 +81,7 @@ def test_air_slides_along_a_hard_surface_and_enters_a_soft_one() -> None:
 
 def test_inside_a_fluid_sphere_it_is_that_of_the_fluid() -> None:
     field = field_of("filled")
-    inner = CENTRE + np.array([[2e-3, 1e-3, 0.0], [0.0, 0.0, -7e-3]])
-    for points in (inner, CENTRE[None]):
+    for points in ((CENTRE + np.array([[2e-3, 1e-3, 0.0], [0.0, 0.0, -7e-3]])), CENTRE[None]):
         assert relative(differenced(field, points, 1e-4, 3.0), field.velocity(points)) < 2e-3
 
 
@@ -93,10 +92,6 @@ def test_normal_velocity_is_continuous_through_a_fluid_surface() -> None:
     np.testing.assert_allclose(inwards[0], inwards[1], rtol=1e-4)
 
 
-def test_no_air_moves_inside_a_hard_sphere() -> None:
-    assert np.isnan(field_of("hard").velocity(CENTRE[None])).all()
-
-
 def test_the_difference_of_any_field_errs_as_the_fourth_power_of_its_step() -> None:
     field = field_of("hard")
     exact = field.velocity(OUTSIDE) * (2j * np.pi * 40e3 * AIR.density)
@@ -105,21 +100,18 @@ def test_the_difference_of_any_field_errs_as_the_fourth_power_of_its_step() -> N
         for step in (8e-4, 4e-4)
     ]
     assert np.log2(errors[0] / errors[1]) == pytest.approx(4.0, abs=0.1)
-    by_default = at.acoustics.RadiatedField.velocity(field, OUTSIDE)
+    by_default = at.acoustics.RadiatedField._velocity(field, OUTSIDE)
     assert np.linalg.norm(by_default - field.velocity(OUTSIDE)) < 1e-4 * np.linalg.norm(by_default)
 
 
-def test_a_point_and_a_source_both_on_the_surface_are_rejected_with_their_distance() -> None:
+def test_points_on_a_source_or_with_one_on_the_surface_are_rejected() -> None:
+    for kind in ("open air", "hard"):
+        with raises_code("misplaced"):
+            field_of(kind).velocity(SOURCES.positions[1:])
     touching = at.Monopoles(CENTRE + np.array([[0.01, 0.0, 0.0]]), np.ones(1))
     field = at.SphereSeries().radiate(at.Scene(AIR, [BOUNDARIES["hard"]]), touching)
     with raises_code("not_converged"):
         field.velocity(CENTRE + np.array([[0.0, 0.01, 0.0]]))
-
-
-@pytest.mark.parametrize("kind", ["open air", "hard"])
-def test_points_on_a_source_are_rejected(kind) -> None:
-    with raises_code("misplaced"):
-        field_of(kind).velocity(SOURCES.positions[1:])
 
 
 ROOM_SOURCES = at.Monopoles(

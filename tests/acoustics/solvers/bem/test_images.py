@@ -113,8 +113,7 @@ def test_the_field_knows_where_it_is_and_is_reciprocal():
 
 
 def test_a_picture_in_cells_is_the_same_as_point_by_point():
-    scene = over(1e-3)
-    field = at.BoundaryElement(accuracy=0.01).radiate(scene, one_each(SOURCES[:2]))
+    field = at.BoundaryElement(accuracy=0.01).radiate(over(1e-3), one_each(SOURCES[:2]))
     across = np.linspace(-0.03, 0.03, 60)
     grid = np.stack([*np.meshgrid(across, across + 0.028), np.full((60, 60), 0.002)], axis=-1)[
         ..., [0, 2, 1]

@@ -73,8 +73,7 @@ def test_tips_a_narrow_gap_apart_are_as_accurate_as_asked_beside_and_in_the_gap(
 
 
 def test_a_report_at_points_in_a_cavity_names_the_place_that_is_less_accurate_than_asked() -> None:
-    meridian = axisymmetric.shell(0.015, 0.002, 40.0)
-    field = solved([meridian], SOURCE, 0.03)
+    field = solved([axisymmetric.shell(0.015, 0.002, 40.0)], SOURCE, 0.03)
     strict = replace(
         field, accuracy=0.002, wanted=0.002
     )  # as if so much had been asked of the same panels

@@ -77,8 +77,7 @@ def test_few_points_or_points_far_apart_have_no_cells(points):
 @pytest.fixture(scope="module")
 def pictured() -> tuple[at.acoustics.RadiatedField, at.acoustics.RadiatedField, np.ndarray]:
     """A beacon beside a ball and one far from it, in closed form and by boundary elements, and points of a picture."""
-    ball = at.sphere(6e-3, edge=2e-3, centre=(1e-3, 2e-3, -1e-3))
-    scene = hard(ball)
+    scene = hard(at.sphere(6e-3, edge=2e-3, centre=(1e-3, 2e-3, -1e-3)))
     sources = at.Monopoles(np.array([[1e-3, 2e-3, 5.5e-3], [0.06, 0.05, 0.08]]), np.eye(2))
     along = np.linspace(-20e-3, 20e-3, 80)
     across, up = np.meshgrid(along, along)

@@ -1,7 +1,6 @@
 """Finite elements against closed forms, and the input that they reject."""
 
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 import pytest
@@ -9,7 +8,6 @@ import pytest
 import airtact as at
 from airtact.acoustics.solvers.fem import factorisation, mesh, solver
 from airtact.acoustics.solvers.fem.field import FiniteField, touching_warnings
-from airtact.acoustics.solvers.fem.surface_mesh import surface_mesh
 from airtact.acoustics.solvers.fem.symmetry import mirrors_of
 from airtact.acoustics.solvers.fem.system import longest_served
 from faults import raises_code
@@ -21,6 +19,9 @@ from worlds import directions, far_points, one_each
 WATER = at.Medium(1481.0, 999.7)
 BALL = at.sphere(0.005, 0.0025)
 QUICK = at.FiniteElement(order=4, symmetry=())
+
+
+EIGHTH = ("x", "y", "z")
 
 
 def ball_scene(obstacle: at.acoustics.Obstacle, medium: at.Medium = PAPER_AIR) -> at.Scene:
@@ -64,8 +65,7 @@ def test_one_octant_solves_the_whole_sphere():
     sources = one_each(directions(2, 0) * 0.0055)
     ready = at.FiniteElement(symmetry=("x", "y", "z")).factorised(scene)
     assert errors(ready, scene, sources, far_points(20)) < 0.01
-    whole = at.FiniteElement(symmetry=()).factorised(scene)
-    assert 4 * ready.report.nodes < whole.report.nodes
+    assert 4 * ready.report.nodes < at.FiniteElement(symmetry=()).factorised(scene).report.nodes
     surface = ready.radiate(scene, sources).on_surface
     assert surface.areas.sum() == pytest.approx(4 * np.pi * 0.005**2, rel=2e-3)
     assert np.allclose((surface.normals * surface.points).sum(axis=1), 0.005, atol=1e-5)
@@ -84,11 +84,6 @@ def test_sources_on_a_mirror_are_even_about_it():
         ready.scene, at.Monopoles(np.array([[0.0, 0.0, 0.005], [0.0, 0.0, 0.02]]), np.ones(2))
     )
     assert list(ready.systems[0].factors) == [(0, 0, 0), (0, 0, 1)]
-
-
-def test_absorption_is_solved_for():
-    scene = ball_scene(BODIES["hard"], at.Medium(343.1, 1.293, absorption=20.0))
-    assert errors(QUICK, scene, one_each(directions(3, 0) * 0.0055), far_points(20)) < 0.015
 
 
 def test_next_sources_reuse_the_factorisation():
@@ -114,16 +109,21 @@ def test_the_estimate_is_near_the_error():
     assert 0.3 < field.report.estimated_error / true < 3
 
 
-def test_orders_that_follow_the_size_cost_less_than_one_order():
-    scene, points = ball_scene(BODIES["hard"]), far_points(20)
-    sources = one_each(directions(2, 0) * 0.02)
+@pytest.mark.parametrize(("order", "size"), [(5, 1.7), (4, 1.0), (3, 1.7)])
+def test_orders_follow_the_size_unless_all_are_low(order, size):
+    """Two fingers were 65 % off where coarse meshes and low orders were graded."""
+    scene, sources = ball_scene(BODIES["hard"]), one_each(directions(2, 0) * 0.02)
     graded, even = (
-        at.FiniteElement(symmetry=("x", "y", "z"), graded=one).factorised(scene)
+        at.FiniteElement(order, size, symmetry=EIGHTH, graded=one).factorised(scene)
         for one in (True, False)
     )
+    assert graded.report.settings["graded"] == (order == 5)
+    if order < 5:
+        assert graded.report.nodes == even.report.nodes
+        return
     assert graded.report.nodes < 0.7 * even.report.nodes
-    assert errors(graded, scene, sources, points) < 0.005
-    assert errors(even, scene, sources, points) < 0.005
+    assert errors(graded, scene, sources, far_points(20)) < 0.005
+    assert errors(even, scene, sources, far_points(20)) < 0.005
 
 
 def test_longer_edges_get_higher_orders():
@@ -131,111 +131,87 @@ def test_longer_edges_get_higher_orders():
     assert served[4] == pytest.approx(0.9)
     assert (np.diff(served) > 0).all()
     assert (longest_served(5, 0.9, ease=3.0) > served).all()
-    degree = np.arange(
-        1, 7
-    )  # a polynomial of each through Chebyshev's points misses e^{ikx} by as much as the others
+    # polynomials of each degree through Chebyshev's points miss e^{ikx} by as much as the others
     missed = []
-    for order, length in zip(degree, served, strict=False):
-        wave = np.polynomial.Chebyshev.interpolate(
-            lambda x: np.cos(2 * np.pi * x), order, domain=[0.25 - length / 2, 0.25 + length / 2]
+    for degree, length in enumerate(served[:6], start=1):
+        ends = 0.25 + np.array([-0.5, 0.5]) * length
+        x = np.linspace(*ends, 400)
+        real, imaginary = (
+            np.polynomial.Chebyshev.interpolate(
+                lambda x, part=part: part(2 * np.pi * x), degree, domain=ends
+            )(x)
+            for part in (np.cos, np.sin)
         )
-        shifted = np.polynomial.Chebyshev.interpolate(
-            lambda x: np.sin(2 * np.pi * x), order, domain=[0.25 - length / 2, 0.25 + length / 2]
-        )
-        x = np.linspace(0.25 - length / 2, 0.25 + length / 2, 400)
-        missed.append(np.abs(wave(x) + 1j * shifted(x) - np.exp(2j * np.pi * x)).max())
+        missed.append(np.abs(real + 1j * imaginary - np.exp(2j * np.pi * x)).max())
     assert max(missed) < 2 * min(missed)
 
 
-def test_progress_is_reported():
-    steps: list[str] = []
-    at.FiniteElement(order=2, symmetry=(), progress=steps.append).radiate(
-        ball_scene(BODIES["hard"]), one_each(np.array([[0, 0, 0.02]]))
-    )
-    assert steps == ["meshing", "assembling", "factorising and solving"]
+def workspace(corner: float, **settings) -> at.FiniteElement:
+    return at.FiniteElement(domain="box", box=((-corner,) * 3, (corner,) * 3), **settings)
 
 
 def test_a_meshed_workspace_is_read_off_the_mesh():
-    scene, corner = ball_scene(at.sound_hard(at.sphere(0.003, 0.001))), 0.012
-    box = ((-corner, -corner, -corner), (corner, corner, corner))
-    finite = at.FiniteElement(order=5, domain="box", box=box)
-    sources = one_each(np.array([[0.0, 0.0, 0.003]]))
+    scene = ball_scene(at.sound_hard(at.sphere(0.003, 0.001)))
+    finite = workspace(0.012)
+    sources = one_each(np.array([[0.0, 0.0, 0.003], [0.0, 0.0, 0.0038], [0.0, 0.0, 0.01]]))
     points = directions(20, 3) * 0.011
-    field = finite.radiate(scene, sources)
-    exact = at.SphereSeries().radiate(scene, sources).at(points)
-    assert relative(field.at(points), exact).max() < 0.05
+    field, exact = (one.radiate(scene, sources) for one in (finite, at.SphereSeries()))
+    assert relative(field.at(points), exact.at(points)).max() < 0.05
+    off = sources.positions[1:]
+    assert relative(field.scattered_at(off), exact.scattered_at(off)).max() < 0.05
     assert not field.valid(np.array([[0.0, 0.0, 0.013]]))[0]
     with raises_code("misplaced"):
         finite.radiate(scene, one_each(np.array([[0.0, 0.0, 0.013]])))
 
 
-@pytest.mark.parametrize(("corner", "off"), [(0.003, "2.86"), (0.005, "0.858")])
-def test_bodies_beyond_the_workspace_are_rejected(corner, off):
-    finite = at.FiniteElement(
-        domain="box", box=((-corner, -corner, -corner), (corner, corner, corner))
-    )
+@pytest.mark.parametrize("corner", [0.003, 0.005])
+def test_bodies_beyond_the_workspace_are_rejected(corner):
     with raises_code("misplaced"):
-        finite.factorised(ball_scene(BODIES["hard"]))
+        workspace(corner).factorised(ball_scene(BODIES["hard"]))
 
 
-@pytest.mark.parametrize(("order", "size"), [(4, 1.0), (3, 1.7)])
-def test_coarse_meshes_and_low_orders_are_not_graded(order, size):
-    """Two fingers were 65 % off where they were."""
-    scene = ball_scene(BODIES["hard"])
-    graded, even = (
-        at.FiniteElement(
-            order=order, elements_per_wavelength=size, symmetry=("x", "y", "z"), graded=one
-        ).factorised(scene)
-        for one in (True, False)
-    )
-    assert graded.report.nodes == even.report.nodes
-    assert graded.report.settings["graded"] is False
-
-
-@pytest.mark.parametrize("symmetry", [(), ("x", "z")], ids=["whole", "quarter"])
-def test_pardiso_solves_what_ngsolves_own_factorisation_does(symmetry, monkeypatch):
-    monkeypatch.setattr(factorisation, "COARSE_ORDER", 0)
+@pytest.mark.parametrize(
+    ("settings", "coarse", "limit"),
+    [
+        ({"order": 3, "symmetry": ()}, 0, 1e-6),
+        ({"order": 3, "symmetry": ("x", "z")}, 0, 1e-6),
+        (
+            {},
+            factorisation.COARSE_ORDER,
+            1e-3,
+        ),  # low orders need less, their own error being larger
+    ],
+    ids=["whole", "quarter", "default"],
+)
+def test_pardiso_solves_what_ngsolves_own_factorisation_does(settings, coarse, limit, monkeypatch):
+    """With absorption, which the error of the series shows to be solved for."""
+    monkeypatch.setattr(factorisation, "COARSE_ORDER", coarse)
     scene = ball_scene(BODIES["hard"], at.Medium(343.1, 1.293, absorption=20.0))
     sources = one_each(directions(2, 0) * 0.0055)
     one, other = (
-        at.FiniteElement(order=3, symmetry=symmetry, factorisation=name)
-        .radiate(scene, sources)
-        .at(far_points(20))
+        at.FiniteElement(factorisation=name, **settings).radiate(scene, sources).at(far_points(20))
         for name in ("pardiso", "sparsecholesky")
     )
-    assert relative(one, other).max() < 1e-6
-
-
-def test_the_residual_of_low_orders_is_far_below_their_own_error():
-    scene, sources = ball_scene(BODIES["hard"]), one_each(directions(2, 0) * 0.0055)
-    one, other = (
-        at.FiniteElement(factorisation=name).radiate(scene, sources).at(far_points(20))
-        for name in ("pardiso", "sparsecholesky")
-    )
-    assert relative(one, other).max() < 1e-3
+    assert relative(one, other).max() < limit
+    exact = at.SphereSeries().radiate(scene, sources).at(far_points(20))
+    assert relative(one, exact).max() < (0.1 if settings else 0.01)
 
 
 def test_where_single_precision_does_not_suffice_double_takes_over(monkeypatch):
     monkeypatch.setattr(factorisation, "MAX_REFINEMENTS", 1)
     monkeypatch.setattr(factorisation, "COARSE_ORDER", 0)
-    monkeypatch.setattr(
-        factorisation, "RESIDUAL", 1e-10
-    )  # one solution in single precision leaves more
-    eighth = at.FiniteElement(order=2, symmetry=("x", "y", "z"), factorisation="pardiso")
-    ready, sources = (
-        eighth.factorised(ball_scene(BODIES["hard"])),
-        one_each(np.array([[0.0, 0, 0.02]])),
-    )
-    found = ready.radiate(ready.scene, sources).at(far_points(20))
-    exact = (
-        replace(eighth, factorisation="sparsecholesky")
-        .radiate(ready.scene, sources)
-        .at(far_points(20))
+    # one solution in single precision leaves more
+    monkeypatch.setattr(factorisation, "RESIDUAL", 1e-10)
+    scene, sources = ball_scene(BODIES["hard"]), one_each(np.array([[0.0, 0, 0.02]]))
+    eighth = at.FiniteElement(order=2, symmetry=EIGHTH, factorisation="pardiso")
+    found, exact = (
+        solver.radiate(scene, sources).at(far_points(20))
+        for solver in (eighth, replace(eighth, factorisation="sparsecholesky"))
     )
     assert relative(found, exact).max() < 1e-9
     monkeypatch.setattr(factorisation, "RESIDUAL", 1e-30)
-    with raises_code("not_converged", "1e-30"):
-        eighth.radiate(ready.scene, sources)
+    with raises_code("not_converged"):
+        eighth.radiate(scene, sources)
 
 
 def test_pardiso_is_found_and_recommended_where_it_is_missing(monkeypatch):
@@ -295,22 +271,18 @@ def test_settings_out_of_range_are_rejected(settings, code):
         at.FiniteElement(**settings)
 
 
-def test_scenes_that_cannot_be_solved_are_rejected(monkeypatch):
-    sources = one_each(np.array([[0.0, 0, 0.02]]))
+def test_scenes_that_cannot_be_solved_are_rejected():
     with raises_code("empty"):
-        QUICK.radiate(at.Scene(PAPER_AIR, []), sources)
+        QUICK.radiate(at.Scene(PAPER_AIR, []), one_each(np.array([[0.0, 0, 0.02]])))
     with raises_code("inside_body"):
         QUICK.radiate(ball_scene(BODIES["hard"]), one_each(np.zeros((1, 3))))
-    monkeypatch.setattr(factorisation, "available_memory", lambda: 1e6)
-    with raises_code("too_little_memory", "0.0 GiB"):
-        QUICK.radiate(ball_scene(BODIES["hard"]), sources)
 
 
 def test_an_open_hand_is_rejected_before_its_memory_is_taken(monkeypatch):
     monkeypatch.setattr(factorisation, "available_memory", lambda: 16 * 2.0**30)
     hand = at.hand_from_joints(*example("relaxed"))
     steps: list[str] = []
-    with raises_code("too_little_memory", "16.0 GiB"):
+    with raises_code("too_little_memory"):
         at.FiniteElement(progress=steps.append).factorised(ball_scene(at.sound_hard(hand.surface)))
     assert steps == []
 
@@ -328,6 +300,12 @@ def test_bodies_that_netgen_cannot_mesh_are_rejected_by_name():
         QUICK.factorised(ball_scene(at.sound_hard(at.Surface(corners, plate))))
     with raises_code("mesh_open"):
         QUICK.factorised(ball_scene(at.sound_hard(at.Surface(BALL.vertices, BALL.triangles[1:]))))
+
+
+def test_surfaces_that_cross_once_they_are_meshed_are_named():
+    shapes = [at.sphere(0.004, 0.002, centre=(side * 0.003, 0.0, 0.0)).shape for side in (-1, 1)]
+    fault = mesh._crossing(surface_mesh(shapes, 0.004, (), np.empty((0, 3))), 0.004)
+    assert fault.code == "bodies_overlap"
 
 
 @pytest.mark.parametrize("name", list(BODIES))
@@ -353,25 +331,10 @@ def test_the_scattered_pressure_is_that_of_the_series_at_sources_too(name):
 
 def test_the_scattered_pressure_at_a_contact_is_nan():
     """Its image stands at the same position."""
-    scene, sources = (
-        ball_scene(BODIES["hard"]),
-        one_each(np.array([[0.0, 0.0, 0.005], [0.0, 0.0, 0.006]])),
-    )
-    field = at.FiniteElement(order=3).radiate(scene, sources)
+    sources = one_each(np.array([[0.0, 0.0, 0.005], [0.0, 0.0, 0.006]]))
+    field = at.FiniteElement(order=3).radiate(ball_scene(BODIES["hard"]), sources)
     assert np.isnan(field.scattered_at(sources.positions)).all(axis=1).tolist() == [True, False]
     assert np.isnan(field.scattered_at(np.zeros((1, 3)))).all()
-
-
-def test_a_meshed_workspace_gives_the_scattered_pressure_at_its_sources():
-    scene, corner = ball_scene(at.sound_hard(at.sphere(0.003, 0.001))), 0.012
-    box = ((-corner, -corner, -corner), (corner, corner, corner))
-    sources = one_each(np.array([[0.0, 0.0, 0.0038], [0.0, 0.0, 0.01]]))
-    field = at.FiniteElement(domain="box", box=box).radiate(scene, sources)
-    tight = at.FiniteElement().radiate(scene, sources)
-    assert (
-        relative(field.scattered_at(sources.positions), tight.scattered_at(sources.positions)).max()
-        < 0.05
-    )
 
 
 def test_points_to_refine_halve_the_error_of_a_contact():
@@ -419,12 +382,6 @@ def test_sources_that_touch_soft_bodies_are_warned_of():
     finite = at.FiniteElement(order=2, symmetry=("x", "y", "z"))
     field = finite.radiate(ball_scene(BODIES["water"]), sources)
     assert field.report.warnings == touching_warnings(field.scene, sources)
-
-
-def test_surfaces_that_cross_are_named():
-    shapes = [at.sphere(0.004, 0.002, centre=(side * 0.003, 0.0, 0.0)).shape for side in (-1, 1)]
-    fault = mesh._crossing(surface_mesh(shapes, 0.004, (), np.empty((0, 3))), 0.004)
-    assert fault.code == "bodies_overlap"
 
 
 def test_tetrahedra_that_fold_name_their_body(monkeypatch):

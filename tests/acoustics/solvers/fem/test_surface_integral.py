@@ -50,8 +50,7 @@ def loops(solver: str) -> set[str]:
     """Compiled loops that the modules of a solver name."""
     sources = (ROOT / "src/airtact/acoustics/solvers" / solver).rglob("*.py")
     called = r"_kernels\.([a-z]\w+)"
-    found = [re.findall(called, path.read_text()) for path in sources]
-    return set().union(*found)
+    return set().union(*[re.findall(called, path.read_text()) for path in sources])
 
 
 def test_finite_elements_call_no_compiled_loop_of_boundary_elements():

@@ -137,29 +137,15 @@ def test_near_the_bodies_the_solution_itself_serves():
     assert expanded.error_at(both).max() < 1e-3
 
 
-def test_a_scene_without_bodies_is_rejected():
-    open_air = at.FreeField().radiate(
-        at.Scene(AIR, [], 40e3), at.Monopoles(np.zeros((1, 3)), np.ones(1))
-    )
+def test_fields_that_cannot_be_expanded_are_rejected(monkeypatch):
+    field = beside_a_ball(2e-3)
+    open_air = at.FreeField().radiate(at.Scene(AIR, [], 40e3), field.sources)
     with raises_code("empty"):
         at.multipole_expansion(open_air)
-
-
-def test_a_field_that_is_not_known_all_around_is_rejected():
-    field = beside_a_ball(2e-3)
-    centre = field.scene.obstacles[0].surface.corners.mean(axis=(0, 1))
-    nodes = centre + np.array([[0, 0, 0], [0.03, 0, 0], [0, 0.03, 0], [0, 0, 0.03]])
-    sampled = at.SampledField(
-        field.scene, field.sources, nodes, np.ones((4, 3), dtype=np.complex128)
-    )
-    with raises_code("data_missing", "10.6 mm"):
-        at.multipole_expansion(sampled)
-
-
-def test_expansions_that_do_not_fit_into_memory_are_rejected(monkeypatch):
+    nodes = field.scene.obstacles[0].surface.corners.mean(axis=(0, 1)) + 0.03 * np.eye(4, 3, -1)
+    pressures = np.ones((4, 3), dtype=np.complex128)
+    with raises_code("data_missing"):
+        at.multipole_expansion(at.SampledField(field.scene, field.sources, nodes, pressures))
     monkeypatch.setattr(multipole_field, "available_memory", lambda: 2.0**18)
-    ball = at.sphere(radius=5e-3, edge=2e-3)
-    scene = at.Scene(at.Medium(343.1, 1.293), [at.sound_hard(ball)], frequency=40e3)
-    field = at.SphereSeries().radiate(scene, at.Monopoles(np.array([[0, 0, 8e-3]]), np.ones(1)))
-    with raises_code("too_little_memory", "0.00024 GiB"):
+    with raises_code("too_little_memory"):
         at.multipole_expansion(field)

@@ -21,39 +21,26 @@ ARGUMENTS = [0.1 + 0j, 1.0 + 0j, 4.3 + 0j, 7.326 + 0j, 22.0 + 0j, 60.0 + 0j, 7.0
 
 
 def hankel(order, argument, derivative=False):
-    return spherical_jn(order, argument, derivative) + 1j * spherical_yn(
-        order, argument, derivative
-    )
+    regular = spherical_jn(order, argument, derivative)
+    return regular + 1j * spherical_yn(order, argument, derivative)
 
 
 @pytest.mark.parametrize("argument", ARGUMENTS)
-def test_outgoing_functions_agree_with_scipy(argument):
+@pytest.mark.parametrize(
+    ("function", "ratios", "derivatives", "scale"),
+    [
+        (hankel, outgoing_ratios, outgoing_derivatives, 1.7),
+        (spherical_jn, regular_ratios, regular_derivatives, 0.6),
+    ],
+    ids=["outgoing", "regular"],
+)
+def test_radial_functions_agree_with_scipy(function, ratios, derivatives, scale, argument):
     orders = np.arange(20)
-    ratios = np.array(list(islice(outgoing_ratios(np.array([1.7 * argument + 0j]), argument), 20)))[
-        :, 0
-    ]
-    np.testing.assert_allclose(
-        ratios, hankel(orders, 1.7 * argument) / hankel(orders, argument), rtol=1e-11
-    )
-    slopes = np.array(list(islice(outgoing_derivatives(argument), 20)))
-    np.testing.assert_allclose(
-        slopes, hankel(orders, argument, True) / hankel(orders, argument), rtol=1e-11
-    )
-
-
-@pytest.mark.parametrize("argument", ARGUMENTS)
-def test_regular_functions_agree_with_scipy(argument):
-    orders = np.arange(20)
-    ratios = np.array(list(islice(regular_ratios(np.array([0.6 * argument + 0j]), argument), 20)))[
-        :, 0
-    ]
-    np.testing.assert_allclose(
-        ratios, spherical_jn(orders, 0.6 * argument) / spherical_jn(orders, argument), rtol=1e-10
-    )
-    slopes = np.array(list(islice(regular_derivatives(argument), 20)))
-    np.testing.assert_allclose(
-        slopes, spherical_jn(orders, argument, True) / spherical_jn(orders, argument), rtol=1e-10
-    )
+    found = np.array(list(islice(ratios(np.array([scale * argument + 0j]), argument), 20)))[:, 0]
+    exact = function(orders, argument)
+    np.testing.assert_allclose(found, function(orders, scale * argument) / exact, rtol=1e-10)
+    slopes = np.array(list(islice(derivatives(argument), 20)))
+    np.testing.assert_allclose(slopes, function(orders, argument, True) / exact, rtol=1e-10)
 
 
 @pytest.mark.parametrize("argument", [0.1 + 0j, 4.493409457909064 + 0j, np.pi + 0j, 60.0 + 0j])

@@ -74,12 +74,6 @@ def in_boards(scene: Scene, sources: Monopoles) -> Bool[np.ndarray, "sources"]:
     return inside
 
 
-def without_boards(scene: Scene) -> Scene:
-    """Return a scene without its reflecting boards."""
-    bodies = [obstacle for obstacle in scene.obstacles if not obstacle.board]
-    return replace(scene, obstacles=bodies)
-
-
 def elements_and_boards(solved: BoundaryField) -> Monopoles:
     """Return the sources of a field, and the monopoles by which its boards scatter."""
     transposed = solved.without_images.transposed
@@ -91,9 +85,3 @@ def elements_and_boards(solved: BoundaryField) -> Monopoles:
         np.concatenate([emitted.positions, scattering.positions[of_boards]]),
         np.concatenate([emitted.strengths, scattering.strengths[of_boards]]),
     )
-
-
-def reach_of(solved: BoundaryField) -> float:
-    """Largest radius of a board's panel [m], below which its monopoles act one by one."""
-    nodes = solved.without_images.surface.nodes
-    return float(nodes.radii[np.isin(nodes.body[::6], solved.scene.boards)].max())

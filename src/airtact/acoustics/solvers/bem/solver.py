@@ -34,8 +34,6 @@ from airtact.acoustics.solvers.bem.board_field import (
     BoardField,
     elements_and_boards,
     in_boards,
-    reach_of,
-    without_boards,
 )
 from airtact.acoustics.solvers.bem.factorised.factorised_bodies import FactorisedBodies
 from airtact.acoustics.solvers.bem.factorised.reduced_body import reduced_body
@@ -246,7 +244,9 @@ class BoundaryElement(Solver):
         refined = sources.positions[~inside]
         # ten times the usual accuracy, because its error is not estimated
         with_boards = self._radiate(scene, sources, refined, 0.1 * self.accuracy, ("transposed",))
-        rest = without_boards(scene)
+        rest = replace(
+            scene, obstacles=[obstacle for obstacle in scene.obstacles if not obstacle.board]
+        )
         from_all = elements_and_boards(with_boards)
         if rest.obstacles:
             around = self._radiate(rest, from_all, refined)
@@ -260,7 +260,10 @@ class BoundaryElement(Solver):
             estimated_error=around.report.estimated_error,
             warnings=(*with_boards.report.warnings, NOT_ESTIMATED, *around.report.warnings),
         )
-        return BoardField(rest, sources, report, boards, around, reach_of(with_boards))
+        nodes = with_boards.without_images.surface.nodes
+        # within the largest radius of a board's panels its monopoles act one by one
+        reach = float(nodes.radii[np.isin(nodes.body[::6], scene.boards)].max())
+        return BoardField(rest, sources, report, boards, around, reach)
 
     def _radiate(
         self,

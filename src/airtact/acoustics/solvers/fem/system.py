@@ -344,7 +344,14 @@ def grade_orders(
     points = np.array([vertex.point for vertex in mesh.vertices])
     ends = np.array([[vertex.nr for vertex in edge.vertices] for edge in mesh.edges])
     lengths = np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1)
-    lengths *= _shortening(scene, mesh)
+    # Sound may be slower in a filling: edges beside it are longer in its wavelengths.
+    factors = np.ones(mesh.nedge)
+    for body, obstacle in enumerate(scene.obstacles):
+        if obstacle.medium is not None:
+            shorter = scene.medium.sound_speed / obstacle.medium.sound_speed
+            for cell in mesh.Materials(f"body{body}").Elements():
+                factors[[edge.nr for edge in cell.edges]] = max(shorter, 1.0)
+    lengths *= factors
     middles = points[ends].mean(axis=1)
     faces = np.array([[edge.nr for edge in face.edges] for face in mesh.faces])
     cells = np.array([[edge.nr for edge in cell.edges] for cell in mesh.Elements(ngsolve.VOL)])
@@ -377,14 +384,3 @@ def _served(
 ) -> Int64[np.ndarray, "nodes"]:
     limits = longest_served(order, 1.5 * size, ease)  # Netgen's longest edges
     return np.clip(1 + np.searchsorted(limits, lengths), min(order, 3), order + MAX_ABOVE)
-
-
-def _shortening(scene: Scene, mesh: CurvedMesh) -> Float64[np.ndarray, "edges"]:
-    """Wavelength in air over the one beside each edge, at least 1."""
-    factors = np.ones(mesh.nedge)
-    for body, obstacle in enumerate(scene.obstacles):
-        if obstacle.medium is not None:
-            shorter = scene.medium.sound_speed / obstacle.medium.sound_speed
-            for cell in mesh.Materials(f"body{body}").Elements():
-                factors[[edge.nr for edge in cell.edges]] = max(shorter, 1.0)
-    return factors

@@ -238,7 +238,12 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
             count=int(np.ceil(0.3 * reach)) + 5,
         )
     with clock.step("expansion", "comparing it with the field"):
-        points = _test_points(spheres)
+        # Random points, because a grid could fall on that of the table; from the smallest sphere to
+        # twenty times as far away.
+        random = np.random.default_rng(0)
+        ways = random.normal(size=(100, 3))
+        ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+        points = centre + spheres.radius / random.uniform(0.05, 1, (100, 1)) * ways
         points = points[before_planes(scene.planes, points)]
         no_errors = np.zeros(field.excitations)
         expanded = MultipoleField(scene, field.sources, field.report, field, spheres, no_errors)
@@ -363,15 +368,6 @@ def _table(
         np.arange(-(SPREAD // 2), count + (SPREAD + 1) // 2) % fine for count in (around, fine)
     )
     return np.ascontiguousarray(table[np.ix_(rows, columns)])
-
-
-def _test_points(spheres: InterpolationSpheres) -> Float64[np.ndarray, "checked 3"]:
-    """Draw 100 random points from the smallest sphere to twenty times as far away [m]."""
-    # Random, because points on a grid could fall on those of the table.
-    random = np.random.default_rng(0)
-    directions = random.normal(size=(100, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    return spheres.centre + spheres.radius / random.uniform(0.05, 1, (100, 1)) * directions
 
 
 def _window(angles: Lengths, step: float) -> tuple[Indices, Float32[np.ndarray, "points spread"]]:
