@@ -299,10 +299,10 @@ def check_not_inside(
     count = int((depth > CONTACT).sum())
     if count:
         deepest = int(depth.argmax())
-        others = f", the deepest of {count}" if count > 1 else ""
+        count_note = f", the deepest of {count}" if count > 1 else ""
         raise InvalidInput(
             f"{what} {deepest} at {in_mm(points[deepest])} is {depth[deepest] * 1e3:.3g} mm inside "
-            f"a body{others}; move it out or the body away.",
+            f"a body{count_note}; move it out or the body away.",
             points[deepest],
             code="inside_body",
         )

@@ -151,7 +151,7 @@ class Target:
             "pressures": None if pressures is None else magnitudes,
             "shares": None if shares is None else magnitudes,
             # real numbers leave the phases to the method
-            "phases": fixed(np.angle(wanted)) if np.iscomplexobj(wanted) else None,
+            "phases": None if wanted is None or np.isrealobj(wanted) else fixed(np.angle(wanted)),
         }
         for name, value in values.items():
             object.__setattr__(self, name, value)

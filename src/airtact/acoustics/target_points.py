@@ -61,11 +61,11 @@ def polyline(
         As ``segment``, or fewer than two corners.
     """
     corners = points_of(corners, "corners of a polyline")
-    least = 3 if closed else 2
-    if len(corners) < least:
+    minimum = 3 if closed else 2
+    if len(corners) < minimum:
         raise InvalidInput(
             f"a {'closed ' if closed else ''}polyline has {len(corners)} corners, but needs "
-            f"{least}.",
+            f"{minimum}.",
             code="too_few",
         )
     spacing = positive(spacing, "the spacing", "m")
@@ -243,16 +243,16 @@ def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Po
     return shifted
 
 
-def spaced_apart(points: Points, least: float) -> Float64[np.ndarray, "kept 3"]:
-    """Leave out points that are nearer than ``least`` [m] to one before them that stays."""
-    kept = []
+def spaced_apart(points: Points, spacing: float) -> Float64[np.ndarray, "kept 3"]:
+    """Leave out points that are nearer than ``spacing`` [m] to one before them that stays."""
+    remaining = []
     dropped = np.zeros(len(points), dtype=bool)
     tree = KDTree(points)
     for index, point in enumerate(points):
         if not dropped[index]:
-            kept.append(index)
-            dropped[tree.query_ball_point(point, least * (1.0 - 1e-9))] = True
-    return points[kept]
+            remaining.append(index)
+            dropped[tree.query_ball_point(point, spacing * (1.0 - 1e-9))] = True
+    return points[remaining]
 
 
 def frame_of(

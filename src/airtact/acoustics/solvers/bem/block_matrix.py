@@ -114,17 +114,17 @@ class BlockMatrix:
         word = np.dtype(np.uint32 if store == "bfloat16" else store)
         words = _words(store)
         pairs = BlockPairs.of(whole)
-        others = BlockPairs.of(~whole)
+        far_pairs = BlockPairs.of(~whole)
         rows = len(pairs.column) * lanes
         # blocks and factors share one piece of memory, which the next matrix may reuse
         memory = _allocate((rows + room) * 2 * words * word.itemsize)
         numbers = memory[: (rows + room) * 2 * words * word.itemsize].view(word)
-        ranks, begin = np.zeros((2, len(others.column)), dtype=np.int64)
+        ranks, begin = np.zeros((2, len(far_pairs.column)), dtype=np.int64)
         return cls(
             count=count,
             whole=pairs,
             blocks=numbers[: rows * 2 * words].reshape(-1, lanes, 2, words),
-            far=_kernels.FarBlocks(others.first, others.column, ranks, begin),
+            far=_kernels.FarBlocks(far_pairs.first, far_pairs.column, ranks, begin),
             factors=numbers[rows * 2 * words :].reshape(-1, 2, words),
             memory=memory,
         )
@@ -215,12 +215,14 @@ def eliminate(
         total += matrix.dense()
     # in place: the matrix is the largest object of a solve
     factors = scipy.linalg.lu_factor(total, overwrite_a=True, check_finite=False)
-    sides = right.astype(total.dtype)
-    solution = scipy.linalg.lu_solve(factors, sides, trans=int(transposed), check_finite=False)
+    right_sides = right.astype(total.dtype)
+    solution = scipy.linalg.lu_solve(
+        factors, right_sides, trans=int(transposed), check_finite=False
+    )
     # one product checks all right-hand sides at once
     summed = np.ascontiguousarray(solution.sum(axis=1)[None])
     product = sum(matrix.times(summed, transposed)[0] for matrix in matrices)
-    wanted = right.sum(axis=1)
-    residual = float(np.linalg.norm(product - wanted))
-    residual /= max(float(np.linalg.norm(wanted)), 1e-300)
+    expected = right.sum(axis=1)
+    residual = float(np.linalg.norm(product - expected))
+    residual /= max(float(np.linalg.norm(expected)), 1e-300)
     return GmresResult(np.ascontiguousarray(solution.T), np.full(right.shape[1], residual), 0)

@@ -166,10 +166,10 @@ class BoundaryField(RadiatedField):
             return out
         out[away] = self.transposed.at(located.points[away], total)
         # the mean of both is symmetric in source and receiver
-        both = self._served_by_both
-        if both.any():
-            direct = self.direct_at(located.points[away], total)[:, both]
-            out[np.ix_(away, both)] = 0.5 * (out[np.ix_(away, both)] + direct)
+        averaged = self._served_by_both
+        if averaged.any():
+            direct = self.direct_at(located.points[away], total)[:, averaged]
+            out[np.ix_(away, averaged)] = 0.5 * (out[np.ix_(away, averaged)] + direct)
         return out
 
     def _in_cells(self, cells: Cells, located: Located, off: Mask, total: bool) -> Pressures:
@@ -315,8 +315,8 @@ class BoundaryField(RadiatedField):
         Differences of the pressure are too noisy there.
         """
         nodes = self.surface.nodes
-        least = self.scene.wavelength / 60.0
-        contacts = find_contacts(nodes, points[outside], least)
+        blend_height = self.scene.wavelength / 60.0
+        contacts = find_contacts(nodes, points[outside], blend_height)
         target = outside[contacts.target]
         if not len(target):
             return target, np.empty((0, 3, self.excitations), dtype=np.complex128)
@@ -325,7 +325,7 @@ class BoundaryField(RadiatedField):
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         # blend from the surface (0) to the least height of differences (1)
         touching = contacts.distance < nodes.contact[panel]
-        height = np.where(touching, 0.0, contacts.distance / least)
+        height = np.where(touching, 0.0, contacts.distance / blend_height)
         gradient = surface_gradient(nodes, panel, contacts.reference, self.direct_at)
         yielding = nodes.admittance[panel] != 0
         if yielding.any():
@@ -335,6 +335,6 @@ class BoundaryField(RadiatedField):
             gradient[yielding] += normals[yielding, :, None] * rises[:, None]
         off = height > 0.0
         weight = height[off, None, None]
-        lifted = self._gradient_near(feet[off] + least * normals[off])
+        lifted = self._gradient_near(feet[off] + blend_height * normals[off])
         gradient[off] = (1.0 - weight) * gradient[off] + weight * lifted
         return target, gradient

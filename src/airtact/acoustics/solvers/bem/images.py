@@ -26,7 +26,7 @@ def surface_with_images(surface: DualSurface, planes: Sequence[Plane]) -> DualSu
         # the images count as further bodies
         mirrored = plane.image(panels.reshape(-1, 3)).reshape(panels.shape)[:, _MIRRORED]
         bodies = nodes.body[::6]
-        both = place_nodes(
+        all_nodes = place_nodes(
             np.concatenate([panels, mirrored]),
             body=np.concatenate([bodies, bodies + bodies.max() + 1]),
             deviation=np.zeros(2 * len(panels)),
@@ -34,7 +34,7 @@ def surface_with_images(surface: DualSurface, planes: Sequence[Plane]) -> DualSu
         )
         surface = replace(
             surface,
-            nodes=replace(both, contact=np.tile(nodes.contact, 2)),
+            nodes=replace(all_nodes, contact=np.tile(nodes.contact, 2)),
             shifted=np.concatenate([surface.shifted, plane.image(surface.shifted)]),
         )
     return surface

@@ -130,7 +130,7 @@ class MovingPanels:
         self, surface: DualSurface, right: NodeValues, tolerance: float, transposed: bool
     ) -> NodeValues:
         matrix = assemble(surface, "bfloat16", self.low_rank_error)
-        sides = np.ascontiguousarray(right.T, dtype=matrix.precision)
-        result = gmres(lambda vectors: matrix.times(vectors, transposed), sides, tolerance)
+        right_sides = np.ascontiguousarray(right.T, dtype=matrix.precision)
+        result = gmres(lambda vectors: matrix.times(vectors, transposed), right_sides, tolerance)
         release(matrix)
         return result.solution.T.astype(np.complex128)

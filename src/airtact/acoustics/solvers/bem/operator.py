@@ -120,8 +120,10 @@ def assemble(
         shifted = image.image(shifted)
         centres = image.image(centres)
     # entries of panels near a collocation point are corrected by a near integral
-    both = np.concatenate([points, shifted])
-    rows = near_rows(nodes, both, surface.wavenumber, surface.near_rule, surface.precision)
+    collocation_points = np.concatenate([points, shifted])
+    rows = near_rows(
+        nodes, collocation_points, surface.wavenumber, surface.near_rule, surface.precision
+    )
     near, near_shifted = rows.split(len(points))
     # blocks with such entries, or with panels close to each other, are stored whole
     blocks = blocks_of(len(points))
@@ -169,8 +171,10 @@ def direct_right_side(
     strengths: Complex[np.ndarray, "sources excitations"],
 ) -> NodeValues:
     """Right-hand side p_inc(x) − i p_inc(x') of some monopoles."""
-    both = np.concatenate([surface.nodes.points, surface.shifted])
-    pressure = monopole_pressure(both, positions, strengths, surface.wavenumber, "float64")
+    collocation_points = np.concatenate([surface.nodes.points, surface.shifted])
+    pressure = monopole_pressure(
+        collocation_points, positions, strengths, surface.wavenumber, "float64"
+    )
     count = len(surface.nodes.points)
     return pressure[:count] - 1j * np.repeat(pressure[count:], _kernels.sharing, axis=0)
 

@@ -405,12 +405,12 @@ class BoundaryElement(Solver):
         for body, obstacle in enumerate(scene.obstacles):
             with clock.step("bodies", f"factorising body {body}"):
                 # each body has a matrix of its own, without low-rank blocks
-                own = panels.body == body
+                of_body = panels.body == body
                 nodes = place_nodes(
-                    panels.quadratic_triangles[own],
-                    body=np.zeros(np.count_nonzero(own), dtype=np.int64),
-                    deviation=panels.deviation[own],
-                    admittance=admittances(scene)[panels.body[own]],
+                    panels.quadratic_triangles[of_body],
+                    body=np.zeros(np.count_nonzero(of_body), dtype=np.int64),
+                    deviation=panels.deviation[of_body],
+                    admittance=admittances(scene)[panels.body[of_body]],
                 )
                 count = len(nodes.points)
                 # four copies: the matrix, its factors, right-hand sides and solutions
@@ -514,7 +514,7 @@ class BoundaryElement(Solver):
         # scaled, because the squares would leave the range of single precision
         size = np.abs(right).max(axis=0, initial=0.0)
         size[size == 0.0] = 1.0
-        sides = np.ascontiguousarray((right / size).T, dtype=matrices[0].precision)
+        right_sides = np.ascontiguousarray((right / size).T, dtype=matrices[0].precision)
 
         def product(vectors: np.ndarray) -> np.ndarray:
             total = matrices[0].times(vectors, transposed)
@@ -525,7 +525,7 @@ class BoundaryElement(Solver):
         boards = bool(scene.boards)
         result = gmres(
             product,
-            sides,
+            right_sides,
             tolerance,
             SETTINGS.solution_error * self.accuracy,
             SETTINGS.iterations_among_boards if boards else SETTINGS.iterations,
@@ -535,11 +535,11 @@ class BoundaryElement(Solver):
     def _surface(self, nodes: Nodes, scene: Scene, obstacles: Sequence[Obstacle]) -> DualSurface:
         """Place the second collocation points, and choose how near panels are integrated."""
         # closed forms know how thick they are; only elsewhere is the thickness measured
-        least = np.empty(len(nodes.points))
+        thickness = np.empty(len(nodes.points))
         for index, obstacle in enumerate(obstacles):
-            own = nodes.body == index
-            least[own] = obstacle.surface.shape.thickness_at(
-                nodes.points[own], nodes.normals[own], THICK * scene.wavelength
+            of_body = nodes.body == index
+            thickness[of_body] = obstacle.surface.shape.thickness_at(
+                nodes.points[of_body], nodes.normals[of_body], THICK * scene.wavelength
             )
         if self.precision == "float64":
             near_rule = NearRule(2.5, (6, 6))
@@ -547,7 +547,7 @@ class BoundaryElement(Solver):
             near_rule = NearRule(1.1, (3, 3))
         else:
             near_rule = NearRule(1.6, (4, 4))
-        return dual_surface(nodes, scene.wavenumber, near_rule, self.precision, least)
+        return dual_surface(nodes, scene.wavenumber, near_rule, self.precision, thickness)
 
     def _panels(self, scene: Scene, refined: Points) -> Panels:
         """Cover the bodies with panels, smaller ones near the refined points."""
@@ -593,7 +593,7 @@ class BoundaryElement(Solver):
 
 def _at_accuracy(table: Sequence[tuple[float, float]], accuracy: float) -> float:
     """Return the value of the first entry whose least accuracy is reached."""
-    return next(value for least, value in table if accuracy >= least)
+    return next(value for threshold, value in table if accuracy >= threshold)
 
 
 def _in_block_order(panels: Panels) -> Panels:

@@ -72,13 +72,13 @@ class Cells:
         near = _kernels.apply_in_cells(at_points, True, layer, strengths, least)
         bounds = len(self.grids) // cells * np.arange(cells + 1)
         at_grids = _kernels.Cells(self.grids, bounds, self.centres, self.reach)
-        far = _kernels.apply_in_cells(at_grids, False, layer, strengths, least)
+        smooth = _kernels.apply_in_cells(at_grids, False, layer, strengths, least)
         # the far part is smooth in a cell: interpolate it
         cell = np.repeat(np.arange(cells), np.diff(self.first))
         _, b, c = (part.shape[1] for part in self.weights)
-        steps = np.array([b * c, c]) * far.shape[1]
-        table = far.astype(np.complex64)
-        between = _kernels.interpolate(table, cell * (far.size // cells), steps, *self.weights)
+        steps = np.array([b * c, c]) * smooth.shape[1]
+        table = smooth.astype(np.complex64)
+        between = _kernels.interpolate(table, cell * (smooth.size // cells), steps, *self.weights)
         out = np.empty_like(near)
         out[self.order] = near + between
         return out

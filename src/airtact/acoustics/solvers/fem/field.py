@@ -30,7 +30,7 @@ TOUCHING = 0.04
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FiniteField(RadiatedField):
-    """The field of some monopoles, as ``FiniteElement`` solved it; valid in the workspace, if meshed.
+    """The field of some monopoles, as ``FiniteElement`` solved it; in a meshed workspace only there.
 
     A source within 0.04 wavelengths of a filled body touches it.
 

@@ -72,13 +72,13 @@ def muted() -> Iterator[None]:
     """Drop what compiled code prints: Netgen prints failures, which are looked for afterwards."""
     sys.stdout.flush()
     sys.stderr.flush()
-    kept = [os.dup(1), os.dup(2)]
+    saved = [os.dup(1), os.dup(2)]
     with tempfile.TemporaryFile() as sink:
         try:
             os.dup2(sink.fileno(), 1)
             os.dup2(sink.fileno(), 2)
             yield
         finally:
-            for descriptor, original in enumerate(kept, start=1):
+            for descriptor, original in enumerate(saved, start=1):
                 os.dup2(original, descriptor)
                 os.close(original)

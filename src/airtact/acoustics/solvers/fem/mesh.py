@@ -133,7 +133,7 @@ def _tetrahedra(
     ... Where Netgen fails, tetrahedra are missing.
     """
     meshing, _ = netgen_libraries()
-    vertices, flat, sides = _flat_faces(surface, box, filled, wavelength, size)
+    vertices, flat, regions = _flat_faces(surface, box, filled, wavelength, size)
     added = surface.vertices / wavelength
     # Along a cut both meshes have the same vertices, which must be one.
     distance, nearest = KDTree(vertices).query(added)
@@ -142,9 +142,9 @@ def _tetrahedra(
     mesh = meshing.Mesh()
     mesh.AddPoints(np.concatenate([vertices, added[~same]]))
     groups = []
-    for inside, outside, face in np.unique(sides, axis=0).tolist():
+    for inside, outside, face in np.unique(regions, axis=0).tolist():
         name = f"between{face}" if outside else f"wall{face}"
-        triangles = flat[(sides == [inside, outside, face]).all(axis=1)]
+        triangles = flat[(regions == [inside, outside, face]).all(axis=1)]
         groups.append((inside, outside, name, triangles))
     corners = number[surface.triangles]
     for body in np.unique(surface.body):
@@ -283,15 +283,19 @@ def _loop(
     if np.array_equal(chain[0], chain[-1]):
         return chain[:-1]
     first, last = (
-        {other for other in mirrors if other is not mirror and end[other.axis] == other.position}
+        {
+            crossed
+            for crossed in mirrors
+            if crossed is not mirror and end[crossed.axis] == crossed.position
+        }
         for end in (chain[0], chain[-1])
     )
     if first & last:
         return chain
     # Two mirrors cut the body: the outline turns at the line that they share.
     corner = chain[0].copy()
-    for other in first | last:
-        corner[other.axis] = other.position
+    for crossed in first | last:
+        corner[crossed.axis] = crossed.position
     return np.concatenate([chain, corner[None]])
 
 
@@ -314,10 +318,10 @@ def _curved(mesh: NetgenMesh, surface: SurfaceMesh, wavelength: float) -> Tetrah
     keys, first = np.unique(ends[:, 0] * len(vertices) + ends[:, 1], return_index=True)
     straight = 0.5 * (vertices[ends[first, 0]] + vertices[ends[first, 1]])
     bend = surface.middles.reshape(-1, 3)[first] / wavelength - straight
-    wanted = np.sort(corners[:, EDGES], axis=2) @ [len(vertices), 1]
-    index = np.searchsorted(keys, wanted.ravel()).reshape(wanted.shape)
+    edges = np.sort(corners[:, EDGES], axis=2) @ [len(vertices), 1]
+    index = np.searchsorted(keys, edges.ravel()).reshape(edges.shape)
     index = np.minimum(index, len(keys) - 1)
-    bends = np.where((keys[index] == wanted)[:, :, None], bend[index], 0.0)
+    bends = np.where((keys[index] == edges)[:, :, None], bend[index], 0.0)
     return Tetrahedra(vertices[corners], bends)
 
 
@@ -330,13 +334,13 @@ def _fills_box(
         return False
     four = vertices[corners]
     volume = np.abs(np.linalg.det(four[:, 1:] - four[:, :1])).sum() / 6 * wavelength**3
-    wanted = float((box.outer_high - box.outer_low).prod())
+    expected = float((box.outer_high - box.outer_low).prod())
     hollow = ~np.array(filled)[surface.body]
     if hollow.any():
         # Seen from a point on all mirrors, the cuts there count nothing.
         flat = surface.vertices[surface.triangles[hollow]] - box.low
-        wanted -= float(np.linalg.det(flat).sum()) / 6
-    return bool(abs(volume / wanted - 1) < 1e-6)
+        expected -= float(np.linalg.det(flat).sum()) / 6
+    return bool(abs(volume / expected - 1) < 1e-6)
 
 
 def _crossing(surface: SurfaceMesh, edge: float) -> InvalidInput:

@@ -37,11 +37,11 @@ class PointSources:
         """Select some."""
         return PointSources(self.positions[mask], self.strengths[mask])
 
-    def joined(self, others: Sequence["PointSources"]) -> "PointSources":
+    def joined(self, added: Sequence["PointSources"]) -> "PointSources":
         """Join these and others."""
         return PointSources(
-            np.concatenate([self.positions, *(sources.positions for sources in others)]),
-            np.concatenate([self.strengths, *(sources.strengths for sources in others)]),
+            np.concatenate([self.positions, *(sources.positions for sources in added)]),
+            np.concatenate([self.strengths, *(sources.strengths for sources in added)]),
         )
 
     def pressure(self, points: Points, wavenumber: complex) -> Pressures:

@@ -62,8 +62,8 @@ def surface_mesh(
     count = 0
     for index, shape in enumerate(shapes):
         neighbours = images(mirrors, refined)
-        for other, parts in enumerate(rough):
-            if other != index:
+        for neighbour, parts in enumerate(rough):
+            if neighbour != index:
                 neighbours += [part.vertices for part in parts]
         for part in rough[index]:
             if any((part.vertices[:, mirror.axis] <= mirror.position).all() for mirror in mirrors):
@@ -110,11 +110,11 @@ def _covered(
     area = 0.5 * np.linalg.norm(normals, axis=1).sum()
     flat = remeshed(rough, sizes, edge, area / (np.sqrt(3) / 4 * edge**2))
     vertices, middles = _on_the_surface(shape, flat, edge, mirrors)
-    kept = np.ones(len(flat.triangles), dtype=bool)
+    positive = np.ones(len(flat.triangles), dtype=bool)
     for mirror in mirrors:
-        kept &= vertices[flat.triangles].mean(axis=1)[:, mirror.axis] > mirror.position
-    used, triangles = np.unique(flat.triangles[kept], return_inverse=True)
-    return vertices[used], triangles.reshape(-1, 3), middles[kept]
+        positive &= vertices[flat.triangles].mean(axis=1)[:, mirror.axis] > mirror.position
+    used, triangles = np.unique(flat.triangles[positive], return_inverse=True)
+    return vertices[used], triangles.reshape(-1, 3), middles[positive]
 
 
 def _on_the_surface(

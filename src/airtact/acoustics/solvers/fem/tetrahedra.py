@@ -80,12 +80,12 @@ class Tetrahedra:
                 still = depth[outside] < INSIDE
                 index = outside[still]
                 number = column[still]
-                found = self._weights(number, points[index])
-                smallest = found.min(axis=1)
+                candidate = self._weights(number, points[index])
+                smallest = candidate.min(axis=1)
                 deeper = smallest > depth[index]
                 chosen = index[deeper]
                 best[chosen] = number[deeper]
-                weights[chosen] = found[deeper]
+                weights[chosen] = candidate[deeper]
                 depth[chosen] = smallest[deeper]
             tried = count
         # The meshed surface lies micrometres off the true one, so a point beside a tetrahedron

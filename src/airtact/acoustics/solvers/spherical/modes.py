@@ -206,8 +206,8 @@ class SphereModes:
             along_term = term * (wave / radii)[:, None] * source_wave * angular
             outward = outward + outward_term
             along = along + along_term
-            least = 1e-11 * (np.abs(outward) + np.abs(along) + np.finfo(float).tiny)
-            negligible = np.all(np.abs(outward_term) + np.abs(along_term) <= least)
+            negligible_size = 1e-11 * (np.abs(outward) + np.abs(along) + np.finfo(float).tiny)
+            negligible = np.all(np.abs(outward_term) + np.abs(along_term) <= negligible_size)
             small = small + 1 if order >= self.first_safe_order() and negligible else 0
             if small == 4:  # one small term is not enough: a polynomial may vanish by chance
                 return outward, along

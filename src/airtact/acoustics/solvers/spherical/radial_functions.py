@@ -79,13 +79,13 @@ def regular_ratios(
 
     The argument z may be zero.
     """
-    both = np.append(arguments, reference).astype(np.complex128)
+    combined = np.append(arguments, reference).astype(np.complex128)
     first = 1
     ratio = np.ones(0)
     while True:
-        quotients = regular_quotients(both, first, first + _BLOCK - 1)
+        quotients = regular_quotients(combined, first, first + _BLOCK - 1)
         if first == 1:
-            lowest = _lowest_regular(both, quotients[0])
+            lowest = _lowest_regular(combined, quotients[0])
             ratio = lowest[:-1] / lowest[-1]
         for quotient in quotients:
             yield ratio

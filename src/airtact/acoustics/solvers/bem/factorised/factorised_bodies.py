@@ -151,7 +151,7 @@ class Coupling:
     ) -> Complex[np.ndarray, "excitations rows"]:
         """Apply the equation for the densities y on all skeletons: y_b + Σ_c S_b K_cbᵀ y_c."""
         out = densities.copy()
-        for body, own in enumerate(self.parts):
+        for body, rows in enumerate(self.parts):
             # field of the other bodies at the columns of this one, then its scattering
             incident = [
                 product(self.blocks[emitter, body], densities[:, part], transposed=True)
@@ -160,7 +160,7 @@ class Coupling:
             ]
             if incident:
                 total = incident[0] if len(incident) == 1 else np.sum(incident, axis=0)
-                out[:, own] += product(self.placed[body].reduced.scattering, total)
+                out[:, rows] += product(self.placed[body].reduced.scattering, total)
         return out
 
     @cached_property
@@ -238,15 +238,15 @@ class FactorisedField(RadiatedField):
         for body in self.placed:
             reduced = body.reduced
             far = reduced.far
-            own = self.densities[begin : begin + len(reduced.rows)]
-            begin += len(own)
+            density = self.densities[begin : begin + len(reduced.rows)]
+            begin += len(density)
             # far receivers such as an array take fewer monopoles
             if body.clear_of(points, far.reach):
                 positions.append(body.pose.apply(far.positions))
-                strengths.append(product(far.combinations, own.T).T)
+                strengths.append(product(far.combinations, density.T).T)
             else:
                 positions.append(body.pose.apply(reduced.row_points))
-                strengths += [own, -1j * own]
+                strengths += [density, -1j * density]
         return np.concatenate(positions), np.concatenate(strengths)
 
 
@@ -299,12 +299,13 @@ class FactorisedBodies(Solver):
             placed = coupling.placed
             sources, factors = _projected(scene, placed, sources)
             strengths = factors[:, None] * sources.strengths
-            sides = [
+            right_sides = [
                 body.right_side(sources.positions, strengths, factors > 1).T for body in placed
             ]
             # the products one after another: between them the threads would fall asleep
             alone = [
-                product(body.reduced.solved, side) for body, side in zip(placed, sides, strict=True)
+                product(body.reduced.solved, side)
+                for body, side in zip(placed, right_sides, strict=True)
             ]
             densities = np.concatenate(alone, axis=1)
             if coupling is self._at_rest:

@@ -189,19 +189,19 @@ def _error_check(
     # 0.06 λ over the surface: half a millimetre at 40 kHz in air
     height = 0.06 * 2 * np.pi / surface.wavenumber.real
     close = nodes.points[beside] + height * nodes.normals[beside]
-    far = _transposed_sides(surface, proxies[sources], np.eye(len(sources)))
-    near = _transposed_sides(surface, close, np.eye(len(close)))
+    far_sides = _transposed_sides(surface, proxies[sources], np.eye(len(sources)))
+    near_sides = _transposed_sides(surface, close, np.eye(len(close)))
     exact = [
-        scipy.linalg.lu_solve(factors, sides, trans=1, check_finite=False).T @ radiated
-        for sides in (far, near)
+        scipy.linalg.lu_solve(factors, right_sides, trans=1, check_finite=False).T @ radiated
+        for right_sides in (far_sides, near_sides)
     ]
 
     def error_of(
         rows: np.ndarray, columns: np.ndarray, solved: Matrix, scattering: Matrix
     ) -> float:
         reduced = (
-            product(scattering, far[columns].T) @ radiated[rows],
-            product(solved, near.T) @ radiated[rows],
+            product(scattering, far_sides[columns].T) @ radiated[rows],
+            product(solved, near_sides.T) @ radiated[rows],
         )
         return max(
             float(np.linalg.norm(approximate - true) / np.linalg.norm(true))
@@ -213,9 +213,9 @@ def _error_check(
 
 def _proxies(nodes: Nodes, tree: KDTree, reach: float) -> Proxies:
     """Place monopoles around the body: off every node, and 2.5 times as far off every second."""
-    near = nodes.points + reach * nodes.normals
-    far = nodes.points[::2] + 2.5 * reach * nodes.normals[::2]
-    everywhere = np.concatenate([near, far])
+    inner = nodes.points + reach * nodes.normals
+    outer = nodes.points[::2] + 2.5 * reach * nodes.normals[::2]
+    everywhere = np.concatenate([inner, outer])
     return everywhere[tree.query(everywhere, distance_upper_bound=0.95 * reach)[0] > 0.95 * reach]
 
 
@@ -227,14 +227,14 @@ def _direct_sides(
     sharing = _kernels.sharing
     kind = np.complex64 if surface.precision == "float32" else np.complex128
     strengths = strengths.astype(kind)
-    sides = np.empty((len(points), strengths.shape[1]), dtype=np.complex128)
+    right_sides = np.empty((len(points), strengths.shape[1]), dtype=np.complex128)
     for group in range(0, len(surface.shifted), 100):  # bounds the memory
         rows = slice(sharing * group, sharing * (group + 100))
         inside = _open_air(surface.shifted[group : group + 100], proxies, surface.wavenumber)
         outside = _open_air(points[rows], proxies, surface.wavenumber)
-        both = outside - 1j * np.repeat(inside, sharing, axis=0)
-        sides[rows] = both.astype(kind) @ strengths
-    return sides
+        combined = outside - 1j * np.repeat(inside, sharing, axis=0)
+        right_sides[rows] = combined.astype(kind) @ strengths
+    return right_sides
 
 
 def _open_air(
