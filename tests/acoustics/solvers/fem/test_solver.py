@@ -8,6 +8,7 @@ import pytest
 import airtact as at
 from airtact.acoustics.solvers.fem import factorisation, mesh, solver
 from airtact.acoustics.solvers.fem.field import FiniteField, touching_warnings
+from airtact.acoustics.solvers.fem.surface_mesh import surface_mesh
 from airtact.acoustics.solvers.fem.symmetry import mirrors_of
 from airtact.acoustics.solvers.fem.system import longest_served
 from faults import raises_code

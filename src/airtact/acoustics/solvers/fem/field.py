@@ -30,7 +30,7 @@ TOUCHING = 0.04
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FiniteField(RadiatedField):
-    """The field of some monopoles, as ``FiniteElement`` solved it; in a meshed workspace only there.
+    """The field of some monopoles by ``FiniteElement``; of a meshed workspace it covers no more.
 
     A source within 0.04 wavelengths of a filled body touches it.
 
