@@ -1,6 +1,7 @@
 """Finite elements against closed forms, and the input that they reject."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
