@@ -2,25 +2,17 @@
 
 import os
 import signal
-import time
 
 import airtact as at
+from airtact.emission.link import RecordingLink
 
 
-class SignalledLink(at.emission.RecordingLink):
+class SignalledLink(RecordingLink):
     """Its feeder gets a SIGTERM while it is being opened."""
 
     def _begin(self) -> None:
         super()._begin()
         os.kill(self.holder, signal.SIGTERM)
-
-
-class SlowLink(at.emission.RecordingLink):
-    """Takes 30 ms for a frame."""
-
-    def _transmit(self, frame: at.drives.Frame) -> None:
-        time.sleep(0.03)
-        super()._transmit(frame)
 
 
 class Unsilenced:
@@ -35,11 +27,11 @@ class Unsilenced:
         super()._silence()
 
 
-class ZeroDivided(Unsilenced, at.emission.RecordingLink):
+class ZeroDivided(Unsilenced, RecordingLink):
     error = ZeroDivisionError
 
 
-class Interrupted(Unsilenced, at.emission.RecordingLink):
+class Interrupted(Unsilenced, RecordingLink):
     error = KeyboardInterrupt
 
 

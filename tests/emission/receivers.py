@@ -15,8 +15,11 @@ class SonicSurface:
     """Distribute.vhd and PhaseLine.vhd of upnalab/SonicSurface, primary (mine = 0) or secondary (mine = 1)."""
 
     def __init__(self, mine: int = 0) -> None:
-        self.mine, self.enabled, self.counter = mine, True, 0
-        self.current, self.previous = np.zeros(256, dtype=int), np.zeros(256, dtype=int)
+        self.mine = mine
+        self.enabled = True
+        self.counter = 0
+        self.current = np.zeros(256, dtype=int)
+        self.previous = np.zeros(256, dtype=int)
 
     def hear(self, byte: int) -> bytes:
         if byte == 254 and self.enabled:
@@ -58,9 +61,11 @@ class Nano16:
     """DriverNano16.ino of asiermarzo/Ultraino; it plays its first buffer, half of it high, from the start."""
 
     def __init__(self, mute: bool = False) -> None:
-        self.emitting, self.reading = np.zeros(32, dtype=int), np.zeros(32, dtype=int)
+        self.emitting = np.zeros(32, dtype=int)
+        self.reading = np.zeros(32, dtype=int)
         self.emitting[:16] = 255
-        self.index, self.mute = 0, mute
+        self.index = 0
+        self.mute = mute
 
     def hear(self, byte: int) -> bytes:
         echo = b""
@@ -68,7 +73,8 @@ class Nano16:
             self.emitting, self.reading, self.index = self.reading, self.emitting, 0
             echo = b"\x00"
         elif byte == 16:
-            self.index, echo = 0, b"\x10"
+            self.index = 0
+            echo = b"\x10"
         elif byte & 15 == 1:
             if self.index < 64:  # the firmware writes past its buffer here
                 place = self.index // 2
@@ -92,28 +98,31 @@ class OpenMPD:
     """CommandReader.vhd of RMResearch/OpenMPD_Hardware 3.4.2 for one board."""
 
     def __init__(self) -> None:
-        self.state, self.count = "idle", 0
-        self.phases, self.amplitudes = np.zeros(256, dtype=int), np.zeros(256, dtype=int)
+        self.state = "idle"
+        self.count = 0
+        self.phases = np.zeros(256, dtype=int)
+        self.amplitudes = np.zeros(256, dtype=int)
         self.playing: tuple[np.ndarray, np.ndarray] | None = None
 
     def hear(self, byte: int) -> bytes:
         if self.state == "idle":
             if byte & 128:
-                self.phases[0], self.count, self.state = byte & 127, 1, "phases"
+                self.phases[0] = byte & 127
+                self.count = 1
+                self.state = "phases"
         elif self.state == "phases":
             self.phases[self.count] = byte & 127
             self.count += 1
             if self.count == 256:
-                self.count, self.state = 0, "amplitudes"
+                self.count = 0
+                self.state = "amplitudes"
         else:
             self.amplitudes[self.count] = byte & 127
             self.count += 1
             if self.count == 256:
-                self.playing, self.state, self.count = (
-                    (self.phases.copy(), self.amplitudes.copy()),
-                    "idle",
-                    0,
-                )
+                self.playing = (self.phases.copy(), self.amplitudes.copy())
+                self.state = "idle"
+                self.count = 0
         return b""
 
     def pulses(self) -> np.ndarray:
@@ -139,7 +148,9 @@ class Wire:
         self.master, self.slave = pty.openpty()
         tty.setraw(self.slave)
         self.port = os.ttyname(self.slave)
-        self.board, self.cut_after, self.heard = board, cut_after, 0
+        self.board = board
+        self.cut_after = cut_after
+        self.heard = 0
         self.written = bytearray()
         if noise:
             os.write(self.master, noise)

@@ -1,4 +1,4 @@
-"""What the tests of emissions play, and how."""
+"""Drives, players and clocks of the emission tests."""
 
 import re
 import time
@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 
 import airtact as at
+from airtact.emission.link import Link, RecordingLink
+from airtact.emission.player import Player, Settings
 
 EVENT = re.compile(r"\d+\.\d+ (opened|frame \d+ loudest \S+|silence confirmed|closed)")
-ENOUGH = 120.0
 
 
 def tone(elements: int = 249, loudness: float = 1.0) -> at.Drive:
@@ -21,7 +22,7 @@ def moving(frames: int, elements: int = 249) -> np.ndarray:
     return np.exp(2j * np.pi * turns)
 
 
-def ended(link: at.emission.RecordingLink) -> bool:
+def ended(link: RecordingLink) -> bool:
     """Whether there was sound, then silence, then nothing."""
     return any(not frame.silent for frame in link.frames) and link.frames[-1].silent
 
@@ -33,9 +34,38 @@ def playing(link, work, **settings) -> None:
 
 def events(log: Path) -> list[str]:
     """Return the events of a log without their times, once its link process has ended."""
-    end = time.monotonic() + ENOUGH
+    end = time.monotonic() + 120.0
     while not log.read_text().endswith("closed\n") and time.monotonic() < end:
         time.sleep(0.02)
     lines = log.read_text().splitlines()
     assert all(EVENT.fullmatch(line) for line in lines)
     return [line.split(" ", 1)[1] for line in lines]
+
+
+def strongest(link: RecordingLink) -> list[int]:
+    """Return the largest level of each frame."""
+    return [int(frame.amplitude.max()) for frame in link.frames]
+
+
+class VirtualTime:
+    """Replaces the module ``time`` where a player and its link read the clock."""
+
+    def __init__(self, monkeypatch) -> None:
+        self.now = 0.0
+        monkeypatch.setattr("airtact.emission.player.time", self)
+        monkeypatch.setattr("airtact.emission.link.time", self)
+
+    def monotonic(self) -> float:
+        return self.now
+
+    def player(self, link: Link, ramp: float = 0.0, **settings) -> Player:
+        settings = {"cap": 1.0, "patience": 100.0, "log": None, **settings}
+        player = Player(link, Settings(ramp=ramp, **settings))
+        player.open()
+        return player
+
+    def run(self, player: Player, seconds: float, step: float = 1e-3) -> None:
+        """Let the player do what is due, once per step of the clock [s]."""
+        for _ in range(round(seconds / step)):
+            player.step()
+            self.now += step

@@ -7,8 +7,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import airtact as at
+from airtact.drives.frame import Frame
+from airtact.drives.transfer import TransferMatrix, rounding_error
 from airtact.emission.codecs import codec_of
 from airtact.transducers.boards import BOARDS, board_named
+from airtact.transducers.layout import surrounding_box
+from airtact.transducers.levels import Levels
 from emission.receivers import Nano16, OpenMPD, SonicSurface, TwoSonicSurfaces, first_harmonic
 from faults import raises_code
 
@@ -22,12 +26,13 @@ def random_drive(elements: int, seed: int = 0) -> at.Drive:
     return at.Drive(amplitudes)
 
 
-def random_frame(name: str, boards: int, seed: int) -> at.drives.Frame:
-    levels, random = codec_of(name).levels, np.random.default_rng(seed)
+def random_frame(name: str, boards: int, seed: int) -> Frame:
+    levels = codec_of(name).levels
+    random = np.random.default_rng(seed)
     elements = boards * len(board_named(name))
     amplitude = random.integers(0, len(levels.amplitudes), elements).astype(np.uint8)
     phase = random.integers(0, levels.phases, elements).astype(np.uint8)
-    return at.drives.Frame(amplitude, np.where(amplitude > 0, phase, 0).astype(np.uint8), levels)
+    return Frame(amplitude, np.where(amplitude > 0, phase, 0).astype(np.uint8), levels)
 
 
 def heard_by(model, message: bytes) -> np.ndarray:
@@ -48,7 +53,8 @@ def test_every_frame_comes_back_from_its_message(name: str, seed: int, boards: i
 @pytest.mark.parametrize("name", RECEIVERS)
 def test_what_a_board_plays_is_the_drive_rounded(name: str) -> None:
     """The pulses of the firmware's model, as phasors, are the drive that the frame stands for, element by element."""
-    codec, board = codec_of(name), board_named(name)
+    codec = codec_of(name)
+    board = board_named(name)
     drive = random_drive(len(board))
     frame = at.quantise(drive, codec.levels)
     played = first_harmonic(heard_by(RECEIVERS[name](), codec.encode(frame)))
@@ -66,12 +72,14 @@ def test_what_a_board_plays_is_the_drive_rounded(name: str) -> None:
 
 @pytest.mark.parametrize("name", RECEIVERS)
 def test_a_quarter_turn_arrives_a_quarter_of_a_period_later(name: str) -> None:
-    codec, board = codec_of(name), board_named(name)
+    codec = codec_of(name)
+    board = board_named(name)
     drive = np.ones(len(board), dtype=complex)
     drive[1] = 1j
     pulses = heard_by(RECEIVERS[name](), codec.encode(at.quantise(at.Drive(drive), codec.levels)))
     channels = board.channels if name == "openmpd" else np.arange(len(board))
-    first, later = pulses[:, channels[0]], pulses[:, channels[1]]
+    first = pulses[:, channels[0]]
+    later = pulses[:, channels[1]]
     np.testing.assert_array_equal(later, np.roll(first, len(pulses) // 4))
     assert not np.array_equal(later, first)
 
@@ -108,100 +116,93 @@ def test_autd3_takes_phase_and_intensity_as_they_are() -> None:
     np.testing.assert_array_equal(message[1::2], frame.amplitude)
 
 
-def focus() -> tuple[at.TransferMatrix, at.Drive]:
-    box, k = at.surrounding_box(board="autd3"), 2 * np.pi * 40e3 / 343.1
+def focus() -> tuple[TransferMatrix, at.Drive]:
+    box = surrounding_box(board="autd3")
+    k = 2 * np.pi * 40e3 / 343.1
     points = np.array([[-0.008, 0.0, 0.005], [0.008, 0.0, 0.005]])
     distance = np.linalg.norm(box.positions[None] - points[:, None], axis=2)
-    transfer = at.TransferMatrix(np.exp(1j * k * distance) / distance, 0.0)
+    transfer = TransferMatrix(np.exp(1j * k * distance) / distance, 0.0)
     return transfer, at.time_reversal(transfer, at.Target(points))
 
 
 def test_rounding_costs_what_it_may() -> None:
     transfer, drive = focus()
-    eight_bits = at.drives.rounding_error(transfer, drive, at.quantise(drive))
+    eight_bits = rounding_error(transfer, drive, at.quantise(drive))
     assert 0.0 < np.abs(eight_bits).max() < 1e-3
-    five_bits = at.transducers.Levels(np.array([0.0, 1.0]), phases=32)
+    five_bits = Levels(np.array([0.0, 1.0]), phases=32)
     every = drive.phase_only()
     # Rounding phases to N levels leaves sinc(1/N) of a focus in the mean: 0.9984 for 32.
-    phases_alone = at.drives.rounding_error(transfer, every, at.quantise(every, five_bits))
+    phases_alone = rounding_error(transfer, every, at.quantise(every, five_bits))
     np.testing.assert_allclose(phases_alone, np.sinc(1 / 32) - 1.0, rtol=0, atol=2e-3)
     # Playing all as loud as the loudest loses what time reversal knew of distances: never more than
     # it had.
-    assert np.all(at.drives.rounding_error(transfer, drive, at.quantise(drive, five_bits)) < 0.0)
+    assert np.all(rounding_error(transfer, drive, at.quantise(drive, five_bits)) < 0.0)
 
 
 @pytest.mark.parametrize(
-    ("name", "spoil", "code", "shown"),
+    ("name", "spoil", "code"),
     [
         (
             "autd3",
             lambda message: message[:-1],
             "message_damaged",
-            "497 bytes is not made of boards of 498",
         ),
-        ("sonicsurface", lambda message: b"\xc1" + message[1:], "message_damaged", "259 bytes"),
+        ("sonicsurface", lambda message: b"\xc1" + message[1:], "message_damaged"),
         (
             "sonicsurface",
             lambda message: message[:5] + b"\x21" + message[6:],
             "message_damaged",
-            "to 32, but one is 33",
         ),
-        ("sonicsurface", lambda message: b"", "message_damaged", "0 bytes"),
-        ("nano16", lambda message: message[:-1] + b"\x01", "message_damaged", "66 bytes"),
+        ("sonicsurface", lambda message: b"", "message_damaged"),
+        ("nano16", lambda message: message[:-1] + b"\x01", "message_damaged"),
         (
             "nano16",
             lambda message: message[:1] + 32 * b"\xf1\x01" + message[-1:],
             "message_damaged",
-            "8",
         ),
-        ("openmpd", lambda message: b"\x01" + message[1:], "message_damaged", "512 bytes"),
+        ("openmpd", lambda message: b"\x01" + message[1:], "message_damaged"),
         (
             "openmpd",
             lambda message: message[:-1] + b"\x41",
             "message_damaged",
-            "0 to 64, but one is 65",
         ),
     ],
 )
-def test_bytes_that_are_no_message_are_rejected(name, spoil, code, shown) -> None:
-    with raises_code(code, shown):
+def test_bytes_that_are_no_message_are_rejected(name, spoil, code) -> None:
+    with raises_code(code):
         codec_of(name).decode(spoil(codec_of(name).encode(random_frame(name, 1, 2))))
 
 
-NANO, ONES = codec_of("nano16").levels, np.ones(3, dtype=np.uint8)
+NANO = codec_of("nano16").levels
+ONES = np.ones(3, dtype=np.uint8)
 
 
 @pytest.mark.parametrize(
-    ("make", "code", "shown"),
+    ("make", "code"),
     [
-        (lambda: at.transducers.Levels(np.array([0.0]), 32), "out_of_range", "2 to 256"),
-        (lambda: at.transducers.Levels(np.array([0.0, 0.5]), 32), "out_of_range", "0 to 0.5"),
+        (lambda: Levels(np.array([0.0]), 32), "out_of_range"),
+        (lambda: Levels(np.array([0.0, 0.5]), 32), "out_of_range"),
         (
-            lambda: at.transducers.Levels(np.array([0.0, 1.0]), 300),
+            lambda: Levels(np.array([0.0, 1.0]), 300),
             "out_of_range",
-            "2 to 256 levels of phase, not 300",
         ),
-        (lambda: at.transducers.Levels(np.array([0.0, 1.0]), 4.5), "out_of_range", "4.5"),
-        (lambda: at.drives.rounding_error(*focus(), 3), "wrong_kind", "a Frame"),
-        (lambda: at.drives.Frame(2 * ONES, 0 * ONES, NANO), "out_of_range", "below 2"),
+        (lambda: Levels(np.array([0.0, 1.0]), 4.5), "out_of_range"),
+        (lambda: rounding_error(*focus(), 3), "wrong_kind"),
+        (lambda: Frame(2 * ONES, 0 * ONES, NANO), "out_of_range"),
         (
-            lambda: at.drives.Frame(ONES, 16 * ONES, NANO),
+            lambda: Frame(ONES, 16 * ONES, NANO),
             "out_of_range",
-            "below 16",
         ),
         (
-            lambda: at.drives.rounding_error(
-                *focus(), at.quantise(at.Drive(np.zeros(996, complex)))
-            ),
+            lambda: rounding_error(*focus(), at.quantise(at.Drive(np.zeros(996, complex)))),
             "all_zero",
-            "",
         ),
-        (lambda: at.quantise(at.Drive(np.ones(3, complex)), 32), "wrong_kind", "32"),
+        (lambda: at.quantise(at.Drive(np.ones(3, complex)), 32), "wrong_kind"),
     ],
 )
 def test_levels_that_cannot_be_are_rejected(
-    make, code: str, shown: str, monkeypatch: pytest.MonkeyPatch
+    make, code: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
-    with raises_code(code, shown):
+    with raises_code(code):
         make()

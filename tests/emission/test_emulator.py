@@ -66,7 +66,8 @@ def test_the_field_in_open_air_is_that_of_the_emulator() -> None:
 @functools.cache
 def trace(level: int) -> np.ndarray:
     """Pressure at 100 mm before one transducer over 1 ms in steps of 1 µs, once all transients are over."""
-    amplitude, phase = np.zeros(249, dtype=np.uint8), np.full(249, level, dtype=np.uint8)
+    amplitude = np.zeros(249, dtype=np.uint8)
+    phase = np.full(249, level, dtype=np.uint8)
     amplitude[0] = 255
     with recorded([as_device(at.Pose.identity())], at.drives.Frame(amplitude, phase), 4) as record:
         here = RangeXYZ(x=(0, 0), y=(0, 0), z=(100, 100), resolution=1.0)

@@ -67,7 +67,8 @@ with at.Emission(RecordingLink(), ramp=0.0, log=sys.argv[-1]) as emission:
 
 @pytest.mark.parametrize("how", ["command", "script", "standard input"])
 def test_it_works_from_wherever_python_runs(how: str, tmp_path: Path) -> None:
-    log, script = tmp_path / "log", tmp_path / "script.py"
+    log = tmp_path / "log"
+    script = tmp_path / "script.py"
     script.write_text(SCRIPT)
     start = {"command": ["-c", SCRIPT], "script": [str(script)], "standard input": ["-"]}[how]
     subprocess.run(

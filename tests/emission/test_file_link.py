@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 import airtact as at
+from airtact.drives.sequence import Sequence
 from airtact.emission import feeding
 from airtact.emission.codecs import codec_of
-from airtact.emission.file_link import FileLink, load_drive, write_frames
+from airtact.emission.file_link import FileLink, write_frames
+from airtact.emission.link import RecordingLink
 from emission.receivers import OpenMPD
 from emission.sounds import tone
 from emission.test_codecs import random_frame
@@ -22,7 +24,7 @@ def test_a_file_holds_what_was_sent_and_nothing_else(tmp_path) -> None:
     with at.Emission(link) as emission:
         emission.send(tone())
         emission.hold(3600.0)
-    assert at.quantise(load_drive(link.path)).same_as(at.quantise(tone()))
+    assert at.quantise(at.load_drive(link.path)).same_as(at.quantise(tone()))
     assert sorted(path.name for path in tmp_path.iterdir()) == [link.path.name]
 
 
@@ -31,14 +33,14 @@ def test_two_thousand_frames_are_two_thousand_frames_on_a_busy_machine(tmp_path)
     frames = np.exp(2j * np.pi * np.arange(2000)[:, None] / 256) * tone(12).amplitudes
     begun = time.monotonic()
     with at.Emission(FileLink(tmp_path / "frames.h5", "nano16")) as emission:
-        played = emission.play(at.drives.Sequence(frames, 1.0), seconds=2000.0)
+        played = emission.play(Sequence(frames, 1.0), seconds=2000.0)
     assert time.monotonic() - begun < 100.0
     assert (played.rate, played.frames, played.dropped) == (1.0, 2000, 0)
-    back = load_drive(tmp_path / "frames.h5")
-    assert isinstance(back, at.drives.Sequence)
+    back = at.load_drive(tmp_path / "frames.h5")
+    assert isinstance(back, Sequence)
     assert (len(back), back.rate) == (2000, 1.0)
     levels = codec_of("nano16").levels
-    asked = at.drives.Sequence(frames, 1.0)
+    asked = Sequence(frames, 1.0)
     assert all(
         at.quantise(back.drive(i), levels).same_as(at.quantise(asked.drive(i), levels))
         for i in range(2000)
@@ -53,7 +55,7 @@ def test_a_file_may_take_longer_to_write_than_boards_may_take_to_answer(
             time.sleep(0.3)
             super()._end()
 
-    monkeypatch.setattr(feeding, "ANSWER", 0.05)
+    monkeypatch.setattr(feeding, "ANSWER_TIMEOUT", 0.05)
     with at.Emission(Slow(tmp_path / "frames.npz")) as emission:
         emission.send(tone())
     assert (tmp_path / "frames.npz").exists()
@@ -76,8 +78,9 @@ def test_every_one_of_2000_frames_is_in_the_file_20_times_beside_four_busy_proce
     tmp_path, kind: str
 ) -> None:
     """0.5 s of a circle at 4 kHz; each frame is there once, in its order."""
-    levels, rate = codec_of("nano16").levels, 4000.0
-    asked = at.drives.Sequence(
+    levels = codec_of("nano16").levels
+    rate = 4000.0
+    asked = Sequence(
         np.exp(2j * np.pi * np.arange(2000)[:, None] / 256) * tone(12).amplitudes, rate
     )
     frames = np.stack(levels.rounded(asked.drives))
@@ -86,8 +89,10 @@ def test_every_one_of_2000_frames_is_in_the_file_20_times_beside_four_busy_proce
         with at.Emission(FileLink(path, "nano16")) as emission:
             played = emission.play(asked, seconds=0.5)
         assert (played.frames, played.dropped) == (2000, 0)
-        back = load_drive(path, board="nano16", rate=rate) if kind == "bin" else load_drive(path)
-        assert isinstance(back, at.drives.Sequence)
+        back = (
+            at.load_drive(path, board="nano16", rate=rate) if kind == "bin" else at.load_drive(path)
+        )
+        assert isinstance(back, Sequence)
         assert (len(back), back.rate) == (2000, rate)
         np.testing.assert_array_equal(np.stack(levels.rounded(back.drives)), frames)
 
@@ -120,7 +125,7 @@ def test_a_link_that_was_sent_nothing_writes_nothing(tmp_path) -> None:
 
 
 def test_a_recording_remembers_frames_and_times() -> None:
-    link = at.emission.RecordingLink("nano16")
+    link = RecordingLink("nano16")
     link.open()
     frame = random_frame("nano16", 1, 1)
     link.send(frame)
@@ -136,32 +141,28 @@ OTHER = random_frame("sonicsurface", 1, 1)
 
 
 @pytest.mark.parametrize(
-    ("make", "code", "shown"),
+    ("make", "code"),
     [
         (
             lambda folder: write_frames(folder / "a.txt", "nano16", (ONE,)),
             "unknown_format",
-            "a.txt",
         ),
-        (lambda folder: write_frames(folder / "a.npz", "nano16", ()), "empty", "not 0"),
+        (lambda folder: write_frames(folder / "a.npz", "nano16", ()), "empty"),
         (
             lambda folder: write_frames(folder / "a.npz", "nano16", (ONE, OTHER)),
             "sizes_differ",
-            "2 frames",
         ),
         (
             lambda folder: write_frames(folder / "none" / "a.npz", "nano16", (ONE,)),
             "not_writable",
-            "a.npz",
         ),
         (
             lambda folder: write_frames(folder / "none" / "a.bin", "nano16", (ONE,)),
             "not_writable",
-            "a.bin",
         ),
-        (lambda folder: FileLink(folder / "none" / "a.npz").open(), "not_writable", "a.npz"),
+        (lambda folder: FileLink(folder / "none" / "a.npz").open(), "not_writable"),
     ],
 )
-def test_files_that_cannot_be_are_rejected(tmp_path, make, code: str, shown: str) -> None:
-    with raises_code(code, shown):
+def test_files_that_cannot_be_are_rejected(tmp_path, make, code: str) -> None:
+    with raises_code(code):
         make(tmp_path)

@@ -13,10 +13,12 @@ import pytest
 
 import airtact as at
 from airtact.drives.frame import frame_at
-from airtact.emission.channel import Channel
-from airtact.emission.player import Player, Settings
+from airtact.emission.link import LinkFailed, RecordingLink
+from airtact.emission.link_process import Channel
+from airtact.emission.serial_link import SerialLink
+from airtact.transducers.modulation import AmplitudeModulation
 from emission.receivers import SonicSurface, wired
-from emission.sounds import ended, events, moving, playing, tone
+from emission.sounds import VirtualTime, ended, events, moving, playing, strongest, tone
 from faults import raises_code
 
 FULL = "frame 1 loudest 1"
@@ -33,22 +35,22 @@ def test_another_process_silences_the_boards_when_the_link_process_is_lost(
         os.kill(emission.process, kind)
         emission.hold(60.0)
 
-    with pytest.raises(at.emission.LinkFailed) as lost:
+    with pytest.raises(LinkFailed) as lost:
         playing(at.AUTD3Link([at.Pose.identity()]), work, log=log)
     assert lost.value.code == "link_process_lost"
-    assert kind.name in str(lost.value)
     assert events(log) == ["opened", FULL, "opened", "silence confirmed", "closed"]
 
 
 def test_a_lost_link_process_is_reported_where_nothing_is_called_any_more() -> None:
-    emission = at.Emission(at.emission.RecordingLink(), ramp=0.0).__enter__()
+    emission = at.Emission(RecordingLink(), ramp=0.0).__enter__()
     emission.send(tone())
     os.kill(emission.process, signal.SIGKILL)
-    with pytest.raises(at.emission.LinkFailed) as lost:
+    with pytest.raises(LinkFailed) as lost:
         emission.__exit__(None, None, None)
     assert lost.value.code == "link_process_lost"
-    with pytest.raises(at.emission.LinkFailed, match="the link process was lost"):
+    with pytest.raises(LinkFailed) as over:
         emission.beat()
+    assert over.value.code == "emission_over"
 
 
 def test_a_link_process_that_nobody_can_end_by_asking_stays_until_its_feeder_leaves(
@@ -68,7 +70,7 @@ def test_a_link_process_that_nobody_can_end_by_asking_stays_until_its_feeder_lea
         emission.hold(0.1)
 
     log = tmp_path / "log"
-    playing(at.emission.RecordingLink(), work, log=log)
+    playing(RecordingLink(), work, log=log)
     assert events(log) == ["opened", FULL, "silence confirmed", "closed"]
 
 
@@ -90,21 +92,21 @@ def test_a_board_that_another_process_uses_is_not_opened_and_free_once_that_is_k
             assert first.stdout is not None
             assert first.stdout.readline() == "open\n"
             with (
-                raises_code("link_in_use", f"process {first.pid}:"),
-                at.Emission(at.emission.SerialLink(wire.port)),
+                raises_code("link_in_use", str(first.pid)),
+                at.Emission(SerialLink(wire.port)),
             ):
                 pytest.fail("the block must not begin")
             first.kill()
-        playing(at.emission.SerialLink(wire.port), lambda emission: emission.send(tone(256)))
+        playing(SerialLink(wire.port), lambda emission: emission.send(tone(256)))
 
 
 def test_a_link_that_cannot_be_elsewhere_is_here_and_says_so() -> None:
-    class Local(at.emission.RecordingLink):
+    class Local(RecordingLink):
         pass
 
     link = Local()
     emission = at.Emission(link, ramp=0.0)
-    with pytest.warns(UserWarning, match="249 elements go on emitting"):
+    with pytest.warns(UserWarning, match="go on emitting"):
         emission.__enter__()
     assert emission.process is None
     emission.send(tone())
@@ -114,8 +116,8 @@ def test_a_link_that_cannot_be_elsewhere_is_here_and_says_so() -> None:
 
 def test_a_log_that_cannot_be_written_is_rejected(tmp_path: Path) -> None:
     with (
-        raises_code("not_writable", "error 2"),
-        at.Emission(at.emission.RecordingLink(), log=tmp_path / "no" / "log"),
+        raises_code("not_writable"),
+        at.Emission(RecordingLink(), log=tmp_path / "no" / "log"),
     ):
         pytest.fail("the block must not begin")
 
@@ -125,10 +127,8 @@ def test_a_log_that_cannot_be_written_is_rejected(tmp_path: Path) -> None:
 
 def test_boards_that_modulate_themselves_go_on_while_drives_change() -> None:
     """The firmware's model holds the envelope; new drives change the gains alone, and silence ends it."""
-    modulation, drives = (
-        at.transducers.AmplitudeModulation(200.0, depth=0.8),
-        [tone(), tone(loudness=0.5)],
-    )
+    modulation = AmplitudeModulation(200.0, depth=0.8)
+    drives = [tone(), tone(loudness=0.5)]
     with at.Emission(at.AUTD3Link([at.Pose.identity()]), ramp=0.0) as emission:
         emission.set_modulation(modulation)
         for drive in drives:
@@ -148,26 +148,13 @@ def test_boards_that_modulate_themselves_go_on_while_drives_change() -> None:
         assert emission.link.played().same_as(at.quantise(drives[0]))
 
 
-class VirtualTime:
-    """Stands for the module ``time`` where a player reads its clock; it moves only when told to."""
-
-    def __init__(self) -> None:
-        self.now = 0.0
-
-    def monotonic(self) -> float:
-        return self.now
-
-
 def test_other_boards_are_sent_the_newest_drive_at_each_time_of_the_modulation(monkeypatch) -> None:
     """20 Hz in 4 frames at 80 frames/s: a frame is the newest drive times the envelope of a clock that goes on."""
-    clock = VirtualTime()
-    monkeypatch.setattr("airtact.emission.player.time", clock)
-    monkeypatch.setattr("airtact.emission.link.time", clock)
-    link = at.emission.RecordingLink("sonicsurface")
-    player = Player(link, Settings(cap=1.0, ramp=0.0, patience=10.0, log=None))
-    player.open()
+    clock = VirtualTime(monkeypatch)
+    link = RecordingLink("sonicsurface")
+    player = clock.player(link)
     drives = moving(12, 256)
-    envelope = at.transducers.AmplitudeModulation(20.0).envelope(4)
+    envelope = AmplitudeModulation(20.0).envelope(4)
     player.modulate(envelope, 80.0)
     for millisecond in range(360):
         clock.now = 1e-3 * millisecond
@@ -183,36 +170,40 @@ def test_other_boards_are_sent_the_newest_drive_at_each_time_of_the_modulation(m
         assert abs(np.count_nonzero(frame.amplitude) - 256 * share) <= 2
 
 
-def test_silence_fades_and_the_next_drive_rises_again() -> None:
-    link = at.emission.RecordingLink()
-    with at.Emission(link) as emission:
-        emission.send(tone())
-        emission.silence()
-        emission.send(tone())
-    loudness = [int(frame.amplitude.max()) for frame in link.frames]
+def test_silence_fades_and_the_next_drive_rises_again(monkeypatch) -> None:
+    clock = VirtualTime(monkeypatch)
+    link = RecordingLink()
+    player = clock.player(link, ramp=0.2)
+    player.send(tone().amplitudes)
+    clock.run(player, 0.3)
+    player.silence(0.1)
+    clock.run(player, 0.3)
+    player.send(tone().amplitudes)
+    clock.run(player, 0.3)
     rise = [round(255 * step / 8) for step in range(1, 9)]
-    np.testing.assert_allclose(loudness, [*rise, 191, 128, 64, 0, *rise, 0], rtol=0, atol=1)
+    np.testing.assert_allclose(strongest(link), [*rise, 191, 128, 64, 0, *rise], rtol=0, atol=1)
 
 
-def test_the_newest_drive_rises_where_nothing_waits_for_the_ramp() -> None:
-    link = at.emission.RecordingLink()
-    with at.Emission(link) as emission:
-        emission.send(tone(), wait=False)
-        emission.send(tone(loudness=0.5), wait=False)
-        emission.hold(0.4)
-    loudness = [int(frame.amplitude.max()) for frame in link.frames]
-    assert loudness[0] == 32
-    assert loudness[-2:] == [128, 0]
-    assert np.all(np.diff(loudness[1:-1]) >= 0)
+def test_the_newest_drive_rises_where_nothing_waits_for_the_ramp(monkeypatch) -> None:
+    clock = VirtualTime(monkeypatch)
+    link = RecordingLink()
+    player = clock.player(link, ramp=0.2)
+    player.send(tone().amplitudes, wait=False)
+    player.step()
+    player.send(tone(loudness=0.5).amplitudes, wait=False)
+    clock.run(player, 0.4)
+    assert strongest(link)[0] == 32
+    assert strongest(link)[-1] == 128
+    assert np.all(np.diff(strongest(link)[1:]) >= 0)
 
 
 def test_stop_is_silence_at_once_and_for_good() -> None:
-    link = at.emission.RecordingLink()
+    link = RecordingLink()
     with at.Emission(link, ramp=0.0) as emission:
         emission.send(tone())
         emission.stop()
         assert link.frames[-1].silent
-        with pytest.raises(at.emission.LinkFailed, match="it was stopped, after 2 frames") as over:
+        with pytest.raises(LinkFailed) as over:
             emission.send(tone())
         assert over.value.code == "emission_over"
     assert len(link.frames) == 2
@@ -244,17 +235,9 @@ def test_faults_pass_between_processes_with_their_codes() -> None:
     fault = pickle.loads(
         pickle.dumps(at.InvalidInput("1 is too many.", np.ones(3), code="too_many"))
     )
-    assert (str(fault), fault.code, fault.position.tolist()) == (
-        "1 is too many.",
-        "too_many",
-        [1.0, 1.0, 1.0],
-    )
-    failed = pickle.loads(
-        pickle.dumps(at.emission.LinkFailed("lost.", at.quantise(tone()), 7, code="link_failed"))
-    )
-    assert (str(failed), failed.code, failed.sent, len(failed.last)) == (
-        "lost.",
-        "link_failed",
-        7,
-        249,
-    )
+    assert (str(fault), fault.code) == ("1 is too many.", "too_many")
+    np.testing.assert_array_equal(fault.position, np.ones(3))
+    failed = LinkFailed("lost.", at.quantise(tone()), 7, code="link_failed")
+    failed = pickle.loads(pickle.dumps(failed))
+    assert (str(failed), failed.code, failed.sent) == ("lost.", "link_failed", 7)
+    assert failed.last.same_as(at.quantise(tone()))

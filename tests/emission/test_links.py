@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+import airtact as at
 from airtact.emission.links import LINKS, link_to, links_of
-from airtact.geometry.pose import Pose
 from faults import raises_code
 
 SETTINGS = {"address": "127.0.0.1:8080", "port": "/dev/ttyUSB0", "out": Path("frames.npz")}
@@ -31,22 +31,22 @@ def test_links_are_listed_by_board() -> None:
 )
 def test_every_link_is_built_under_its_own_name(link, board) -> None:
     setting = {link.takes: SETTINGS[link.takes]} if link.takes else {}
-    made = link_to(link.name, board, (Pose.identity(),), 343.0, **setting)
+    made = link_to(link.name, board, (at.Pose.identity(),), 343.0, **setting)
     assert (made.name, made.codec.board.name, made.boards) == (link.name, board, 1)
     assert link.example == "" or link.takes is not None
 
 
 @pytest.mark.parametrize(
-    ("name", "board", "setting", "code", "shown"),
+    ("name", "board", "setting", "code"),
     [
-        ("serial", "autd3", {}, "unknown_name", "it has 6"),
-        ("fax", "autd3", {}, "unknown_name", "'fax'"),
-        ("audit", "autd3", {"port": "x"}, "options_clash", "--port x"),
-        ("file", "autd3", {}, "key_missing", "--out"),
-        ("serial", "nano16", {}, "key_missing", "--port"),
-        ("remote", "autd3", {}, "key_missing", "--address"),
+        ("serial", "autd3", {}, "unknown_name"),
+        ("fax", "autd3", {}, "unknown_name"),
+        ("audit", "autd3", {"port": "x"}, "options_clash"),
+        ("file", "autd3", {}, "key_missing"),
+        ("serial", "nano16", {}, "key_missing"),
+        ("remote", "autd3", {}, "key_missing"),
     ],
 )
-def test_a_link_that_cannot_be_is_rejected(name, board, setting, code, shown) -> None:
-    with raises_code(code, shown):
-        link_to(name, board, (Pose.identity(),), 343.0, **setting)
+def test_a_link_that_cannot_be_is_rejected(name, board, setting, code) -> None:
+    with raises_code(code):
+        link_to(name, board, (at.Pose.identity(),), 343.0, **setting)

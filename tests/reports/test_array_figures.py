@@ -31,7 +31,8 @@ def test_unfolding_keeps_distances_and_handedness(name):
         places = array.positions[face.elements]
         np.testing.assert_allclose(distances(face.seen), distances(places), atol=1e-9)
         # Seen from where the face radiates to, a turn to the left stays one.
-        first, second = face.seen[1] - face.seen[0], face.seen[40] - face.seen[0]
+        first = face.seen[1] - face.seen[0]
+        second = face.seen[40] - face.seen[0]
         turn = np.cross(places[1] - places[0], places[40] - places[0]) @ face.normal
         assert first[0] * second[1] - first[1] * second[0] == pytest.approx(turn)
 
@@ -126,7 +127,8 @@ def test_walls_that_turn_their_backs_to_the_viewer_are_rings():
 def test_values_of_receivers_have_one_scale_and_those_missing_are_grey(name):
     array = ARRAYS[name]
     size = len(array)
-    first, second = np.geomspace(0.05, 1.0, size), np.full(size, 0.5)
+    first = np.geomspace(0.05, 1.0, size)
+    second = np.full(size, 0.5)
     second[3] = np.nan
     figure = draw_receivers(array.positions, array.normals, {"one": first, "other": second}, "rest")
     upper, lower = (_discs(axes) for axes in figure.axes[:2])

@@ -22,7 +22,8 @@ from geometry.mesh.meshes import box_mesh
 
 BOX = at.Surface(*box_mesh())
 BALL = at.sphere(0.01, 3e-3)
-RED, BLUE = 0, 2
+RED = 0
+BLUE = 2
 
 
 def spaces(figure) -> list[Axes3D]:
@@ -105,10 +106,8 @@ def test_a_hole_shows_the_inside_and_its_edge(tmp_path):
         "edge without a neighbour",
         "position of the fault",
     ]
-    (space,), (close,) = (
-        spaces(figure),
-        [axes for axes in figure.axes if not isinstance(axes, Axes3D)],
-    )
+    (space,) = spaces(figure)
+    (close,) = [axes for axes in figure.axes if not isinstance(axes, Axes3D)]
     assert close.get_title() == "close up: the mark is at (6.67, 20.00, 0.00) mm"
     assert close.get_xlim() == (-24.0, 24.0)  # 0.6 of the longest side
     (ring,) = space.lines

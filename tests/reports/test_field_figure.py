@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+import airtact as at
 from airtact.evaluation.windows import AXES, Window, close_up
-from airtact.geometry.primitives import capsule, sphere
 from airtact.reports.field_figure import (
     DIFFERENCES,
     FAINT,
@@ -29,7 +29,7 @@ def area(loop):
 
 
 def test_a_sphere_off_the_plane_is_cut_in_a_circle():
-    ball = sphere(0.01, 1e-3, (0.0, 6e-3, 0.0))
+    ball = at.sphere(0.01, 1e-3, (0.0, 6e-3, 0.0))
     (loop,) = cut_bodies(UPRIGHT, [ball])
     np.testing.assert_allclose(loop[:, 1], 0.0, atol=1e-12)
     # A chord of 1 mm stays 1e-3² / (8 · 10e-3) = 13 µm below the sphere, on a circle of radius 8 mm
@@ -39,8 +39,9 @@ def test_a_sphere_off_the_plane_is_cut_in_a_circle():
 
 
 def test_bodies_beside_the_plane_are_not_cut_and_two_in_it_are_two():
-    near, far = sphere(0.01, 3e-3), sphere(0.01, 3e-3, (0.0, 0.03, 0.0))
-    rod = capsule(np.array([0.03, 0, -0.1]), np.array([0.03, 0, 0.1]), radius=5e-3, edge=3e-3)
+    near = at.sphere(0.01, 3e-3)
+    far = at.sphere(0.01, 3e-3, (0.0, 0.03, 0.0))
+    rod = at.capsule(np.array([0.03, 0, -0.1]), np.array([0.03, 0, 0.1]), radius=5e-3, edge=3e-3)
     assert len(cut_bodies(UPRIGHT, [near, far, rod])) == 2
     assert cut_bodies(UPRIGHT, [far]) == []
 
@@ -92,7 +93,7 @@ def test_the_field_is_drawn_where_it_is():
 def test_points_without_a_field_are_left_to_the_grey_of_the_body():
     field = monopole(UPRIGHT.points, np.array([0.02, 1e-3, 0.01]))
     field[np.linalg.norm(UPRIGHT.points, axis=1) < 0.01] = np.nan
-    ball = sphere(0.01, 2e-3)
+    ball = at.sphere(0.01, 2e-3)
     cut = Cut(UPRIGHT, {"only": field}, cut_bodies(UPRIGHT, [ball]))
     figure = draw_field(cut, "only", 1000.0, np.array([[0.02, 0.0, 0.0]]))
     (image,) = drawn_images(figure)
@@ -100,7 +101,8 @@ def test_points_without_a_field_are_left_to_the_grey_of_the_body():
     assert image.get_array().mask[deep].all()
     assert not image.get_array().mask[~np.isnan(field).reshape(UPRIGHT.shape)].any()
     (body,) = figure.axes[0].patches
-    lowest, highest = body.get_path().vertices.min(axis=0), body.get_path().vertices.max(axis=0)
+    lowest = body.get_path().vertices.min(axis=0)
+    highest = body.get_path().vertices.max(axis=0)
     np.testing.assert_allclose([lowest, highest], [[-10, -10], [10, 10]], atol=0.1)
 
 

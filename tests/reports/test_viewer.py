@@ -29,7 +29,8 @@ def opened_page(browser, path, width=1200, **settings):
     page = browser.new_page(
         viewport={"width": width, "height": 900}, accept_downloads=True, **settings
     )
-    page.asked, page.said = [], []
+    page.asked = []
+    page.said = []
     page.on("request", lambda request: page.asked.append(request.url))
     page.on("console", lambda message: page.said.append(message.text))
     page.on("pageerror", lambda fault: page.said.append(str(fault)))
@@ -128,7 +129,8 @@ def test_the_values_under_the_pointer_are_those_of_the_field(report, rendered, v
                 ]
             )
     assert len(shown) > 5
-    points, pressures = 1e-3 * np.array(shown)[:, :3], np.array(shown)[:, 3]
+    points = 1e-3 * np.array(shown)[:, :3]
+    pressures = np.array(shown)[:, 3]
     away = np.linalg.norm(points, axis=1) > 7.5e-3
     scale = np.abs(run.drive.amplitudes).max()
     np.testing.assert_allclose(
@@ -209,7 +211,8 @@ def test_the_first_slice_hides_no_focus(view):
             np.sin(elevation),
         ]
     )
-    normal, corner = np.array(facts["slices"]["axes"][2]), facts["slices"]["corner"][2]
+    normal = np.array(facts["slices"]["axes"][2])
+    corner = facts["slices"]["corner"][2]
     height = corner + facts["slices"]["start"][2] * facts["slices"]["steps"][2]
     before = (1e3 * seen.points @ normal - height) * np.sign(normal @ towards)
     assert np.ptp(before) == pytest.approx(4.0)
@@ -231,7 +234,8 @@ def test_a_plane_is_a_sheet_seen_from_its_front(browser, tmp_path):
     page.click("text=the whole array")
     assert "a rigid plane" in page.get_attribute("canvas", "aria-label")
     still(page)
-    box, words = page.locator(".stage").bounding_box(), set()
+    box = page.locator(".stage").bounding_box()
+    words = set()
     for share in np.linspace(0.1, 0.9, 60):
         page.mouse.move(box["x"] + share * box["width"], box["y"] + 0.6 * box["height"])
         words.add(page.inner_text("output").split(" at ")[0] if page.is_visible("output") else "")

@@ -1,4 +1,4 @@
-"""AUTD3 boards through pyautd3: EtherCrab, TwinCAT, Remote, Simulator, and Audit, a model of the firmware for proof."""
+"""AUTD3 boards through pyautd3: EtherCrab, TwinCAT, Remote, Simulator, and Audit, a model of the firmware."""
 
 import ctypes
 import importlib.metadata
@@ -18,52 +18,39 @@ from airtact.geometry.pose import Pose
 from airtact.transducers.levels import EIGHT_BITS
 from airtact.transducers.modulation import check_rate
 
-KNOWN_VERSIONS = ("36.0.2",)
-"""Versions of pyautd3 that the tests are run with."""
-
 THROUGH = ("audit", "ethercrab", "twincat", "remote", "simulator")
 """Ways to the boards."""
 
 PERIODS = 40_000
 """Periods of sound a second; a sequence's rate must divide it."""
 
-SHORTEST = 2
-LONGEST = 1024
-"""Frames that the boards keep."""
-
-
 INTENSITY_FADE = 250
 PHASE_FADE = 1000
-"""How long the silencer spreads a change of intensity and of phase over [µs], its default."""
-
-
-Envelope = Float64[np.ndarray, "frames"]
+"""Default times over which the silencer spreads a change of intensity and of phase [µs]."""
 
 
 class AUTD3Link(Link):
     """AUTD3 boards, in the order in which they are chained.
 
-    The board's silencer spreads changes of intensity over 0.25 ms and of phase over 1 ms, so that
-    they make no audible noise; a sequence with shorter frames shortens that to a frame. Drives
-    already hold all phases, so what is sent does not depend on pyautd3's speed of sound; it is set
-    for simulators that show a field of their own.
+    The silencer of a board spreads changes of intensity over 0.25 ms and of phase over 1 ms, which
+    avoids audible noise; a sequence with shorter frames shortens these times to one frame. Drives
+    hold all phases, so the frames do not depend on pyautd3's speed of sound. It is set for
+    simulators, which show a field of their own.
 
     Parameters
     ----------
-    poses : where each board stands: from the board's frame to the array's, as ``poses_of_boards``
-        finds them.
+    poses : pose of each board, from the board's frame to the array's, as returned by
+        ``poses_of_boards``.
     through : "audit" (no device: the firmware's model in this process), "ethercrab" (boards on an
         Ethernet port of this computer), "twincat" (Beckhoff's, here or elsewhere), "remote" (an
         AUTD server) or "simulator".
-    address : network interface for ethercrab (the first with boards if not given), AMS net id for a
+    address : network interface for ethercrab (by default the first with boards), AMS net id for a
         TwinCAT elsewhere, or host:port for remote and simulator.
     sound_speed : of the medium [m/s], for simulators.
     """
 
-    plays_itself = modulates_itself = True
-    poses: list[Pose]
-    address: str | None
-    sound_speed: float | None
+    plays_itself = True
+    modulates_itself = True
 
     def __init__(
         self,
@@ -78,22 +65,29 @@ class AUTD3Link(Link):
         super().__init__("autd3", len(poses))
         if through not in THROUGH:
             raise InvalidInput(
-                f"{through!r} is none of the {len(THROUGH)} ways to AUTD3: {', '.join(THROUGH)}.",
+                f"{through!r} is none of the ways to AUTD3: {', '.join(THROUGH)}.",
                 code="unknown_name",
             )
         if through in ("remote", "simulator") and address is None:
             raise InvalidInput(
-                f"the {through} link needs 1 address, such as 127.0.0.1:8080; 0 given.",
+                f"the {through} link needs an address, such as 127.0.0.1:8080.",
                 code="key_missing",
             )
         self.name = through
-        self.poses = list(poses)
-        self.address = address
-        self.sound_speed = sound_speed
-        self._rotations = _quaternions(poses)
+        self.poses: list[Pose] = list(poses)
+        self.address: str | None = address
+        self.sound_speed: float | None = sound_speed
+        # SciPy's import takes longer than the start of a link process: rotations are converted here.
+        from scipy.spatial.transform import Rotation
+
+        self._rotations = [
+            np.array(Rotation.from_matrix(pose.rotation).as_quat(scalar_first=True))
+            for pose in poses
+        ]
         self._lost: str | None = None
-        self._envelope: tuple[Envelope, int] | None = None
-        self._swinging = False
+        self._envelope: Float64[np.ndarray, frames] | None = None
+        self._divide = 1
+        self._modulating = False
         self._smoothed: int | None = None
         self._controller: Any = None
         self._library: Any = None
@@ -108,14 +102,11 @@ class AUTD3Link(Link):
             to 65535.
         """
         super().check_sequence(frames, rate)
-        if not SHORTEST <= frames <= LONGEST:
-            nearest = min(max(frames, SHORTEST), LONGEST)
+        if not 2 <= frames <= 1024:
             raise InvalidInput(
-                f"an AUTD3 board keeps {SHORTEST} to {LONGEST} frames, not {frames}: the nearest that it plays is "
-                f"{nearest}.",
-                code="sizes_differ",
+                f"an AUTD3 board keeps 2 to 1024 frames, not {frames}.", code="sizes_differ"
             )
-        # 0xFFFF: most periods that one frame of a sequence can last.
+        # The board counts the periods of a frame in 16 bits.
         check_rate(rate, PERIODS, 0xFFFF, "AUTD3")
 
     def played(self, index: int = 0) -> Frame:
@@ -129,19 +120,18 @@ class AUTD3Link(Link):
         if self._elsewhere is not None:
             return self._elsewhere("played", index)
         self._check_audit("cannot be read: only audit can")
-        pairs = []
-        for board in range(self.boards):
-            segment = self._controller.link().current_stm_segment(board)
-            pairs.append(
-                self._controller.link().drives_at(board, self._library.Segment(int(segment)), index)
-            )
-        intensity, phase = (
-            np.concatenate(values).astype(np.uint8) for values in zip(*pairs, strict=True)
+        model = self._controller.link()
+        segments = [
+            self._library.Segment(int(model.current_stm_segment(board)))
+            for board in range(self.boards)
+        ]
+        played = np.hstack(
+            [model.drives_at(board, segment, index) for board, segment in enumerate(segments)]
         )
-        return Frame(intensity, phase, EIGHT_BITS)
+        return Frame(*played.astype(np.uint8), EIGHT_BITS)
 
     def cut(self) -> None:
-        """Cut the cable of an "audit" link, to test what follows; opening the link again restores it.
+        """Cut the cable of an "audit" link, for tests; opening the link again restores it.
 
         Raises
         ------
@@ -155,7 +145,7 @@ class AUTD3Link(Link):
         self._controller.link().break_down()
 
     def played_modulation(self, board: int = 0) -> UInt8[np.ndarray, "frames"]:
-        """Read back the factors by which a board varies the amplitudes, 255 for 1, from the firmware's model.
+        """Read back the factors of a board's modulation, 255 for 1, from the firmware's model.
 
         Raises
         ------
@@ -171,22 +161,22 @@ class AUTD3Link(Link):
         )
 
     def modulate(self, envelope: Float64[np.ndarray, "frames"] | None, rate: float) -> None:
-        """Have the boards vary the amplitude of all frames that are sent from now on, over and over.
+        """Have the boards modulate all frames that are sent from now on.
 
         Parameters
         ----------
         envelope : factors on the amplitudes, from 0 to 1, over one period; None for none.
         rate : factors a second: 40 kHz over a whole number.
         """
-        self._envelope = None if envelope is None else (envelope, round(PERIODS / rate))
-        self._swinging = False
+        self._envelope = envelope
+        if envelope is not None:
+            self._divide = round(PERIODS / rate)
+        self._modulating = False
 
     def _resource(self) -> str | None:
-        return (
-            None
-            if self.name == "audit"
-            else f"{self.name} at {self.address or 'its usual address'}"
-        )
+        if self.name == "audit":
+            return None
+        return f"{self.name} at {self.address or 'its usual address'}"
 
     def _check_audit(self, why: str) -> None:
         if self.name != "audit":
@@ -195,7 +185,7 @@ class AUTD3Link(Link):
             )
 
     def _begin(self) -> None:
-        self._swinging = False
+        self._modulating = False
         self._library = pyautd3 = _library()
         devices = [
             pyautd3.AUTD3(pos=1e3 * pose.translation, rot=rotation)
@@ -205,23 +195,24 @@ class AUTD3Link(Link):
         self._controller = pyautd3.Controller.open(devices, self._way())
         if self.sound_speed is not None:
             self._controller.environment.sound_speed = 1e3 * self.sound_speed
-        self._check_other_firmware()
-        # Looking up a table is quicker than starting threads.
+        self._check_firmware()
+        # Looking up a table takes less time than starting threads.
         option = pyautd3.SenderOption(parallel=pyautd3.ParallelMode.Off)
         self._sender = self._controller.sender(option, pyautd3.FixedSchedule())
         self._silence()
 
-    def _check_other_firmware(self) -> None:
+    def _check_firmware(self) -> None:
         from pyautd3.driver.firmware_version import FirmwareInfo
 
         latest = FirmwareInfo.latest_version()
         for index, info in enumerate(self._controller.firmware_version()):
             text = str(info)
+            # A board has two versions: of its CPU and of its FPGA.
             if text.count(latest) < 2:
                 self._controller.close()
                 raise InvalidInput(
-                    f"board {index} has the firmware {text}, and pyautd3 {self._library.__version__} needs {latest}: "
-                    "update the board's firmware.",
+                    f"board {index} has the firmware {text}, and pyautd3 "
+                    f"{self._library.__version__} needs {latest}: update the board's firmware.",
                     code="unsupported_version",
                 )
 
@@ -234,12 +225,13 @@ class AUTD3Link(Link):
             return ethercrab.EtherCrab(self._note, ethercrab.EtherCrabOption(ifname=self.address))
         if self.name == "twincat" and self.address is None:
             return twincat.TwinCAT()
+        address = str(self.address)
         if self.name == "twincat":
-            return twincat.RemoteTwinCAT(str(self.address), twincat.RemoteTwinCATOption())
-        return (remote.Remote if self.name == "remote" else simulator.Simulator)(str(self.address))
+            return twincat.RemoteTwinCAT(address, twincat.RemoteTwinCATOption())
+        return remote.Remote(address) if self.name == "remote" else simulator.Simulator(address)
 
     def _note(self, board: int, status: object) -> None:
-        """Remember what EtherCAT reports of a board until the next frame; it calls from its own thread."""
+        """Keep EtherCAT's report of a board for the next frame; EtherCAT calls from its own thread."""
         self._lost = f"board {board}: {status}"
 
     def _transmit(self, frame: Frame) -> None:
@@ -248,20 +240,17 @@ class AUTD3Link(Link):
         gain = _gain_of(self._words(frame))
         if self._envelope is None:
             self._sender.send((self._library.Static(), gain))
-        elif self._swinging:
+        elif self._modulating:
+            # The modulation on the boards goes on while the gain changes.
             self._sender.send(gain)
         else:
-            self._swing(*self._envelope, gain)
+            from pyautd3.modulation import Custom
 
-    def _swing(self, envelope: Float64[np.ndarray, "frames"], divide: int, gain: Any) -> None:
-        """Begin a modulation, which then goes on while other gains are sent."""
-        from pyautd3.modulation import Custom
-
-        self._smooth(divide)
-        factors = np.rint(255 * envelope).astype(np.uint8)
-        pyautd3 = self._library
-        self._sender.send((Custom(factors, pyautd3.SamplingConfig(divide)), gain))
-        self._swinging = True
+            self._smooth(self._divide)
+            factors = np.rint(255 * self._envelope).astype(np.uint8)
+            sampling = self._library.SamplingConfig(self._divide)
+            self._sender.send((Custom(factors, sampling), gain))
+            self._modulating = True
 
     def _look(self) -> None:
         if self._lost is not None:
@@ -277,14 +266,14 @@ class AUTD3Link(Link):
         self._sender.send((pyautd3.Static(), sequence))
 
     def _silence(self) -> None:
-        self._swinging = False
+        self._modulating = False
         self._smoothed = None
         # First silence, which the boards acknowledge; only then may the silencer be slow again.
         self._sender.send((self._library.Static(), self._library.Null()))
         self._sender.send(self._silencer(INTENSITY_FADE, PHASE_FADE))
 
     def _smooth(self, divide: int) -> None:
-        """Have the boards spread changes over a frame of so many periods at most, if they do not already."""
+        """Have the boards spread changes over at most one frame of ``divide`` periods."""
         period = divide * (1_000_000 // PERIODS)
         if period != self._smoothed:
             self._sender.send(self._silencer(min(INTENSITY_FADE, period), min(PHASE_FADE, period)))
@@ -299,10 +288,9 @@ class AUTD3Link(Link):
         self._controller.close()
 
     def _words(self, frame: Frame) -> UInt16[np.ndarray, "boards elements"]:
-        """(boards, 249) phase in the low byte, intensity in the high one, as the boards hold them."""
-        return (frame.phase.astype(np.uint16) | frame.amplitude.astype(np.uint16) << 8).reshape(
-            self.boards, -1
-        )
+        """Phase in the low byte and intensity in the high byte, as the boards hold them."""
+        words = frame.phase.astype(np.uint16) | frame.amplitude.astype(np.uint16) << 8
+        return words.reshape(self.boards, -1)
 
     @contextmanager
     def _reporting(self, doing: str) -> Iterator[None]:
@@ -312,26 +300,16 @@ class AUTD3Link(Link):
         except (InvalidInput, LinkFailed):
             raise
         except Exception as error:
-            # pyautd3 raises its own error from its C side and plain ones from its Python side.
+            # pyautd3 raises an error class of its own from its C side, plain ones from Python.
             if not type(error).__module__.startswith("pyautd3"):
                 raise
             if doing == "opening":
                 raise InvalidInput(
-                    f"{self.boards} AUTD3 boards cannot be opened through {self.name}: {str(error).rstrip('.')}.",
+                    f"{self.boards} AUTD3 boards cannot be opened through {self.name}: "
+                    f"{str(error).rstrip('.')}.",
                     code="link_failed",
                 ) from None
             raise self._failed(doing, str(error).rstrip(".")) from error
-
-
-def _quaternions(poses: Sequence[Pose]) -> list[Float64[np.ndarray, "4"]]:
-    """Return rotations as unit quaternions, the real part first."""
-    from scipy.spatial.transform import (
-        Rotation,  # its import takes longer than a link process takes to start
-    )
-
-    return [
-        np.array(Rotation.from_matrix(pose.rotation).as_quat(scalar_first=True)) for pose in poses
-    ]
 
 
 def _library() -> Any:
@@ -339,17 +317,17 @@ def _library() -> Any:
     with extra("autd3", "AUTD3 boards need pyautd3"):
         import pyautd3
     version = importlib.metadata.version("pyautd3")
-    if version not in KNOWN_VERSIONS:
+    # The only version that the tests run with.
+    if version != "36.0.2":
         raise InvalidInput(
-            f"pyautd3 {version} is not one that the tests run with ({', '.join(KNOWN_VERSIONS)}): "
-            "pip install 'airtact[autd3]'.",
+            f"pyautd3 {version} is not the tested version 36.0.2: pip install 'airtact[autd3]'.",
             code="unsupported_version",
         )
     return pyautd3
 
 
 def _gain_of(words: UInt16[np.ndarray, "boards elements"]) -> Any:
-    """Return a gain of pyautd3 that plays a table, by its own ``Custom`` where the fast entry has changed."""
+    """Return a gain of pyautd3 that plays a table; fall back on ``Custom`` where the fast entry has changed."""
     try:
         return _table_gain(words)
     except (ImportError, AttributeError):
@@ -357,7 +335,8 @@ def _gain_of(words: UInt16[np.ndarray, "boards elements"]) -> Any:
 
 
 def _table_gain(words: UInt16[np.ndarray, "boards elements"]) -> Any:
-    """Give the entry of ``Custom`` a compiled function that only looks up a table: 996 calls of Python take 0.3 ms."""
+    """Return a gain that gives the entry of ``Custom`` a compiled function, which looks up a table."""
+    # 996 calls of a Python function take 0.3 ms.
     from pyautd3.driver.datagram.gain import Gain
     from pyautd3.native_methods.autd3 import Drive
     from pyautd3.native_methods.autd3capi import NativeMethods
@@ -384,13 +363,13 @@ def _table_gain(words: UInt16[np.ndarray, "boards elements"]) -> Any:
 
 
 class _Words(ctypes.Structure):
-    """The context of ``word_of_element``: a table, and how many elements a board has."""
+    """The context of ``word_of_element``: a table, and the number of elements of a board."""
 
     _fields_ = (("words", ctypes.c_void_p), ("elements_of_a_board", ctypes.c_int64))
 
 
 def _custom_gain(words: UInt16[np.ndarray, "boards elements"]) -> Any:
-    """Return the same gain through pyautd3's public ``Custom``, which builds a device and a transducer a call."""
+    """Return the same gain through pyautd3's public ``Custom``, which is slower."""
     from pyautd3 import Drive, Intensity, Phase
     from pyautd3.gain import Custom
 

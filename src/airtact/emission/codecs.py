@@ -1,16 +1,14 @@
-"""Messages of boards: our frames in each board's levels, order of channels, origin and sense of phase, and back.
+"""Messages of boards: a frame in each board's levels, order of channels, origin and sense of phase, and back.
 
-Every board here starts the pulse of an element later when its phase number is larger, which is our
-own sense: a drive d in Re[d e^{−iωt}] has phase arg(d), and a larger one delays the wave. So no
-codec conjugates. AUTD3: proven in the time domain with its emulator (tests). SonicSurface:
-``PhaseLine.vhd`` starts the pulse when a rising counter reaches the number. Nano16:
-``ArduinoNano.java`` puts the first high step at the number, and ``DriverNano16.ino`` plays the
-steps in order. OpenMPD: its driver adds half of what a pulse is shorter to the number, which keeps
-the middle of a pulse that starts there in place.
+On every board here a larger phase number delays the pulse of an element. So does the phase of a
+drive d in Re[d e^{−iωt}], therefore no codec conjugates. AUTD3: proven in the time domain with its
+emulator (tests). SonicSurface: ``PhaseLine.vhd`` starts the pulse when a rising counter reaches the
+number. Nano16: ``ArduinoNano.java`` puts the first high step at the number, and
+``DriverNano16.ino`` plays the steps in order. OpenMPD: its driver shifts the number of a shorter
+pulse by half of the difference, which keeps the middle of the pulse in place.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,9 +27,9 @@ class Codec(ABC):
     Attributes
     ----------
     board : the board.
-    levels : what it can emit.
+    levels : amplitudes and phases that it can emit.
     baud : speed of its serial line [bit/s]; None where it has none.
-    echo : what it sends back for a frame; nothing where it is silent.
+    echo : bytes that it sends back for a frame; empty where it is silent.
     """
 
     board: Board
@@ -54,45 +52,43 @@ class Codec(ABC):
         """
 
     def fastest_frames(self, boards: int = 1) -> float:
-        """Return how many frames a second the serial line of so many boards carries; infinite where it has none."""
+        """Largest rate [frames/s] on the serial line of a number of boards; infinite where there is no line."""
         if self.baud is None:
             return np.inf
         zeros = np.zeros(boards * len(self.board), dtype=np.uint8)
-        return (
-            self.baud / 10.0 / len(self.encode(Frame(zeros, zeros, self.levels)))
-        )  # 10 bits a byte
+        # 10 bits a byte: with the start bit and the stop bit.
+        return self.baud / 10.0 / len(self.encode(Frame(zeros, zeros, self.levels)))
 
-    def _parts(
-        self, levels: UInt8[np.ndarray, "elements"]
-    ) -> Sequence[UInt8[np.ndarray, "positions"]]:
-        """Bring one number per element to its position in each board's message."""
-        parts = []
-        for one in np.split(levels, len(levels) // len(self.board)):
-            part = np.zeros(self.board.message_length, dtype=np.uint8)
-            part[self.board.channels] = one
-            parts.append(part)
-        return parts
+    def _channels(
+        self, values: UInt8[np.ndarray, "elements"]
+    ) -> UInt8[np.ndarray, "boards channels"]:
+        """Bring the value of each element to its position in the board's message."""
+        boards = len(values) // len(self.board)
+        channels = np.zeros((boards, self.board.message_length), dtype=np.uint8)
+        channels[:, self.board.channels] = values.reshape(boards, -1)
+        return channels
 
     def _elements(
-        self, parts: Sequence[UInt8[np.ndarray, "positions"]]
+        self, channels: UInt8[np.ndarray, "boards channels"]
     ) -> UInt8[np.ndarray, "elements"]:
-        return np.concatenate([part[self.board.channels] for part in parts])
+        return channels[:, self.board.channels].ravel()
 
 
-def _pieces(message: bytes, size: int, what: str) -> list[UInt8[np.ndarray, "size"]]:
+def _boards(message: bytes, size: int) -> UInt8[np.ndarray, "boards size"]:
+    """Split a message into the parts of ``size`` bytes of the boards."""
     if len(message) == 0 or len(message) % size:
         raise InvalidInput(
-            f"a message of {len(message)} bytes is not made of {what} of {size} bytes.",
+            f"a message of {len(message)} bytes is not made of boards of {size} bytes.",
             code="message_damaged",
         )
-    return list(np.frombuffer(message, dtype=np.uint8).reshape(-1, size))
+    return np.frombuffer(message, dtype=np.uint8).reshape(-1, size)
 
 
 class AUTD3Codec(Codec):
-    """Two bytes an element: phase in 256 of a turn, intensity in 255 of full scale; the firmware makes pressure linear.
+    """Two bytes an element: phase in 1/256 of a turn, intensity in 1/255 of full scale.
 
-    The firmware plays intensity i as a pulse of round(512/π · asin(i/255)) of 512, whose first
-    harmonic is i/255.
+    The firmware makes the pressure linear: it plays intensity i as a pulse of
+    round(512/π · asin(i/255)) of 512 ticks, whose first harmonic is i/255.
     """
 
     def encode(self, frame: Frame) -> bytes:
@@ -101,7 +97,7 @@ class AUTD3Codec(Codec):
 
     def decode(self, message: bytes) -> Frame:
         """Return the frame of alternating bytes."""
-        pairs = np.concatenate(_pieces(message, 2 * len(self.board), "boards")).reshape(-1, 2)
+        pairs = _boards(message, 2 * len(self.board)).reshape(-1, 2)
         return Frame(pairs[:, 1].copy(), pairs[:, 0].copy(), self.levels)
 
 
@@ -118,23 +114,23 @@ class SonicSurfaceCodec(Codec):
         numbers = np.where(frame.amplitude > 0, frame.phase, self.OFF).astype(np.uint8)
         boards = [
             bytes([self.FIRST + b, self.START]) + part.tobytes()
-            for b, part in enumerate(self._parts(numbers))
+            for b, part in enumerate(self._channels(numbers))
         ]
         return b"".join(boards) + bytes([self.SWAP])
 
     def decode(self, message: bytes) -> Frame:
         """Return the frame of a message that ends in a swap."""
-        pieces = _pieces(message[:-1], 2 + self.board.message_length, "boards")
-        marks = [(int(piece[0]) - self.FIRST, int(piece[1])) for piece in pieces]
-        if marks != [(b, self.START) for b in range(len(pieces))] or message[-1] != self.SWAP:
+        boards = _boards(message[:-1], 2 + self.board.message_length)
+        marks = [[self.FIRST + index, self.START] for index in range(len(boards))]
+        if boards[:, :2].tolist() != marks or message[-1] != self.SWAP:
             raise InvalidInput(
                 f"a message of {len(message)} bytes lacks the marks of a SonicSurface frame.",
                 code="message_damaged",
             )
-        numbers = self._elements([piece[2:] for piece in pieces])
+        numbers = self._elements(boards[:, 2:])
         if numbers.max() > self.OFF:
             raise InvalidInput(
-                f"a channel of a SonicSurface is 0 to {self.OFF}, but one is {numbers.max()}.",
+                f"a channel of a SonicSurface is 0 to {self.OFF}, not {numbers.max()}.",
                 code="message_damaged",
             )
         on = numbers < self.OFF
@@ -154,10 +150,9 @@ class Nano16Codec(Codec):
 
     def encode(self, frame: Frame) -> bytes:
         """Return the nibbles of both ports in every step."""
-        on = self._parts(frame.amplitude)[0]
-        start = self._parts(frame.phase)[0]
+        start = self._channels(frame.phase)[0].astype(np.int64)
         steps = np.arange(16)[:, None]
-        high = ((steps - start.astype(np.int64)) % 16 < 8) & (on > 0)
+        high = ((steps - start) % 16 < 8) & (self._channels(frame.amplitude)[0] > 0)
         ports = np.packbits(high, axis=1, bitorder="little")
         nibbles = np.stack([ports & 0xF0, (ports & 0x0F) << 4], axis=-1) | self.MARK
         return bytes([self.RESET]) + nibbles.tobytes() + bytes([self.SWAP])
@@ -179,23 +174,23 @@ class Nano16Codec(Codec):
         ports = ((halves[..., 0] & 0xF0) | (halves[..., 1] >> 4)).astype(np.uint8)
         high = np.unpackbits(ports, axis=1, bitorder="little").astype(bool)
         on = np.any(high, axis=0)
+        # Exactly one rise, and half of the steps high: one pulse, which may wrap around the period.
         rises = high & ~np.roll(high, 1, axis=0)
         if np.any(rises.sum(axis=0) != on) or np.any(high.sum(axis=0) != 8 * on):
             raise InvalidInput(
                 f"an element of a Nano16 is high in 8 consecutive steps, not {high.sum(axis=0)}.",
                 code="message_damaged",
             )
-        amplitude = on.astype(np.uint8)
-        phase = np.argmax(rises, axis=0).astype(np.uint8)
         channels = self.board.channels
-        return Frame(amplitude[channels], phase[channels], self.levels)
+        phase = np.argmax(rises, axis=0).astype(np.uint8)
+        return Frame(on.astype(np.uint8)[channels], phase[channels], self.levels)
 
 
 class OpenMPDCodec(Codec):
-    """512 bytes a board: 256 phases of 128 to a turn, bit 7 of the first set, then 256 amplitudes of 0 to 64.
+    """512 bytes a board: 256 phases in 1/128 of a turn, bit 7 of the first one set, then 256 amplitudes, 0 to 64.
 
-    Amplitude a is a pulse of a/128 of a period that begins at the phase number, so (64 − a)/2 is
-    added to the number to keep its middle in place; the pulse's first harmonic is sin(πa/128).
+    Amplitude a is a pulse of a/128 of a period that begins at the phase number. (64 − a)/2 is added
+    to the number, which keeps the middle of the pulse in place. Its first harmonic is sin(πa/128).
     """
 
     FULL = 64
@@ -204,30 +199,26 @@ class OpenMPDCodec(Codec):
     def encode(self, frame: Frame) -> bytes:
         """Return a message per board, one after the other; each board has a line of its own."""
         shift = (self.FULL - frame.amplitude.astype(np.int64)) // 2
-        numbers = ((frame.phase + shift) % 128).astype(np.uint8)
-        message = b""
-        for phases, amplitudes in zip(
-            self._parts(numbers), self._parts(frame.amplitude), strict=True
-        ):
-            phases[0] |= self.START
-            message += phases.tobytes() + amplitudes.tobytes()
-        return message
+        phases = self._channels(((frame.phase + shift) % 128).astype(np.uint8))
+        phases[:, 0] |= self.START
+        return np.hstack([phases, self._channels(frame.amplitude)]).tobytes()
 
     def decode(self, message: bytes) -> Frame:
         """Return the frame of messages of 512 bytes."""
-        pieces = _pieces(message, 2 * self.board.message_length, "boards")
-        if not all(piece[0] & self.START for piece in pieces):
+        boards = _boards(message, 2 * self.board.message_length)
+        if not np.all(boards[:, 0] & self.START):
             raise InvalidInput(
-                f"a message of {len(message)} bytes lacks the mark of an OpenMPD frame in its first byte.",
+                f"a message of {len(message)} bytes lacks the mark of an OpenMPD frame in its "
+                "first byte.",
                 code="message_damaged",
             )
-        amplitude = self._elements([piece[256:] & 0x7F for piece in pieces])
+        amplitude = self._elements(boards[:, 256:] & 0x7F)
         if amplitude.max() > self.FULL:
             raise InvalidInput(
-                f"an amplitude of OpenMPD is 0 to {self.FULL}, but one is {amplitude.max()}.",
+                f"an amplitude of OpenMPD is 0 to {self.FULL}, not {amplitude.max()}.",
                 code="message_damaged",
             )
-        numbers = self._elements([piece[:256] & 0x7F for piece in pieces]).astype(np.int64)
+        numbers = self._elements(boards[:, :256] & 0x7F).astype(np.int64)
         phase = (numbers - (self.FULL - amplitude.astype(np.int64)) // 2) % 128
         return Frame(amplitude, phase.astype(np.uint8), self.levels)
 

@@ -1,9 +1,11 @@
-"""Emitting safely: a ramp, a cap, a watchdog, and silence however it ends."""
+"""Safe emission: a ramp, a cap, a watchdog, and silence however it ends."""
 
 import atexit
 import signal
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType, TracebackType
@@ -22,23 +24,6 @@ from airtact.emission.player import Settings
 from airtact.errors import InvalidInput
 from airtact.transducers.modulation import AmplitudeModulation
 
-RAMP = 0.2
-"""How long the amplitude rises when sound begins [s]."""
-
-FADE = 0.1
-"""How long the amplitude falls when sound is silenced for a while [s]."""
-
-PATIENCE = 0.5
-"""How long boards emit without a call before they are silenced [s]."""
-
-SIGNALS = tuple(
-    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
-)
-"""Signals that end an emission and then the block that it is in."""
-
-NOHUP = getattr(signal, "SIGHUP", None)
-"""The one of them that is left alone where it is ignored."""
-
 
 @dataclass(frozen=True)
 class Played:
@@ -46,9 +31,9 @@ class Played:
 
     Attributes
     ----------
-    rate : frames a second that were played.
-    frames : how many were sent, or how often the boards themselves began a frame.
-    dropped : how many were left out because they would have been late.
+    rate : measured rate [frames/s].
+    frames : number of frames that were sent or that the boards began themselves.
+    dropped : number of frames left out because they would have been late.
     """
 
     rate: float
@@ -59,28 +44,26 @@ class Played:
 class Emission:
     """Sound from boards, silenced however it ends.
 
-    Use it as ``with Emission(link) as emission:``. The link is opened in a process of its own,
-    which raises the sound over a ramp and sends a frame of zeros, which the link sees confirmed,
-    when the block is left, and by itself when this process is gone, whatever ended it, or when for
-    half a second no ``send``, ``hold``, ``play``, ``cycle``, ``modulate``, ``set_modulation``,
-    ``silence`` or ``beat`` is called. Nothing can be sent after that, unless calls that came too
-    late are the reason and it ``resumes``. SIGINT, SIGTERM and SIGHUP in the main thread leave the
-    block by ``KeyboardInterrupt`` or ``SystemExit``.
+    Use it as ``with Emission(link) as emission:``. A process of its own opens the link, raises the
+    sound over a ramp and sends a confirmed frame of zeros: when the block is left, when this
+    process is gone for whatever reason, and when half a second passes without ``send``, ``hold``,
+    ``play``, ``cycle``, ``modulate``, ``set_modulation``, ``silence`` or ``beat``. Nothing can be
+    sent after that, except where calls came too late and the emission ``resumes``. SIGINT, SIGTERM
+    and SIGHUP in the main thread leave the block by ``KeyboardInterrupt`` or ``SystemExit``.
 
     If the link process itself is killed, the next call raises ``LinkFailed``, and another process
     opens the link and silences the boards. A link whose class is defined in the script itself, or
-    on a system without POSIX, is open in this process, and a warning says so: the boards go on
-    emitting then if this process is killed.
+    any link on a system without POSIX, is opened in this process, and a warning says so: the boards
+    then go on emitting if this process is killed.
 
     Parameters
     ----------
-    link : the way to the boards; it is opened and closed here.
-    cap : largest amplitude of an element, a share of full scale; drives above it are reduced as a
-        whole.
+    link : the way to the boards, opened and closed here.
+    cap : largest amplitude of an element, a share of full scale; drives above it are scaled down.
     ramp : duration of the ramp [s].
-    patience : how long boards emit without a call [s].
-    log : file for one line on each event, written by the link process: when, in seconds of the
-        system's monotonic clock (``time.monotonic``), and what.
+    patience : time that boards emit without a call [s].
+    log : file to which the link process writes one line per event: the time on the system's
+        monotonic clock (``time.monotonic``) [s], and the event.
     resumes : whether boards that were silenced because no call came take the next drive, over the
         ramp.
 
@@ -88,8 +71,8 @@ class Emission:
     ----------
     process : number of the process that holds the link; None where it is this one, or before it is
         open.
-    share : of the amplitude of the newest drive that the boards played when it was sent; less than
-        1 on a ramp.
+    share : share of the newest drive's amplitude that the boards played when it was sent; below 1
+        on a ramp.
 
     Raises
     ------
@@ -104,8 +87,8 @@ class Emission:
         link: Link,
         *,
         cap: float = 1.0,
-        ramp: float = RAMP,
-        patience: float = PATIENCE,
+        ramp: float = 0.2,
+        patience: float = 0.5,
         log: str | Path | None = None,
         resumes: bool = False,
     ) -> None:
@@ -114,36 +97,48 @@ class Emission:
             raise InvalidInput(
                 f"the ramp is {ramp:g} s, but it must be 0 or more.", code="out_of_range"
             )
+        file = None
+        if log is not None:
+            # Absolute: the link process may stand in another folder.
+            file = Path(of_kind(log, str | Path, "the log", "a path")).absolute()
         self.link = link
-        file = (
-            None if log is None else Path(of_kind(log, str | Path, "the log", "a path")).absolute()
-        )
-        patience = positive(patience, "the patience of the watchdog", "s")
-        self._settings = Settings(check_cap(cap), float(ramp), patience, file, resumes)
         self.share: float = 1.0
+        self._settings = Settings(
+            cap=check_cap(cap),
+            ramp=float(ramp),
+            patience=positive(patience, "the patience of the watchdog", "s"),
+            log=file,
+            resumes=resumes,
+        )
         self._inside = 0
         self._signal: int | None = None
-        # "it was not begun": why nothing can be sent before an emission begins.
         self._over = "it was not begun"
-        self._played: LinkProcess | None = None
+        self._link_process: LinkProcess | None = None
         self._handlers: dict[int, Any] = {}
 
     def __enter__(self) -> "Emission":
-        self._shield(1)
-        self._listen()
-        try:
-            if self._settings.log is not None:
-                _begin_log(self._settings.log)
-            self._played = LinkProcess(self.link, self._settings)
-        except BaseException:
-            self._unlisten()
-            raise
-        finally:
-            self._shield(-1)
-        if self._played.process is None:
-            atexit.register(self._end)
-        else:
-            self.link._elsewhere = lambda name, *arguments: self._ask("ask", name, *arguments)
+        if self._settings.log is not None:
+            # Emptied here and appended to by the link process, so that a file that cannot be written
+            # is rejected before anything is sent.
+            try:
+                self._settings.log.write_text("")
+            except OSError as error:
+                raise InvalidInput(
+                    f"the log {self._settings.log} cannot be written (error {error.errno}): "
+                    f"{error.strerror}.",
+                    code="not_writable",
+                ) from None
+        with self._shielded():
+            self._listen()
+            try:
+                self._link_process = LinkProcess(self.link, self._settings)
+            except BaseException:
+                self._unlisten()
+                raise
+            if self._link_process.process is None:
+                atexit.register(self._end)
+            else:
+                self.link._elsewhere = lambda name, *arguments: self._ask("ask", name, *arguments)
         try:
             self._obey()
         except BaseException as error:
@@ -157,69 +152,67 @@ class Emission:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._shield(1)
-        try:
-            self._end()
-        finally:
-            self._unlisten()
-            self._shield(-1)
+        with self._shielded():
+            try:
+                self._end()
+            finally:
+                self._unlisten()
         if kind is None:
             self._obey()
 
     def _end(self) -> None:
-        """Silence the boards and close the link; an emission that has ended stays so."""
-        played = self._played
-        if played is None:
+        """Silence the boards and close the link; do nothing if that is done."""
+        process = self._link_process
+        if process is None:
             return
         atexit.unregister(self._end)
         failed: LinkFailed | None = None
         try:
-            played.ask("finish", "it was ended")
+            process.ask("finish", "it was ended")
             self.link.collect()
         except LinkFailed as error:
             failed = error
         finally:
-            self._played = None
+            self._link_process = None
             self.link._elsewhere = None
             try:
-                self._over = played.close() or "it was ended"
+                self._over = process.close() or "it was ended"
             except LinkFailed as error:
-                # An error on closing adds nothing where silence was confirmed, unless the link
-                # process was lost.
                 self._over = "the link process was lost"
-                if error.code != "link_failed":
-                    failed = (
-                        failed if failed is not None and failed.code == "silence_failed" else error
-                    )
+                # Where silence was confirmed, an error on closing adds nothing, unless the link
+                # process was lost. Silence that failed is the graver fault.
+                silenced = failed is None or failed.code != "silence_failed"
+                if error.code != "link_failed" and silenced:
+                    failed = error
         if failed is not None:
             raise failed
 
     @property
     def process(self) -> int | None:
         """Number of the process that holds the link; None where it is this one, or before it is open."""
-        return None if self._played is None else self._played.process
+        return None if self._link_process is None else self._link_process.process
 
     def send(self, drive: Drive, wait: bool = True, outlast: bool = True) -> Frame:
-        """Play a drive from now on; the first one rises over the ramp, and so does one after silence.
+        """Play a drive from now on; the first drive, and one after silence, rise over the ramp.
 
         Parameters
         ----------
-        drive : what every element emits.
-        wait : whether to return when the ramp is over and the boards have the frame. Otherwise the
-            newest drive rises meanwhile, and what fails on the way is raised by the next call.
-        outlast : whether to wait for the end of the ramp, too; otherwise ``share`` says how far it
-            is.
+        drive : amplitude of every element.
+        wait : whether to return only when the boards have the frame. Otherwise the next call raises
+            what fails on the way.
+        outlast : whether to wait for the end of the ramp as well; otherwise ``share`` holds how far
+            the ramp has come.
 
         Returns
         -------
-        The frame that the boards play, at the end of the ramp and at the full amplitude of a modulation.
+        The frame that the boards play at the end of the ramp and at full amplitude of a modulation.
 
         Raises
         ------
         InvalidInput
             If the drive is for another number of elements.
         LinkFailed
-            If the link fails, or the emission was ended before, by whatever.
+            If the link fails, or the emission was ended before.
         """
         check_drive(drive, "what is emitted")
         self.link.check_elements(len(drive))
@@ -230,10 +223,10 @@ class Emission:
         return frame
 
     def set_modulation(self, modulation: AmplitudeModulation | None) -> None:
-        """Vary the amplitude of whatever ``send`` plays from now on, or stop that; drives follow without a jump in it.
+        """Modulate the amplitude of all that ``send`` plays from now on, or stop that.
 
-        AUTD3 boards play the modulation themselves. Other boards are sent the newest drive at each
-        of its times.
+        The modulation goes on without a jump while drives change. AUTD3 boards play it themselves;
+        other boards are sent the newest drive for each of its frames.
 
         Raises
         ------
@@ -255,12 +248,12 @@ class Emission:
         self._ask("modulate", modulation.envelope(count), rate)
 
     def cycle(self, sequence: Sequence, outlast: bool = True) -> None:
-        """Play the frames of a sequence over and over from now on, and take the place of the one before in its round.
+        """Repeat the frames of a sequence from now on.
 
-        While sequences of one length and rate follow each other, the place in the round goes on:
-        the frame that is due is the newest sequence's. A modulation ends. The first sequence rises
-        over the ramp, its most powerful frame alone where boards repeat it by themselves; a file
-        gets the frame that is due. ``outlast`` is that of ``send``.
+        A sequence of the same length and rate as the one before continues at the same place in the
+        round. A modulation ends. The first sequence rises over the ramp; where boards repeat it
+        themselves, only its most powerful frame does. A file gets the frame that is due.
+        ``outlast`` is that of ``send``.
 
         Raises
         ------
@@ -276,13 +269,13 @@ class Emission:
         if outlast:
             self._outlast(left)
 
-    def silence(self, fade: float = FADE, wait: bool = True) -> None:
-        """Let the sound fade to silence; the next drive rises over the ramp.
+    def silence(self, fade: float = 0.1, wait: bool = True) -> None:
+        """Fade to silence; the next drive rises over the ramp.
 
         Parameters
         ----------
-        fade : how long it takes [s].
-        wait : whether to return when it is over.
+        fade : duration [s].
+        wait : whether to return only when it is over.
 
         Raises
         ------
@@ -314,7 +307,7 @@ class Emission:
         self._ask("beat")
 
     def hold(self, seconds: float) -> None:
-        """Let the boards play on for some time [s].
+        """Keep the boards playing for some time [s].
 
         Raises
         ------
@@ -330,22 +323,22 @@ class Emission:
             self.beat()
 
     def play(self, sequence: Sequence, seconds: float) -> Played:
-        """Play a sequence over and over; its most powerful frame rises over the ramp before.
+        """Repeat a sequence for some time, after its most powerful frame has risen over the ramp.
 
         Parameters
         ----------
         sequence : drives and their rate.
-        seconds : how long.
+        seconds : duration [s].
 
         Returns
         -------
-        What was played. Boards that repeat a sequence by themselves drop nothing; otherwise frames that would be late
-        by a whole frame are left out, so that the rate stays what it is.
+        What was played. Boards that repeat a sequence themselves drop nothing; otherwise frames that would be late
+        by a whole frame are dropped, which keeps the rate.
 
         Raises
         ------
         InvalidInput
-            If the boards or the link cannot play it, with the nearest that they can.
+            If the boards or the link cannot play it; the message has the nearest sequence that they can.
         LinkFailed
             If the link fails, or the emission was ended before or meanwhile.
         """
@@ -360,10 +353,10 @@ class Emission:
     def modulate(
         self, drive: Drive, seconds: float, modulation: AmplitudeModulation | None = None
     ) -> Played:
-        """Play a drive for some seconds [s] while its amplitude varies, so that it is felt, at a rate of the boards.
+        """Play a drive with amplitude modulation for some time [s]; skin only feels a modulated drive.
 
-        The force follows a cosine of 200 Hz, or the given modulation. Boards without levels of
-        amplitude vary the number of elements that are on. The drive rises over the ramp.
+        By default the force follows a cosine of 200 Hz. Boards without levels of amplitude vary the
+        number of elements that are on. The drive rises over the ramp.
 
         Returns
         -------
@@ -393,47 +386,46 @@ class Emission:
         return Played(*self._ask("played"))
 
     def _outlast(self, left: float) -> None:
-        """Wait until a ramp or a sequence is over, which takes some time yet [s]."""
+        """Wait until a ramp or a sequence is over, which still takes ``left`` [s]."""
         while left > 0.0:
             time.sleep(min(left, self._pause))
             left = self._ask("beat")
 
     @property
     def _pause(self) -> float:
-        """How long to sleep between two beats [s]."""
+        """Time to sleep between two beats [s]."""
         return min(self._settings.patience / 5.0, 0.05)
 
     def _ask(self, name: str, *arguments: Any) -> Any:
-        """Have the link's player do something while no signal can interrupt it."""
-        self._shield(1)
-        try:
-            if self._played is None:
-                raise LinkFailed(
-                    f"the emission is over because {self._over}, after {self.link.sent} frames, and nothing was sent.",
-                    self.link.last,
-                    self.link.sent,
-                    code="emission_over",
-                )
-            answer = self._played.ask(name, *arguments)
-        finally:
-            self._shield(-1)
+        """Have the link's player do something; no signal can interrupt it."""
+        with self._shielded():
+            if self._link_process is None:
+                raise self.link.emission_over(self._over)
+            answer = self._link_process.ask(name, *arguments)
         self._obey()
         return answer
 
-    def _shield(self, step: int) -> None:
-        """Count the nested calls of the link in the main thread, which receives the signals."""
-        if threading.current_thread() is threading.main_thread():
-            self._inside += step
+    # --- signals ------------------------------------------------------------------------------------------------
+
+    @contextmanager
+    def _shielded(self) -> Iterator[None]:
+        """Put signals off while the link is in use. Only the main thread receives them; uses are nested."""
+        step = int(threading.current_thread() is threading.main_thread())
+        self._inside += step
+        try:
+            yield
+        finally:
+            self._inside -= step
 
     def _listen(self) -> None:
-        if threading.current_thread() is threading.main_thread():
+        if threading.current_thread() is not threading.main_thread():
+            return
+        for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+            kind = getattr(signal, name, None)
             # A process that was started with nohup outlives its terminal.
-            kept = [
-                kind
-                for kind in SIGNALS
-                if (kind != NOHUP or signal.getsignal(kind) != signal.SIG_IGN)
-            ]
-            self._handlers = {kind: signal.signal(kind, self._on_signal) for kind in kept}
+            by_nohup = name == "SIGHUP" and kind and signal.getsignal(kind) == signal.SIG_IGN
+            if kind is not None and not by_nohup:
+                self._handlers[kind] = signal.signal(kind, self._on_signal)
 
     def _unlisten(self) -> None:
         for kind, handler in self._handlers.items():
@@ -451,23 +443,9 @@ class Emission:
             return
         kind = self._signal
         self._signal = None
-        if self._played is not None:
-            self._shield(1)
-            try:
-                self._played.ask("finish", f"of the signal {signal.Signals(kind).name}")
-            finally:
-                self._shield(-1)
+        if self._link_process is not None:
+            with self._shielded():
+                self._link_process.ask("finish", f"of the signal {signal.Signals(kind).name}")
         if kind == signal.SIGINT:
             raise KeyboardInterrupt
         raise SystemExit(128 + kind)
-
-
-def _begin_log(path: Path) -> None:
-    """Empty the log, so that it holds one emission."""
-    try:
-        path.write_text("")
-    except OSError as error:
-        raise InvalidInput(
-            f"the log {path} cannot be written (error {error.errno}): {error.strerror}.",
-            code="not_writable",
-        ) from None

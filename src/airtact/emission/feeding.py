@@ -1,4 +1,4 @@
-"""The feeder's side of a link process: start it, ask it, and have another silence the boards where it is lost."""
+"""The feeder's side of a link process: start it, ask it, and have another silence the boards if it is lost."""
 
 import copy
 import math
@@ -14,36 +14,22 @@ import warnings
 from contextlib import suppress
 from typing import Any
 
-from airtact.emission.channel import Channel
 from airtact.emission.link import Link, LinkFailed
-from airtact.emission.link_process import serve
+from airtact.emission.link_process import Channel, serve
 from airtact.emission.player import Settings
 
-ANSWER = 30.0
-OPENING = 120.0
-"""How long a link process may take for an answer, and to open its link [s]; it is ended then."""
+ANSWER_TIMEOUT = 30.0
+"""Time that a link process may take to answer before it is ended [s]."""
 
-ENDING = 5.0
-"""How long a link process may take to end once its link is closed [s]."""
+OPENING_TIMEOUT = 120.0
+"""Time that a link process may take to open its link before it is ended [s]."""
 
-
-def why_here(link: Link) -> str | None:
-    """Return why a link cannot be opened in another process, or None if it can."""
-    if os.name != "posix":
-        return f"link processes need a POSIX system, and this is {sys.platform}"
-    if not sys.executable:
-        return "this Python does not know its own interpreter"
-    if type(link).__module__ == "__main__":
-        return f"{type(link).__name__} is defined in the script itself: put it into a module"
-    try:
-        pickle.dumps(link)
-    except Exception as error:
-        return f"{type(link).__name__} cannot be passed on ({error})"
-    return None
+ENDING_TIMEOUT = 5.0
+"""Time that a link process may take to end once its link is closed [s]."""
 
 
 class LinkProcess:
-    """A link that is open in a process of its own, or in a thread of this one where it must be.
+    """A link that is open in a process of its own, or in a thread of this process where it must be.
 
     Parameters
     ----------
@@ -56,6 +42,7 @@ class LinkProcess:
     """
 
     def __init__(self, link: Link, settings: Settings) -> None:
+        self.process: int | None = None
         self._link = link
         self._settings = settings
         self._lock = threading.Lock()
@@ -69,8 +56,8 @@ class LinkProcess:
         reason = why_here(link) if link.real_time else "it emits nothing"
         if reason is not None and link.real_time:
             warnings.warn(
-                f"the {link.name} link is open in this process, because {reason}; if the process is killed, its "
-                f"{link.elements} elements go on emitting.",
+                f"the {link.name} link is open in this process, because {reason}; if the process "
+                f"is killed, its {link.elements} elements go on emitting.",
                 stacklevel=4,
             )
         ours, theirs = socket.socketpair()
@@ -78,15 +65,19 @@ class LinkProcess:
         if reason is None:
             with theirs:
                 self._child, self._life = _start(theirs)
+            self.process = self._child.pid
         else:
-            here = {"here": link}
-            threading.Thread(
-                target=serve, args=(Channel(theirs),), kwargs=here, name="link", daemon=True
-            ).start()
-        try:
-            self._exchange(
-                "open", (None if self._child is None else link, settings, os.getpid()), OPENING
+            thread = threading.Thread(
+                target=serve,
+                args=(Channel(theirs),),
+                kwargs={"here": link},
+                name="link",
+                daemon=True,
             )
+            thread.start()
+        sent_link = link if reason is None else None
+        try:
+            self._exchange("open", (sent_link, settings, os.getpid()), OPENING_TIMEOUT)
         except BaseException:
             self.end()
             if self._child is not None:
@@ -96,20 +87,15 @@ class LinkProcess:
             self._watcher = threading.Thread(target=self._watch, name="link watcher", daemon=True)
             self._watcher.start()
 
-    @property
-    def process(self) -> int | None:
-        """Number of the process that holds the link; None where it is this one."""
-        return None if self._child is None else self._child.pid
-
     def ask(self, name: str, *arguments: object) -> object:
-        """Have the player of the link do something, and return its answer.
+        """Call a method of the link's player and return its answer.
 
         Raises
         ------
         InvalidInput, LinkFailed
-            What the link raises; "link_process_lost" if its process is gone.
+            The errors of the link; "link_process_lost" if its process is gone.
         """
-        return self._exchange(name, arguments, ANSWER)
+        return self._exchange(name, arguments, ANSWER_TIMEOUT)
 
     def _exchange(self, name: str, arguments: tuple[object, ...], seconds: float) -> Any:
         with self._lock:
@@ -132,26 +118,27 @@ class LinkProcess:
         return value
 
     def _answer(self, seconds: float) -> Any:
-        """Wait for the answer to the newest message; older ones belong to calls that were interrupted.
-
-        A link that emits nothing may take as long as it needs: writing a long sequence takes
-        minutes.
-        """
+        """Wait for the answer to the newest message."""
+        # A link that emits nothing may take as long as it needs: writing a long sequence takes
+        # minutes.
         end = time.monotonic() + (seconds if self._link.real_time else math.inf)
         while (left := end - time.monotonic()) > 0.0:
             answer = self._channel.receive(min(left, seconds))
+            # Older answers belong to calls that were interrupted.
             if answer is not None and answer[0] == self._number:
                 return answer
         return None
 
-    def _lose(self, how: str) -> None:
+    def _lose(self, event: str) -> None:
+        """Note why the link process is lost; end it where it only does not answer."""
         if self._child is not None:
-            if how != "ended":
+            if event != "ended":
                 self._child.kill()
             with suppress(subprocess.TimeoutExpired):
-                code = self._child.wait(ENDING)
-                how += f" by {signal.Signals(-code).name}" if code < 0 else ""
-        self._lost = self._lost or how
+                code = self._child.wait(ENDING_TIMEOUT)
+                if code < 0:
+                    event += f" by {signal.Signals(-code).name}"
+        self._lost = self._lost or event
 
     def _lost_error(self) -> LinkFailed:
         who = "thread" if self._child is None else f"process {self._child.pid}"
@@ -164,19 +151,19 @@ class LinkProcess:
         )
 
     def _watch(self) -> None:
-        """Have another process silence the boards as soon as this one's link process is gone."""
+        """Have another process silence the boards as soon as the link process is gone."""
         assert self._child is not None
-        os.read(
-            self._life, 1
-        )  # ends with the process; waiting for the process itself would keep others from that
+        # The pipe ends with the process. Waiting for the process itself would keep other threads
+        # from waiting for it.
+        os.read(self._life, 1)
         os.close(self._life)
         if self._child.wait() == 0 and self._closing:
             return
         self._lose("ended")
         try:
-            other = LinkProcess(copy.copy(self._link), self._settings)
-            other.ask("finish", "another link process was lost")
-            other.close()
+            successor = LinkProcess(copy.copy(self._link), self._settings)
+            successor.ask("finish", "another link process was lost")
+            successor.close()
         except Exception as error:
             self._rescue = LinkFailed(
                 f"{str(self._lost_error()).split(';')[0]}, and no other could silence the boards: "
@@ -196,11 +183,11 @@ class LinkProcess:
         """
         try:
             self._closing = True
-            over, self._link.last = self._exchange("close", (), ANSWER)
+            over, self._link.last = self._exchange("close", (), ANSWER_TIMEOUT)
             return over
         except LinkFailed as error:
             if error.code == "link_process_lost" and self._watcher is not None:
-                self._watcher.join(OPENING)
+                self._watcher.join(OPENING_TIMEOUT)
                 raise (self._rescue or error) from None
             raise
         finally:
@@ -212,29 +199,36 @@ class LinkProcess:
         self._channel.close()
         if self._child is not None:
             try:
-                self._child.wait(ENDING)
+                self._child.wait(ENDING_TIMEOUT)
             except subprocess.TimeoutExpired:
                 self._child.kill()
                 self._child.wait()
 
 
-def _start(end: socket.socket) -> "tuple[subprocess.Popen[bytes], int]":
-    """Start a process that serves one end of a connection, in a session of its own; it finds the same modules.
+def why_here(link: Link) -> str | None:
+    """Return why a link cannot be opened in another process, or None if it can."""
+    if os.name != "posix":
+        return f"link processes need a POSIX system, and this is {sys.platform}"
+    if not sys.executable:
+        return "this Python does not know its own interpreter"
+    if type(link).__module__ == "__main__":
+        return f"{type(link).__name__} is defined in the script itself: put it into a module"
+    try:
+        pickle.dumps(link)
+    except Exception as error:
+        return f"{type(link).__name__} cannot be passed on ({error})"
+    return None
 
-    Return it, and a pipe that ends with it.
-    """
-    paths = os.pathsep.join(os.path.abspath(path) for path in sys.path)
+
+def _start(end: socket.socket) -> "tuple[subprocess.Popen[bytes], int]":
+    """Start a process that serves one end of a connection; return it and a pipe that ends with it."""
     life, theirs = os.pipe()
+    module = "airtact.emission.link_process"
+    # The process finds the same modules as this one, and signals to this session do not reach it.
+    paths = os.pathsep.join(os.path.abspath(path) for path in sys.path)
     try:
         child = subprocess.Popen(
-            [
-                sys.executable,
-                "-P",
-                "-m",
-                "airtact.emission.link_process",
-                str(end.fileno()),
-                str(os.getpid()),
-            ],
+            [sys.executable, "-P", "-m", module, str(end.fileno()), str(os.getpid())],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             env={**os.environ, "PYTHONPATH": paths, "OPENBLAS_NUM_THREADS": "1"},

@@ -1,4 +1,4 @@
-"""A link that ends in a file, for boards that have no link here and to look at what would be sent."""
+"""A link that writes a file: for boards without a link here, and to inspect the frames."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -24,15 +24,15 @@ from airtact.errors import InvalidInput, about
 from airtact.files.bounded import bytes_of
 
 ENDINGS = (*DRIVE_ENDINGS, ".bin")
-"""Kinds of files: those of drives, and the very bytes that the boards are sent."""
+"""Kinds of files: those of drives, and the bytes that the boards are sent."""
 
 
 def write_frames(
     path: Path, board: str, frames: Sequence[Frame], rate: float | None = None
 ) -> None:
-    """Write frames for a kind of board to a file of the kind that its name ends in; it appears once it is whole.
+    """Write frames for a kind of board to a file of the kind of its ending; it appears once it is complete.
 
-    The rate [frames/s] is None for a single drive and for frames at no fixed rate.
+    The rate [frames/s] is None for a single drive and for frames without a fixed rate.
 
     Raises
     ------
@@ -40,7 +40,7 @@ def write_frames(
         "unknown_format" if not one of ``ENDINGS``, "empty", "sizes_differ", or "not_writable".
     """
     if not frames:
-        raise InvalidInput(f"{path.name} needs at least 1 frame, not 0.", code="empty")
+        raise InvalidInput(f"{path.name} needs at least one frame.", code="empty")
     if len({len(frame) for frame in frames}) > 1:
         raise InvalidInput(
             f"the {len(frames)} frames for {path.name} differ in their number of elements.",
@@ -52,17 +52,16 @@ def write_frames(
             partial.write_bytes(b"".join(codec.encode(frame) for frame in frames))
         return
     drives = np.stack([frame.drive().amplitudes for frame in frames])
-    levels = (
-        np.stack([frame.amplitude for frame in frames]),
-        np.stack([frame.phase for frame in frames]),
-    )
-    write_drive_file(path, DriveFile(drives, rate, *levels, frames[0].levels, board=board))
+    amplitudes = np.stack([frame.amplitude for frame in frames])
+    phases = np.stack([frame.phase for frame in frames])
+    levels = frames[0].levels
+    write_drive_file(path, DriveFile(drives, rate, amplitudes, phases, levels, board=board))
 
 
 def read_messages(
     path: Path, board: str | None, boards: int = 1
 ) -> Complex128[np.ndarray, "frames elements"]:
-    """Read the drives in a .bin file, which does not hold its kind of board and the number of boards.
+    """Read the drives in a .bin file, which holds neither the kind of board nor the number of boards.
 
     Raises
     ------
@@ -71,22 +70,21 @@ def read_messages(
     """
     if board is None:
         raise InvalidInput(
-            f"{path.name} does not hold the name of its board: give 1, such as autd3.",
+            f"{path.name} does not hold the name of its board: give one, such as autd3.",
             code="data_missing",
         )
     codec = codec_of(board)
     message = bytes_of(path)
-    nothing = np.zeros(boards * len(codec.board), dtype=np.uint8)
-    size = len(codec.encode(Frame(nothing, nothing, codec.levels)))
+    zeros = np.zeros(boards * len(codec.board), dtype=np.uint8)
+    size = len(codec.encode(Frame(zeros, zeros, codec.levels)))
     if not message or len(message) % size:
         raise InvalidInput(
-            f"{len(message)} bytes are not made of messages of {size} bytes for {boards} {board} boards.",
+            f"{len(message)} bytes are not made of messages of {size} bytes for {boards} {board} "
+            "boards.",
             code="message_damaged",
         )
-    starts = range(0, len(message), size)
-    return np.stack(
-        [codec.decode(message[start : start + size]).drive().amplitudes for start in starts]
-    )
+    parts = [message[start : start + size] for start in range(0, len(message), size)]
+    return np.stack([codec.decode(part).drive().amplitudes for part in parts])
 
 
 def load_drive(
@@ -94,19 +92,19 @@ def load_drive(
 ) -> Drive | Drives:
     """Read a drive or a sequence from a file.
 
-    It reads what ``Drive.save``, ``Sequence.save`` and ``FileLink`` write. Amplitudes and phases
-    are those that were computed, to 1e-15 (in a table to nine digits), not the levels that they
-    were rounded to; the frames of a ``FileLink`` are rounded already.
+    It reads the files of ``Drive.save``, ``Sequence.save`` and ``FileLink``. Amplitudes and phases
+    are the computed ones, to 1e-15 (in a table to nine digits), not the rounded levels; a
+    ``FileLink`` writes rounded frames.
 
     Parameters
     ----------
     path : ends in .h5, .npz, .csv or .bin.
-    rate : frames a second, where the file does not hold it.
+    rate : frames a second, where the file does not hold the rate.
     board, boards : name of the kind of board and number of boards, for .bin only.
 
     Returns
     -------
-    A ``Sequence`` where the file holds a rate or one is given, else a ``Drive``.
+    A ``Sequence`` where there is a rate, else a ``Drive``.
 
     Raises
     ------
@@ -125,26 +123,25 @@ def load_drive(
 
 
 class FileLink(Link):
-    """Writes every frame that it is sent to a file when it is closed.
+    """Writes all frames that it is sent to a file when it is closed.
 
-    It keeps no clock: a sequence is written whole with its rate, as fast as the disk takes it, and
-    neither a ramp nor the silence at the end are added. ``load_drive`` reads the file.
+    It has no clock: a sequence is written completely with its rate, as fast as the disk takes it,
+    without a ramp and without the silence at the end. ``load_drive`` reads the file.
 
     Parameters
     ----------
-    path : the file, .npz, .csv, .h5 or .bin.
+    path : file, .npz, .csv, .h5 or .bin.
     board : name of the kind of board.
-    boards : how many.
+    boards : number of boards.
     """
 
     name = "file"
     plays_itself = True
     real_time = False
-    path: Path
 
     def __init__(self, path: str | Path, board: str = "autd3", boards: int = 1) -> None:
         super().__init__(board, boards)
-        self.path = Path(of_kind(path, str | Path, "the file of frames", "its path"))
+        self.path: Path = Path(of_kind(path, str | Path, "the file of frames", "its path"))
         checked_ending(self.path, ENDINGS, "frame")
         self._frames: list[Frame] = []
         self._rate: float | None = None
@@ -155,7 +152,7 @@ class FileLink(Link):
     def _begin(self) -> None:
         if not self.path.parent.is_dir():
             raise InvalidInput(
-                f"there is no folder {self.path.parent} for {self.path.name}: make it first (0 written).",
+                f"there is no folder {self.path.parent} for {self.path.name}: make it first.",
                 code="not_writable",
             )
         self._frames = []
@@ -167,8 +164,8 @@ class FileLink(Link):
     def _upload(self, frames: Sequence[Frame], rate: float) -> None:
         if self._frames and rate != self._rate:
             raise InvalidInput(
-                f"{len(self._frames)} frames at another rate than {rate:g} frames/s are in {self.path.name} already: "
-                "write each sequence to a file of its own.",
+                f"{self.path.name} already has {len(self._frames)} frames at another rate than "
+                f"{rate:g} frames/s: write each sequence to a file of its own.",
                 code="sizes_differ",
             )
         self._frames.extend(frames)

@@ -22,14 +22,13 @@ from airtact.transducers.levels import Levels
 
 
 class LinkFailed(RuntimeError):  # noqa: N818 (reads as what it is in a traceback)
-    """A link failed while it was open; the sentence names what was sent last.
+    """A link failed while it was open; the message names the last frame.
 
     Attributes
     ----------
-    last : the frame that the boards confirmed last, or None.
-    sent : how many frames they confirmed.
-    code : a short name of the kind of fault, such as "link_failed", which stays when the sentence
-        changes.
+    last : last frame that the boards confirmed, or None.
+    sent : number of frames that they confirmed.
+    code : kind of fault, such as "link_failed"; it stays when the message changes.
     """
 
     def __init__(
@@ -41,28 +40,28 @@ class LinkFailed(RuntimeError):  # noqa: N818 (reads as what it is in a tracebac
         self.sent = sent
 
     def __reduce__(self) -> Any:
+        # The default would lose the code, which is passed by name.
         return partial(type(self), code=self.code), (str(self), self.last, self.sent)
 
 
 class Link(ABC):
     """A way to boards of one kind: open it, send frames or play a sequence, stop, close.
 
-    A link sends what it is given. Use ``Emission``, which makes it safe: ramp, cap, watchdog and
-    silence at the end.
+    A link sends every frame as it is. Use ``Emission``, which makes it safe: ramp, cap, watchdog
+    and silence at the end.
 
     Attributes
     ----------
-    codec : the messages of its boards.
-    name : what commands call it.
+    codec : messages of its boards.
+    name : name in commands.
     boards, elements : number of boards, and of elements on all of them.
-    plays_itself : whether boards repeat a sequence by themselves once it was sent, or need every
-        frame in time.
-    modulates_itself : whether boards vary the amplitude of what they are sent by themselves.
+    plays_itself : whether boards repeat an uploaded sequence, or need every frame in time.
+    modulates_itself : whether boards vary the amplitude themselves.
     real_time : whether a frame is emitted when it is sent, so that frames must be sent at their
         times.
-    fastest : frames a second that it can carry at most.
-    last : the frame that was sent last, or None.
-    sent : how many frames were sent since it was opened.
+    fastest : largest rate that it carries [frames/s].
+    last : frame that was sent last, or None.
+    sent : number of frames sent since it was opened.
     holder : number of the process that uses it.
     """
 
@@ -71,15 +70,9 @@ class Link(ABC):
     modulates_itself: bool = False
     real_time: bool = True
     fastest: float = np.inf
-    codec: Codec
-    boards: int
-    elements: int
-    last: Frame | None
-    sent: int
-    holder: int
 
     def __init__(self, board: str, boards: int = 1) -> None:
-        self.codec = codec_of(board)
+        self.codec: Codec = codec_of(board)
         if (
             not isinstance(boards, int | np.integer)
             or not 1 <= boards <= self.codec.board.max_boards
@@ -90,7 +83,7 @@ class Link(ABC):
             )
         self.elements = boards * len(self.codec.board)
         self.boards = boards
-        self.last = None
+        self.last: Frame | None = None
         self.sent = 0
         self.holder = os.getpid()
         self._open = False
@@ -101,21 +94,22 @@ class Link(ABC):
         self._unlock()
 
     def __getstate__(self) -> dict[str, Any]:
+        # The lock belongs to this process, and so does the way to the other one.
         return {**vars(self), "_elsewhere": None, "_locked": None}
 
     @property
     def levels(self) -> Levels:
-        """What its boards can play."""
+        """Amplitudes and phases that the boards can play."""
         return self.codec.levels
 
     @property
     def fastest_frames(self) -> float:
-        """Frames a second that the boards take: what the link carries, and their own serial line."""
+        """Largest rate [frames/s] of the link and of the boards' serial line."""
         return min(self.fastest, self.codec.fastest_frames(self.boards))
 
     @property
     def devices(self) -> str:
-        """How many boards of what kind, in words."""
+        """Number and kind of the boards, in words."""
         return counted(
             self.boards, f"{self.codec.board.name} board", f"{self.codec.board.name} boards"
         )
@@ -126,7 +120,7 @@ class Link(ABC):
         Raises
         ------
         InvalidInput
-            If what it needs is not there: a library, a port, a device; or if another process uses the boards.
+            If a library, a port or a device is missing, or another process uses the boards.
         LinkFailed
             If the boards do not answer.
         """
@@ -143,7 +137,7 @@ class Link(ABC):
         self._open = True
 
     def send(self, frame: Frame) -> None:
-        """Send one frame; the boards play it from then on.
+        """Send one frame, which the boards play from then on.
 
         Raises
         ------
@@ -159,7 +153,7 @@ class Link(ABC):
         self.sent += 1
 
     def play(self, frames: Sequence[Frame], rate: float) -> None:
-        """Have the boards repeat a sequence by themselves at a rate [frames/s], if ``plays_itself``.
+        """Have the boards repeat a sequence at a rate [frames/s], if ``plays_itself``.
 
         Raises
         ------
@@ -170,7 +164,7 @@ class Link(ABC):
         """
         if not self.plays_itself:
             raise InvalidInput(
-                f"{self.codec.board.name} boards keep 0 sequences: send frame by frame.",
+                f"{self.codec.board.name} boards keep no sequences: send frame by frame.",
                 code="not_supported",
             )
         for frame in frames:
@@ -182,7 +176,7 @@ class Link(ABC):
         self.sent += len(frames)
 
     def check_sequence(self, frames: int, rate: float) -> None:
-        """Check that the boards and the link can play so many frames at a rate [frames/s], or name the nearest.
+        """Check that the boards and the link can play a number of frames at a rate [frames/s].
 
         Raises
         ------
@@ -193,13 +187,13 @@ class Link(ABC):
             raise InvalidInput(f"a sequence needs at least 1 frame, not {frames}.", code="empty")
         if positive(rate, "the rate of a sequence", "frames/s") > self.fastest:
             raise InvalidInput(
-                f"{rate:g} frames/s are more than the {self.name} link carries to {self.devices}: the nearest is "
-                f"{np.floor(self.fastest):g} frames/s.",
+                f"{rate:g} frames/s are more than the {self.name} link carries to {self.devices}: "
+                f"the nearest is {np.floor(self.fastest):g} frames/s.",
                 code="out_of_range",
             )
 
     def check_elements(self, count: int) -> None:
-        """Raise "sizes_differ" where a drive or a frame is for another number of elements than the boards have."""
+        """Raise "sizes_differ" if a drive or frame is for another number of elements."""
         if count != self.elements:
             raise InvalidInput(
                 f"a drive for {counted(count, 'element', 'elements')} does not fit {self.devices} of "
@@ -208,7 +202,7 @@ class Link(ABC):
             )
 
     def stop(self) -> None:
-        """Silence the boards; those that can confirm it.
+        """Silence the boards; boards that can confirm it.
 
         Raises
         ------
@@ -223,7 +217,7 @@ class Link(ABC):
         self.sent += 1
 
     def probe(self) -> None:
-        """Check that the boards are still connected, where the link can, while they go on emitting.
+        """Check that the boards are still connected, where the link can; they go on emitting.
 
         Raises
         ------
@@ -235,7 +229,7 @@ class Link(ABC):
                 self._look()
 
     def close(self) -> None:
-        """Close the connection; boards go on emitting, so call ``stop`` before."""
+        """Close the connection. Boards go on emitting, so call ``stop`` before."""
         if self._open:
             self._open = False
             try:
@@ -245,7 +239,7 @@ class Link(ABC):
                 self._unlock()
 
     def modulate(self, envelope: Float64[np.ndarray, "frames"] | None, rate: float) -> None:
-        """Have the boards vary the amplitude of all frames that are sent from now on, if ``modulates_itself``.
+        """Have the boards modulate all frames that are sent from now on, if ``modulates_itself``.
 
         Parameters
         ----------
@@ -255,7 +249,7 @@ class Link(ABC):
         raise NotImplementedError
 
     def collect(self) -> None:  # noqa: B027 (most links keep nothing)
-        """Bring here what the link has kept in another process, before that ends."""
+        """Fetch what the link keeps in another process, before that process ends."""
 
     def zero(self) -> Frame:
         """Return the frame in which all elements are off."""
@@ -263,13 +257,14 @@ class Link(ABC):
         return Frame(nothing, nothing, self.levels)
 
     def _resource(self) -> str | None:
-        """Name what only one process may use at a time, such as a port; None where there is no such thing."""
+        """Return the name of what one process at a time may use, such as a port, or None."""
         return None
 
     def _unlock(self) -> None:
+        # Called by __del__ too, where __init__ may have failed before the lock.
         locked = getattr(self, "_locked", None)
-        self._locked = None
         if locked is not None:
+            self._locked = None
             os.close(locked)
 
     @abstractmethod
@@ -285,7 +280,7 @@ class Link(ABC):
         self._transmit(self.zero())
 
     def _look(self) -> None:  # noqa: B027 (links that cannot check do nothing)
-        """Raise what ``_reporting`` understands if the boards are gone; links that cannot check do nothing."""
+        """Raise an error for ``_reporting`` if the boards are gone."""
 
     @abstractmethod
     def _end(self) -> None: ...
@@ -300,9 +295,10 @@ class Link(ABC):
         self.check_elements(len(frame))
         if not self.levels.same_as(frame.levels):
             raise InvalidInput(
-                f"a frame of {len(frame.levels.amplitudes)} amplitudes and {frame.levels.phases} phases is not for "
-                f"{self.codec.board.name}, which has {len(self.levels.amplitudes)} and {self.levels.phases}: quantise "
-                "the drive with link.levels.",
+                f"a frame of {len(frame.levels.amplitudes)} amplitudes and {frame.levels.phases} "
+                f"phases is not for {self.codec.board.name}, which has "
+                f"{len(self.levels.amplitudes)} and {self.levels.phases}: quantise the drive with "
+                "link.levels.",
                 code="sizes_differ",
             )
 
@@ -314,7 +310,7 @@ class Link(ABC):
             raise self._failed(doing, error.strerror or str(error)) from error
 
     def _failed(self, doing: str, why: str) -> LinkFailed:
-        """Build the error that the link failed, with what was sent last."""
+        """Return the error of a link that failed, with the last frame."""
         if self.last is None:
             done = "nothing was sent before"
         elif self.last.silent:
@@ -329,14 +325,23 @@ class Link(ABC):
             code="link_failed",
         )
 
+    def emission_over(self, why: str) -> LinkFailed:
+        """Return the error of a call after the end of an emission."""
+        return LinkFailed(
+            f"the emission is over because {why}, after {self.sent} frames, and nothing was sent.",
+            self.last,
+            self.sent,
+            code="emission_over",
+        )
+
 
 class RecordingLink(Link):
-    """Records what it is sent, for tests and trials.
+    """Records the frames that it is sent, for tests and trials.
 
     Attributes
     ----------
-    frames : what was sent.
-    seconds : when, counted from opening.
+    frames : frames that were sent.
+    seconds : when each was sent, since opening [s].
     """
 
     name = "recording"
@@ -348,18 +353,18 @@ class RecordingLink(Link):
 
     @property
     def frames(self) -> list[Frame]:
-        """What was sent."""
+        """Frames that were sent."""
         self.collect()
         return self._frames
 
     @property
     def seconds(self) -> list[float]:
-        """When it was sent, counted from opening [s]."""
+        """When each was sent, since opening [s]."""
         self.collect()
         return self._seconds
 
     def collect(self) -> None:
-        """Bring here what was recorded in another process."""
+        """Fetch the record of another process."""
         while self._elsewhere is not None:
             frames, seconds = self._elsewhere("recorded", len(self._frames))
             if not frames:
@@ -368,10 +373,9 @@ class RecordingLink(Link):
             self._seconds += seconds
 
     def recorded(self, first: int) -> tuple[list[Frame], list[float]]:
-        """Return some frames from the ``first`` on, and when they were sent; none at the end."""
-        # 64: number of recorded frames that one process passes to another at once.
-        some = slice(first, first + 64)
-        return self._frames[some], self._seconds[some]
+        """Return up to 64 frames from the ``first`` on, and when they were sent; none at the end."""
+        # 64 at once: the player must not be kept from the watchdog by a long message.
+        return self._frames[first : first + 64], self._seconds[first : first + 64]
 
     def _begin(self) -> None:
         self._frames = []
@@ -387,17 +391,17 @@ class RecordingLink(Link):
 
 
 def lock_boards(resource: str, holder: int) -> int | None:
-    """Reserve boards until the file that is returned is closed; None where the system has no such locks.
+    """Reserve boards until the returned file is closed; return None where the system has no file locks.
 
     Parameters
     ----------
-    resource : what they are reached through, such as a port.
-    holder : number of the process that others are referred to.
+    resource : the way to the boards, such as a port.
+    holder : number of the process that the message to others names.
 
     Raises
     ------
     InvalidInput
-        "link_in_use": another process holds them, with its number.
+        "link_in_use": another process holds them.
     """
     try:
         import fcntl
@@ -409,7 +413,7 @@ def lock_boards(resource: str, holder: int) -> int | None:
         file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
     except PermissionError:
         file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)  # another user's: enough for the lock
-    # 0.5: how long a link waits for the one before it to close [s].
+    # Wait 0.5 s for a link that is just being closed.
     end = time.monotonic() + 0.5
     while True:
         try:

@@ -1,27 +1,79 @@
-"""The process in which a link lives: it plays what its feeder sends, and silences the boards when the feeder is gone.
+"""The process that holds a link: it plays what its feeder sends, and silences the boards when the feeder is gone.
 
-Nothing that ends the feeder ends this process before the boards are silent: it is in a session of
-its own, ignores every signal that it can, and sees at once when the feeder's end of the connection
-closes or its process is gone.
+Nothing that ends the feeder ends this process before the boards are silent. It has a session of its
+own, ignores every signal that it can, and notices at once when the feeder's end of the connection
+closes or the feeder is gone.
 """
 
 import os
+import pickle
 import signal
 import socket
+import struct
 import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from airtact.emission.channel import Channel
 from airtact.emission.link import Link, LinkFailed
 from airtact.emission.player import Player
 from airtact.errors import InvalidInput
 
-RETRIES = 50
-RETRY_PAUSE = 0.1
-"""How often silence is tried where it is not confirmed and no feeder is left, and the time between [s]."""
+
+class Channel:
+    """One end of a connection that carries Python objects; an incomplete message never blocks.
+
+    Parameters
+    ----------
+    end : of a pair of connected sockets.
+    patience : time that the other side may take to accept a message [s].
+    """
+
+    # Precedes each message: its length in bytes.
+    LENGTH = struct.Struct("<Q")
+
+    def __init__(self, end: socket.socket, patience: float = 10.0) -> None:
+        self._socket = end
+        self._patience = patience
+        self._received = bytearray()
+
+    def send(self, message: tuple[object, ...]) -> None:
+        """Send objects that can be pickled; raise OSError if the other side is gone or does not accept them."""
+        data = pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL)
+        self._socket.settimeout(self._patience)
+        self._socket.sendall(self.LENGTH.pack(len(data)) + data)
+
+    def receive(self, seconds: float) -> tuple[Any, ...] | None:
+        """Return the next message, or None if it is not complete in time; raise EOFError if the other side is gone."""
+        end = time.monotonic() + seconds
+        while (message := self._complete()) is None:
+            self._socket.settimeout(max(end - time.monotonic(), 0.0))
+            try:
+                part = self._socket.recv(1 << 20)
+            except (BlockingIOError, TimeoutError):
+                return None
+            except OSError:
+                part = b""
+            if not part:
+                raise EOFError
+            self._received += part
+        return message
+
+    def close(self) -> None:
+        """Close this end, which the other side notices at once."""
+        self._socket.close()
+
+    def _complete(self) -> tuple[Any, ...] | None:
+        """Take the first message from the received bytes, if it is complete."""
+        if len(self._received) < self.LENGTH.size:
+            return None
+        end = self.LENGTH.size + self.LENGTH.unpack_from(self._received)[0]
+        if len(self._received) < end:
+            return None
+        message = pickle.loads(self._received[self.LENGTH.size : end])
+        del self._received[:end]
+        return message
 
 
 def serve(
@@ -34,51 +86,31 @@ def serve(
             message = channel.receive(0.1 if player is None else player.wait())
             if message is not None:
                 number, name, arguments = message
-                player, answer, fault = _obeyed(player, name, arguments, here)
+                answer: Any = None
+                fault: BaseException | None = None
+                try:
+                    if name == "open":
+                        link, settings, feeder = arguments
+                        opened = Player(here or link, settings)
+                        opened.link.holder = feeder
+                        opened.open()
+                        # Only now: a link that did not open is not silenced, and this process ends.
+                        player = opened
+                    else:
+                        answer = getattr(player, name)(*arguments)
+                except BaseException as error:
+                    fault = _carried(error)
                 channel.send((number, answer, fault, 0 if player is None else player.link.sent))
                 if name == "close" or player is None:
                     return
             if player is not None:
                 player.step()
-    except (EOFError, OSError):  # the feeder is gone: what follows silences the boards
+    except (EOFError, OSError):  # the feeder is gone: silence the boards below
         pass
     finally:
         if player is not None:
             _end(player)
         channel.close()
-
-
-def _obeyed(
-    player: Player | None, name: str, arguments: Any, here: Link | None
-) -> tuple[Player | None, Any, BaseException | None]:
-    """Do what a message asks; return the player, an answer and a fault."""
-    try:
-        if name == "open":
-            link, *settings = arguments
-            return _opened(here or link, *settings), None, None
-        return player, getattr(player, name)(*arguments), None
-    except BaseException as error:
-        return player, None, _carried(error)
-
-
-def _opened(link: Link, settings: Any, feeder: int) -> Player:
-    player = Player(link, settings)
-    link.holder = feeder
-    player.open()
-    return player
-
-
-def _end(player: Player) -> None:
-    """Silence the boards without a feeder, and close the link."""
-    for _ in range(RETRIES):
-        try:
-            # "its process was gone": why an emission is over whose feeder died.
-            player.finish("its process was gone")
-            break
-        except BaseException:
-            time.sleep(RETRY_PAUSE)
-    with suppress(BaseException):
-        player.close()
 
 
 def _carried(error: BaseException) -> BaseException:
@@ -89,24 +121,36 @@ def _carried(error: BaseException) -> BaseException:
     return LinkFailed(f"the link raised {type(error).__name__}: {error}.", code="link_failed")
 
 
+def _end(player: Player) -> None:
+    """Silence the boards without a feeder, and close the link."""
+    # No feeder is left to report to, so silence that is not confirmed is tried again for 5 s.
+    for _ in range(50):
+        try:
+            player.finish("its process was gone")
+            break
+        except BaseException:
+            time.sleep(0.1)
+    with suppress(BaseException):
+        player.close()
+
+
 def main() -> None:
-    """Serve the feeder whose connection and number are the arguments."""
-    for kind in signal.valid_signals():
+    """Serve the feeder whose connection and process number are the arguments."""
+    # Children that a library starts must be waited for, and faults of the machine must not repeat
+    # for ever.
+    needed = {
+        signal.SIGCHLD,
+        signal.SIGSEGV,
+        signal.SIGFPE,
+        signal.SIGILL,
+        signal.SIGBUS,
+        signal.SIGABRT,
+    }
+    for kind in signal.valid_signals() - needed:
         with suppress(OSError, ValueError):
-            # Children that a library starts must be waited for; faults of the machine must not
-            # repeat for ever.
-            if kind not in (
-                signal.SIGCHLD,
-                signal.SIGSEGV,
-                signal.SIGFPE,
-                signal.SIGILL,
-                signal.SIGBUS,
-                signal.SIGABRT,
-            ):
-                signal.signal(kind, signal.SIG_IGN)
-    end = socket.socket(fileno=int(sys.argv[1]))
+            signal.signal(kind, signal.SIG_IGN)
     feeder = int(sys.argv[2])
-    serve(Channel(end), lambda: os.getppid() != feeder)
+    serve(Channel(socket.socket(fileno=int(sys.argv[1]))), lambda: os.getppid() != feeder)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The ways to boards, in one table: the name of each link, the boards that it goes to, what it needs, how it opens."""
+"""Table of the links to boards: the name of each, its boards, its setting, and how it is built."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from airtact.geometry.pose import Pose
 from airtact.transducers.boards import BOARDS
 
 Setting = Literal["address", "port", "out"]
-"""What a command can give a link: a network address (interface, AMS net id or host:port), a serial port, a file."""
+"""Setting of a link: a network address (interface, AMS net id or host:port), a serial port, or a file."""
 
 
 @dataclass(frozen=True)
@@ -23,12 +23,12 @@ class LinkKind:
 
     Attributes
     ----------
-    name : what commands call it.
+    name : name in commands.
     boards : names of the kinds of boards that it goes to.
-    make : builds the link, not open yet, for a kind of board, their poses, the speed of sound [m/s]
-        and its setting.
-    takes : the setting that it takes, if any.
-    example : a value of that setting where the link needs one; empty where it is optional.
+    make : builds the link, not open yet, from the kind of board, the poses, the speed of sound
+        [m/s] and the setting.
+    takes : setting that it takes, if any.
+    example : a value of the setting where the link needs one; empty where it is optional.
     """
 
     name: str
@@ -39,27 +39,33 @@ class LinkKind:
 
 
 def _autd3(name: str) -> LinkKind:
-    def make(_board: str, poses: Sequence[Pose], sound_speed: float, address: str | None) -> Link:
-        return AUTD3Link(poses, name, address, sound_speed)
-
-    example = "127.0.0.1:8080" if name in ("remote", "simulator") else ""
-    return LinkKind(name, ("autd3",), make, None if name == "audit" else "address", example)
-
-
-def _serial(board: str, poses: Sequence[Pose], _sound_speed: float, port: str | None) -> Link:
-    return SerialLink(str(port), board, len(poses))
-
-
-def _file(board: str, poses: Sequence[Pose], _sound_speed: float, out: str | None) -> Link:
-    return FileLink(str(out), board, len(poses))
+    return LinkKind(
+        name,
+        ("autd3",),
+        lambda _board, poses, sound_speed, address: AUTD3Link(poses, name, address, sound_speed),
+        None if name == "audit" else "address",
+        "127.0.0.1:8080" if name in ("remote", "simulator") else "",
+    )
 
 
 LINKS = (
     *(_autd3(name) for name in THROUGH),
-    LinkKind("serial", ("sonicsurface", "nano16"), _serial, "port", "/dev/ttyUSB0"),
-    LinkKind("file", tuple(BOARDS), _file, "out", "frames.npz"),
+    LinkKind(
+        "serial",
+        ("sonicsurface", "nano16"),
+        lambda board, poses, _sound_speed, port: SerialLink(str(port), board, len(poses)),
+        "port",
+        "/dev/ttyUSB0",
+    ),
+    LinkKind(
+        "file",
+        tuple(BOARDS),
+        lambda board, poses, _sound_speed, out: FileLink(str(out), board, len(poses)),
+        "out",
+        "frames.npz",
+    ),
 )
-"""All links, in the order in which they are listed."""
+"""All links, in the order of lists."""
 
 
 def links_of(board: str) -> Sequence[str]:
@@ -70,7 +76,7 @@ def links_of(board: str) -> Sequence[str]:
 def link_to(
     name: str, board: str, poses: Sequence[Pose], sound_speed: float, **settings: str | Path | None
 ) -> Link:
-    """Build a link by its name, which is not open yet; of ``settings``, by the names in ``Setting``, it takes one.
+    """Build a link by its name, not open yet; ``settings`` are named as in ``Setting``.
 
     Raises
     ------
@@ -79,9 +85,8 @@ def link_to(
     """
     kind = next((link for link in LINKS if link.name == name and board in link.boards), None)
     if kind is None:
-        there = links_of(board)
         raise InvalidInput(
-            f"{board} has no {name!r} link, it has {len(there)}: {', '.join(there)}.",
+            f"{board} has no {name!r} link; it has {', '.join(links_of(board))}.",
             code="unknown_name",
         )
     for setting, value in settings.items():
@@ -90,10 +95,9 @@ def link_to(
                 f"--{setting} {value} does not go with the {name} link: leave it out.",
                 code="options_clash",
             )
-    given = settings.get(kind.takes or "")
-    if kind.example and given is None:
+    value = settings.get(kind.takes or "")
+    if kind.example and value is None:
         raise InvalidInput(
-            f"the {name} link needs --{kind.takes}, such as {kind.example}; 0 are given.",
-            code="key_missing",
+            f"the {name} link needs --{kind.takes}, such as {kind.example}.", code="key_missing"
         )
-    return kind.make(board, poses, sound_speed, None if given is None else str(given))
+    return kind.make(board, poses, sound_speed, None if value is None else str(value))

@@ -1,24 +1,21 @@
-"""What a link process does with its link: ramp, cap, modulation, sequences, watchdog, silence, and the log."""
+"""Playback of one link inside its process: ramp, cap, modulation, sequences, watchdog, silence and the log."""
 
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 import numpy as np
 from jaxtyping import Complex128, Float64
 
 from airtact.drives.frame import Frame, frame_at, share_under_cap
 from airtact.emission.link import Link, LinkFailed
-from airtact.errors import InvalidInput
-
-Drives = Complex128[np.ndarray, "elements"]
 
 
 @dataclass(frozen=True)
 class Settings:
-    """How a link is played: a cap, a ramp [s], the watchdog's patience [s], the log, whether it resumes."""
+    """How a link is played: cap, ramp [s], patience of the watchdog [s], log file, whether it resumes."""
 
     cap: float
     ramp: float
@@ -28,90 +25,78 @@ class Settings:
 
 
 @dataclass
-class Repeated:
-    """Frames that are played over and over, and how far that has come."""
+class Playback:
+    """A sequence that is repeated for a limited time, and its position: ``begun`` is infinite before it starts."""
 
     frames: Sequence[Frame]
     rate: float
     seconds: float
-    begun: float | None = None
+    begun: float = np.inf
     index: int = 0
     sent: int = 0
     dropped: int = 0
 
     @property
     def total(self) -> int:
-        """How many frames the whole time takes."""
+        """Number of frames in the whole time."""
         return max(round(self.seconds * self.rate), 1)
 
-
-@dataclass(frozen=True)
-class Swing:
-    """A modulation that goes on whatever is sent: factors on the amplitudes, frames a second, and when it began."""
-
-    envelope: Float64[np.ndarray, "frames"]
-    rate: float
-    begun: float
-
-    def factor(self, now: float) -> float:
-        """Return the factor at a time."""
-        return float(self.envelope[int((now - self.begun) * self.rate) % len(self.envelope)])
+    @property
+    def due(self) -> float:
+        """Time at which the next frame is due [s]; infinite before the start and after the end."""
+        return self.begun + self.index / self.rate if self.index < self.total else np.inf
 
 
 @dataclass(frozen=True)
-class Round:
-    """Drives that are played in turn, over and over: their frames at full amplitude, so many a second, since when."""
+class Cycle:
+    """Items that follow each other at a rate [1/s] without end: factors of a modulation, or drives with their frames."""
 
-    drives: Complex128[np.ndarray, "frames elements"]
-    frames: Sequence[Frame]
+    items: np.ndarray | list[Any]
     rate: float
     begun: float
 
-    def index(self, now: float) -> int:
-        """Return which frame is due at a time."""
-        return int((now - self.begun) * self.rate) % len(self.frames)
+    def at(self, now: float) -> Any:
+        """Return the item that is due at a time [s]."""
+        return self.items[int((now - self.begun) * self.rate) % len(self.items)]
 
 
 class Player:
-    """Plays one link step by step; nothing here waits, and every command returns at once.
+    """Plays one link step by step. Nothing here waits: every command returns at once.
 
-    Commands are the methods without an underscore that ``Emission`` calls by name; ``step`` does
-    what is due. Faults of a step are raised by the next command that feeds the watchdog.
+    ``Emission`` calls the methods without an underscore by name. ``step`` does what is due. The
+    next command that feeds the watchdog raises the fault of a step.
     """
 
     def __init__(self, link: Link, settings: Settings) -> None:
         self.link = link
-        self._set = settings
         self.over: str | None = None
+        self._settings = settings
         self._failure: LinkFailed | None = None
         self._trouble: Exception | None = None
         self._log: TextIO | None = None
-        self._drive: Drives | None = None
+        self._drive: Complex128[np.ndarray, elements] | None = None
         self._full: Frame | None = None
         self._share = 1.0
         self._gain = 0.0
         self._slope = 0.0
         self._pause = 0.0
         self._next_step = 0.0
-        self._swing: Swing | None = None
         self._next_frame = 0.0
-        self._repeated: Repeated | None = None
-        self._round: Round | None = None
-        self._emitting = self._waiting = False
-        self._fed = self._looked = time.monotonic()
+        self._modulation: Cycle | None = None
+        self._playback: Playback | None = None
+        self._round: Cycle | None = None
+        self._emitting = False
+        self._waiting = False
+        self._fed = time.monotonic()
+        self._looked = self._fed
 
     # --- commands -----------------------------------------------------------------------------------------------
 
     def open(self) -> None:
         """Open the link and the log."""
-        if self._set.log is not None:
-            try:
-                self._log = self._set.log.open("a", buffering=1, encoding="utf-8")
-            except OSError as error:
-                raise InvalidInput(
-                    f"the log {self._set.log} cannot be written (error {error.errno}): {error.strerror}.",
-                    code="not_writable",
-                ) from None
+        if self._settings.log is not None:
+            # Append: where this process replaces a lost one, the log goes on.
+            self._log = self._settings.log.open("a", buffering=1, encoding="utf-8")
         self.link.open()
         self._write("opened")
         self._fed = time.monotonic()
@@ -119,24 +104,26 @@ class Player:
     def send(
         self, amplitudes: Complex128[np.ndarray, "elements"], wait: bool = True
     ) -> tuple[Frame, float, float]:
-        """Play a drive from now on; return its frame at full amplitude, how long the ramp still takes [s], its gain.
+        """Play a drive from now on; return its frame at full amplitude, the rest of the ramp [s], and the gain.
 
-        Without waiting, the frame is on its way after the answer, and a fault is raised by the next
-        command.
+        Without ``wait``, the frame is sent after the answer, and the next command raises a fault.
         """
         self._feed()
-        self._repeated = self._round = None
+        self._playback = None
+        self._round = None
         self._drive = amplitudes
-        self._share = share_under_cap(amplitudes[None], self.link.levels, self._set.cap)
+        self._share = share_under_cap(amplitudes[None], self.link.levels, self._settings.cap)
         self._full = full = frame_at(amplitudes, self.link.levels, self._share)
         if not self.link.real_time:
             self._transmit(full)
             return full, 0.0, 1.0
         if full.silent:
-            self._gain = self._slope = 0.0
+            self._gain = 0.0
+            self._slope = 0.0
         elif self._gain == 0.0 or self._slope < 0.0:
             self._rise()
-        self._waiting = full.silent or not self._paced
+        # A modulation sends the drive itself when its next frame is due; silence cannot wait for that.
+        self._waiting = full.silent or self._paced is None
         if wait:
             self._catch_up()
         self._fed = time.monotonic()
@@ -145,37 +132,36 @@ class Player:
     def cycle(
         self, drives: Complex128[np.ndarray, "frames elements"], rate: float
     ) -> tuple[float, float]:
-        """Play drives in turn from now on, at the place in the round where those before are.
+        """Play drives in turn from now on; return the rest of the ramp [s] and the gain. A modulation ends.
 
-        A round of another length or rate begins anew. A modulation ends. Return how long the ramp
-        still takes [s], and its gain.
+        A round of the same length and rate as the one before continues at its place.
         """
         self._feed()
         link = self.link
         now = time.monotonic()
-        before = self._round
-        self._share = share_under_cap(drives, link.levels, self._set.cap)
+        self._share = share_under_cap(drives, link.levels, self._settings.cap)
         frames = [frame_at(drive, link.levels, self._share) for drive in drives]
-        goes_on = before is not None and len(before.frames) == len(frames) and before.rate == rate
-        self._round = one = Round(
-            drives, frames, rate, before.begun if goes_on and before is not None else now
-        )
-        self._repeated = None
-        self._swing = None
+        before = self._round
+        begun = now
+        if before is not None and len(before.items) == len(frames) and before.rate == rate:
+            begun = before.begun
+        else:
+            self._next_frame = now
+        self._round = Cycle(list(zip(drives, frames, strict=True)), rate, begun)
+        self._playback = None
+        self._modulation = None
         self._waiting = False
         self._drive = drives[np.linalg.norm(drives, axis=1).argmax()]
         self._full = None
         if not link.real_time:
-            self._transmit(frames[one.index(now)])
+            self._transmit(self._round.at(now)[1])
             return 0.0, 1.0
         if link.modulates_itself:
             link.modulate(None, 0.0)
         if self._gain == 0.0 or self._slope < 0.0:
             self._rise()
-        if not goes_on:
-            self._next_frame = now
         if link.plays_itself and self._gain == 1.0:
-            self._turn(one)
+            self._upload(frames, rate)
         self._fed = time.monotonic()
         return self.left(), self._gain
 
@@ -186,64 +172,66 @@ class Player:
         rate: float,
         seconds: float,
     ) -> float:
-        """Play drives, or one drive at several factors, over and over; return how long that takes [s]."""
+        """Repeat drives, or one drive at several factors, for some time; return how long that takes [s]."""
         self._feed()
         link = self.link
-        self._share = share_under_cap(drives, link.levels, self._set.cap)
-        rows = np.arange(len(factors)) % len(drives)
+        self._share = share_under_cap(drives, link.levels, self._settings.cap)
         frames = [
-            frame_at(drives[row], link.levels, self._share * f)
-            for row, f in zip(rows, factors, strict=True)
+            frame_at(drives[index % len(drives)], link.levels, self._share * factor)
+            for index, factor in enumerate(factors)
         ]
-        repeated = Repeated(frames, rate, seconds)
-        self._repeated = repeated
+        self._playback = playback = Playback(frames, rate, seconds)
         self._round = None
         self._waiting = False
         if not link.real_time:
-            link.play([frames[index % len(frames)] for index in range(repeated.total)], rate)
-            repeated.begun, repeated.sent, repeated.index = -np.inf, repeated.total, repeated.total
+            total = playback.total
+            link.play([frames[index % len(frames)] for index in range(total)], rate)
+            playback.begun = -np.inf
+            playback.sent = total
+            playback.index = total
             return 0.0
+        # Where boards repeat a sequence themselves, only its most powerful frame rises.
         self._drive = drives[np.linalg.norm(drives, axis=1).argmax()]
         self._full = None
         if not self._emitting:
             self._rise()
         if self._gain == 1.0:
-            self._begin(repeated)
+            self._begin(playback)
         else:
             self._transmit(self._now())
         self._fed = time.monotonic()
         return self.left()
 
     def played(self) -> tuple[float, int, int]:
-        """Return the rate that a sequence was played at, and how many of its frames were sent and dropped."""
-        one = self._repeated
-        if one is None or one.begun is None:
+        """Return the rate at which a sequence was played, and how many of its frames were sent and dropped."""
+        playback = self._playback
+        if playback is None or playback.begun == np.inf:
             return 0.0, 0, 0
+        if not self.link.real_time:
+            return playback.rate, playback.total, 0
         if self.link.plays_itself:
-            return (
-                one.rate,
-                one.total if not self.link.real_time else round(one.seconds * one.rate),
-                0,
-            )
-        return one.sent / (time.monotonic() - one.begun), one.sent, one.dropped
+            return playback.rate, round(playback.seconds * playback.rate), 0
+        rate = playback.sent / (time.monotonic() - playback.begun)
+        return rate, playback.sent, playback.dropped
 
     def modulate(self, envelope: Float64[np.ndarray, "frames"] | None, rate: float) -> None:
-        """Vary the amplitude of whatever is sent from now on, or stop that; a round ends."""
+        """Vary the amplitude of all that is sent from now on, or stop that; a round ends."""
         self._feed()
         self._round = None
         if self.link.modulates_itself:
             self.link.modulate(envelope, rate)
         else:
-            now = time.monotonic()
-            self._swing = None if envelope is None else Swing(envelope, rate, now)
-            self._next_frame = now
-        if self._emitting and self._repeated is None and not self._paced:
+            self._next_frame = time.monotonic()
+            self._modulation = None
+            if envelope is not None:
+                self._modulation = Cycle(envelope, rate, self._next_frame)
+        if self._emitting and self._playback is None and self._paced is None:
             self._transmit(self._now())
 
     def silence(self, fade: float) -> float:
-        """Let the sound fade; the next drive rises over the ramp. Return how long that takes [s]."""
+        """Fade to silence; the next drive rises over the ramp. Return how long the fade takes [s]."""
         self._feed()
-        self._repeated = None
+        self._playback = None
         self._waiting = False
         if self._emitting:
             self._slope_over(fade, -1.0)
@@ -256,13 +244,13 @@ class Player:
         return self.left()
 
     def finish(self, why: str) -> None:
-        """Silence the boards for good; remember why."""
+        """Silence the boards for good; the first reason is kept."""
         if self.over is None:
             self.over = why
         elif self._failure is None:
             return
         self._failure = None
-        self._silence_for_good()
+        self._silence()
 
     def ask(self, name: str, *arguments: object) -> object:
         """Call a method of the link that does not change what it plays."""
@@ -284,45 +272,33 @@ class Player:
     def left(self) -> float:
         """Return how long a ramp, a fade or a sequence still takes [s]; 0 only when it is over."""
         now = time.monotonic()
-        one = self._repeated
-        left = 0.0
-        if self._slope > 0.0:
-            left = (
-                self._next_step - now + self._pause * (round((1.0 - self._gain) / self._slope) - 1)
-            )
-        elif self._slope < 0.0:
-            left = self._next_step - now + self._pause * (round(self._gain / -self._slope) - 1)
-        if one is not None and one.begun is None:
-            left += one.seconds
-        elif one is not None and one.begun is not None:
-            left = max(one.begun + one.seconds - now, 0.0)
-            if not self.link.plays_itself and one.index < one.total:
-                return max(left, 1e-3)
+        playback = self._playback
+        if playback is not None and playback.begun < np.inf:
+            left = max(playback.begun + playback.seconds - now, 0.0)
+            return max(left, 1e-3) if playback.due < np.inf else left
+        left = 0.0 if playback is None else playback.seconds
+        if self._slope == 0.0:
             return left
-        return left if self._slope == 0.0 else max(left, 1e-3)
+        end = 1.0 if self._slope > 0.0 else 0.0
+        steps = round((end - self._gain) / self._slope)
+        return max(left + self._next_step - now + self._pause * (steps - 1), 1e-3)
 
     def wait(self) -> float:
         """Return how long nothing is due [s]."""
         if self._waiting:
             return 0.0
-        # 0.05: time between two looks around where nothing is due [s].
-        due = [0.05]
         now = time.monotonic()
+        # At least 20 times a second, to notice a feeder that is gone.
+        due = [now + 0.05]
         if self._slope != 0.0:
-            due.append(self._next_step - now)
-        if self._paced and self._gain > 0.0:
-            due.append(self._next_frame - now)
-        one = self._repeated
-        if (
-            one is not None
-            and one.begun is not None
-            and not self.link.plays_itself
-            and one.index < one.total
-        ):
-            due.append(one.begun + one.index / one.rate - now)
+            due.append(self._next_step)
+        if self._paced is not None and self._gain > 0.0:
+            due.append(self._next_frame)
+        if self._playback is not None:
+            due.append(self._playback.due)
         if self._emitting:
-            due.append(self._fed + self._set.patience - now)
-        return max(min(due), 0.0)
+            due.append(self._fed + self._settings.patience)
+        return max(min(due) - now, 0.0)
 
     def step(self) -> None:
         """Do what is due now."""
@@ -332,108 +308,84 @@ class Player:
             self._step(time.monotonic())
         except Exception as error:
             self._trouble = error
-            self._repeated = None
+            self._playback = None
             self._slope = 0.0
             self._waiting = False
             self._looked = time.monotonic()
 
-    def _catch_up(self) -> None:
-        """Transmit the newest drive, if it was not yet."""
-        if self._waiting:
-            self._waiting = False
-            self._transmit(self._now())
-
     def _step(self, now: float) -> None:
         self._catch_up()
-        if self._emitting and now - self._fed >= self._set.patience:
-            self._starved(f"no call came for {self._set.patience:g} s")
+        if self._emitting and now - self._fed >= self._settings.patience:
+            why = f"no call came for {self._settings.patience:g} s"
+            if self._settings.resumes:
+                self._write(why)
+                self._silence()
+            else:
+                self.finish(why)
             return
         if self._slope != 0.0 and now >= self._next_step:
             self._ramp_step()
-        one = self._repeated
-        if one is not None and one.begun is not None and not self.link.plays_itself:
-            self._pace(one)
-        elif self._paced and self._gain > 0.0 and now >= self._next_frame:
+        paced = self._paced
+        if self._playback is not None:
+            self._pace(self._playback)
+        elif paced is not None and self._gain > 0.0 and now >= self._next_frame:
             self._transmit(self._now())
-            self._next_frame += (1.0 + np.floor((now - self._next_frame) * self._rate)) / self._rate
-        # 0.1: time between two checks that the boards are still connected [s].
+            # Keep the grid of times: a late frame does not delay those after it.
+            missed = np.floor((now - self._next_frame) * paced.rate)
+            self._next_frame += (1.0 + missed) / paced.rate
+        # 0.1 s: boards that play on by themselves are asked ten times a second whether they are connected.
         if self._emitting and self._trouble is None and now - self._looked > 0.1:
             self._looked = now
             self.link.probe()
 
-    def _starved(self, why: str) -> None:
-        """Silence the boards because no call came: for good, or until the next drive."""
-        if not self._set.resumes:
-            self.finish(why)
-            return
-        self._write(why)
-        self._repeated = None
-        self._round = None
-        self._waiting = False
-        self._slope = self._gain = 0.0
-        self._silence()
+    def _catch_up(self) -> None:
+        """Transmit the newest drive if it was not yet."""
+        if self._waiting:
+            self._waiting = False
+            self._transmit(self._now())
 
     @property
-    def _paced(self) -> bool:
-        """Whether frames of a modulation or of a round must be sent in time."""
-        by_boards = self._round is not None and self.link.plays_itself
-        return (
-            (self._swing is not None or self._round is not None)
-            and self._repeated is None
-            and not by_boards
-        )
+    def _paced(self) -> Cycle | None:
+        """The modulation or round whose frames must be sent in time."""
+        if self._playback is not None or (self._round is not None and self.link.plays_itself):
+            return None
+        return self._round or self._modulation
 
-    @property
-    def _rate(self) -> float:
-        """Frames a second that must be sent in time."""
-        one = self._round or self._swing
-        return 1.0 if one is None else one.rate
-
-    def _pace(self, one: Repeated) -> None:
-        """Send the frame of a sequence that is due; leave out those that would be late by a whole frame."""
-        if one.index >= one.total or one.begun is None:
-            return
-        late = time.monotonic() - one.begun - one.index / one.rate
+    def _pace(self, playback: Playback) -> None:
+        """Send the frame of a sequence that is due; drop those that would be late by a whole frame."""
+        late = time.monotonic() - playback.due
         if late < 0.0:
             return
-        if late > 1.0 / one.rate:
-            missed = min(int(late * one.rate), one.total - one.index - 1)
-            one.index, one.dropped = one.index + missed, one.dropped + missed
-        self._transmit(one.frames[one.index % len(one.frames)])
-        one.index, one.sent = one.index + 1, one.sent + 1
+        if late > 1.0 / playback.rate:
+            missed = min(int(late * playback.rate), playback.total - playback.index - 1)
+            playback.index += missed
+            playback.dropped += missed
+        self._transmit(playback.frames[playback.index % len(playback.frames)])
+        playback.index += 1
+        playback.sent += 1
 
-    def _begin(self, one: Repeated) -> None:
+    def _begin(self, playback: Playback) -> None:
         if self.link.plays_itself:
-            self._emitting = True
-            self.link.play(one.frames, one.rate)
-            self._noted(max(float(self._largest(frame)) for frame in one.frames))
-            one.begun, one.index = time.monotonic(), one.total
+            self._upload(playback.frames, playback.rate)
+            playback.begun = time.monotonic()
+            playback.index = playback.total
         else:
-            one.begun = time.monotonic()
-            self._pace(one)
-
-    def _turn(self, one: Round) -> None:
-        """Have the boards play a round by themselves."""
-        self._emitting = True
-        self.link.play(one.frames, one.rate)
-        self._emitting = not all(frame.silent for frame in one.frames)
-        self._looked = time.monotonic()
-        self._noted(max(self._largest(frame) for frame in one.frames))
+            playback.begun = time.monotonic()
+            self._pace(playback)
 
     # --- ramps --------------------------------------------------------------------------------------------------
 
     def _rise(self) -> None:
-        self._slope_over(self._set.ramp, 1.0)
+        self._slope_over(self._settings.ramp, 1.0)
         self._raise()
 
     def _slope_over(self, seconds: float, sign: float) -> None:
-        # 0.025: how long one step of a ramp lasts [s].
+        # 25 ms: steps short enough to be inaudible, and slow enough for every link.
         steps = max(int(np.ceil(seconds / 0.025)), 1)
         self._slope = sign / steps
         self._pause = seconds / steps
 
     def _raise(self) -> None:
-        """Raise the gain by a step; at 1 the ramp is over."""
         self._gain += self._slope
         self._next_step = time.monotonic() + self._pause
         if self._gain > 1.0 - 1e-6:
@@ -445,85 +397,92 @@ class Player:
             self._fade_step()
             return
         self._raise()
-        one = self._repeated
-        if one is not None and one.begun is None and self._gain == 1.0:
-            self._begin(one)
+        playback = self._playback
+        if playback is not None and playback.begun == np.inf and self._gain == 1.0:
+            self._begin(playback)
         elif self._round is not None and self.link.plays_itself and self._gain == 1.0:
-            self._turn(self._round)
-        elif not self._paced:
+            self._upload([frame for _, frame in self._round.items], self._round.rate)
+        elif self._paced is None:
             self._transmit(self._now())
 
     def _fade_step(self) -> None:
         self._gain += self._slope
         self._next_step = time.monotonic() + self._pause
         if self._gain < 1e-6:
-            self._gain = self._slope = 0.0
-            self._silence()
-        elif not self._paced:
+            self._gain = 0.0
+            self._slope = 0.0
+            self._confirm_silence()
+        elif self._paced is None:
             self._transmit(self._now())
 
     def _now(self) -> Frame:
-        """Return the newest drive at the gain and the modulation of now."""
-        assert self._drive is not None
-        one = self._round
-        if one is not None and self._repeated is None and not self.link.plays_itself:
-            index = one.index(time.monotonic())
-            return one.frames[index] if self._gain == 1.0 else self._rounded(one.drives[index])
-        factor = (
-            1.0
-            if self._swing is None or self._repeated is not None
-            else self._swing.factor(time.monotonic())
-        )
-        if self._full is not None and self._gain * factor == 1.0:
-            return self._full
-        return self._rounded(self._drive, factor)
-
-    def _rounded(self, drive: Drives, factor: float = 1.0) -> Frame:
+        """Return the newest drive at the present gain and modulation."""
+        drive = self._drive
+        full = self._full
+        factor = 1.0
+        paced = self._paced
+        if paced is not None and paced is self._round:
+            drive, full = paced.at(time.monotonic())
+        elif paced is not None:
+            factor = float(paced.at(time.monotonic()))
+        if full is not None and self._gain * factor == 1.0:
+            return full
+        assert drive is not None
         return frame_at(drive, self.link.levels, self._share * self._gain * factor)
 
     # --- the link -----------------------------------------------------------------------------------------------
 
     def _transmit(self, frame: Frame) -> None:
         audible = self.link.real_time and (
-            not frame.silent or (self._swing is not None and self._gain > 0.0)
+            not frame.silent or (self._modulation is not None and self._gain > 0.0)
         )
+        # True before the call: a fault in the middle of it may leave the boards emitting.
         self._emitting = self._emitting or audible
         self.link.send(frame)
         self._emitting = audible
+        self._note([frame])
+
+    def _upload(self, frames: Sequence[Frame], rate: float) -> None:
+        """Have the boards repeat frames themselves."""
+        self._emitting = True
+        self.link.play(frames, rate)
+        self._emitting = not all(frame.silent for frame in frames)
+        self._note(frames)
+
+    def _note(self, frames: Sequence[Frame]) -> None:
+        """Log the largest amplitude that was sent; a link that just answered need not be probed."""
         self._looked = time.monotonic()
-        self._noted(self._largest(frame))
+        largest = max(float(frame.levels.amplitudes[frame.amplitude.max()]) for frame in frames)
+        self._write(f"frame {self.link.sent} loudest {largest:.4g}")
 
     def _feed(self) -> None:
         if self._failure is not None:
             raise self._failure
         if self.over is not None:
-            raise LinkFailed(
-                f"the emission is over because {self.over}, after {self.link.sent} frames, and nothing was sent.",
-                self.link.last,
-                self.link.sent,
-                code="emission_over",
-            )
+            raise self.link.emission_over(self.over)
         self._fed = time.monotonic()
         trouble = self._trouble
         self._trouble = None
         if trouble is not None:
             raise trouble
 
-    def _silence_for_good(self) -> None:
-        self._repeated = self._swing = self._round = None
-        self._waiting = False
-        self._slope = self._gain = 0.0
-        self._silence()
-
     def _silence(self) -> None:
+        self._playback = None
+        self._round = None
+        self._waiting = False
+        self._slope = 0.0
+        self._gain = 0.0
+        self._confirm_silence()
+
+    def _confirm_silence(self) -> None:
         before = self.link.last
         sent = self.link.sent
-        # 3: how often silence is sent until it is confirmed.
-        for last_try in [False] * (3 - 1) + [True]:
+        for tries_left in (2, 1, 0):
             try:
                 self.link.stop()
+                break
             except BaseException as error:
-                if last_try:
+                if tries_left == 0:
                     sentence = str(error).rstrip(".") or repr(error)
                     self._failure = LinkFailed(
                         f"{sentence}; the boards may still emit: cut their power.",
@@ -532,20 +491,12 @@ class Player:
                         code="silence_failed",
                     )
                     raise self._failure from error
-            else:
-                self._emitting = False
-                if self.link.real_time:
-                    self._write("silence confirmed")
-                return
-
-    def _largest(self, frame: Frame) -> float:
-        return float(frame.levels.amplitudes[frame.amplitude.max()])
-
-    def _noted(self, largest: float) -> None:
-        self._write(f"frame {self.link.sent} loudest {largest:.4g}")
+        self._emitting = False
+        if self.link.real_time:
+            self._write("silence confirmed")
 
     def _write(self, event: str) -> None:
-        """Write a line of the log: when, by the system's monotonic clock, and what."""
+        """Write a line of the log: the system's monotonic clock [s] and the event."""
         if self._log is not None:
             try:
                 self._log.write(f"{time.monotonic():.6f} {event}\n")

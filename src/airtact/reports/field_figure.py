@@ -27,8 +27,6 @@ DIFFERENCES = ScalarMappable(Normalize(-6.0, 6.0), "RdBu_r")
 """Colours of the level of one drive over that of another [dB]."""
 
 FAINT = 0.1
-FAINT_GREY = "0.86"
-"""Below this share of the largest pressure a difference of levels says nothing and is grey."""
 
 Side = Literal["right", "bottom"]
 """Side of the axes at which the bar of colours stands."""
@@ -263,7 +261,9 @@ def draw_values(
     colours = {"cmap": scale.get_cmap(), "norm": scale.norm, "interpolation": interpolation}
     opaque = None if strength is None else strength.reshape(rows, columns)
     axes.imshow(drawn, origin="lower", extent=edges, alpha=opaque, **colours)
-    axes.set_facecolor(FAINT_GREY)
+    # "0.86": below this share of the largest pressure a difference of levels says nothing and is
+    # grey.
+    axes.set_facecolor("0.86")
     loops = [
         Path(window.seen(np.concatenate([loop, loop[:1]])) - shift, closed=True)
         for loop in outlines

@@ -32,7 +32,6 @@ from airtact.reports.page import (
 )
 from airtact.setup.sensing import Sensed
 
-START = "start: the scene's pose"
 FOUND = "the pose found"
 
 
@@ -174,7 +173,10 @@ def _residuals(sensed: Sensed) -> list[Markup]:
     values[:, left_out] = np.nan
     label = "not explained, over the rms of the echoes"
     figure = draw_receivers(
-        array.positions, array.normals, dict(zip((START, FOUND), values, strict=True)), label
+        array.positions,
+        array.normals,
+        dict(zip(("start: the scene's pose", FOUND), values, strict=True)),
+        label,
     )
     known = values[:, np.isfinite(values[0])]
     whole = np.sqrt(np.mean(known**2, axis=1))

@@ -93,7 +93,7 @@ def viewer_values(
         "facts": Markup(json.dumps(facts).replace("<", "\\u003c")),
         "numbers": _packed(numbers),
         "three": _packed(three_js().encode()),
-        "notice": _notice(),
+        "notice": " ".join(re.findall("(?:Copyright|SPDX)[^\\n]*", three_js())),
         "labels": facts["slices"]["labels"],
         "alternative": viewer_alternative(view),
         "caption": _caption(view),
@@ -148,10 +148,6 @@ def three_js() -> str:
     return text[start : text.index("})", text.index('"__esModule"', start)) + len("})}));")]
 
 
-def _notice() -> str:
-    return " ".join(re.findall(r"(?:Copyright|SPDX)[^\n]*", three_js()))
-
-
 def _packed(data: bytes) -> str:
     return base64.b64encode(gzip.compress(data, 9, mtime=0)).decode("ascii")
 
@@ -170,7 +166,10 @@ def _facts(view: SceneView, title: str) -> tuple[dict[str, Any], bytes]:
         "most": view.most,
         "drives": list(view.drives),
         "arrays": places,
-        "colours": {name: _shades(scale) for name, scale in SCALES.items()},
+        "colours": {
+            name: [to_hex(colour) for colour in colormaps[scale](np.linspace(0.0, 1.0, 128))]
+            for name, scale in SCALES.items()
+        },
         "radius": 0.45e3 * min(spacing(view.positions[face.elements]) for face in faces),
         "foci": [
             {"name": name, "position": _rounded(1e3 * point), "asked": asked, "got": _rounded(got)}
@@ -183,11 +182,6 @@ def _facts(view: SceneView, title: str) -> tuple[dict[str, Any], bytes]:
         "slices": _planes(view),
         **_views(view),
     }, bytes(data)
-
-
-def _shades(scale: str) -> list[str]:
-    # 128: colours of each scale.
-    return [to_hex(colour) for colour in colormaps[scale](np.linspace(0.0, 1.0, 128))]
 
 
 def _rounded(numbers: Real[np.ndarray, "numbers"]) -> list[float]:

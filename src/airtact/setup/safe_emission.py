@@ -9,10 +9,10 @@ from jaxtyping import Complex128, Float64
 from airtact.acoustics.medium import air
 from airtact.drives.drive import Drive
 from airtact.drives.drive_file import SEQUENCE_FILE, DriveFile, read_drive_file
-from airtact.drives.frame import Frame, share_under_cap
+from airtact.drives.frame import Frame, frame_at, share_under_cap
 from airtact.drives.sequence import Sequence
 from airtact.drives.transfer import TransferMatrix, rounding_error
-from airtact.emission.amplitudes import faded, frames_of_period, modulated, pressures_around
+from airtact.emission.amplitudes import frames_of_period, pressures_around
 from airtact.emission.codecs import codec_of
 from airtact.emission.emission import Emission, Played
 from airtact.emission.link import Link
@@ -238,9 +238,10 @@ class Head:
         levels = self.levels_of_board
         share = share_under_cap(self.stored.drives, levels, cap)
         if self.modulation is not None:
-            drive = Drive(self.stored.drives[0])
-            return modulated(drive, self.modulation, levels, np.inf, share)[0]
-        return [faded(Drive(row), levels, share) for row in self.strongest]
+            count, _ = frames_of_period(self.modulation.frequency, np.inf)
+            factors = self.modulation.envelope(count)
+            return [frame_at(self.stored.drives[0], levels, share * f) for f in factors]
+        return [frame_at(row, levels, share) for row in self.strongest]
 
     def levels(self, cap: float) -> tuple[float, float]:
         """Return the peak and the average level [dB]."""
@@ -284,7 +285,7 @@ class Head:
         share = share_under_cap(stored.drives, levels, cap)
         changes = []
         for row in drives:
-            frame = faded(Drive(row), levels, share)
+            frame = frame_at(row, levels, share)
             if not frame.silent:
                 exact = Drive(row if levels.phase_only else share * row)
                 changes.append(rounding_error(transfer, exact, frame))
@@ -292,7 +293,7 @@ class Head:
             return None, None
         changes = np.array(changes)
         worst = changes[np.abs(changes).argmax(axis=0), np.arange(changes.shape[1])]
-        frames = [faded(Drive(row), levels, share).drive() for row in stored.drives]
+        frames = [frame_at(row, levels, share).drive() for row in stored.drives]
         pressures = np.array([np.abs(transfer.pressure(drive)) for drive in frames])
         foci = len(stored.matrix) if stored.foci is None else len(stored.foci)
         return worst, float(pressures[:, :foci].max(axis=0).min())
