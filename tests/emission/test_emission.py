@@ -203,6 +203,9 @@ def test_a_watchdog_that_cannot_silence_is_reported(monkeypatch) -> None:
     link.cut()
     clock.run(player, 0.06)
     assert failing(player.beat).code == "silence_failed"
+    failing(player.close)
+    link.open()  # restores the cable, so that pyautd3 can free its controller
+    link.close()
 
 
 def test_a_cable_cut_during_play_raises() -> None:

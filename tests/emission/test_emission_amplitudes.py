@@ -56,7 +56,7 @@ def test_boards_without_amplitudes_switch_on_fewer_elements() -> None:
 
 @pytest.mark.parametrize(
     ("step", "frames", "dropped"),
-    [(1e-3, 20, 0), (0.05, 8, 12)],
+    [(1e-3, 20, 0), (0.05, 9, 11)],
     ids=["in time", "a link that takes 50 ms"],
 )
 def test_frames_that_would_be_late_are_dropped(clock, step, frames: int, dropped: int) -> None:

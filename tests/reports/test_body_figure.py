@@ -7,6 +7,7 @@ from matplotlib.image import imread
 from mpl_toolkits.mplot3d import Axes3D
 
 import airtact as at
+from airtact.geometry.mesh.quadratic_triangles import area_vectors, unit
 from airtact.reports.body_figure import MARK, draw_bodies, draw_fault, draw_panels, sharp_edges
 from airtact.reports.page import write_picture
 from airtact.reports.solids import (
@@ -16,7 +17,6 @@ from airtact.reports.solids import (
     edge_lines,
     fine_pieces,
     polygons_of,
-    unit_normals,
 )
 from geometry.mesh.meshes import box_mesh
 
@@ -157,12 +157,14 @@ def test_pieces_are_small_and_cover_what_they_are_cut_from():
         / 2
     )
     assert areas.sum() == pytest.approx(1e6 * BOX.area)
-    np.testing.assert_allclose(unit_normals(pieces), unit_normals(BOX.corners)[parents], atol=1e-12)
+    np.testing.assert_allclose(
+        unit(area_vectors(pieces)), unit(area_vectors(BOX.corners))[parents], atol=1e-12
+    )
 
 
 def test_what_looks_away_is_left_out_of_a_closed_body_and_else_shown_as_inside():
     view = broad_view(BOX.vertices)
-    behind = unit_normals(BOX.corners) @ view.towards_viewer < 0
+    behind = unit(area_vectors(BOX.corners)) @ view.towards_viewer < 0
     assert behind.sum() == 6
     white = np.ones((12, 4))
     closed, _ = polygons_of(BOX.corners, white, [], view)

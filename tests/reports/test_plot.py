@@ -136,27 +136,26 @@ def test_pads_stand_beside_what_was_asked(evaluation, comparison) -> None:
     assert [text.get_text() for text in groups.get_legend().get_texts()] == ["one", "two"]
 
 
+@pytest.mark.parametrize(
+    ("draw", "code"),
+    [
+        (lambda given, _: at.plot.field(given, over="two"), "options_clash"),
+        (lambda _, comparison: at.plot.field(comparison, drive="three"), "unknown_name"),
+        (lambda given, _: at.plot.field(given, drive=5), "unknown_name"),
+        (lambda given, _: at.plot.field(given, plane="zx"), "unknown_name"),
+        (lambda given, _: at.plot.field(replace(given, field=None)), "empty"),
+        (lambda given, _: at.plot.field(given.field), "empty"),
+        (lambda *_: at.plot.phases(at.autd3_board(), at.Drive(np.ones(996))), "sizes_differ"),
+        (lambda *_: at.plot.phases(ARRAY, at.Drive(np.ones(996)), show="gain"), "unknown_name"),
+        (lambda *_: at.plot.scene(SCENE, ax=pyplot.subplots()[1]), "wrong_kind"),
+        (lambda *_: at.plot.scene(at.Scene(SCENE.medium, [])), "empty"),
+        (
+            lambda _, comparison: at.plot.pads(comparison, held_equal="equal power"),
+            "unknown_name",
+        ),
+    ],
+)
 @pytest.mark.usefixtures("as_outside_the_tests")
-def test_what_cannot_be_plotted_is_named(evaluation, comparison, drive) -> None:
-    with raises_code("options_clash"):
-        at.plot.field(evaluation, over="two")
-    with raises_code("unknown_name", "'three'"):
-        at.plot.field(comparison, drive="three")
-    with raises_code("unknown_name", "5"):
-        at.plot.field(evaluation, drive=5)
-    with raises_code("unknown_name", "'zx'"):
-        at.plot.field(evaluation, plane="zx")
-    with raises_code("empty", "1 evaluation"):
-        at.plot.field(replace(evaluation, field=None))
-    with raises_code("empty", "11952 sources"):
-        at.plot.field(evaluation.field)
-    with raises_code("sizes_differ", "996 elements", "249"):
-        at.plot.phases(at.autd3_board(), drive)
-    with raises_code("unknown_name", "'gain'"):
-        at.plot.phases(ARRAY, drive, show="gain")
-    with raises_code("wrong_kind", "2 dimensions"):
-        at.plot.scene(SCENE, ax=pyplot.subplots()[1])
-    with raises_code("empty", "0 bodies"):
-        at.plot.scene(at.Scene(SCENE.medium, []))
-    with raises_code("unknown_name", "'equal power'"):
-        at.plot.pads(comparison, held_equal="equal power")
+def test_plots_that_cannot_be_made_are_rejected(evaluation, comparison, draw, code) -> None:
+    with raises_code(code):
+        draw(evaluation, comparison)

@@ -61,7 +61,7 @@ def pressures_around(
     wavenumber: float,
     distance: float = 0.5,
 ) -> tuple[float, float]:
-    """Largest pressures [Pa] on a sphere around an array, ``distance`` [m] beyond the outermost element.
+    """Largest pressures [Pa] on a sphere around an array, ``distance`` [m] beyond it.
 
     Elements radiate equally in all directions in open air, with a peak pressure of ``sensitivity``
     [Pa·m]. Bodies scatter the sound elsewhere, and a real transducer radiates less backwards: the
@@ -69,7 +69,8 @@ def pressures_around(
 
     Returns
     -------
-    The peak pressure in the strongest frame, and the root mean square over the frames, each where it is largest.
+    The peak pressure in the strongest frame, and the root mean square over the frames, each where
+    it is largest.
     """
     middle = (positions.min(axis=0) + positions.max(axis=0)) / 2.0
     radius = float(np.linalg.norm(positions - middle, axis=1).max()) + distance

@@ -1,4 +1,4 @@
-"""AUTD3 boards through pyautd3: EtherCrab, TwinCAT, Remote, Simulator, and Audit, a model of the firmware."""
+"""AUTD3 boards through pyautd3, and Audit, a model of their firmware."""
 
 import ctypes
 import importlib.metadata
@@ -77,7 +77,7 @@ class AUTD3Link(Link):
         self.poses: list[Pose] = list(poses)
         self.address: str | None = address
         self.sound_speed: float | None = sound_speed
-        # SciPy's import takes longer than the start of a link process: rotations are converted here.
+        # SciPy's import takes longer than a link process takes to start: convert rotations here.
         from scipy.spatial.transform import Rotation
 
         self._rotations = [
@@ -98,8 +98,8 @@ class AUTD3Link(Link):
         Raises
         ------
         InvalidInput
-            If there are fewer than 2 or more than 1024 frames, or the rate is not 40 kHz divided by a whole number up
-            to 65535.
+            If there are fewer than 2 or more than 1024 frames, or the rate is not 40 kHz divided by
+            a whole number up to 65535.
         """
         super().check_sequence(frames, rate)
         if not 2 <= frames <= 1024:
@@ -231,7 +231,7 @@ class AUTD3Link(Link):
         return remote.Remote(address) if self.name == "remote" else simulator.Simulator(address)
 
     def _note(self, board: int, status: object) -> None:
-        """Keep EtherCAT's report of a board for the next frame; EtherCAT calls from its own thread."""
+        """Keep EtherCAT's report of a board for the next frame; called from another thread."""
         self._lost = f"board {board}: {status}"
 
     def _transmit(self, frame: Frame) -> None:
@@ -327,7 +327,7 @@ def _library() -> Any:
 
 
 def _gain_of(words: UInt16[np.ndarray, "boards elements"]) -> Any:
-    """Return a gain of pyautd3 that plays a table; fall back on ``Custom`` where the fast entry has changed."""
+    """Return a gain of pyautd3 that plays a table, in the fast way if pyautd3 still has it."""
     try:
         return _table_gain(words)
     except (ImportError, AttributeError):
@@ -335,7 +335,7 @@ def _gain_of(words: UInt16[np.ndarray, "boards elements"]) -> Any:
 
 
 def _table_gain(words: UInt16[np.ndarray, "boards elements"]) -> Any:
-    """Return a gain that gives the entry of ``Custom`` a compiled function, which looks up a table."""
+    """Return a gain that passes a compiled look-up to pyautd3's entry for ``Custom``."""
     # 996 calls of a Python function take 0.3 ms.
     from pyautd3.driver.datagram.gain import Gain
     from pyautd3.native_methods.autd3 import Drive

@@ -1,4 +1,4 @@
-"""Messages of boards: a frame in each board's levels, order of channels, origin and sense of phase, and back.
+"""Messages of boards: frames in each board's levels, channels and sense of phase, and back.
 
 On every board here a larger phase number delays the pulse of an element. So does the phase of a
 drive d in Re[d e^{−iωt}], therefore no codec conjugates. AUTD3: proven in the time domain with its
@@ -52,7 +52,7 @@ class Codec(ABC):
         """
 
     def fastest_frames(self, boards: int = 1) -> float:
-        """Largest rate [frames/s] on the serial line of a number of boards; infinite where there is no line."""
+        """Largest rate of the boards' serial line [frames/s]; infinite where there is none."""
         if self.baud is None:
             return np.inf
         zeros = np.zeros(boards * len(self.board), dtype=np.uint8)
@@ -102,7 +102,7 @@ class AUTD3Codec(Codec):
 
 
 class SonicSurfaceCodec(Codec):
-    """C0 or C1 chooses the board, FE begins its 256 channels (0 to 31 of a turn, 32 is off), FD swaps all boards."""
+    """C0 or C1 chooses the board, FE begins its channels (0 to 31, 32 is off), FD swaps."""
 
     START = 0xFE
     SWAP = 0xFD
@@ -187,7 +187,7 @@ class Nano16Codec(Codec):
 
 
 class OpenMPDCodec(Codec):
-    """512 bytes a board: 256 phases in 1/128 of a turn, bit 7 of the first one set, then 256 amplitudes, 0 to 64.
+    """256 phases in 1/128 of a turn, bit 7 of the first one set, then 256 amplitudes, 0 to 64.
 
     Amplitude a is a pulse of a/128 of a period that begins at the phase number. (64 − a)/2 is added
     to the number, which keeps the middle of the pulse in place. Its first harmonic is sin(πa/128).

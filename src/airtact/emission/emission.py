@@ -118,8 +118,8 @@ class Emission:
 
     def __enter__(self) -> "Emission":
         if self._settings.log is not None:
-            # Emptied here and appended to by the link process, so that a file that cannot be written
-            # is rejected before anything is sent.
+            # Emptied here and appended to by the link process: a file that cannot be written is
+            # rejected before anything is sent.
             try:
                 self._settings.log.write_text("")
             except OSError as error:
@@ -189,7 +189,7 @@ class Emission:
 
     @property
     def process(self) -> int | None:
-        """Number of the process that holds the link; None where it is this one, or before it is open."""
+        """Number of the process that holds the link; None if it is this one, or not open."""
         return None if self._link_process is None else self._link_process.process
 
     def send(self, drive: Drive, wait: bool = True, outlast: bool = True) -> Frame:
@@ -332,13 +332,13 @@ class Emission:
 
         Returns
         -------
-        What was played. Boards that repeat a sequence themselves drop nothing; otherwise frames that would be late
-        by a whole frame are dropped, which keeps the rate.
+        What was played. Boards that repeat a sequence themselves drop nothing; otherwise frames
+        that would be late by a whole frame are dropped, which keeps the rate.
 
         Raises
         ------
         InvalidInput
-            If the boards or the link cannot play it; the message has the nearest sequence that they can.
+            If the boards or the link cannot play it.
         LinkFailed
             If the link fails, or the emission was ended before or meanwhile.
         """
@@ -353,10 +353,11 @@ class Emission:
     def modulate(
         self, drive: Drive, seconds: float, modulation: AmplitudeModulation | None = None
     ) -> Played:
-        """Play a drive with amplitude modulation for some time [s]; skin only feels a modulated drive.
+        """Play a drive with amplitude modulation for some time [s].
 
-        By default the force follows a cosine of 200 Hz. Boards without levels of amplitude vary the
-        number of elements that are on. The drive rises over the ramp.
+        Skin only feels a modulated drive. By default the force follows a cosine of 200 Hz. Boards
+        without levels of amplitude vary the number of elements that are on. The drive rises over
+        the ramp.
 
         Returns
         -------
@@ -365,7 +366,7 @@ class Emission:
         Raises
         ------
         InvalidInput
-            If the drive is for another number of elements, or the modulation is too fast for the boards (the fastest).
+            If the drive is for another number of elements, or the modulation is too fast.
         LinkFailed
             As ``play``.
         """
@@ -405,11 +406,11 @@ class Emission:
         self._obey()
         return answer
 
-    # --- signals ------------------------------------------------------------------------------------------------
+    # --- signals ---
 
     @contextmanager
     def _shielded(self) -> Iterator[None]:
-        """Put signals off while the link is in use. Only the main thread receives them; uses are nested."""
+        """Put signals off while the link is in use by the main thread, which receives them."""
         step = int(threading.current_thread() is threading.main_thread())
         self._inside += step
         try:

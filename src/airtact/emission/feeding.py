@@ -1,4 +1,4 @@
-"""The feeder's side of a link process: start it, ask it, and have another silence the boards if it is lost."""
+"""The feeder's side of a link process: start it, ask it, and replace it if it is lost."""
 
 import copy
 import math
@@ -221,7 +221,7 @@ def why_here(link: Link) -> str | None:
 
 
 def _start(end: socket.socket) -> "tuple[subprocess.Popen[bytes], int]":
-    """Start a process that serves one end of a connection; return it and a pipe that ends with it."""
+    """Start a process that serves one end of a connection; return it and a pipe that it ends."""
     life, theirs = os.pipe()
     module = "airtact.emission.link_process"
     # The process finds the same modules as this one, and signals to this session do not reach it.

@@ -30,7 +30,7 @@ ENDINGS = (*DRIVE_ENDINGS, ".bin")
 def write_frames(
     path: Path, board: str, frames: Sequence[Frame], rate: float | None = None
 ) -> None:
-    """Write frames for a kind of board to a file of the kind of its ending; it appears once it is complete.
+    """Write frames for a kind of board to a file, which appears only once it is complete.
 
     The rate [frames/s] is None for a single drive and for frames without a fixed rate.
 
@@ -61,12 +61,12 @@ def write_frames(
 def read_messages(
     path: Path, board: str | None, boards: int = 1
 ) -> Complex128[np.ndarray, "frames elements"]:
-    """Read the drives in a .bin file, which holds neither the kind of board nor the number of boards.
+    """Read the drives in a .bin file, which does not hold the kind and number of boards.
 
     Raises
     ------
     InvalidInput
-        "data_missing", "file_missing", or "message_damaged": the bytes are not made of the board's messages.
+        "data_missing", "file_missing", or "message_damaged".
     """
     if board is None:
         raise InvalidInput(

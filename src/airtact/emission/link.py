@@ -196,8 +196,8 @@ class Link(ABC):
         """Raise "sizes_differ" if a drive or frame is for another number of elements."""
         if count != self.elements:
             raise InvalidInput(
-                f"a drive for {counted(count, 'element', 'elements')} does not fit {self.devices} of "
-                f"{len(self.codec.board)}: make it for {self.elements}.",
+                f"a drive for {counted(count, 'element', 'elements')} does not fit "
+                f"{self.devices} of {len(self.codec.board)}: make it for {self.elements}.",
                 code="sizes_differ",
             )
 
@@ -373,7 +373,7 @@ class RecordingLink(Link):
             self._seconds += seconds
 
     def recorded(self, first: int) -> tuple[list[Frame], list[float]]:
-        """Return up to 64 frames from the ``first`` on, and when they were sent; none at the end."""
+        """Return up to 64 frames from the ``first`` on, and when they were sent."""
         # 64 at once: the player must not be kept from the watchdog by a long message.
         return self._frames[first : first + 64], self._seconds[first : first + 64]
 
@@ -391,7 +391,7 @@ class RecordingLink(Link):
 
 
 def lock_boards(resource: str, holder: int) -> int | None:
-    """Reserve boards until the returned file is closed; return None where the system has no file locks.
+    """Reserve boards until the returned file is closed; None where the system has no locks.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The process that holds a link: it plays what its feeder sends, and silences the boards when the feeder is gone.
+"""The process that holds a link: it plays for its feeder, and silences the boards without it.
 
 Nothing that ends the feeder ends this process before the boards are silent. It has a session of its
 own, ignores every signal that it can, and notices at once when the feeder's end of the connection
@@ -39,13 +39,13 @@ class Channel:
         self._received = bytearray()
 
     def send(self, message: tuple[object, ...]) -> None:
-        """Send objects that can be pickled; raise OSError if the other side is gone or does not accept them."""
+        """Send objects that can be pickled; raise OSError if the other side does not take them."""
         data = pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL)
         self._socket.settimeout(self._patience)
         self._socket.sendall(self.LENGTH.pack(len(data)) + data)
 
     def receive(self, seconds: float) -> tuple[Any, ...] | None:
-        """Return the next message, or None if it is not complete in time; raise EOFError if the other side is gone."""
+        """Return the next message or None in time; raise EOFError if the other side is gone."""
         end = time.monotonic() + seconds
         while (message := self._complete()) is None:
             self._socket.settimeout(max(end - time.monotonic(), 0.0))
@@ -79,7 +79,7 @@ class Channel:
 def serve(
     channel: Channel, gone: Callable[[], bool] = lambda: False, here: Link | None = None
 ) -> None:
-    """Play a link until its feeder closes it or is gone; a link that is not ``here`` comes with the first message."""
+    """Play a link, ``here`` or from the first message, until its feeder closes it or is gone."""
     player: Player | None = None
     try:
         while not gone():

@@ -14,7 +14,7 @@ from airtact.geometry.pose import Pose
 from airtact.transducers.boards import BOARDS
 
 Setting = Literal["address", "port", "out"]
-"""Setting of a link: a network address (interface, AMS net id or host:port), a serial port, or a file."""
+"""Setting of a link: network address (interface, AMS net id, host:port), serial port or file."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Playback of one link inside its process: ramp, cap, modulation, sequences, watchdog, silence and the log."""
+"""Playback of one link in its process: ramp, cap, modulation, sequences, watchdog, silence, log."""
 
 import time
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from airtact.emission.link import Link, LinkFailed
 
 @dataclass(frozen=True)
 class Settings:
-    """How a link is played: cap, ramp [s], patience of the watchdog [s], log file, whether it resumes."""
+    """Cap, ramp [s], patience of the watchdog [s], log file, and whether an emission resumes."""
 
     cap: float
     ramp: float
@@ -26,7 +26,7 @@ class Settings:
 
 @dataclass
 class Playback:
-    """A sequence that is repeated for a limited time, and its position: ``begun`` is infinite before it starts."""
+    """A sequence repeated for a limited time, and its position; ``begun`` is infinite before."""
 
     frames: Sequence[Frame]
     rate: float
@@ -49,7 +49,7 @@ class Playback:
 
 @dataclass(frozen=True)
 class Cycle:
-    """Items that follow each other at a rate [1/s] without end: factors of a modulation, or drives with their frames."""
+    """Items repeated at a rate [1/s]: factors of a modulation, or drives with their frames."""
 
     items: np.ndarray | list[Any]
     rate: float
@@ -90,7 +90,7 @@ class Player:
         self._fed = time.monotonic()
         self._looked = self._fed
 
-    # --- commands -----------------------------------------------------------------------------------------------
+    # --- commands ---
 
     def open(self) -> None:
         """Open the link and the log."""
@@ -104,7 +104,7 @@ class Player:
     def send(
         self, amplitudes: Complex128[np.ndarray, "elements"], wait: bool = True
     ) -> tuple[Frame, float, float]:
-        """Play a drive from now on; return its frame at full amplitude, the rest of the ramp [s], and the gain.
+        """Play a drive from now on; return its full frame, the rest of the ramp [s], and the gain.
 
         Without ``wait``, the frame is sent after the answer, and the next command raises a fault.
         """
@@ -122,7 +122,7 @@ class Player:
             self._slope = 0.0
         elif self._gain == 0.0 or self._slope < 0.0:
             self._rise()
-        # A modulation sends the drive itself when its next frame is due; silence cannot wait for that.
+        # A modulation sends the drive when its next frame is due; silence cannot wait for that.
         self._waiting = full.silent or self._paced is None
         if wait:
             self._catch_up()
@@ -132,9 +132,10 @@ class Player:
     def cycle(
         self, drives: Complex128[np.ndarray, "frames elements"], rate: float
     ) -> tuple[float, float]:
-        """Play drives in turn from now on; return the rest of the ramp [s] and the gain. A modulation ends.
+        """Play drives in turn from now on; return the rest of the ramp [s] and the gain.
 
-        A round of the same length and rate as the one before continues at its place.
+        A modulation ends. A round of the same length and rate as the one before continues at its
+        place.
         """
         self._feed()
         link = self.link
@@ -172,7 +173,7 @@ class Player:
         rate: float,
         seconds: float,
     ) -> float:
-        """Repeat drives, or one drive at several factors, for some time; return how long that takes [s]."""
+        """Repeat drives, or one drive at several factors; return how long that takes [s]."""
         self._feed()
         link = self.link
         self._share = share_under_cap(drives, link.levels, self._settings.cap)
@@ -203,7 +204,7 @@ class Player:
         return self.left()
 
     def played(self) -> tuple[float, int, int]:
-        """Return the rate at which a sequence was played, and how many of its frames were sent and dropped."""
+        """Return the rate of a sequence as played, and the numbers of frames sent and dropped."""
         playback = self._playback
         if playback is None or playback.begun == np.inf:
             return 0.0, 0, 0
@@ -229,7 +230,7 @@ class Player:
             self._transmit(self._now())
 
     def silence(self, fade: float) -> float:
-        """Fade to silence; the next drive rises over the ramp. Return how long the fade takes [s]."""
+        """Fade to silence; return how long that takes [s]. The next drive rises over the ramp."""
         self._feed()
         self._playback = None
         self._waiting = False
@@ -267,7 +268,7 @@ class Player:
                 self._log = None
         return self.over, self.link.last
 
-    # --- what is due --------------------------------------------------------------------------------------------
+    # --- what is due ---
 
     def left(self) -> float:
         """Return how long a ramp, a fade or a sequence still takes [s]; 0 only when it is over."""
@@ -333,7 +334,7 @@ class Player:
             # Keep the grid of times: a late frame does not delay those after it.
             missed = np.floor((now - self._next_frame) * paced.rate)
             self._next_frame += (1.0 + missed) / paced.rate
-        # 0.1 s: boards that play on by themselves are asked ten times a second whether they are connected.
+        # Boards that play on are asked ten times a second whether they are still connected.
         if self._emitting and self._trouble is None and now - self._looked > 0.1:
             self._looked = now
             self.link.probe()
@@ -352,7 +353,7 @@ class Player:
         return self._round or self._modulation
 
     def _pace(self, playback: Playback) -> None:
-        """Send the frame of a sequence that is due; drop those that would be late by a whole frame."""
+        """Send the frame that is due; drop frames that would be late by a whole frame."""
         late = time.monotonic() - playback.due
         if late < 0.0:
             return
@@ -373,7 +374,7 @@ class Player:
             playback.begun = time.monotonic()
             self._pace(playback)
 
-    # --- ramps --------------------------------------------------------------------------------------------------
+    # --- ramps ---
 
     def _rise(self) -> None:
         self._slope_over(self._settings.ramp, 1.0)
@@ -430,7 +431,7 @@ class Player:
         assert drive is not None
         return frame_at(drive, self.link.levels, self._share * self._gain * factor)
 
-    # --- the link -----------------------------------------------------------------------------------------------
+    # --- the link ---
 
     def _transmit(self, frame: Frame) -> None:
         audible = self.link.real_time and (

@@ -107,7 +107,7 @@ class SerialLink(Link):
             raise self._failed(doing, f"{self.port} is gone ({error})") from error
 
     def _deliver(self, frame: Frame, patience: float = 0.0) -> None:
-        """Write a frame until it is answered: ``TRIES`` times, or for ``patience`` [s] if that is longer."""
+        """Write a frame until it is answered, ``TRIES`` times or for ``patience`` [s] if longer."""
         message = self.codec.encode(frame)
         end = time.monotonic() + patience
         tries = 0

@@ -1,4 +1,4 @@
-"""Bodies as they were given, seen from two sides; and the fault of one that is rejected, close up."""
+"""Bodies, panels and clouds seen from two sides; the fault of a rejected mesh, close up."""
 
 import textwrap
 from collections.abc import Sequence
@@ -20,11 +20,13 @@ from airtact.acoustics.planes import Plane
 from airtact.geometry.mesh.arrays import QuadraticTriangles
 from airtact.geometry.mesh.mesh_distance import closest_on_triangles
 from airtact.geometry.mesh.quadratic_triangles import (
+    area_vectors,
     cut,
     longest_edges,
     points_at,
     shape_functions,
     smallest_angles,
+    unit,
 )
 from airtact.geometry.mesh.topology import edge_twins
 from airtact.geometry.mesh_shape import MeshShape
@@ -43,25 +45,23 @@ from airtact.reports.solids import (
     polygons_of,
     solid,
     two_sides,
-    unit_normals,
     wide_figure,
 )
 
-MOST_EDGES = 8000
-"""Edges of triangles are drawn up to so many triangles; more would be black."""
+MAX_TRIANGLES_WITH_EDGES = 8000
+"""Number of triangles up to which edges are drawn; those of more would be black."""
 
 FINENESS = 1.0 / 40.0
 """Longest edge of a piece of a triangle over the extent of everything."""
 
-SHARP, FOCUS = (0.75, 0.11, 0.11, 1.0), "#e8590c"
+SHARP = (0.75, 0.11, 0.11, 1.0)
+FOCUS = "#e8590c"
 
 OUTSIDE = np.array([0.74, 0.80, 0.86, 1.0])
 """Colour of the outside of triangles that are at fault."""
 
-OPEN, MARK = (0.80, 0.07, 0.07, 1.0), "#7b1fa2"
-
-ASIDE = 18.0
-"""Angle between the view and the normal, so that heights show [degrees]."""
+OPEN = (0.80, 0.07, 0.07, 1.0)
+MARK = "#7b1fa2"
 
 
 def draw_bodies(
@@ -70,7 +70,7 @@ def draw_bodies(
     foci: Real[np.ndarray, "foci 3"] | None = None,
     planes: Sequence[Plane] = (),
 ) -> Figure:
-    """Draw bodies with their triangles, the foci, if any, as dots, and planes as sheets [m]."""
+    """Draw bodies with their triangles, foci as dots, and planes as sheets [m]."""
     figure = wide_figure(6.0)
     corners = 1e3 * np.concatenate([body.corners for body in bodies])
     tints = colormaps["Pastel2"](np.arange(len(bodies)) % 8)
@@ -80,23 +80,13 @@ def draw_bodies(
     step = FINENESS * float(np.ptp(everything, axis=0).max())
     sharp = np.concatenate([sharp_edges(body) for body in bodies])
     lines = [replace(edge_lines(corners, sharp, step), colour=SHARP, breadth=0.25 * step)]
-    if len(corners) <= MOST_EDGES:
+    if len(corners) <= MAX_TRIANGLES_WITH_EDGES:
         lines.append(edge_lines(corners, ~sharp, step))
     pieces, parents = fine_pieces(corners, step)
     for view, axes in two_sides(figure, broad_view(everything)):
         axes.add_collection3d(solid(pieces, colours[parents], lines, view), autolim=False)
-        xs, ys, zs = dots.T
-        axes.scatter(
-            xs,
-            ys,
-            zs,  # pyright: ignore
-            s=30,
-            c=FOCUS,
-            edgecolors="white",
-            linewidths=0.8,
-            depthshade=False,
-            zorder=4,
-        )
+        style = {"edgecolors": "white", "linewidths": 0.8, "depthshade": False, "zorder": 4}
+        axes.scatter(*dots.T, s=30, c=FOCUS, **style)
         frame(axes, np.concatenate([everything, draw_sheets(axes, planes, 1e-3 * everything)]))
     handles: list[Patch | Line2D] = [
         Patch(color=tint, label=name) for tint, name in zip(tints, names, strict=True)
@@ -104,11 +94,8 @@ def draw_bodies(
     if sharp.any():
         handles.append(Line2D([], [], color=SHARP, label="edges that stay sharp"))
     if len(dots):
-        handles.append(
-            Line2D(
-                [], [], color=FOCUS, marker="o", linestyle="none", label="foci, seen through bodies"
-            )
-        )
+        label = "foci, seen through bodies"
+        handles.append(Line2D([], [], color=FOCUS, marker="o", linestyle="none", label=label))
     if planes:
         handles.append(Patch(color=SHEET, label="rigid plane"))
     figure.legend(handles=handles, loc="outside lower center", ncols=6, frameon=False)
@@ -116,7 +103,7 @@ def draw_bodies(
 
 
 def sharp_edges(body: Surface) -> Bool[np.ndarray, "triangles 3"]:
-    """Find the edges 01, 12, 20 of triangles that stay sharp when a surface is curved; primitives have none."""
+    """Edges 01, 12, 20 of triangles that stay sharp when a surface is curved."""
     if not isinstance(body.shape, MeshShape):
         return np.zeros((len(body.triangles), 3), dtype=bool)
     return body.shape.mesh.sharp
@@ -128,26 +115,25 @@ def draw_fault(
     sentence: str,
     position: Real[np.ndarray, "3"] | None,
 ) -> Figure:
-    """Draw triangles that make no valid surface: all of them, and close up where the fault is, if that is known [m].
+    """Draw triangles that make no valid surface, and a close-up of the fault's position [m].
 
-    Backs of triangles and edges without a neighbour have colours of their own. Triangles that name
-    vertices which are not there, or are nowhere, are left out. The sentence says why they are
-    rejected.
+    Backs of triangles and edges without a neighbour have special colours. Triangles with missing or
+    infinite vertices are left out. The sentence is the reason for the rejection.
     """
     figure = wide_figure(6.6)
     corners, lone = _drawable(vertices, triangles)
     mark = None if position is None else 1e3 * np.asarray(position, dtype=np.float64)
     points = corners.reshape(-1, 3)
     view = broad_view(points) if mark is None else _facing(corners, mark)
-    sides = two_sides(figure, view)
+    pairs = two_sides(figure, view)
     if mark is not None:
-        sides[1][1].remove()
+        # The close-up takes the place of the other side.
+        pairs.pop()[1].remove()
         _close_up(figure.add_subplot(1, 2, 2), corners, lone, mark, view)
-        sides = sides[:1]
     step = FINENESS * float(np.ptp(points, axis=0).max())
     pieces, colours, lines = _sheet(corners, lone, step, 0.2 * step)
-    for view, axes in sides:
-        axes.add_collection3d(solid(pieces, colours, lines, view, closed=False), autolim=False)
+    for seen, axes in pairs:
+        axes.add_collection3d(solid(pieces, colours, lines, seen, closed=False), autolim=False)
         if mark is not None:
             ring = {"markersize": 17, "markerfacecolor": "none", "markeredgewidth": 2, "zorder": 4}
             axes.plot(*mark[:, None], "o", color=MARK, **ring)
@@ -170,39 +156,38 @@ def draw_fault(
 def _drawable(
     vertices: Real[np.ndarray, "vertices 3"], triangles: Int64[np.ndarray, "triangles 3"]
 ) -> tuple[Float64[np.ndarray, "drawn 3 3"], Bool[np.ndarray, "drawn 3"]]:
-    """Corners of the triangles that can be drawn [mm], and which of their edges have no neighbour."""
-    there = triangles[((triangles >= 0) & (triangles < len(vertices))).all(axis=1)]
-    corners = np.asarray(vertices[there], dtype=np.float64)
+    """Corners of the drawable triangles [mm], and which of their edges have no neighbour."""
+    drawable = ((triangles >= 0) & (triangles < len(vertices))).all(axis=1)
+    corners = np.asarray(vertices[triangles[drawable]], dtype=np.float64)
     corners = corners[np.isfinite(corners).all(axis=(1, 2))]
-    same = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)[1].reshape(-1, 3)
-    return 1e3 * corners, edge_twins(same) < 0
+    # Neighbours share positions, if not vertices.
+    numbers = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)[1].reshape(-1, 3)
+    return 1e3 * corners, edge_twins(numbers) < 0
 
 
 def _facing(corners: Float64[np.ndarray, "triangles 3 3"], mark: Float64[np.ndarray, "3"]) -> View:
-    """Look at a point at a small angle, from the side of the surface on which fewer triangles stand before it."""
+    """View of a point from the side of the surface on which fewer triangles hide it."""
     nearest = np.argsort(_distances(corners, mark))[:12]
-    normals = unit_normals(corners[nearest])
-    outward = (
-        normals.sum(axis=0)
-        if np.linalg.norm(normals.sum(axis=0)) > 0.5
-        else normals[0] + [0.0, 0.0, 1e-9]
-    )
-    views = []
-    for side in (outward, -outward):
-        azimuth = np.degrees(np.arctan2(side[1], side[0]))
-        height = side[2] / np.linalg.norm(side)
-        elevation = np.clip(np.degrees(np.arcsin(height)) + ASIDE, -80.0, 80.0)
-        views.append(View(float(azimuth) + ASIDE, float(elevation)))
-    return min(views, key=lambda view: _standing_before(corners - mark, view))
+    normals = unit(area_vectors(corners[nearest]))
+    outward = normals.sum(axis=0)
+    if np.linalg.norm(outward) <= 0.5:
+        outward = normals[0] + [0.0, 0.0, 1e-9]
 
+    def view_along(direction: Float64[np.ndarray, "3"]) -> View:
+        azimuth = np.degrees(np.arctan2(direction[1], direction[0]))
+        elevation = np.degrees(np.arcsin(direction[2] / np.linalg.norm(direction)))
+        # 18° aside, so that heights show.
+        return View(float(azimuth) + 18.0, float(np.clip(elevation + 18.0, -80.0, 80.0)))
 
-def _standing_before(corners: Float64[np.ndarray, "triangles 3 3"], view: View) -> int:
-    """Count the triangles between the origin and the viewer."""
-    x, y = np.moveaxis(corners @ view.plane, 2, 0)
-    areas = x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)
-    covering = (areas > 0).all(axis=1) | (areas < 0).all(axis=1)
-    depth = corners.mean(axis=1) @ view.towards_viewer
-    return int((covering & (depth > 1e-3 * np.abs(depth).max())).sum())
+    def hiding(view: View) -> int:
+        """Count the triangles between the mark and the viewer."""
+        x, y = np.moveaxis((corners - mark) @ view.plane, 2, 0)
+        areas = x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)
+        covering = (areas > 0).all(axis=1) | (areas < 0).all(axis=1)
+        depth = (corners - mark).mean(axis=1) @ view.towards_viewer
+        return int((covering & (depth > 1e-3 * np.abs(depth).max())).sum())
+
+    return min((view_along(outward), view_along(-outward)), key=hiding)
 
 
 def _distances(
@@ -219,29 +204,26 @@ def _close_up(
     mark: Float64[np.ndarray, "3"],
     view: View,
 ) -> None:
-    """Draw the nearest triangles flat, as seen from afar."""
-    away = _distances(corners, mark)
+    """Draw the nearest triangles without perspective."""
+    distances = _distances(corners, mark)
     extent = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
-    # 120: so many triangles are seen close up.
-    reach = float(np.clip(np.sort(away)[: 120 + 1][-1], 0.02 * extent, 0.6 * extent))
-    near = away < 1.5 * reach
+    # The nearest 120 triangles, within limits.
+    reach = float(np.clip(np.sort(distances)[:121][-1], 0.02 * extent, 0.6 * extent))
+    near = distances < 1.5 * reach
     pieces, colours, lines = _sheet(
         corners[near] - mark, lone[near], FINENESS * 5 * reach, 0.015 * reach
     )
     polygons, painted = polygons_of(pieces, colours, lines, view, closed=False)
     order = np.argsort([polygon.mean(axis=0) @ view.towards_viewer for polygon in polygons])
     flat = [polygons[index] @ view.plane for index in order]
+    painted = painted[order]
     axes.add_collection(
-        PolyCollection(flat, facecolors=painted[order], edgecolors=painted[order], linewidths=0.5)
+        PolyCollection(flat, facecolors=painted, edgecolors=painted, linewidths=0.5)
     )
     axes.add_patch(Circle((0.0, 0.0), 0.07 * reach, fill=False, color=MARK, linewidth=2, zorder=4))
     axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
-    x, y, z = mark
-    axes.set(
-        xlabel="across [mm]",
-        ylabel="up [mm]",
-        title=f"close up: the mark is at ({x:.2f}, {y:.2f}, {z:.2f}) mm",
-    )
+    title = "close up: the mark is at ({:.2f}, {:.2f}, {:.2f}) mm".format(*mark)
+    axes.set(xlabel="across [mm]", ylabel="up [mm]", title=title)
 
 
 def _sheet(
@@ -250,31 +232,23 @@ def _sheet(
     step: float,
     breadth: float,
 ) -> tuple[Float64[np.ndarray, "pieces 3 3"], Float64[np.ndarray, "pieces 4"], list[Lines]]:
-    """Cut triangles that have two sides into pieces; lone edges are lines of a breadth on both sides."""
+    """Cut two-sided triangles into pieces, with their edges as lines on both sides."""
     lines = [replace(edge_lines(corners, lone, step), colour=OPEN, breadth=breadth)]
-    if len(corners) <= MOST_EDGES:
+    if len(corners) <= MAX_TRIANGLES_WITH_EDGES:
         lines.append(edge_lines(corners, ~lone, step))
-    lines += [replace(some, outward=-some.outward) for some in lines]
+    lines += [replace(line, outward=-line.outward) for line in lines]
     pieces, _ = fine_pieces(corners, step)
     return pieces, np.tile(OUTSIDE, (len(pieces), 1)), lines
-
-
-ANGLES = 0.0, 60.0
-"""Range of the colours of the smallest angle of a panel [degrees]: an equilateral panel has 60."""
-
-RESIDUALS = -5.0, 5.0
-"""Range of the colours of the distance of points from a skin [mm]."""
-
-SKIN, OUTLIER = (0.82, 0.82, 0.80, 1.0), "#9775fa"
 
 
 def draw_panels(quadratic_triangles: QuadraticTriangles) -> Figure:
     """Draw curved panels with their edges, coloured by their smallest angle."""
     triangles = 1e3 * quadratic_triangles
-    # 4000: about as many flat pieces are drawn of few panels, so that they look curved.
+    # Few panels are cut into about 4000 flat pieces, so that they look curved.
     parts = int(np.clip(np.sqrt(4000 / len(triangles)), 1, 6))
     pieces, parents = cut(triangles, np.full(len(triangles), parts))
-    scale = ScalarMappable(Normalize(*ANGLES), "viridis")
+    # An equilateral panel has 60°.
+    scale = ScalarMappable(Normalize(0.0, 60.0), "viridis")
     colours = scale.to_rgba(smallest_angles(triangles))[parents]
     label = "smallest angle of the panel [degrees]"
     edges = [_edges(triangles, parts)]
@@ -286,24 +260,25 @@ def draw_cloud(
     fitted: FittedHand,
     distances: Float64[np.ndarray, "points"],
 ) -> Figure:
-    """Draw points over the panels of the skin fitted to them: blue outside it, red inside, outliers as crosses.
+    """Draw points over the skin fitted to them: blue outside, red inside, outliers as crosses.
 
-    ``distances`` are those of the points from the skin, positive outside [m].
+    ``distances`` of the points from the skin are positive outside [m].
     """
     pieces, _ = cut(1e3 * quadratic_triangles, np.full(len(quadratic_triangles), 1))
     points = 1e3 * fitted.points
     used = ~fitted.outliers
-    scale = ScalarMappable(Normalize(*RESIDUALS), "RdBu")
-    colours = np.tile(SKIN, (len(pieces), 1))
+    scale = ScalarMappable(Normalize(-5.0, 5.0), "RdBu")
+    colours = np.tile((0.82, 0.82, 0.80, 1.0), (len(pieces), 1))
+    purple = "#9775fa"
     label = "distance of points from the skin, outwards [mm]"
-    figure, sides = _two_sides(
+    figure, panels = _two_sides(
         pieces[:, :3], colours, pieces.reshape(-1, 3), scale, label, extend="both"
     )
     residuals = scale.to_rgba(1e3 * distances[used])
-    for axes in sides:
+    for axes in panels:
         axes.scatter(*points[used].T, s=5, c=residuals, depthshade=False, zorder=4)  # pyright: ignore
-        axes.scatter(*points[~used].T, s=8, c=OUTLIER, marker="x", linewidths=0.6, zorder=4)  # pyright: ignore
-    outlier = Line2D([], [], color=OUTLIER, marker="x", linestyle="none")
+        axes.scatter(*points[~used].T, s=8, c=purple, marker="x", linewidths=0.6, zorder=4)  # pyright: ignore
+    outlier = Line2D([], [], color=purple, marker="x", linestyle="none")
     words = "outliers, which the fit leaves out; all points are seen through the skin"
     figure.legend([outlier], [words], loc="outside lower center", frameon=False)
     return figure
@@ -318,15 +293,15 @@ def _two_sides(
     lines: Sequence[Lines] = (),
     extend: str = "neither",
 ) -> tuple[Figure, list[Axes3D]]:
-    """Draw flat pieces [mm] from two sides with a bar of their colours; ``points`` fit into the frame."""
+    """Draw flat pieces [mm] from two sides with a colour bar; ``points`` fit into the frame."""
     figure = wide_figure(6.4)
-    sides = two_sides(figure, broad_view(points))
-    for view, axes in sides:
+    panels = []
+    for view, axes in two_sides(figure, broad_view(points)):
         axes.add_collection3d(solid(corners, colours, lines, view), autolim=False)
         frame(axes, points)
-    both = [axes for _, axes in sides]
-    figure.colorbar(scale, ax=both, label=label, shrink=0.6, aspect=28, extend=extend)
-    return figure, both
+        panels.append(axes)
+    figure.colorbar(scale, ax=panels, label=label, shrink=0.6, aspect=28, extend=extend)
+    return figure, panels
 
 
 def _edges(triangles: QuadraticTriangles, parts: int) -> Lines:

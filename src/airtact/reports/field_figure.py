@@ -1,4 +1,4 @@
-"""Pressure in a plane under several drives on one colour scale, and their difference (the paper's Fig. 6 and 7)."""
+"""Pressure of drives in a plane on one colour scale, and their difference (Fig. 6 and 7)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -27,21 +27,21 @@ DIFFERENCES = ScalarMappable(Normalize(-6.0, 6.0), "RdBu_r")
 """Colours of the level of one drive over that of another [dB]."""
 
 FAINT = 0.1
+"""Share of the largest pressure below which a difference of levels is drawn grey."""
 
 Side = Literal["right", "bottom"]
-"""Side of the axes at which the bar of colours stands."""
+"""Side of the axes at which the colour bar is."""
 
-MOST_NAMES = 8
-"""More foci than this have small rings and no names."""
+MAX_NAMES = 8
+"""Number of foci up to which they have names and large rings."""
 
 
 @dataclass(frozen=True, eq=False)
 class Cut:
     """Pressure of several drives, by name, at the points of one window [Pa], NaN inside bodies.
 
-    ``outlines`` are the closed lines in which the surfaces of bodies without a field inside meet
-    the plane [m]; ``error`` is the estimated relative error of the pressures over the window, NaN
-    where none is known.
+    ``outlines`` are the closed lines in which the plane cuts bodies without a field inside [m].
+    ``error`` is the estimated relative error of the pressures over the window, or NaN.
     """
 
     window: Window
@@ -51,7 +51,7 @@ class Cut:
 
 
 def cut_bodies(window: Window, bodies: Sequence[Surface]) -> list[Float64[np.ndarray, "_ 3"]]:
-    """Cut bodies with the window's plane, into closed lines around the inside [m]."""
+    """Return the closed lines in which the window's plane cuts bodies, around the inside [m]."""
     return [loop for body in bodies for loop in _loops(window.height_of(body.vertices), body)]
 
 
@@ -68,8 +68,8 @@ def _loops(
     corners = np.take_along_axis(
         body.triangles[crossed], (lone[:, None] + np.arange(3)) % 3, axis=1
     )
-    ways = np.where(lone_above[:, None], [[1, 2]], [[2, 1]])
-    ends = np.take_along_axis(corners, ways, axis=1)
+    order = np.where(lone_above[:, None], [[1, 2]], [[2, 1]])
+    ends = np.take_along_axis(corners, order, axis=1)
     edges = np.sort(np.stack([np.repeat(corners[:, :1], 2, axis=1), ends], axis=2), axis=2)
     low = heights[edges[:, 0, 0]]
     high = heights[edges[:, 0, 1]]
@@ -93,16 +93,16 @@ def _loops(
 def draw_field(
     cut: Cut,
     drive: str,
-    most: float,
+    peak: float,
     foci: Real[np.ndarray, "foci 3"],
     names: Sequence[str] | None = None,
 ) -> Figure:
-    """Draw the pressure magnitude of one drive, on a scale that ends at a pressure [Pa].
+    """Draw the pressure magnitude of one drive, on a scale that ends at ``peak`` [Pa].
 
-    Foci [m] off the plane are dashed; they have no names where none are given.
+    Foci [m] off the plane are dashed.
     """
     figure, axes = _figure_for(cut.window)
-    draw_pressure(axes, cut, drive, most, foci, names, location="bottom")
+    draw_pressure(axes, cut, drive, peak, foci, names, location="bottom")
     return figure
 
 
@@ -110,28 +110,30 @@ def draw_pressure(
     axes: Axes,
     cut: Cut,
     drive: str,
-    most: float,
+    peak: float,
     foci: Real[np.ndarray, "foci 3"],
     names: Sequence[str] | None = None,
     location: Side = "right",
 ) -> None:
-    """Draw into axes what ``draw_field`` draws, with the bar of colours at one of their sides."""
-    scale = ScalarMappable(Normalize(0.0, most), COLOURS)
-    _panel(
-        axes, cut, np.abs(cut.pressures[drive]), scale, "peak pressure [Pa]", foci, names, location
+    """Draw the picture of ``draw_field`` into axes."""
+    _draw_cut(axes, cut, np.abs(cut.pressures[drive]), _pressure_scale(peak))
+    _mark_foci(axes, cut.window, foci, names)
+    bar = axes.figure.colorbar(
+        _pressure_scale(peak), ax=axes, location=location, pad=0.02, aspect=30
     )
+    bar.set_label("peak pressure [Pa]")
 
 
 def draw_difference(
     cut: Cut,
     drives: tuple[str, str],
-    most: float,
+    peak: float,
     foci: Real[np.ndarray, "foci 3"],
     names: Sequence[str] | None = None,
 ) -> Figure:
-    """Draw the level of one drive over that of another [dB], grey where both are faint against a pressure [Pa]."""
+    """Draw the level of one drive over another [dB], grey where both are faint against ``peak``."""
     figure, axes = _figure_for(cut.window)
-    draw_change(axes, cut, drives, most, foci, names, location="bottom")
+    draw_change(axes, cut, drives, peak, foci, names, location="bottom")
     return figure
 
 
@@ -139,73 +141,58 @@ def draw_change(
     axes: Axes,
     cut: Cut,
     drives: tuple[str, str],
-    most: float,
+    peak: float,
     foci: Real[np.ndarray, "foci 3"],
     names: Sequence[str] | None = None,
     location: Side = "right",
 ) -> None:
-    """Draw into axes what ``draw_difference`` draws, with the bar of colours at one of their sides."""
-    change, strength = _difference(cut, drives, most)
-    label = f"{drives[0]} over {drives[1]} [dB]"
-    _panel(axes, cut, change, DIFFERENCES, label, foci, names, location, strength)
+    """Draw the picture of ``draw_difference`` into axes."""
+    change, strength = _difference(cut, drives, peak)
+    _draw_cut(axes, cut, change, DIFFERENCES, strength)
+    _mark_foci(axes, cut.window, foci, names)
+    bar = axes.figure.colorbar(
+        DIFFERENCES, ax=axes, location=location, pad=0.02, aspect=30, extend="both"
+    )
+    bar.set_label(f"{drives[0]} over {drives[1]} [dB]")
+
+
+def _pressure_scale(peak: float) -> ScalarMappable:
+    return ScalarMappable(Normalize(0.0, peak), COLOURS)
 
 
 def _difference(
-    cut: Cut, drives: tuple[str, str], most: float
+    cut: Cut, drives: tuple[str, str], peak: float
 ) -> tuple[Float64[np.ndarray, "points"], Float64[np.ndarray, "points"]]:
-    """Level of one drive over another [dB], and how opaque it is: not where both are faint."""
+    """Level of one drive over another [dB], and its opacity: none where both are faint."""
     first, second = (np.abs(cut.pressures[name]) for name in drives)
-    smallest = 1e-3 * most
+    smallest = 1e-3 * peak
     change = 20.0 * np.log10(np.maximum(first, smallest) / np.maximum(second, smallest))
-    return change, np.nan_to_num(
-        np.clip(np.maximum(first, second) / (FAINT * most) - 0.5, 0.0, 1.0)
-    )
+    strength = np.clip(np.maximum(first, second) / (FAINT * peak) - 0.5, 0.0, 1.0)
+    return change, np.nan_to_num(strength)
 
 
 def _figure_for(window: Window) -> tuple[Figure, Axes]:
     left, right, bottom, top = window.extent
-    size = min(3.9 / (right - left), 4.6 / (top - bottom))
-    figure = Figure(
-        figsize=((right - left) * size + 0.8, (top - bottom) * size + 1.2), layout="constrained"
-    )
-    return figure, figure.subplots()
+    scale = min(3.9 / (right - left), 4.6 / (top - bottom))
+    size = ((right - left) * scale + 0.8, (top - bottom) * scale + 1.2)
+    figure = Figure(figsize=size, layout="constrained")
+    axes = figure.subplots()
+    return figure, axes
 
 
-def _panel(
-    axes: Axes,
-    cut: Cut,
-    values: Float64[np.ndarray, "points"],
-    scale: ScalarMappable,
-    label: str,
-    foci: Real[np.ndarray, "foci 3"],
-    names: Sequence[str] | None,
-    location: Side,
-    strength: Float64[np.ndarray, "points"] | None = None,
-) -> None:
-    _draw_cut(axes, cut, values, scale, strength)
-    _mark_foci(
-        axes, cut.window, foci, names if names and len(names) <= MOST_NAMES else [""] * len(foci)
-    )
-    axes.set(xlabel=cut.window.labels[0], ylabel=cut.window.labels[1])
-    extend: Literal["both", "neither"] = "both" if scale is DIFFERENCES else "neither"
-    axes.figure.colorbar(
-        scale, ax=axes, label=label, location=location, pad=0.02, aspect=30, extend=extend
-    )
+def draw_close_ups(cuts: Sequence[Cut], names: Sequence[str], peak: float) -> Figure:
+    """Draw cuts across foci: one column per focus, one row per drive and for the difference.
 
-
-def draw_close_ups(cuts: Sequence[Cut], names: Sequence[str], most: float) -> Figure:
-    """Draw one column per focus, each with its cut and name, and one row per drive, and one for their difference.
-
-    The surface lies below the focus. The scale of all pressures ends at ``most`` [Pa].
+    The surface lies below the focus. The scale of all pressures ends at ``peak`` [Pa].
     """
     first, second = cuts[0].pressures
     figure = Figure(figsize=(1.6 * len(cuts) + 1.7, 1.75 * 3 + 0.5), layout="constrained")
     axes = figure.subplots(3, len(cuts), squeeze=False, sharex=True, sharey=True)
-    pressure = ScalarMappable(Normalize(0.0, most), COLOURS)
+    pressure = _pressure_scale(peak)
     for column, (cut, name) in enumerate(zip(cuts, names, strict=True)):
         for panel, drive in zip(axes[:2, column], (first, second), strict=True):
             _draw_cut(panel, cut, np.abs(cut.pressures[drive]), pressure, centred=True)
-        change, strength = _difference(cut, (first, second), most)
+        change, strength = _difference(cut, (first, second), peak)
         _draw_cut(axes[2, column], cut, change, DIFFERENCES, strength, centred=True)
         for panel in axes[:, column]:
             panel.plot(0, 0, "o", markersize=9, markerfacecolor="none", markeredgecolor="white")
@@ -215,14 +202,8 @@ def draw_close_ups(cuts: Sequence[Cut], names: Sequence[str], most: float) -> Fi
         axes[row, 0].set_ylabel(f"{drive}\noff the focus [mm]", fontsize=9)
     figure.supxlabel("along the surface from the focus [mm]", fontsize=9)
     figure.colorbar(pressure, ax=axes[:2], label="peak pressure [Pa]", pad=0.01, aspect=28)
-    figure.colorbar(
-        DIFFERENCES,
-        ax=axes[2],
-        label=f"{first}\nover {second} [dB]",
-        pad=0.01,
-        aspect=14,
-        extend="both",
-    )
+    label = f"{first}\nover {second} [dB]"
+    figure.colorbar(DIFFERENCES, ax=axes[2], label=label, pad=0.01, aspect=14, extend="both")
     return figure
 
 
@@ -234,9 +215,12 @@ def _draw_cut(
     strength: Float64[np.ndarray, "points"] | None = None,
     centred: bool = False,
 ) -> None:
-    """Draw values as opaque as their ``strength``, with coordinates from the window's middle if ``centred``."""
+    """Draw values as opaque as ``strength``; ``centred`` counts from the window's middle."""
+    # 3 points: no gap shows between the interpolated values and the outline.
     carried = past_the_surface(cut.window, values, 3)
     draw_values(axes, cut.window, carried, scale, cut.outlines, "bilinear", strength, centred)
+    if not centred:
+        axes.set(xlabel=cut.window.labels[0], ylabel=cut.window.labels[1])
 
 
 def draw_values(
@@ -249,20 +233,21 @@ def draw_values(
     strength: Float64[np.ndarray, "points"] | None = None,
     centred: bool = False,
 ) -> None:
-    """Draw values at the points of a window, NaN left blank, and the outlines of bodies filled."""
+    """Draw values at the points of a window, blank where NaN, and the filled outlines of bodies."""
     left, right, bottom, top = window.extent
     shift = np.array([left + right, bottom + top]) / 2 if centred else np.zeros(2)
     left, right = (left, right) - shift[0]
     bottom, top = (bottom, top) - shift[1]
     rows, columns = window.shape
-    half = (right - left) / (columns - 1) / 2, (top - bottom) / (rows - 1) / 2
-    edges = (left - half[0], right + half[0], bottom - half[1], top + half[1])
+    # A pixel is centred on its point, so the picture extends half a pixel beyond the window.
+    half_width = (right - left) / (columns - 1) / 2
+    half_height = (top - bottom) / (rows - 1) / 2
+    edges = (left - half_width, right + half_width, bottom - half_height, top + half_height)
     drawn = np.ma.masked_invalid(np.asarray(values, dtype=np.float64).reshape(rows, columns))
     colours = {"cmap": scale.get_cmap(), "norm": scale.norm, "interpolation": interpolation}
     opaque = None if strength is None else strength.reshape(rows, columns)
     axes.imshow(drawn, origin="lower", extent=edges, alpha=opaque, **colours)
-    # "0.86": below this share of the largest pressure a difference of levels says nothing and is
-    # grey.
+    # The grey of blank values.
     axes.set_facecolor("0.86")
     loops = [
         Path(window.seen(np.concatenate([loop, loop[:1]])) - shift, closed=True)
@@ -277,7 +262,7 @@ def draw_values(
 def past_the_surface(
     window: Window, values: Float64[np.ndarray, "points"], points: int
 ) -> Float64[np.ndarray, "points"]:
-    """Carry values, NaN inside bodies, some points into them, where their grey covers them, so that no gap shows."""
+    """Continue values, NaN inside bodies, by a number of points into the bodies."""
     from scipy.ndimage import distance_transform_edt
 
     grid = values.reshape(window.shape)
@@ -289,19 +274,21 @@ def past_the_surface(
 
 
 def _mark_foci(
-    axes: Axes, window: Window, foci: Real[np.ndarray, "foci 3"], names: Sequence[str]
+    axes: Axes, window: Window, foci: Real[np.ndarray, "foci 3"], names: Sequence[str] | None
 ) -> None:
+    if not names or len(names) > MAX_NAMES:
+        names = [""] * len(foci)
     positions = window.seen(foci)
     off = np.abs(window.height_of(foci)) > 0.5e-3
     outwards = positions - positions.mean(axis=0)
-    size = 90 if len(foci) <= MOST_NAMES else 12
+    size = 90 if len(foci) <= MAX_NAMES else 12
     plate = {"boxstyle": "round,pad=0.2", "facecolor": "white", "edgecolor": "none", "alpha": 0.75}
-    for position, is_off, away, name in zip(positions, off, outwards, names, strict=True):
+    for position, is_off, outward, name in zip(positions, off, outwards, names, strict=True):
         style = (0, (2, 1.5)) if is_off else "solid"
         line = {"edgecolors": "white", "linewidths": 1.3, "linestyles": [style]}
         ring = axes.scatter(*position, s=size, facecolors="none", **line)
         ring.set_path_effects([withStroke(linewidth=2.4, foreground="black")])
         if name:
-            shift, side = ((-10, 0), "right") if away[0] < 0 else ((10, 0), "left")
-            beside = {"xytext": shift, "textcoords": "offset points", "ha": side, "va": "center"}
-            axes.annotate(name, position, fontsize=8, bbox=plate, **beside)
+            shift, side = ((-10, 0), "right") if outward[0] < 0 else ((10, 0), "left")
+            place = {"xytext": shift, "textcoords": "offset points", "ha": side, "va": "center"}
+            axes.annotate(name, position, fontsize=8, bbox=plate, **place)

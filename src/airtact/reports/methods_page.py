@@ -1,4 +1,4 @@
-"""The page that compares ways to make a drive: a table, bars against the bound, and each field on one scale."""
+"""The page that compares all methods: table, bars against the bound, and fields on one scale."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -31,28 +31,17 @@ def write_methods_page(
     view : the scene in space, with the field of each drive.
     seconds : wall time by step [s].
     """
-    shown = contest.contenders.index(contest.best), len(contest.contenders) - 1
-    values = {
-        **_summary(contest, seconds),
-        **_tables(contest),
-        **_pictures(contest, cut, view),
-        "space": viewer_values(view, contest.setup.title, shown),
-    }
-    title = f"airtact: methods for {contest.setup.title}"
-    with whole_file(path) as partial:
-        partial.write_text(
-            page_from("methods.html.j2", title=title, contest=contest, **values), "utf-8"
-        )
-
-
-def _summary(contest: MethodComparison, seconds: Mapping[str, float]) -> dict[str, Any]:
+    shown = (contest.contenders.index(contest.best), len(contest.contenders) - 1)
     best = contest.best
-    return {
+    unit = "Pa" if contest.setup.target.shares is None else "Pa over the share asked"
+    if contest.setup.target.pressures is not None:
+        unit = "times the pressure asked"
+    values = {
         "drives": counted(len(contest.contenders), "drive", "drives"),
         "foci": counted(len(contest.setup.foci), "focus", "foci"),
         "facts": [
             (best.name, "gives its worst focus most"),
-            (_digits(contest.worst(best)), f"{_unit(contest)} at that focus"),
+            (_digits(contest.worst(best)), f"{unit} at that focus"),
             (
                 f"{contest.of_the_bound(best):.0%}",
                 "of a bound that no drive exceeds, at full scale",
@@ -62,78 +51,76 @@ def _summary(contest: MethodComparison, seconds: Mapping[str, float]) -> dict[st
         "warnings": contest.warnings,
         "not_modelled": not_modelled(contest.report),
         "steps": [[name, f"{time:.2f} s"] for name, time in seconds.items()],
+        **_tables(contest, unit),
+        **_pictures(contest, unit, cut, view.peak),
+        "space": viewer_values(view, contest.setup.title, shown),
     }
-
-
-def _unit(contest: MethodComparison) -> str:
-    """Name the unit of a pressure over its weight."""
-    if contest.setup.target.pressures is not None:
-        return "times the pressure asked"
-    return "Pa" if contest.setup.target.shares is None else "Pa over the share asked"
+    title = f"airtact: methods for {contest.setup.title}"
+    with whole_file(path) as partial:
+        page = page_from("methods.html.j2", title=title, contest=contest, **values)
+        partial.write_text(page, "utf-8")
 
 
 def _digits(pressure: float) -> str:
-    """Write a pressure over its weight with four digits."""
     return f"{pressure:,.0f}" if pressure >= 1e3 else f"{pressure:.4g}"
 
 
-def _tables(contest: MethodComparison) -> dict[str, Any]:
+def _tables(contest: MethodComparison, unit: str) -> dict[str, Any]:
+    foci = contest.setup.foci
     rows = []
-    for one in contest.ranked:
-        exact, rounded = (
-            np.abs(contest.transfer.pressure(drive))[: len(contest.setup.foci)]
-            for drive in (one.drive, one.emitted)
-        )
-        rows.append(
-            [
-                contest.label(one),
-                _digits(contest.worst(one)),
-                f"{contest.of_the_bound(one):.0%}",
-                f"{one.pressures.mean():,.0f}",
-                f"{one.pressures.min() / one.pressures.max():.2f}",
-                f"{one.energy:.2f}",
-                f"{np.abs(rounded / exact - 1).max():.2%}",
-                f"{1e3 * one.seconds:.3g}",
-                *([f"{one.suppression_level:+.1f}"] if len(one.suppression_points) else []),
-                *([] if one.kept is None else [f"{one.kept:,.0f}"]),
-            ]
-        )
-    columns = ["mean [Pa]", "weakest / strongest", "energy", "rounding", "time [ms]"]
-    suppressed = ["suppression points [dB]"] if len(contest.setup.target.suppression_points) else []
-    doubted = (
-        ["9 of 10 times, with what is in doubt [Pa]"]
-        if contest.contenders[0].kept is not None
-        else []
-    )
-    first = ["method", f"worst focus [{_unit(contest)}]", "at full scale, of the bound"]
+    for contender in contest.ranked:
+        exact = np.abs(contest.transfer.pressure(contender.drive))[: len(foci)]
+        rounded = np.abs(contest.transfer.pressure(contender.emitted))[: len(foci)]
+        row = [
+            contest.label(contender),
+            _digits(contest.worst(contender)),
+            f"{contest.of_the_bound(contender):.0%}",
+            f"{contender.pressures.mean():,.0f}",
+            f"{contender.pressures.min() / contender.pressures.max():.2f}",
+            f"{contender.energy:.2f}",
+            f"{np.abs(rounded / exact - 1).max():.2%}",
+            f"{1e3 * contender.seconds:.3g}",
+        ]
+        if len(contender.suppression_points):
+            row.append(f"{contender.suppression_level:+.1f}")
+        if contender.kept is not None:
+            row.append(f"{contender.kept:,.0f}")
+        rows.append(row)
+    header = ["method", f"worst focus [{unit}]", "at full scale, of the bound"]
+    header += ["mean [Pa]", "weakest / strongest", "energy", "rounding", "time [ms]"]
+    if len(contest.setup.target.suppression_points):
+        header.append("suppression points [dB]")
+    if contest.contenders[0].kept is not None:
+        header.append("9 of 10 times, with what is in doubt [Pa]")
     return {
-        "header": [*first, *columns, *suppressed, *doubted],
+        "header": header,
         "rows": rows,
-        "focus_header": ["peak pressure [Pa]", *contest.setup.foci],
+        "focus_header": ["peak pressure [Pa]", *foci],
         "focus_rows": [
-            [one.name, *(f"{pressure:,.0f}" for pressure in one.pressures)]
-            for one in contest.contenders
+            [contender.name, *(f"{pressure:,.0f}" for pressure in contender.pressures)]
+            for contender in contest.contenders
         ],
     }
 
 
-def _pictures(contest: MethodComparison, cut: Cut, view: SceneView) -> dict[str, Any]:
-    names = [one.name for one in contest.contenders]
-    strengths = np.array([contest.of_the_bound(one) * contest.bound for one in contest.contenders])
+def _pictures(contest: MethodComparison, unit: str, cut: Cut, peak: float) -> dict[str, Any]:
+    names = [contender.name for contender in contest.contenders]
+    shares = np.array([contest.of_the_bound(contender) for contender in contest.contenders])
+    strengths = shares * contest.bound
     bars = picture(
-        draw_bars(names, strengths, contest.bound, f"worst focus at full scale [{_unit(contest)}]"),
-        "What the worst focus gets by each method with its strongest transducer at full scale, against the bound.",
-        f"Bars of the pressure at the worst focus for each method, from {_digits(strengths.min())} to "
-        f"{_digits(strengths.max())}, and a line at the bound of {_digits(contest.bound)}",
+        draw_bars(names, strengths, contest.bound, f"worst focus at full scale [{unit}]"),
+        "What the worst focus gets by each method with its strongest transducer at full scale, "
+        "against the bound.",
+        f"Bars of the pressure at the worst focus for each method, from {_digits(strengths.min())} "
+        f"to {_digits(strengths.max())}, and a line at the bound of {_digits(contest.bound)}",
     )
-    most = view.most
-    points = contest.setup.target.points
     fields = [
         picture(
-            draw_field(cut, one.name, most, points),
-            one.name,
-            f"Map of pressure by {one.name}: {one.pressures.min():,.0f} to {one.pressures.max():,.0f} Pa at the foci",
+            draw_field(cut, contender.name, peak, contest.setup.target.points),
+            contender.name,
+            f"Map of pressure by {contender.name}: {contender.pressures.min():,.0f} to "
+            f"{contender.pressures.max():,.0f} Pa at the foci",
         )
-        for one in contest.ranked
+        for contender in contest.ranked
     ]
     return {"bars": bars, "fields": fields}

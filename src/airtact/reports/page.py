@@ -1,4 +1,4 @@
-"""Self-contained HTML pages from the templates beside this module: pictures and scripts embedded, nothing fetched."""
+"""Self-contained HTML pages from the templates, with embedded pictures and scripts."""
 
 import base64
 import io
@@ -19,7 +19,7 @@ from PIL import Image
 from airtact.files.atomic import whole_file
 
 Value = TypeVar("Value")
-"""What a template shows: text, numbers, tables, pieces."""
+"""Value of a template: text, number, table or piece."""
 
 
 @cache
@@ -44,25 +44,25 @@ def _piece(name: str, *values: object) -> Markup:
 
 
 def document(title: str, pieces: Iterable[str]) -> str:
-    """Put pieces made by the functions of this module together as one page; any other text is escaped."""
+    """Join pieces made by the functions of this module into one page; any other text is escaped."""
     return page_from("page.html.j2", title=title, pieces=list(pieces))
 
 
 def picture(figure: Figure, caption: str, alternative: str, wide: bool = False) -> Markup:
-    """Embed a figure as WebP; on a narrow screen a wide one is scrolled instead of made small."""
+    """Embed a figure as WebP; a narrow screen scrolls a wide one instead of shrinking it."""
     buffer = io.BytesIO()
     pixels = pixels_of(figure)
-    # 90: of pictures, in percent: letters stay clean.
+    # A quality of 90 % keeps letters clean.
     Image.fromarray(np.ascontiguousarray(pixels[:, :, :3])).save(buffer, "webp", quality=90)
     data = base64.b64encode(buffer.getvalue()).decode("ascii")
-    height, width = (round(side / PIXELS) for side in pixels.shape[:2])
+    height, width = (round(length / PIXELS) for length in pixels.shape[:2])
     return _piece("picture", data, width, height, caption, alternative, wide)
 
 
 def table(
     header: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "", text: bool = False
 ) -> Markup:
-    """Lay out rows of words; all but the first column to the right, or to the left if ``text``.
+    """Lay out rows; columns after the first are right-aligned, or left-aligned if ``text``.
 
     >>> print(table(["focus", "Pa"], [["<thumb>", "12"]]))
     <div class="scroll"><table>
@@ -75,7 +75,7 @@ def table(
 
 
 def key_numbers(facts: Iterable[tuple[str, str]]) -> Markup:
-    """Show a few numbers large, each (number, what it is)."""
+    """Show a few large numbers, each (number, caption)."""
     return _piece("key_numbers", list(facts))
 
 
@@ -85,7 +85,7 @@ def paragraph(words: str, kind: str = "") -> Markup:
 
 
 def folded(title: str, text: str) -> Markup:
-    """Show a text as it is, behind a title to click."""
+    """Show a text unchanged, behind a title to click."""
     return _piece("folded", title, text)
 
 
@@ -100,21 +100,21 @@ def section(title: str) -> Markup:
 
 
 PIXELS = 1.35
-"""Pixels drawn per pixel of the page, for screens that have more."""
+"""Pixels of a picture per pixel of the page, for screens with high resolution."""
 
 
 def pixels_of(figure: Figure) -> UInt8[np.ndarray, "rows columns 4"]:
-    """Draw a figure and cut off its empty margins, which are wide around a view in space."""
+    """Draw a figure and cut off its empty margins, which are wide around 3-D axes."""
     figure.set_dpi(96 * PIXELS)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     pixels = np.asarray(canvas.buffer_rgba())
     inked = np.any(pixels[:, :, :3] < 255, axis=2)
-    spans = []
-    for axis in (1, 0):
-        used = np.flatnonzero(inked.any(axis=axis))
-        spans.append(slice(max(used[0] - 8, 0), used[-1] + 9))
-    return np.ascontiguousarray(pixels[spans[0], spans[1]])
+    rows = np.flatnonzero(inked.any(axis=1))
+    columns = np.flatnonzero(inked.any(axis=0))
+    top = max(rows[0] - 8, 0)
+    left = max(columns[0] - 8, 0)
+    return np.ascontiguousarray(pixels[top : rows[-1] + 9, left : columns[-1] + 9])
 
 
 def write_picture(path: Path, figure: Figure) -> None:

@@ -1,11 +1,10 @@
-"""Plots with matplotlib: the field in a plane, what each transducer emits, the scene in space, pressures at the foci.
+"""Plots with matplotlib: field in a plane, drive, scene in space, pressures at the foci.
 
-Each function draws into ``ax``, or into a new figure where none is given, and returns the axes; the
-page of a run uses the same drawings. Lengths are in millimetres. ``airtact.reports.plot`` is
-imported, and matplotlib with it, when first used.
+Each function draws into ``ax``, or into a new figure by default, and returns the axes. The page of
+a run has the same drawings. Lengths are in millimetres. Matplotlib is imported on first use.
 """
 
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,7 +18,7 @@ from airtact.drives.drive import Drive, check_drive
 from airtact.errors import InvalidInput
 from airtact.evaluation.comparison import Comparison
 from airtact.evaluation.metrics import Evaluation
-from airtact.evaluation.windows import Window, plane_across, plane_of_scene
+from airtact.evaluation.windows import plane_across, plane_of_scene
 from airtact.reports.array_figures import draw_faces, draw_in_space, view_of
 from airtact.reports.field_figure import Cut, cut_bodies, draw_change, draw_pressure
 from airtact.reports.plots import draw_foci
@@ -41,19 +40,18 @@ def field(
     most: float | None = None,
     ax: Axes | None = None,
 ) -> Axes:
-    """Plot the pressure in a plane through the foci, with the bodies in grey; foci off the plane are dashed.
+    """Plot the pressure in a plane through the foci; foci off the plane are dashed.
 
     Parameters
     ----------
-    result : from ``evaluate``, from ``compare``, or a solver's field.
+    result : from ``evaluate`` or ``compare``, or a solver's field.
     target : the foci; needed for a solver's field unless it is that of beacons.
-    drive : of a comparison the name of a drive, of a solver's field the index of an excitation.
-    over : of a comparison the name of another drive: then the level of ``drive`` over that one [dB]
-        is plotted.
-    plane : "xy", "xz" or "yz" through the middle of the foci; the plane that fits foci and bodies
-        best unless given.
-    most : pressure at which the colours end [Pa]; the largest in the plane unless given.
-    ax : axes to draw into; those of a new figure unless given.
+    drive : name of a drive of a comparison, or index of an excitation of a solver's field.
+    over : name of a second drive of a comparison; plots the level of ``drive`` over it [dB].
+    plane : "xy", "xz" or "yz" through the middle of the foci; by default the plane that fits foci
+        and bodies best.
+    most : pressure at which the colours end [Pa]; by default the largest in the plane.
+    ax : axes to draw into; by default those of a new figure.
 
     Returns
     -------
@@ -62,40 +60,45 @@ def field(
     Raises
     ------
     InvalidInput
-        If there are no foci, a name or an index is unknown, or a drive is compared in something other than a
-        comparison.
+        If there are no foci, a name or index is unknown, or ``over`` has no comparison.
     """
-    of_kind(
-        result,
-        Evaluation | Comparison | RadiatedField,
-        "what is plotted",
-        "what evaluate or compare returned",
-    )
-    sound = _sound(result)
+    _check_result(result, Evaluation | Comparison | RadiatedField)
+    field_of_result = result if isinstance(result, RadiatedField) else result.field
+    if field_of_result is None:
+        raise InvalidInput(
+            "this evaluation has no field; pass the object that evaluate() returned.", code="empty"
+        )
+    scene = field_of_result.scene
     foci = _foci(result, target)
     column = _column(result, drive)
-    window = _window(sound.scene, foci, plane)
-    pressures = sound.at(window.points)
+    if plane is None:
+        window = plane_of_scene(scene, foci)
+    elif plane in ("xy", "xz", "yz"):
+        window = plane_across(foci, plane, scene.wavelength)
+    else:
+        raise InvalidInput(f"plane is {plane!r}; use xy, xz or yz.", code="unknown_name")
+    pressures = field_of_result.at(window.points)
     shown = {str(drive): pressures[:, column]}
     if over is not None:
         if not isinstance(result, Comparison):
             raise InvalidInput(
-                "1 drive cannot be shown over another: give what compare returned.",
+                "only drives of a comparison can be shown over each other; pass the object that "
+                "compare() returned.",
                 code="options_clash",
             )
         shown[over] = pressures[:, result.column(over)]
-    surfaces = [one.surface for one in sound.scene.obstacles if one.boundary != "filled"]
-    cut = Cut(
-        window, shown, cut_bodies(window, surfaces) + behind_planes(window, sound.scene.planes)
-    )
-    strongest = float(np.nanmax([np.abs(one) for one in shown.values()]))
-    most = strongest if most is None else positive(most, "most", "Pa")
+    surfaces = [body.surface for body in scene.obstacles if body.boundary != "filled"]
+    outlines = cut_bodies(window, surfaces) + behind_planes(window, scene.planes)
+    cut = Cut(window, shown, outlines)
+    if most is None:
+        most = float(np.nanmax([np.abs(values) for values in shown.values()]))
+    peak = positive(most, "most", "Pa")
     axes = _axes(ax)
     if over is None:
-        draw_pressure(axes, cut, str(drive), most, foci)
+        draw_pressure(axes, cut, str(drive), peak, foci)
         axes.set_title(drive if isinstance(drive, str) else "")
     else:
-        draw_change(axes, cut, (str(drive), over), most, foci)
+        draw_change(axes, cut, (str(drive), over), peak, foci)
     return axes
 
 
@@ -106,27 +109,25 @@ def phases(
     show: Literal["phase", "amplitude"] = "phase",
     ax: Axes | None = None,
 ) -> Axes:
-    """Plot phase or amplitude of every transducer as a disc at its position, the faces of an array side by side.
+    """Plot phase or amplitude of every transducer as a disc at its position, face by face.
 
     A face is seen from the side to which it radiates.
 
     Parameters
     ----------
     array : the transducers.
-    drive : what they emit.
+    drive : their drive.
     show : "phase" [rad] or "amplitude" [of full scale].
-    ax : axes to draw into; those of a new figure unless given.
+    ax : axes to draw into; by default those of a new figure.
 
     Raises
     ------
     InvalidInput
-        If the drive is for another number of elements, or ``show`` is something else.
+        If the drive is for another number of elements, or ``show`` is unknown.
     """
     _check_fits(array, drive)
     if show not in ("phase", "amplitude"):
-        raise InvalidInput(
-            f"show is {show!r}, but it is 1 of phase, amplitude.", code="unknown_name"
-        )
+        raise InvalidInput(f"show is {show!r}; use phase or amplitude.", code="unknown_name")
     axes = _axes(ax)
     draw_faces(axes, array.positions, array.normals, drive.amplitudes, show)
     return axes
@@ -140,49 +141,46 @@ def scene(
     *,
     ax: Axes3D | None = None,
 ) -> Axes3D:
-    """Plot bodies, transducers and foci in space, the transducers coloured by their phase where a drive is given.
+    """Plot bodies, transducers and foci in space, the transducers coloured by the phase of a drive.
 
-    Transducers that turn their back to the viewer are faint rings.
+    Transducers that face away from the viewer are faint rings.
 
     Parameters
     ----------
     scene : the bodies.
     array : the transducers in the scene's frame, see ``PhasedArray.seen_from``.
-    drive : what they emit.
+    drive : drive of the transducers.
     target : the foci.
-    ax : axes with ``projection="3d"`` to draw into; those of a new figure unless given.
+    ax : axes with ``projection="3d"`` to draw into; by default those of a new figure.
 
     Raises
     ------
     InvalidInput
-        If there is nothing to plot, a drive has no array or another number of elements, or the axes are flat.
+        If there is nothing to plot, a drive does not fit the array, or the axes are flat.
     """
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles)")
     if drive is not None:
         _check_fits(array, drive)
-    surfaces = [one.surface for one in scene.obstacles]
-    foci = np.empty((0, 3)) if target is None else target.points
+    surfaces = [body.surface for body in scene.obstacles]
+    empty = np.empty((0, 3))
+    foci = empty if target is None else target.points
     if array is None and not surfaces and not len(foci):
         raise InvalidInput(
-            "0 bodies, transducers and foci are in the scene: there is nothing to plot.",
-            code="empty",
+            "there is nothing to plot; give bodies, transducers or foci.", code="empty"
         )
-    none = np.empty((0, 3))
-    positions, normals = (none, none) if array is None else (array.positions, array.normals)
-    angles = None if drive is None else np.angle(drive.amplitudes)
     if ax is not None and not isinstance(ax, Axes3D):
-        words = (
-            "the axes have 2 dimensions, but a scene needs 3: figure.add_subplot(projection='3d')."
+        raise InvalidInput(
+            "a scene needs axes in space: figure.add_subplot(projection='3d').", code="wrong_kind"
         )
-        raise InvalidInput(words, code="wrong_kind")
+    positions = empty if array is None else array.positions
+    normals = empty if array is None else array.normals
+    angles = None if drive is None else np.angle(drive.amplitudes)
     if ax is None:
         from matplotlib import pyplot
 
-        seen = np.concatenate([*(surface.vertices for surface in surfaces), foci])
-        ax = space_axes(
-            pyplot.figure(layout="constrained"),
-            broad_view(seen) if array is None else view_of(normals),
-        )
+        solid = np.concatenate([*(surface.vertices for surface in surfaces), foci])
+        view = broad_view(solid) if array is None else view_of(normals)
+        ax = space_axes(pyplot.figure(layout="constrained"), view)
     draw_in_space(ax, positions, normals, angles, surfaces, foci, scene.planes)
     return ax
 
@@ -190,30 +188,32 @@ def scene(
 def pads(
     result: Evaluation | Comparison, *, held_equal: str = "equal peak", ax: Axes | None = None
 ) -> Axes:
-    """Plot the pressure at each focus as a bar, a group of bars for the drives of a comparison, and what was asked.
+    """Plot the pressure at each focus as bars, one for each drive, and the asked pressures.
 
     Parameters
     ----------
     result : from ``evaluate`` or ``compare``.
-    held_equal : of a comparison the normalisation, one of ``evaluation.HELD_EQUAL``.
-    ax : axes to draw into; those of a new figure unless given.
+    held_equal : normalisation of a comparison, one of ``evaluation.HELD_EQUAL``.
+    ax : axes to draw into; by default those of a new figure.
 
     Raises
     ------
     InvalidInput
         If the normalisation is not known.
     """
-    of_kind(result, Evaluation | Comparison, "what is plotted", "what evaluate or compare returned")
-    if isinstance(result, Comparison):
-        got = dict(zip(result.names, result.under(held_equal), strict=True))
-        asked = None
-    else:
-        got = {"": result.magnitudes}
-        asked = result.target.pressures
+    _check_result(result, Evaluation | Comparison)
     axes = _axes(ax)
-    draw_foci(axes, got, asked)
-    axes.set_title(held_equal if isinstance(result, Comparison) else "")
+    if isinstance(result, Comparison):
+        pressures = dict(zip(result.names, result.under(held_equal), strict=True))
+        draw_foci(axes, pressures, None)
+        axes.set_title(held_equal)
+    else:
+        draw_foci(axes, {"": result.magnitudes}, result.target.pressures)
     return axes
+
+
+def _check_result(result: Any, kinds: Any) -> None:
+    of_kind(result, kinds, "the plotted result", "the object that evaluate() or compare() returned")
 
 
 def _axes(ax: Axes | None) -> Axes:
@@ -224,17 +224,6 @@ def _axes(ax: Axes | None) -> Axes:
     return pyplot.subplots(layout="constrained")[1]
 
 
-def _sound(result: Evaluation | Comparison | RadiatedField) -> RadiatedField:
-    if isinstance(result, RadiatedField):
-        return result
-    if result.field is None:
-        raise InvalidInput(
-            "1 evaluation has no field: give what evaluate returned, not a part of it.",
-            code="empty",
-        )
-    return result.field
-
-
 def _foci(result: Evaluation | Comparison | RadiatedField, target: Target | None) -> np.ndarray:
     if target is not None:
         return of_kind(target, Target, "the target", "Target(points, pressures)").points
@@ -243,9 +232,7 @@ def _foci(result: Evaluation | Comparison | RadiatedField, target: Target | None
     if isinstance(result.sources, Beacons):
         return result.sources.refined_positions
     count = counted(len(result.sources.positions), "source", "sources")
-    raise InvalidInput(
-        f"a field of {count} does not say where the foci are: give the target.", code="empty"
-    )
+    raise InvalidInput(f"a field of {count} has no foci: give the target.", code="empty")
 
 
 def _column(result: Evaluation | Comparison | RadiatedField, drive: str | int) -> int:
@@ -254,18 +241,11 @@ def _column(result: Evaluation | Comparison | RadiatedField, drive: str | int) -
     count = 1 if isinstance(result, Evaluation) else result.sources.strengths.shape[1]
     if not (isinstance(drive, int) and 0 <= drive < count):
         raise InvalidInput(
-            f"drive is {drive!r}, but the field has {counted(count, 'excitation', 'excitations')}, from 0.",
+            f"drive is {drive!r}, but the field has {counted(count, 'excitation', 'excitations')}, "
+            "counted from 0.",
             code="unknown_name",
         )
     return drive
-
-
-def _window(scene: Scene, foci: np.ndarray, plane: Plane | None) -> Window:
-    if plane is None:
-        return plane_of_scene(scene, foci)
-    if plane not in ("xy", "xz", "yz"):
-        raise InvalidInput(f"plane is {plane!r}, but it is 1 of xy, xz, yz.", code="unknown_name")
-    return plane_across(foci, plane, scene.wavelength)
 
 
 def _check_fits(array: PhasedArray | None, drive: Drive) -> None:
@@ -273,6 +253,7 @@ def _check_fits(array: PhasedArray | None, drive: Drive) -> None:
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
     if array is not None and len(drive) != len(array):
         raise InvalidInput(
-            f"a drive of {counted(len(drive), 'element', 'elements')} does not fit an array of {len(array)}.",
+            f"a drive of {counted(len(drive), 'element', 'elements')} does not fit an array of "
+            f"{len(array)}.",
             code="sizes_differ",
         )

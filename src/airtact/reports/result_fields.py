@@ -1,4 +1,4 @@
-"""The fields on the page of a result: evaluated, written to field.vtkhdf and drawn."""
+"""Fields on the page of a result: evaluate them, write field.vtkhdf, and draw them."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -31,7 +31,7 @@ def report_rendering(result: Rendering, folder: Path, progress: Progress) -> tup
     setup = result.setup
     scene = setup.scene
     comparison = result.verification
-    files = folder / "field.vtkhdf", folder / "report.html"
+    files = (folder / "field.vtkhdf", folder / "report.html")
     for file in files:
         file.unlink(missing_ok=True)  # an older run's
     peak = result.drive.peak
@@ -46,7 +46,7 @@ def report_rendering(result: Rendering, folder: Path, progress: Progress) -> tup
 
 
 def evaluate_fields(result: Rendering, clock: Clock) -> Fields:
-    """Evaluate the fields on the page of a rendering: all drives at the energy of the first, as it is emitted."""
+    """Evaluate the fields on the page of a rendering, all drives at the energy of the first."""
     scales = np.array([drive.factor_to_match(result.drive) for drive in result.drives.values()])
     with clock.step("cuts", "computing the field in the pictures"):
         plane, close_ups = _cuts(result, scales)
@@ -88,7 +88,7 @@ def report_methods(result: MethodComparison, folder: Path, progress: Progress) -
 
 
 def _cuts(result: Rendering, scales: Float64[np.ndarray, "drives"]) -> tuple[Cut, list[Cut]]:
-    """Cut the field through the foci, and across each focus where one plane cannot show them all."""
+    """Cut the field through the foci, and across each focus if one plane cannot show them all."""
     scene = result.setup.scene
     foci = result.setup.target.points
 
@@ -116,7 +116,7 @@ def _cuts(result: Rendering, scales: Float64[np.ndarray, "drives"]) -> tuple[Cut
 
 
 def _outlines(setup: Setup, window: Window) -> list[Float64[np.ndarray, "_ 3"]]:
-    """Return the outlines of bodies without a field inside, and of what is behind planes [m]."""
+    """Outlines of bodies without a field inside, and of the region behind planes [m]."""
     solid = [
         obstacle.surface for obstacle in setup.scene.obstacles if obstacle.boundary != "filled"
     ]
@@ -139,7 +139,7 @@ def _scene_view(
     drives : by name, as they were solved.
     scales : (D,) factor on each drive for the picture.
     window : the plane of the foci.
-    held_equal : what the scales hold equal between the drives, in words.
+    held_equal : the quantity that the scales make equal, in words.
     """
     columns = list(range(len(drives)))
     target = setup.target

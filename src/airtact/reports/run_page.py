@@ -1,4 +1,4 @@
-"""The page of one run: what the transducers emit, what it does, and how it was computed."""
+"""The page of one run: drive, fields, pressures at the foci, and how they were computed."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -25,19 +25,19 @@ from airtact.reports.viewer import SceneView, viewer_alternative, viewer_values
 from airtact.setup.rendering import Rendering
 
 CITATION = (
-    "S. Inoue, Y. Makino, H. Shinoda, Producing Airborne Ultrasonic 3D Tactile Image by Time Reversal Field Rendering, "
-    "SICE Annual Conference 2014, 1360"
+    "S. Inoue, Y. Makino, H. Shinoda, Producing Airborne Ultrasonic 3D Tactile Image by Time "
+    "Reversal Field Rendering, SICE Annual Conference 2014, 1360"
 )
 
 
 @dataclass(frozen=True, eq=False)
 class Fields:
-    """The fields that a page shows.
+    """The fields on a page.
 
     Attributes
     ----------
     plane : pressures under drive and control, at equal energy, in the plane through the foci.
-    close_ups : the same across each focus; may be none.
+    close_ups : the same across each focus; may be empty.
     view : the scene in space.
     """
 
@@ -47,7 +47,7 @@ class Fields:
 
 
 def write_page(path: Path, run: Rendering, fields: Fields, seconds: Mapping[str, float]) -> None:
-    """Write a rendering as one self-contained HTML file; ``seconds`` is the wall time by step [s]."""
+    """Write a rendering as one HTML file; ``seconds`` is the wall time by step [s]."""
     values = {
         **_summary(run),
         **_pictures(run, fields),
@@ -62,15 +62,18 @@ def write_page(path: Path, run: Rendering, fields: Fields, seconds: Mapping[str,
 
 def _summary(run: Rendering) -> dict[str, Any]:
     solve = sum(run.seconds[step] for step in ("beacons", "transfer", "drive"))
-    scatter = "scatters" if len(run.setup.bodies) == 1 else "scatter"
+    bodies = run.setup.bodies
+    surroundings = "in open air"
+    if bodies:
+        names = " and ".join(part for part in (", ".join(bodies[:-1]), bodies[-1]) if part)
+        scatter = "scatters" if len(bodies) == 1 else "scatter"
+        surroundings = f"beside {names}, which {scatter} the sound"
     return {
         "transducers": _transducers(run),
         "frequency": f"{run.setup.scene.frequency / 1e3:g} kHz",
         "foci": counted(len(run.setup.foci), "focus", "foci"),
         "stand": "stands" if len(run.setup.foci) == 1 else "stand",
-        "where": f"beside {_and(run.setup.bodies)}, which {scatter} the sound"
-        if run.setup.bodies
-        else "in open air",
+        "where": surroundings,
         "facts": [
             (f"{pascals(run.pressures.min())}", "at the weakest focus"),
             (f"{solve:.2f} s", "to solve and make the drive"),
@@ -88,36 +91,40 @@ def _transducers(run: Rendering) -> str:
 
 
 def _pictures(run: Rendering, fields: Fields) -> dict[str, Any]:
+    array = run.setup.array
+    exact = np.abs(run.transfer.pressure(run.drive))[: len(run.setup.foci)]
+    rounded = np.abs(run.transfer.pressure(run.frame.drive()))[: len(run.setup.foci)]
+    rounding = float(np.max(np.abs(rounded / exact - 1)))
+    levels = run.frame.levels
     phases = picture(
-        draw_phases(run.setup.array.positions, run.setup.array.normals, run.drive.amplitudes),
-        f"Phase and amplitude, of full scale, of each transducer by {run.method}, each face as seen from the side that "
-        "it radiates to, in the order in which a viewer inside who turns to the right sees them (compare Fig. 5 of the "
-        "paper). Phases "
-        f"are those of Re[u e^(−iωt)]. Rounded to {len(run.frame.levels.amplitudes)} levels of amplitude and "
-        f"{run.frame.levels.phases} of phase (drive.csv) they change the pressure at the foci by {_rounding(run):.2%} "
-        "at most.",
+        draw_phases(array.positions, array.normals, run.drive.amplitudes),
+        f"Phase and amplitude, of full scale, of each transducer by {run.method}, each face as "
+        "seen from the side to which it radiates, in the order in which a viewer inside who turns "
+        "right sees them (compare Fig. 5 of the paper). Phases are those of Re[u e^(−iωt)]. "
+        f"Rounding to {len(levels.amplitudes)} levels of amplitude and {levels.phases} of phase "
+        f"(drive.csv) changes the pressure at the foci by {rounding:.2%} at most.",
         f"Phases and amplitudes of all {_transducers(run)}, face by face",
         wide=True,
     )
     bodies = [obstacle.surface for obstacle in run.setup.scene.obstacles]
     still = picture(
         draw_scene(
-            run.setup.array.positions,
-            run.setup.array.normals,
+            array.positions,
+            array.normals,
             run.drive.amplitudes,
             bodies,
             run.setup.target.points,
             run.setup.scene.planes,
         ),
-        "Transducers coloured by phase, bodies in grey, foci in orange. Transducers that face away from the viewer are "
-        "faint rings.",
+        "Transducers coloured by phase, bodies in grey, foci in orange. Transducers that face away "
+        "from the viewer are faint rings.",
         viewer_alternative(fields.view),
     )
     return {"fields": _fields(run, fields), "phases": phases, "still": still, "doubt": _doubt(run)}
 
 
 def _doubt(run: Rendering) -> list[Markup]:
-    """Draw what the drive keeps where the hand is not as expected: over samples, and by shifts of the hand."""
+    """Draw the pressures over samples of an uncertain scene, and over shifts of the hand."""
     doubt = run.robustness
     if doubt is None or not isinstance(run.transfer, TransferEnsemble):
         return []
@@ -128,26 +135,24 @@ def _doubt(run: Rendering) -> list[Markup]:
             dict(zip(doubt.names, doubt.pressures, strict=True)),
             dict(zip(doubt.names, doubt.expected, strict=True)),
         ),
-        f"Share of {count} of what is in doubt in which the weakest focus gets less than a pressure; no drive was made "
-        "for them. Dots: what is expected with nothing in doubt. All at equal energy.",
+        f"Share of {count} of the uncertain scene in which the weakest focus gets less than a "
+        "pressure; no drive was made for them. Dots: expected without uncertainty. All at equal "
+        "energy.",
         "; ".join(
             f"{name}: at least {low:.0f} Pa 9 of 10 times"
             for name, low in zip(doubt.names, doubt.lowest_tenth, strict=True)
         ),
     )
-    ring = f" The ring is one standard deviation, {1e3 * off:.3g} mm." * bool(off)
+    ring = f" The ring is one standard deviation, {1e3 * off:.3g} mm." if off else ""
+    lowest = np.nanmin([shift_map.pressures for shift_map in doubt.maps], axis=(0, 2))
+    highest = np.nanmax([shift_map.pressures for shift_map in doubt.maps], axis=(0, 2))
     shifts = picture(
         draw_shifts(doubt.maps, doubt.names, off),
-        "What the weakest focus gets where the hand as a whole is shifted: along the plane of the foci (above) and at "
-        f"right angles to it (below). All at equal energy.{ring}",
+        "Pressure at the weakest focus where the hand is shifted: along the plane of the foci "
+        f"(above) and at right angles to it (below). All at equal energy.{ring}",
         "; ".join(
             f"{name}: {_rounded(low)} to {_rounded(high)} Pa"
-            for name, low, high in zip(
-                doubt.names,
-                np.nanmin([shift_map.pressures for shift_map in doubt.maps], axis=(0, 2)),
-                np.nanmax([shift_map.pressures for shift_map in doubt.maps], axis=(0, 2)),
-                strict=True,
-            )
+            for name, low, high in zip(doubt.names, lowest, highest, strict=True)
         ),
         wide=True,
     )
@@ -155,9 +160,9 @@ def _doubt(run: Rendering) -> list[Markup]:
 
 
 def _fields(run: Rendering, fields: Fields) -> list[Markup]:
-    """Draw both drives and their difference: in the plane through the foci, or across each focus of a hand."""
+    """Draw both drives and their difference, in the plane of the foci or across each focus."""
     names = run.verification.names
-    most = fields.view.most
+    peak = fields.view.peak
     points = run.setup.target.points
     got = fields.view.reached
     error = max(cut.error for cut in (fields.close_ups or [fields.plane]))
@@ -168,9 +173,10 @@ def _fields(run: Rendering, fields: Fields) -> list[Markup]:
         changes = zip(run.setup.foci, 20.0 * np.log10(got[:, 0] / got[:, 1]), strict=True)
         return [
             picture(
-                draw_close_ups(fields.close_ups, run.setup.foci, most),
-                f"Across each focus, at right angles to the surface, which lies below it.{estimate}",
-                f"Maps around each focus, up to {_rounded(most)} Pa; {names[0]} over {names[1]} in dB: "
+                draw_close_ups(fields.close_ups, run.setup.foci, peak),
+                "Across each focus, at right angles to the surface, which lies below it."
+                f"{estimate}",
+                f"Maps around each focus, up to {_rounded(peak)} Pa; in dB: "
                 + ", ".join(f"{name} {change:+.1f}" for name, change in changes),
                 wide=True,
             )
@@ -178,33 +184,28 @@ def _fields(run: Rendering, fields: Fields) -> list[Markup]:
     off = 1e3 * np.abs(fields.plane.window.height_of(points)).max()
     plane = "Plane through the foci."
     if off >= 0.5:
-        plane = f"Plane nearest to the foci, which are up to {off:.1f} mm off it; those off it are dashed."
+        plane = (
+            f"Plane nearest to the foci, which are up to {off:.1f} mm off it; those off it are "
+            "dashed."
+        )
     panels = [
         picture(
-            draw_field(fields.plane, name, most, points, run.setup.foci),
+            draw_field(fields.plane, name, peak, points, run.setup.foci),
             f"{name.capitalize()}. {plane}{estimate}",
-            f"Map of pressure, {name}: {_rounded(some.min())} to {_rounded(some.max())} Pa at the foci",
+            f"Map of pressure, {name}: {_rounded(column.min())} to {_rounded(column.max())} Pa at "
+            "the foci",
         )
-        for name, some in zip(names, got.T, strict=True)
+        for name, column in zip(names, got.T, strict=True)
     ]
     if len(names) == 1:
         return panels
     change = 20.0 * np.log10(got[:, 0] / got[:, 1])
     difference = picture(
-        draw_difference(fields.plane, (names[0], names[1]), most, points, run.setup.foci),
+        draw_difference(fields.plane, (names[0], names[1]), peak, points, run.setup.foci),
         f"Red: more with {names[0]}. Grey: less than {FAINT:.0%} of the largest pressure in both.",
         f"Map of the difference in dB: {change.min():+.1f} to {change.max():+.1f} dB at the foci",
     )
     return [*panels, difference]
-
-
-def _rounding(run: Rendering) -> float:
-    """Largest relative change of the pressure at a focus that rounding to levels makes."""
-    exact, rounded = (
-        np.abs(run.transfer.pressure(drive))[: len(run.setup.foci)]
-        for drive in (run.drive, run.frame.drive())
-    )
-    return float(np.max(np.abs(rounded / exact - 1)))
 
 
 def _foci(run: Rendering) -> dict[str, Any]:
@@ -214,27 +215,16 @@ def _foci(run: Rendering) -> dict[str, Any]:
     for index, (name, point, got) in enumerate(
         zip(run.setup.foci, 1e3 * run.setup.target.points, run.pressures, strict=True)
     ):
-        wanted = (
-            ["as strong as possible", "–"]
-            if asked is None
-            else [_pascal(asked[index]), _share(got, asked[index])]
-        )
-        position = [f"{number:.2f}" for number in point]
-        rows.append(
-            [
-                name,
-                *position,
-                f"{depths[index]:.2f}",
-                *wanted,
-                _pascal(got),
-                _kilopascal_squared(got),
-            ]
-        )
-    axes = ["x [mm]", "y [mm]", "z [mm]"]
+        target = ["as strong as possible", "–"]
+        if asked is not None:
+            share = f"{got / asked[index]:.1%}" if asked[index] > 0 else "–"
+            target = [_pascal(asked[index]), share]
+        position = [f"{number:.2f}" for number in (*point, depths[index])]
+        rows.append([name, *position, *target, _pascal(got), _kilopascal_squared(got)])
     return {
         "focus_header": [
             "focus",
-            *axes,
+            *("x [mm]", "y [mm]", "z [mm]"),
             "off the surface [mm]",
             "asked [Pa]",
             "reached",
@@ -252,22 +242,20 @@ def _foci(run: Rendering) -> dict[str, Any]:
 
 
 def _comparison(run: Rendering, held_equal: str) -> tuple[list[str], list[list[str]]]:
-    """Header and rows of what each focus gets from both drives, and how many times as much from the first."""
+    """Header and rows of the pressures at each focus under both drives, and their ratio."""
     pressures = run.verification.pressures[held_equal]
     ratios = run.verification.ratios(held_equal)
     rows = []
     for index, name in enumerate(run.setup.foci):
         first, second = pressures[:, index]
-        squares = _kilopascal_squared(first), _kilopascal_squared(second)
-        with np.errstate(divide="ignore"):  # the second may give it nothing
+        squares = (_kilopascal_squared(first), _kilopascal_squared(second))
+        with np.errstate(divide="ignore"):  # the second drive may give the focus no pressure
             times = 1.0 / ratios[1, index]
         rows.append(
             [name, _pascal(first), _pascal(second), f"{times:.3f}", *squares, f"{times**2:.3f}"]
         )
-    pressure, squared = (
-        [quantity.format(name) for name in run.verification.names]
-        for quantity in ("p {} [Pa]", "p² {} [kPa²]")
-    )
+    pressure = [f"p {name} [Pa]" for name in run.verification.names]
+    squared = [f"p² {name} [kPa²]" for name in run.verification.names]
     return ["focus", *pressure, "times p", *squared, "times p²"], rows
 
 
@@ -305,7 +293,8 @@ def _how(run: Rendering, seconds: Mapping[str, float]) -> dict[str, Any]:
         "setting_rows": [
             [
                 "medium",
-                f"{medium.sound_speed:g} m/s, {medium.density:g} kg/m³, absorption {medium.absorption:g} Np/m",
+                f"{medium.sound_speed:g} m/s, {medium.density:g} kg/m³, "
+                f"absorption {medium.absorption:g} Np/m",
             ],
             ["frequency", f"{scene.frequency:g} Hz, wavelength {1e3 * scene.wavelength:.2f} mm"],
             ["bodies", ", ".join(_body(*pair) for pair in pairs)],
@@ -313,7 +302,8 @@ def _how(run: Rendering, seconds: Mapping[str, float]) -> dict[str, Any]:
             ["repaired", repairs or "nothing"],
             [
                 "array",
-                f"{_transducers(run)} of {run.setup.array.element.sensitivity:g} Pa·m (peak, uncalibrated)",
+                f"{_transducers(run)} of {run.setup.array.element.sensitivity:g} Pa·m (peak, "
+                "uncalibrated)",
             ],
             ["pattern", run.setup.array.element.pattern_in_words(scene.wavenumber.real)],
             ["not in the model", not_modelled(run.verification.report)],
@@ -344,11 +334,10 @@ def _off_triangles(report: SolveReport) -> str:
 
 
 def _listed(facts: Mapping[str, object]) -> str:
-    return ", ".join(f"{name.replace('_', ' ')} {_short(value)}" for name, value in facts.items())
-
-
-def _short(value: object) -> str:
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
+    return ", ".join(
+        f"{name.replace('_', ' ')} {f'{value:.3g}' if isinstance(value, float) else value}"
+        for name, value in facts.items()
+    )
 
 
 def _pascal(pressure: float) -> str:
@@ -359,12 +348,8 @@ def _percent(share: float) -> str:
     return f"{share:.2%}" if share >= 1e-4 else "< 0.01%"
 
 
-def _and(names: Sequence[str]) -> str:
-    return " and ".join(part for part in (", ".join(names[:-1]), names[-1]) if part)
-
-
 def _rounded(pressure: float) -> str:
-    """Three digits, which is what the computation is good for."""
+    # The error of the computation leaves three digits.
     return f"{float(f'{pressure:.3g}'):,g}"
 
 
@@ -373,7 +358,3 @@ def _kilopascal_squared(pressure: float) -> str:
     return (
         f"{square:.3f}" if square < 10 else f"{square:.1f}" if square < 1000 else f"{square:,.0f}"
     )
-
-
-def _share(got: float, asked: float) -> str:
-    return f"{got / asked:.1%}" if asked > 0 else "–"

@@ -1,13 +1,12 @@
-"""The page of a hand that was located by echoes: its pose, what knowing it brings, and what is left unexplained."""
+"""The page of a hand located by echoes: its pose, the gain of correcting it, and the residuals."""
 
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64, Real
+from jaxtyping import Real
 from markupsafe import Markup
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, PathPatch
@@ -32,18 +31,15 @@ from airtact.reports.page import (
 )
 from airtact.setup.sensing import Sensed
 
-FOUND = "the pose found"
+BEFORE = "#0072b2"
+AFTER = "#e8590c"
 
 
 def write_sense_page(path: Path, sensed: Sensed) -> None:
-    """Write the page as one HTML file that needs nothing else; it appears only once it is complete."""
-    title = f"airtact: where the hand of {_name(sensed)} is"
+    """Write the page as one self-contained HTML file, which appears only once it is complete."""
+    title = f"airtact: where the hand of {sensed.setup.title} is"
     with whole_file(path) as partial:
         partial.write_text(document(title, _pieces(sensed)), "utf-8")
-
-
-def _name(sensed: Sensed) -> str:
-    return sensed.setup.title
 
 
 def _pieces(sensed: Sensed) -> list[Markup]:
@@ -51,23 +47,26 @@ def _pieces(sensed: Sensed) -> list[Markup]:
     echoes = sensed.echoes
     off, turn = sensed.off
     elements, transmissions = echoes.codes.shape
-    sure, sure_turn = located.deviation
-    made = "Simulated echoes" if sensed.true is not None else "Measured echoes"
-    doubt = (
-        f"{1e3 * sure:.2g} mm, {np.degrees(sure_turn):.2g}°",
-        "standard deviation of the pose found",
-    )
+    shift_deviation, turn_deviation = located.deviation
+    kind = "Simulated" if sensed.true is not None else "Measured"
+    count = counted(transmissions, "coded transmission", "coded transmissions")
+    made = "The pose is found by least squares of the received echoes, from the scene's pose."
+    if sensed.true is not None:
+        made += " The echoes were simulated with smaller panels than the model's, and noise."
     return [
-        heading(f"{_name(sensed)}: where the hand is"),
+        heading(f"{sensed.setup.title}: where the hand is"),
         paragraph(
-            f"{made} of {counted(transmissions, 'coded transmission', 'coded transmissions')} by {elements:,} "
-            f"elements, received by {len(echoes.pressures):,} of them.",
+            f"{kind} echoes of {count} by {elements:,} elements, received by "
+            f"{len(echoes.pressures):,} of them.",
             "lead",
         ),
         key_numbers(
             [
                 (f"{1e3 * off:.2f} mm, {np.degrees(turn):.2f}°", "off the scene's pose"),
-                doubt,
+                (
+                    f"{1e3 * shift_deviation:.2g} mm, {np.degrees(turn_deviation):.2g}°",
+                    "standard deviation of the pose found",
+                ),
                 (
                     f"{sensed.corrected / sensed.uncorrected:.2f} times",
                     "at the weakest focus, by correcting it",
@@ -86,7 +85,7 @@ def _pieces(sensed: Sensed) -> list[Markup]:
         section("What the model does not explain"),
         *_residuals(sensed),
         section("How this was computed"),
-        paragraph(_method(sensed)),
+        paragraph(f"{made} No board that airtact drives today can receive. {NOT_MODELLED}"),
         table(
             ["step", "time"],
             [[name, f"{seconds:.2f} s"] for name, seconds in sensed.seconds.items()],
@@ -96,39 +95,40 @@ def _pieces(sensed: Sensed) -> list[Markup]:
 
 
 def _pose_table(sensed: Sensed) -> Markup:
-    """List each coordinate of the pose with its doubt."""
+    """List each coordinate of the pose with its standard deviation and bound."""
     located = sensed.located
-    sure, least = (np.sqrt(np.diag(one)) for one in (located.covariance, located.bound))
+    deviations = [np.sqrt(np.diag(located.covariance)), np.sqrt(np.diag(located.bound))]
     shifts = sensed.shifts()
     rows = []
-    for index in range(6):
-        factor, unit = (1e3, "mm") if index < 3 else (180.0 / np.pi, "°")
-        what = f"{'moved along' if index < 3 else 'turned about'} {'xyz'[index % 3]}"
-        digits = [f"{factor * one[index]:+.4f} {unit}".replace("-", "−") for one in shifts]
+
+    def add(name: str, index: int, changes: list[float], factor: float, unit: str) -> None:
+        first, *truth = [f"{factor * change:+.4f} {unit}".replace("-", "−") for change in changes]
         doubts = [
-            f"{factor * one[index]:.4f} {unit}" if np.isfinite(one[index]) else ""
-            for one in (sure, least)
+            f"{factor * deviation[index]:.4f} {unit}" if np.isfinite(deviation[index]) else ""
+            for deviation in deviations
         ]
-        rows.append([what, digits[0], *doubts, *digits[1:]])
+        rows.append([name, first, *doubts, *truth])
+
+    for index, axis in enumerate("xyz"):
+        add(f"moved along {axis}", index, [shift[index] for shift in shifts], 1e3, "mm")
+    for index, axis in enumerate("xyz", 3):
+        degrees = 180.0 / np.pi
+        add(f"turned about {axis}", index, [shift[index] for shift in shifts], degrees, "°")
     if located.opening is not None and sensed.gap is not None:
-        change = [located.opening - one for one in (sensed.gap, sensed.true_gap) if one is not None]
-        digits = [f"{1e3 * one:+.4f} mm".replace("-", "−") for one in change]
-        doubts = [f"{1e3 * one[6]:.4f} mm" if np.isfinite(one[6]) else "" for one in (sure, least)]
-        rows.append(
-            [f"gap, {1e3 * sensed.gap:.2f} mm in the scene", digits[0], *doubts, *digits[1:]]
-        )
+        gaps = [gap for gap in (sensed.gap, sensed.true_gap) if gap is not None]
+        name = f"gap, {1e3 * sensed.gap:.2f} mm in the scene"
+        add(name, 6, [located.opening - gap for gap in gaps], 1e3, "mm")
     header = ["", "from the scene's pose", "standard deviation", "least that the noise allows"]
-    true = ["off the simulated truth"] if len(shifts) > 1 else []
+    if len(shifts) > 1:
+        header.append("off the simulated truth")
+    bound = "the least is the Cramér-Rao bound"
+    if not np.isfinite(deviations[1]).all():
+        bound += ", which is not known where the noise was not measured"
     caption = (
-        "Of the middle of the bodies, along the axes of the array. The standard deviation counts all that is left "
-        "unexplained; the least is the Cramér-Rao bound"
-        + (
-            "."
-            if np.isfinite(least).all()
-            else ", which is not known where the noise was not measured."
-        )
+        "Of the middle of the bodies, along the axes of the array. The standard deviation includes "
+        f"everything that is left unexplained; {bound}."
     )
-    return table([*header, *true], rows, caption)
+    return table(header, rows, caption)
 
 
 def _foci_table(sensed: Sensed) -> Markup:
@@ -137,8 +137,8 @@ def _foci_table(sensed: Sensed) -> Markup:
         for name, before, after in zip(sensed.setup.foci, sensed.before, sensed.after, strict=True)
     ]
     header = ["focus", "drive for the scene's pose [Pa]", "drive for the pose found [Pa]", "times"]
-    where = "the simulated hand" if sensed.true is not None else "the hand at the pose found"
-    return table(header, rows, f"Peak pressure at the foci of {where}.")
+    hand = "the simulated hand" if sensed.true is not None else "the hand at the pose found"
+    return table(header, rows, f"Peak pressure at the foci of {hand}.")
 
 
 def _moved(sensed: Sensed) -> Markup:
@@ -146,22 +146,21 @@ def _moved(sensed: Sensed) -> Markup:
     setup = sensed.setup
     pose = sensed.located.pose
     off, turn = sensed.off
-    before, after = (
-        [one.surface for one in some.scene.obstacles] for some in (setup, sensed.found)
-    )
+    before = [body.surface for body in setup.scene.obstacles]
+    after = [body.surface.moved(pose) for body in sensed.found.scene.obstacles]
     foci = np.stack([setup.target.points, pose.apply(sensed.found.target.points)])
-    # 3.0: the bodies are cut in a window smaller than a field's by so many wavelengths, to show
-    # motions of a millimetre.
+    # The window of a field, less 3 wavelengths, shows motions of a millimetre.
     window = plane_of_scene(setup.scene, setup.target.points)
     less = 3.0 * setup.scene.wavelength
     window = replace(window, width=window.width - less, height=window.height - less)
-    figure = draw_moved(window, before, [one.moved(pose) for one in after], foci)
-    caption = (
-        "The bodies where the scene file has them, dashed, and where the echoes have them, grey, cut by two planes "
-        "through the middle of the scene's foci. Foci that lie off a plane are drawn as they stand before it."
+    return picture(
+        draw_moved(window, before, after, foci),
+        "The bodies as in the scene file, dashed, and as located by the echoes, grey, cut by two "
+        "planes through the middle of the scene's foci. Foci off a plane are projected onto it.",
+        f"Cuts of the bodies before and after a motion by {1e3 * off:.2f} mm and "
+        f"{np.degrees(turn):.2f} degrees",
+        wide=True,
     )
-    words = f"Cuts of the bodies before and after a motion by {1e3 * off:.2f} mm and {np.degrees(turn):.2f} degrees"
-    return picture(figure, caption, words, wide=True)
 
 
 def _residuals(sensed: Sensed) -> list[Markup]:
@@ -171,50 +170,36 @@ def _residuals(sensed: Sensed) -> list[Markup]:
     values = np.full((2, len(array)), np.nan)
     values[:, echoes.receiving] = sensed.unexplained
     values[:, left_out] = np.nan
-    label = "not explained, over the rms of the echoes"
+    start, end = values
     figure = draw_receivers(
         array.positions,
         array.normals,
-        dict(zip(("start: the scene's pose", FOUND), values, strict=True)),
-        label,
+        {"start: the scene's pose": start, "the pose found": end},
+        "not explained, over the rms of the echoes",
     )
-    known = values[:, np.isfinite(values[0])]
-    whole = np.sqrt(np.mean(known**2, axis=1))
-    rest = "" if len(known.T) == len(array) else " Grey elements did not receive, or were left out."
+    finite = values[:, np.isfinite(start)]
+    before, after = np.sqrt(np.mean(finite**2, axis=1))
     caption = (
-        "What each receiver gets that the model does not explain, noise included: root mean square over the "
-        f"transmissions. Both on one scale.{rest}"
+        "Echoes at each receiver that the model does not explain, noise included: root mean square "
+        "over the transmissions. Both maps have one scale."
     )
-    words = f"Maps of the residual at each element: {whole[0]:.2f} for the start and {whole[1]:.2f} for the pose found"
+    if len(finite.T) < len(array):
+        caption += " Grey elements did not receive, or were left out."
     pieces = [
         paragraph(
-            f"Of the echoes {whole[0]:.0%} (rms) are unexplained at the scene's pose, {whole[1]:.1%} at the one found. "
-            "Noise leaves the same everywhere; a wrong shape, a body that the scene lacks, or a board that stands "
-            "elsewhere leaves a pattern.".replace("%", " %")
+            f"Of the echoes {before:.0%} (rms) are unexplained at the scene's pose, {after:.1%} at "
+            "the pose found. Noise leaves the same everywhere; a wrong shape, a body that the "
+            "scene lacks, or a displaced board leaves a pattern.".replace("%", " %")
         )
     ]
     if len(left_out):
-        pieces.append(
-            paragraph(
-                f"Receivers that fit nothing were left out: {', '.join(str(one) for one in left_out)}.",
-                "warning",
-            )
-        )
-    return [*pieces, picture(figure, caption, words, wide=True)]
-
-
-def _method(sensed: Sensed) -> str:
-    made = (
-        "The pose is the one whose echoes are nearest to those received, by least squares from the "
-        "scene's own."
+        names = ", ".join(str(receiver) for receiver in left_out)
+        pieces.append(paragraph(f"Receivers that fit nothing were left out: {names}.", "warning"))
+    alternative = (
+        f"Maps of the residual at each element: {before:.2f} for the start and {after:.2f} for the "
+        "pose found"
     )
-    if sensed.true is not None:
-        made += " The echoes were simulated with smaller panels than the model's, and noise."
-    return f"{made} No board that airtact drives today can receive. {NOT_MODELLED}"
-
-
-BEFORE, FOUND = "#0072b2", "#e8590c"
-"""Colours of the start and of the foci that were found."""
+    return [*pieces, picture(figure, caption, alternative, wide=True)]
 
 
 def draw_moved(
@@ -223,68 +208,47 @@ def draw_moved(
     after: Sequence[Surface],
     foci: Real[np.ndarray, "2 foci 3"],
 ) -> Figure:
-    """Draw cuts of bodies before and after a correction, and the foci of both, seen from the front and from above.
+    """Draw cuts of bodies and the foci before and after a correction, in two planes.
 
-    The second plane stands upright on the window, through its middle. Foci [m] are drawn as they
-    lie before the planes.
+    The second plane is upright on the window, through its middle. Foci [m] are projected onto the
+    planes.
     """
     figure = Figure(figsize=(11.0, 5.2), layout="constrained")
-    for axes, plane in zip(figure.subplots(1, 2), (window, _across(window)), strict=True):
-        _fill(axes, plane, after)
+    up = window.normal * np.sign(window.normal[np.argmax(np.abs(window.normal))])
+    up = np.where(np.abs(up) < 1e-12, 0.0, up)
+    upright = replace(window, up=up, height=window.width)
+    ring = {"marker": "o", "linestyle": "none", "markeredgecolor": BEFORE}
+    ring["markerfacecolor"] = "none"
+    dot = {"marker": "o", "linestyle": "none", "color": AFTER, "markeredgecolor": "white"}
+    grey = {"facecolor": BODY, "edgecolor": "0.25"}
+    for axes, plane in zip(figure.subplots(1, 2), (window, upright), strict=True):
+        loops = cut_bodies(plane, after)
+        if loops:
+            paths = [
+                Outline(plane.seen(np.concatenate([loop, loop[:1]])), closed=True) for loop in loops
+            ]
+            axes.add_patch(PathPatch(Outline.make_compound_path(*paths), linewidth=0.8, **grey))
         for loop in cut_bodies(plane, before):
-            axes.plot(
-                *plane.seen(np.concatenate([loop, loop[:1]])).T, "--", color=BEFORE, linewidth=1.2
-            )
-        was, now = (plane.seen(some) for some in foci)
-        axes.plot(
-            *was.T,
-            "o",
-            markersize=8,
-            markerfacecolor="none",
-            markeredgecolor=BEFORE,
-            markeredgewidth=1.4,
-        )
-        axes.plot(*now.T, "o", markersize=6, color=FOUND, markeredgecolor="white")
+            closed = plane.seen(np.concatenate([loop, loop[:1]]))
+            axes.plot(*closed.T, "--", color=BEFORE, linewidth=1.2)
+        axes.plot(*plane.seen(foci[0]).T, markersize=8, markeredgewidth=1.4, **ring)
+        axes.plot(*plane.seen(foci[1]).T, markersize=6, **dot)
         left, right, bottom, top = plane.extent
         axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
-        axes.set(xlabel=plane.labels[0], ylabel=plane.labels[1], title=_where(plane))
-    figure.legend(handles=_legend(), loc="outside lower center", ncols=4, frameon=False)
+        axes.set(xlabel=plane.labels[0], ylabel=plane.labels[1], title=_title(plane))
+    handles = [
+        Line2D([], [], color=BEFORE, linestyle="--", label="body at the start"),
+        Line2D([], [], label="focus at the start", **ring),
+        Patch(label="body found", **grey),
+        Line2D([], [], label="focus found", **dot),
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False)
     return figure
 
 
-def _across(window: Window) -> Window:
-    """Return the plane upright on a window, through its middle and along its right."""
-    up = window.normal * np.sign(window.normal[np.argmax(np.abs(window.normal))])
-    return replace(window, up=np.where(np.abs(up) < 1e-12, 0.0, up), height=window.width)
-
-
-def _fill(axes: Axes, plane: Window, bodies: Sequence[Surface]) -> None:
-    loops: list[Float64[np.ndarray, "_ 3"]] = cut_bodies(plane, bodies)
-    if loops:
-        paths = [
-            Outline(plane.seen(np.concatenate([loop, loop[:1]])), closed=True) for loop in loops
-        ]
-        axes.add_patch(
-            PathPatch(
-                Outline.make_compound_path(*paths), facecolor=BODY, edgecolor="0.25", linewidth=0.8
-            )
-        )
-
-
-def _where(plane: Window) -> str:
-    """Name the plane by the axis of the frame that it stands upright on, if on any."""
+def _title(plane: Window) -> str:
+    """Equation of the plane, if it is upright on an axis of the frame."""
     axis = int(np.argmax(np.abs(plane.normal)))
     if abs(plane.normal[axis]) < 1.0 - 1e-9:
         return "through the middle of the foci"
     return f"{'xyz'[axis]} = {1e3 * plane.centre[axis]:.1f} mm".replace("-", "−")
-
-
-def _legend() -> list[Patch | Line2D]:
-    was = Line2D(
-        [], [], marker="o", linestyle="none", markerfacecolor="none", markeredgecolor=BEFORE
-    )
-    now = Line2D([], [], marker="o", linestyle="none", color=FOUND, markeredgecolor="white")
-    was.set_label("focus at the start")
-    now.set_label("focus found")
-    before = Line2D([], [], color=BEFORE, linestyle="--", label="body at the start")
-    return [before, was, Patch(facecolor=BODY, edgecolor="0.25", label="body found"), now]

@@ -1,4 +1,4 @@
-"""Lit triangles and lines on them, in upright axes in space, in millimetres, seen from a chosen side."""
+"""Shaded triangles with lines on them, in upright axes in space [mm], from a chosen side."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,23 +24,16 @@ PLAIN: Any = {
 }
 """No walls behind the axes and a faint grid."""
 
-ROOM_FOR_LABELS: Any = {"zoom": 0.9}
-
-
-MOST_PARTS = 40
-"""Parts into which an edge is cut at most."""
+MAX_PARTS = 40
+"""Number of parts into which an edge is cut."""
 
 INSIDE = np.array([0.91, 0.45, 0.16, 1.0])
-"""Colour of the backs of triangles, which one sees where a surface is open or turned."""
-
-
-LINE = (0.13, 0.13, 0.13, 1.0)
-"""Colour of edges."""
+"""Colour of the backs of triangles, which show where a surface is open or turned."""
 
 
 @dataclass(frozen=True)
 class View:
-    """From where something is looked at: azimuth round z from x and elevation above the plane of both [degrees]."""
+    """Direction of the viewer: azimuth around z, elevation above the xy plane [degrees]."""
 
     azimuth: float
     elevation: float
@@ -50,38 +43,35 @@ class View:
         """Unit vector to the viewer."""
         around = np.radians(self.azimuth)
         above = np.radians(self.elevation)
-        return np.array(
-            [np.cos(above) * np.cos(around), np.cos(above) * np.sin(around), np.sin(above)]
-        )
+        level = np.cos(above)
+        return np.array([level * np.cos(around), level * np.sin(around), np.sin(above)])
 
     @property
     def plane(self) -> Float64[np.ndarray, "3 2"]:
-        """Unit vectors to the viewer's right and up, which bring points (P, 3) into the picture."""
+        """Unit vectors to the viewer's right and up."""
         right = np.cross([0.0, 0.0, 1.0], self.towards_viewer)
         right /= np.linalg.norm(right)
         return np.stack([right, np.cross(self.towards_viewer, right)], axis=1)
 
 
 def broad_view(points: Real[np.ndarray, "points 3"]) -> View:
-    """Look at the broad side of points, at a small angle."""
+    """View of the broad side of points, at a small angle."""
     thinnest = int(np.ptp(points, axis=0).argmin())
     return (View(-32.0, 24.0), View(-58.0, 24.0), View(-58.0, 48.0))[thinnest]
 
 
 def wide_figure(height: float) -> Figure:
-    """Begin a figure of a height [inches] for ``two_sides``, with room at its sides for labels in space."""
+    """Figure of a height [inches] for ``two_sides``, with room at its sides for labels in space."""
     return Figure(figsize=(13.0, height), layout=ConstrainedLayoutEngine(w_pad=0.35, h_pad=0.12))
 
 
 def two_sides(figure: Figure, view: View) -> list[tuple[View, Axes3D]]:
-    """Add two axes side by side without perspective: seen from somewhere, and from the other side."""
-    views = view, View(view.azimuth + 180.0, -view.elevation)
-    sides = [
-        (side, space_axes(figure, side, (1, 2, 1 + column))) for column, side in enumerate(views)
-    ]
-    for _, axes in sides:
+    """Add two axes side by side without perspective: one for a view, one for the opposite view."""
+    views = (view, View(view.azimuth + 180.0, -view.elevation))
+    pairs = [(seen, space_axes(figure, seen, (1, 2, 1 + side))) for side, seen in enumerate(views)]
+    for _, axes in pairs:
         axes.set_proj_type("ortho")
-    return sides
+    return pairs
 
 
 def space_axes(figure: Figure, view: View, position: tuple[int, int, int] = (1, 1, 1)) -> Axes3D:
@@ -90,30 +80,33 @@ def space_axes(figure: Figure, view: View, position: tuple[int, int, int] = (1, 
         axes = figure.add_subplot(*position, projection="3d", computed_zorder=False)
     assert isinstance(axes, Axes3D)
     axes.view_init(elev=view.elevation, azim=view.azimuth)
-    axes.patch.set_visible(False)  # or it would cover the labels of the axes beside it
+    # The patch would cover the labels of the axes beside it.
+    axes.patch.set_visible(False)
     return axes
 
 
 def frame(axes: Axes3D, points: Real[np.ndarray, "points 3"]) -> None:
-    """Fit the axes round points [mm], equal lengths equally long."""
+    """Fit the axes around points [mm], with equal scales."""
     lowest = points.min(axis=0)
     highest = points.max(axis=0)
-    sides = highest - lowest
-    room = np.where(sides < 1e-3 * sides.max(), 1e-3 * sides.max(), 0.0)
+    lengths = highest - lowest
+    # Flat points get a thin box, which matplotlib needs.
+    room = np.where(lengths < 1e-3 * lengths.max(), 1e-3 * lengths.max(), 0.0)
     lowest = lowest - room
     highest = highest + room
-    sides = sides + 2 * room
+    lengths = lengths + 2 * room
     axes.set(
         xlim=(lowest[0], highest[0]), ylim=(lowest[1], highest[1]), zlim=(lowest[2], highest[2])
     )
-    axes.set_box_aspect(tuple(sides), **ROOM_FOR_LABELS)
+    # The zoom leaves room for the labels.
+    axes.set_box_aspect(tuple(lengths), zoom=0.9)
     axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
-    for axis, side, middle in zip(
-        (axes.xaxis, axes.yaxis, axes.zaxis), sides, (lowest + highest) / 2.0, strict=True
+    middles = (lowest + highest) / 2.0
+    for axis, length, middle in zip(
+        (axes.xaxis, axes.yaxis, axes.zaxis), lengths, middles, strict=True
     ):
-        # 7: ticks along the longest side of a frame; the others get their share, so that their
-        # labels keep apart.
-        count = round(7 * float(side / sides.max()))
+        # 7 ticks along the longest side; the others get their share, which keeps labels apart.
+        count = round(7 * float(length / lengths.max()))
         axis.set_major_locator(
             MaxNLocator(count) if count > 1 else FixedLocator([round(float(middle), 1) + 0.0])
         )
@@ -122,39 +115,25 @@ def frame(axes: Axes3D, points: Real[np.ndarray, "points 3"]) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Lines:
-    """Straight lines on a surface, from end to end [mm], of a breadth [mm] or, if that is 0, as thin as can be.
+    """Straight lines on a surface, from end to end [mm], of a width [mm]; 0 is the thinnest.
 
-    ``outward`` are the directions in which the surface faces there: lines on its far side are not
-    seen. They are drawn ``ahead`` of it, towards the viewer, so that the surface does not cover
-    them [mm].
+    ``outward`` are the directions in which the surface faces; lines on its far side are hidden.
+    Lines are drawn ``ahead`` of the surface, towards the viewer [mm], or it would cover them.
     """
 
     segments: Float64[np.ndarray, "lines 2 3"]
     outward: Float64[np.ndarray, "lines 3"]
     ahead: Float64[np.ndarray, "lines"]
-    colour: tuple[float, float, float, float] = LINE
+    colour: tuple[float, float, float, float] = (0.13, 0.13, 0.13, 1.0)
     breadth: float = 0.0
 
     def seen(self, view: View) -> Float64[np.ndarray, "seen 4 3"]:
-        """Find the narrow rectangles, as broad as the lines, to draw for those on the near side."""
+        """Narrow rectangles of the lines on the near side."""
         facing = self.outward @ view.towards_viewer > 0
         segments = self.segments[facing] + self.ahead[facing, None, None] * view.towards_viewer
-        across = (
-            0.5
-            * self.breadth
-            * unit(np.cross(segments[:, 1] - segments[:, 0], view.towards_viewer))
-        )
-        ends = segments[:, 0], segments[:, 1]
-        return np.stack(
-            [ends[0] - across, ends[1] - across, ends[1] + across, ends[0] + across], axis=1
-        )
-
-
-def unit_normals(
-    corners: Float64[np.ndarray, "triangles 3 3"],
-) -> Float64[np.ndarray, "triangles 3"]:
-    """Find the directions in which triangles look; zero for those without an area."""
-    return unit(area_vectors(corners))
+        start, end = segments.transpose(1, 0, 2)
+        across = 0.5 * self.breadth * unit(np.cross(end - start, view.towards_viewer))
+        return np.stack([start - across, end - across, end + across, start + across], axis=1)
 
 
 def polygons_of(
@@ -164,29 +143,29 @@ def polygons_of(
     view: View,
     closed: bool = True,
 ) -> tuple[list[Float64[np.ndarray, "_ 3"]], Float64[np.ndarray, "polygons 4"]]:
-    """Find the polygons [mm] to draw for triangles and the lines on them, and their colours.
+    """Polygons [mm] of triangles and the lines on them, and their colours.
 
     A lamp over the viewer's left shoulder shades them. Triangles that face away from the viewer are
-    left out where they close a body, and have the colour ``INSIDE`` elsewhere.
+    left out if the surface is closed, else they have the colour ``INSIDE``.
     """
-    normals = unit_normals(corners)
+    normals = unit(area_vectors(corners))
     facing = normals @ view.towards_viewer
     if closed:
-        corners, colours, normals, facing = (
-            some[facing > 0] for some in (corners, colours, normals, facing)
-        )
+        near = facing > 0
+        corners = corners[near]
+        colours = colours[near]
+        normals = normals[near]
+        facing = facing[near]
     lamp = unit(view.towards_viewer - 0.35 * view.plane[:, 0] + [0.0, 0.0, 0.5])
     shaded = np.where(facing[:, None] < 0, INSIDE, colours)
-    shaded[:, :3] *= (
-        0.65 + 0.35 * np.clip(np.where(facing < 0, -1.0, 1.0) * (normals @ lamp), 0, 1)[:, None]
-    )
-    narrow = [some.seen(view) for some in lines]
+    towards_lamp = np.where(facing < 0, -1.0, 1.0) * (normals @ lamp)
+    shaded[:, :3] *= 0.65 + 0.35 * np.clip(towards_lamp, 0, 1)[:, None]
+    narrow = [line.seen(view) for line in lines]
     strokes = [
-        np.tile(some.colour, (len(part), 1)) for some, part in zip(lines, narrow, strict=True)
+        np.tile(line.colour, (len(part), 1)) for line, part in zip(lines, narrow, strict=True)
     ]
     middles = corners.mean(axis=1, keepdims=True)
-    # 1.03: triangles are drawn larger by this factor, or the background would shimmer through
-    # between them.
+    # Triangles are drawn 3 % larger, or the background would shimmer through between them.
     polygons = [
         *(middles + 1.03 * (corners - middles)),
         *np.concatenate([np.empty((0, 4, 3)), *narrow]),
@@ -201,10 +180,10 @@ def solid(
     view: View,
     closed: bool = True,
 ) -> Poly3DCollection:
-    """Put triangles and lines into one collection, which matplotlib draws from the back to the front."""
+    """Triangles and lines in one collection, which matplotlib draws from back to front."""
     polygons, painted = polygons_of(corners, colours, lines, view, closed)
-    # The edges hide the seams between polygons; matplotlib sorts colours with them but no widths,
-    # so all have the same.
+    # The edges hide the seams between polygons. All have one width, because matplotlib sorts the
+    # colours with the polygons, but not the widths.
     width = float(np.clip(40.0 / np.sqrt(len(polygons) + 1), 0.35, 0.8))
     return Poly3DCollection(polygons, facecolors=painted, edgecolors=painted, linewidths=width)
 
@@ -212,13 +191,12 @@ def solid(
 def fine_pieces(
     corners: Float64[np.ndarray, "triangles 3 3"], step: float
 ) -> tuple[Float64[np.ndarray, "pieces 3 3"], Int64[np.ndarray, "pieces"]]:
-    """Cut triangles into pieces so small that they can be put in order from the back to the front.
+    """Cut triangles into pieces small enough to sort from back to front.
 
-    ``step`` is the longest edge of a piece; the triangle that each piece came from is returned with
-    it.
+    ``step`` is the longest edge of a piece [mm]. The triangle of each piece is returned with it.
     """
     longest = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max(axis=1)
-    parts = np.ceil(np.clip(longest / step, 1, MOST_PARTS)).astype(np.int64)
+    parts = np.ceil(np.clip(longest / step, 1, MAX_PARTS)).astype(np.int64)
     pieces, parents = cut(with_middles(corners), parts)
     return pieces[:, :3], parents
 
@@ -228,12 +206,12 @@ def edge_lines(
     chosen: Bool[np.ndarray, "triangles 3"],
     step: float,
 ) -> Lines:
-    """Find lines, no longer than ``step``, along those edges 01, 12, 20 of triangles that are chosen."""
+    """Lines, no longer than ``step``, along the chosen edges 01, 12, 20 of triangles."""
     starts = corners[chosen]
     ends = np.roll(corners, -1, axis=1)[chosen]
-    normals = np.repeat(unit_normals(corners)[:, None], 3, axis=1)[chosen]
+    normals = np.repeat(unit(area_vectors(corners))[:, None], 3, axis=1)[chosen]
     length = np.linalg.norm(ends - starts, axis=1)
-    parts = np.ceil(np.clip(length / step, 1, MOST_PARTS)).astype(np.int64)
+    parts = np.ceil(np.clip(length / step, 1, MAX_PARTS)).astype(np.int64)
     owner = np.repeat(np.arange(len(starts)), parts)
     share = (np.arange(len(owner)) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[owner]
     along = (ends - starts)[owner]
@@ -243,30 +221,30 @@ def edge_lines(
 
 
 SHEET = (0.45, 0.36, 0.25, 0.22)
-"""Colour of a plane in space: what is behind it shows through."""
-
-BEYOND = 0.15
-"""How far a sheet reaches beyond what stands before it, over its extent."""
+"""Colour of a plane in space, through which bodies behind it show."""
 
 
 def sheet_of(plane: Plane, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "4 3"]:
-    """Corners (4, 3) of the part of a plane that is below or before some points (P, 3) [m]."""
+    """Corners (4, 3) of the part of a plane below or behind points (P, 3) [m]."""
     first = np.eye(3)[np.abs(plane.normal).argmin()]
     first = first - (first @ plane.normal) * plane.normal
     first /= np.linalg.norm(first)
-    sides = np.stack([first, np.cross(plane.normal, first)])
-    along = points @ sides.T
+    axes = np.stack([first, np.cross(plane.normal, first)])
+    along = points @ axes.T
     low = along.min(axis=0)
     high = along.max(axis=0)
-    low, high = low - BEYOND * np.ptp([low, high]), high + BEYOND * np.ptp([low, high])
+    # Beyond the points by 15 % of their extent.
+    margin = 0.15 * np.ptp([low, high])
+    low = low - margin
+    high = high + margin
     corners = np.array([[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]])
-    return corners @ sides + (plane.point @ plane.normal) * plane.normal
+    return corners @ axes + (plane.point @ plane.normal) * plane.normal
 
 
 def draw_sheets(
     axes: Axes3D, planes: Sequence[Plane], points: Real[np.ndarray, "points 3"]
 ) -> Float64[np.ndarray, "corners 3"]:
-    """Draw the planes below or before points (P, 3) [m] into axes in space; returns their corners (C, 3) [mm]."""
+    """Draw the planes below or behind points (P, 3) [m]; return their corners (C, 3) [mm]."""
     corners = [1e3 * sheet_of(plane, points) for plane in planes]
     if corners:
         sheets = Poly3DCollection(
@@ -277,7 +255,7 @@ def draw_sheets(
 
 
 def behind_planes(window: Window, planes: Sequence[Plane]) -> list[Float64[np.ndarray, "_ 3"]]:
-    """Outlines of what a window shows behind planes [m], as of bodies: none where it shows nothing behind them."""
+    """Return closed lines around the parts of a window that are behind planes [m]."""
     loops = []
     half = 0.5 * np.array([[-window.width, -window.height], [window.width, -window.height]])
     rectangle = np.concatenate([half, -half])
@@ -286,10 +264,11 @@ def behind_planes(window: Window, planes: Sequence[Plane]) -> list[Float64[np.nd
         heights = plane.height(corners)
         loop = []
         for index, (height, corner) in enumerate(zip(heights, corners, strict=True)):
+            # The side from the previous corner crosses the plane where the height changes sign.
             before = heights[index - 1]
-            place = corners[index - 1]
             if (before < 0.0) != (height < 0.0):
-                loop.append(place + before / (before - height) * (corner - place))
+                side = corner - corners[index - 1]
+                loop.append(corners[index - 1] + before / (before - height) * side)
             if height < 0.0:
                 loop.append(corner)
         if loop:

@@ -1,22 +1,22 @@
-"""The page of a sweep: what was varied, what the foci got, which points failed and why."""
+"""The page of a sweep: varied values, pressures at the foci, and failed points."""
 
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
+from markupsafe import Markup
 
 from airtact.checks import counted
 from airtact.evaluation.metrics import NOT_MODELLED
 from airtact.files.atomic import whole_file
 from airtact.reports.page import (
+    document,
     folded,
     heading,
     key_numbers,
-    page_from,
     paragraph,
     picture,
     section,
@@ -26,25 +26,17 @@ from airtact.reports.plots import draw_varied
 
 Row = dict[str, str | float | int | bool | None]
 
-MOST_ROWS = 200
-"""Rows that the page lists; the table of the sweep has all."""
-
-SHOWN = {
-    "weakest_Pa": "peak pressure of the weakest focus [Pa]",
-    "gain": "weakest focus, over a drive that ignores the bodies",
-}
-
 
 @dataclass(frozen=True, eq=False)
 class Swept:
-    """What a sweep found.
+    """The result of a sweep.
 
     Attributes
     ----------
     title : name of the scene.
-    text : the scene file.
-    varied : columns of the points.
-    rows : of the points in their order, values and results.
+    text : text of the scene file.
+    varied : columns that were varied.
+    rows : values and results of the points in order.
     """
 
     title: str
@@ -58,86 +50,86 @@ class Swept:
         return [row for row in self.rows if row["error"]]
 
     def numbers(self, column: str) -> Float64[np.ndarray, "points"]:
-        """Return a column; NaN where a row has no number there."""
+        """Return a column; NaN where a row has no number."""
         values = [row.get(column) for row in self.rows]
-        return np.array([float(one) if isinstance(one, int | float) else np.nan for one in values])
+        return np.array([v if isinstance(v, int | float) else np.nan for v in values], dtype=float)
 
 
-def write_sweep_page(path: Path, found: Swept) -> None:
-    """Write the page; it appears only once it is finished."""
+def write_sweep_page(path: Path, swept: Swept) -> None:
+    """Write the page; the file appears only once it is complete."""
     with whole_file(path) as partial:
-        title = f"airtact: sweep of {found.title}"
-        partial.write_text(
-            page_from("page.html.j2", title=title, pieces=list(_pieces(found))), "utf-8"
-        )
+        title = f"airtact: sweep of {swept.title}"
+        partial.write_text(document(title, _pieces(swept)), "utf-8")
 
 
-def _pieces(found: Swept) -> list[Any]:
-    weakest = found.numbers("weakest_Pa")
-    gain = found.numbers("gain")
-    facts = [(f"{len(found.rows):,}", "points"), (f"{len(found.failed):,}", "of them failed")]
+def _pieces(swept: Swept) -> list[Markup]:
+    weakest = swept.numbers("weakest_Pa")
+    gain = swept.numbers("gain")
+    facts = [(f"{len(swept.rows):,}", "points"), (f"{len(swept.failed):,}", "of them failed")]
     if np.isfinite(weakest).any():
         facts.append((f"{np.nanmedian(weakest):,.0f} Pa", "at the weakest focus, median"))
     if np.isfinite(gain).any():
         facts.append((f"{np.nanmedian(gain):.2f}", "times a drive that ignores the bodies, median"))
-    return [
-        heading(f"{found.title}: sweep"),
-        paragraph(f"Varied: {', '.join(found.varied)}.", "lead"),
+    pieces = [
+        heading(f"{swept.title}: sweep"),
+        paragraph(f"Varied: {', '.join(swept.varied)}.", "lead"),
         key_numbers(facts),
-        *_pictures(found),
-        *_faults(found),
+        *_pictures(swept, weakest, "peak pressure of the weakest focus [Pa]"),
+        *_pictures(swept, gain, "weakest focus, over a drive that ignores the bodies"),
+    ]
+    if swept.failed:
+        counts = Counter(str(row["error"]) for row in swept.failed)
+        first = {str(row["error"]): str(row["sentence"]) for row in reversed(swept.failed)}
+        faults = [[code, str(number), first[code]] for code, number in counts.most_common()]
+        pieces += [
+            section("What failed"),
+            table(["code", "points", "the first sentence"], faults, text=True),
+        ]
+    return [
+        *pieces,
         section("The points"),
-        _listed(found),
+        _listed(swept.rows),
         section("How this was computed"),
         paragraph(
-            "Pressures are those of the solution that each drive is made from, with its own estimate of the error; "
-            f"airtact render verifies a drive by another solution. {NOT_MODELLED}"
+            "Pressures are those of the solution that each drive is made from, with its own "
+            "estimate of the error; airtact render verifies a drive by another solution. "
+            f"{NOT_MODELLED}"
         ),
-        folded("The scene file", found.text),
+        folded("The scene file", swept.text),
     ]
 
 
-def _pictures(found: Swept) -> list[Any]:
-    pieces = []
-    for column, words in SHOWN.items():
-        values = found.numbers(column)
-        axes = {name: found.numbers(name) for name in found.varied}
-        axes = {
-            name: one
-            for name, one in axes.items()
-            if np.isfinite(one).any() and np.nanmin(one) < np.nanmax(one)
-        }
-        if axes and np.isfinite(values).any():
-            words_of_axes = ", ".join(axes)
-            drawn = draw_varied(axes, values, words)
-            caption = f"The {words} against {words_of_axes}; the line is the median of points with the same value."
-            spread = f"{words} from {np.nanmin(values):.4g} to {np.nanmax(values):.4g} against {words_of_axes}"
-            pieces.append(picture(drawn, caption, spread, wide=len(axes) > 2))
-    return pieces
-
-
-def _faults(found: Swept) -> list[Any]:
-    if not found.failed:
+def _pictures(swept: Swept, values: Float64[np.ndarray, "points"], quantity: str) -> list[Markup]:
+    """Draw a quantity over the columns that differ between points."""
+    columns = {name: swept.numbers(name) for name in swept.varied}
+    axes = {
+        name: numbers
+        for name, numbers in columns.items()
+        if np.isfinite(numbers).any() and np.nanmin(numbers) < np.nanmax(numbers)
+    }
+    if not axes or not np.isfinite(values).any():
         return []
-    counts = Counter(str(row["error"]) for row in found.failed)
-    first = {str(row["error"]): str(row["sentence"]) for row in reversed(found.failed)}
-    rows = [[code, str(number), first[code]] for code, number in counts.most_common()]
+    names = ", ".join(axes)
     return [
-        section("What failed"),
-        table(["code", "points", "the first sentence"], rows, text=True),
+        picture(
+            draw_varied(axes, values, quantity),
+            f"The {quantity} against {names}; the line is the median of equal values.",
+            f"{quantity} from {np.nanmin(values):.4g} to {np.nanmax(values):.4g} against {names}",
+            wide=len(axes) > 2,
+        )
     ]
 
 
-def _listed(found: Swept) -> Any:
+def _listed(rows: Sequence[Row]) -> Markup:
+    """List up to 200 points; sweep.csv has all."""
     columns = dict.fromkeys(
-        name for row in found.rows for name in row if name not in ("sentence", "warnings")
+        name for row in rows for name in row if name not in ("sentence", "warnings")
     )
-    rows = [[_words(row.get(name)) for name in columns] for row in found.rows[:MOST_ROWS]]
-    more = len(found.rows) - MOST_ROWS
-    caption = (
-        f"The first {MOST_ROWS}; sweep.csv has {counted(more, 'more', 'more')}." if more > 0 else ""
-    )
-    return table(list(columns), rows, caption)
+    cells = [[_words(row.get(name)) for name in columns] for row in rows[:200]]
+    caption = ""
+    if len(rows) > 200:
+        caption = f"The first 200; sweep.csv has {counted(len(rows) - 200, 'more', 'more')}."
+    return table(list(columns), cells, caption)
 
 
 def _words(value: str | float | None) -> str:

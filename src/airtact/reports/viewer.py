@@ -1,7 +1,6 @@
-"""The scene of a page in space: what ``viewer.js`` and three.js draw, packed as text that the page carries.
+"""The 3-D scene of a page: the data that ``viewer.js`` and three.js draw, embedded as text.
 
-three.js comes from the installed trimesh, which brings a build of it for its own viewer; nothing is
-fetched.
+three.js comes from the installed trimesh, which has a build of it; nothing is fetched.
 """
 
 import base64
@@ -33,21 +32,21 @@ SCALES = {"pressure": COLOURS, "difference": "RdBu_r", "phase": "twilight", "amp
 
 @dataclass(frozen=True, eq=False)
 class SceneView:
-    """What a page shows in space.
+    """The 3-D scene of a page.
 
     Attributes
     ----------
-    drives : amplitudes (E,) of each drive by its name, the first shown first.
+    drives : amplitudes (E,) of each drive by name; the first is shown first.
     positions, normals : (E, 3) of the transducers [m].
-    foci : a name for each.
-    points : (F, 3) the foci [m].
-    asked : what is asked of each focus, in words.
+    foci : names of the foci.
+    points : (F, 3) positions of the foci [m].
+    asked : pressure asked at each focus, in words.
     reached : (F, D) peak pressure at the foci under each drive [Pa].
-    surfaces : the bodies; None in open air.
-    slices : the pressure of each drive in parallel planes.
-    held_equal : what is held equal between the drives, in words.
-    paths : (P, N, 3) closed paths that foci run along [m]; none where all stand still.
-    planes : the rigid planes of the scene.
+    surfaces : bodies with their pressures; None in open air.
+    slices : pressure of each drive in parallel planes.
+    held_equal : the quantity that is equal for all drives, in words.
+    paths : (P, N, 3) closed paths of moving foci [m].
+    planes : rigid planes of the scene.
     """
 
     drives: Mapping[str, Complex[np.ndarray, "elements"]]
@@ -64,8 +63,8 @@ class SceneView:
     planes: Sequence[Plane]
 
     @property
-    def most(self) -> float:
-        """Largest pressure that is drawn [Pa], the end of the one scale of all drives."""
+    def peak(self) -> float:
+        """Largest pressure in the scene [Pa], the end of the scale of all drives."""
         air = self.slices.pressures[self.slices.depth < 0.0]
         walls = 0.0 if self.surfaces is None else self.surfaces.pressures.max()
         return float(max(air.max(initial=1e-9), self.reached.max(), walls))
@@ -78,14 +77,14 @@ class SceneView:
 
     @property
     def sheets(self) -> list[Float64[np.ndarray, "4 3"]]:
-        """Corners of the part of each plane that is drawn [m], counter-clockwise as seen from its front."""
+        """Corners of the drawn part of each plane [m], counter-clockwise as seen from its front."""
         return [sheet_of(plane, np.concatenate([self.solid, self.points])) for plane in self.planes]
 
 
 def viewer_values(
     view: SceneView, title: str, chosen: tuple[int, int] = (0, 1)
 ) -> dict[str, str | list[str] | list[int]]:
-    """Make what a template shows of a scene; the drive ``chosen`` first is shown first, against the other."""
+    """Return the values of a template; the ``chosen`` drives are compared first."""
     facts, numbers = _facts(view, title)
     return {
         "drives": list(view.drives),
@@ -102,10 +101,10 @@ def viewer_values(
 
 
 def viewer_alternative(view: SceneView) -> str:
-    """Say the scene in words, with what each focus gets, for those who do not see it."""
+    """Describe the scene and the pressures at the foci, for readers who do not see it."""
     got = view.reached[:, 0]
     words = f"{got.min():,.0f} to {got.max():,.0f} Pa"
-    # 8: more foci than this are summed up in the words for those who do not see the scene.
+    # A list of more than 8 foci would be tedious to listen to.
     if len(got) <= 8:
         words = ", ".join(
             f"{pressure:,.0f} Pa at {name}" for name, pressure in zip(view.foci, got, strict=True)
@@ -118,28 +117,25 @@ def viewer_alternative(view: SceneView) -> str:
 
 
 def _caption(view: SceneView) -> str:
-    near = (
-        ""
-        if view.surfaces is None
-        else " Within a quarter of a wavelength of a surface values are interpolated, to a few percent."
-    )
-    held = f" Drives are shown at {view.held_equal}."
-    words = [
-        f"One colour scale for the slice and the surfaces of all drives, to {view.most:,.0f} Pa."
+    sentences = [
+        f"One colour scale for the slice and the surfaces of all drives, to {view.peak:,.0f} Pa."
     ]
-    words += [held] if len(view.drives) > 1 else []
-    words += [" The rigid plane is a sheet, from behind its edge alone."] if view.planes else []
-    words += (
-        [" Foci run along the dashed lines; the field is that of the foci at rest."]
-        if len(view.paths)
-        else []
-    )
-    return "".join([*words, near] if view.surfaces else words)
+    if len(view.drives) > 1:
+        sentences.append(f"Drives are shown at {view.held_equal}.")
+    if view.planes:
+        sentences.append("The rigid plane is a sheet; from behind, only its edge is drawn.")
+    if len(view.paths):
+        sentences.append("Foci move along the dashed lines; the field is that of the foci at rest.")
+    if view.surfaces:
+        sentences.append(
+            "Within a quarter of a wavelength of a surface values are interpolated, to a few %."
+        )
+    return " ".join(sentences)
 
 
 @cache
 def three_js() -> str:
-    """Find the build of three.js in trimesh's viewer: one script that defines ``THREE``."""
+    """Return the build of three.js in trimesh's viewer: one script that defines ``THREE``."""
     import trimesh.resources
 
     archive = zipfile.ZipFile(io.BytesIO(trimesh.resources.get_bytes("templates/viewer.zip")))
@@ -153,17 +149,18 @@ def _packed(data: bytes) -> str:
 
 
 def _facts(view: SceneView, title: str) -> tuple[dict[str, Any], bytes]:
-    arrays = _arrays(view)
+    """Return the facts of a scene, and the bytes of its arrays."""
     places = {}
     data = bytearray()
-    for name, values in arrays.items():
+    for name, values in _arrays(view).items():
+        # JavaScript's typed arrays begin at multiples of their item size.
         data += bytes(-len(data) % 4)
         places[name] = [values.dtype.name, len(data), values.size]
         data += values.tobytes()
     faces = unfold(view.positions, view.normals)
-    return {
+    facts = {
         "title": title,
-        "most": view.most,
+        "most": view.peak,
         "drives": list(view.drives),
         "arrays": places,
         "colours": {
@@ -181,7 +178,8 @@ def _facts(view: SceneView, title: str) -> tuple[dict[str, Any], bytes]:
         "sheets": [[_rounded(1e3 * corner) for corner in sheet] for sheet in view.sheets],
         "slices": _planes(view),
         **_views(view),
-    }, bytes(data)
+    }
+    return facts, bytes(data)
 
 
 def _rounded(numbers: Real[np.ndarray, "numbers"]) -> list[float]:
@@ -190,43 +188,41 @@ def _rounded(numbers: Real[np.ndarray, "numbers"]) -> list[float]:
 
 def _arrays(view: SceneView) -> dict[str, np.ndarray]:
     slices = view.slices
-    most = view.most
-    # 0.5: depth in bodies is carried as bytes over this many steps of the planes to either side.
-    edge = 0.5 * slices.steps.max()
-    out = {
+    # Bytes hold depths up to half a step of the planes to either side of a surface.
+    depth = np.clip(slices.depth / (0.5 * slices.steps.max()), -1.0, 1.0)
+    arrays = {
         "positions": (1e3 * view.positions).astype(np.float32),
         "normals": np.asarray(view.normals, dtype=np.float32),
-        "depth": np.round(127.5 * (1.0 + np.clip(slices.depth / edge, -1.0, 1.0))).astype(np.uint8),
+        "depth": np.round(127.5 * (1.0 + depth)).astype(np.uint8),
     }
     for index, amplitudes in enumerate(view.drives.values()):
-        out[f"amplitude {index}"] = np.abs(amplitudes).astype(np.float32)
-        out[f"phase {index}"] = np.angle(amplitudes).astype(np.float32)
-        out[f"field {index}"] = _bytes(slices.pressures[..., index], most)
+        arrays[f"amplitude {index}"] = np.abs(amplitudes).astype(np.float32)
+        arrays[f"phase {index}"] = np.angle(amplitudes).astype(np.float32)
+        arrays[f"field {index}"] = _bytes(slices.pressures[..., index], view.peak)
     if view.surfaces is not None:
-        out["vertices"] = (1e3 * view.surfaces.vertices).astype(np.float32)
-        out["triangles"] = view.surfaces.triangles.astype(np.uint32)
+        arrays["vertices"] = (1e3 * view.surfaces.vertices).astype(np.float32)
+        arrays["triangles"] = view.surfaces.triangles.astype(np.uint32)
         for index in range(len(view.drives)):
-            out[f"surface {index}"] = _bytes(view.surfaces.pressures[:, index], most)
-    return out
+            arrays[f"surface {index}"] = _bytes(view.surfaces.pressures[:, index], view.peak)
+    return arrays
 
 
-def _bytes(pressure: Float64[np.ndarray, "*points"], most: float) -> np.ndarray:
-    """Carry pressures as the square root of their share of the largest: 1 % of the largest is 25 of 255."""
-    return np.round(255.0 * np.sqrt(np.clip(pressure / most, 0.0, 1.0))).astype(np.uint8)
+def _bytes(pressure: Float64[np.ndarray, "*points"], peak: float) -> np.ndarray:
+    # The square root keeps faint fields: 1 % of the peak is 25 of 255.
+    return np.round(255.0 * np.sqrt(np.clip(pressure / peak, 0.0, 1.0))).astype(np.uint8)
 
 
 def _planes(view: SceneView) -> dict[str, Any]:
     slices = view.slices
     counts = slices.depth.shape[::-1]
     focus = (view.points.mean(axis=0) - slices.corner) @ slices.axes.T / slices.steps
-    # The slice goes through the focus farthest from the viewer, or it would hide others behind it.
+    # The slice goes through the focus farthest from the viewer, or it would hide other foci.
     seen = _towards(*_side(slices.axes[2], view.normals))
     heights = ((view.points - slices.corner) @ slices.axes[2]) / slices.steps[2]
     focus[2] = heights.min() if slices.axes[2] @ seen > 0.0 else heights.max()
     start = [int(np.clip(round(at), 0, count - 1)) for at, count in zip(focus, counts, strict=True)]
-    corner = 1e3 * slices.axes @ slices.corner
     return {
-        "corner": _rounded(corner),
+        "corner": _rounded(1e3 * slices.axes @ slices.corner),
         "axes": slices.axes.tolist(),
         "steps": _rounded(1e3 * slices.steps),
         "counts": list(counts),
@@ -236,31 +232,28 @@ def _planes(view: SceneView) -> dict[str, Any]:
 
 
 def _views(view: SceneView) -> dict[str, Any]:
-    """From where, and how much of it, the scene is seen first."""
+    """Directions, centres and extents of the first view and of the view of everything."""
     slices = view.slices
-    sides = slices.steps * (np.array(slices.depth.shape[::-1]) - 1)
-    middle = slices.corner + (sides / 2.0) @ slices.axes
+    spans = slices.steps * (np.array(slices.depth.shape[::-1]) - 1)
+    middle = slices.corner + (spans / 2.0) @ slices.axes
     everything = np.concatenate([view.solid, *view.sheets])
     lowest = everything.min(axis=0)
     highest = everything.max(axis=0)
-    away = [1.2 * np.linalg.norm(path - middle, axis=1).max() for path in view.paths]
+    path_reaches = [1.2 * np.linalg.norm(path - middle, axis=1).max() for path in view.paths]
     azimuth, elevation = _side(slices.axes[2], view.normals)
+    # A rigid plane that would be seen from behind mirrors the view.
+    front = _towards(azimuth, elevation)
+    for plane in view.planes:
+        front = front - 2.0 * min(0.0, float(front @ plane.normal)) * plane.normal
+    front_elevation = np.arcsin(np.clip(front[2], -1.0, 1.0))
     return {
         "middle": _rounded(1e3 * (lowest + highest) / 2.0),
         "reach": 0.55e3 * float(np.linalg.norm(highest - lowest)),
         "focus": _rounded(1e3 * middle),
-        "close": 1e3 * float(max([0.54 * np.linalg.norm(sides[:2]), *away])),
+        "close": 1e3 * float(max([0.54 * np.linalg.norm(spans[:2]), *path_reaches])),
         "seen": [azimuth, elevation],
-        "seen_whole": _from_the_front(view.planes, azimuth, elevation),
+        "seen_whole": [float(np.arctan2(front[1], front[0])), float(front_elevation)],
     }
-
-
-def _from_the_front(planes: Sequence[Plane], azimuth: float, elevation: float) -> list[float]:
-    """Azimuth and elevation [rad] of the view, or of its image in a plane that would be seen from behind."""
-    seen = _towards(azimuth, elevation)
-    for plane in planes:
-        seen = seen - 2.0 * min(0.0, float(seen @ plane.normal)) * plane.normal
-    return [float(np.arctan2(seen[1], seen[0])), float(np.arcsin(np.clip(seen[2], -1.0, 1.0)))]
 
 
 def _towards(azimuth: float, elevation: float) -> Float64[np.ndarray, "3"]:
@@ -272,11 +265,11 @@ def _towards(azimuth: float, elevation: float) -> Float64[np.ndarray, "3"]:
 def _side(
     normal: Float64[np.ndarray, "3"], radiated: Real[np.ndarray, "elements 3"]
 ) -> tuple[float, float]:
-    """Azimuth and elevation from which the slice is seen first [rad], from where the sound comes if from one side."""
+    """First azimuth and elevation of the view of the slice [rad], from the side of the sound."""
     towards = -radiated.mean(axis=0)
     below = towards[2] < -0.3
     if abs(normal[2]) > 0.9:
         return -1.1, -0.5 if below else 0.8
-    way = normal @ towards if abs(normal @ towards) > 0.3 else normal @ [0.3, -1.0, 0.0]
-    seen = normal * np.sign(way)
+    side = normal @ towards if abs(normal @ towards) > 0.3 else normal @ [0.3, -1.0, 0.0]
+    seen = normal * np.sign(side)
     return float(np.arctan2(seen[1], seen[0])) + 0.5, -0.6 if below else 0.35
