@@ -143,16 +143,13 @@ def test_a_cable_cut_says_what_was_sent_last(link: at.AUTD3Link) -> None:
     frame = random_frame(996)
     link.send(frame)
     link.cut()
-    with pytest.raises(
-        LinkFailed, match="the audit link failed while sending: broken; the last of 1 frames sent"
-    ) as it:
+    with pytest.raises(LinkFailed) as failed:
         link.send(random_frame(996, 1))
-    assert it.value.last is frame
-    assert it.value.sent == 1
-    with pytest.raises(LinkFailed, match="failed while silencing: broken"):
-        link.stop()
-    with pytest.raises(LinkFailed, match="failed while closing"):
-        link.close()
+    assert failed.value.last is frame
+    assert failed.value.sent == 1
+    for call in (link.stop, link.close):
+        with pytest.raises(LinkFailed):
+            call()
     link.open()
     link.send(frame)
     assert link.played().same_as(frame)

@@ -31,10 +31,8 @@ def test_a_file_holds_what_was_sent_and_nothing_else(tmp_path) -> None:
 def test_two_thousand_frames_are_two_thousand_frames_on_a_busy_machine(tmp_path) -> None:
     """Played as fast as the disk takes them: none is left out, however late it is."""
     frames = np.exp(2j * np.pi * np.arange(2000)[:, None] / 256) * tone(12).amplitudes
-    begun = time.monotonic()
     with at.Emission(FileLink(tmp_path / "frames.h5", "nano16")) as emission:
         played = emission.play(Sequence(frames, 1.0), seconds=2000.0)
-    assert time.monotonic() - begun < 100.0
     assert (played.rate, played.frames, played.dropped) == (1.0, 2000, 0)
     back = at.load_drive(tmp_path / "frames.h5")
     assert isinstance(back, Sequence)

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Complex, Float64, Real
@@ -28,9 +27,6 @@ DIFFERENCES = ScalarMappable(Normalize(-6.0, 6.0), "RdBu_r")
 
 FAINT = 0.1
 """Share of the largest pressure below which a difference of levels is drawn grey."""
-
-Side = Literal["right", "bottom"]
-"""Side of the axes at which the colour bar is."""
 
 MAX_NAMES = 8
 """Number of foci up to which they have names and large rings."""
@@ -96,32 +92,15 @@ def draw_field(
     peak: float,
     foci: Real[np.ndarray, "foci 3"],
     names: Sequence[str] | None = None,
+    axes: Axes | None = None,
 ) -> Figure:
     """Draw the pressure magnitude of one drive, on a scale that ends at ``peak`` [Pa].
 
-    Foci [m] off the plane are dashed.
+    It goes into axes, or into a new figure. Foci [m] off the plane are dashed.
     """
-    figure, axes = _figure_for(cut.window)
-    draw_pressure(axes, cut, drive, peak, foci, names, location="bottom")
-    return figure
-
-
-def draw_pressure(
-    axes: Axes,
-    cut: Cut,
-    drive: str,
-    peak: float,
-    foci: Real[np.ndarray, "foci 3"],
-    names: Sequence[str] | None = None,
-    location: Side = "right",
-) -> None:
-    """Draw the picture of ``draw_field`` into axes."""
-    _draw_cut(axes, cut, np.abs(cut.pressures[drive]), _pressure_scale(peak))
-    _mark_foci(axes, cut.window, foci, names)
-    bar = axes.figure.colorbar(
-        _pressure_scale(peak), ax=axes, location=location, pad=0.02, aspect=30
-    )
-    bar.set_label("peak pressure [Pa]")
+    scale = _pressure_scale(peak)
+    values = np.abs(cut.pressures[drive])
+    return _draw_plane(axes, cut, values, scale, foci, names, "peak pressure [Pa]")
 
 
 def draw_difference(
@@ -130,30 +109,39 @@ def draw_difference(
     peak: float,
     foci: Real[np.ndarray, "foci 3"],
     names: Sequence[str] | None = None,
+    axes: Axes | None = None,
 ) -> Figure:
     """Draw the level of one drive over another [dB], grey where both are faint against ``peak``."""
-    figure, axes = _figure_for(cut.window)
-    draw_change(axes, cut, drives, peak, foci, names, location="bottom")
-    return figure
-
-
-def draw_change(
-    axes: Axes,
-    cut: Cut,
-    drives: tuple[str, str],
-    peak: float,
-    foci: Real[np.ndarray, "foci 3"],
-    names: Sequence[str] | None = None,
-    location: Side = "right",
-) -> None:
-    """Draw the picture of ``draw_difference`` into axes."""
     change, strength = _difference(cut, drives, peak)
-    _draw_cut(axes, cut, change, DIFFERENCES, strength)
+    label = f"{drives[0]} over {drives[1]} [dB]"
+    return _draw_plane(axes, cut, change, DIFFERENCES, foci, names, label, strength)
+
+
+def _draw_plane(
+    axes: Axes | None,
+    cut: Cut,
+    values: Float64[np.ndarray, "points"],
+    scale: ScalarMappable,
+    foci: Real[np.ndarray, "foci 3"],
+    names: Sequence[str] | None,
+    label: str,
+    strength: Float64[np.ndarray, "points"] | None = None,
+) -> Figure:
+    # The bar is below the only axes of a figure, and beside given axes, which may have neighbours.
+    location = "right"
+    if axes is None:
+        location = "bottom"
+        left, right, bottom, top = cut.window.extent
+        inches = min(3.9 / (right - left), 4.6 / (top - bottom))
+        size = ((right - left) * inches + 0.8, (top - bottom) * inches + 1.2)
+        axes = Figure(figsize=size, layout="constrained").subplots()
+    _draw_cut(axes, cut, values, scale, strength)
+    axes.set(xlabel=cut.window.labels[0], ylabel=cut.window.labels[1])
     _mark_foci(axes, cut.window, foci, names)
-    bar = axes.figure.colorbar(
-        DIFFERENCES, ax=axes, location=location, pad=0.02, aspect=30, extend="both"
-    )
-    bar.set_label(f"{drives[0]} over {drives[1]} [dB]")
+    extend = "both" if scale is DIFFERENCES else "neither"
+    style = {"location": location, "pad": 0.02, "aspect": 30, "extend": extend}
+    axes.figure.colorbar(scale, ax=axes, label=label, **style)
+    return axes.figure
 
 
 def _pressure_scale(peak: float) -> ScalarMappable:
@@ -169,15 +157,6 @@ def _difference(
     change = 20.0 * np.log10(np.maximum(first, smallest) / np.maximum(second, smallest))
     strength = np.clip(np.maximum(first, second) / (FAINT * peak) - 0.5, 0.0, 1.0)
     return change, np.nan_to_num(strength)
-
-
-def _figure_for(window: Window) -> tuple[Figure, Axes]:
-    left, right, bottom, top = window.extent
-    scale = min(3.9 / (right - left), 4.6 / (top - bottom))
-    size = ((right - left) * scale + 0.8, (top - bottom) * scale + 1.2)
-    figure = Figure(figsize=size, layout="constrained")
-    axes = figure.subplots()
-    return figure, axes
 
 
 def draw_close_ups(cuts: Sequence[Cut], names: Sequence[str], peak: float) -> Figure:
@@ -219,8 +198,6 @@ def _draw_cut(
     # 3 points: no gap shows between the interpolated values and the outline.
     carried = past_the_surface(cut.window, values, 3)
     draw_values(axes, cut.window, carried, scale, cut.outlines, "bilinear", strength, centred)
-    if not centred:
-        axes.set(xlabel=cut.window.labels[0], ylabel=cut.window.labels[1])
 
 
 def draw_values(

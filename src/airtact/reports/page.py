@@ -3,7 +3,6 @@
 import base64
 import io
 from collections.abc import Iterable, Sequence
-from functools import cache
 from pathlib import Path
 from typing import TypeVar
 
@@ -22,25 +21,24 @@ Value = TypeVar("Value")
 """Value of a template: text, number, table or piece."""
 
 
-@cache
-def _templates() -> Environment:
-    return Environment(
-        loader=FileSystemLoader(Path(__file__).parent / "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+TEMPLATES = Environment(
+    loader=FileSystemLoader(Path(__file__).parent / "templates"),
+    autoescape=True,
+    # A value that is missing is an error, not empty text.
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
 
 
 def page_from(template: str, **values: Value) -> str:
     """Fill a template with values; text among them is escaped."""
-    return _templates().get_template(template).render(values)
+    return TEMPLATES.get_template(template).render(values)
 
 
 def _piece(name: str, *values: object) -> Markup:
     """Fill a macro of ``pieces.html.j2``."""
-    return getattr(_templates().get_template("pieces.html.j2").module, name)(*values)
+    return getattr(TEMPLATES.get_template("pieces.html.j2").module, name)(*values)
 
 
 def document(title: str, pieces: Iterable[str]) -> str:

@@ -20,7 +20,7 @@ from airtact.evaluation.comparison import Comparison
 from airtact.evaluation.metrics import Evaluation
 from airtact.evaluation.windows import plane_across, plane_of_scene
 from airtact.reports.array_figures import draw_faces, draw_in_space, view_of
-from airtact.reports.field_figure import Cut, cut_bodies, draw_change, draw_pressure
+from airtact.reports.field_figure import Cut, cut_bodies, draw_difference, draw_field
 from airtact.reports.plots import draw_foci
 from airtact.reports.solids import behind_planes, broad_view, space_axes
 from airtact.transducers.layout import PhasedArray
@@ -95,10 +95,10 @@ def field(
     peak = positive(most, "most", "Pa")
     axes = _axes(ax)
     if over is None:
-        draw_pressure(axes, cut, str(drive), peak, foci)
+        draw_field(cut, str(drive), peak, foci, axes=axes)
         axes.set_title(drive if isinstance(drive, str) else "")
     else:
-        draw_change(axes, cut, (str(drive), over), peak, foci)
+        draw_difference(cut, (str(drive), over), peak, foci, axes=axes)
     return axes
 
 

@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from airtact.acoustics.planes import Plane
-from airtact.acoustics.scene import Obstacle
 from airtact.acoustics.solvers.problem import SolveReport
 from airtact.checks import counted, in_mm
 from airtact.drives.transfer_ensemble import TransferEnsemble
@@ -264,6 +262,14 @@ def _how(run: Rendering, seconds: Mapping[str, float]) -> dict[str, Any]:
     scene = run.setup.scene
     reports = (run.beacons, run.verification.report)
     pairs = list(zip(run.setup.bodies, scene.obstacles, strict=True))
+    bodies = [
+        f"{name} ({obstacle.kind}, {1e4 * obstacle.surface.area:.1f} cm²)"
+        for name, obstacle in pairs
+    ]
+    planes = [
+        f"through {in_mm(plane.point)} with the normal {np.round(plane.normal, 3) + 0.0}"
+        for plane in scene.planes
+    ]
     repairs = " ".join(
         f"{name}: {note}" for name, obstacle in pairs for note in obstacle.surface.repairs
     )
@@ -297,8 +303,8 @@ def _how(run: Rendering, seconds: Mapping[str, float]) -> dict[str, Any]:
                 f"absorption {medium.absorption:g} Np/m",
             ],
             ["frequency", f"{scene.frequency:g} Hz, wavelength {1e3 * scene.wavelength:.2f} mm"],
-            ["bodies", ", ".join(_body(*pair) for pair in pairs)],
-            *([["rigid planes", ", ".join(map(_plane, scene.planes))]] if scene.planes else []),
+            ["bodies", ", ".join(bodies)],
+            *([["rigid planes", ", ".join(planes)]] if planes else []),
             ["repaired", repairs or "nothing"],
             [
                 "array",
@@ -313,14 +319,6 @@ def _how(run: Rendering, seconds: Mapping[str, float]) -> dict[str, Any]:
             dict.fromkeys([CITATION, *run.beacons.citations, *run.verification.report.citations])
         ),
     }
-
-
-def _body(name: str, obstacle: Obstacle) -> str:
-    return f"{name} ({obstacle.kind}, {1e4 * obstacle.surface.area:.1f} cm²)"
-
-
-def _plane(plane: Plane) -> str:
-    return f"through {in_mm(plane.point)} with the normal {np.round(plane.normal, 3) + 0.0}"
 
 
 def _off_triangles(report: SolveReport) -> str:
