@@ -255,6 +255,7 @@ class AUTD3Link(Link):
     def _look(self) -> None:
         if self._lost is not None:
             raise self._failed("looking for the boards", self._lost)
+        # A read round trip fails if the cable is gone.
         self._controller.fpga_state()
 
     def _upload(self, frames: Sequence[Frame], rate: float) -> None:

@@ -111,6 +111,7 @@ class SonicSurfaceCodec(Codec):
 
     def encode(self, frame: Frame) -> bytes:
         """Return each board's channels, then one swap for all."""
+        # The board has no amplitudes: a channel is at a phase or off.
         numbers = np.where(frame.amplitude > 0, frame.phase, self.OFF).astype(np.uint8)
         boards = [
             bytes([self.FIRST + b, self.START]) + part.tobytes()

@@ -136,6 +136,7 @@ class Emission:
                 self._unlisten()
                 raise
             if self._link_process.process is None:
+                # A link in this process ends with it; one in another process notices by itself.
                 atexit.register(self._end)
             else:
                 self.link._elsewhere = lambda name, *arguments: self._ask("ask", name, *arguments)
@@ -157,6 +158,7 @@ class Emission:
                 self._end()
             finally:
                 self._unlisten()
+        # An exception on its way out must not be replaced by that of a signal.
         if kind is None:
             self._obey()
 
@@ -217,6 +219,7 @@ class Emission:
         check_drive(drive, "what is emitted")
         self.link.check_elements(len(drive))
         frame, left, self.share = self._ask("send", drive.amplitudes, wait)
+        # The link process holds the real link; this copy only reports.
         self.link.last = frame
         if wait and outlast:
             self._outlast(left)
@@ -315,6 +318,7 @@ class Emission:
             If the emission was ended before or meanwhile, or the link fails.
         """
         self.beat()
+        # A file has no time to hold.
         if not self.link.real_time:
             return
         end = time.monotonic() + seconds
@@ -449,4 +453,5 @@ class Emission:
                 self._link_process.ask("finish", f"of the signal {signal.Signals(kind).name}")
         if kind == signal.SIGINT:
             raise KeyboardInterrupt
+        # The exit status of shells for a process that a signal ended.
         raise SystemExit(128 + kind)

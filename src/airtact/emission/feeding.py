@@ -60,6 +60,7 @@ class LinkProcess:
                 f"is killed, its {link.elements} elements go on emitting.",
                 stacklevel=4,
             )
+        # A socket, not a pipe: its end is noticed on both sides.
         ours, theirs = socket.socketpair()
         self._channel = Channel(ours)
         if reason is None:
@@ -84,6 +85,7 @@ class LinkProcess:
                 os.close(self._life)
             raise
         if self._child is not None:
+            # A thread: the boards must fall silent even while the feeder computes.
             self._watcher = threading.Thread(target=self._watch, name="link watcher", daemon=True)
             self._watcher.start()
 
@@ -186,6 +188,7 @@ class LinkProcess:
             over, self._link.last = self._exchange("close", (), ANSWER_TIMEOUT)
             return over
         except LinkFailed as error:
+            # The watcher has another process silence the boards: wait for its result.
             if error.code == "link_process_lost" and self._watcher is not None:
                 self._watcher.join(OPENING_TIMEOUT)
                 raise (self._rescue or error) from None
@@ -213,6 +216,7 @@ def why_here(link: Link) -> str | None:
         return "this Python does not know its own interpreter"
     if type(link).__module__ == "__main__":
         return f"{type(link).__name__} is defined in the script itself: put it into a module"
+    # Only a link that can be pickled can be sent to another process.
     try:
         pickle.dumps(link)
     except Exception as error:

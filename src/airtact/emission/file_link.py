@@ -117,6 +117,7 @@ def load_drive(
         contents = DriveFile(read_messages(path, board, boards))
     else:
         contents = read_drive_file(path)
+    # Faults of the contents name the file.
     with about(path.name):
         rate = contents.frame_rate(rate)
     return Drive(contents.drives[0]) if rate is None else Drives(contents.drives, rate)

@@ -167,6 +167,7 @@ class Link(ABC):
                 f"{self.codec.board.name} boards keep no sequences: send frame by frame.",
                 code="not_supported",
             )
+        # Before anything is sent: boards must not keep half of a sequence.
         for frame in frames:
             self._check(frame)
         self.check_sequence(len(frames), rate)
@@ -231,6 +232,7 @@ class Link(ABC):
     def close(self) -> None:
         """Close the connection. Boards go on emitting, so call ``stop`` before."""
         if self._open:
+            # Closed even if that fails: the operating system frees the port.
             self._open = False
             try:
                 with self._reporting("closing"):
@@ -428,6 +430,7 @@ def lock_boards(resource: str, holder: int) -> int | None:
                     code="link_in_use",
                 ) from None
             time.sleep(0.02)
+    # A lock file of another user cannot be written; its number is only for messages.
     with suppress(OSError):
         os.ftruncate(file, 0)
         os.pwrite(file, str(holder).encode(), 0)

@@ -41,6 +41,7 @@ class Channel:
     def send(self, message: tuple[object, ...]) -> None:
         """Send objects that can be pickled; raise OSError if the other side does not take them."""
         data = pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL)
+        # A feeder that does not read must not keep the player from the watchdog.
         self._socket.settimeout(self._patience)
         self._socket.sendall(self.LENGTH.pack(len(data)) + data)
 

@@ -117,6 +117,7 @@ class Player:
         if not self.link.real_time:
             self._transmit(full)
             return full, 0.0, 1.0
+        # Silence needs no ramp, and the next drive rises again.
         if full.silent:
             self._gain = 0.0
             self._slope = 0.0
@@ -184,6 +185,7 @@ class Player:
         self._playback = playback = Playback(frames, rate, seconds)
         self._round = None
         self._waiting = False
+        # Frames of a file are counted, not timed: all are written at once.
         if not link.real_time:
             total = playback.total
             link.play([frames[index % len(frames)] for index in range(total)], rate)
@@ -478,6 +480,7 @@ class Player:
     def _confirm_silence(self) -> None:
         before = self.link.last
         sent = self.link.sent
+        # A single fault, such as a lost packet, must not leave the boards emitting.
         for tries_left in (2, 1, 0):
             try:
                 self.link.stop()

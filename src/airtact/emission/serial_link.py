@@ -57,6 +57,7 @@ class SerialLink(Link):
         of_kind(port, str, "the port", 'the name of a device, such as "/dev/ttyUSB0"')
         self.port: str = port
         self.boot: float = boot
+        # The baud rate limits the link itself.
         self.fastest = self.fastest_frames
         self._line: Any = None
 
@@ -113,6 +114,7 @@ class SerialLink(Link):
         tries = 0
         while tries < TRIES or time.monotonic() < end:
             tries += 1
+            # Noise and late answers of earlier frames must not count as this one's.
             self._line.reset_input_buffer()
             self._line.write(message)
             sent_by = time.monotonic() + PATIENCE

@@ -59,6 +59,7 @@ def unfold(
     # + 0.0 makes −0 and 0 the same key.
     _, number = np.unique(keys + 0.0, axis=0, return_inverse=True)
     groups = [np.flatnonzero(number == face) for face in range(number.max() + 1)]
+    # A curved array has as many faces as elements.
     if len(groups) > 8:
         groups = [np.arange(len(positions))]
     # The axis of the frame that lies most in all the faces; on a tie z before y before x.
@@ -107,6 +108,7 @@ def _panels(
     height = spans[:, 1].max()
     beside = len(spans) == 1
     rows, columns = (1, count) if beside else (count, 1)
+    # The width of a page, and a height that fits a screen.
     inches = min(9.4 / (columns * width), (4.6 if beside else 6.6) / (rows * height))
     return rows, columns, width * inches, height * inches
 
@@ -321,6 +323,7 @@ def _add_discs(
     style = {"facecolors": colours[~away], "edgecolors": "0.55", "linewidths": 0.25, "zorder": 1}
     axes.add_collection3d(Poly3DCollection(discs[~away], **style))
     if away.any():
+        # Rings keep their phase colour, so the eye can complete the wall.
         faint = colours[away] * [1, 1, 1, 0.18]
         style = {"facecolors": "none", "edgecolors": faint, "linewidths": 0.5, "zorder": 2}
         axes.add_collection3d(Poly3DCollection(discs[away], **style))

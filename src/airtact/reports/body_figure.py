@@ -73,6 +73,7 @@ def draw_bodies(
     """Draw bodies with their triangles, foci as dots, and planes as sheets [m]."""
     figure = wide_figure(6.0)
     corners = 1e3 * np.concatenate([body.corners for body in bodies])
+    # Pale colours leave room for shading.
     tints = colormaps["Pastel2"](np.arange(len(bodies)) % 8)
     colours = np.repeat(tints, [len(body.triangles) for body in bodies], axis=0)
     dots = np.empty((0, 3)) if foci is None else 1e3 * foci
@@ -236,6 +237,7 @@ def _sheet(
     lines = [replace(edge_lines(corners, lone, step), colour=OPEN, breadth=breadth)]
     if len(corners) <= MAX_TRIANGLES_WITH_EDGES:
         lines.append(edge_lines(corners, ~lone, step))
+    # An open surface is seen from both sides.
     lines += [replace(line, outward=-line.outward) for line in lines]
     pieces, _ = fine_pieces(corners, step)
     return pieces, np.tile(OUTSIDE, (len(pieces), 1)), lines

@@ -72,6 +72,7 @@ def _loops(
     first = body.vertices[edges[:, 0, 0]]
     second = body.vertices[edges[:, 0, 1]]
     points = first + (low / (low - high))[:, None] * (second - first)
+    # An edge is one number; each triangle leads from one crossed edge to the next.
     keys = edges[:, :, 0] * len(body.vertices) + edges[:, :, 1]
     follow = dict(keys.tolist())
     point_of = dict(zip(keys[:, 0].tolist(), points, strict=True))
@@ -153,6 +154,7 @@ def _difference(
 ) -> tuple[Float64[np.ndarray, "points"], Float64[np.ndarray, "points"]]:
     """Level of one drive over another [dB], and its opacity: none where both are faint."""
     first, second = (np.abs(cut.pressures[name]) for name in drives)
+    # 60 dB below the peak: the logarithm of zero is avoided.
     smallest = 1e-3 * peak
     change = 20.0 * np.log10(np.maximum(first, smallest) / np.maximum(second, smallest))
     strength = np.clip(np.maximum(first, second) / (FAINT * peak) - 0.5, 0.0, 1.0)
@@ -256,6 +258,7 @@ def _mark_foci(
     if not names or len(names) > MAX_NAMES:
         names = [""] * len(foci)
     positions = window.seen(foci)
+    # Foci within half a millimetre count as in the plane.
     off = np.abs(window.height_of(foci)) > 0.5e-3
     outwards = positions - positions.mean(axis=0)
     size = 90 if len(foci) <= MAX_NAMES else 12
@@ -264,6 +267,7 @@ def _mark_foci(
         style = (0, (2, 1.5)) if is_off else "solid"
         line = {"edgecolors": "white", "linewidths": 1.3, "linestyles": [style]}
         ring = axes.scatter(*position, s=size, facecolors="none", **line)
+        # A black edge shows the white ring on bright colours.
         ring.set_path_effects([withStroke(linewidth=2.4, foreground="black")])
         if name:
             shift, side = ((-10, 0), "right") if outward[0] < 0 else ((10, 0), "left")

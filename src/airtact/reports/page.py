@@ -107,6 +107,7 @@ def pixels_of(figure: Figure) -> UInt8[np.ndarray, "rows columns 4"]:
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     pixels = np.asarray(canvas.buffer_rgba())
+    # The background is white.
     inked = np.any(pixels[:, :, :3] < 255, axis=2)
     rows = np.flatnonzero(inked.any(axis=1))
     columns = np.flatnonzero(inked.any(axis=0))

@@ -33,6 +33,7 @@ def draw_bars(
 
     The label names the quantity and its unit.
     """
+    # barh draws from the bottom, so the longest is last.
     order = np.argsort(heights)
     figure = Figure(figsize=(8.0, 0.34 * len(names) + 1.2), layout="constrained")
     axes = figure.subplots()
@@ -103,6 +104,7 @@ def draw_foci(
     if asked is not None:
         axes.hlines(asked, foci - 0.45, foci + 0.45, colors=BOUND, linewidth=2, label="asked")
     axes.set(xlabel="focus", ylabel="peak pressure [Pa]", ylim=(0.0, None))
+    # Foci are counted.
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.spines[["top", "right"]].set_visible(False)
     if asked is not None or len(pressures) > 1:
@@ -152,6 +154,7 @@ def draw_overlay(overlay: Overlay) -> Figure:
     used = overlay.used
     measured = overlay.scan.pressures[used]
     model = overlay.scale * overlay.predicted[used]
+    # A scan without phases can only be compared by magnitude.
     if not overlay.scan.phased:
         measured = np.abs(measured)
         model = np.abs(model)
@@ -189,6 +192,7 @@ def _curves(
 ) -> Figure:
     figure = Figure(figsize=(8.0, 4.0), layout="constrained")
     axes = figure.subplots()
+    # The order of the scan may go back and forth.
     order = np.argsort(along)
     for (name, values), style in zip(shown.items(), ("o", "-", ":"), strict=True):
         axes.plot(along[order], values[order], style, label=name, markersize=4)

@@ -99,6 +99,7 @@ def _cuts(result: Rendering, scales: Float64[np.ndarray, "drives"]) -> tuple[Cut
             for (name, pressure), scale in zip(pressures.items(), scales, strict=True)
         }
         outside = window.points[scene.depth(window.points) < 0.0]
+        # 300 points bound the time of the estimate.
         sample = outside[:: max(1, len(outside) // 300)]
         error = float("nan")
         if len(sample):
@@ -106,6 +107,7 @@ def _cuts(result: Rendering, scales: Float64[np.ndarray, "drives"]) -> tuple[Cut
         return Cut(window, scaled, _outlines(result.setup, window), error)
 
     plane = cut(plane_of_scene(scene, foci))
+    # A plane fits two foci exactly.
     if len(foci) < 3 or not scene.obstacles:
         return plane, []
     outwards = outward(scene.depth, foci)

@@ -80,6 +80,7 @@ def _summary(run: Rendering) -> dict[str, Any]:
                 "estimated error of these pressures",
             ),
         ],
+        # Several steps may give the same warning.
         "warnings": list(dict.fromkeys(run.warnings)),
     }
 
@@ -164,6 +165,7 @@ def _fields(run: Rendering, fields: Fields) -> list[Markup]:
     points = run.setup.target.points
     got = fields.view.reached
     error = max(cut.error for cut in (fields.close_ups or [fields.plane]))
+    # The largest estimate of all pictures counts.
     estimate = (
         f" The pressures there are estimated to be {100 * error:.1g} % off." if error > 0.0 else ""
     )
@@ -179,6 +181,7 @@ def _fields(run: Rendering, fields: Fields) -> list[Markup]:
                 wide=True,
             )
         ]
+    # Foci of more than two pads rarely lie in one plane.
     off = 1e3 * np.abs(fields.plane.window.height_of(points)).max()
     plane = "Plane through the foci."
     if off >= 0.5:

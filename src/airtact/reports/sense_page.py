@@ -167,6 +167,7 @@ def _residuals(sensed: Sensed) -> list[Markup]:
     echoes = sensed.echoes
     array = sensed.setup.array
     left_out = sensed.located.left_out
+    # NaN where an element did not receive.
     values = np.full((2, len(array)), np.nan)
     values[:, echoes.receiving] = sensed.unexplained
     values[:, left_out] = np.nan

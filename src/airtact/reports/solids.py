@@ -156,6 +156,7 @@ def polygons_of(
         colours = colours[near]
         normals = normals[near]
         facing = facing[near]
+    # A light from the side shows the shape of a smooth surface.
     lamp = unit(view.towards_viewer - 0.35 * view.plane[:, 0] + [0.0, 0.0, 0.5])
     shaded = np.where(facing[:, None] < 0, INSIDE, colours)
     towards_lamp = np.where(facing < 0, -1.0, 1.0) * (normals @ lamp)
@@ -212,6 +213,7 @@ def edge_lines(
     normals = np.repeat(unit(area_vectors(corners))[:, None], 3, axis=1)[chosen]
     length = np.linalg.norm(ends - starts, axis=1)
     parts = np.ceil(np.clip(length / step, 1, MAX_PARTS)).astype(np.int64)
+    # The edge of each part, and its position along the edge.
     owner = np.repeat(np.arange(len(starts)), parts)
     share = (np.arange(len(owner)) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[owner]
     along = (ends - starts)[owner]

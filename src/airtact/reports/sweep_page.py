@@ -79,6 +79,7 @@ def _pieces(swept: Swept) -> list[Markup]:
     ]
     if swept.failed:
         counts = Counter(str(row["error"]) for row in swept.failed)
+        # Reversed, so that the first sentence of each code stays.
         first = {str(row["error"]): str(row["sentence"]) for row in reversed(swept.failed)}
         faults = [[code, str(number), first[code]] for code, number in counts.most_common()]
         pieces += [

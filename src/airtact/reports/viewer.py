@@ -89,6 +89,7 @@ def viewer_values(
     return {
         "drives": list(view.drives),
         "chosen": list(chosen),
+        # "<" would end the script that holds the facts.
         "facts": Markup(json.dumps(facts).replace("<", "\\u003c")),
         "numbers": _packed(numbers),
         "three": _packed(three_js().encode()),
@@ -140,6 +141,7 @@ def three_js() -> str:
 
     archive = zipfile.ZipFile(io.BytesIO(trimesh.resources.get_bytes("templates/viewer.zip")))
     text = archive.read(archive.namelist()[0]).decode()
+    # The archive holds a page with three.js between its licence and the end of its module.
     start = text.index("/**\n * @license", text.index("<script>"))
     return text[start : text.index("})", text.index('"__esModule"', start)) + len("})}));")]
 
@@ -219,6 +221,7 @@ def _planes(view: SceneView) -> dict[str, Any]:
     # The slice goes through the focus farthest from the viewer, or it would hide other foci.
     seen = _towards(*_side(slices.axes[2], view.normals))
     heights = ((view.points - slices.corner) @ slices.axes[2]) / slices.steps[2]
+    # The axis may point towards the viewer or away.
     focus[2] = heights.min() if slices.axes[2] @ seen > 0.0 else heights.max()
     start = [int(np.clip(round(at), 0, count - 1)) for at, count in zip(focus, counts, strict=True)]
     return {
@@ -267,6 +270,7 @@ def _side(
 ) -> tuple[float, float]:
     """First azimuth and elevation of the view of the slice [rad], from the side of the sound."""
     towards = -radiated.mean(axis=0)
+    # Sound from above is shown from below, so that the array does not hide the field.
     below = towards[2] < -0.3
     if abs(normal[2]) > 0.9:
         return -1.1, -0.5 if below else 0.8
