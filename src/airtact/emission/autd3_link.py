@@ -314,7 +314,6 @@ class AUTD3Link(Link):
 
 
 def _library() -> Any:
-    """Import pyautd3; raise "extra_missing" or "unsupported_version" with what to install."""
     with extra("autd3", "AUTD3 boards need pyautd3"):
         import pyautd3
     version = importlib.metadata.version("pyautd3")

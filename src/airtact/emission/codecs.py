@@ -75,7 +75,6 @@ class Codec(ABC):
 
 
 def _boards(message: bytes, size: int) -> UInt8[np.ndarray, "boards size"]:
-    """Split a message into the parts of ``size`` bytes of the boards."""
     if len(message) == 0 or len(message) % size:
         raise InvalidInput(
             f"a message of {len(message)} bytes is not made of boards of {size} bytes.",

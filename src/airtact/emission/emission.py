@@ -163,7 +163,6 @@ class Emission:
             self._obey()
 
     def _end(self) -> None:
-        """Silence the boards and close the link; do nothing if that is done."""
         process = self._link_process
         if process is None:
             return
@@ -398,7 +397,6 @@ class Emission:
 
     @property
     def _pause(self) -> float:
-        """Time to sleep between two beats [s]."""
         return min(self._settings.patience / 5.0, 0.05)
 
     def _ask(self, name: str, *arguments: Any) -> Any:

@@ -120,7 +120,6 @@ class LinkProcess:
         return value
 
     def _answer(self, seconds: float) -> Any:
-        """Wait for the answer to the newest message."""
         # A link that emits nothing may take as long as it needs: writing a long sequence takes
         # minutes.
         end = time.monotonic() + (seconds if self._link.real_time else math.inf)

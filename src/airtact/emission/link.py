@@ -312,7 +312,6 @@ class Link(ABC):
             raise self._failed(doing, error.strerror or str(error)) from error
 
     def _failed(self, doing: str, why: str) -> LinkFailed:
-        """Return the error of a link that failed, with the last frame."""
         if self.last is None:
             done = "nothing was sent before"
         elif self.last.silent:

@@ -66,7 +66,6 @@ class Channel:
         self._socket.close()
 
     def _complete(self) -> tuple[Any, ...] | None:
-        """Take the first message from the received bytes, if it is complete."""
         if len(self._received) < self.LENGTH.size:
             return None
         end = self.LENGTH.size + self.LENGTH.unpack_from(self._received)[0]

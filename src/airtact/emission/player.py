@@ -342,7 +342,6 @@ class Player:
             self.link.probe()
 
     def _catch_up(self) -> None:
-        """Transmit the newest drive if it was not yet."""
         if self._waiting:
             self._waiting = False
             self._transmit(self._now())
@@ -446,7 +445,6 @@ class Player:
         self._note([frame])
 
     def _upload(self, frames: Sequence[Frame], rate: float) -> None:
-        """Have the boards repeat frames themselves."""
         self._emitting = True
         self.link.play(frames, rate)
         self._emitting = not all(frame.silent for frame in frames)

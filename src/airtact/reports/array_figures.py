@@ -237,7 +237,6 @@ def spacing(positions: Real[np.ndarray, "elements 3"]) -> float:
 
 
 def _title(face: Face, positions: Real[np.ndarray, "elements 3"]) -> str:
-    """Plane and direction of a face."""
     middle = 1e3 * positions[face.elements].mean(axis=0)
     for name, axis in AXES.items():
         if abs(face.normal @ axis) > 1 - 1e-6:

@@ -307,7 +307,6 @@ def _two_sides(
 
 
 def _edges(triangles: QuadraticTriangles, parts: int) -> Lines:
-    """Cut the edges of panels into straight lines."""
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     steps = np.linspace(0.0, 1.0, 2 * parts + 1)[:, None]
     segments = []

@@ -37,7 +37,6 @@ def page_from(template: str, **values: Value) -> str:
 
 
 def _piece(name: str, *values: object) -> Markup:
-    """Fill a macro of ``pieces.html.j2``."""
     return getattr(TEMPLATES.get_template("pieces.html.j2").module, name)(*values)
 
 

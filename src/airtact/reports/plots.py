@@ -234,7 +234,6 @@ def _maps(
 
 
 def _step(along: Float64[np.ndarray, "points"]) -> float:
-    """Typical distance of neighbouring coordinates."""
     span = float(np.ptp(along))
     gaps = np.diff(np.sort(along))
     gaps = gaps[gaps > 1e-3 * span]

@@ -248,7 +248,6 @@ def draw_moved(
 
 
 def _title(plane: Window) -> str:
-    """Equation of the plane, if it is upright on an axis of the frame."""
     axis = int(np.argmax(np.abs(plane.normal)))
     if abs(plane.normal[axis]) < 1.0 - 1e-9:
         return "through the middle of the foci"

@@ -260,7 +260,6 @@ def _views(view: SceneView) -> dict[str, Any]:
 
 
 def _towards(azimuth: float, elevation: float) -> Float64[np.ndarray, "3"]:
-    """Return the unit vector to the viewer."""
     level = np.cos(elevation)
     return np.array([np.cos(azimuth) * level, np.sin(azimuth) * level, np.sin(elevation)])
 
