@@ -407,7 +407,7 @@ FAULTS = {
         lambda path: path,
         ("--board", "autd3", "--link", "serial", "--port", "x", "--yes"),
         "unknown_name",
-        "it has 6",
+        "audit",
     ),
     "no out": (
         lambda path: path,

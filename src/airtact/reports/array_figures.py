@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Complex, Float64, Int, Real
@@ -174,7 +174,7 @@ def draw_faces(
         # Above the bar: beside it, it would read as the label of the next axes.
         bar.ax.set_title(label, fontsize=9, loc="right")
     else:
-        place = {"location": "bottom", "pad": 0.02, "aspect": 60}
+        place: dict[str, Any] = {"location": "bottom", "pad": 0.02, "aspect": 60}
         bar = axes.figure.colorbar(scale, ax=axes, label=label, **place)
     if show == "phase":
         _tick_phases(bar)
@@ -287,7 +287,12 @@ def draw_in_space(
         shaded = solid(1e3 * body.corners, np.tile(GREY, (len(body.triangles), 1)), [], view)
         shaded.set_zorder(3)
         axes.add_collection3d(shaded)
-    style = {"edgecolors": "white", "linewidths": 0.8, "depthshade": False, "zorder": 4}
+    style: dict[str, Any] = {
+        "edgecolors": "white",
+        "linewidths": 0.8,
+        "depthshade": False,
+        "zorder": 4,
+    }
     axes.scatter(*(1e3 * foci.T), s=34, c="#e8590c", **style)
     drawn = np.concatenate(
         [discs.reshape(-1, 3), *(1e3 * body.vertices for body in bodies), 1e3 * foci]
@@ -319,7 +324,12 @@ def _add_discs(
     if phases is not None:
         colours = _phase_colours().to_rgba(phases)
     away = normals @ viewer < -1e-6
-    style = {"facecolors": colours[~away], "edgecolors": "0.55", "linewidths": 0.25, "zorder": 1}
+    style: dict[str, Any] = {
+        "facecolors": colours[~away],
+        "edgecolors": "0.55",
+        "linewidths": 0.25,
+        "zorder": 1,
+    }
     axes.add_collection3d(Poly3DCollection(discs[~away], **style))
     if away.any():
         # Rings keep their phase colour, so the eye can complete the wall.

@@ -3,6 +3,7 @@
 import textwrap
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64, Real
@@ -86,7 +87,12 @@ def draw_bodies(
     pieces, parents = fine_pieces(corners, step)
     for view, axes in two_sides(figure, broad_view(everything)):
         axes.add_collection3d(solid(pieces, colours[parents], lines, view), autolim=False)
-        style = {"edgecolors": "white", "linewidths": 0.8, "depthshade": False, "zorder": 4}
+        style: dict[str, Any] = {
+            "edgecolors": "white",
+            "linewidths": 0.8,
+            "depthshade": False,
+            "zorder": 4,
+        }
         axes.scatter(*dots.T, s=30, c=FOCUS, **style)
         frame(axes, np.concatenate([everything, draw_sheets(axes, planes, 1e-3 * everything)]))
     handles: list[Patch | Line2D] = [

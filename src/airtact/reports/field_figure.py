@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Complex, Float64, Real
@@ -140,7 +141,7 @@ def _draw_plane(
     axes.set(xlabel=cut.window.labels[0], ylabel=cut.window.labels[1])
     _mark_foci(axes, cut.window, foci, names)
     extend = "both" if scale is DIFFERENCES else "neither"
-    style = {"location": location, "pad": 0.02, "aspect": 30, "extend": extend}
+    style: dict[str, Any] = {"location": location, "pad": 0.02, "aspect": 30, "extend": extend}
     axes.figure.colorbar(scale, ax=axes, label=label, **style)
     return axes.figure
 

@@ -1,6 +1,7 @@
 """Plots of numbers: methods against a bound, pads over time, a scan beside its prediction."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
@@ -80,7 +81,7 @@ def draw_shifts(maps: Sequence[ShiftMap], names: Sequence[str], deviation: float
             draw_values(panel, shifts, values, scale, (), "bilinear")
             panel.set_xlabel(f"shift: {shifts.labels[0]}")
             if deviation > 0.0:
-                ring = {"fill": False, "edgecolor": "white", "linewidth": 1.2}
+                ring: dict[str, Any] = {"fill": False, "edgecolor": "white", "linewidth": 1.2}
                 panel.add_patch(Circle((0.0, 0.0), 1e3 * deviation, **ring))
         row[0].set_ylabel(f"shift: {shifts.labels[1]}")
     for panel, name in zip(axes[0], names, strict=True):
@@ -128,7 +129,10 @@ def draw_tracks(tracks: Sequence[PadTrack], title: str = "") -> Figure:
         for row, axis in enumerate("xyz"):
             axes = rows[row, column]
             for finger, name in enumerate(FINGERS):
-                style = {"color": colormaps["viridis"](finger / 4.4), "linewidth": 1.2}
+                style: dict[str, Any] = {
+                    "color": colormaps["viridis"](finger / 4.4),
+                    "linewidth": 1.2,
+                }
                 axes.plot(broken_times, broken_pads[:, finger, row], label=name, **style)
             axes.set_ylabel(f"{axis} [mm]")
         gap = np.linalg.norm(broken_pads[:, 0] - broken_pads[:, 1], axis=1)
@@ -220,7 +224,7 @@ def _maps(
     cells = list(projected[:, None] + corners)
     scales = (scale, scale, difference_scale)
     for panel, (name, values), colours in zip(axes, shown.items(), scales, strict=True):
-        style = {"edgecolors": "face", "linewidths": 0.4}
+        style: dict[str, Any] = {"edgecolors": "face", "linewidths": 0.4}
         panel.add_collection(PolyCollection(cells, facecolors=colours.to_rgba(values), **style))
         panel.set_title(name, fontsize=11)
         panel.set(xlabel=labels[0], aspect="equal", facecolor="0.85")

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Real
@@ -218,10 +219,15 @@ def draw_moved(
     up = window.normal * np.sign(window.normal[np.argmax(np.abs(window.normal))])
     up = np.where(np.abs(up) < 1e-12, 0.0, up)
     upright = replace(window, up=up, height=window.width)
-    ring = {"marker": "o", "linestyle": "none", "markeredgecolor": BEFORE}
+    ring: dict[str, Any] = {"marker": "o", "linestyle": "none", "markeredgecolor": BEFORE}
     ring["markerfacecolor"] = "none"
-    dot = {"marker": "o", "linestyle": "none", "color": AFTER, "markeredgecolor": "white"}
-    grey = {"facecolor": BODY, "edgecolor": "0.25"}
+    dot: dict[str, Any] = {
+        "marker": "o",
+        "linestyle": "none",
+        "color": AFTER,
+        "markeredgecolor": "white",
+    }
+    grey: dict[str, Any] = {"facecolor": BODY, "edgecolor": "0.25"}
     for axes, plane in zip(figure.subplots(1, 2), (window, upright), strict=True):
         loops = cut_bodies(plane, after)
         if loops:

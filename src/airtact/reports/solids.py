@@ -99,7 +99,7 @@ def frame(axes: Axes3D, points: Real[np.ndarray, "points 3"]) -> None:
         xlim=(lowest[0], highest[0]), ylim=(lowest[1], highest[1]), zlim=(lowest[2], highest[2])
     )
     # The zoom leaves room for the labels.
-    axes.set_box_aspect(tuple(lengths), zoom=0.9)
+    axes.set_box_aspect(tuple(lengths), zoom=0.9)  # pyright: ignore
     axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
     middles = (lowest + highest) / 2.0
     for axis, length, middle in zip(
