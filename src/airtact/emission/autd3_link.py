@@ -85,7 +85,7 @@ class AUTD3Link(Link):
             for pose in poses
         ]
         self._lost: str | None = None
-        self._envelope: Float64[np.ndarray, frames] | None = None
+        self._envelope: np.ndarray | None = None
         self._divide = 1
         self._modulating = False
         self._smoothed: int | None = None
@@ -128,7 +128,8 @@ class AUTD3Link(Link):
         played = np.hstack(
             [model.drives_at(board, segment, index) for board, segment in enumerate(segments)]
         )
-        return Frame(*played.astype(np.uint8), EIGHT_BITS)
+        intensity, phase = played.astype(np.uint8)
+        return Frame(intensity, phase, EIGHT_BITS)
 
     def cut(self) -> None:
         """Cut the cable of an "audit" link, for tests; opening the link again restores it.

@@ -74,7 +74,7 @@ class Player:
         self._failure: LinkFailed | None = None
         self._trouble: Exception | None = None
         self._log: TextIO | None = None
-        self._drive: Complex128[np.ndarray, elements] | None = None
+        self._drive: np.ndarray | None = None
         self._full: Frame | None = None
         self._share = 1.0
         self._gain = 0.0

@@ -67,9 +67,10 @@ class SerialLink(Link):
     def _begin(self) -> None:
         with extra("serial", "serial ports need pyserial"):
             import serial
+        speed = self.codec.baud or 0
         try:
             self._line = serial.Serial(
-                self.port, self.codec.baud, timeout=0.02, write_timeout=PATIENCE, exclusive=True
+                self.port, speed, timeout=0.02, write_timeout=PATIENCE, exclusive=True
             )
         except (OSError, ValueError) as error:
             raise InvalidInput(self._cannot_open(error), code="link_failed") from None

@@ -81,7 +81,7 @@ def unfold(
     # By the direction in which the viewer looks, clockwise from above.
     return sorted(
         faces,
-        key=lambda face: round(-np.arctan2(-face.normal @ north, -face.normal @ east), 6),
+        key=lambda face: round(float(-np.arctan2(-face.normal @ north, -face.normal @ east)), 6),
     )
 
 

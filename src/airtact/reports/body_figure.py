@@ -93,7 +93,7 @@ def draw_bodies(
             "depthshade": False,
             "zorder": 4,
         }
-        axes.scatter(*dots.T, s=30, c=FOCUS, **style)
+        axes.scatter(*dots.T, s=30, c=FOCUS, **style)  # pyright: ignore
         frame(axes, np.concatenate([everything, draw_sheets(axes, planes, 1e-3 * everything)]))
     handles: list[Patch | Line2D] = [
         Patch(color=tint, label=name) for tint, name in zip(tints, names, strict=True)

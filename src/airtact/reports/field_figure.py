@@ -143,7 +143,7 @@ def _draw_plane(
     extend = "both" if scale is DIFFERENCES else "neither"
     style: dict[str, Any] = {"location": location, "pad": 0.02, "aspect": 30, "extend": extend}
     axes.figure.colorbar(scale, ax=axes, label=label, **style)
-    return axes.figure
+    return axes.figure  # pyright: ignore (no subfigure)
 
 
 def _pressure_scale(peak: float) -> ScalarMappable:
