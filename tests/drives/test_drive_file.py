@@ -54,12 +54,7 @@ def test_the_table_holds_places_and_the_drive(tmp_path, drive) -> None:
     np.testing.assert_allclose(columns[1:4].T, array.positions, atol=1e-9)
     np.testing.assert_array_equal(columns[4:7].T, array.normals)
     np.testing.assert_allclose(columns[7] * np.exp(1j * columns[8]), drive.amplitudes, atol=1e-8)
-
-
-def test_the_levels_are_256_steps_of_full_scale_and_of_a_turn(tmp_path, drive) -> None:
-    """Half a step of amplitude and half a step of phase, to first order."""
-    drive.save(tmp_path / "drive.csv", at.autd3_board())
-    columns = read_csv(tmp_path / "drive.csv")[1]
+    # Levels are 256 steps of full scale and of a turn: half a step of each, to first order.
     levels = columns[9] / 255 * np.exp(2j * np.pi * columns[10] / 256)
     assert set(columns[9:].ravel()) <= set(range(256))
     assert np.abs(levels - drive.amplitudes).max() < 0.5 / 255 + np.pi / 256
@@ -161,21 +156,24 @@ def test_what_no_drive_is_has_a_code(path, columns, code: str) -> None:
         read_drive_file(changed(path, **columns))
 
 
+@pytest.mark.parametrize(
+    ("ending", "text", "code"),
+    [
+        ("h5", "not a drive", "file_unreadable"),
+        ("npz", "not a drive", "file_unreadable"),
+        ("csv", "not a drive", "file_unreadable"),
+        ("csv", ",".join(COLUMNS) + "\n" + "1," * 10 + "x\n", "file_unreadable"),
+        ("csv", ",".join(COLUMNS) + "\n1,2\n", "wrong_shape"),
+        ("csv", ",".join(COLUMNS) + "\n\n", "wrong_shape"),
+    ],
+)
+def test_texts_that_are_no_drive_are_rejected(tmp_path, ending: str, text: str, code: str) -> None:
+    (tmp_path / f"text.{ending}").write_text(text)
+    with raises_code(code):
+        read_drive_file(tmp_path / f"text.{ending}")
+
+
 def test_files_that_cannot_be_read_or_written_are_rejected(tmp_path, drive) -> None:
-    for ending in ("h5", "npz", "csv"):
-        (tmp_path / f"text.{ending}").write_text("not a drive")
-    with raises_code("file_unreadable"):
-        read_drive_file(tmp_path / "text.h5")
-    with raises_code("file_unreadable"):
-        read_drive_file(tmp_path / "text.npz")
-    with raises_code("file_unreadable"):
-        read_drive_file(tmp_path / "text.csv")
-    (tmp_path / "text.csv").write_text(",".join(COLUMNS) + "\n" + "1," * 10 + "x\n")
-    with raises_code("file_unreadable"):
-        read_drive_file(tmp_path / "text.csv")
-    (tmp_path / "text.csv").write_text(",".join(COLUMNS) + "\n1,2\n")
-    with raises_code("wrong_shape"):
-        read_drive_file(tmp_path / "text.csv")
     with raises_code("file_missing"):
         read_drive_file(tmp_path / "none.h5")
     with raises_code("unknown_format"):

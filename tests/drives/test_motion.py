@@ -135,6 +135,7 @@ def test_suppression_points_stay_suppressed() -> None:
     assert seen == [((2, 249), 1)] * 4
 
 
+@pytest.mark.usefixtures("as_outside_the_tests")
 @pytest.mark.parametrize(
     ("make", "code"),
     [
@@ -152,11 +153,6 @@ def test_suppression_points_stay_suppressed() -> None:
         (lambda: at.drives.moving_foci(matrix_of(ALONE), ALONE, 1, 20000.0), "out_of_range"),
     ],
 )
-def test_motions_that_cannot_be_are_rejected(
-    make, code: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    import jaxtyping
-
-    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
+def test_motions_that_cannot_be_are_rejected(make, code: str) -> None:
     with raises_code(code):
         make()

@@ -1,6 +1,5 @@
 """Bytes and back."""
 
-import jaxtyping
 import numpy as np
 import pytest
 
@@ -75,6 +74,7 @@ def test_eight_bits_cost_less_than_a_thousandth_at_a_focus() -> None:
 LEVELS = np.zeros(3, dtype=np.uint8)
 
 
+@pytest.mark.usefixtures("as_outside_the_tests")
 @pytest.mark.parametrize(
     ("amplitude", "phase", "code"),
     [
@@ -84,7 +84,6 @@ LEVELS = np.zeros(3, dtype=np.uint8)
         (LEVELS[None], LEVELS[None], "wrong_shape"),
     ],
 )
-def test_bad_frames_are_rejected(amplitude, phase, code, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
+def test_bad_frames_are_rejected(amplitude, phase, code) -> None:
     with raises_code(code):
         at.drives.Frame(amplitude, phase)

@@ -198,17 +198,15 @@ def test_wrong_numbers_of_samples_raise(samples, seed) -> None:
 
 def test_doubts_about_what_there_is_not_raise() -> None:
     water = at.Scene(at.Medium(1481.0, 1000.0), [], frequency=40e3)
-    with raises_code("does_not_match"):
-        at.ensemble(
-            at.FreeField().radiate(water, at.Target(FOCI).beacons()),
-            FLAT,
-            at.Uncertainty(temperature=1.0),
-        )
-    with raises_code("empty"):
-        at.ensemble(in_open_air(), FLAT, at.Uncertainty(along_skin=1e-3))
+    in_water = at.FreeField().radiate(water, at.Target(FOCI).beacons())
     single = at.PhasedArray(np.array([[0.0, 0.0, 0.1]]), np.array([[0.0, 0.0, -1.0]]))
-    with raises_code("empty"):
-        at.ensemble(in_open_air(), single, at.Uncertainty(board_position=1e-3))
+    for field, array, doubt, code in (
+        (in_water, FLAT, at.Uncertainty(temperature=1.0), "does_not_match"),
+        (in_open_air(), FLAT, at.Uncertainty(along_skin=1e-3), "empty"),
+        (in_open_air(), single, at.Uncertainty(board_position=1e-3), "empty"),
+    ):
+        with raises_code(code):
+            at.ensemble(field, array, doubt)
 
 
 def test_an_ensemble_is_a_transfer_matrix_with_samples_of_its_shape() -> None:

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import airtact as at
-from closed_form_transfers import WAVELENGTH, any_points, open_air, random_matrix, scattered, worst
+from closed_form_transfers import any_points, open_air, random_matrix, scattered, worst
 from faults import raises_code
 
 
@@ -143,15 +143,6 @@ def test_a_transfer_matrix_knows_how_near_is_too_near():
             continue
         with raises_code("foci_unreachable"):
             at.upper_bound(transfer, target)
-
-
-def test_foci_a_tenth_of_the_wavelength_apart_are_taken():
-    points = np.array([[0.0, 0, 0], [0.101 * WAVELENGTH, 0, 0]])
-    transfer, target = open_air(points), at.Target(points)
-    assert (
-        at.upper_bound(transfer, target).reached(transfer, target, at.max_min(transfer, target))
-        > 0.9
-    )
 
 
 def test_a_shadowed_focus_raises_with_its_pressure_and_that_of_the_others():

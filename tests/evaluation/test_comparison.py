@@ -12,24 +12,24 @@ ARRAY = at.flat_boards(1, 1)
 TARGET = at.Target(np.array([[0.02, 0.0, 0.06], [-0.03, 0.01, 0.08]]))
 TRANSFER = at.transfer_matrix(at.FreeField().radiate(SCENE, TARGET.beacons()), ARRAY)
 
-
-def drives() -> dict[str, at.Drive]:
-    reversal = at.time_reversal(TRANSFER, TARGET)
-    return {
-        "time reversal": at.Drive(0.3 * reversal.amplitudes),
-        "phases": at.drives.phase_conjugate(TRANSFER, TARGET),
-        "control": at.focus_by_distance(ARRAY, TARGET, SCENE.medium, SCENE.frequency),
-    }
+DRIVES = {
+    "time reversal": at.Drive(0.3 * at.time_reversal(TRANSFER, TARGET).amplitudes),
+    "phases": at.drives.phase_conjugate(TRANSFER, TARGET),
+    "control": at.focus_by_distance(ARRAY, TARGET, SCENE.medium, SCENE.frequency),
+}
 
 
-def test_every_normalisation_holds_equal_what_it_says() -> None:
-    given = drives()
-    result = compare(SCENE, ARRAY, given, TARGET, solver=at.FreeField())
+@pytest.fixture(scope="module")
+def result() -> at.evaluation.Comparison:
+    return compare(SCENE, ARRAY, DRIVES, TARGET, solver=at.FreeField())
+
+
+def test_every_normalisation_holds_equal_what_it_says(result) -> None:
     energies = [
         np.sum(np.abs(drive.amplitudes / np.abs(drive.amplitudes).max()) ** 2)
-        for drive in given.values()
+        for drive in DRIVES.values()
     ]
-    for row, (name, drive) in enumerate(given.items()):
+    for row, (name, drive) in enumerate(DRIVES.items()):
         largest = drive.amplitudes / np.abs(drive.amplitudes).max()
         alike = {
             "equal peak": largest,
@@ -46,8 +46,7 @@ def test_every_normalisation_holds_equal_what_it_says() -> None:
             np.testing.assert_allclose(result.pressures[held_equal][row], expected, rtol=1e-10)
 
 
-def test_ratios_are_to_the_first_drive_in_pressure_and_squared() -> None:
-    result = compare(SCENE, ARRAY, drives(), TARGET, solver=at.FreeField())
+def test_ratios_are_to_the_first_drive_in_pressure_and_squared(result) -> None:
     for held_equal in HELD_EQUAL:
         pressures = result.pressures[held_equal]
         np.testing.assert_array_equal(result.ratios(held_equal)[0], 1.0)
@@ -57,13 +56,11 @@ def test_ratios_are_to_the_first_drive_in_pressure_and_squared() -> None:
         )
 
 
-def test_the_field_of_each_drive_is_found_by_its_name() -> None:
-    given = drives()
-    result = compare(SCENE, ARRAY, given, TARGET, solver=at.FreeField())
+def test_the_field_of_each_drive_is_found_by_its_name(result) -> None:
     points = np.array([[0.0, 0.0, 0.1], [0.01, -0.02, 0.09]])
     found = result.at(points)
-    assert list(found) == list(given)
-    for name, drive in given.items():
+    assert list(found) == list(DRIVES)
+    for name, drive in DRIVES.items():
         largest = at.Drive(drive.amplitudes / np.abs(drive.amplitudes).max())
         expected = at.field_map(SCENE, ARRAY, largest, points, solver=at.FreeField())
         np.testing.assert_allclose(found[name], expected, rtol=1e-10)
@@ -91,20 +88,16 @@ def test_for_one_focus_the_normalisation_turns_the_conclusion_round() -> None:
     assert result.ratios("phase only")[1, 0] == pytest.approx(1.0, rel=1e-10)
 
 
-def test_the_scale_of_a_drive_plays_no_part() -> None:
-    given = drives()
-    weak = {name: at.Drive(0.1 * drive.amplitudes) for name, drive in given.items()}
-    first, second = (
-        compare(SCENE, ARRAY, some, TARGET, solver=at.FreeField()) for some in (given, weak)
-    )
+def test_the_scale_of_a_drive_plays_no_part(result) -> None:
+    weak = {name: at.Drive(0.1 * drive.amplitudes) for name, drive in DRIVES.items()}
+    again = compare(SCENE, ARRAY, weak, TARGET, solver=at.FreeField())
     for held_equal in HELD_EQUAL:
         np.testing.assert_allclose(
-            second.pressures[held_equal], first.pressures[held_equal], rtol=1e-10
+            again.pressures[held_equal], result.pressures[held_equal], rtol=1e-10
         )
 
 
-def test_a_comparison_reads_as_a_table_that_says_what_is_held_equal() -> None:
-    result = compare(SCENE, ARRAY, drives(), TARGET, solver=at.FreeField())
+def test_a_comparison_reads_as_a_table_that_says_what_is_held_equal(result) -> None:
     text = str(result)
     for held_equal, meaning in HELD_EQUAL.items():
         assert f"{held_equal}: {meaning}" in text
@@ -121,8 +114,7 @@ def test_a_comparison_reads_as_a_table_that_says_what_is_held_equal() -> None:
     assert "do not reflect" in result._repr_html_()
 
 
-def test_a_comparison_lists_every_focus_of_every_drive() -> None:
-    result = compare(SCENE, ARRAY, drives(), TARGET, solver=at.FreeField())
+def test_a_comparison_lists_every_focus_of_every_drive(result) -> None:
     rows = result.table()
     assert len(rows) == 3 * 3 * len(TARGET.points)
     row = next(
@@ -137,7 +129,7 @@ def test_a_comparison_lists_every_focus_of_every_drive() -> None:
         result.weakest("equal power")
 
 
-def test_drives_that_cannot_be_compared_raise() -> None:
+def test_drives_that_cannot_be_compared_raise(result) -> None:
     silent = {"silence": at.Drive(np.zeros(249, dtype=np.complex128))}
     with raises_code("all_zero"):
         compare(SCENE, ARRAY, silent, TARGET, solver=at.FreeField())
@@ -151,6 +143,5 @@ def test_drives_that_cannot_be_compared_raise() -> None:
             TARGET,
             solver=at.FreeField(),
         )
-    result = compare(SCENE, ARRAY, drives(), TARGET, solver=at.FreeField())
     with raises_code("unknown_name"):
         result.ratios("equal power")

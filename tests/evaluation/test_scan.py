@@ -90,12 +90,14 @@ def test_missing_and_binary_files_raise(tmp_path):
         load_scan(tmp_path / "bytes.csv")
 
 
-def test_too_few_predictions_raise():
-    with raises_code("signal_unusable"):
-        overlay_scan(
-            Scan(POINTS, np.ones(4, dtype=complex), True), np.array([1.0 + 0j, 1.0, np.nan, np.nan])
-        )
-    with raises_code("all_zero"):
-        overlay_scan(Scan(POINTS, np.ones(4, dtype=complex), True), np.zeros(4, dtype=complex))
-    with raises_code("sizes_differ"):
-        overlay_scan(Scan(POINTS, np.ones(4, dtype=complex), True), np.zeros(3, dtype=complex))
+@pytest.mark.parametrize(
+    ("predicted", "code"),
+    [
+        ([1.0, 1.0, np.nan, np.nan], "signal_unusable"),
+        ([0.0] * 4, "all_zero"),
+        ([0.0] * 3, "sizes_differ"),
+    ],
+)
+def test_predictions_that_do_not_fit_raise(predicted, code):
+    with raises_code(code):
+        overlay_scan(Scan(POINTS, np.ones(4, complex), True), np.array(predicted, complex))

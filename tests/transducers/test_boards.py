@@ -1,6 +1,5 @@
 """Layouts of boards against what their makers publish, and boards found again in arrays."""
 
-import jaxtyping
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -147,6 +146,7 @@ def mirrored():
     )
 
 
+@pytest.mark.usefixtures("as_outside_the_tests")
 @pytest.mark.parametrize(
     ("make", "code"),
     [
@@ -162,11 +162,6 @@ def mirrored():
         (lambda: at.surrounding_box(board="openmpd"), "unknown_name"),
     ],
 )
-def test_what_is_no_board_is_rejected(make, code: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
+def test_what_is_no_board_is_rejected(make, code: str) -> None:
     with raises_code(code):
         make()
-
-
-def test_boards_are_listed_by_name() -> None:
-    assert list(BOARDS) == ["autd3", "sonicsurface", "nano16", "openmpd"]

@@ -1,6 +1,5 @@
 """What each element gives: read from a table, and known to the transfer matrix and to synthesis."""
 
-import jaxtyping
 import numpy as np
 import pytest
 
@@ -84,6 +83,7 @@ def test_a_table_that_cannot_be_read_is_rejected(tmp_path) -> None:
         at.transducers.load_calibration(tmp_path / "gains.csv", 12)
 
 
+@pytest.mark.usefixtures("as_outside_the_tests")
 @pytest.mark.parametrize(
     ("gains", "code"),
     [
@@ -92,7 +92,6 @@ def test_a_table_that_cannot_be_read_is_rejected(tmp_path) -> None:
         (np.full(249, np.nan), "not_finite"),
     ],
 )
-def test_bad_gains_are_rejected(gains, code: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
+def test_bad_gains_are_rejected(gains, code: str) -> None:
     with raises_code(code):
         at.transducers.board_array("autd3").calibrated(gains)

@@ -1,6 +1,5 @@
 """Layouts against the numbers of the board and of the paper, and rigid motion against itself."""
 
-import jaxtyping
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -43,13 +42,6 @@ def test_board_has_the_cells_and_the_order_of_the_real_one() -> None:
     np.testing.assert_array_equal(board.tangents, np.tile([1.0, 0.0, 0.0], (249, 1)))
 
 
-def test_a_posed_board_is_the_board_moved() -> None:
-    pose = at.Pose.turn((1, 2, 3), 0.7, (0.1, -0.2, 0.3))
-    np.testing.assert_array_equal(
-        at.autd3_board(pose).positions, at.autd3_board().moved(pose).positions
-    )
-
-
 def test_the_box_stands_around_its_centre_face_by_face() -> None:
     box = at.surrounding_box()
     assert len(box) == 996
@@ -79,15 +71,6 @@ def test_faces_of_the_box_are_boards_that_were_only_turned_and_moved() -> None:
         np.testing.assert_allclose(box.face_points[part], moved.face_points, rtol=0, atol=1e-15)
 
 
-def test_each_face_of_the_box_is_the_first_turned_about_its_long_axis() -> None:
-    box = at.surrounding_box()
-    for face, quarter_turns in enumerate([0, 2, 1, 3]):
-        turned = at.Pose.turn((0, 0, 1), quarter_turns * np.pi / 2).apply(box.positions[:249])
-        np.testing.assert_allclose(
-            box.positions[249 * face : 249 * (face + 1)], turned, rtol=0, atol=1e-15
-        )
-
-
 def test_flat_boards_lie_edge_to_edge_around_the_origin() -> None:
     array = at.flat_boards(rows=2, columns=3)
     centres = array.positions.reshape(6, 249, 3)
@@ -95,15 +78,6 @@ def test_flat_boards_lie_edge_to_edge_around_the_origin() -> None:
     expected = [(x, y, 0.0) for y in (-75.7e-3, 75.7e-3) for x in (-192e-3, 0.0, 192e-3)]
     np.testing.assert_allclose(middle, expected, rtol=0, atol=1e-15)
     np.testing.assert_array_equal(array.normals, np.tile([0.0, 0.0, 1.0], (6 * 249, 1)))
-
-
-@given(poses)
-@settings(max_examples=30, deadline=None)
-def test_faces_move_exactly_with_the_pose(pose: at.Pose) -> None:
-    array = at.transducers.join([at.autd3_board(element=at.piston(4.5e-3))])
-    moved = array.moved(pose)
-    np.testing.assert_allclose(moved.face_points, pose.apply(array.face_points), rtol=0, atol=1e-12)
-    np.testing.assert_allclose(moved.normals, pose.rotate(array.normals), rtol=0, atol=1e-12)
 
 
 @given(poses, poses)
@@ -148,6 +122,7 @@ def test_join_keeps_order_and_rejects_other_elements() -> None:
 POINT, UP = np.zeros((2, 3)), np.tile([0.0, 0.0, 1.0], (2, 1))
 
 
+@pytest.mark.usefixtures("as_outside_the_tests")
 @pytest.mark.parametrize(
     ("make", "code"),
     [
@@ -161,8 +136,7 @@ POINT, UP = np.zeros((2, 3)), np.tile([0.0, 0.0, 1.0], (2, 1))
         (lambda: at.flat_boards(0, 2), "too_few"),
     ],
 )
-def test_bad_arrays_are_rejected(make, code: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
+def test_bad_arrays_are_rejected(make, code: str) -> None:
     with raises_code(code):
         make()
 

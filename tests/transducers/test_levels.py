@@ -1,6 +1,5 @@
 """The levels that a board can emit."""
 
-import jaxtyping
 import numpy as np
 import pytest
 
@@ -39,6 +38,7 @@ def test_eight_bits_are_256_even_levels() -> None:
     assert EIGHT_BITS.same_as(Levels.even())
 
 
+@pytest.mark.usefixtures("as_outside_the_tests")
 @pytest.mark.parametrize(
     ("make", "code"),
     [
@@ -51,7 +51,6 @@ def test_eight_bits_are_256_even_levels() -> None:
         (lambda: Levels(np.array([0.0, 0.5, 0.5, 1.0]), 16), "out_of_range"),
     ],
 )
-def test_levels_that_cannot_be_are_rejected(make, code, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
+def test_levels_that_cannot_be_are_rejected(make, code) -> None:
     with raises_code(code):
         make()
