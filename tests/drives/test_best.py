@@ -7,7 +7,15 @@ from scipy.optimize import linprog
 
 import airtact as at
 from airtact.drives.methods import METHODS, method_for
-from closed_form_transfers import any_points, open_air, random_matrix, scattered, worst
+from closed_form_transfers import (
+    any_points,
+    at_random,
+    in_open_air,
+    open_air,
+    random_matrix,
+    scattered,
+    worst,
+)
 from faults import raises_code
 
 
@@ -43,8 +51,7 @@ def least_peak_by_linear_programming(
 
 @pytest.mark.parametrize(("seed", "foci"), [(1, 2), (2, 3), (3, 6), (4, 10)])
 def test_no_other_method_gives_the_weakest_focus_more(seed, foci) -> None:
-    points = scattered(seed, foci)
-    transfer, target = open_air(points), at.Target(points)
+    transfer, target = in_open_air(scattered(seed, foci))
     others = {
         name: worst(transfer, method(transfer, target))
         for name, method in METHODS.items()
@@ -60,7 +67,7 @@ def test_no_other_method_gives_the_weakest_focus_more(seed, foci) -> None:
 
 def test_pressures_are_exactly_what_is_asked_where_full_scale_is_enough() -> None:
     points, asked = scattered(5, 4), np.array([4000.0, 1000.0, 2500.0, 500.0])
-    transfer, target = open_air(points), at.Target(points, asked)
+    transfer, target = in_open_air(points, asked)
     drive = at.best(transfer, target)
     np.testing.assert_allclose(np.abs(transfer.pressure(drive)), asked, rtol=1e-9)
     phases = np.exp(1j * np.angle(transfer.pressure(drive)))
@@ -70,15 +77,13 @@ def test_pressures_are_exactly_what_is_asked_where_full_scale_is_enough() -> Non
 
 @pytest.mark.parametrize("asked", [3000.0, 11000.0])
 def test_one_focus_gets_what_it_asks_after_rounding_too(asked) -> None:
-    point = np.array([[0.01, 0.0, 0.005]])
-    transfer, target = open_air(point), at.Target(point, asked)
+    transfer, target = in_open_air(np.array([[0.01, 0.0, 0.005]]), asked)
     rounded = at.quantise(at.best(transfer, target)).drive()
     assert np.abs(transfer.pressure(rounded))[0] == pytest.approx(asked, rel=0.02)
 
 
 def test_where_full_scale_is_not_enough_the_weakest_gets_what_the_bound_allows() -> None:
-    points = scattered(5, 4)
-    transfer, target = open_air(points), at.Target(points, 200e3)
+    transfer, target = in_open_air(scattered(5, 4), 200e3)
     drive = at.best(transfer, target)
     assert np.abs(drive.amplitudes).max() == pytest.approx(1.0)
     assert (
@@ -134,10 +139,7 @@ def test_arguments_in_the_wrong_order_are_rejected() -> None:
 
 
 def test_what_is_asked_may_be_too_much_for_few_elements() -> None:
-    transfer, target = (
-        random_matrix(8, 2, elements=3),
-        at.Target(any_points(2), np.array([1e5, 1e5j])),
-    )
+    transfer, target = at_random(8, 2, np.array([1e5, 1e5j]), elements=3)
     drive = at.best(transfer, target)
     assert isinstance(drive, at.Drive)
     pressure = transfer.pressure(drive)

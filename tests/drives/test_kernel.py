@@ -11,17 +11,25 @@ pytestmark = pytest.mark.usefixtures("variant")
 def twin(matrix, wanted, sources, iterations, weighted):
     """Return the sources, the worst share and the drive of the best iteration, or of the last where not weighted."""
     asked = wanted > 0
-    matrix, wanted, sources = matrix[asked], wanted[asked], sources[asked]
-    weight, kept, reached, before, damping = np.abs(sources), sources, -1.0, 0.0 * wanted, 1.0
+    matrix = matrix[asked]
+    wanted = wanted[asked]
+    sources = sources[asked]
+    weight = np.abs(sources)
+    kept = sources
+    reached = -1.0
+    before = 0.0 * wanted
+    damping = 1.0
     for _ in range(iterations):
         sent = matrix.conj().T @ sources
         pressure = matrix @ (sent / np.abs(sent))
         share = np.abs(pressure) / wanted
         if not weighted or share.min() > reached:
-            kept, reached = sources, share.min()
+            kept = sources
+            reached = share.min()
         step = np.log(share.mean() / share)
         damping = 0.7 * damping if step @ before < -0.5 * (before @ before) else damping
-        weight, before = weight * np.exp(damping * step) if weighted else weight, step
+        weight = weight * np.exp(damping * step) if weighted else weight
+        before = step
         weight = weight / weight.max()
         sources = weight * pressure / np.abs(pressure)
     sent = matrix.conj().T @ kept

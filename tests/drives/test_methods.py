@@ -4,7 +4,16 @@ import numpy as np
 import pytest
 
 import airtact as at
-from closed_form_transfers import WAVELENGTH, any_points, open_air, random_matrix, scattered, worst
+from closed_form_transfers import (
+    WAVELENGTH,
+    any_points,
+    at_random,
+    in_open_air,
+    open_air,
+    random_matrix,
+    scattered,
+    worst,
+)
 from faults import raises_code
 
 AT_FULL_SCALE = (at.weighted_gerchberg_saxton, at.drives.gs_pat, at.max_min)
@@ -15,7 +24,7 @@ AT_FULL_SCALE = (at.weighted_gerchberg_saxton, at.drives.gs_pat, at.max_min)
 
 @pytest.mark.parametrize("name", at.drives.METHODS)
 def test_one_focus_with_every_method(name):
-    transfer, target = random_matrix(1, 1), at.Target(any_points(1))
+    transfer, target = at_random(1, 1)
     drive = at.drives.METHODS[name](transfer, target)
     row = transfer.matrix[0]
     # for one focus a method may only choose amplitudes; the phases are those of the conjugate
@@ -33,10 +42,7 @@ def test_one_focus_with_every_method(name):
 
 @pytest.mark.parametrize("name", at.drives.METHODS)
 def test_the_worst_focus_gets_what_it_asked_where_that_is_possible(name):
-    transfer, target = (
-        random_matrix(2, 4),
-        at.Target(any_points(4), np.array([100.0, 200.0, 150.0, 300.0])),
-    )
+    transfer, target = at_random(2, 4, np.array([100.0, 200.0, 150.0, 300.0]))
     drive = at.drives.METHODS[name](transfer, target)
     assert at.drives.achieved_fraction(transfer, target, drive).min() == pytest.approx(
         1.0, rel=1e-9
@@ -97,8 +103,9 @@ def test_the_inverse_filter_is_the_drive_of_least_energy_with_the_pressures_and_
 
 
 def test_tikhonovs_weight_limits_a_nearly_singular_drive():
-    points = np.array([[0.0, 0, 0], [0.001, 0, 0]])
-    transfer, target = open_air(points), at.Target(points, shares=np.array([1.0, -1.0 + 0j]))
+    transfer, target = in_open_air(
+        np.array([[0.0, 0, 0], [0.001, 0, 0]]), shares=np.array([1.0, -1.0 + 0j])
+    )
     wild, calm = (
         at.drives.inverse_filter(transfer, target, weight=weight) for weight in (0.0, 1e-2)
     )
@@ -112,8 +119,7 @@ def test_tikhonovs_weight_limits_a_nearly_singular_drive():
 
 
 def test_the_l_curve_weighs_little_where_nothing_is_singular_and_more_where_it_is():
-    points = scattered(1, 5, least=2 * WAVELENGTH)
-    transfer, target = open_air(points), at.Target(points)
+    transfer, target = in_open_air(scattered(1, 5, least=2 * WAVELENGTH))
     np.testing.assert_allclose(
         np.abs(transfer.pressure(at.drives.inverse_filter(transfer, target))),
         np.abs(transfer.pressure(at.drives.inverse_filter(transfer, target, weight=0.0))),
@@ -128,7 +134,7 @@ def test_gerchberg_saxton_and_its_variants_give_full_scale(method):
 
 
 def test_weights_level_the_foci():
-    transfer, target = open_air(scattered(2, 8)), at.Target(scattered(2, 8))
+    transfer, target = in_open_air(scattered(2, 8))
     weighted = np.abs(
         transfer.pressure(at.weighted_gerchberg_saxton(transfer, target, iterations=200))
     )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from closed_form_transfers import any_points, random_matrix
+from closed_form_transfers import any_points, at_random, random_matrix
 from faults import raises_code
 
 TARGET = at.Target(any_points(2))
@@ -88,7 +88,7 @@ def test_the_bound_of_one_sample_is_what_the_drive_reaches() -> None:
 @pytest.mark.parametrize("limit", LIMITS)
 @pytest.mark.parametrize("foci", [1, 2, 3])
 def test_nothing_in_doubt_gives_the_method_that_it_generalises(limit, foci) -> None:
-    transfer, target = random_matrix(7, foci), at.Target(any_points(foci))
+    transfer, target = at_random(7, foci)
     alike = at.drives.TransferEnsemble(
         matrix=transfer.matrix, estimated_error=0.0, geometry=np.stack([transfer.matrix] * 8)
     )
@@ -126,10 +126,8 @@ def test_limits_hold(goal) -> None:
 @pytest.mark.parametrize("limit", LIMITS)
 def test_suppression_points_cost_little_of_the_goal(limit) -> None:
     points = any_points(3)
-    samples, target = (
-        random_ensemble(6, foci=3),
-        at.Target(points[:2], suppression_points=points[2:]),
-    )
+    samples = random_ensemble(6, foci=3)
+    target = at.Target(points[:2], suppression_points=points[2:])
     alone = at.drives.TransferEnsemble(
         matrix=samples.matrix[:2], estimated_error=0.0, geometry=samples.geometry[:, :2].copy()
     )

@@ -25,7 +25,9 @@ def random_drive(elements: int, seed: int = 1) -> at.Drive:
 def test_in_open_air_the_matrix_is_the_closed_form_and_the_forward_field(
     medium: at.Medium, element: at.transducers.Element
 ) -> None:
-    scene, box, target = at.Scene(medium, []), at.surrounding_box(element), at.Target(FOCI)
+    scene = at.Scene(medium, [])
+    box = at.surrounding_box(element)
+    target = at.Target(FOCI)
     transfer = at.transfer_matrix(at.FreeField().radiate(scene, target.beacons()), box)
     distance = np.linalg.norm(box.face_points[None] - FOCI[:, None, None], axis=-1)
     waves = np.exp(1j * scene.wavenumber * distance) / distance
@@ -51,7 +53,8 @@ def test_in_open_air_the_matrix_is_the_closed_form_and_the_forward_field(
 def test_around_a_sphere_beacons_at_the_foci_predict_what_the_elements_make(
     body, element: at.transducers.Element
 ) -> None:
-    scene, target = at.Scene(AIR, [body]), at.Target(FOCI)
+    scene = at.Scene(AIR, [body])
+    target = at.Target(FOCI)
     pose = at.Pose.turn((1, 2, -1), 0.4, (0.003, -0.005, 0.01))
     array = at.PhasedArray(
         *(at.surrounding_box().positions[::40], at.surrounding_box().normals[::40]), element
@@ -64,7 +67,8 @@ def test_around_a_sphere_beacons_at_the_foci_predict_what_the_elements_make(
 
 def test_hand_and_array_moved_together_leave_the_matrix_as_it_was() -> None:
     pose = at.Pose.turn((1, 2, -1), 2.1, (0.3, -0.5, 0.7))
-    box, here = at.surrounding_box(at.piston(4.5e-3)), at.Target(FOCI)
+    box = at.surrounding_box(at.piston(4.5e-3))
+    here = at.Target(FOCI)
     there = at.Target(pose.apply(FOCI))
     fixed, moved = (
         at.transfer_matrix(
@@ -76,7 +80,8 @@ def test_hand_and_array_moved_together_leave_the_matrix_as_it_was() -> None:
 
 
 def test_the_estimated_error_is_asked_for_at_the_elements() -> None:
-    scene, target = at.Scene(AIR, [at.sound_hard(BALL)]), at.Target(FOCI)
+    scene = at.Scene(AIR, [at.sound_hard(BALL)])
+    target = at.Target(FOCI)
     array = at.autd3_board(at.Pose.turn((1, 0, 0), np.pi, (-0.08, 0.06, 0.1)))
     beacons = at.BoundaryElement().radiate(scene, target.beacons())
     transfer = at.transfer_matrix(beacons, array)
@@ -137,10 +142,8 @@ def test_an_element_inside_a_body_raises_with_its_depth() -> None:
 def test_a_face_that_reaches_into_a_body_raises_though_its_centre_is_outside() -> None:
     scene = at.Scene(AIR, [at.sound_hard(BALL)])
     face = at.transducers.Element(np.array([[-4e-3, 0.0, 0.0], [4e-3, 0.0, 0.0]]), np.ones(2) / 2)
-    normals, tangents = (
-        np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]),
-        np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0]]),
-    )
+    normals = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    tangents = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
     array = at.PhasedArray(np.array([[0.1, 0.0, 0.0], [0.0, 0.0, 0.013]]), normals, face, tangents)
     with raises_code("bodies_overlap"):
         at.transfer_matrix(unit_beacons(scene, FOCI), array)
@@ -155,7 +158,8 @@ def test_an_element_on_the_skin_is_allowed() -> None:
 
 def test_what_stands_behind_a_directional_face_raises_with_how_far() -> None:
     array = at.flat_boards(1, 1, at.piston(4.5e-3))
-    scene, target = at.Scene(AIR, []), at.Target(np.array([[0.0, 0.0, 0.1], [0.0, 0.0, -0.025]]))
+    scene = at.Scene(AIR, [])
+    target = at.Target(np.array([[0.0, 0.0, 0.1], [0.0, 0.0, -0.025]]))
     with raises_code("behind_faces"):
         at.transfer_matrix(at.FreeField().radiate(scene, target.beacons()), array)
     with raises_code("behind_faces"):

@@ -144,10 +144,8 @@ def two_balls(apart: float = 0.02) -> tuple[at.Scene, at.Target]:
 def test_bodies_that_move_by_themselves() -> None:
     """With a solver each sample is solved where its bodies are; without, each focus takes all bodies along."""
     scene, target = two_balls()
-    solver, uncertainty = (
-        at.BoundaryElement(accuracy=0.05, estimate=False),
-        at.Uncertainty(own_position=1e-3),
-    )
+    solver = at.BoundaryElement(accuracy=0.05, estimate=False)
+    uncertainty = at.Uncertainty(own_position=1e-3)
     field = solver.radiate(scene, target.beacons())
     solved = at.ensemble(field, FLAT, uncertainty, samples=2, solver=solver)
     quick = at.ensemble(field, FLAT, uncertainty, samples=2)
@@ -168,7 +166,8 @@ def test_bodies_that_move_by_themselves() -> None:
 
 def test_foci_along_the_skin_stay_as_far_from_it() -> None:
     uncertainty = at.Uncertainty(along_skin=1e-3)
-    scene, solver = beacons().scene, at.SphereSeries()
+    scene = beacons().scene
+    solver = at.SphereSeries()
     quick = at.ensemble(beacons(), FLAT, uncertainty, samples=2)
     solved = at.ensemble(beacons(), FLAT, uncertainty, samples=2, solver=solver)
     assert off(solved.matrices, np.stack([solved.matrix] * 2)) > 0.1

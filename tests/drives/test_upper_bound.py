@@ -8,7 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import airtact as at
-from closed_form_transfers import any_points, open_air, random_matrix, scattered, worst
+from closed_form_transfers import (
+    any_points,
+    at_random,
+    in_open_air,
+    open_air,
+    random_matrix,
+    scattered,
+    worst,
+)
 from faults import raises_code
 
 
@@ -20,7 +28,7 @@ def full_matrix_certificate(bound, transfer: at.TransferMatrix, target: at.Targe
 
 
 def test_for_one_focus_the_bound_is_the_sum_of_magnitudes():
-    transfer, target = random_matrix(1, 1), at.Target(any_points(1))
+    transfer, target = at_random(1, 1)
     bound = at.upper_bound(transfer, target)
     assert bound.worst == pytest.approx(np.abs(transfer.matrix).sum(), rel=1e-9)
     assert bound.reached(
@@ -67,8 +75,7 @@ def test_the_certificate_holds_element_by_element_and_no_drive_passes_it(
 
 @pytest.mark.parametrize("foci", [2, 7, 16, 40])
 def test_the_bound_is_within_its_tolerance_of_converged(foci):
-    points = scattered(foci, foci)
-    transfer, target = open_air(points), at.Target(points)
+    transfer, target = in_open_air(scattered(foci, foci))
     bound, tight = (
         at.upper_bound(transfer, target),
         at.upper_bound(transfer, target, tolerance=1e-6),
@@ -83,8 +90,7 @@ def test_the_bound_is_within_its_tolerance_of_converged(foci):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_the_strongest_worst_focus_is_near_the_bound_and_beats_the_rest(seed):
-    points = scattered(seed, 3 + 2 * seed)
-    transfer, target = open_air(points), at.Target(points)
+    transfer, target = in_open_air(scattered(seed, 3 + 2 * seed))
     bound = at.upper_bound(transfer, target)
     reached = bound.reached(transfer, target, at.quantise(at.max_min(transfer, target)).drive())
     assert reached > 0.9
@@ -100,8 +106,7 @@ def test_the_strongest_worst_focus_is_near_the_bound_and_beats_the_rest(seed):
 
 def test_two_foci_against_every_phase_between_them():
     """For two foci all good drives are phases of Hᴴ s; a fine grid of s finds the best one."""
-    points = scattered(20, 2)
-    transfer, target = open_air(points), at.Target(points)
+    transfer, target = in_open_air(scattered(20, 2))
     turn, tilt = np.meshgrid(np.linspace(0, 2 * np.pi, 91), np.linspace(0.4, 0.6, 41))
     sources = np.stack([tilt.ravel(), (1 - tilt).ravel() * np.exp(1j * turn.ravel())])
     sent = transfer.matrix.conj().T @ sources
@@ -159,8 +164,7 @@ def test_a_shadowed_focus_raises_with_its_pressure_and_that_of_the_others():
 
 @pytest.mark.parametrize(("method", "foci"), [(at.max_min, 60), (at.drives.gradient, 14)])
 def test_a_method_that_stalls_warns_and_returns_its_best(method, foci):
-    points = scattered(6, foci)
-    transfer, target = open_air(points), at.Target(points)
+    transfer, target = in_open_air(scattered(6, foci))
     with pytest.warns(
         at.drives.Stalled, match=r"stalled after 1 .* of the certified bound, a gap of \d"
     ) as warned:
@@ -193,7 +197,7 @@ def test_the_gradient_improves_where_iterations_do_not_converge():
     """A drawing of 60 points 4 mm apart: more than alternating projections can level."""
     across, up = np.meshgrid(np.arange(10), np.arange(6))
     points = 4e-3 * np.column_stack([across.ravel() - 4.5, up.ravel() - 2.5, np.zeros(60)])
-    transfer, target = open_air(points), at.Target(points)
+    transfer, target = in_open_air(points)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", at.drives.Stalled)
         projected = worst(transfer, at.max_min(transfer, target))

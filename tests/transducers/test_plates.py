@@ -21,7 +21,9 @@ def board_array(name="autd3"):
 
 def box(width, height, thickness):
     """Eight corners under the plane z = 0."""
-    x, y, z = 0.5 * width, 0.5 * height, -thickness
+    x = 0.5 * width
+    y = 0.5 * height
+    z = -thickness
     corners = np.array([[a, b, c] for a in (-x, x) for b in (-y, y) for c in (z, 0.0)])
     faces = [
         (0, 1, 3),
@@ -84,10 +86,8 @@ def test_boards_apart_are_bodies_of_their_own():
 def test_before_a_board_without_edges_an_element_is_a_piston_in_a_baffle():
     """The closed form is that of its points in open air: the board's mirror image is in the stated sensitivity."""
     array, board = small_board()
-    scene, target = (
-        at.Scene(DULL, [board]),
-        at.Target(np.array([[0.0, 0.0, 0.012], [0.01, 0.005, 0.02]])),
-    )
+    scene = at.Scene(DULL, [board])
+    target = at.Target(np.array([[0.0, 0.0, 0.012], [0.01, 0.005, 0.02]]))
     found = at.transfer_matrix(at.BoundaryElement(0.03).radiate(scene, target.beacons()), array)
     assert relative(found.matrix, at.open_air_matrix(scene, array, target).matrix) < 2e-3
 
@@ -95,10 +95,8 @@ def test_before_a_board_without_edges_an_element_is_a_piston_in_a_baffle():
 def test_a_body_before_a_board_without_edges_is_as_before_a_plane():
     """A plane doubles what its elements radiate by themselves, a board does not."""
     array, board = small_board()
-    target, solver = (
-        at.Target(np.array([[0.0, 0.0, 0.023], [0.008, 0.0, 0.028]])),
-        at.BoundaryElement(0.03),
-    )
+    target = at.Target(np.array([[0.0, 0.0, 0.023], [0.008, 0.0, 0.028]]))
+    solver = at.BoundaryElement(0.03)
     table = at.plane((0, 0, 0), (0, 0, 1))
     scenes = at.Scene(DULL, [BALL, board]), at.Scene(DULL, [BALL], planes=[table])
     found, before_plane = (
@@ -109,7 +107,8 @@ def test_a_body_before_a_board_without_edges_is_as_before_a_plane():
 
 @pytest.mark.slow
 def test_a_small_board_with_its_edges_is_that_of_finite_elements():
-    plate, source = box(0.024, 0.02, 4e-3), np.array([[0.003, 0.001, 0.007]])
+    plate = box(0.024, 0.02, 4e-3)
+    source = np.array([[0.003, 0.001, 0.007]])
     faces = np.array([[0.0, 0.0, 0.0], [0.007, 0.004, 0.0], [-0.006, -0.005, 0.0]])
     array = at.PhasedArray(faces, np.tile([0.0, 0.0, 1.0], (3, 1)), at.piston(3e-3, points=12))
     beacon = at.Target(source).beacons()
@@ -129,7 +128,8 @@ def test_what_a_drive_makes_is_what_its_transfer_matrix_says():
     """The field of all elements, solved forwards, against the readings of the beacons on the face."""
     array, board = small_board()
     points = np.array([[0.0, 0.0, 0.023], [0.0, 0.0065, 0.03], [0.05, 0.03, 0.1]])
-    scene, target = at.Scene(at.air(), [BALL, board]), at.Target(points)
+    scene = at.Scene(at.air(), [BALL, board])
+    target = at.Target(points)
     solver = at.BoundaryElement(0.03)
     transfer = at.transfer_matrix(solver.radiate(scene, target.beacons()), array)
     drive = at.best(transfer, target)
@@ -155,7 +155,8 @@ def test_what_does_not_go_together_is_rejected():
         at.Scene(AIR, [at.sound_hard(at.sphere(6e-3, 3e-3, centre=(0.09, 0.07, 6.1e-3))), *boards])
     with raises_code("bodies_overlap"):
         at.Scene(AIR, boards, planes=[at.plane((0, 0, -2e-3), (0, 0, 1))])
-    scene, target = at.Scene(AIR, boards), at.Target(np.array([[0.086, 0.066, 0.1]]))
+    scene = at.Scene(AIR, boards)
+    target = at.Target(np.array([[0.086, 0.066, 0.1]]))
     lifted = array.moved(at.Pose(np.eye(3), np.array([0, 0, 2e-3])))
     with raises_code("not_supported"):
         check_placement(scene, lifted, target.points)
