@@ -119,13 +119,13 @@ class Relaxed:
 
 def relaxed_bound(matrix: FociRows, tolerance: float) -> tuple[UpperBound, Relaxed]:
     """Return the bound and the solved relaxation, for rows over what each focus asks."""
-    foci, elements = matrix.shape
+    foci, count = matrix.shape
     # A time interval for each focus, up to 32: with more foci the optimum has a lower rank.
     directions = np.eye(foci, dtype=np.complex128)
     if foci > 32:
         random = np.random.default_rng(0).normal(size=(2, foci, 32))
         directions = _unit(random[0] + 1j * random[1])
-    relaxed = Relaxed(directions, np.ones(foci), np.ones(elements), np.zeros(foci))
+    relaxed = Relaxed(directions, np.ones(foci), np.ones(count), np.zeros(foci))
     bound = None
     reached = 0.0
     for _ in range(100):
@@ -134,7 +134,13 @@ def relaxed_bound(matrix: FociRows, tolerance: float) -> tuple[UpperBound, Relax
         before = _iterated(matrix, relaxed, 9)
         relaxed = _iterated(matrix, before, 1)
         reached = max(reached, float(relaxed.pressures.min()))
-        candidate = _certified(matrix, before.weights, relaxed.norms)
+        # A feasible point of the dual: y scaled until the eigenvalue is 1. An element that reaches
+        # no focus needs no y, but a little keeps 1/y finite.
+        multipliers = before.weights / before.weights.sum()
+        elements = np.maximum(relaxed.norms, 1e-12 * relaxed.norms.max())
+        largest = _largest_eigenvalue(matrix, multipliers, elements)
+        elements = elements * (largest * (1.0 + 1e-12))
+        candidate = UpperBound(float(np.sqrt(elements.sum())), 0.0, multipliers, elements)
         if bound is None or candidate.worst < bound.worst:
             bound = candidate
         if bound.worst <= (1.0 + tolerance) * reached:
@@ -174,17 +180,6 @@ def _iterated(matrix: FociRows, state: Relaxed, iterations: int) -> Relaxed:
         weights = weights / weights.mean()
         state = Relaxed(received / pressures[:, None], weights, norms, pressures)
     return state
-
-
-def _certified(
-    matrix: FociRows, weights: Float64[np.ndarray, "foci"], norms: Float64[np.ndarray, "elements"]
-) -> UpperBound:
-    """Make a feasible point of the dual: scale y until the eigenvalue is 1."""
-    multipliers = weights / weights.sum()
-    # An element that reaches no focus needs no y, but a little keeps 1/y finite.
-    elements = np.maximum(norms, 1e-12 * norms.max())
-    elements = elements * (_largest_eigenvalue(matrix, multipliers, elements) * (1.0 + 1e-12))
-    return UpperBound(float(np.sqrt(elements.sum())), 0.0, multipliers, elements)
 
 
 def _largest_eigenvalue(

@@ -20,7 +20,6 @@ Version 1 holds these datasets; those in brackets only where they are known:
 
 import csv
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -34,7 +33,7 @@ from airtact.acoustics.target import Target
 from airtact.checks import check_finite, of_kind, points_of, positive, real_numbers
 from airtact.drives.transfer import TransferMatrix
 from airtact.errors import LARGEST_DATA, InvalidInput, about
-from airtact.files.atomic import whole_file
+from airtact.files.atomic import written
 from airtact.files.bounded import arrays_of, datasets_of, text_of
 from airtact.geometry.pose import Pose
 from airtact.transducers.boards import kind_of_array
@@ -201,24 +200,6 @@ def write_drive_file(path: Path, contents: DriveFile) -> None:
                     file[name] = values
                     if name in UNITS:
                         file[name].attrs["unit"] = UNITS[name]
-
-
-@contextmanager
-def written(path: Path) -> Iterator[Path]:
-    """Write a file as ``whole_file`` does; raise "not_writable" where that is impossible."""
-    if not path.parent.is_dir():
-        raise InvalidInput(
-            f"{path.name} cannot be written: there is no folder {path.parent}; make it first.",
-            code="not_writable",
-        )
-    try:
-        with whole_file(path) as partial:
-            yield partial
-    except OSError as error:
-        raise InvalidInput(
-            f"cannot write {path}: {error.strerror or error} (error {error.errno}).",
-            code="not_writable",
-        ) from None
 
 
 def checked_ending(path: Path, endings: Sequence[str], kind: str) -> str:

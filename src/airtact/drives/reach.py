@@ -77,7 +77,24 @@ def check_solvable(transfer: TransferMatrix, target: Target) -> FociRows:
             "of the array, which cannot serve them separately; ask for fewer.",
             code="too_many",
         )
-    _check_separable(transfer, target, rows)
+    points = target.points
+    apart = np.linalg.norm(points[:, None] - points, axis=2)
+    # Without a wavelength, foci at one place are those whose rows are parallel to 1e-4.
+    if transfer.wavelength is None:
+        norms = np.maximum(np.linalg.norm(rows, axis=1), np.finfo(float).tiny)
+        near = np.abs(rows @ rows.conj().T) > (1.0 - 1e-4) * norms[:, None] * norms
+    else:
+        near = apart < MIN_FOCUS_DISTANCE * transfer.wavelength
+    np.fill_diagonal(near, False)
+    if near.any():
+        first, second = divmod(int(np.argmin(np.where(near, apart, np.inf))), len(points))
+        raise InvalidInput(
+            f"foci {first} and {second} are {1e3 * apart[first, second]:.3g} mm apart, at "
+            f"{in_mm(points[first])} and {in_mm(points[second])}, too near to be separated: leave "
+            "one out, or move them a tenth of the wavelength apart or more.",
+            points[first],
+            code="foci_unreachable",
+        )
     asked = np.flatnonzero(target.weights > 0.0)
     attainable = np.abs(rows).sum(axis=1)[asked]
     shares = attainable / target.weights[asked]
@@ -104,27 +121,6 @@ def nearest_foci(points: Float64[np.ndarray, "foci 3"]) -> tuple[int, int, float
     # Of two foci at one place the query may list the second before the first.
     second = int(next(index for index in neighbours[first] if index != first))
     return min(first, second), max(first, second), float(distances[first, 1])
-
-
-def _check_separable(transfer: TransferMatrix, target: Target, rows: FociRows) -> None:
-    points = target.points
-    apart = np.linalg.norm(points[:, None] - points, axis=2)
-    # Without a wavelength, foci at one place are those whose rows are parallel to 1e-4.
-    if transfer.wavelength is None:
-        norms = np.maximum(np.linalg.norm(rows, axis=1), np.finfo(float).tiny)
-        near = np.abs(rows @ rows.conj().T) > (1.0 - 1e-4) * norms[:, None] * norms
-    else:
-        near = apart < MIN_FOCUS_DISTANCE * transfer.wavelength
-    np.fill_diagonal(near, False)
-    if near.any():
-        first, second = divmod(int(np.argmin(np.where(near, apart, np.inf))), len(points))
-        raise InvalidInput(
-            f"foci {first} and {second} are {1e3 * apart[first, second]:.3g} mm apart, at "
-            f"{in_mm(points[first])} and {in_mm(points[second])}, too near to be separated: leave "
-            "one out, or move them a tenth of the wavelength apart or more.",
-            points[first],
-            code="foci_unreachable",
-        )
 
 
 def suppression_rows(

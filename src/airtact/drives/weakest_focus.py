@@ -67,8 +67,17 @@ def max_min(transfer: TransferMatrix, target: Target, *, iterations: int = 300) 
     """
     matrix, requests = asked_rows(transfer, target)
     check_iterations(iterations)
-    sources = strongest_sources(matrix / requests[:, None], iterations)
-    _warn_if_stalled(matrix / requests[:, None], sources, iterations)
+    rows = matrix / requests[:, None]
+    sources = strongest_sources(rows, iterations)
+    # With the phases c_f at the foci fixed the best drive is a convex problem, whose dual bounds
+    # the rest: no drive has min_f Re(conj(c_f) h_f d) above Σ_e |Σ_f s_f conj(h_fe)| / Σ_f |s_f|
+    # for sources s_f of those phases.
+    sent = rows.conj().T @ sources
+    lowest = smallest_pressure(rows, phase(sent))
+    missing = 1.0 - lowest * np.abs(sources).sum() / np.abs(sent).sum()
+    if missing > 0.03:
+        after = counted(iterations, "iteration", "iterations")
+        warn_stalled("max_min", rows, lowest, f"after {after}, {missing:.1%} below its limit")
     return scaled_to_target(transfer, target, phase(matrix.conj().T @ (sources / requests)))
 
 
@@ -82,22 +91,6 @@ def strongest_sources(matrix: FociRows, iterations: int) -> Sources:
     return best_sources(matrix, alike, starts, iterations)
 
 
-def _warn_if_stalled(matrix: FociRows, sources: Sources, iterations: int) -> None:
-    """Warn with ``Stalled`` where the same phases at the foci allow over 3 % more pressure.
-
-    With the phases c_f fixed the best drive is a convex problem, whose dual bounds the rest: no
-    drive has min_f Re(conj(c_f) h_f d) above Σ_e |Σ_f s_f conj(h_fe)| / Σ_f |s_f| for sources s_f
-    of those phases. ``matrix`` has rows over what each focus asks; the elements emit the phases of
-    Hᴴ s.
-    """
-    sent = matrix.conj().T @ sources
-    worst = smallest_pressure(matrix, phase(sent))
-    missing = 1.0 - worst * np.abs(sources).sum() / np.abs(sent).sum()
-    if missing > 0.03:
-        after = counted(iterations, "iteration", "iterations")
-        warn_stalled("max_min", matrix, worst, f"after {after}, {missing:.1%} below its limit")
-
-
 def warn_stalled(method: str, matrix: FociRows, worst: float, where: str) -> None:
     """Warn that a method stalled; ``matrix`` and the pressure ``worst`` are over what is asked."""
     reached = worst / relaxed_bound(matrix, 1e-2)[0].worst
@@ -108,7 +101,7 @@ def warn_stalled(method: str, matrix: FociRows, worst: float, where: str) -> Non
             "with gradient.",
             reached,
         ),
-        stacklevel=4,  # the caller of the public method
+        stacklevel=3,  # the caller of the method
     )
 
 

@@ -14,13 +14,13 @@ from airtact.drives.drive_file import (
     checked_ending,
     read_drive_file,
     write_drive_file,
-    written,
 )
 from airtact.drives.frame import Frame
 from airtact.drives.sequence import Sequence as Drives
 from airtact.emission.codecs import codec_of
 from airtact.emission.link import Link
 from airtact.errors import InvalidInput, about
+from airtact.files.atomic import written
 from airtact.files.bounded import bytes_of
 
 ENDINGS = (*DRIVE_ENDINGS, ".bin")

@@ -22,6 +22,24 @@ def whole_file(path: Path) -> Iterator[Path]:
         partial.unlink(missing_ok=True)
 
 
+@contextmanager
+def written(path: Path) -> Iterator[Path]:
+    """Write a file as ``whole_file`` does; raise "not_writable" where that is impossible."""
+    if not path.parent.is_dir():
+        raise InvalidInput(
+            f"{path.name} cannot be written: there is no folder {path.parent}; make it first.",
+            code="not_writable",
+        )
+    try:
+        with whole_file(path) as partial:
+            yield partial
+    except OSError as error:
+        raise InvalidInput(
+            f"cannot write {path}: {error.strerror or error} (error {error.errno}).",
+            code="not_writable",
+        ) from None
+
+
 def writable_folder(path: Path) -> Path:
     """Make a folder and prove that files can be written in it, or raise "not_writable"."""
     try:

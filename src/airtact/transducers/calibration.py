@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from airtact.checks import of_kind
 from airtact.errors import InvalidInput, about
-from airtact.files.atomic import whole_file
+from airtact.files.atomic import written
 from airtact.files.text_table import read_text_table
 from airtact.geometry.pose import Pose
 from airtact.transducers.layout import PhasedArray
@@ -146,11 +146,5 @@ def save_calibration(
         ",".join([str(index), *(f"{value:.9g}" for value in row)])
         for index, row in enumerate(numbers)
     ]
-    try:
-        with whole_file(path) as partial:
-            partial.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise InvalidInput(
-            f"cannot write {path}: {error.strerror} (error {error.errno}).",
-            code="not_writable",
-        ) from None
+    with written(path) as partial:
+        partial.write_text("\n".join(lines) + "\n", encoding="utf-8")

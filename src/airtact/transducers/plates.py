@@ -1,6 +1,5 @@
 """The boards of an array as rigid bodies that reflect, with the elements in their faces."""
 
-from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
@@ -47,6 +46,8 @@ def reflecting_boards(array: PhasedArray, thickness: float = THICKNESS) -> tuple
     >>> np.round(1e3 * np.ptp(board.surface.vertices, axis=0), 3).tolist()
     [192.0, 151.4, 8.7]
     """
+    from manifold3d import Error, Manifold, OpType
+
     of_kind(array, PhasedArray, "the array", "one such as autd3_board()")
     slip = "is it in millimetres? Give metres."
     within(thickness, 0.5e-3, 50e-3, "the thickness of a board", "m", slip)
@@ -64,8 +65,26 @@ def reflecting_boards(array: PhasedArray, thickness: float = THICKNESS) -> tuple
             "outline: give the plates as obstacles.",
             code="unknown_name",
         )
-    bodies = _bodies(board, poses, thickness)
-    return tuple(Obstacle(surface, "sound_hard", board=True) for surface in bodies)
+    # Boards within 0.5 mm are one body, with the seam between them filled: none fits better.
+    plates = [_plate(board, pose, thickness) for pose in poses]
+    grown = [_plate(board, pose, thickness, 0.25e-3) for pose in poses]
+    wide = [_plate(board, pose, thickness, thickness) for pose in poses]
+    seams = []
+    for first, second in combinations(range(len(poses)), 2):
+        if not (grown[first] ^ grown[second]).is_empty():
+            hull = Manifold.batch_hull([plates[first], plates[second]])
+            seams.append(wide[first] ^ wide[second] ^ hull)
+    union = Manifold.batch_boolean([*plates, *seams], OpType.Add)
+    assert union.status() == Error.NoError  # boxes
+    # Steps of up to 1 µm in the faces are levelled.
+    surfaces = []
+    for part in union.as_original().simplify(1e-6).decompose():
+        mesh = part.to_mesh64()
+        vertices: Float64[np.ndarray, "vertices 3"] = np.asarray(mesh.vert_properties)[:, :3]
+        triangles = np.asarray(mesh.tri_verts).astype(np.int64)
+        # Boards are boxes: every edge between two of their faces is sharp.
+        surfaces.append(Surface(vertices, triangles, sharp_degrees=1.0))
+    return tuple(Obstacle(surface, "sound_hard", board=True) for surface in surfaces)
 
 
 def strength_in(scene: Scene, array: PhasedArray) -> float:
@@ -96,32 +115,6 @@ def strength_in(scene: Scene, array: PhasedArray) -> float:
             code="not_supported",
         )
     return 0.5
-
-
-def _bodies(board: Board, poses: Sequence[Pose], thickness: float) -> list[Surface]:
-    """Make one closed surface of each separate board, and of all that touch each other."""
-    from manifold3d import Error, Manifold, OpType
-
-    # Boards within 0.5 mm are one body, with the seam between them filled: none fits better.
-    plates = [_plate(board, pose, thickness) for pose in poses]
-    grown = [_plate(board, pose, thickness, 0.25e-3) for pose in poses]
-    wide = [_plate(board, pose, thickness, thickness) for pose in poses]
-    seams = []
-    for first, second in combinations(range(len(poses)), 2):
-        if not (grown[first] ^ grown[second]).is_empty():
-            hull = Manifold.batch_hull([plates[first], plates[second]])
-            seams.append(wide[first] ^ wide[second] ^ hull)
-    union = Manifold.batch_boolean([*plates, *seams], OpType.Add)
-    assert union.status() == Error.NoError  # boxes
-    # Steps of up to 1 µm in the faces are levelled.
-    surfaces = []
-    for part in union.as_original().simplify(1e-6).decompose():
-        mesh = part.to_mesh64()
-        vertices: Float64[np.ndarray, "vertices 3"] = np.asarray(mesh.vert_properties)[:, :3]
-        triangles = np.asarray(mesh.tri_verts).astype(np.int64)
-        # Boards are boxes: every edge between two of their faces is sharp.
-        surfaces.append(Surface(vertices, triangles, sharp_degrees=1.0))
-    return surfaces
 
 
 def _plate(board: Board, pose: Pose, thickness: float, margin: float = 0.0):
