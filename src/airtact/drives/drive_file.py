@@ -435,10 +435,12 @@ def _read_table(lines: list[str]) -> dict[str, Any]:
             f"line 1 must be {','.join(COLUMNS)} or {','.join(FRAME_COLUMNS)}.",
             code="file_unreadable",
         )
+    if not any(lines[1:]):
+        raise InvalidInput("the table has no lines of numbers.", code="wrong_shape")
     try:
         # A frame without a rate has no time, and its second cell is empty.
         rows = np.loadtxt(
-            lines[1:] if any(lines[1:]) else [""],
+            lines[1:],
             delimiter=",",
             comments=None,
             converters={1: lambda cell: float(cell or "nan")},
