@@ -42,12 +42,9 @@ def test_a_surface_that_crosses_itself_is_rejected_with_number_and_place():
     assert np.linalg.norm(caught.value.position) < 0.035
 
 
-def test_a_piece_inside_another_is_rejected():
+def test_pieces_inside_others_and_thin_plates_are_rejected_with_their_size():
     with raises_code("mesh_faulty", "piece 1 of 2", "10 mm"):
         check_surface(two_boxes((0.01, 0.01, 0.01), (0.015, 0.02, 0.02)))
-
-
-def test_thin_plates_are_rejected_with_their_thickness():
     with raises_code("out_of_range", " 0.4 mm", "0.5 mm"):
         check_surface(box((0, 0, 0), (0.02, 0.02, 0.0004)))
 

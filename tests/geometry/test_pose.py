@@ -52,16 +52,6 @@ def test_a_quarter_turn_is_right_handed_and_shifts_afterwards():
     assert np.allclose(quarter.rotate(np.array([[1.0, 0.0, 5.0]])), [[0.0, 1.0, 5.0]])
 
 
-def test_poses_apply_to_stacks_of_points():
-    stack = np.arange(24).reshape(2, 4, 3)
-    motion = at.Pose.turn((1, 2, 3), 0.3, (4, 5, 6))
-    assert np.array_equal(motion.apply(stack)[1], motion.apply(stack[1]))
-
-
-def test_the_identity_moves_nothing():
-    assert np.array_equal(at.Pose.identity().apply(np.array([[1.0, 2.0, 3.0]])), [[1.0, 2.0, 3.0]])
-
-
 @pytest.mark.usefixtures("as_outside_the_tests")
 @pytest.mark.parametrize(
     ("rotation", "translation", "code", "said"),

@@ -208,33 +208,34 @@ def test_sizes_grow_no_faster_than_the_way_over_edges_from_the_smallest():
     assert sizes == pytest.approx((asked + 0.35 * ways).min(axis=1))
 
 
-def test_hulls_of_balls_that_do_not_exist_are_rejected():
-    with pytest.raises(IndexError, match="ball that does not exist"):
-        _kernels.hull_distances(np.zeros((1, 3)), BALLS, np.array([[0, 9, -1]]))
-    with pytest.raises(IndexError, match="ball that does not exist"):
-        gaps(np.zeros((1, 3)), BALLS, np.array([[0, 9, -1]]))
-    with pytest.raises(IndexError, match="there is no hull"):
-        gaps(np.zeros((1, 3)), BALLS, np.zeros((0, 3), dtype=np.int64))
-    triangles = np.zeros((6, 3), dtype=np.int64)
-    triangles[0] = [0, 1, 7]
-    with pytest.raises(IndexError, match="vertex that does not exist"):
-        _kernels.even_pass(
-            np.zeros((3, 3)), np.ones(3), triangles, np.array([3, 1]), False, 1.0, 0.5
-        )
-    with pytest.raises(IndexError, match="vertex that does not exist"):
-        _kernels.grade_sizes(np.zeros((3, 3)), triangles, 0.3, 1, np.ones(3))
-    table = np.zeros((1, 1))
-    with pytest.raises(IndexError, match="ball that does not exist"):
-        _kernels.project_on_hulls(
-            np.zeros((1, 3)),
-            BALLS,
-            np.array([[0, 9, -1]]),
-            table,
-            table,
-            0,
-            12,
-            2e-3,
-            1e-9,
-            5e-4,
-            24,
-        )
+POINT = np.zeros((1, 3))
+ABSENT = np.array([[0, 9, -1]])
+TABLE = np.zeros((1, 1))
+TRIANGLES = np.array([[0, 1, 7], *[[0, 0, 0]] * 5])
+PASS = (np.array([3, 1]), False, 1.0, 0.5)
+STEPS = (TABLE, TABLE, 0, 12, 2e-3, 1e-9, 5e-4, 24)
+
+
+@pytest.mark.parametrize(
+    ("call", "fault"),
+    [
+        (lambda: _kernels.hull_distances(POINT, BALLS, ABSENT), "ball that does not exist"),
+        (lambda: gaps(POINT, BALLS, ABSENT), "ball that does not exist"),
+        (lambda: gaps(POINT, BALLS, np.zeros((0, 3), dtype=np.int64)), "there is no hull"),
+        (
+            lambda: _kernels.even_pass(np.zeros((3, 3)), np.ones(3), TRIANGLES, *PASS),
+            "vertex that does not exist",
+        ),
+        (
+            lambda: _kernels.grade_sizes(np.zeros((3, 3)), TRIANGLES, 0.3, 1, np.ones(3)),
+            "vertex that does not exist",
+        ),
+        (
+            lambda: _kernels.project_on_hulls(POINT, BALLS, ABSENT, *STEPS),
+            "ball that does not exist",
+        ),
+    ],
+)
+def test_hulls_of_balls_that_do_not_exist_are_rejected(call, fault):
+    with pytest.raises(IndexError, match=fault):
+        call()

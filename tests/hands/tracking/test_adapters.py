@@ -16,7 +16,6 @@ import airtact as at
 from airtact.hands.tracking.adapters import leap
 from references.hand_pictures import facing, pictured
 from references.hand_poses import example
-from references.motions import still
 from references.seen_by_mediapipe import MEDIAPIPE, seen_by_mediapipe
 
 JOINTS, RADII = example("relaxed")
@@ -180,11 +179,3 @@ def test_the_adapter_of_mediapipe_needs_nothing_of_airtact():
     )
     assert done.returncode == 0, done.stderr
     assert "--hand-length" in done.stdout
-
-
-def test_frames_of_the_camera_are_brought_into_the_scene():
-    """A camera that looks down from half a metre: its z axis is down, its x axis that of the scene."""
-    camera = at.Pose(np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]]), np.array([0.0, 0.0, 0.5]))
-    seen = still(0, landmarks=camera.inverse().apply(still(0).landmarks))
-    np.testing.assert_allclose(seen.moved(camera).landmarks, still(0).landmarks, atol=1e-12)
-    assert isinstance(seen, at.hands.HandFrame)
