@@ -353,6 +353,13 @@ def _parsed(raw: Mapping[str, Any]) -> DriveFile:
     if "board_positions" in raw:
         pairs = zip(raw["board_rotations"], raw["board_positions"], strict=True)
         poses = tuple(Pose(rotation, translation) for rotation, translation in pairs)
+    modulation = None
+    if (kind := raw.get("modulation", "none")) == "am":
+        modulation = AmplitudeModulation(
+            float(raw["modulation_frequency"]), float(raw["modulation_depth"])
+        )
+    elif kind != "none":
+        raise InvalidInput(f"the modulation {kind!r} is neither none nor am.", code="unknown_name")
     matrix = raw.get("transfer_matrix")
     return DriveFile(
         drives,
@@ -366,7 +373,7 @@ def _parsed(raw: Mapping[str, Any]) -> DriveFile:
         wanted_pressures=raw.get("wanted_pressures"),
         matrix=None if matrix is None else np.asarray(matrix, dtype=np.complex128),
         texts={name: raw[name] for name in ("scene", "report") if name in raw},
-        modulation=_modulation(raw),
+        modulation=modulation,
         **points,
         **numbers,
     )
@@ -386,15 +393,6 @@ def _levels(
             code="out_of_range",
         )
     return levels.astype(np.uint8)
-
-
-def _modulation(raw: Mapping[str, Any]) -> AmplitudeModulation | None:
-    kind = raw.get("modulation", "none")
-    if kind == "none":
-        return None
-    if kind != "am":
-        raise InvalidInput(f"the modulation {kind!r} is neither none nor am.", code="unknown_name")
-    return AmplitudeModulation(float(raw["modulation_frequency"]), float(raw["modulation_depth"]))
 
 
 def _drives(raw: Mapping[str, Any], elements: int) -> Complex128[np.ndarray, "frames elements"]:

@@ -158,26 +158,24 @@ class Comparison:
         ``pressure`` [Pa] and ``ratio``, the pressure over that of the first drive there (NaN where
         that is 0 Pa).
         """
-        rows: list[dict[str, str | int | float]] = []
-        for held_equal, pressures in self.pressures.items():
-            # A table shows NaN where ``ratios`` raises, so that its other rows can be read.
-            reference = np.where(pressures[0] > 0.0, pressures[0], np.nan)
-            for drive, name in enumerate(self.names):
-                for focus, (x, y, z) in enumerate(self.target.points.tolist()):
-                    pressure = float(pressures[drive, focus])
-                    rows.append(
-                        {
-                            "held_equal": held_equal,
-                            "drive": name,
-                            "focus": focus,
-                            "x": x,
-                            "y": y,
-                            "z": z,
-                            "pressure": pressure,
-                            "ratio": float(pressure / reference[focus]),
-                        }
-                    )
-        return rows
+        # NaN where ``ratios`` raises, so that the other rows can be read.
+        return [
+            {
+                "held_equal": held_equal,
+                "drive": name,
+                "focus": focus,
+                "x": x,
+                "y": y,
+                "z": z,
+                "pressure": float(pressures[drive, focus]),
+                "ratio": float(pressures[drive, focus] / pressures[0, focus])
+                if pressures[0, focus] > 0.0
+                else np.nan,
+            }
+            for held_equal, pressures in self.pressures.items()
+            for drive, name in enumerate(self.names)
+            for focus, (x, y, z) in enumerate(self.target.points.tolist())
+        ]
 
     def __str__(self) -> str:
         foci = counted(len(self.target.points), "focus", "foci")

@@ -76,22 +76,18 @@ class Evaluation:
 
     def _rows(self) -> list[list[str]]:
         """Return number, position, pressure, request and its share of each focus, as texts."""
-        rows = []
-        for index, (x, y, z) in enumerate(1e3 * self.target.points):
-            share = self.shares[index]
-            asked = self.target.pressures
-            rows.append(
-                [
-                    str(index),
-                    f"{x:.2f}",
-                    f"{y:.2f}",
-                    f"{z:.2f}",
-                    f"{self.magnitudes[index]:.1f}",
-                    "-" if asked is None else f"{asked[index]:.1f}",
-                    "-" if np.isnan(share) else f"{share:.1%}",
-                ]
-            )
-        return rows
+        asked = self.target.pressures
+        columns = zip(1e3 * self.target.points, self.magnitudes, self.shares, strict=True)
+        return [
+            [
+                str(index),
+                *(f"{coordinate:.2f}" for coordinate in point),
+                f"{magnitude:.1f}",
+                "-" if asked is None else f"{asked[index]:.1f}",
+                "-" if np.isnan(share) else f"{share:.1%}",
+            ]
+            for index, (point, magnitude, share) in enumerate(columns)
+        ]
 
     @property
     def magnitudes(self) -> Float64[np.ndarray, "foci"]:

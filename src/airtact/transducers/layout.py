@@ -372,12 +372,12 @@ def surrounding_box(element: Element | None = None, board: str | None = None) ->
         np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]),
         np.array([distance, 0.0, 0.0]),
     )
-    faces = []
-    # Exact cosines and sines keep the faces free of rounding: +x, −x, +y, −y.
-    for cosine, sine in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)):
-        about_z = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-        faces.append(flat.moved(Pose(about_z, np.zeros(3)) @ stand_up))
-    return join(faces)
+    # Turned about z to +x, −x, +y, −y. Exact cosines and sines keep the faces free of rounding.
+    turns = [
+        np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+        for cosine, sine in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
+    ]
+    return join([flat.moved(Pose(turn, np.zeros(3)) @ stand_up) for turn in turns])
 
 
 def flat_boards(rows: int = 2, columns: int = 2, element: Element | None = None) -> PhasedArray:
