@@ -29,9 +29,9 @@ from airtact.sensing import (
     simulate_transmissions,
     unexplained,
 )
-from airtact.sensing.calibration_fit import moved
 from airtact.sensing.echo_model import EchoModel, array_waves, motion_of
 from airtact.sensing.registration import SPARE_ORDERS
+from airtact.sensing.self_calibration import moved
 from airtact.sensing.transmission import boards_of
 
 AIR = at.Medium(sound_speed=343.1, density=1.293)

@@ -1,10 +1,10 @@
 """The live loop: newest frame in, newest drive out. Nothing queues; what is not safe fades out."""
 
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 
 import numpy as np
 from jaxtyping import Complex128
@@ -132,10 +132,10 @@ class Followed:
     def record(self) -> dict[str, float | str | dict[str, int] | None]:
         """Return all values by their names, for JSON; None where a number is not known."""
         record = {}
-        for field in fields(self):
-            value = getattr(self, field.name)
+        for entry in fields(self):
+            value = getattr(self, entry.name)
             unknown = isinstance(value, float) and not np.isfinite(value)
-            record[field.name] = None if unknown else value
+            record[entry.name] = None if unknown else value
         return record | {"health": asdict(self.health)}
 
 
@@ -202,51 +202,43 @@ def capped(
     return min(1.0, cap / float(np.abs(amplitudes).max(initial=1e-12))) * amplitudes
 
 
+@dataclass(eq=False)
 class _Loop:
     """The loop between two passes."""
 
-    def __init__(
-        self,
-        scene: LiveScene,
-        maker: DriveMaker,
-        output: Output,
-        clock: FrameClock,
-        session: SessionWriter | None,
-        cap: float,
-        controls: Controls,
-        page: PageProcess | None,
-    ) -> None:
-        self._scene = scene
-        self._maker = maker
-        self._output = output
-        self._clock = clock
-        self._session = session
-        self._cap = cap
-        self._controls = controls
-        self._page = page
-        self._workspace = Workspace(scene)
-        self._gain = Gain()
-        self._modulated = False
-        # Times by the frames' clock and by that of the computer, from which the next is due.
-        self._arrivals: deque[tuple[float, float]] = deque(maxlen=16)
-        self._answered = -np.inf  # time in the newest frame that a drive was made with
-        self._fault: str | None = "waiting for a hand"  # why it must be silent
-        self._last_good = -np.inf  # when the last good frame was taken
-        self._begun = 0.0  # when the last drive was begun
-        self._duration = MIN_INTERVAL / 2.0  # of making and sending a drive, running mean
-        self._moment: Moment | None = None  # the last that was safe
-        self._hand: Hand | None = None
-        # Times of the newest drives that played, see ``LATE``, and their expected shares.
-        self._played: deque[dict[str, float]] = deque(maxlen=4096)
-        self._delays: deque[float] = deque(maxlen=4096)
-        self._frames = 0
-        self._drives = 0
-        self._faded: dict[str, int] = {}
+    scene: LiveScene
+    maker: DriveMaker
+    output: Output
+    clock: FrameClock
+    session: SessionWriter | None
+    cap: float
+    controls: Controls
+    page: PageProcess | None
+    gain: Gain = field(default_factory=Gain)
+    modulated: bool = False
+    # Times by the frames' clock and by that of the computer, from which the next is due.
+    arrivals: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=16))
+    answered: float = -np.inf  # time in the newest frame that a drive was made with
+    fault: str | None = "waiting for a hand"  # why it must be silent
+    last_good: float = -np.inf  # when the last good frame was taken
+    begun: float = 0.0  # when the last drive was begun
+    duration: float = MIN_INTERVAL / 2.0  # of making and sending a drive, running mean
+    moment: Moment | None = None  # the last that was safe
+    hand: Hand | None = None
+    # Times of the newest drives that played, see ``LATE``, and their expected shares.
+    played: deque[dict[str, float]] = field(default_factory=lambda: deque(maxlen=4096))
+    delays: deque[float] = field(default_factory=lambda: deque(maxlen=4096))
+    frames: int = 0
+    drives: int = 0
+    faded: Counter[str] = field(default_factory=Counter)
+
+    def __post_init__(self) -> None:
+        self.workspace = Workspace(self.scene)
 
     @property
     def silent(self) -> bool:
         """Whether nothing is emitted."""
-        return self._gain.share == 0.0
+        return self.gain.share == 0.0
 
     def run(self, hands: HandSource, duration: float, report: Callable[[Status], None]) -> Followed:
         """Run for a time [s], until the frames end, or until Ctrl-C."""
@@ -258,8 +250,7 @@ class _Loop:
             while (now := time.monotonic()) < begun + duration:
                 if hands.ended and self.silent:
                     break
-                latest = min(now + 0.02, begun + duration)
-                self.advance(stream.wait(self.patience(latest)))
+                self.advance(stream.wait(self.patience(min(now + 0.02, begun + duration))))
                 if time.monotonic() - reported >= REPORT_INTERVAL:
                     reported = time.monotonic()
                     report(self.status())
@@ -272,37 +263,36 @@ class _Loop:
 
     def arrived(self, frame: HandFrame, now: float) -> None:
         """Note a frame as it comes, in the thread that received it."""
-        if frame.side != self._scene.side:
+        if frame.side != self.scene.side:
             return
-        self._clock.saw(frame.time, now)
-        self._arrivals.append((frame.time, now))
-        if self._session is not None:
-            self._session.frame(frame)
+        self.clock.saw(frame.time, now)
+        self.arrivals.append((frame.time, now))
+        if self.session is not None:
+            self.session.frame(frame)
 
     def patience(self, latest: float) -> float:
         """Return the longest time to wait for a frame [s]."""
         until = latest
-        playing = self._fault is None and self._controls.playing
+        playing = self.fault is None and self.controls.playing
         if playing or not self.silent:
             until = self._next_drive()
         # During a fade this time has passed already: with it, nothing would pace the drives.
         if playing:
-            until = min(until, self._last_good + MAX_FRAME_AGE)
+            until = min(until, self.last_good + MAX_FRAME_AGE)
         return max(until - time.monotonic(), 0.0)
 
     def _next_drive(self) -> float:
         """Return when to begin a drive without a new frame, so that the next one need not wait."""
-        interval = np.clip(2.0 * self._duration, MIN_INTERVAL, 1.0 / 66.0)
-        begin = self._begun + float(interval)
-        if len(self._arrivals) > 1:
-            first = self._arrivals[0][1]
-            last = self._arrivals[-1][1]
-            due = last + (last - first) / (len(self._arrivals) - 1)
+        begin = self.begun + float(np.clip(2.0 * self.duration, MIN_INTERVAL, 1.0 / 66.0))
+        if len(self.arrivals) > 1:
+            first = self.arrivals[0][1]
+            last = self.arrivals[-1][1]
+            due = last + (last - first) / (len(self.arrivals) - 1)
             # A frame that is due while the drive would be made is waited for, with 4 ms for its
             # jitter, unless the drive would come more than 22 ms after the previous one.
             wait_until = due + 4e-3
-            overlaps = begin < wait_until and begin + self._duration > due
-            if overlaps and wait_until < self._begun + 1.0 / 45.0:
+            overlaps = begin < wait_until and begin + self.duration > due
+            if overlaps and wait_until < self.begun + 1.0 / 45.0:
                 return wait_until
         return begin
 
@@ -310,38 +300,38 @@ class _Loop:
         """Take a frame, if one came, and emit what is right now."""
         if frame is not None:
             self._take(frame)
-        if self._output.stopped:
+        if self.output.stopped:
             self._end_for_good("stopped", "stopped: the emergency stop was pressed")
             return
-        if self._page is not None:
-            self._controls = self._page.controls
+        if self.page is not None:
+            self.controls = self.page.controls
         now = time.monotonic()
-        if self._fault is None and now - self._last_good >= MAX_FRAME_AGE:
-            self._fault = f"stale: no good frame for {1e3 * MAX_FRAME_AGE:.0f} ms"
-        on = self._fault is None and self._controls.playing
+        if self.fault is None and now - self.last_good >= MAX_FRAME_AGE:
+            self.fault = f"stale: no good frame for {1e3 * MAX_FRAME_AGE:.0f} ms"
+        on = self.fault is None and self.controls.playing
         if not on and self.silent:
-            self._output.beat()
+            self.output.beat()
             return
         try:
             self._emit(now, on)
         except LinkFailed:
-            if not self._output.stopped:  # the emergency stop came in between
+            if not self.output.stopped:  # the emergency stop came in between
                 raise
 
     def _end_for_good(self, state: State, why: str) -> None:
         """Note that the output is silent already, by the emergency stop or by Ctrl-C."""
-        before = self._gain.share
-        self._gain = Gain()
-        self._fault = why
-        if self._moment is not None and before > 0.0:
-            silence = replace(self._moment, amplitudes=0.0 * self._moment.amplitudes, state=state)
+        before = self.gain.share
+        self.gain = Gain()
+        self.fault = why
+        if self.moment is not None and before > 0.0:
+            silence = replace(self.moment, amplitudes=0.0 * self.moment.amplitudes, state=state)
             self._note(silence, time.monotonic(), before)
 
     def _fade_out(self) -> None:
         """Fade to silence, unless a signal silenced the boards already."""
-        self._fault = self._fault or "ended"
+        self.fault = self.fault or "ended"
         try:
-            while not self.silent and not self._output.stopped:
+            while not self.silent and not self.output.stopped:
                 time.sleep(MIN_INTERVAL)
                 self._emit(time.monotonic(), False)
         except LinkFailed as failed:
@@ -350,129 +340,128 @@ class _Loop:
             self._end_for_good("silent", "ended")
 
     def _take(self, frame: HandFrame) -> None:
-        side = self._scene.side
+        side = self.scene.side
         if frame.side != side:
-            if self._fault is not None and self._last_good == -np.inf:
-                self._fault = (
+            if self.fault is not None and self.last_good == -np.inf:
+                self.fault = (
                     f"waiting for the {side} hand: these are frames of the {frame.side} one"
                 )
             return
         # A faulty frame silences at once; only missing frames have MAX_FRAME_AGE.
-        hand = hand_of(frame, self._scene)
-        self._hand = None
+        hand = hand_of(frame, self.scene)
+        self.hand = None
         if isinstance(hand, str):
-            self._fault = hand
+            self.fault = hand
             return
-        self._hand = hand
+        self.hand = hand
         try:
-            self._maker.take(frame)
+            self.maker.take(frame)
         except InvalidInput as fault:
-            self._fault = str(fault)
+            self.fault = str(fault)
             return
-        self._fault = None
-        self._last_good = time.monotonic()
-        self._frames += 1
+        self.fault = None
+        self.last_good = time.monotonic()
+        self.frames += 1
 
     def _emit(self, now: float, on: bool) -> None:
         """Emit the newest drive, or the last safe one more quietly while the sound fades."""
-        self._begun = now
+        self.begun = now
         if on:
             moment = self._made(now)
             fault = self._fault_of(moment)
             if fault is None:
-                self._moment = moment
+                self.moment = moment
             else:
                 on = False
-                self._fault = fault
+                self.fault = fault
         # Gain acts on all that is sent, so the sound rises and fades without a step.
-        before = self._gain.share
-        share = self._gain.advance(now, on)
-        if self._moment is None or (before == 0.0 and not on):
-            self._output.beat()
+        before = self.gain.share
+        share = self.gain.advance(now, on)
+        if self.moment is None or (before == 0.0 and not on):
+            self.output.beat()
             return
         state = "playing" if on else "silent" if share == 0.0 else "fading"
-        cap = min(self._cap, self._controls.cap)
-        amplitudes = share * capped(self._moment.amplitudes, cap)
+        cap = min(self.cap, self.controls.cap)
+        amplitudes = share * capped(self.moment.amplitudes, cap)
         made = time.monotonic()
         self._send(amplitudes, share, cap)
         sent = time.monotonic()
         # The session records what the boards emitted, which rise over a ramp of their own.
-        emitted = self._output.share * amplitudes
-        moment = replace(self._moment, amplitudes=emitted, state=state, frames=None)
+        emitted = self.output.share * amplitudes
+        moment = replace(self.moment, amplitudes=emitted, state=state, frames=None)
         self._note(moment, sent, before)
         if on:
             played = {
                 "sent": sent,
-                "age": self._clock.time(sent) - moment.frame_time,
+                "age": self.clock.time(sent) - moment.frame_time,
                 "kept": np.nan if moment.kept is None else moment.kept,
-                "frames": self._clock.time(now) - moment.frame_time,
+                "frames": self.clock.time(now) - moment.frame_time,
                 "solver": np.nan if moment.behind is None else moment.behind,
                 "link": sent - made,
             }
-            self._played.append(played)
-            self._duration += 0.1 * (sent - now - self._duration)
+            self.played.append(played)
+            self.duration += 0.1 * (sent - now - self.duration)
 
     def _send(self, amplitudes: Amplitudes, share: float, cap: float) -> None:
         """Send the drive, or its frames where foci move, at a share of their amplitude."""
-        moving = self._scene.moving
-        frames = None if self._moment is None else self._moment.frames
-        if moving is not None and frames is not None and self._controls.modulated and share > 0.0:
-            self._output.cycle(share * capped(frames, cap), moving.rate)
+        moving = self.scene.moving
+        frames = None if self.moment is None else self.moment.frames
+        if moving is not None and frames is not None and self.controls.modulated and share > 0.0:
+            self.output.cycle(share * capped(frames, cap), moving.rate)
             return
-        if self._modulated != self._controls.modulated:
-            self._modulated = self._controls.modulated
-            self._output.modulate(self._scene.modulation if self._modulated else None)
-        self._output.send(amplitudes)
+        if self.modulated != self.controls.modulated:
+            self.modulated = self.controls.modulated
+            self.output.modulate(self.scene.modulation if self.modulated else None)
+        self.output.send(amplitudes)
 
     def _made(self, now: float) -> Moment | None:
         """Make a drive; None where none can be made for that hand."""
         try:
-            return self._maker.make(self._clock.time(now) + self._duration, self._controls)
+            return self.maker.make(self.clock.time(now) + self.duration, self.controls)
         except InvalidInput:
             return None
 
     def _fault_of(self, moment: Moment | None) -> str | None:
         """Return why a drive must not be emitted, in a few words, or None."""
         if moment is not None and moment.joints is not None and moment.foci is not None:
-            return self._workspace.fault(moment.joints, moment.foci)
+            return self.workspace.fault(moment.joints, moment.foci)
         # No prediction: the hand of the newest frame tells whether it left the workspace.
         fault = None
-        if self._hand is not None:
-            fault = self._workspace.fault(self._hand.joints, foci_on(self._hand, self._scene))
+        if self.hand is not None:
+            fault = self.workspace.fault(self.hand.joints, foci_on(self.hand, self.scene))
         return fault or "lost"
 
     def _note(self, moment: Moment, sent: float, before: float) -> None:
         """Record a drive that reached the link; ``before`` is the gain before it."""
-        self._drives += 1
-        if self._session is not None:
-            self._session.drive(moment, self._clock.time(sent))
-        if self._page is not None:
-            self._page.show(moment)
+        self.drives += 1
+        if self.session is not None:
+            self.session.drive(moment, self.clock.time(sent))
+        if self.page is not None:
+            self.page.show(moment)
         if moment.state in ("silent", "stopped") and before > 0.0:
-            reason = (self._fault or "paused").partition(":")[0]
-            self._faded[reason] = self._faded.get(reason, 0) + 1
-        if moment.state == "playing" and moment.frame_time > self._answered:
-            self._answered = moment.frame_time
+            self.faded[(self.fault or "paused").partition(":")[0]] += 1
+        if moment.state == "playing" and moment.frame_time > self.answered:
+            self.answered = moment.frame_time
             # A copy, as the thread that receives frames appends to it.
-            for taken, arrived in reversed(self._arrivals.copy()):
+            for taken, arrived in reversed(self.arrivals.copy()):
                 if taken == moment.frame_time:
-                    self._delays.append(sent - arrived)
+                    self.delays.append(sent - arrived)
                     break
 
     def status(self) -> Status:
         """Return the status over the last second."""
         now = time.monotonic()
         span = 2.0 * REPORT_INTERVAL
-        recent = [played for played in self._played if now - played["sent"] <= span]
+        recent = [played for played in self.played if now - played["sent"] <= span]
         late = {}
         for name, (limit, _) in LATE.items():
             usual = _median([played[name] for played in recent])
             if usual > limit:
                 late[name] = usual
-        if self._played:  # the first drive may have been less than a second ago
-            span = min(span, max(now - self._played[0]["sent"], REPORT_INTERVAL))
+        if self.played:  # the first drive may have been less than a second ago
+            span = min(span, max(now - self.played[0]["sent"], REPORT_INTERVAL))
         return Status(
-            "playing" if self._fault is None else self._fault,
+            "playing" if self.fault is None else self.fault,
             len(recent) / span,
             _median([played["age"] for played in recent]),
             _median([played["kept"] for played in recent]),
@@ -481,24 +470,23 @@ class _Loop:
 
     def summary(self, seconds: float, health: StreamHealth, state: str) -> Followed:
         """Return the summary of a run."""
-        ages = [played["age"] for played in self._played] or [np.nan]
+        ages = [played["age"] for played in self.played] or [np.nan]
         rate = 0.0
-        if len(self._played) > 1:
-            span = self._played[-1]["sent"] - self._played[0]["sent"]
-            rate = (len(self._played) - 1) / span
+        if len(self.played) > 1:
+            rate = (len(self.played) - 1) / (self.played[-1]["sent"] - self.played[0]["sent"])
         return Followed(
             seconds=seconds,
-            frames=self._frames,
-            drives=self._drives,
+            frames=self.frames,
+            drives=self.drives,
             rate=rate,
             age=float(np.median(ages)),
             oldest=float(np.percentile(ages, 95)),
-            delay=float(np.percentile(self._delays, 95)) if self._delays else np.nan,
-            kept=_median([played["kept"] for played in self._played]),
-            faded=dict(self._faded),
-            dropped=0 if self._session is None else self._session.dropped,
+            delay=float(np.percentile(self.delays, 95)) if self.delays else np.nan,
+            kept=_median([played["kept"] for played in self.played]),
+            faded=dict(self.faded),
+            dropped=0 if self.session is None else self.session.dropped,
             health=health,
-            stopped=self._output.stopped,
+            stopped=self.output.stopped,
             state=state,
         )
 

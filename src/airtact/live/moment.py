@@ -132,9 +132,7 @@ class Distances(DriveMaker):
         newest = self._newest
         if newest is None:
             return silent_moment(scene, time, time, "silent")
-        if newest.lost:
-            return silent_moment(scene, time, newest.time, "silent")
-        predicted = self._predictor.at(max(time, newest.time))
+        predicted = newest if newest.lost else self._predictor.at(max(time, newest.time))
         if predicted.lost:
             return silent_moment(scene, time, newest.time, "silent")
         try:

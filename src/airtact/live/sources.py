@@ -126,7 +126,8 @@ class ReceivedHands(HandSource):
     kind : "websocket" or "osc".
     port : port to listen at; 0 takes a free one.
     tracker : pose of the tracker, from its frame to the scene's.
-    every : whether to use frames that are overtaken while they wait too, as for a recording.
+    every : whether frames that were overtaken while they waited are used as well, as a recording
+        needs them.
 
     Raises
     ------
@@ -261,14 +262,12 @@ class FrameClock:
     def __init__(self, latency: float = 0.0, now: Callable[[], float] = time.monotonic) -> None:
         self._latency = checked_latency(latency)
         self._now = now
-        self._least: tuple[float, float] | None = None
+        self._offset: tuple[float, float] | None = None  # smallest, and when it was seen
         self._shared: Callable[[], float] | None = None
-        self._begun = False
 
     def saw(self, taken: float, arrived: float) -> None:
         """Take a frame's time on its own clock and that of its arrival on the computer's [s]."""
-        if not self._begun:
-            self._begun = True
+        if self._offset is None:
             for clock in (time.monotonic, time.time):
                 if self._shared is None and 0.0 <= clock() - taken <= MAX_LATENCY:
                     self._shared = clock
@@ -278,17 +277,17 @@ class FrameClock:
             if not -MAX_LATENCY <= late <= 4.0 * MAX_LATENCY:
                 self._shared = None
         offset = arrived - taken
-        if self._least is not None:
-            least, then = self._least
-            drifted = least + DRIFT * (arrived - then)
+        if self._offset is not None:
+            smallest, then = self._offset
+            drifted = smallest + DRIFT * (arrived - then)
             # A much larger offset is a clock that began anew: the old smallest one is forgotten.
             if offset <= drifted + MAX_LATENCY:
                 offset = min(offset, drifted)
-        self._least = offset, arrived
+        self._offset = (offset, arrived)
 
     def time(self, now: float | None = None) -> float:
         """Return the time on the frames' clock [s], now or at a time of the computer's clock."""
         now = self._now() if now is None else now
         if self._shared is not None:
             return self._shared() + (now - self._now())
-        return 0.0 if self._least is None else now - self._least[0] + self._latency
+        return 0.0 if self._offset is None else now - self._offset[0] + self._latency

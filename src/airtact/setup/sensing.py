@@ -20,7 +20,6 @@ from airtact.drives.transfer import TransferMatrix, transfer_matrix
 from airtact.errors import InvalidInput, NotConverged
 from airtact.files.atomic import whole_file
 from airtact.geometry.pose import Pose
-from airtact.sensing.calibration_fit import moved
 from airtact.sensing.echoes import Echoes, load_echoes
 from airtact.sensing.registration import Located, locate, unexplained
 from airtact.sensing.scattering import (
@@ -29,7 +28,7 @@ from airtact.sensing.scattering import (
     scattering_family,
     scattering_matrix,
 )
-from airtact.sensing.self_calibration import Calibrated, calibrate
+from airtact.sensing.self_calibration import Calibrated, calibrate, moved
 from airtact.sensing.simulation import hadamard_codes, random_codes, simulate_echoes
 from airtact.sensing.transmission import boards_of, simulate_transmissions
 from airtact.setup import tables

@@ -17,12 +17,12 @@ from airtact.errors import InvalidInput
 from airtact.hands.joints import joints_of
 from airtact.hands.tracking.frame import HandFrame
 from airtact.hands.tracking.prediction import AGILITY, Predictor
-from airtact.live.drives.factors import HandFactors, OpenAir
+from airtact.live.drives.factors import OpenAir
 from airtact.live.drives.library import PARTS, Library, expected_kept, worth_solving
 from airtact.live.drives.moving import Rounds, turned_towards
 from airtact.live.drives.solver_process import Request, SolverProcess
 from airtact.live.moment import Controls, DriveMaker, Moment, Rule, silent_moment
-from airtact.live.scene import Amplitudes, Foci, Joints, LiveScene, PosedHand, Rows, pose_hand
+from airtact.live.scene import Amplitudes, Foci, Joints, LiveScene, Rows, pose_hand
 
 
 def solved_for(scene: LiveScene) -> list[tuple[Rule, ...]]:
@@ -150,7 +150,9 @@ class HandAware(DriveMaker):
                 if share > kept:
                     kept = share
                     solution = candidate
-        rows = self._rows(posed, solution)
+        rows = self._open_air.rows(posed.foci)
+        if solution is not None:
+            rows = rows * solution.at(self._scene, posed)
         method = controls.method or self._scene.method
         # A jump of the global phase would click at the link, though no focus feels it.
         amplitudes = turned_towards(self._made(method, rows, posed.foci, time), self._previous)
@@ -173,11 +175,6 @@ class HandAware(DriveMaker):
             kept=kept,
             frames=frames,
         )
-
-    def _rows(self, posed: PosedHand, solution: HandFactors | None) -> Rows:
-        """Return the pressure at the foci per unit drive of each element and image [Pa]."""
-        rows = self._open_air.rows(posed.foci)
-        return rows if solution is None else rows * solution.at(self._scene, posed)
 
     def _made(self, name: str, rows: Rows, foci: Foci, time: float) -> Amplitudes:
         """Make the amplitudes by a method; robust ones use the uncertainty of the prediction."""

@@ -31,9 +31,6 @@ from airtact.timing import give_way
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 """Environment of a process that must leave the other cores to the loop."""
 
-SOLVED_AHEAD = 0.1
-"""How far ahead the pose is that is solved to be carried on [s]."""
-
 MAX_AHEAD = 0.06
 """Largest time that a hand is extrapolated for its solution to be used as it is [s]."""
 
@@ -258,7 +255,8 @@ def _solve_to_carry(hand: BendingHand, newest: _Newest) -> None:
         nice = os.getpriority(os.PRIO_PROCESS, 0) + 5
         os.setpriority(os.PRIO_PROCESS, get_native_id(), nice)
     while (request := newest.look(MAX_REQUEST_AGE)) is not None:
-        ahead = SOLVED_AHEAD + time.monotonic() - request.sent
+        # The pose of 0.1 s from now: a solution comes late, and serves for a while.
+        ahead = 0.1 + time.monotonic() - request.sent
         try:
             hand.keep(hand.solved(request.after(ahead), request.time + ahead))
         except (InvalidInput, NotConverged):
@@ -269,7 +267,7 @@ def main() -> None:
     """Run the process: a scene and parts, then hands from its input, answers to its output."""
     source = sys.stdin.buffer
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
-    # Whatever else is printed goes to the errors, not among the solutions.
+    # Other output goes to the standard error, not among the solutions.
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     scene, parts = pickle.load(source)
     # Phalanges and carried sound are needed at once; a whole hand takes its time.

@@ -109,8 +109,7 @@ class DirectSound:
         self, points: Points, amplitudes: Amplitudes, middle: Vector
     ) -> Complex128[np.ndarray, "points"]:
         """Return the pressure in open air at points (P, 3) [m]: (P,) [Pa]."""
-        strengths = self._strengths(amplitudes, middle)[:, None]
-        return self._pressure(points, strengths)[:, 0]
+        return self._pressure(points, self._strengths(amplitudes, middle)[:, None])[:, 0]
 
     def sources(self, amplitudes: Amplitudes, middle: Vector) -> Monopoles:
         """Return the elements and images as monopoles that radiate towards ``middle`` [m] alike."""

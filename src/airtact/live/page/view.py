@@ -204,8 +204,7 @@ class View:
         opaque = 255 * np.clip(0.1 + 3.0 * pressures / self.largest, 0.0, 0.95)
         self._slice.image = np.dstack([self._coloured(pressures), opaque.astype(np.uint8)])
         self._slice.position = sound.section.middle
-        turn = Rotation.from_matrix(sound.section.axes.T)
-        self._slice.wxyz = np.roll(turn.as_quat(), 1)
+        self._slice.wxyz = np.roll(Rotation.from_matrix(sound.section.axes.T).as_quat(), 1)
 
     def _coloured(self, pressures: Float64[np.ndarray, "*any"]) -> UInt8[np.ndarray, "*any 3"]:
         steps = np.clip(pressures / self.largest * (STEPS - 1), 0, STEPS - 1)
@@ -341,7 +340,7 @@ class MovingSkin:
     def at(self, joints: Joints) -> tuple[Vertices, Vertices]:
         """Return vertices on the skin (V, 3) [m] and the unit normals there (V, 3)."""
         length = hand_length(joints)
-        # A hand whose length changed by a tenth is another one, and is meshed anew.
+        # A hand whose length changed by a tenth belongs to someone else and is meshed again.
         if self._first is None or abs(length / self._length - 1.0) > 0.1:
             self._radii = radii_of(self._given_radii, None, joints)
             self._length = length
