@@ -13,14 +13,25 @@ TRUE = at.Pose.turn((1, 2, 3), 0.4, (3e-3, -2e-3, 5e-3))
 
 @cache
 def capsules(gap: float = 0.013) -> at.Scene:
-    one = at.capsule((-gap, 0, -5e-3), (-gap, 0, 8e-3), radius=6e-3, edge=2e-3)
-    other = at.capsule((12e-3, 2e-3, -3e-3), (11e-3, -3e-3, 9e-3), radius=5e-3, edge=2e-3)
-    return at.Scene(AIR, [at.sound_hard(one), at.sound_hard(other)], frequency=40e3)
+    first = at.capsule((-gap, 0, -5e-3), (-gap, 0, 8e-3), radius=6e-3, edge=2e-3)
+    second = at.capsule((12e-3, 2e-3, -3e-3), (11e-3, -3e-3, 9e-3), radius=5e-3, edge=2e-3)
+    return at.Scene(AIR, [at.sound_hard(first), at.sound_hard(second)], frequency=40e3)
 
 
 @cache
 def solved() -> at.sensing.ScatteringMatrix:
     return at.scattering_matrix(at.BoundaryElement(accuracy=0.03, estimate=False), capsules())
+
+
+CODES = at.sensing.random_codes(996, 8, seed=2)
+
+
+@cache
+def measured(gap: float = 0.013) -> at.Echoes:
+    """Echoes that the boundary elements make with smaller panels than the model's."""
+    solver = at.BoundaryElement(accuracy=0.01, estimate=False)
+    seen = BOX.seen_from(TRUE)
+    return at.simulate_echoes(solver, capsules(gap), seen, CODES, noise=30.0, seed=1)
 
 
 def off_by(pose: at.Pose, position: float, angle: float, seed: int) -> at.Pose:

@@ -34,9 +34,11 @@ def test_a_file_says_which_pressures_are_valid(tmp_path) -> None:
 
 def test_a_file_by_others_may_leave_out_receivers_and_noise(tmp_path) -> None:
     with h5py.File(tmp_path / "lab.h5", "w") as file:
-        file["format_version"], file["frequency"] = 1, 40e3
+        file["format_version"] = 1
+        file["frequency"] = 40e3
         for name, values in (("codes", np.eye(2)), ("pressures", np.ones((2, 2)))):
-            file[f"{name}_real"], file[f"{name}_imaginary"] = values, 0 * values
+            file[f"{name}_real"] = values
+            file[f"{name}_imaginary"] = 0 * values
     assert at.sensing.load_echoes(tmp_path / "lab.h5").receiving.tolist() == [0, 1]
 
 

@@ -28,8 +28,11 @@ def test_a_dead_receiver_leaves_what_it_should_have_received_and_a_ringing_one_i
     exact,
 ) -> None:
     whole = np.asarray(exact.pressures)
-    pressures, valid = whole.copy(), np.ones(whole.shape, dtype=bool)
-    pressures[3], valid[7], valid[8, ::2] = 0.0, False, False
+    pressures = whole.copy()
+    valid = np.ones(whole.shape, dtype=bool)
+    pressures[3] = 0.0
+    valid[7] = False
+    valid[8, ::2] = False
     echoes = at.Echoes(CODES, pressures, valid=valid)
     left = at.sensing.unexplained(echoes, SCATTERING, ARRAY, HERE)
     size = np.sqrt(np.mean(np.abs(pressures[valid]) ** 2))

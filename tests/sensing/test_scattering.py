@@ -22,9 +22,12 @@ def ball(radius: float = 8e-3) -> at.Scene:
 
 def closed_form(scene: at.Scene, centre: np.ndarray, order: int, radius: float) -> np.ndarray:
     """T_n = −j_n'(ka)/h_n'(ka) about the middle of the ball, moved to another centre."""
-    wide, wavenumber = order + 12, scene.wavenumber.real
-    n, size = orders_of_waves(wide).astype(int), wavenumber * radius
-    regular, other = spherical_jn(n, size, True), spherical_yn(n, size, True)
+    wide = order + 12
+    wavenumber = scene.wavenumber.real
+    n = orders_of_waves(wide).astype(int)
+    size = wavenumber * radius
+    regular = spherical_jn(n, size, True)
+    other = spherical_yn(n, size, True)
     to_ball = moved(
         np.array([*-centre, 0, 0, 0]), np.eye(wave_count(wide), dtype=complex), wavenumber
     )
@@ -74,7 +77,8 @@ def test_pressures_are_what_acoustotreams_says(case) -> None:
 
 
 def test_echoes_of_random_codes_are_those_of_direct_solves() -> None:
-    codes, array = at.sensing.random_codes(996, 2, seed=3), BOX.seen_from(TRUE)
+    codes = at.sensing.random_codes(996, 2, seed=3)
+    array = BOX.seen_from(TRUE)
     solver = at.BoundaryElement(accuracy=0.005, estimate=False)
     exact = at.simulate_echoes(solver, capsules(), array, codes).pressures
     by_matrix = at.scattering_matrix(at.BoundaryElement(accuracy=0.01, estimate=False), capsules())
@@ -87,7 +91,8 @@ def test_echoes_of_two_fingers_are_those_of_direct_solves() -> None:
     scene = at.Scene(
         AIR, [at.sound_hard(surface) for surface in at.pinch(gap=0.012).surfaces], frequency=40e3
     )
-    codes, array = at.sensing.random_codes(996, 2, seed=3), BOX.seen_from(TRUE)
+    codes = at.sensing.random_codes(996, 2, seed=3)
+    array = BOX.seen_from(TRUE)
     exact = at.simulate_echoes(
         at.BoundaryElement(accuracy=0.003, estimate=False), scene, array, codes
     ).pressures

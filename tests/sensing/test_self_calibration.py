@@ -33,11 +33,9 @@ def by_hand(
     array: at.PhasedArray, reception: np.ndarray, codes: np.ndarray, noise: float
 ) -> at.Echoes:
     """Add up s e^{ikR}/R over the points of both faces, pair by pair of elements."""
-    wavenumber, faces, weights = (
-        TRUE_AIR.wavenumber(40e3).real,
-        array.face_points,
-        array.element.weights,
-    )
+    wavenumber = TRUE_AIR.wavenumber(40e3).real
+    faces = array.face_points
+    weights = array.element.weights
     pairs = np.zeros((len(array), len(array)), dtype=complex)
     for receiver, points in enumerate(faces):
         for emitter in range(12, 24) if receiver < 12 else range(12):
@@ -95,12 +93,14 @@ def test_errors_are_as_large_as_the_covariance_says() -> None:
 
 def test_derivatives_are_those_of_the_transmission() -> None:
     one, other = boards_of(pair(OFF), 2)
-    wavenumber, step = TRUE_AIR.wavenumber(40e3), 1e-7
+    wavenumber = TRUE_AIR.wavenumber(40e3)
+    step = 1e-7
     slopes = transmission(one, other, wavenumber).slopes
     for index in range(13):
         values = []
         for sign in (1, -1):
-            boards, size = [one, other], wavenumber
+            boards = [one, other]
+            size = wavenumber
             if index == 12:
                 size = wavenumber + sign * 1e-3
             else:
@@ -137,7 +137,8 @@ def test_a_scene_reads_what_was_found(found: at.sensing.Calibrated, tmp_path) ->
 
 
 def test_dead_elements_and_few_receivers() -> None:
-    emission, reception = gains(0), gains(1)
+    emission = gains(0)
+    reception = gains(1)
     emission[3] = reception[20] = 0.0
     heard = by_hand(pair(OFF).calibrated(emission), reception, at.sensing.single_codes(24), 1e-3)
     some = np.setdiff1d(np.arange(24), [5, 18])

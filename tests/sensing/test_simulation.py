@@ -6,9 +6,7 @@ import pytest
 import airtact as at
 from airtact.sensing.simulation import direct_sound
 from faults import raises_code
-from sensing.sensed_scenes import AIR, BOX, TRUE, capsules, relative, solved
-
-CODES = at.sensing.random_codes(996, 8, seed=2)
+from sensing.sensed_scenes import AIR, BOX, CODES, TRUE, capsules, relative, solved
 
 
 def echoes(**spoilt) -> at.Echoes:
@@ -16,7 +14,8 @@ def echoes(**spoilt) -> at.Echoes:
 
 
 def test_noise_is_as_strong_as_was_asked_for() -> None:
-    pure, noisy = echoes(), echoes(noise=20.0, seed=5)
+    pure = echoes()
+    noisy = echoes(noise=20.0, seed=5)
     assert relative(noisy.pressures, pure.pressures) == pytest.approx(0.1, rel=0.03)
     assert noisy.noise == pytest.approx(0.1 * np.sqrt(np.mean(np.abs(pure.pressures) ** 2)))
     assert np.array_equal(noisy.pressures, echoes(noise=20.0, seed=5).pressures)

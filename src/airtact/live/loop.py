@@ -425,7 +425,7 @@ class _Loop:
         """Return why a drive must not be emitted, in a few words, or None."""
         if moment is not None and moment.joints is not None and moment.foci is not None:
             return self.workspace.fault(moment.joints, moment.foci)
-        # No prediction: the hand of the newest frame tells whether it left the workspace.
+        # No prediction: the hand of the newest frame shows whether it left the workspace.
         fault = None
         if self.hand is not None:
             fault = self.workspace.fault(self.hand.joints, foci_on(self.hand, self.scene))

@@ -67,7 +67,7 @@ class Boards(Output):
         return self
 
     def __exit__(self, *fault: Any) -> None:
-        """End in silence, whatever happened."""
+        """End in silence, also after a fault."""
         self._emission.__exit__(*fault)
 
     def send(self, amplitudes: Amplitudes) -> None:

@@ -233,7 +233,7 @@ def _moving_foci(setup: Setup, motion: Motion, scene: LiveScene) -> MovingFoci:
     repeat = -(-MIN_FRAMES // len(places))
     places = np.repeat(places, repeat, axis=0)
     shifts = np.repeat(shifts, repeat, axis=0)
-    if len(places) > 64:  # each frame is a drive, and all are made anew for each pose
+    if len(places) > 64:  # each frame is a drive, and each pose needs all of them
         raise InvalidInput(
             f"{_file_name(setup)}: live makes at most 64 frames of a path for each pose, not "
             f"{len(places)}: give frames = {DEFAULT_FRAMES}.",

@@ -232,7 +232,7 @@ def _header(scene: LiveScene, text: str) -> dict[str, Any]:
         "array/gains": np.asarray(array.gains),
         "array/face_points": np.asarray(element.points),
         "array/face_weights": np.asarray(element.weights),
-        # A session without frames or drives has these columns, too.
+        # A session without frames or drives also has these columns.
         "+frames/time": np.zeros(0),
         "+frames/landmarks": np.zeros((0, 25, 3)),
         "+drives/amplitudes": np.zeros((0, len(array)), dtype=np.complex64),

@@ -271,7 +271,7 @@ class FrameClock:
             for clock in (time.monotonic, time.time):
                 if self._shared is None and 0.0 <= clock() - taken <= MAX_LATENCY:
                     self._shared = clock
-        # The match was a coincidence, or the clock was set anew, if the times part later.
+        # The match was a coincidence, or the clock was reset, if the times part later.
         if self._shared is not None:
             late = self._shared() - taken
             if not -MAX_LATENCY <= late <= 4.0 * MAX_LATENCY:
@@ -280,7 +280,7 @@ class FrameClock:
         if self._offset is not None:
             smallest, then = self._offset
             drifted = smallest + DRIFT * (arrived - then)
-            # A much larger offset is a clock that began anew: the old smallest one is forgotten.
+            # A much larger offset is a clock that restarted: the old smallest one is forgotten.
             if offset <= drifted + MAX_LATENCY:
                 offset = min(offset, drifted)
         self._offset = (offset, arrived)

@@ -117,6 +117,7 @@ class EchoModel:
     ) -> "EchoModel":
         """Gather what does not depend on the pose."""
         waves = array.waves.astype(np.complex64, copy=False)
+        # Indexing copies; with all receivers, the usual case, the waves serve as they are.
         every = np.array_equal(receivers, np.arange(len(codes)))
         receiving = waves if every else waves[:, receivers]
         return cls(scattering, waves @ (array.scale * codes).astype(np.complex64), receiving, valid)
@@ -143,6 +144,7 @@ class EchoModel:
         along = np.concatenate([incident, *along_motions(incident, self._wavenumber)], axis=1)
         scattered = self._scattered(along)
         count = self.emitted.shape[1]
+        # − V_i T D w: the motions act on the outgoing waves of the echo itself.
         back = along_motions(np.ascontiguousarray(scattered[:, :count]), self._wavenumber)
         scattered[:, count:] -= np.concatenate(back, axis=1)
         return self._received(twist, scattered)
@@ -194,6 +196,7 @@ def _screw(turn: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3 3"]:
     angle = float(np.linalg.norm(turn))
     x, y, z = turn
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    # NumPy's sinc(x) is sin(πx)/(πx), which stays finite at 0.
     half = np.sinc(angle / (2 * np.pi)) ** 2 / 2  # (1 − cos θ)/θ²
     rest = (1.0 - np.sinc(angle / np.pi)) / angle**2 if angle > 1e-4 else 1 / 6  # (θ − sin θ)/θ³
     return np.eye(3) + half * cross + rest * cross @ cross

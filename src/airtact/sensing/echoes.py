@@ -208,7 +208,8 @@ def load_echoes(path: str | Path) -> Echoes:
             if name in raw
         }
         for name in ("codes", "pressures"):
-            real, imaginary = numbers[f"{name}_real"], numbers[f"{name}_imaginary"]
+            real = numbers[f"{name}_real"]
+            imaginary = numbers[f"{name}_imaginary"]
             if real.shape != imaginary.shape:
                 raise InvalidInput(
                     f"real and imaginary parts of the {name} have shapes {real.shape} and "

@@ -456,6 +456,7 @@ def _checked_array(echoes: Echoes, scene: Scene, array: PhasedArray, start: Pose
             f"{echoes.noise or 0.0:.3g} Pa: they say nothing about the bodies.",
             code="signal_unusable",
         )
+    # Clipping shows in the magnitudes or, with two converters, in the quadratures.
     for values in (np.abs(pressures), np.abs(np.real(pressures)), np.abs(np.imag(pressures))):
         check_not_clipped(values.reshape(-1))
     return seen
@@ -470,6 +471,7 @@ def information_of(
     by: Derivatives,
 ) -> Squares:
     """Real part of the products of derivatives."""
+    # As real numbers: half the work of the complex product, whose imaginary part is not needed.
     parts = np.ascontiguousarray(by).reshape(len(by), -1).view(np.real(by).dtype)
     return (parts @ parts.T).astype(np.float64)
 
@@ -490,6 +492,7 @@ def disagreement(
     count = min(16, len(places) // 4)
     if count < 2:
         return 1.0
+    # 16 groups of at least 4 receivers: fewer say little of the variance, smaller ones are alike.
     groups = kmeans2(places, count, rng=0, minit="++")[1]
     scores = np.real(by.conj() * residual).sum(axis=2, dtype=np.float64)
     summed = np.stack([np.bincount(groups, score, count) for score in scores])

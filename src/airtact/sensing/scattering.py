@@ -210,8 +210,10 @@ def scattering_matrix(
     patterns = reaching_patterns(scene, centre, order, accuracy)
     amplitudes = 1.0 / (4j * np.pi * scene.wavenumber * radial)
     amplitudes = np.diag(amplitudes[:, 0]) if patterns is None else amplitudes * patterns
+    # Inside a layer of density Z_nm the field is 4πik h_n(k R) j_n(kr) Z_nm: hence the amplitudes.
     layer = mixed((weights * waves).T, amplitudes)
     field = solver.radiate(scene, Monopoles(centre + outer * directions, layer))
+    # Projected sources need no quadrature, and no field close to the bodies.
     sources = field.scattering_sources
     if sources is not None:
         offsets = sources.positions - centre
@@ -279,6 +281,7 @@ def _quadrature(
     order: int,
 ) -> tuple[Float64[np.ndarray, "points 3"], Float64[np.ndarray, "points"]]:
     """Quadrature on the unit sphere, exact for products of two waves up to an order."""
+    # Gauss-Legendre in cos θ and equal steps in φ integrate products up to 2 order + 1 exactly.
     cosines, weights = np.polynomial.legendre.leggauss(order + 1)
     azimuth = 2 * np.pi * np.arange(2 * order + 1) / (2 * order + 1)
     sines = np.sqrt(1.0 - cosines**2)
@@ -326,9 +329,11 @@ def _points_of(scene: Scene) -> Float64[np.ndarray, "points 3"]:
     )
     areas = np.cumsum(panel_areas(curved))
     count = int(np.ceil(30 * areas[-1] / scene.wavelength**2))  # 30 per square wavelength
+    # Stratified: one point in each equal share of the area.
     levels = (np.arange(count) + random.random(count)) / count * areas[-1]
     chosen = np.minimum(np.searchsorted(areas, levels, side="right"), len(areas) - 1)
     places = random.random((count, 2))
+    # Points beyond the diagonal of the unit square are mirrored into the triangle.
     places = np.where(places.sum(axis=1, keepdims=True) > 1.0, 1.0 - places, places)
     points, normals = points_at(curved[chosen], places)
     return np.concatenate([points, points - 0.2 * scene.wavelength * unit(normals)])
@@ -388,6 +393,7 @@ class ScatteringFamily:
     def error(self) -> float:
         """Relative error of the interpolation, from the decay of the Chebyshev coefficients."""
         sizes = np.linalg.norm(self._coefficients, axis=1)
+        # The first coefficient left out continues the geometric decay of the last two.
         return float(sizes[-1] ** 2 / max(sizes[-2] * sizes[0], 1e-300))
 
     @cached_property
@@ -495,10 +501,12 @@ def scattering_family(
             )
     balls = [ball_of(scene) for scene in scenes]
     centre = np.mean([middle for middle, _ in balls], axis=0)
+    # One ball for all values, so that the waves of all matrices are the same.
     radius = max(float(np.linalg.norm(middle - centre)) + size for middle, size in balls)
     ball = (centre, radius)
     matrices = tuple(scattering_matrix(solver, scene, accuracy, ball) for scene in scenes)
     family = ScatteringFamily(scene_of, low, high, start, matrices)
+    # Half the range, as the translation that changes the matrix as much.
     shift = 0.5 * (high - low) * family.effect
     if shift < 1e-7:
         raise InvalidInput(

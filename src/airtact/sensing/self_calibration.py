@@ -455,6 +455,7 @@ def _dead(alone: Pairs, pairs: CountedPairs, noise: float) -> Int64[np.ndarray, 
     for axis in (0, 1):
         count = pairs.sum(axis=axis)
         size = np.sqrt(np.maximum(power.sum(axis=axis) / np.maximum(count, 1) - noise**2, 0.0))
+        # The median of the elements that count: dead ones are few.
         typical = np.median(size[count > 0]) if count.any() else 0.0
         dead.append(np.flatnonzero((count > 0) & (size < 0.1 * typical)))
     return np.union1d(*dead)

@@ -47,6 +47,7 @@ def hadamard_codes(elements: int, transmissions: int | None = None) -> Codes:
     InvalidInput
         "out_of_range": of elements or transmissions.
     """
+    # Sylvester's construction needs a power of 2; rows beyond the elements are left out.
     size = 1 << (_count(elements, "elements") - 1).bit_length()
     count = size if transmissions is None else _count(transmissions, "transmissions", size)
     return hadamard(size)[:elements, :count].astype(np.complex128)
@@ -218,6 +219,7 @@ def _solved_echoes(solver: Solver, scene: Scene, array: PhasedArray, codes: Code
     weights = array.element.weights
     gains = (array.element.sensitivity * array.gains)[:, None, None] * weights[:, None]
     strengths = (gains * codes[:, None, :]).reshape(-1, codes.shape[1])
+    # By reciprocity an element receives with the weights that it emits with.
     scattered = solver.radiate(scene, Monopoles(faces, strengths)).scattered_at(faces)
     over_faces = scattered.reshape(len(array), len(weights), -1)
     return array.gains[:, None] * np.einsum("q,rqm->rm", weights, over_faces)
@@ -235,12 +237,14 @@ def direct_sound(
     offsets = array.positions[:, None, :] - array.positions[None, :, :]
     distance = np.linalg.norm(offsets, axis=-1)
     np.fill_diagonal(distance, 1.0)
+    # Powers are summed, as the phases of what subtraction leaves are random.
     power = np.exp(-2 * wavenumber.imag * distance) / distance**2
     np.fill_diagonal(power, 0.0)
     if array.element.directional:
         angles = np.radians(np.arange(91.0))
         along = np.stack([np.sin(angles), 0 * angles, np.cos(angles)], axis=1)
         pattern = np.abs(array.element.far_pattern(along, wavenumber.real)) ** 2
+        # Emitters by their angle to the receiver, receivers by theirs to the emitter.
         for cosine in (
             np.einsum("red,ed->re", offsets, array.normals) / distance,
             np.einsum("red,rd->re", -offsets, array.normals) / distance,

@@ -65,6 +65,7 @@ def transmission(
         )
         wave = wave.reshape(distance.shape)
         slopes[12, block] = 1j * _summed(wave, count, emitters)
+        # The derivative by k came first: it lacks the 1/R.
         wave /= distance
         pressures[block] = _summed(wave, count, emitters)
         slope = (wave * (1j * wavenumber - 1.0 / distance) / distance)[..., None] * away
@@ -179,6 +180,7 @@ def simulate_transmissions(
         )
     size = len(parts[0])
     pairs = np.zeros((len(array), len(array)), dtype=np.complex128)
+    # Elements without a front emit to all sides.
     front = 0.0 if array.element.directional else -1.0
     for first, second in combinations(range(len(parts)), 2):
         # The later board receives; the other direction follows by reciprocity.
@@ -192,7 +194,6 @@ def simulate_transmissions(
     deviation = None
     if noise is not None:
         deviation = float(np.sqrt(np.mean(np.abs(pressures) ** 2))) * ratio_of(noise, "the noise")
-        pressures = pressures + deviation * normal_noise(
-            np.random.default_rng(seed), pressures.shape
-        )
+        random = np.random.default_rng(seed)
+        pressures = pressures + deviation * normal_noise(random, pressures.shape)
     return Echoes(codes, pressures, None, frequency, deviation)

@@ -18,7 +18,7 @@ from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Complex, Complex128, Float, Float64, Int, Real, Shaped
-from scipy.sparse import csr_matrix, diags
+from scipy.sparse import csr_matrix, diags, lil_matrix
 from scipy.special import jv, spherical_jn
 
 from airtact import _kernels
@@ -48,6 +48,7 @@ def harmonics(
     """Real harmonics (waves, P) in the directions of offsets (P, 3) from the centre."""
     out = np.empty((wave_count(order), len(offsets)))
     for n, (legendre, cosines, sines) in enumerate(_by_order(order, offsets)):
+        # Degrees 0 to n follow the middle of the order's waves, −n to −1 precede it.
         np.multiply(legendre, cosines, out=out[n * n + n : (n + 1) ** 2])
         np.multiply(legendre[:0:-1], sines, out=out[n * n : n * n + n])
     return out
@@ -77,6 +78,7 @@ def _by_order(
             grown[:n] = np.sqrt((4 * n**2 - 1) / (n**2 - m**2)) * z * legendre
             factor = ((2 * n + 1) * ((n - 1) ** 2 - m**2)) / (max(2 * n - 3, 1) * (n**2 - m**2))
             grown[: n - 1] -= np.sqrt(factor[: n - 1]) * below[: n - 1]
+            # The degree n has no predecessor two orders below: it follows from the one beside it.
             grown[n] = np.sqrt((2 * n + 1) / (2 * n)) * sine * legendre[n - 1]
             below = legendre
             legendre = grown
@@ -124,6 +126,7 @@ def regular_waves(
     order: int, offsets: Real[np.ndarray, "points 3"], wavenumber: complex
 ) -> Shaped[np.ndarray, "waves points"]:
     """Regular waves j_n(kr) Z_nm at offsets (P, 3), (waves, P); real for a real k."""
+    # A real argument keeps the waves, and all products with them, real.
     argument = np.linalg.norm(offsets, axis=1) * (
         wavenumber if wavenumber.imag else wavenumber.real
     )
@@ -175,6 +178,7 @@ def motions(order: int) -> tuple[csr_matrix, ...]:
         for momentum in ((up + down) / 2, (up - down) / 2j, diags(degrees.astype(float)))
     ]
     along_z = np.real(real.conj() @ along_z @ real.T)
+    # [L, ∂z] gives the other two components of the gradient, a vector operator.
     along_x = along_z @ turns[1] - turns[1] @ along_z
     along_y = turns[0] @ along_z - along_z @ turns[0]
     matrices = [csr_matrix(matrix) for matrix in (along_x, along_y, along_z, *turns)]
@@ -206,8 +210,10 @@ def moved(twist: Real[np.ndarray, "6"], waves: Waves, wavenumber: float) -> Wave
         return waves
     total = as_real(waves.copy())
     single = total.dtype == np.float32
+    # J_j falls faster than exponentially once j exceeds the argument by a few cube roots of it.
     bessel = jv(np.arange(int(size + 8 * np.cbrt(size)) + 12), size)
     smallest = 1e-6 if single else 1e-7  # smaller terms of the sum are left out
+    # At least two terms, as the recurrence begins with φ_0 and φ_1.
     bessel = bessel[: max(int(np.flatnonzero(np.abs(bessel) > smallest)[-1]) + 1, 2)]
     bessel[1:] *= 2.0
     parts = np.concatenate([wavenumber * np.asarray(twist[:3]), twist[3:]]) / size
@@ -258,16 +264,16 @@ def _together(
 
 def _to_real(order: int) -> csr_matrix:
     """Unitary U with Z = U Y, for Y the complex harmonics with the phase of Condon and Shortley."""
-    rows, columns, values = [], [], []
+    size = wave_count(order)
+    real = lil_matrix((size, size), dtype=np.complex128)
     for n in range(order + 1):
         middle = n * n + n
-        rows.append(middle)
-        columns.append(middle)
-        values.append(1.0)
+        real[middle, middle] = 1.0
         for m in range(1, n + 1):
+            # Y of degree −m is (−1)^m times the conjugate of that of degree m.
             sign = (-1.0) ** m
-            rows += [middle + m, middle + m, middle - m, middle - m]
-            columns += [middle + m, middle - m] * 2
-            values += [sign / np.sqrt(2), 1 / np.sqrt(2), -1j * sign / np.sqrt(2), 1j / np.sqrt(2)]
-    size = wave_count(order)
-    return csr_matrix((values, (rows, columns)), (size, size), dtype=np.complex128)
+            real[middle + m, middle + m] = sign / np.sqrt(2)
+            real[middle + m, middle - m] = 1 / np.sqrt(2)
+            real[middle - m, middle + m] = -1j * sign / np.sqrt(2)
+            real[middle - m, middle - m] = 1j / np.sqrt(2)
+    return real.tocsr()

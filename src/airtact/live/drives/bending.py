@@ -270,12 +270,12 @@ def _phasors(phases: Float[np.ndarray, "*any"]) -> Complex64[np.ndarray, "*any"]
 
 
 def _distances(
-    points: Float[np.ndarray, "points 3"], others: Float[np.ndarray, "others 3"]
-) -> Float[np.ndarray, "points others"]:
+    points: Float[np.ndarray, "points 3"], targets: Float[np.ndarray, "targets 3"]
+) -> Float[np.ndarray, "points targets"]:
     # |p - q|² = p² - 2 p·q + q², in place: no array of all differences is made.
-    squares = points @ (-2.0 * others.T)
+    squares = points @ (-2.0 * targets.T)
     squares += np.einsum("pd,pd->p", points, points)[:, None] + np.einsum(
-        "qd,qd->q", others, others
+        "qd,qd->q", targets, targets
     )
     return np.sqrt(np.maximum(squares, 0.0, out=squares), out=squares)
 

@@ -105,8 +105,10 @@ def rigid_part(hand: Hand, place: str) -> Surface:
     balls, parts = np.unique(hulls.parts, return_inverse=True)
     missing = int(balls[0] == -1)
     parts = parts.reshape(-1, 3).astype(np.int64) - missing
-    own = Hulls(hulls.balls[balls[missing:]], parts, hulls.blend, hulls.apart)
-    return _surface(own, 3e-3)  # triangles small enough to see soon that two bodies are apart [m]
+    renumbered = Hulls(hulls.balls[balls[missing:]], parts, hulls.blend, hulls.apart)
+    return _surface(
+        renumbered, 3e-3
+    )  # triangles small enough to see soon that two bodies are apart [m]
 
 
 def _selected(hulls: Hulls, chosen: list[int]) -> Hulls:

@@ -400,7 +400,7 @@ def paint(
         if watched:
             moment, drives = shown
             panel.update(moment, drives, view.sound, view.largest)
-        # 13 pictures a second: perhaps the processor that runs the loop draws them, too. At least
+        # 13 pictures a second: the processor of the loop may draw them as well. At least
         # 30 % of the time is left to the loop, however slow the computer is.
         spent = time.monotonic() - start
         time.sleep(max(1.0 / 13.0 - spent, 3.0 / 7.0 * spent))
