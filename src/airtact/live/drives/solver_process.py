@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from threading import Condition, Thread, get_native_id
@@ -165,7 +165,7 @@ def _dump(message: object, pipe: BinaryIO) -> None:
 
 
 class _Newest:
-    """Mailbox for the newest request, for a thread that waits for one."""
+    """Mailbox for the newest request, for the threads that wait for one."""
 
     def __init__(self) -> None:
         self._changed = Condition()
@@ -176,13 +176,13 @@ class _Newest:
         """Put in a request in place of the previous one."""
         with self._changed:
             self._request = request
-            self._changed.notify()
+            self._changed.notify_all()
 
     def end(self) -> None:
         """Accept no more requests."""
         with self._changed:
             self._ended = True
-            self._changed.notify()
+            self._changed.notify_all()
 
     def take(self) -> Request | None:
         """Wait for a request and remove it; None at the end."""
@@ -204,49 +204,30 @@ class _Newest:
         return None
 
 
-def _solve(scene: LiveScene, parts: tuple[Rule, ...], newest: _Newest, pipe: BinaryIO) -> None:
-    """Solve hands until no more come."""
+def _answer(
+    scene: LiveScene,
+    parts: Sequence[Rule],
+    solve: Callable[[Joints, Rule, float], HandFactors | None],
+    newest: _Newest,
+    pipe: BinaryIO,
+    interval: float = 0.0,
+) -> None:
+    """Answer the newest request over and over, at least an interval apart [s], until the end."""
     plan = Plan(parts)
-    solver = PartSolver(scene)
     while (request := newest.look(MAX_REQUEST_AGE)) is not None:
         begun = time.monotonic()
         try:
             part, ahead = plan.next(scene, request)
             # The request has aged in the mailbox: that time is added, within reason.
             ahead = min(ahead + begun - request.sent, MAX_AHEAD)
-            answer = solver.solved(request.after(ahead), part, request.time + ahead)
+            answer = solve(request.after(ahead), part, request.time + ahead)
             plan.took(part, time.monotonic() - begun)
         except (InvalidInput, NotConverged) as fault:
             answer = str(fault)
             time.sleep(RETRY_PAUSE)
-        _dump(answer, pipe)
-
-
-def _carry(scene: LiveScene, newest: _Newest, pipe: BinaryIO) -> None:
-    """Solve whole hands in a second thread, and carry the solutions to new hands."""
-    hand = BendingHand(scene)
-    to_solve = _Newest()
-    plan = Plan(("carried",))
-    solving = Thread(target=_solve_to_carry, args=(hand, to_solve))
-    solving.start()
-    try:
-        while (request := newest.look(MAX_REQUEST_AGE)) is not None:
-            to_solve.put(request)
-            begun = time.monotonic()
-            try:
-                part, ahead = plan.next(scene, request)
-                ahead = min(ahead + begun - request.sent, MAX_AHEAD)
-                answer = hand.carried(request.after(ahead), request.time + ahead)
-                plan.took(part, time.monotonic() - begun)
-            except InvalidInput as fault:
-                answer = str(fault)
-            if answer is not None:
-                _dump(answer, pipe)
-            # Carrying more often than every 30 ms would take time from solving for no benefit.
-            time.sleep(max(begun + 0.03 - time.monotonic(), 0.0))
-    finally:
-        to_solve.end()
-        solving.join()  # an interpreter that ends while a thread is in a kernel is aborted
+        if answer is not None:
+            _dump(answer, pipe)
+        time.sleep(max(begun + interval - time.monotonic(), 0.0))
 
 
 def _solve_to_carry(hand: BendingHand, newest: _Newest) -> None:
@@ -282,7 +263,20 @@ def main() -> None:
 
     Thread(target=read, daemon=True).start()
     with suppress(BrokenPipeError):
-        if parts == ("carried",):
-            _carry(scene, newest, answers)
-        else:
-            _solve(scene, parts, newest, answers)
+        if parts != ("carried",):
+            _answer(scene, parts, PartSolver(scene).solved, newest, answers)
+            return
+        # A second thread solves whole hands; this one carries their solutions to new hands.
+        hand = BendingHand(scene)
+
+        def carried(joints: Joints, _: Rule, time: float) -> HandFactors | None:
+            return hand.carried(joints, time)
+
+        solving = Thread(target=_solve_to_carry, args=(hand, newest))
+        solving.start()
+        try:
+            # More often than every 30 ms would take time from solving for no benefit.
+            _answer(scene, parts, carried, newest, answers, 0.03)
+        finally:
+            newest.end()
+            solving.join()  # an interpreter that ends while a thread is in a kernel is aborted
