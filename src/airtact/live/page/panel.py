@@ -202,38 +202,54 @@ class Panel:
             modulation = "the scene has none"
         constant = scene.modulation is None and scene.moving is None
         hint = "drives from distances alone, to feel the difference"
-        ignore = gui.add_checkbox("ignore the hand", first.ignore_hand, hint=hint)
-        modulated = gui.add_checkbox(
-            "modulated", first.modulated, disabled=constant, hint=modulation
+        _on_change(
+            gui.add_checkbox("ignore the hand", first.ignore_hand, hint=hint),
+            lambda value: self._set(ignore_hand=value),
         )
-        gap = gui.add_slider("gap [mm]", 0.0, 20.0, 0.1, offset, hint="of the foci from the skin")
+        _on_change(
+            gui.add_checkbox("modulated", first.modulated, disabled=constant, hint=modulation),
+            lambda value: self._set(modulated=value),
+        )
+        hint = "of the foci from the skin"
+        _on_change(
+            gui.add_slider("gap [mm]", 0.0, 20.0, 0.1, offset, hint=hint),
+            lambda value: self._set(offset=1e-3 * value),
+        )
         hint = "largest amplitude of an element"
-        cap = gui.add_slider("level cap [%]", 0, 100, 1, round(100 * first.cap), hint=hint)
+        _on_change(
+            gui.add_slider("level cap [%]", 0, 100, 1, round(100 * first.cap), hint=hint),
+            lambda value: self._set(cap=value / 100),
+        )
         hint = "that makes the drives; robust: for the uncertainty of the prediction"
         chosen = first.method or scene.method
-        method = gui.add_dropdown("method", list(METHODS), initial_value=chosen, hint=hint)
-        ignore.on_update(lambda _: self._set(ignore_hand=ignore.value))
-        modulated.on_update(lambda _: self._set(modulated=modulated.value))
-        gap.on_update(lambda _: self._set(offset=1e-3 * gap.value))
-        cap.on_update(lambda _: self._set(cap=cap.value / 100))
-        method.on_update(lambda _: self._set(method=method.value))
+        _on_change(
+            gui.add_dropdown("method", list(METHODS), initial_value=chosen, hint=hint),
+            lambda value: self._set(method=value),
+        )
 
     def _add_views(self) -> None:
         gui = self._server.gui
-        array = gui.add_dropdown("array", ("phase", "amplitude"))
-        skin = gui.add_checkbox("pressure on the skin", True)
-        cut = gui.add_checkbox("slice of the field", True)
-        across = gui.add_dropdown("slice across", ("x", "y", "z"), initial_value="y")
+        _on_change(
+            gui.add_dropdown("array", ("phase", "amplitude")),
+            lambda value: self._show(array=value),
+        )
+        _on_change(
+            gui.add_checkbox("pressure on the skin", True), lambda value: self._show(skin=value)
+        )
+        _on_change(
+            gui.add_checkbox("slice of the field", True), lambda value: self._show(slice=value)
+        )
+        _on_change(
+            gui.add_dropdown("slice across", ("x", "y", "z"), initial_value="y"),
+            lambda value: self._show(across=value),
+        )
         hint = "from the middle of the foci, along that axis"
-        offset = gui.add_slider("slice at [mm]", -60, 60, 1, 0, hint=hint)
-        dark = gui.add_checkbox("dark", False)
+        _on_change(
+            gui.add_slider("slice at [mm]", -60, 60, 1, 0, hint=hint),
+            lambda value: self._show(offset=1e-3 * value),
+        )
+        _on_change(gui.add_checkbox("dark", False), self._theme)
         self._legend = gui.add_html(legend_html(self.look, None, 0.0))
-        array.on_update(lambda _: self._show(array=array.value))
-        skin.on_update(lambda _: self._show(skin=skin.value))
-        cut.on_update(lambda _: self._show(slice=cut.value))
-        across.on_update(lambda _: self._show(across=across.value))
-        offset.on_update(lambda _: self._show(offset=1e-3 * offset.value))
-        dark.on_update(lambda _: self._theme(dark.value))
 
     def _add_curve(self, name: str, colour: str, high: float) -> viser.GuiUplotHandle:
         times = np.array([-CURVE_SECONDS, 0.0])
@@ -248,6 +264,11 @@ class Panel:
             legend=uplot.Legend(show=False),
             height=112,
         )
+
+
+def _on_change(handle: Any, take: Callable[[Any], None]) -> None:
+    """Hand on the value of a control whenever it changes."""
+    handle.on_update(lambda _: take(handle.value))
 
 
 def rates_of(
