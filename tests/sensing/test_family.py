@@ -117,7 +117,7 @@ def test_an_opening_that_is_a_motion_is_named() -> None:
 )
 def test_ranges_that_cannot_be_are_rejected(ends, settings) -> None:
     with raises_code("out_of_range"):
-        scattering_family(COARSE, capsules, *ends, **settings)
+        at.sensing.scattering_family(COARSE, capsules, *ends, **settings)
 
 
 def test_bad_families_are_rejected() -> None:
@@ -125,10 +125,12 @@ def test_bad_families_are_rejected() -> None:
         return at.Scene(AIR, [at.sound_hard(at.sphere(4e-3, 2e-3, (0, 0, height)))], frequency=40e3)
 
     with raises_code("all_zero"):
-        scattering_family(at.SphereSeries(), lambda value: ball(), 0.0, 1.0)
+        at.sensing.scattering_family(at.SphereSeries(), lambda value: ball(), 0.0, 1.0)
     with raises_code("does_not_match"):
-        scattering_family(COARSE, lambda value: ball() if value < 0.5 else capsules(), 0.0, 1.0)
+        at.sensing.scattering_family(
+            COARSE, lambda value: ball() if value < 0.5 else capsules(), 0.0, 1.0
+        )
     with raises_code("too_few"):
-        scattering_family(at.SphereSeries(), ball, -5e-3, 5e-3, values=3)
+        at.sensing.scattering_family(at.SphereSeries(), ball, -5e-3, 5e-3, values=3)
     with raises_code("given_twice"):
         at.locate(measured(13.6e-3), family(), BOX, TRUE, scattering=family().matrices[0])

@@ -213,7 +213,12 @@ class ArrayFit:
         chosen = [np.sort(random.permutation(size)[:48]) for _ in boards]
         rows = np.concatenate([size * board + each for board, each in enumerate(chosen)])
         few = ArrayFit(self.measured[np.ix_(rows, rows)], self.counted[np.ix_(rows, rows)])
-        parts = [_part_of(board, rows) for board, rows in zip(boards, chosen, strict=True)]
+        parts = [
+            PhasedArray(
+                board.positions[rows], board.normals[rows], board.element, board.tangents[rows]
+            )
+            for board, rows in zip(boards, chosen, strict=True)
+        ]
         power = float(np.sum(np.abs(few.measured) ** 2))
         spread = np.repeat([1.2e-3, 0.012], 3)  # standard deviations of boards [m] and angles [rad]
         best = None
@@ -576,12 +581,6 @@ def _reduced(
         spread = of_emission[:, :-1]
     inner = np.sum((spread @ np.linalg.pinv(squares, hermitian=True)) * spread, axis=1)
     return Information(squares, slope, units, float(np.mean((np.diag(inverse) + inner)[counts])))
-
-
-def _part_of(board: PhasedArray, rows: Int64[np.ndarray, "rows"]) -> PhasedArray:
-    return PhasedArray(
-        board.positions[rows], board.normals[rows], board.element, board.tangents[rows]
-    )
 
 
 def motion_of(before: PhasedArray, after: PhasedArray) -> Pose:
