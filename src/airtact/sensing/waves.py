@@ -276,4 +276,4 @@ def _to_real(order: int) -> csr_matrix:
             real[middle + m, middle - m] = 1 / np.sqrt(2)
             real[middle - m, middle + m] = -1j * sign / np.sqrt(2)
             real[middle - m, middle - m] = 1j / np.sqrt(2)
-    return real.tocsr()
+    return csr_matrix(real)
