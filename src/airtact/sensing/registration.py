@@ -81,9 +81,10 @@ class Located:
     ----------
     pose : of the obstacles in the array's frame, as of ``PhasedArray.seen_from``.
     covariance : (6, 6) of the translation of ``centre`` [m] and of a small turn about it [rad],
-        along the array's axes, with a seventh row and column for ``opening`` of a family: from all that is left unexplained, and larger where receivers in different places
-        disagree by more than noise would make them, or where so much is left beyond noise that the
-        shape must be wrong.
+        along the array's axes, with a seventh row and column for ``opening`` of a family. It follows
+        from the whole residual, and is larger where receivers in different places disagree by more
+        than noise explains, or where the residual beyond noise is so large that the shape must be
+        wrong.
     bound : the Cramér-Rao bound, of the same shape: the smallest covariance that the noise
         allows; NaN where the noise is not known.
     residual : rms residual over the rms of the echoes, noise included.

@@ -249,8 +249,8 @@ class ArrayFit:
         def move(here: ArrayState, step: Step) -> ArrayState:
             step = step * _units(here.boards, here.wavenumber)
             motions = step[:-1].reshape(-1, 6)
-            others = [moved(*board) for board in zip(here.boards[1:], motions, strict=True)]
-            boards = (here.boards[0], *others)
+            moving = [moved(*board) for board in zip(here.boards[1:], motions, strict=True)]
+            boards = (here.boards[0], *moving)
             return self._state(boards, here.wavenumber + step[-1], here.reception, here.emission)
 
         ones = np.ones(len(self.measured), dtype=np.complex128)
@@ -572,9 +572,11 @@ def _reduced(
     spread = np.empty((elements, len(slope)))
     # Real parts belong to log magnitudes, imaginary parts to phases.
     for part, right in ((np.real(mixed), np.real(of_gains)), (np.imag(mixed), np.imag(of_gains))):
-        sides = np.column_stack([part, right])
-        of_emission = inverse @ (sides[elements:] - power.T @ (weight[:, None] * sides[:elements]))
-        of_reception = weight[:, None] * (sides[:elements] - power @ of_emission)
+        columns = np.column_stack([part, right])
+        of_emission = inverse @ (
+            columns[elements:] - power.T @ (weight[:, None] * columns[:elements])
+        )
+        of_reception = weight[:, None] * (columns[:elements] - power @ of_emission)
         solved = part.T @ np.concatenate([of_reception, of_emission])
         squares = squares - solved[:, :-1]
         slope = slope - solved[:, -1]
