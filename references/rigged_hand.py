@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from airtact.geometry.mesh.curving import SHARP_DEGREES, curved
-from airtact.geometry.mesh.topology import edge_twins
+from airtact.geometry.mesh.curving import curved
+from airtact.geometry.mesh.topology import SHARP_DEGREES, edge_twins
 from airtact.geometry.quadratic_mesh import QuadraticMesh
 from airtact.hands.body import OWNER, PARTS
 from airtact.hands.hand import Hand

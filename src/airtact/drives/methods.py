@@ -2,23 +2,14 @@
 
 import warnings
 from dataclasses import dataclass
+from importlib import import_module
 
 import numpy as np
 
 from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive
-from airtact.drives.gerchberg_saxton import gs_pat, weighted_gerchberg_saxton
-from airtact.drives.gradient_descent import gradient
-from airtact.drives.linear_methods import (
-    exact_amplitudes,
-    inverse_filter,
-    least_peak,
-    phase_conjugate,
-    time_reversal,
-)
 from airtact.drives.reach import asked_rows, check_foci
-from airtact.drives.robust_drives import robust, robust_phase_only
-from airtact.drives.transfer import MakeDrive, TransferMatrix
+from airtact.drives.transfer import TransferMatrix
 from airtact.drives.weakest_focus import Stalled, max_min
 from airtact.transducers.levels import FULL_SCALE
 
@@ -70,33 +61,35 @@ def best(transfer: TransferMatrix, target: Target) -> Drive:
     """
     check_foci(transfer, target)
     method = method_for(target)
-    if method is max_min:
+    if method == "max_min":
         with warnings.catch_warnings(record=True) as stalled:
             warnings.simplefilter("always", Stalled)
             drive = max_min(transfer, target)
         # Many foci close together stall the alternation; the descent costs more but goes on.
         if stalled:
-            drive = gradient(transfer, target)
+            drive = METHODS["gradient"](transfer, target)
     else:
-        drive = method(transfer, target)
+        drive = METHODS[method](transfer, target)
     if target.pressures is None or len(target.suppression_points):
         return drive
     # Exactly the pressures asked, with the phases that the method chose, if full scale is enough.
+    from airtact.drives.linear_methods import exact_amplitudes
+
     matrix, requests = asked_rows(transfer, target)
     phases = np.exp(1j * np.angle(matrix @ drive.amplitudes))
     amplitudes = exact_amplitudes(matrix, requests * phases, sufficient_peak=1.0)
     return Drive(amplitudes) if np.abs(amplitudes).max() <= FULL_SCALE else drive
 
 
-def method_for(target: Target) -> MakeDrive:
-    """Return the method by which ``best`` makes the drive for a target."""
+def method_for(target: Target) -> str:
+    """Return the name of the method by which ``best`` makes the drive for a target."""
     phases = target.phases is not None
     if len(target.suppression_points):
-        return inverse_filter if phases else gradient
+        return "inverse_filter" if phases else "gradient"
     # One focus needs no balance: all elements in phase there are the attainable maximum.
     if np.count_nonzero(target.weights) == 1:
-        return phase_conjugate
-    return least_peak if phases else max_min
+        return "phase_conjugate"
+    return "least_peak" if phases else "max_min"
 
 
 @dataclass(frozen=True)
@@ -105,7 +98,8 @@ class Method:
 
     Attributes
     ----------
-    make : the function.
+    name : of the function; ``METHODS`` and scene files use it.
+    module : module of ``airtact.drives`` that defines the function.
     description : one line.
     heeds_phases : whether it gives the foci the phases that the target asks for; else it ignores or
         chooses them.
@@ -113,61 +107,87 @@ class Method:
         from ``target.beacons(suppression=True)``.
     """
 
-    make: MakeDrive
+    name: str
+    module: str
     description: str
     heeds_phases: bool = False
     heeds_suppression_points: bool = False
 
     def __call__(self, transfer: TransferMatrix, target: Target) -> Drive:
         """Return the drive for the foci of a target."""
-        return self.make(transfer, target)
+        # Imported when called: a drive needs one method, and the robust ones import the solvers
+        # of their samples.
+        make = getattr(import_module(f"airtact.drives.{self.module}"), self.name)
+        return make(transfer, target)
 
-    @property
-    def name(self) -> str:
-        """Name of the function, by which ``METHODS`` and scene files know the method."""
-        return self.make.__name__
-
-
-_METHODS = (
-    Method(best, "the default: the method below that serves the target best", True, True),
-    Method(
-        time_reversal,
-        "the conjugate of the transfer matrix, amplitudes and phases",
-        heeds_phases=True,
-    ),
-    Method(
-        phase_conjugate,
-        "the phases of time reversal, all elements at one amplitude",
-        heeds_phases=True,
-    ),
-    Method(inverse_filter, "regularised least squares for the pressures asked", True, True),
-    Method(
-        least_peak,
-        "exactly the pressures and phases asked, at the lowest peak amplitude",
-        heeds_phases=True,
-    ),
-    Method(weighted_gerchberg_saxton, "alternating projections with more weight on foci that lag"),
-    Method(gs_pat, "alternating projections between the foci alone"),
-    Method(max_min, "the strongest worst focus, from a semidefinite relaxation"),
-    Method(
-        gradient,
-        "max_min improved along the gradient, suppression points silenced",
-        heeds_suppression_points=True,
-    ),
-    Method(
-        robust,
-        "the best for hands that may be elsewhere, at equal energy",
-        heeds_suppression_points=True,
-    ),
-    Method(
-        robust_phase_only,
-        "the same with every element at full scale",
-        heeds_suppression_points=True,
-    ),
-)
 
 FOR_SAMPLES = ("robust", "robust_phase_only")
 """Methods whose drives serve all samples of an ensemble; without samples nothing is uncertain."""
 
-METHODS: dict[str, Method] = {method.name: method for method in _METHODS}
+METHODS: dict[str, Method] = {
+    method.name: method
+    for method in (
+        Method(
+            "best",
+            "methods",
+            "the default: the method below that serves the target best",
+            heeds_phases=True,
+            heeds_suppression_points=True,
+        ),
+        Method(
+            "time_reversal",
+            "linear_methods",
+            "the conjugate of the transfer matrix, amplitudes and phases",
+            heeds_phases=True,
+        ),
+        Method(
+            "phase_conjugate",
+            "linear_methods",
+            "the phases of time reversal, all elements at one amplitude",
+            heeds_phases=True,
+        ),
+        Method(
+            "inverse_filter",
+            "linear_methods",
+            "regularised least squares for the pressures asked",
+            heeds_phases=True,
+            heeds_suppression_points=True,
+        ),
+        Method(
+            "least_peak",
+            "linear_methods",
+            "exactly the pressures and phases asked, at the lowest peak amplitude",
+            heeds_phases=True,
+        ),
+        Method(
+            "weighted_gerchberg_saxton",
+            "gerchberg_saxton",
+            "alternating projections with more weight on foci that lag",
+        ),
+        Method("gs_pat", "gerchberg_saxton", "alternating projections between the foci alone"),
+        Method(
+            "max_min",
+            "weakest_focus",
+            "the strongest worst focus, from a semidefinite relaxation",
+        ),
+        Method(
+            "gradient",
+            "gradient_descent",
+            "max_min improved along the gradient, suppression points silenced",
+            heeds_suppression_points=True,
+        ),
+        Method(
+            "robust",
+            "robust_drives",
+            "the best for hands that may be elsewhere, at equal energy",
+            heeds_suppression_points=True,
+        ),
+        Method(
+            "robust_phase_only",
+            "robust_drives",
+            "the same with every element at full scale",
+            heeds_suppression_points=True,
+        ),
+    )
+}
 """All methods by name, the default first."""

@@ -14,7 +14,6 @@ import numpy as np
 from airtact.checks import counted, in_mm
 from airtact.errors import InvalidInput
 from airtact.geometry.mesh.arrays import Corners, FlatMesh, Points, Vector3
-from airtact.geometry.mesh.intersections import crossings_between, segment_triangle_distances
 from airtact.geometry.mesh.mesh_distance import (
     FirstCorners,
     SecondCorners,
@@ -24,7 +23,6 @@ from airtact.geometry.mesh.mesh_distance import (
 )
 from airtact.geometry.mesh.quadratic_triangles import shape_functions
 from airtact.geometry.mesh.remeshing import split_pieces
-from airtact.geometry.mesh.thickness import thin_position
 from airtact.geometry.mesh.topology import edge_twins, shells
 from airtact.geometry.primitives import Capsule
 from airtact.geometry.surface import Body, Surface
@@ -103,6 +101,8 @@ def thin_part(surface: Surface, thinnest: float, short: float) -> tuple[float, V
         return None
     if surface.shape.thinnest > 0.0:
         return surface.shape.thinnest, surface.vertices.mean(axis=0)
+    from airtact.geometry.mesh.thickness import thin_position
+
     # Move each triangle to where the middle of its curved panel is: the weight of a mid-edge node
     # there is 4/9.
     corners = surface.corners
@@ -183,6 +183,8 @@ def _round_bodies(
 
 
 def _capsule_and_mesh(capsule: Capsule, mesh: Surface, within: float) -> Approach | None:
+    from airtact.geometry.mesh.intersections import segment_triangle_distances
+
     corners = mesh.corners
     bulge = _bulge(mesh)
     axes = np.broadcast_to(capsule.axis, (len(corners), 2, 3))
@@ -262,6 +264,8 @@ def _wide_overlap(first: Surface, second: Surface, bulge: float) -> Approach | N
 
 
 def _triangles(first: FirstCorners, second: SecondCorners, within: float) -> Approach | None:
+    from airtact.geometry.mesh.intersections import crossings_between
+
     pairs = crossings_between(first, second)
     if len(pairs):
         where = first[pairs[0, 0]].mean(axis=0)

@@ -8,8 +8,8 @@ from airtact.checks import counted, fixed, of_kind, positive
 from airtact.errors import about
 from airtact.files.meshes import read_mesh
 from airtact.geometry.checks import check_not_crossed
-from airtact.geometry.mesh.curving import SHARP_DEGREES
 from airtact.geometry.mesh.repair import repaired
+from airtact.geometry.mesh.topology import SHARP_DEGREES
 from airtact.geometry.mesh_shape import MeshShape
 from airtact.geometry.pose import Pose
 from airtact.geometry.quadratic_mesh import QuadraticMesh

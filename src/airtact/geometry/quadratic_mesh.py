@@ -20,7 +20,7 @@ from airtact.geometry.mesh.arrays import (
     Twins,
     Vertices,
 )
-from airtact.geometry.mesh.curving import SHARP_DEGREES, curved
+from airtact.geometry.mesh.curving import curved
 from airtact.geometry.mesh.intersections import self_crossings
 from airtact.geometry.mesh.panel_tree import PanelTree, panel_tree
 from airtact.geometry.mesh.quadratic_triangles import (
@@ -35,7 +35,7 @@ from airtact.geometry.mesh.quadratic_triangles import (
     with_middles,
 )
 from airtact.geometry.mesh.remeshing import RidgedMesh, with_short_edges
-from airtact.geometry.mesh.topology import edge_twins, shells
+from airtact.geometry.mesh.topology import SHARP_DEGREES, edge_twins, shells
 from airtact.printing import in_short
 
 _RULE_POINTS, _RULE_WEIGHTS = gauss_square(4)

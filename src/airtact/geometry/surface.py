@@ -28,19 +28,17 @@ from airtact.geometry.mesh.arrays import (
     TriangleVectors,
     Twins,
 )
-from airtact.geometry.mesh.curving import SHARP_DEGREES
 from airtact.geometry.mesh.quadratic_triangles import edge_lengths
 from airtact.geometry.mesh.topology import (
+    SHARP_DEGREES,
     check_closed,
     check_indices,
     check_not_degenerate,
     check_orientation,
     check_size,
 )
-from airtact.geometry.mesh_shape import MeshShape
 from airtact.geometry.panels import Panels, panels_of
 from airtact.geometry.pose import Pose, nearest_motion
-from airtact.geometry.quadratic_mesh import QuadraticMesh
 from airtact.geometry.shape import Shape
 from airtact.printing import one_line, sides_in_mm
 
@@ -96,6 +94,9 @@ class Surface:
         between(self.sharp_degrees, 0.0, 180.0, "sharp_degrees", "degrees", slip)
         if _known_shape is None:
             self._check()
+            from airtact.geometry.mesh_shape import MeshShape
+            from airtact.geometry.quadratic_mesh import QuadraticMesh
+
             mesh = QuadraticMesh(self.vertices, self.triangles, self.midpoints, self.sharp_degrees)
             _known_shape = self.primitive or MeshShape(mesh, Pose.identity())
         object.__setattr__(self, "shape", _known_shape)

@@ -32,10 +32,12 @@ from airtact.geometry.mesh.quadratic_triangles import (
     normals_at,
     unit,
 )
-from airtact.geometry.mesh.topology import components, edge_twins, smooth_patches
-
-SHARP_DEGREES = 75.0
-"""Edges whose triangles turn by more than this stay sharp [degrees]."""
+from airtact.geometry.mesh.topology import (
+    SHARP_DEGREES,
+    components,
+    edge_twins,
+    smooth_patches,
+)
 
 _CAP_DEGREES = 40.0
 # Angle at the rim of a cap, and largest angle of its triangles to their mean.

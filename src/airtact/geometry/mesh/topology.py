@@ -22,6 +22,9 @@ from airtact.geometry.mesh.quadratic_triangles import longest_edges
 AnyTriangles = Int[np.ndarray, "triangles 3"]
 AnyVertices = Real[np.ndarray, "vertices 3"]
 
+SHARP_DEGREES = 75.0
+"""Edges whose triangles turn by more than this stay sharp [degrees]."""
+
 
 def edge_twins(triangles: AnyTriangles) -> Twins:
     """Find for each directed edge (01, 12, 20) the flat index 3 t + e of the reversed edge.

@@ -21,7 +21,6 @@ from airtact.acoustics.solvers.arrays import (
     SingleLayer,
 )
 from airtact.geometry.mesh.arrays import QuadraticTriangles
-from airtact.geometry.mesh.panel_tree import panel_tree
 from airtact.geometry.mesh.quadratic_triangles import points_at, shape_functions, shape_gradients
 from airtact.printing import in_short
 
@@ -232,6 +231,8 @@ def thickness(
     unknown = np.arange(len(nodes.points)) if least is None else np.flatnonzero(least < largest)
     if not len(unknown):
         return diameter
+    from airtact.geometry.mesh.panel_tree import panel_tree
+
     # pairs of a node and a panel of its body that may limit the node's largest ball
     centres = nodes.points - 0.5 * largest * nodes.normals
     first, panel = near_lists(nodes, centres[unknown], 0.5 * largest + nodes.radii)

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Complex128, Float64
 
+import airtact as at
 from airtact.acoustics.planes import with_images
 from airtact.acoustics.scene import (
     Obstacle,
@@ -35,12 +36,9 @@ from airtact.acoustics.solvers.bem.board_field import (
     elements_and_boards,
     in_boards,
 )
-from airtact.acoustics.solvers.bem.factorised.factorised_bodies import FactorisedBodies
-from airtact.acoustics.solvers.bem.factorised.reduced_body import reduced_body
 from airtact.acoustics.solvers.bem.field import BoundaryField
 from airtact.acoustics.solvers.bem.images import surface_with_images, values_with_images
 from airtact.acoustics.solvers.bem.layer_potentials import NearRule, near_surface
-from airtact.acoustics.solvers.bem.moving_panels import MovingPanels
 from airtact.acoustics.solvers.bem.operator import (
     THICK,
     DualSurface,
@@ -371,7 +369,9 @@ class BoundaryElement(Solver):
             report = replace(report, warnings=(warning, *report.warnings))
         return replace(solved_field, report=report)
 
-    def factorised(self, scene: Scene, refined: Points | None = None) -> FactorisedBodies:
+    def factorised(
+        self, scene: Scene, refined: Points | None = None
+    ) -> "at.acoustics.FactorisedBodies":
         """Factorise each body once: a solver for these bodies, for any sources and rigid motions.
 
         It solves for a new pose of two fingers, or other foci, in a small part of the time of
@@ -389,6 +389,8 @@ class BoundaryElement(Solver):
         InvalidInput
             No bodies, a filled body, or too little memory.
         """
+        from airtact.acoustics.solvers.bem.factorised.reduced_body import reduced_body
+
         points = np.empty((0, 3))
         if refined is not None:
             points = points_of(refined, "refined points", least=0)
@@ -440,11 +442,11 @@ class BoundaryElement(Solver):
             ),
             warnings=(*inaccurate, *report.warnings),
         )
-        return FactorisedBodies(
+        return at.acoustics.FactorisedBodies(
             scene, tuple(bodies), self, tolerance, self._smallest_edge(scene), report
         )
 
-    def moving_panels(self, scene: Scene, refined: Points) -> MovingPanels:
+    def moving_panels(self, scene: Scene, refined: Points) -> "at.acoustics.MovingPanels":
         """Cover one body with panels that the caller may move, in single precision.
 
         Parameters
@@ -455,7 +457,7 @@ class BoundaryElement(Solver):
         _check_bodies(scene)
         panels = _in_block_order(self._panels(scene, refined))
         surface = self._surface(_place_nodes(panels, scene), scene, scene.obstacles)
-        return MovingPanels(
+        return at.acoustics.MovingPanels(
             corners=panels.quadratic_triangles,
             inside=surface.shifted,
             deviation=panels.deviation,
