@@ -14,6 +14,7 @@ import click
 
 import airtact as at
 
+# Commands; each is a function in the module of its name
 NAMES = (
     "boards",
     "calibrate",
@@ -30,7 +31,6 @@ NAMES = (
     "sense",
     "sweep",
 )
-"""Commands; each is a function in the module of its name."""
 
 
 class Commands(click.Group):
@@ -65,6 +65,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         error.show()
         return error.exit_code
     except click.ClickException as error:
+        # Messages of click begin with a capital; those of airtact follow "airtact: ".
         sentence = error.format_message()
         sentence = sentence[:1].lower() + sentence[1:]
         if isinstance(error, click.UsageError) and error.ctx is not None:
@@ -72,8 +73,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         code = "wrong_usage"
         status = error.exit_code
     except (KeyboardInterrupt, click.Abort) as stop:
-        kept = str(stop.__cause__ or stop) or "finished files are complete"
-        sentence = f"interrupted; {kept}"
+        # A command that keeps results says so in the interrupt; click wraps it in Abort.
+        sentence = f"interrupted; {str(stop.__cause__ or stop) or 'finished files are complete'}"
         code = "interrupted"
         status = 130
     except OSError as error:

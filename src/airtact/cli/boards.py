@@ -17,12 +17,12 @@ def boards() -> None:
     table = plain_table("board", "elements", "levels", "a link")
     for board in BOARDS.values():
         amplitudes = "on, off" if board.amplitudes == 2 else str(board.amplitudes)
-        row = (
+        table.add_row(
+            board.name,
             str(len(board)),
             f"{amplitudes} x {board.phases} phases",
             "1 board" if board.max_boards == 1 else f"1 to {board.max_boards} boards",
         )
-        table.add_row(board.name, *row)
     links = [
         f"{board.name}: {board.title}, by {', '.join(links_of(board.name))}"
         for board in BOARDS.values()
@@ -30,22 +30,25 @@ def boards() -> None:
     ports = _ports()
     missing = "not searched, pyserial is not installed: pip install 'airtact[serial]'"
     words = missing if ports is None else ", ".join(ports) or "none"
-    record = {
-        "boards": [
-            {
-                "name": board.name,
-                "title": board.title,
-                "elements": len(board),
-                "amplitudes": board.amplitudes,
-                "phases": board.phases,
-                "most": board.max_boards,
-                "links": list(links_of(board.name)),
-            }
-            for board in BOARDS.values()
-        ],
-        "serial_ports": ports,
-    }
-    show(table, lines=[*links, f"Serial ports: {words}"], record=record)
+    show(
+        table,
+        lines=[*links, f"Serial ports: {words}"],
+        record={
+            "boards": [
+                {
+                    "name": board.name,
+                    "title": board.title,
+                    "elements": len(board),
+                    "amplitudes": board.amplitudes,
+                    "phases": board.phases,
+                    "most": board.max_boards,
+                    "links": list(links_of(board.name)),
+                }
+                for board in BOARDS.values()
+            ],
+            "serial_ports": ports,
+        },
+    )
 
 
 def _ports() -> list[str] | None:

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import airtact as at
 from airtact.cli.console import facts_table, progress, show
 from airtact.cli.options import FILE, INPUT, as_json, quiet
 
@@ -48,16 +49,15 @@ def calibrate(
     """Find the boards of a scene's array, the gains of its elements and the sound speed.
 
     ECHOES is a file (.h5) of what the elements of the empty array receive of each other's
-    transmissions, with nothing subtracted, in codes that tell the elements apart. Boards must face
+    transmissions, with nothing subtracted, in codes that distinguish the elements. Boards must face
     each other. Writes a table that a scene reads by calibration = "calibration.csv" in its [array].
     """
     with progress() as report_step:
         report_step(f"reading {scene.name}")
         from airtact.files.atomic import writable_folder
-        from airtact.setup.building import read_scene
         from airtact.setup.sensing import calibrate_array
 
-        setup = read_scene(scene)
+        setup = at.read_scene(scene)
         writable_folder(out.parent)
         calibrated, error = calibrate_array(
             setup, echoes, noise if simulate else None, seed, report_step
@@ -75,13 +75,14 @@ def calibrate(
 
 
 def _facts(calibrated: "Calibrated", error: tuple[float, float] | None) -> list[tuple[str, str]]:
-    """List the calibration and its standard deviations."""
     import numpy as np
 
     position, turn, speed = calibrated.deviation
     facts = [("sound speed", f"{calibrated.sound_speed:.3f} m/s, standard deviation {speed:.1g}")]
     for board, motion in enumerate(calibrated.motions[1:], 1):
+        # Relative to the first board, which cannot be off itself.
         x, y, z = 1e3 * calibrated.shifts[board]
+        # The distance of a small rotation from the identity is √2 times its angle.
         angle = np.degrees(np.linalg.norm(motion.rotation - np.eye(3)) / np.sqrt(2.0))
         facts.append(
             (f"board {board} is off by", f"({x:.3f}, {y:.3f}, {z:.3f}) mm, turned by {angle:.3f}°")
@@ -109,7 +110,6 @@ def _facts(calibrated: "Calibrated", error: tuple[float, float] | None) -> list[
 
 
 def _record(calibrated: "Calibrated", error: tuple[float, float] | None) -> dict[str, Any]:
-    """Return the calibration for ``--json``."""
     return {
         "sound_speed": calibrated.sound_speed,
         "boards": [

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from rich.markup import escape
 
+import airtact as at
 from airtact.cli.console import (
     facts_table,
     plain_table,
@@ -49,56 +50,52 @@ def check(scene: Path, folder: Path | None, **settings: float | None) -> None:
         from airtact.files.meshes import SUFFIXES
 
         if scene.suffix.lower() in SUFFIXES:
-            shown = _check_surface(scene, folder, report_step, chosen)
+            tables, cautions, record = _check_surface(scene, folder, report_step, chosen)
         else:
-            shown = _check_scene(scene, folder, report_step, chosen)
-    tables, cautions, record = shown
+            tables, cautions, record = _check_scene(scene, folder, report_step, chosen)
     show(*tables, warnings=cautions, record=record)
 
 
+# Tables, warnings and the record for ``--json``
 Shown = tuple[list["Table"], tuple[str, ...], dict[str, Any]]
-"""Tables, warnings and the record for ``--json``."""
 
 
 def _check_scene(
     path: Path, folder: Path | None, report_step: Progress, settings: dict[str, float]
 ) -> Shown:
-    from airtact.acoustics.solvers.bem.solver import BoundaryElement
-    from airtact.errors import InvalidInput
     from airtact.setup.bodies import drawable_bodies
-    from airtact.setup.building import read_scene
     from airtact.setup.sentences import reach_cautions
     from airtact.setup.solving import unknowns_of
 
+    # A scene sets these for each of its surfaces.
     for key, value in settings.items():
-        raise InvalidInput(
-            f"{key} = {value:g} stands in a scene file, beside its surface, not on the command "
+        raise at.InvalidInput(
+            f"{key} = {value:g} belongs in the scene file, beside its surface, not on the command "
             "line.",
             code="options_clash",
         )
     report_step(f"reading {path.name}")
     with _fault_drawn(folder, lambda: drawable_bodies(path), report_step):
-        setup = read_scene(path)
+        setup = at.read_scene(path)
     if folder is not None:
         _draw_bodies(folder, setup.scene, setup.bodies, setup.target.points, report_step)
     report_step("counting unknowns")
     unknowns = None
-    if isinstance(setup.solver, BoundaryElement):
+    if isinstance(setup.solver, at.BoundaryElement):
         unknowns = unknowns_of(setup.solver, setup.scene, setup.target.points)
     report_step(f"checking which of {len(setup.target.points):,} foci the array reaches")
-    tables = list(_scene_tables(setup, unknowns))
-    return tables, reach_cautions(setup), _scene_record(setup, unknowns)
+    return (
+        list(_scene_tables(setup, unknowns)),
+        reach_cautions(setup),
+        _scene_record(setup, unknowns),
+    )
 
 
 def _check_surface(
     path: Path, folder: Path | None, report_step: Progress, settings: dict[str, float]
 ) -> Shown:
-    """Put a surface into air as a sound-hard body, as a scene at 40 kHz would."""
-    from airtact.acoustics.medium import air
-    from airtact.acoustics.scene import Scene, sound_hard
-    from airtact.acoustics.solvers.bem.solver import BoundaryElement
+    # A scene at 40 kHz would have it as a sound-hard body in air.
     from airtact.errors import about
-    from airtact.geometry.files import load_surface
     from airtact.setup.bodies import bare_triangles
     from airtact.setup.solving import unknowns_of
 
@@ -107,20 +104,24 @@ def _check_surface(
         return [] if bare is None else [bare]
 
     with _fault_drawn(folder, triangles, report_step):
-        surface = load_surface(path, **settings, progress=report_step)
+        surface = at.load_surface(path, **settings, progress=report_step)
         with about(path.name):
-            scene = Scene(air(), [sound_hard(surface)])
+            scene = at.Scene(at.air(), [at.sound_hard(surface)])
     if folder is not None:
         _draw_bodies(folder, scene, [path.name], None, report_step)
     report_step("counting unknowns")
-    far = surface.vertices.min(axis=0)[None] - 1.0  # a focus that makes no panels smaller
+    # Panels are smaller near foci; a distant one leaves them all of the usual size.
+    distant = surface.vertices.min(axis=0)[None] - 1.0
     unknowns = {
-        accuracy: unknowns_of(BoundaryElement(accuracy=accuracy), scene, far)
+        accuracy: unknowns_of(at.BoundaryElement(accuracy=accuracy), scene, distant)
         for accuracy in (0.01, 0.03)
     }
     counts = {f"{accuracy:g}": count for accuracy, count in unknowns.items()}
-    record = {"surface": _size(surface), "unknowns": counts}
-    return list(_surface_tables(path.name, scene, unknowns)), (), record
+    return (
+        list(_surface_tables(path.name, scene, unknowns)),
+        (),
+        {"surface": _size(surface), "unknowns": counts},
+    )
 
 
 def _draw_bodies(
@@ -130,8 +131,10 @@ def _draw_bodies(
     from airtact.reports.page import write_picture
 
     report_step(f"drawing {folder / 'bodies.png'}")
-    surfaces = [obstacle.surface for obstacle in scene.obstacles]
-    write_picture(folder / "bodies.png", draw_bodies(surfaces, names, foci, scene.planes))
+    write_picture(
+        folder / "bodies.png",
+        draw_bodies([obstacle.surface for obstacle in scene.obstacles], names, foci, scene.planes),
+    )
 
 
 @contextmanager
@@ -141,7 +144,6 @@ def _fault_drawn(
     """Draw the fault of input that is rejected inside, if there is a folder for the picture."""
     import numpy as np
 
-    from airtact.errors import InvalidInput
     from airtact.files.atomic import writable_folder
 
     def clear(folder: Path) -> None:
@@ -152,12 +154,13 @@ def _fault_drawn(
 
     try:
         yield
-    except InvalidInput as fault:
+    except at.InvalidInput as fault:
         if folder is None:
             raise
+        # A fault of the text itself leaves nothing to draw; the first fault is the one reported.
         try:
             drawable = bodies()
-        except InvalidInput:
+        except at.InvalidInput:
             drawable = []
         if drawable:
             from airtact.reports.body_figure import draw_fault
@@ -170,15 +173,15 @@ def _fault_drawn(
             triangles = np.concatenate(
                 [part + start for (_, part), start in zip(drawable, starts, strict=False)]
             )
-            figure = draw_fault(vertices, triangles, str(fault), fault.position)
-            write_picture(folder / "fault.png", figure)
+            write_picture(
+                folder / "fault.png", draw_fault(vertices, triangles, str(fault), fault.position)
+            )
         raise
     if folder is not None:
         clear(folder)
 
 
 def _scene_record(setup: "Setup", unknowns: int | None) -> dict[str, Any]:
-    """List what is in a scene, for ``--json``."""
     target = setup.target
     asked = [None] * len(setup.foci) if target.pressures is None else target.pressures.tolist()
     rows = zip(
@@ -191,13 +194,13 @@ def _scene_record(setup: "Setup", unknowns: int | None) -> dict[str, Any]:
     keys = ("name", "position", "asked", "off_the_surface")
     return {
         "bodies": [
-            {"name": name, "boundary": one.boundary, **_size(one.surface)}
-            for name, one in zip(setup.bodies, setup.scene.obstacles, strict=True)
+            {"name": name, "boundary": obstacle.boundary, **_size(obstacle.surface)}
+            for name, obstacle in zip(setup.bodies, setup.scene.obstacles, strict=True)
         ],
         "foci": [dict(zip(keys, row, strict=True)) for row in rows],
         "planes": [
-            {"point": one.point.tolist(), "normal": one.normal.tolist()}
-            for one in setup.scene.planes
+            {"point": plane.point.tolist(), "normal": plane.normal.tolist()}
+            for plane in setup.scene.planes
         ],
         "transducers": len(setup.array),
         "suppression_points": len(target.suppression_points),
@@ -210,12 +213,15 @@ def _scene_record(setup: "Setup", unknowns: int | None) -> dict[str, Any]:
 
 
 def _size(surface: "Surface") -> dict[str, Any]:
-    facts = {"triangles": len(surface.triangles), "area": surface.area, "volume": surface.volume}
-    return {**facts, "repairs": list(surface.repairs)}
+    return {
+        "triangles": len(surface.triangles),
+        "area": surface.area,
+        "volume": surface.volume,
+        "repairs": list(surface.repairs),
+    }
 
 
 def _scene_tables(setup: "Setup", unknowns: int | None) -> "Iterator[Table]":
-    """Tabulate the bodies, the foci, and the cost of a solve."""
     from airtact.checks import in_mm
 
     scene = setup.scene
@@ -278,7 +284,6 @@ def _foci_table(setup: "Setup") -> "Table":
 
 
 def _surface_tables(name: str, scene: "Scene", counts: dict[float, int]) -> "Iterator[Table]":
-    """Tabulate what is in a surface, what was repaired, and what solving it takes."""
     import numpy as np
 
     from airtact.geometry.mesh.topology import shells
@@ -286,15 +291,16 @@ def _surface_tables(name: str, scene: "Scene", counts: dict[float, int]) -> "Ite
     surface = scene.obstacles[0].surface
     pieces = int(shells(surface.triangles).max()) + 1
     closed = f"{pieces} closed {'piece' if pieces == 1 else 'pieces'}"
-    sides = " x ".join(f"{1e3 * side:.4g}" for side in np.ptp(surface.vertices, axis=0))
+    extent = " x ".join(f"{1e3 * side:.4g}" for side in np.ptp(surface.vertices, axis=0))
     waves = surface.area / scene.wavelength**2
     facts = [
         ("accepted", f"{name}: {len(surface.triangles):,} triangles, {closed}"),
-        ("extent", f"{sides} mm along x, y, z"),
+        ("extent", f"{extent} mm along x, y, z"),
         ("area", f"{1e4 * surface.area:.4g} cm² = {waves:.3g} λ² at 40 kHz"),
         ("volume", f"{1e6 * surface.volume:.4g} cm³"),
         ("sharp edges", sharp_edges_in_words(surface)),
     ]
+    # The usual accuracy, and that of a preview.
     for accuracy, unknowns in counts.items():
         memory = _memory(unknowns, accuracy)
         facts.append((f"accuracy {accuracy:g}", f"{unknowns:,} unknowns, about {memory} to solve"))
@@ -303,7 +309,6 @@ def _surface_tables(name: str, scene: "Scene", counts: dict[float, int]) -> "Ite
 
 
 def _memory(unknowns: float, accuracy: float) -> str:
-    """Return how much memory the process takes to solve, in words."""
     from airtact.setup.solving import memory_of_a_solve
 
     size = memory_of_a_solve(unknowns, accuracy)

@@ -54,7 +54,6 @@ def compare(scene: Path, folder: Path, store: Path | None, pictures: bool, opene
 
 
 def _record(result: "MethodComparison") -> dict[str, Any]:
-    """Return the result for ``--json``, the best method first."""
     return {
         "foci": list(result.setup.foci),
         "default": result.default,
@@ -75,7 +74,6 @@ def _record(result: "MethodComparison") -> dict[str, Any]:
 
 
 def _table(result: "MethodComparison") -> "Table":
-    """Tabulate the pressure at the worst focus by each method, the best first."""
     uncertain = result.contenders[0].kept is not None
     suppressed = len(result.setup.target.suppression_points) > 0
     columns = ["method", "worst focus", "of the bound", "mean", "time"]
@@ -84,6 +82,7 @@ def _table(result: "MethodComparison") -> "Table":
     if suppressed:
         columns.append("suppression points")
     table = plain_table(*columns)
+    # Methods differ in energy, so shares of the bound are compared at full scale.
     table.title = "Pressure at the foci; of the bound: at full scale, over what no drive exceeds"
     for contender in result.ranked:
         seconds = contender.seconds

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import airtact as at
 from airtact.cli.console import facts_table, progress, show
 from airtact.cli.options import INPUT, as_json, given, pictures, quiet, results
 
@@ -52,30 +53,27 @@ def compare_scan(scan: Path, scene: Path, folder: Path, pictures: bool, **microp
         report_step(f"reading {scan.name} and {scene.name}")
         import numpy as np
 
-        from airtact.drives.drive import quantise
         from airtact.errors import about
-        from airtact.evaluation.field import drive_sources
-        from airtact.evaluation.microphone import Microphone
-        from airtact.evaluation.scan import load_scan, overlay_scan
         from airtact.files.atomic import writable_folder
-        from airtact.setup.building import read_scene
         from airtact.setup.solving import solve_foci, synthesise, verification_solver
         from airtact.timing import Clock
 
-        face = Microphone(**given(**microphone))
-        measured = load_scan(scan)
-        setup = read_scene(scene)
+        face = at.evaluation.Microphone(**given(**microphone))
+        measured = at.evaluation.load_scan(scan)
+        setup = at.read_scene(scene)
         writable_folder(folder)
         transfer, _ = solve_foci(setup, Clock(report_step))
         drive, stalled = synthesise(setup.synthesise, transfer, setup.target)
-        emitted = quantise(drive, setup.levels).drive()
+        emitted = at.quantise(drive, setup.levels).drive()
+        # The boards emit the rounded drive, so that is what a microphone reads.
         report_step("predicting by a more accurate solve with all transducers as sources")
-        sources = drive_sources(setup.array, [emitted], setup.scene)
-        field = verification_solver(setup).radiate(setup.scene, sources)
+        field = verification_solver(setup).radiate(
+            setup.scene, at.evaluation.drive_sources(setup.array, [emitted], setup.scene)
+        )
         report_step(f"evaluating the microphone at {len(measured.points)} positions")
         predicted = face.read(field, measured.points)[:, 0]
         with about(scan.name):
-            overlay = overlay_scan(measured, predicted)
+            overlay = at.evaluation.overlay_scan(measured, predicted)
         files = [folder / "overlay.csv"]
         _write_table(files[0], overlay)
         if pictures:
@@ -94,25 +92,24 @@ def compare_scan(scan: Path, scene: Path, folder: Path, pictures: bool, **microp
         ("scale", f"{abs(overlay.scale):.4g} of the scan's unit for 1 Pa predicted{turn}"),
         ("predicted by", f"{report.solver}, estimated error {report.estimated_error:.2%}"),
     ]
-    record = {
-        "error": overlay.error,
-        "positions": len(overlay.used),
-        "compared": int(overlay.used.sum()),
-        "scale": [overlay.scale.real, overlay.scale.imag],
-        "phased": phased,
-        "estimated_error": report.estimated_error,
-        "files": {file.name: str(file) for file in files},
-    }
     show(
         facts_table(facts),
         warnings=[*stalled, *overlay.warnings, *report.warnings],
         lines=[f"Overlay: {files[-1]}"],
-        record=record,
+        record={
+            "error": overlay.error,
+            "positions": len(overlay.used),
+            "compared": int(overlay.used.sum()),
+            "scale": [overlay.scale.real, overlay.scale.imag],
+            "phased": phased,
+            "estimated_error": report.estimated_error,
+            "files": {file.name: str(file) for file in files},
+        },
     )
 
 
 def _write_table(file: Path, overlay: "Overlay") -> None:
-    """Write a row for each position: the measured value, and the predicted one times the scale."""
+    # One complex scale brings the prediction to the scan's unit and phase.
     import numpy as np
 
     from airtact.files.atomic import whole_file

@@ -17,14 +17,14 @@ from rich.text import Text
 import airtact as at
 from airtact.timing import Progress as Step
 
+# Where click keeps that the result is wanted as JSON, or that only faults and warnings are
 JSON, QUIET = "airtact.json", "airtact.quiet"
-"""Where click keeps that the result is wanted as JSON, or that only faults and warnings are."""
 
 
-def wanted(what: str) -> bool:
+def wanted(key: str) -> bool:
     """Return whether the running command was given ``--json`` (`JSON`) or ``--quiet`` (`QUIET`)."""
     context = click.get_current_context(silent=True)
-    return context is not None and bool(context.meta.get(what))
+    return context is not None and bool(context.meta.get(key))
 
 
 @contextmanager
@@ -37,6 +37,7 @@ def progress() -> Iterator[Step]:
     if wanted(QUIET):
         yield lambda step: None
         return
+    # A log or a pipe gets lines, since a live display would fill it with control characters.
     if not console.is_terminal:
         begun = time.perf_counter()
         yield lambda step: click.echo(f"{time.perf_counter() - begun:7.1f} s  {step}", err=True)
@@ -76,7 +77,8 @@ def status_line() -> Iterator[Callable[[object], None]]:
         def line(status: object) -> None:
             nonlocal last
             state = str(status).partition(",")[0]
-            if state != last:  # a file of lines, not a terminal: what changes only
+            # Numbers change twice a second; a log gets a line when the state changes.
+            if state != last:
                 click.echo(str(status), err=True)
             last = state
 
@@ -101,6 +103,7 @@ def show(
     """
     from airtact.errors import one_sentence  # only now, so that --help comes at once
 
+    # Standard output is for the result alone, so that it can be piped.
     console = Console(stderr=wanted(JSON) or wanted(QUIET))
     for index, line in enumerate(() if wanted(QUIET) else first):
         console.print(

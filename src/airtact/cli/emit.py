@@ -5,6 +5,7 @@ from typing import Any
 
 import click
 
+import airtact as at
 from airtact.cli.console import facts_table, progress, show
 from airtact.cli.options import FILE, Names, agreed, board_address, drive_settings, level_of, quiet
 
@@ -17,7 +18,9 @@ from airtact.cli.options import FILE, Names, agreed, board_address, drive_settin
 @click.option(
     "--link", required=True, type=Names("airtact.emission.links:LINKS"), help="Way to the boards."
 )
-@click.option("--seconds", type=float, default=2.0, help="How long; 2 by default.")
+@click.option(
+    "--seconds", type=float, help="How long; 2 by default, one period or round to a file."
+)
 @click.option("--yes", is_flag=True, help="Emit without asking.")
 @board_address
 @click.option("--out", type=FILE, help="File, for --link file: .npz, .csv, .h5 or .bin.")
@@ -32,7 +35,7 @@ def emit(
     full_scale: bool,
     modulate: str | None,
     link: str,
-    seconds: float,
+    seconds: float | None,
     yes: bool,
     log: Path | None,
     **settings: Any,
@@ -40,23 +43,27 @@ def emit(
     """Emit DRIVE.h5 on boards for some seconds, then silence them.
 
     Without --cap and --full-scale the level half a metre off the array is kept to 110 dB, a usual
-    limit. The amplitude rises over 0.2 s. At the end, when anything fails, and whatever ends this
-    process, a process of the link's own sends a frame of zeros, confirmed as far as the boards can.
-    With --link file the frames are written to the file --out, at full scale and without asking.
+    limit. The amplitude rises over 0.2 s. At the end, when anything fails, and however this process
+    ends, a process of the link's own sends a frame of zeros, confirmed as far as the boards can.
+    With --link file the frames are written to the file --out, at full scale and without asking: a
+    drive once, a modulated drive for one period, a sequence for one round, or for --seconds.
     """
     from airtact.checks import counted, positive
     from airtact.emission.links import link_to
     from airtact.evaluation.head_level import NO_SAFETY_ASSESSMENT
     from airtact.setup import safe_emission
 
-    positive(seconds, "how long to emit", "s")
+    if seconds is not None:
+        positive(seconds, "how long to emit", "s")
     share = level_of(cap, full_scale)
     if share is None and link == "file":
         share = 1.0  # a file emits nothing
-    constant = modulate == "none"
-    plan = safe_emission.plan(drive, board, share, _modulation(modulate), constant)
-    sound_speed = safe_emission.sound_speed_of(plan.stored)
-    to_boards = link_to(link, board, plan.poses, sound_speed, **settings)
+    plan = safe_emission.plan(drive, board, share, _modulation(modulate), modulate == "none")
+    to_boards = link_to(
+        link, board, plan.poses, safe_emission.sound_speed_of(plan.stored), **settings
+    )
+    if seconds is None:
+        seconds = safe_emission.duration(plan, to_boards)
     show(facts_table(plan.facts(link)), lines=[NO_SAFETY_ASSESSMENT, *plan.notes()])
     if not (yes or link == "file"):
         agreed(f"Emit for {seconds:g} s through {link} to {to_boards.devices}?")
@@ -79,10 +86,7 @@ def emit(
 
 
 def _modulation(words: str | None) -> Any:
-    """Read ``--modulate``: an amplitude modulation, or None where there is none to add."""
-    from airtact.errors import InvalidInput
-    from airtact.transducers.modulation import AmplitudeModulation
-
+    # None leaves the file's own modulation; "none" is passed to the plan by itself.
     if words in (None, "none"):
         return None
     kind, *numbers = words.split(":")
@@ -91,9 +95,9 @@ def _modulation(words: str | None) -> Any:
             raise ValueError
         values = [float(number) for number in numbers]
     except ValueError:
-        raise InvalidInput(
+        raise at.InvalidInput(
             f"--modulate {words} is not am with up to 2 numbers, such as am:200 or am:200:0.5, nor "
             "none.",
             code="unknown_name",
         ) from None
-    return AmplitudeModulation(*values)
+    return at.transducers.AmplitudeModulation(*values)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, cast
 
 import click
 
+import airtact as at
 from airtact.cli.console import facts_table, progress, show
 from airtact.cli.options import FILE, INPUT, quiet
 from airtact.timing import Progress
@@ -22,8 +23,8 @@ if TYPE_CHECKING:
     from airtact.hands.tracking.frame import HandFrame
     from airtact.hands.tracking.recordings import Recording
 
+# Default edge of the triangles [m]
 EDGE = 4e-3
-"""Default edge of the triangles [m]."""
 
 
 @click.command(
@@ -66,13 +67,12 @@ def hand(
     shows how far the points are from its skin.
     """
     from airtact.checks import within
-    from airtact.errors import InvalidInput
     from airtact.hands.files import CLOUD_ENDINGS
     from airtact.hands.tracking.recordings import ENDINGS as RECORDINGS
     from airtact.setup.panel_files import check_output
 
     def reject(sentence: str, code: str = "options_clash") -> None:
-        raise InvalidInput(f"{path.name} {sentence}", code=code)
+        raise at.InvalidInput(f"{path.name} {sentence}", code=code)
 
     of_recordings = bool(frames) or leave_out
     if landmarks is not None and (gap is not None or of_recordings):
@@ -86,6 +86,7 @@ def hand(
         reject("is a cloud of points: give rough --landmarks.", "data_missing")
     if of_recordings and not is_recording:
         reject("is a pose, no recording: leave --frame and --leave-out out.")
+    # Before minutes of fitting: the file must be writable and none of the inputs.
     check_output(file, path, *([] if landmarks is None else [landmarks]))
     if edge is not None:
         within(edge, 0.8e-3, 20e-3, "edge", "m", "is it in millimetres? Give metres.")
@@ -99,18 +100,16 @@ def hand(
     show(facts_table(facts), lines=lines)
 
 
+# Facts by name, and lines that name the files
 Shown = tuple[list[tuple[str, str]], list[str]]
-"""Facts by name, and lines that name the files."""
 
 
 def _pose(path: Path, file: Path, gap: float | None, edge: float, report_step: Progress) -> Shown:
-    """Write the skin of a pose."""
     from airtact.files.atomic import writable_folder
-    from airtact.hands.files import load_hand
     from airtact.reports.body_figure import draw_panels
 
     report_step(f"reading {path.name}")
-    posed = load_hand(path, gap)
+    posed = at.load_hand(path, gap)
     writable_folder(file.parent)
     report_step(f"making triangles of {1e3 * edge:.3g} mm")
     triangles = posed.shape.panels(edge)
@@ -129,24 +128,19 @@ def _fit(
     edge: float | None,
     report_step: Progress,
 ) -> Shown:
-    """Fit a hand to a cloud and write its skin, brought to the points.
-
-    Its own edges unless one is given.
-    """
+    # The fitted skin has edges of its own unless one is given.
     import numpy as np
 
     from airtact.files.atomic import writable_folder
     from airtact.geometry.mesh_shape import MeshShape
-    from airtact.hands.files import load_cloud, load_landmarks
-    from airtact.hands.fitting.fit import fit_hand
     from airtact.reports.body_figure import draw_cloud
 
     report_step(f"reading {cloud.name}")
-    points = load_cloud(cloud)
-    joints, side = load_landmarks(landmarks)
+    points = at.hands.load_cloud(cloud)
+    joints, side = at.hands.load_landmarks(landmarks)
     writable_folder(file.parent)
     eye = None if camera is None else np.array(camera, dtype=np.float64)
-    fitted = fit_hand(points, joints, cast("Side | None", side), eye, progress=report_step)
+    fitted = at.fit_hand(points, joints, cast("Side | None", side), eye, progress=report_step)
     report_step("bringing its skin to the points")
     surface = fitted.surface if edge is None else fitted.skin(edge)
     shape = cast("HandShape | MeshShape", surface.shape)
@@ -154,6 +148,7 @@ def _fit(
         triangles = shape.quadratic_triangles
     else:
         triangles = shape.panels(edge or EDGE)
+    # Positive outside of the skin.
     distances = -shape.depth(fitted.points)
 
     def draw(drawn: "QuadraticTriangles") -> "Figure":
@@ -162,6 +157,7 @@ def _fit(
     picture = _write(triangles, file, draw, report_step)
     points = np.array([point for point, _ in fitted.hand.places.values()])
     places = dict(zip(fitted.hand.places, shape.project(points), strict=True))
+    # Points off the hand, such as a sleeve's, say nothing about the skin.
     used = ~fitted.outliers
     usual = float(np.median(np.abs(distances[used])))
     parts = ", ".join(f"{part} {1e3 * error:.1f}" for part, error in fitted.part_errors.items())
@@ -183,6 +179,7 @@ def place_errors(fitted: "FittedHand") -> dict[str, float]:
 
     from airtact.hands.joints import CHAINS, FINGERS
 
+    # A place lies on the bone between two joints, and moves with both.
     beside = {
         f"{finger}.pad": list(chain[-2:]) for finger, chain in zip(FINGERS, CHAINS, strict=True)
     }
@@ -201,7 +198,6 @@ def _replay(
     edge: float,
     report_step: Progress,
 ) -> Shown:
-    """Draw the pads of a recording over time, and write the skins of chosen frames."""
     from airtact.errors import about
     from airtact.files.atomic import writable_folder
     from airtact.hands.tracking.recordings import load_recording, pads_over_time
@@ -214,9 +210,10 @@ def _replay(
     with about(path.name):
         frames = _chosen(recording, chosen)
     report_step(f"finding the pads in {len(recording.frames):,} frames")
+    # A recording may have frames of one hand only.
     seen = {frame.side for frame in recording.frames if frame.landmarks is not None}
-    sides: list[Side] = ["left", "right"]
-    tracks = [pads_over_time(recording.frames, side) for side in sides if side in seen]
+    hands: list[Side] = ["left", "right"]
+    tracks = [pads_over_time(recording.frames, side) for side in hands if side in seen]
     writable_folder(file.parent)
     skins = []
     for frame in frames:
@@ -241,12 +238,10 @@ def _replay(
 
 
 def _chosen(recording: "Recording", chosen: tuple[int, ...]) -> "list[HandFrame]":
-    """Find frames by their sequence numbers; the first with landmarks where none is chosen."""
-    from airtact.errors import InvalidInput
-
+    # Frames without landmarks have no joints, so no skin can be made of them.
     seen = [frame for frame in recording.frames if frame.landmarks is not None]
     if not seen:
-        raise InvalidInput(
+        raise at.InvalidInput(
             f"none of {len(recording.frames)} frames has landmarks; fit a hand to their clouds "
             "first.",
             code="data_missing",
@@ -254,7 +249,7 @@ def _chosen(recording: "Recording", chosen: tuple[int, ...]) -> "list[HandFrame]
     numbers = [frame.sequence for frame in seen]
     missing = sorted(set(chosen) - set(numbers))
     if missing:
-        raise InvalidInput(
+        raise at.InvalidInput(
             f"there is no frame {missing[0]} with landmarks; the frames with landmarks lie in "
             f"{min(numbers)} to {max(numbers)}.",
             code="unknown_name",
@@ -268,7 +263,6 @@ def _write(
     draw: "Callable[[QuadraticTriangles], Figure]",
     report_step: Progress,
 ) -> Path:
-    """Write a skin, and its picture of the same name beside it; return the picture."""
     from airtact.reports.page import write_picture
     from airtact.setup.panel_files import write_triangles
 
@@ -287,7 +281,6 @@ def _facts(
     places: "Mapping[str, np.ndarray]",
     errors: Mapping[str, float] | None = None,
 ) -> list[tuple[str, str]]:
-    """List size, panels and named places of a skin, the places with their uncertainty if known."""
     from airtact.geometry.mesh.quadratic_triangles import (
         enclosed_volume,
         panel_areas,
@@ -307,6 +300,7 @@ def _facts(
         words = f"({', '.join(f'{1e3 * number:.1f}' for number in point)}) mm"
         if errors is not None:
             words += f", off by some {1e3 * errors[name]:.0f} mm"
+        # Pads that touch are inside the merged body, where no focus can be.
         if depth > 1e-6:
             words += f", {1e3 * depth:.1f} mm inside the body"
         facts.append((name, words))

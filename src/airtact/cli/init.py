@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+import airtact as at
 from airtact.cli.console import show
 from airtact.cli.options import FILE, INPUT, Names, quiet
 
@@ -16,8 +17,8 @@ if TYPE_CHECKING:
     from airtact.hands.hand import Hand
     from airtact.transducers.boards import Board
 
+# Places of the hand that face the board
 PLACES = ("index.pad", "middle.pad", "palm")
-"""Places of the hand that face the board."""
 
 
 @click.command(
@@ -40,17 +41,13 @@ def init(place: Path, board: str, hand: Path | None) -> None:
 
     It is written into this folder, or into FOLDER or FILE.toml. No file is overwritten.
     """
-    from airtact.errors import InvalidInput
     from airtact.files.atomic import whole_file, writable_folder
-    from airtact.hands.files import load_hand
-    from airtact.setup.examples import example
-    from airtact.transducers.boards import board_named
 
     scene = place if place.suffix == ".toml" else place / "scene.toml"
     folder = scene.parent
     copied = {}
     if hand is None:
-        pose = example("relaxed.json")
+        pose = at.example("relaxed.json")
         licence = pose.with_name("LICENSE-poses")
         copied = {folder / "hand.json": pose, folder / "hand-LICENSE.txt": licence}
         name = "hand.json"
@@ -58,15 +55,15 @@ def init(place: Path, board: str, hand: Path | None) -> None:
         pose = hand
         try:
             name = Path(os.path.relpath(hand, folder)).as_posix()
-        except ValueError:  # another drive of Windows
+        except ValueError:  # there is no relative path to another drive of Windows
             name = hand.resolve().as_posix()
     for file in (scene, *copied):
         if file.exists():
-            raise InvalidInput(
+            raise at.InvalidInput(
                 f"{file} exists already, and init overwrites no file; name another folder or file.",
                 code="would_overwrite",
             )
-    text = _scene_text(scene.name, board_named(board), load_hand(pose), name)
+    text = _scene_text(scene.name, at.transducers.board_named(board), at.load_hand(pose), name)
     writable_folder(folder)
     for file, source in copied.items():
         shutil.copyfile(source, file)
@@ -83,7 +80,6 @@ def init(place: Path, board: str, hand: Path | None) -> None:
 
 
 def _scene_text(name: str, board: "Board", hand: "Hand", file: str) -> str:
-    """Fill the template: the board around the origin, the hand above it with its palm down."""
     from importlib import resources
     from string import Template
 
@@ -93,6 +89,7 @@ def _scene_text(name: str, board: "Board", hand: "Hand", file: str) -> str:
     from airtact.setup.building import DEFAULT_OFFSET
     from airtact.transducers.modulation import DEFAULT_FREQUENCY
 
+    # A small board focuses near itself only.
     large = len(board) >= 100
     height = 0.15 if large else 0.06
     axis, degrees, translation = _over_board(hand, height)
@@ -115,6 +112,7 @@ def _scene_text(name: str, board: "Board", hand: "Hand", file: str) -> str:
         foci="\n\n".join(f'[[foci]]\nat = "{place}"' for place in felt),
         amplitudes=board.amplitudes,
         phases=board.phases,
+        # Twice the modulation's frequency must fit the line of the board.
         frequency=min(DEFAULT_FREQUENCY, float(np.floor(codec_of(board).fastest_frames() / 2.0))),
     )
 
@@ -123,23 +121,22 @@ def _over_board(hand: "Hand", height: float) -> "tuple[np.ndarray, float, np.nda
     """Return axis, degrees and translation [m] that put ``PLACES`` at a height, facing down."""
     import numpy as np
 
-    from airtact.geometry.pose import Pose
-
     points, normals = _places_of(hand, PLACES)
     facing = normals.mean(axis=0) / np.linalg.norm(normals.mean(axis=0))
     down = np.array([0.0, 0.0, -1.0])
     across = np.cross(facing, down)
     length = np.linalg.norm(across)
+    # A hand that faces down already turns about any axis, by nothing.
     axis = across / length if length > 1e-6 else np.array([1.0, 0.0, 0.0])
     axis = axis.round(3)
+    # Rounded, as these numbers are for people to read and change.
     degrees = float(round(np.degrees(np.arccos(np.clip(facing @ down, -1.0, 1.0)))))
-    turned = Pose.turn(axis, np.radians(degrees)).apply(points)
+    turned = at.Pose.turn(axis, np.radians(degrees)).apply(points)
     translation = np.array([0.0, 0.0, height]) - [*turned[:, :2].mean(axis=0), turned[:, 2].min()]
     return axis, degrees, translation.round(3)
 
 
 def _places_of(hand: "Hand", places: "list[str] | tuple[str, ...]") -> "list[np.ndarray]":
-    """Return the points of named places and the normals there."""
     import numpy as np
 
     return [np.array([hand.places[place][part] for place in places]) for part in (0, 1)]

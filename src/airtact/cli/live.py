@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 
+import airtact as at
 from airtact.cli.console import facts_table, plain_table, progress, show, status_line
 from airtact.cli.options import FILE as OUT_FILE
 from airtact.cli.options import (
@@ -121,51 +122,48 @@ def live(
     share = level_of(cap, full_scale)
     if seconds is not None:
         positive(seconds, "how long to go on", "s")
+    # --record and --verify are ways of use of their own, without a scene.
     if session is not None:
         _verify(session, drives or 10)
         return
     if drives is not None:
-        from airtact.errors import InvalidInput
-
-        raise InvalidInput("--drives goes only with --verify.", code="options_clash")
+        raise at.InvalidInput("--drives goes only with --verify.", code="options_clash")
     if recording is not None:
-        from airtact.live.running import record
-
         with progress() as report_step:
-            health = record(recording, source or "websocket", seconds, report_step)
+            health = at.live.record(recording, source or "websocket", seconds, report_step)
         show(lines=[f"Messages: {health}", f"Recording: {recording}"])
         return
     with progress() as report_step:
         report_step("reading the scene")
-        from airtact import live
         from airtact.drives.frame import check_cap
         from airtact.evaluation.head_level import MAX_HEAD_LEVEL, NO_SAFETY_ASSESSMENT
         from airtact.live.session import FILE
-        from airtact.setup.building import read_scene
 
+        # Before trackers and boards are opened.
         if share is not None:
             check_cap(share)
-        setup = read_scene(scene, followed=True)
-        output = live.output_to(setup, folder, board, link, **settings)
+        setup = at.read_scene(scene, followed=True)
+        output = at.live.output_to(setup, folder, board, link, **settings)
         notes = []
+        # The level changes as the hand moves; that of the hand at rest serves as an estimate.
         if share is None and board is not None and link != "file":
             from airtact.setup.safe_emission import safe_cap
 
             report_step("choosing a level that keeps a head to 110 dB")
-            share, full = safe_cap(live.drive_at_rest(setup), board)
+            share, full = safe_cap(at.live.drive_at_rest(setup), board)
             if share < 1.0:
                 notes.append(
                     f"The cap of {share:g} keeps a head to {MAX_HEAD_LEVEL:g} dB for the hand at "
                     f"rest; --full-scale emits all, up to {full:.0f} dB there, and --cap another "
                     "share."
                 )
-        hands = live.hands_from(setup, source, folder)
+        hands = at.live.hands_from(setup, source, folder)
     if board is not None:
         show(lines=[NO_SAFETY_ASSESSMENT, *notes])
         if not yes:
             agreed(f"Let the sound follow {hands.words}, {output.words}?")
     with status_line() as report:
-        done = live.run(
+        done = at.live.run(
             setup,
             hands,
             output,
@@ -187,16 +185,14 @@ def live(
 
 
 def _verify(path: Path, drives: int) -> None:
-    """Verify drives spread evenly over a session, and print the pressure under each."""
     with progress() as report_step:
         report_step(f"reading {path}")
-        from airtact.live.session import read_session
-        from airtact.live.verification import verify_session
 
-        session = read_session(path)
+        session = at.live.read_session(path)
         playing = int(session.playing.sum())
-        every = max(1, math.ceil(playing / drives))
-        verified = verify_session(session, every, report_step=report_step)
+        verified = at.live.verify_session(
+            session, max(1, math.ceil(playing / drives)), report_step=report_step
+        )
     times = session.time_in_air
     shares = f"{verified.median:.0%}, nine of ten over {verified.lowest_tenth:.0%}"
     facts = [
@@ -208,7 +204,7 @@ def _verify(path: Path, drives: int) -> None:
     ]
     table = plain_table("in the air at", "made from", "weakest focus", "kept", "expected")
     rows = []
-    for index, time, rule, pressures, kept, expected in zip(
+    for index, time, rule, pressures, share, expected in zip(
         verified.indices,
         verified.times,
         verified.rules,
@@ -217,13 +213,13 @@ def _verify(path: Path, drives: int) -> None:
         verified.expected,
         strict=True,
     ):
-        known = not math.isnan(expected)
+        has_forecast = not math.isnan(expected)
         table.add_row(
             f"{time - times[0]:.2f} s",
             rule,
             f"{pressures.min():,.0f} Pa",
-            f"{kept:.0%}",
-            f"{expected:.0%}" if known else "–",
+            f"{share:.0%}",
+            f"{expected:.0%}" if has_forecast else "–",
         )
         rows.append(
             {
@@ -231,15 +227,18 @@ def _verify(path: Path, drives: int) -> None:
                 "time": float(time),
                 "rule": rule,
                 "pressures": pressures.tolist(),
-                "kept": float(kept),
-                "expected": float(expected) if known else None,
+                "kept": float(share),
+                "expected": float(expected) if has_forecast else None,
             }
         )
-    record = {
-        "frames": len(session.frame_time),
-        "drives": len(times),
-        "median": verified.median,
-        "lowest_tenth": verified.lowest_tenth,
-        "verified": rows,
-    }
-    show(facts_table(facts), table, record=record)
+    show(
+        facts_table(facts),
+        table,
+        record={
+            "frames": len(session.frame_time),
+            "drives": len(times),
+            "median": verified.median,
+            "lowest_tenth": verified.lowest_tenth,
+            "verified": rows,
+        },
+    )

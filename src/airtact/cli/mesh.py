@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+import airtact as at
 from airtact.cli.console import (
     facts_table,
     plain_table,
@@ -40,11 +41,9 @@ def mesh(surface: Path, edge: float | None, file: Path, **settings: float | None
     with progress() as report_step:
         import numpy as np
 
-        from airtact.acoustics.medium import air
         from airtact.errors import about
         from airtact.files.atomic import writable_folder
         from airtact.geometry.checks import check_surface
-        from airtact.geometry.files import load_surface
         from airtact.geometry.mesh.quadratic_triangles import (
             enclosed_volume,
             longest_edges,
@@ -58,10 +57,10 @@ def mesh(surface: Path, edge: float | None, file: Path, **settings: float | None
         from airtact.setup.panel_files import check_output, write_panels
 
         check_output(file, surface)
-        loaded = load_surface(surface, **given(**settings), progress=report_step)
+        loaded = at.load_surface(surface, **given(**settings), progress=report_step)
         with about(surface.name):
             check_surface(loaded)
-        wavelength = air(celsius=20.0).wavelength(40e3)
+        wavelength = at.air(celsius=20.0).wavelength(40e3)
         edge = usual_edge(wavelength) if edge is None else _checked_edge(edge, loaded)
         writable_folder(file.parent)
         report_step(f"making panels of {1e3 * edge:.3g} mm")
@@ -73,6 +72,7 @@ def mesh(surface: Path, edge: float | None, file: Path, **settings: float | None
         triangles = panels.quadratic_triangles
         write_picture(picture, draw_panels(triangles))
 
+    # Flat triangles have their middles on the edges, so one function measures both meshes.
     corners = loaded.corners
     area = float(panel_areas(triangles).sum())
     area_before = float(panel_areas(with_middles(corners)).sum())
@@ -85,6 +85,7 @@ def mesh(surface: Path, edge: float | None, file: Path, **settings: float | None
     angles = smallest_angles(triangles)
     worst = f"{angles.min():.1f}°, 1 of 100 panels below {np.percentile(angles, 1):.1f}°"
     longest = 1e3 * float(longest_edges(triangles).max())
+    # More than λ/20 between panels and triangles changes the phase of what is reflected.
     farthest = float(panels.farthest.max())
     mean = _gap(panels.mean_distance.max())
     facts = [
@@ -95,8 +96,9 @@ def mesh(surface: Path, edge: float | None, file: Path, **settings: float | None
         ("sharp edges", sharp_edges_in_words(loaded)),
     ]
     if open_edges:
-        words = f"{open_edges} in {file.name}: its triangles are not quite closed"
-        facts.append(("open edges", words))
+        facts.append(
+            ("open edges", f"{open_edges} in {file.name}: its triangles are not quite closed")
+        )
     warnings = []
     if farthest > wavelength / 20.0:
         warnings.append(
@@ -120,20 +122,17 @@ def usual_edge(wavelength: float) -> float:
     >>> f"{1e3 * usual_edge(at.air(celsius=20.0).wavelength(40e3)):.2f} mm"
     '5.49 mm'
     """
-    from airtact.acoustics.solvers.bem.solver import BoundaryElement
-
     # A panel has 6 nodes, and an equilateral triangle of edge a the area √3/4 a².
-    density = BoundaryElement(accuracy=0.01).nodes_per_square_wavelength
+    density = at.BoundaryElement(accuracy=0.01).nodes_per_square_wavelength
     return wavelength * math.sqrt(6.0 / density * 4.0 / math.sqrt(3))
 
 
 def _checked_edge(edge: float, surface: "Surface") -> float:
     from airtact.checks import positive
-    from airtact.errors import InvalidInput
 
     edge = positive(edge, "edge", "m")
     if edge > surface.extent:
-        raise InvalidInput(
+        raise at.InvalidInput(
             f"edge is {edge:g} m, but the surface spans {1e3 * surface.extent:.3g} mm: is it in "
             "millimetres? Give metres.",
             code="does_not_match",
@@ -141,7 +140,7 @@ def _checked_edge(edge: float, surface: "Surface") -> float:
     count = surface.area / (math.sqrt(3) / 4 * edge**2)
     # More take minutes to make, and no solver takes a tenth of them.
     if count > 300_000:
-        raise InvalidInput(
+        raise at.InvalidInput(
             f"edge is {edge:g} m, which makes {count:.2g} panels of this surface, more than "
             "300000; give a larger one.",
             code="too_many",

@@ -27,6 +27,7 @@ class NamedPath(click.Path):
         ctx: click.Context | None,
     ) -> str | bytes | os.PathLike[str]:
         """Return the path, or fail where it has no name."""
+        # An unset variable of the shell, as in --out "$FOLDER", would be the current folder.
         if not str(value).strip():
             self.fail(
                 "it is empty: give a file or a folder, a point for the one you are in.", param, ctx
@@ -35,7 +36,6 @@ class NamedPath(click.Path):
 
 
 FILE = NamedPath(path_type=Path)
-"""A file or folder."""
 
 
 class InputFile(click.ParamType):
@@ -48,23 +48,23 @@ class InputFile(click.ParamType):
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """Return the file, or the example of that name, and print which."""
+        # A file here goes before an example; a path with a folder is never an example.
         path = Path(value)
         if path.is_file() or path.name != value:
             return path
         try:
-            found = at.example(value)
+            file = at.example(value)
         except at.InvalidInput as fault:
             if path.suffix:
                 return path
             raise at.InvalidInput(
                 f"there is no file {value} here, and {fault}", code=fault.code
             ) from None
-        click.echo(f"There is no file {value} here: taking the example {found}", err=True)
-        return found
+        click.echo(f"There is no file {value} here: taking the example {file}", err=True)
+        return file
 
 
 INPUT = InputFile()
-"""A file that is read, or the name of an example."""
 
 
 class Names(click.ParamType):
@@ -84,7 +84,7 @@ class Names(click.ParamType):
     @property
     def _choice(self) -> click.Choice[str]:
         return click.Choice(
-            [getattr(one, "name", one) for one in pkgutil.resolve_name(self._registry)]
+            [getattr(entry, "name", entry) for entry in pkgutil.resolve_name(self._registry)]
         )
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str | None:
@@ -93,6 +93,7 @@ class Names(click.ParamType):
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
         """Return a name that is in the registry, or fail with the nearest, or with all that are."""
+        # click itself lists all names, which hides the one that was meant.
         close = difflib.get_close_matches(value, self._choice.choices, n=1)
         if close and value != close[0]:
             self.fail(f"{value!r} is not known; did you mean {close[0]}?", param, ctx)
@@ -110,7 +111,6 @@ quiet = click.option(
     callback=_keep,
     help="Print faults and warnings only.",
 )
-"""Nothing is printed but faults and warnings."""
 
 as_json = click.option(
     "--json",
@@ -119,7 +119,6 @@ as_json = click.option(
     callback=_keep,
     help="Print the result as JSON, the rest as errors.",
 )
-"""The result is printed as one JSON object, a fault too."""
 
 
 def _folder_for(context: click.Context, option: click.Parameter, folder: Path | None) -> Path:
@@ -127,6 +126,7 @@ def _folder_for(context: click.Context, option: click.Parameter, folder: Path | 
     return folder or Path("out") / Path(named or "").stem
 
 
+# Where a command writes: by default a folder named after its scene, its paper, or itself
 results = click.option(
     "--out",
     "folder",
@@ -134,7 +134,6 @@ results = click.option(
     callback=_folder_for,
     help="Folder for the results; out/NAME by default.",
 )
-"""Where a command writes: by default a folder named after its scene, its paper, or itself."""
 
 
 def _scene_here(context: click.Context, argument: click.Parameter, scene: Path) -> Path:
@@ -142,18 +141,17 @@ def _scene_here(context: click.Context, argument: click.Parameter, scene: Path) 
         context.get_parameter_source("scene") is click.core.ParameterSource.DEFAULT
         and not scene.exists()
     ):
-        sentence = (
-            f"no scene was named, and {scene} is not here; name one, or write one by airtact init."
+        raise at.InvalidInput(
+            f"no scene was named, and {scene} is not here; name one, or write one by airtact init.",
+            code="file_missing",
         )
-        raise at.InvalidInput(sentence, code="file_missing")
     return scene
 
 
+# The scene file; by default the one that ``airtact init`` writes
 scene = click.argument("scene", type=INPUT, default="scene.toml", callback=_scene_here)
-"""The scene file; by default the one that ``airtact init`` writes."""
 
 open_result = click.option("--open", "opened", is_flag=True, help="Show the page in the browser.")
-"""The page is shown in the browser."""
 
 pictures = click.option(
     "--no-pictures",
@@ -163,16 +161,15 @@ pictures = click.option(
     default=True,
     help="Compute and write numbers only.",
 )
-"""Neither pictures nor pages are made."""
 
 store = click.option(
     "--store", type=FILE, help="Folder in which solved fields are stored, and found next time."
 )
-"""Where solved fields are stored."""
 
 
 def surface_settings(command: Command) -> Command:
     """Give a command the options of ``load_surface``; those that are not given stay None."""
+    # No defaults here: those of load_surface apply, and only what was given is passed on.
     for name, keyword, words in (
         (
             "--sharp",
@@ -241,8 +238,12 @@ def agreed(question: str) -> None:
 
     Without a terminal there is no answer, and nothing is emitted.
     """
+    # A script or a pipe must not emit by accident.
     if not sys.stdin.isatty():
-        sentence = "this is not a terminal, so no confirmation is possible, and 0 frames were sent"
-        raise at.InvalidInput(f"{sentence}: give --yes to emit without asking.", code="link_failed")
+        raise at.InvalidInput(
+            "this is not a terminal, so no confirmation is possible, and 0 frames were sent: give "
+            "--yes to emit without asking.",
+            code="link_failed",
+        )
     if not click.confirm(question, default=False):
         raise at.InvalidInput("0 frames were sent, as you answered no.", code="link_failed")

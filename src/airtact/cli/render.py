@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
     from airtact.setup.rendering import Rendering
 
+# Files of a rendering; the sequence only where foci move, the last two with pictures only
 FILES = ("drive.csv", "drive.h5", "sequence.h5", "field.vtkhdf", "report.html")
-"""Files of a rendering; the sequence only where foci move, the last two with pictures only."""
 
 
 @click.command(
@@ -29,7 +29,7 @@ FILES = ("drive.csv", "drive.h5", "sequence.h5", "field.vtkhdf", "report.html")
     "--method",
     type=Names("airtact.drives.methods:METHODS"),
     metavar="NAME",
-    help="Method, whatever the scene says; airtact compare lists all.",
+    help="Method, in place of the scene's; airtact compare lists all.",
 )
 @store
 @pictures
@@ -55,6 +55,8 @@ def render(
         if method is not None:
             setup = replace(setup, method=method)
         writable_folder(folder)
+        # Files of an older run are removed only when this one has a drive, and do not count as
+        # written by it before.
         saved = False
         try:
             result = at.render(setup, store=store, progress=report_step)
@@ -65,8 +67,8 @@ def render(
             if pictures:
                 at.write_report(result, folder, progress=report_step)
         except KeyboardInterrupt:
-            kept = [name for name in FILES if saved and (folder / name).exists()]
-            words = ", ".join(kept) if kept else "no files of this run"
+            complete = [name for name in FILES if saved and (folder / name).exists()]
+            words = ", ".join(complete) or "no files of this run"
             raise KeyboardInterrupt(f"{words} in {folder}, each complete") from None
     written = {name: str(folder / name) for name in FILES if (folder / name).exists()}
     last = folder / ("report.html" if pictures else "drive.h5")
@@ -82,14 +84,13 @@ def render(
 
 
 def _record(result: "Rendering") -> dict[str, Any]:
-    """Return the result for ``--json``."""
     setup = result.setup
     asked = setup.target.pressures
-    wanted = [None] * len(setup.foci) if asked is None else asked.tolist()
+    goals = [None] * len(setup.foci) if asked is None else asked.tolist()
     foci = [
-        {"name": name, "position": point.tolist(), "pressure": float(pressure), "asked": asked}
-        for name, point, pressure, asked in zip(
-            setup.foci, setup.target.points, result.pressures, wanted, strict=True
+        {"name": name, "position": point.tolist(), "pressure": float(pressure), "asked": goal}
+        for name, point, pressure, goal in zip(
+            setup.foci, setup.target.points, result.pressures, goals, strict=True
         )
     ]
     return {
@@ -104,7 +105,6 @@ def _record(result: "Rendering") -> dict[str, Any]:
 
 
 def _table(result: "Rendering") -> "Table":
-    """Tabulate the pressure at each focus, beside the control if there is one."""
     asked = result.setup.target.pressures
     columns = {"pressure": result.pressures}
     if asked is not None:

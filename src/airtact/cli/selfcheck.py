@@ -33,7 +33,7 @@ def selfcheck() -> None:
         table.add_row(field.name, error, field.truth, f"{100 * field.reference_error:.1g} %")
     warnings = [
         f"{field.name}: the error is {100 * field.error:.2g} %, and {100 * checked.asked:g} % was "
-        "asked. Do not trust solutions on this machine; install airtact anew, and report the "
+        "asked. Do not trust solutions on this machine; reinstall airtact, and report the "
         "instruction set if that does not help."
         for field in checked.failed
     ]

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import airtact as at
 from airtact.cli.console import facts_table, open_page, progress, show
 from airtact.cli.options import FILE, as_json, open_result, pictures, quiet, results, scene, store
 
@@ -74,28 +75,26 @@ def sense(
     """
     with progress() as report_step:
         report_step(f"reading {scene.name}")
-        from airtact.errors import InvalidInput
         from airtact.files.atomic import writable_folder
         from airtact.reports.sense_page import write_sense_page
-        from airtact.sensing.echoes import load_echoes
-        from airtact.setup.building import read_scene
         from airtact.setup.sensing import Simulation, write_pose
         from airtact.setup.sensing import sense as sense_hand
 
         if (echoes is None) != simulate:
-            raise InvalidInput(
+            raise at.InvalidInput(
                 "give either a file of echoes (--echoes FILE) or --simulate.", code="data_missing"
             )
-        setup = read_scene(scene)
+        setup = at.read_scene(scene)
         writable_folder(folder)
         pose = folder / "pose.json"
         page = folder / "report.html"
-        for file in (pose, page):  # an older run's must not stand beside this run's echoes
+        # An older run's must not be beside this run's echoes.
+        for file in (pose, page):
             file.unlink(missing_ok=True)
         if echoes is None:
             source = Simulation(noise, offset, turn, seed, wider)
         else:
-            source = load_echoes(echoes)
+            source = at.sensing.load_echoes(echoes)
         sensed = sense_hand(setup, source, report_step, store)
         files = [pose]
         write_pose(pose, sensed.located)
@@ -116,7 +115,6 @@ def sense(
 
 
 def _facts(sensed: "Sensed") -> list[tuple[str, str]]:
-    """List where the hand is, the uncertainty, and the gain of knowing it."""
     import numpy as np
 
     located = sensed.located
@@ -156,7 +154,6 @@ def _facts(sensed: "Sensed") -> list[tuple[str, str]]:
 
 
 def _gap_facts(sensed: "Sensed") -> list[tuple[str, str]]:
-    """List the gap of a pinch."""
     located = sensed.located
     gap = sensed.gap
     true = sensed.true_gap
@@ -178,7 +175,6 @@ def _gap_facts(sensed: "Sensed") -> list[tuple[str, str]]:
 
 
 def _record(sensed: "Sensed") -> dict[str, Any]:
-    """Return the result for ``--json``."""
     located = sensed.located
     return {
         "rotation": located.pose.rotation.tolist(),

@@ -22,6 +22,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+import airtact as at
 from airtact.cli.console import QUIET, open_page, plain_table, show, wanted
 from airtact.cli.options import INPUT, as_json, open_result, pictures, quiet, results, scene
 
@@ -30,8 +31,8 @@ if TYPE_CHECKING:
 
     from airtact.setup.sweeping import Row
 
+# Takes the points done, all points, and the points that failed
 Count = Callable[[int, int, int], None]
-"""Takes the points done, all points, and the points that failed."""
 
 
 @click.command(
@@ -86,12 +87,12 @@ def sweep(
         from airtact.reports.sweep_page import Swept, write_sweep_page
         from airtact.setup.scene_points import scene_points
         from airtact.setup.sweeping import process_count, processes
-        from airtact.setup.sweeping import sweep as sweep_points
 
         points = _points(varied, recording)
         function = scene_points(scene, recording)
         memory = function.memory(points)
         writable_folder(folder)
+        # Of an older run with other points; results of points are kept.
         for file in (table, page):
             file.unlink(missing_ok=True)
         if dask is None:
@@ -100,16 +101,15 @@ def sweep(
             executor = _dask_executor(dask)
         try:
             with executor as pool:
-                rows = sweep_points(function, points, pool, store, progress=count)
+                rows = at.sweep(function, points, pool, store, progress=count)
         except KeyboardInterrupt:
-            kept = len(list(store.glob("*.point.json")))
+            count = len(list(store.glob("*.point.json")))
             raise KeyboardInterrupt(
-                f"{kept} points in {store} kept; the same command goes on from there"
+                f"{count} points in {store} kept; the same command goes on from there"
             ) from None
         names = list(points[0])
         write_csv(table, rows, names)
-        title = scene.stem.replace("_", " ")
-        swept = Swept(title, scene.read_text("utf-8"), tuple(names), rows)
+        swept = Swept(scene.stem.replace("_", " "), scene.read_text("utf-8"), tuple(names), rows)
         if pictures:
             write_sweep_page(page, swept)
     tables = []
@@ -126,8 +126,9 @@ def sweep(
         tables.append(summary)
     warnings = []
     if failed:
-        words = f"{len(failed)} of {len(rows)} points failed; the first: {failed[0]['sentence']}"
-        warnings.append(words)
+        warnings.append(
+            f"{len(failed)} of {len(rows)} points failed; the first: {failed[0]['sentence']}"
+        )
     files = [table, page] if pictures else [table]
     show(
         *tables,
@@ -145,22 +146,21 @@ def sweep(
 
 
 def _points(varied: Sequence[str], recording: Path | None) -> "list[Row]":
-    """Return the points of the grid, at each frame of a recording if there is one."""
-    from airtact.errors import InvalidInput
     from airtact.setup.scene_points import FRAME_COLUMNS, frames_of
     from airtact.setup.sweeping import MAX_POINTS
 
     points = grid_of(varied)
     if recording is not None:
         for column in set(FRAME_COLUMNS) & points[0].keys():
-            raise InvalidInput(
+            raise at.InvalidInput(
                 f"{column} is given by the recording, so it cannot be varied; leave it out.",
                 code="given_twice",
             )
+        # The grid at each frame, frame by frame.
         points = [frame | point for frame in frames_of(recording) for point in points]
     if not points or not points[0] or len(points) > MAX_POINTS:
         count = len(points) if varied or recording else 0
-        raise InvalidInput(
+        raise at.InvalidInput(
             f"there are {count:,} points to vary; give 1 to {MAX_POINTS:,}, such as "
             '--vary "foci[0].offset=0.0005:0.003:6".',
             code="out_of_range",
@@ -178,7 +178,6 @@ def grid_of(varied: Sequence[str]) -> "list[Row]":
     >>> grid_of(["a=0:1:2", "b=0.5:1:2"])
     [{'a': 0, 'b': 0.5}, {'a': 0, 'b': 1.0}, {'a': 1, 'b': 0.5}, {'a': 1, 'b': 1.0}]
     """
-    from airtact.errors import InvalidInput
     from airtact.setup.sweeping import MAX_POINTS
 
     axes: dict[str, Sequence[float | int]] = {}
@@ -186,25 +185,26 @@ def grid_of(varied: Sequence[str]) -> "list[Row]":
         match = re.fullmatch(r"([^=]+)=([^:]+):([^:]+):([^:]+)", words)
         values = _values(*match.groups()[1:]) if match else None
         if match is None or values is None:
-            raise InvalidInput(
+            raise at.InvalidInput(
                 f'--vary "{words}" is not PATH=LOW:HIGH:COUNT with two numbers and a count from 1 '
                 f"to {MAX_POINTS:,}, "
                 'such as "foci[0].offset=0.0005:0.003:6".',
                 code="out_of_range",
             )
         path = match[1].strip()
+        # linspace would drop the upper end without a word.
         if len(values) == 1 and float(match[3]) != values[0]:
-            raise InvalidInput(
+            raise at.InvalidInput(
                 f'--vary "{words}" has 1 point but two ends: give a count of 2 or more, or one '
                 "value as both ends.",
                 code="out_of_range",
             )
         if path in axes:
-            raise InvalidInput(f"{path} is varied twice; give it once.", code="given_twice")
+            raise at.InvalidInput(f"{path} is varied twice; give it once.", code="given_twice")
         axes[path] = values
     total = prod(map(len, axes.values()))
     if total > MAX_POINTS:
-        raise InvalidInput(
+        raise at.InvalidInput(
             f"the grid has {total:,} points, more than {MAX_POINTS:,}.", code="out_of_range"
         )
     return [dict(zip(axes, values, strict=True)) for values in product(*axes.values())]
@@ -224,6 +224,7 @@ def _values(low: str, high: str, count: str) -> Sequence[float | int] | None:
         return None
     if not (1 <= number <= MAX_POINTS and isfinite(first) and isfinite(last)):
         return None
+    # Keys that are counts take integers only, so 0:4:5 gives 0 to 4 and not 0.0 to 4.0.
     values = np.linspace(first, last, number).tolist()
     integers = all(re.fullmatch(r"[+-]?\d+", end.strip()) for end in (low, high))
     if integers and all(value.is_integer() for value in values):
@@ -233,7 +234,6 @@ def _values(low: str, high: str, count: str) -> Sequence[float | int] | None:
 
 @contextmanager
 def _dask_executor(address: str) -> "Iterator[Executor]":
-    """Connect to a Dask scheduler."""
     from airtact.errors import InvalidInput, extra
 
     with extra("dask", "a sweep on a cluster needs Dask"):
@@ -257,7 +257,7 @@ def write_csv(file: Path, rows: "Sequence[Row]", varied: Sequence[str]) -> None:
     """
     from airtact.files.atomic import whole_file
 
-    # The columns of faults come last.
+    # Rows of failed points lack the results, so columns are those of all rows; faults come last.
     names = dict.fromkeys(name for row in rows for name in row)
     columns = [name for name in names if name not in ("error", "sentence")]
     columns += ["error", "sentence"]
@@ -268,6 +268,7 @@ def write_csv(file: Path, rows: "Sequence[Row]", varied: Sequence[str]) -> None:
         words = []
         for name in columns:
             value = row.get(name)
+            # 12 digits give a varied value back; of a result 6 are more than its accuracy.
             if isinstance(value, float):
                 value = f"{value:.{12 if name in varied else 6}g}"
             words.append("" if value is None else str(value))
@@ -310,23 +311,24 @@ def counting() -> Iterator[Count]:
 
 
 def _count_in_lines() -> Count:
+    # The first count is that of an earlier run's points, which took no time in this one.
     begun = time.perf_counter()
-    kept = -1
+    earlier = -1
     last = 0.0
 
     def count(done: int, total: int, failed: int) -> None:
-        nonlocal kept, last
+        nonlocal earlier, last
         passed = time.perf_counter() - begun
-        if kept < 0:
-            kept = done
-        if done not in (total, kept) and passed - last <= 10.0:
+        if earlier < 0:
+            earlier = done
+        if done not in (total, earlier) and passed - last <= 10.0:
             return
         last = passed
         words = f"{passed:7.1f} s  {done:,} of {total:,} points"
         if failed:
             words += f", {failed} failed"
-        if kept < done < total:
-            words += f", {passed / (done - kept) * (total - done):.0f} s left"
+        if earlier < done < total:
+            words += f", {passed / (done - earlier) * (total - done):.0f} s left"
         click.echo(words, err=True)
 
     return count

@@ -148,8 +148,8 @@ def _moved(sensed: Sensed) -> Markup:
     pose = sensed.located.pose
     off, turn = sensed.off
     before = [body.surface for body in setup.scene.obstacles]
-    after = [body.surface.moved(pose) for body in sensed.found.scene.obstacles]
-    foci = np.stack([setup.target.points, pose.apply(sensed.found.target.points)])
+    after = [body.surface.moved(pose) for body in sensed.fitted.scene.obstacles]
+    foci = np.stack([setup.target.points, pose.apply(sensed.fitted.target.points)])
     # The window of a field, less 3 wavelengths, shows motions of a millimetre.
     window = plane_of_scene(setup.scene, setup.target.points)
     less = 3.0 * setup.scene.wavelength

@@ -15,7 +15,6 @@ from airtact.acoustics.medium import Medium
 from airtact.acoustics.scene import Obstacle, filled, impedance, sound_hard
 from airtact.errors import LARGEST_SCENE_FILE, InvalidInput, about
 from airtact.files.bounded import text_of
-from airtact.files.meshes import read_mesh
 from airtact.geometry.checks import NEAREST, approach
 from airtact.geometry.pose import Pose
 from airtact.geometry.surface import Surface
@@ -24,11 +23,11 @@ from airtact.setup.parsing import parse_scene
 
 Made = TypeVar("Made")
 
+# Named points of bodies, the outward normals there, and the distance to the next body [m]
 NamedPoints = dict[str, tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"], float]]
-"""Named points of bodies, the outward normals there, and the distance to the next body [m]."""
 
+# Vertices (V, 3) [m] and the indices of each triangle (T, 3)
 Triangles = tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangles 3"]]
-"""Vertices (V, 3) [m] and the indices of each triangle (T, 3)."""
 
 
 def built(
@@ -55,16 +54,16 @@ def bodies_of(
     names: list[str] = []
     points: NamedPoints = {}
     hands: list[at.Hand] = []
-    wanted = tuple(
+    used = tuple(
         focus.points.at for focus in file.foci if isinstance(focus.points, tables.NamedPointTable)
     )
     for index, table in enumerate(file.obstacles):
         with about(f"obstacles[{index}]"):
             of_body: NamedPoints = {}
-            for name, surface in _surfaces(table, folder, of_body, wanted, hands).items():
+            for name, surface in _surfaces(table, folder, of_body, used, hands).items():
                 obstacles.append(_obstacle(table, surface, medium))
                 names.append(f"{name} {index + 1}" if name in names else name)
-            for name in wanted:
+            for name in used:
                 if name in of_body and name in points:
                     raise InvalidInput(
                         f"{name} is a named point of two bodies; give point = [x, y, z] instead of "
@@ -86,8 +85,9 @@ def pose_of(table: tables.PoseTable) -> Pose:
         case tables.MatrixTable(rotation=rotation):
             return Pose(np.array(rotation), translation)
         case tables.AxisTable(axis=axis, degrees=degrees):
-            whole_turns_off = math.fmod(degrees, 360.0) if math.isfinite(degrees) else degrees
-            return Pose.turn(np.array(axis), math.radians(whole_turns_off), translation)
+            # Whole turns are taken off in degrees, where they are exact.
+            degrees = math.fmod(degrees, 360.0) if math.isfinite(degrees) else degrees
+            return Pose.turn(np.array(axis), math.radians(degrees), translation)
     return Pose(np.eye(3), translation)
 
 
@@ -95,16 +95,16 @@ def _surfaces(
     table: tables.ObstacleTable,
     folder: Path,
     points: NamedPoints,
-    wanted: tuple[str, ...] = (),
+    used: tuple[str, ...] = (),
     hands: "list[at.Hand] | None" = None,
 ) -> dict[str, Surface]:
     """Build the surfaces of an obstacle by name at its pose; add its named points and hand."""
     hands = [] if hands is None else hands
     if table.pose is None:
-        return _unmoved(table, folder, points, wanted, hands)
+        return _unmoved(table, folder, points, used, hands)
     unmoved_points: NamedPoints = {}
     unmoved_hands: list[at.Hand] = []
-    surfaces = _unmoved(table, folder, unmoved_points, wanted, unmoved_hands)
+    surfaces = _unmoved(table, folder, unmoved_points, used, unmoved_hands)
     with about("pose"):
         pose = pose_of(table.pose)
     for name, (point, normal, room) in unmoved_points.items():
@@ -117,72 +117,58 @@ def _unmoved(
     table: tables.ObstacleTable,
     folder: Path,
     points: NamedPoints,
-    wanted: tuple[str, ...],
+    used: tuple[str, ...],
     hands: "list[at.Hand]",
 ) -> dict[str, Surface]:
-    """Build the surfaces of an obstacle in its own frame.
-
-    The named points wanted are brought to the surface.
-    """
+    # Only the named points that foci use are brought to the surface, which takes a mesh.
     match table.body:
         case tables.PinchTable(gap=gap):
-            from airtact.hands.pinch_dummy import pinch
-
-            fingers = pinch(gap=gap)
+            fingers = at.pinch(gap=gap)
             for name, pad, normal in zip(
                 ("thumb", "finger"), fingers.pads, fingers.normals, strict=True
             ):
                 points[f"{name}.pad"] = (pad, normal, fingers.gap)
             return {"thumb": fingers.surfaces[0], "finger": fingers.surfaces[1]}
         case tables.CapsuleTable(start=start, end=end, radius=radius, edge=edge):
-            from airtact.geometry.primitives import capsule
-
-            return {"capsule": capsule(np.array(start), np.array(end), radius=radius, edge=edge)}
+            return {"capsule": at.capsule(np.array(start), np.array(end), radius=radius, edge=edge)}
         case tables.SphereTable(radius=radius, centre=centre, edge=edge):
-            from airtact.geometry.primitives import sphere
-
-            return {"sphere": sphere(radius=radius, edge=edge, centre=np.array(centre))}
+            return {"sphere": at.sphere(radius=radius, edge=edge, centre=np.array(centre))}
         case tables.HandTable(hand=name, gap=gap):
             from airtact.hands.files import ROOM, load_hand
 
             hand = load_hand(folder / name, gap)
             for place in hand.places:
                 # Only wanted places are brought to the surface, which takes a mesh of it.
-                point, normal = hand.place(place) if place in wanted else hand.places[place]
+                point, normal = hand.place(place) if place in used else hand.places[place]
                 points[place] = (point, normal, ROOM)
             hands.append(hand)
             return {"hand": hand.surface}
         case tables.SurfaceTable(surface=name):
-            from airtact.geometry.files import load_surface
-
             surface = built(
-                partial(load_surface, folder / name), table.body, leave_out=("surface", "joints")
+                partial(at.load_surface, folder / name), table.body, leave_out=("surface", "joints")
             )
-            hand = _hand_of(table.body, folder, wanted)
+            hand = _hand_of(table.body, folder, used)
             if hand is not None:
                 from airtact.hands.files import ROOM
-                from airtact.hands.hand import places_on
 
                 hands.append(hand)
-                for place, (point, normal) in places_on(surface, hand).items():
+                for place, (point, normal) in at.hands.places_on(surface, hand).items():
                     points[place] = (point, normal, ROOM)
             return {Path(name).stem: surface}
 
 
-def _hand_of(table: tables.SurfaceTable, folder: Path, wanted: tuple[str, ...]) -> "at.Hand | None":
-    """Read the hand that names points of a mesh, from its ``joints`` or its rig."""
-    from airtact.hands.files import load_hand, load_rigged_hand
+def _hand_of(table: tables.SurfaceTable, folder: Path, used: tuple[str, ...]) -> "at.Hand | None":
     from airtact.hands.hand import PLACES
 
-    if table.joints is not None:
-        return load_hand(folder / table.joints)
-    if not wanted:
+    if table.joints is not None:  # they take precedence over a rig in the file
+        return at.load_hand(folder / table.joints)
+    if not used:
         return None
     path = folder / table.surface
     try:
-        return load_rigged_hand(path, table.scale or 1.0)
+        return at.hands.load_rigged_hand(path, table.scale or 1.0)
     except InvalidInput as fault:
-        if fault.code == "joint_missing" or not set(wanted) & set(PLACES):
+        if fault.code == "joint_missing" or not set(used) & set(PLACES):
             return None
         if fault.code == "side_unclear":
             raise InvalidInput(
@@ -196,10 +182,10 @@ def _hand_of(table: tables.SurfaceTable, folder: Path, wanted: tuple[str, ...]) 
 
 def _check_places(file: tables.SceneFile, folder: Path, points: NamedPoints) -> None:
     """Raise where a focus names a place of a hand, and the meshes have no joints."""
+    # A missing point of a hand's mesh is usually a rig without names, which the reason explains.
     meshes = [table.body for table in file.obstacles if isinstance(table.body, tables.SurfaceTable)]
     if not meshes:
         return
-    from airtact.hands.files import load_rigged_hand
     from airtact.hands.hand import PLACES
 
     for index, focus in enumerate(file.foci):
@@ -209,7 +195,7 @@ def _check_places(file: tables.SceneFile, folder: Path, points: NamedPoints) -> 
         if name not in PLACES or name in points:
             continue
         try:
-            load_rigged_hand(folder / meshes[0].surface, meshes[0].scale or 1.0)
+            at.hands.load_rigged_hand(folder / meshes[0].surface, meshes[0].scale or 1.0)
         except InvalidInput as fault:
             reason = str(fault).removesuffix(".")
             raise InvalidInput(
@@ -244,8 +230,7 @@ def with_merged_bodies(
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    from airtact.geometry.union import merged
-
+    # An impedance or a filling belongs to one body, so only sound-hard ones are merged.
     hard = [index for index, obstacle in enumerate(obstacles) if obstacle.boundary == "sound_hard"]
     near = [
         (first, second)
@@ -266,7 +251,7 @@ def with_merged_bodies(
             bodies.append(obstacles[members[0]])
         else:
             surfaces = [obstacles[index].surface for index in members]
-            bodies.append(sound_hard(merged(surfaces, NEAREST)))
+            bodies.append(sound_hard(at.geometry.merged(surfaces, NEAREST)))
     return words, bodies
 
 
@@ -297,9 +282,12 @@ def bare_triangles(path: Path, scale: float = 1.0) -> Triangles | None:
     None where the file cannot be read or there is nothing to draw.
     """
     try:
+        from airtact.files.meshes import read_mesh
+
         vertices, triangles = read_mesh(path)
     except InvalidInput:
         return None
+    # The file is at fault already, so its numbers may be anything.
     with np.errstate(over="ignore"):
         vertices = scale * vertices
     finite = vertices[np.isfinite(vertices).all(axis=1)]

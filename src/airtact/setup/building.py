@@ -14,18 +14,9 @@ import airtact as at
 from airtact.acoustics.medium import Medium, air
 from airtact.acoustics.planes import plane
 from airtact.acoustics.scene import Scene, check_no_planes
+from airtact.acoustics.solvers.arrays import Points
 from airtact.acoustics.solvers.problem import Solver
 from airtact.acoustics.target import Target
-from airtact.acoustics.target_points import (
-    Points,
-    circle,
-    onto_surface,
-    polyline,
-    segment,
-    sphere_shell,
-    surface_points,
-)
-from airtact.acoustics.uncertainty import Uncertainty
 from airtact.errors import LARGEST_SCENE_FILE, MOST_POINTS, InvalidInput, about
 from airtact.files.bounded import text_of
 from airtact.geometry.pose import Pose
@@ -46,8 +37,8 @@ from airtact.transducers.layout import PhasedArray, board_array, flat_boards, su
 from airtact.transducers.levels import Levels
 from airtact.transducers.modulation import AmplitudeModulation
 
+# Distance of a focus from the surface of its body [m]
 DEFAULT_OFFSET = 0.5e-3
-"""Distance of a focus from the surface of its body [m]."""
 
 
 def read_scene(
@@ -75,7 +66,7 @@ def read_scene(
     path = Path(path)
     if path.suffix.lower() == ".json":
         raise InvalidInput(
-            f"{path.name} is not a scene file (.toml): a pose of a hand stands in one as "
+            f"{path.name} is not a scene file (.toml): a scene names the pose of a hand by "
             "[[obstacles]] hand = "
             f'"{path.name}", and airtact hand shows it.',
             code="unknown_format",
@@ -100,9 +91,8 @@ def _set_up(path: Path, text: str, file: tables.SceneFile, followed: bool) -> Se
         array, board = _array(file.array, wavenumber, path.parent)
         plates = ()
         if file.array.reflects:
-            from airtact.transducers.plates import reflecting_boards
-
-            plates = reflecting_boards(array)
+            plates = at.reflecting_boards(array)
+    # Reflecting boards are bodies of the scene too, so they need names in warnings and reports.
     bodies += ["boards"] if len(plates) == 1 else [f"board {index}" for index in range(len(plates))]
     scene = Scene(medium, [*obstacles, *plates], frequency=file.frequency, planes=planes)
     surfaces = {
@@ -145,14 +135,13 @@ def _set_up(path: Path, text: str, file: tables.SceneFile, followed: bool) -> Se
 
 
 def _uncertainty(table: tables.UncertaintyTable | None) -> dict[str, Any]:
-    """Return the uncertainty, the number of samples and their seed."""
     if table is None:
         return {}
     values = msgspec.structs.asdict(table)
     samples = values.pop("samples")
     seed = values.pop("seed")
     with about("uncertainty"):
-        return {"uncertainty": Uncertainty(**values), "samples": samples, "seed": seed}
+        return {"uncertainty": at.Uncertainty(**values), "samples": samples, "seed": seed}
 
 
 def _modulation(
@@ -174,11 +163,12 @@ def _modulation(
             'length goes only with path = "line"; give the radius of a circle.',
             code="key_misplaced",
         )
-    for key, word, known in (("path", kind.path, PATHS), ("along", kind.along, ALONG)):
-        if word is not None and word not in known:
+    for key, word, options in (("path", kind.path, PATHS), ("along", kind.along, ALONG)):
+        if word is not None and word not in options:
             raise InvalidInput(
-                f'{key} = "{word}" is unknown; {nearest(word, known)}', code="unknown_name"
+                f'{key} = "{word}" is unknown; {nearest(word, options)}', code="unknown_name"
             )
+    # Keys that are left out get the defaults of Motion, which depend on its kind and path.
     name = "stm" if isinstance(kind, tables.SpatiotemporalTable) else "lm"
     size = kind.length if kind.path == "line" else kind.radius
     motion = Motion(name, kind.path, size, kind.frequency, kind.frames, kind.along)  # pyright: ignore[reportArgumentType]
@@ -191,7 +181,6 @@ def _modulation(
 
 
 def _solver(file: tables.SceneFile, scene: Scene) -> Solver:
-    """Build the solver that the file names, or the default one, if it solves such bodies."""
     solvable = {
         "boundary_element": ("sound_hard", "impedance"),
         "finite_element": ("sound_hard", "impedance", "filled"),
@@ -222,10 +211,8 @@ def _solver(file: tables.SceneFile, scene: Scene) -> Solver:
                 code="not_supported",
             )
     if name == "finite_element":
-        from airtact.acoustics.solvers.fem.solver import FiniteElement
-
         check_no_planes(scene, name)
-        return FiniteElement.reaching(file.solver.accuracy)
+        return at.FiniteElement.reaching(file.solver.accuracy)
     return default_solver(scene, file.solver.accuracy)
 
 
@@ -239,7 +226,6 @@ def medium_of(table: tables.MediumTable, frequency: float) -> Medium:
 def _array(
     table: tables.ArrayTable, wavenumber: float, folder: Path
 ) -> tuple[PhasedArray, str | None]:
-    """Build the transducers, and name the kind of board that they are made of."""
     array, board = _layout(table, _element(table, wavenumber), folder)
     if table.calibration is not None:
         from airtact.transducers.calibration import calibrated_by
@@ -253,7 +239,6 @@ def _array(
 
 
 def _element(table: tables.ArrayTable, wavenumber: float) -> Element:
-    """Build the kind of transducer: that of the boards unless the table gives another one."""
     sensitivity = DEFAULT_SENSITIVITY if table.sensitivity is None else table.sensitivity
     sources = ("piston", "monopole")
     if table.source not in sources:
@@ -270,6 +255,7 @@ def _element(table: tables.ArrayTable, wavenumber: float) -> Element:
         return monopole(sensitivity)
     radius = table.piston_radius
     if radius is None:
+        # Transducers of unknown make are taken for Murata's, the usual ones.
         match table.layout:
             case tables.ListedTable():
                 radius = MURATA_RADIUS
@@ -277,6 +263,7 @@ def _element(table: tables.ArrayTable, wavenumber: float) -> Element:
                 radius = board_named("autd3").radius
             case tables.BoardsTable(board=board) | tables.SurroundingBoxTable(board=board):
                 radius = board_named(board or "autd3").radius
+    # A larger face takes more points to keep the far pattern of a piston.
     points = 12 if wavenumber * radius <= MAX_PISTON_SIZE[12] else 19
     return piston(radius, sensitivity, points=points)
 
@@ -330,6 +317,8 @@ def target_of(
                 code="too_many",
             )
 
+    # Each table is at least one point; a shape may be thousands, so the total is checked again
+    # after each table, before memory runs out.
     check_total(len(foci) + len(suppression))
     points = [np.empty((0, 3))]
     names = []
@@ -344,13 +333,22 @@ def target_of(
         with about(f"suppression[{index}]"):
             if isinstance(zone.points, tables.SurfacePointsTable):
                 body = _body(zone.points.body, bodies, "body")
-                zones.append(built(partial(surface_points, body), zone.points, leave_out=("body",)))
+                zones.append(
+                    built(
+                        partial(at.acoustics.surface_points, body),
+                        zone.points,
+                        leave_out=("body",),
+                    )
+                )
             else:
                 zones.append(_drawn(zone.points, folder))
         check_total(sum(map(len, points + zones)))
     with about("foci"):
-        wanted = _wanted(foci, [len(of_table) for of_table in points[1:]])
-        target = Target(np.concatenate(points), suppression_points=np.concatenate(zones), **wanted)
+        target = Target(
+            np.concatenate(points),
+            suppression_points=np.concatenate(zones),
+            **_wanted(foci, [len(of_table) for of_table in points[1:]]),
+        )
     return target, tuple(names)
 
 
@@ -376,6 +374,7 @@ def _wanted(
         raise InvalidInput(
             "the foci have pressures and shares; give one of the two.", code="options_clash"
         )
+    # Target takes phases as those of complex pressures or shares.
     phased = 1.0 if degrees is None else np.exp(1j * np.radians(degrees))
     if pressures is not None:
         return {"pressures": pressures * phased}
@@ -417,7 +416,6 @@ def _names(table: tables.FocusTable, index: int, count: int) -> list[str]:
 def _foci(
     table: tables.FocusTable, named: NamedPoints, bodies: Mapping[str, Surface], folder: Path
 ) -> Points:
-    """Return the points of one table."""
     offset = DEFAULT_OFFSET if table.offset is None else table.offset
     if isinstance(table.points, tables.NamedPointTable):
         if table.onto is not None:
@@ -427,57 +425,54 @@ def _foci(
         raise InvalidInput("offset goes only with at or onto.", code="key_misplaced")
     points = _drawn(table.points, folder)
     if table.onto is not None:
-        points = onto_surface(points, _body(table.onto, bodies, "onto"), offset)
+        points = at.acoustics.onto_surface(points, _body(table.onto, bodies, "onto"), offset)
     return points
 
 
 def _drawn(table: tables.PointTable | tables.Shape | tables.SvgTable, folder: Path) -> Points:
-    """Points that foci and suppression zones alike may be."""
+    # Foci and suppression zones take the same shapes.
     match table:
         case tables.PointTable(point=point):
             return np.array([point], dtype=np.float64)
         case tables.SvgTable(source=source):
-            from airtact.acoustics.drawings import svg_path
-
             if isinstance(source, tables.DrawingFileTable):
                 drawing = folder / source.file
             else:
                 drawing = source.path
-            return built(partial(svg_path, drawing), table, leave_out=("source",))
+            return built(partial(at.acoustics.svg_path, drawing), table, leave_out=("source",))
         case tables.WritingTable():
-            from airtact.acoustics.drawings import text
-
-            return built(text, table)
+            return built(at.acoustics.text, table)
         case tables.SegmentTable():
-            return built(segment, table)
+            return built(at.acoustics.segment, table)
         case tables.PolylineTable():
-            return built(polyline, table)
+            return built(at.acoustics.polyline, table)
         case tables.CircleTable():
-            return built(circle, table)
+            return built(at.acoustics.circle, table)
         case tables.SphereShellTable():
-            return built(sphere_shell, table)
+            return built(at.acoustics.sphere_shell, table)
 
 
 def _body(name: str, bodies: Mapping[str, Surface], key: str) -> Surface:
     if name not in bodies:
-        known = nearest(name, bodies) if bodies else "there is no body."
-        raise InvalidInput(f'{key} = "{name}" is not a body; {known}', code="unknown_name")
+        hint = nearest(name, bodies) if bodies else "there is no body."
+        raise InvalidInput(f'{key} = "{name}" is not a body; {hint}', code="unknown_name")
     return bodies[name]
 
 
 def _named(name: str, named: NamedPoints, offset: float) -> Float64[np.ndarray, "3"]:
     if name not in named:
-        known = "no body has named points, so give point = [x, y, z]."
+        hint = "no body has named points, so give point = [x, y, z]."
         if named:
-            known = nearest(name, named)
+            hint = nearest(name, named)
         raise InvalidInput(
-            f'at = "{name}" is not a named point of a body; {known}', code="unknown_name"
+            f'at = "{name}" is not a named point of a body; {hint}', code="unknown_name"
         )
     if not (math.isfinite(offset) and offset >= 0):
         raise InvalidInput(
             f"offset = {offset} m must be 0 (on the surface) or more.", code="out_of_range"
         )
     point, normal, room = named[name]
+    # The usual cause: an offset in millimetres puts the focus beyond the next body.
     if offset >= room:
         raise InvalidInput(
             f"offset = {offset:g} m does not lie in the gap of {1e3 * room:g} mm before {name}: is "

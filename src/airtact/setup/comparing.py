@@ -135,8 +135,7 @@ class MethodComparison:
 
     def of_the_bound(self, contender: Contender) -> float:
         """Return the pressure at the worst focus at full scale over the bound."""
-        peak = contender.emitted.peak
-        return self.worst(contender) / peak / self.bound
+        return self.worst(contender) / contender.emitted.peak / self.bound
 
     def label(self, contender: Contender) -> str:
         """Name a method, and mark the default."""
@@ -228,6 +227,7 @@ def compare(
 def _compare_methods(setup: Setup, store: Path | None, clock: Clock) -> MethodComparison:
     beacons = solve_beacons(setup, clock, store)
     transfer, report = transfer_to_array(setup, beacons, clock)
+    # "best" is one of the others; methods for samples need samples.
     methods = [
         name
         for name in METHODS
@@ -243,16 +243,19 @@ def _compare_methods(setup: Setup, store: Path | None, clock: Clock) -> MethodCo
                 with times.step(words):
                     drives[words], stalled = synthesise(METHODS[method], transfer, setup.target)
                 warnings += stalled
+            # One method that cannot, such as for foci too close, does not stop the others.
             except InvalidInput as fault:
                 warnings.append(f"{words} made no drive: {fault}")
         if not drives:
             raise InvalidInput(f"no method makes a drive; {warnings[0]}", code="empty")
         name = drive_names(setup.bodies)[-1]
+        # The control is the best that ignores the bodies.
         with times.step(name):
             control = control_drive(setup, best)
         if control is not None:
             drives[name] = control
         bound = upper_bound(transfer, setup.target).worst
+    # Boards emit rounded drives, so these are verified and compared.
     emitted = {name: quantise(drive, setup.levels).drive() for name, drive in drives.items()}
     with clock.step(
         "verify",
@@ -273,22 +276,23 @@ def _compare_methods(setup: Setup, store: Path | None, clock: Clock) -> MethodCo
 
         with clock.step("doubt", "trying them on other samples of the uncertainty"):
             kept = weakest_nine_of_ten(setup, beacons, emitted)
-    contenders = [
-        Contender(
-            name,
-            drives[name],
-            emitted[name],
-            pressures,
-            suppression_points,
-            times.seconds[name],
-            kept.get(name),
-        )
-        for name, pressures, suppression_points in zip(emitted, at_foci, suppressed, strict=True)
-    ]
     return MethodComparison(
         setup=setup,
-        default=method_for(setup.target).__name__.replace("_", " "),
-        contenders=contenders,
+        default=method_for(setup.target).replace("_", " "),
+        contenders=[
+            Contender(
+                name,
+                drives[name],
+                emitted[name],
+                pressures,
+                suppression_points,
+                times.seconds[name],
+                kept.get(name),
+            )
+            for name, pressures, suppression_points in zip(
+                emitted, at_foci, suppressed, strict=True
+            )
+        ],
         warnings=[
             *reach_cautions(setup),
             *warnings,

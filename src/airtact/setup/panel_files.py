@@ -16,8 +16,8 @@ from airtact.geometry.panels import Panels
 from airtact.setup.vtkhdf import write_panels_vtkhdf
 
 CURVED = ".vtkhdf"
+# File name endings that are written, in metres
 FLAT = (".stl", ".ply", ".glb")
-"""File name endings that are written, in metres."""
 
 
 def check_output(path: Path, *sources: Path) -> None:
@@ -77,7 +77,7 @@ def flat_triangles(quadratic_triangles: QuadraticTriangles) -> tuple[Vertices, T
 
     Each panel is projected onto the surface by itself, so neighbours are micrometres apart; and a
     panel that was cut in four has nodes on the edge of an uncut neighbour, which that neighbour
-    lacks. Both are joined as far as they can be told from gaps.
+    lacks. Both are joined as far as they differ from gaps.
     """
     points = quadratic_triangles.reshape(-1, 3)
     shortest = np.repeat(edge_lengths(quadratic_triangles).min(axis=1), 6)
@@ -107,11 +107,13 @@ def _joined(
     vertices: Vertices, triangles: Triangles, near: Float64[np.ndarray, "vertices"]
 ) -> Int64[np.ndarray, "vertices"]:
     """Return new numbers of the vertices, the same for those that face each other over a gap."""
+    # Only edges without a twin face a gap, so only their vertices are searched.
     ends = edge_ends(triangles)
     rim = np.unique(ends[edge_twins(triangles) == -1])
     if len(rim) == 0:
         return np.arange(len(vertices))
     pairs = rim[KDTree(vertices[rim]).query_pairs(float(near[rim].max()), output_type="ndarray")]
+    # Vertices of one triangle never join, or it would vanish.
     gap = np.linalg.norm(vertices[pairs[:, 0]] - vertices[pairs[:, 1]], axis=1)
     fit = ~are_among(pairs, ends) & (gap <= near[pairs].min(axis=1))
     pairs = pairs[fit]
@@ -138,6 +140,7 @@ def _bypasses(vertices: Vertices, triangles: Triangles) -> dict[int, list[int]]:
     for edge, start, end, length in edges:
         # The way over the nodes of smaller neighbours is hardly longer than the edge.
         way = _way(following, end, start, 1.3 * length, length)
+        # Splitting two edges of a triangle at once would need another pattern: the next round does.
         if way and edge // 3 not in bypassed:
             bypassed.add(edge // 3)
             bypasses[edge] = way[:0:-1]

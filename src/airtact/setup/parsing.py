@@ -12,7 +12,6 @@ from typing import Any
 
 import msgspec
 
-from airtact.checks import counted
 from airtact.errors import (
     LARGEST_NUMBER,
     LARGEST_SCENE_FILE,
@@ -23,16 +22,16 @@ from airtact.setup import tables
 from airtact.setup.tables import Choice, SceneFile, Table
 from airtact.transducers.boards import BOARDS
 
+# Value that a key may be set to; None removes the key
 Value = str | float | int | bool | None
-"""Value that a key may be set to; None removes the key."""
 
 AnyTable = typing.TypeVar("AnyTable", bound=Table)
 
+# Largest number of lists and tables inside each other, and of parts of a dotted key
 MAX_LEVELS = 32
-"""Largest number of lists and tables inside each other, and of parts of a dotted key."""
 
+# Largest number of obstacles in a scene file
 MAX_BODIES = 256
-"""Largest number of obstacles in a scene file."""
 
 
 def parse_scene(text: str, changes: Mapping[str, Value] | None = None) -> SceneFile:
@@ -71,15 +70,16 @@ def parse_scene(text: str, changes: Mapping[str, Value] | None = None) -> SceneF
     if changes:
         data = with_changes(data, changes)
     _check_numbers(data, "", 0)
+    # Before any body is made: each may take a second, and pairs are compared later.
     bodies = data.get("obstacles")
     if isinstance(bodies, list) and len(bodies) > MAX_BODIES:
-        count = counted(len(bodies), "obstacle", "obstacles")
-        raise InvalidInput(f"there are {count}, more than {MAX_BODIES}.", code="too_many")
+        raise InvalidInput(
+            f"there are {len(bodies)} obstacles, more than {MAX_BODIES}.", code="too_many"
+        )
     return _table(data, SceneFile, "")
 
 
 def _check_text(text: str) -> None:
-    """Raise "file_too_large" or "file_unreadable" where TOML text goes beyond a limit."""
     try:
         size = len(text.encode())
     except UnicodeEncodeError as error:
@@ -99,10 +99,12 @@ def _check_text(text: str) -> None:
 
 
 def _check_numbers(data: object, path: str, level: int) -> None:
-    """Raise where a number in nested tables is not finite, too large, too small or too deep."""
+    # Products of numbers beyond these sizes would overflow, or lose all digits, further on.
     if level > MAX_LEVELS:
-        sentence = f"{path} is more than {MAX_LEVELS} levels deep in lists and tables."
-        raise InvalidInput(sentence, code="file_too_large")
+        raise InvalidInput(
+            f"{path} is more than {MAX_LEVELS} levels deep in lists and tables.",
+            code="file_too_large",
+        )
     if isinstance(data, dict):
         for key, value in data.items():
             _check_numbers(value, _joined(path, key), level + 1)
@@ -135,17 +137,18 @@ def keys_of(table: type[Table]) -> frozenset[str]:
     return frozenset(keys)
 
 
-def nearest(word: str, known: Iterable[str], prefix: str = "") -> str:
+def nearest(word: str, names: Iterable[str], prefix: str = "") -> str:
     """Suggest the known word that was probably meant, or list all.
 
     >>> nearest("finite_elemant", ["boundary_element", "finite_element"])
     'did you mean finite_element?'
     """
-    known = sorted(known)
-    close = difflib.get_close_matches(word[:50], known, n=1)
+    names = sorted(names)
+    # The time of difflib grows with the square of the word's length.
+    close = difflib.get_close_matches(word[:50], names, n=1)
     if close:
         return f"did you mean {prefix}{close[0]}?"
-    return f"there is {', '.join(prefix + name for name in known)}."
+    return f"there is {', '.join(prefix + name for name in names)}."
 
 
 def _table(data: Any, table: type[AnyTable], path: str) -> AnyTable:
@@ -176,12 +179,14 @@ def _table(data: Any, table: type[AnyTable], path: str) -> AnyTable:
 
 
 def _check_keys(data: Mapping[str, Any], table: type[Table], path: str) -> None:
-    known = keys_of(table)
+    names = keys_of(table)
     for key in data:
-        if key not in known:
+        if key not in names:
             before = f"{path}." if path else ""
-            sentence = f"{before}{key} is not a key of a scene file; {nearest(key, known, before)}"
-            raise InvalidInput(sentence, code="unknown_key")
+            raise InvalidInput(
+                f"{before}{key} is not a key of a scene file; {nearest(key, names, before)}",
+                code="unknown_key",
+            )
 
 
 def _chosen(
@@ -193,8 +198,8 @@ def _chosen(
     """
     tags = {str(kind.__struct_config__.tag): kind for kind in kinds}
     by_value = not issubclass(kinds[0], Choice)
-    find_tag = _tag_by_value if by_value else _tag_by_key
-    tag = find_tag(data, field, tags, path)
+    # msgspec distinguishes tables by a tag in them only, not by which keys they have.
+    tag = (_tag_by_value if by_value else _tag_by_key)(data, field, tags, path)
     if tag is None:
         return None
     kind = tags[tag]
@@ -206,17 +211,20 @@ def _chosen(
             for name, each in tags.items()
             if key in _keys_beside(each)
         ]
-        sentence = f"{_joined(path, key)} goes only with {' or '.join(owners)}."
-        raise InvalidInput(sentence, code="key_misplaced")
+        raise InvalidInput(
+            f"{_joined(path, key)} goes only with {' or '.join(owners)}.", code="key_misplaced"
+        )
     if tag == ".csv":
         return _table({"file": data[field.name]}, kind, path)
     if not by_value and tag not in kind.__struct_fields__:
         return _table(data[tag], kind, _joined(path, tag))
     for inner in _fields(kind):
         if inner.required and inner.name not in data:
-            phrase = _phrase(field, tag, by_value)
-            sentence = f"the key {_joined(path, inner.name)} is missing: {phrase} needs it."
-            raise InvalidInput(sentence, code="key_missing")
+            raise InvalidInput(
+                f"the key {_joined(path, inner.name)} is missing: "
+                f"{_phrase(field, tag, by_value)} needs it.",
+                code="key_missing",
+            )
     chosen = {key: data[key] for key in keys if key in data}
     if by_value:
         chosen.pop(field.name, None)
@@ -241,8 +249,10 @@ def _tag_by_key(
         return None
     if len(chosen) != 1:
         choices = [" and ".join(_leading(kind)) for kind in tags.values()]
-        sentence = f"{path}: give exactly one of {', '.join(choices)}; {len(chosen)} given."
-        raise InvalidInput(sentence, code="options_clash")
+        raise InvalidInput(
+            f"{path}: give exactly one of {', '.join(choices)}; {len(chosen)} given.",
+            code="options_clash",
+        )
     return chosen[0]
 
 
@@ -266,6 +276,7 @@ def _tag_by_value(
         return value
     if value.endswith(".csv") and ".csv" in tags:
         return ".csv"
+    # A frequent slip: the kind of board in place of the layout.
     if value in BOARDS and field.name == "layout":
         raise InvalidInput(
             f'{_joined(path, field.name)} = "{value}" is a kind of board: write layout = "boards", '
@@ -273,17 +284,20 @@ def _tag_by_value(
             "and poses = [{ translation = [x, y, z] }], a pose for each board.",
             code="unknown_name",
         )
-    known = [tag for tag in tags if tag != ".csv"]
+    names = [tag for tag in tags if tag != ".csv"]
     kind = f"not a known {field.name}"
     if ".csv" in tags:
         kind = f"neither a known {field.name} nor a .csv file"
-    sentence = f'{_joined(path, field.name)} = "{value}" is {kind}; {nearest(value, known)}'
-    raise InvalidInput(sentence, code="unknown_name")
+    raise InvalidInput(
+        f'{_joined(path, field.name)} = "{value}" is {kind}; {nearest(value, names)}',
+        code="unknown_name",
+    )
 
 
 @cache
 def _keys_beside(kind: type[Table]) -> frozenset[str]:
-    """List the keys of a choice that stand in the table which makes it."""
+    # A choice whose tag is one of its keys has its keys in the table that makes the choice; of
+    # other choices that table has only the tag, with the keys in a table of its own.
     config = kind.__struct_config__
     if not issubclass(kind, Choice):
         keys = frozenset() if config.tag == ".csv" else keys_of(kind)
@@ -318,7 +332,6 @@ def _joined(path: str, key: str) -> str:
 
 
 def _converted(data: Any, kind: type[Any], path: str) -> Any:
-    """Convert by msgspec, and write its errors in the words of TOML."""
     try:
         return msgspec.convert(data, kind)
     except msgspec.ValidationError as error:
@@ -333,7 +346,7 @@ def _converted(data: Any, kind: type[Any], path: str) -> Any:
 
 
 def _plain_types(match: re.Match[str]) -> str:
-    """Replace names of types by the words that a user of TOML knows."""
+    # Users of TOML do not know the names of Python's and JSON's types.
     words = {
         "array": "a list",
         "bool": "true or false",
@@ -375,6 +388,7 @@ def with_changes(data: Mapping[str, Any], changes: Mapping[str, Value]) -> dict[
             raise InvalidInput(
                 f"{earlier} and {path} are the same key; give it once.", code="given_twice"
             )
+        # Tables that the file leaves out are made on the way.
         inner: Any = changed
         for step, following in pairwise(steps):
             inner = _inside(inner, step, following, path)
@@ -390,15 +404,16 @@ def with_changes(data: Mapping[str, Any], changes: Mapping[str, Value]) -> dict[
 
 
 def _steps(path: str) -> list[str | int]:
-    """Split a path into keys and indices."""
     if not re.fullmatch(r"[\w-]+(\.[\w-]+|\[\d+\])*", path):
         raise InvalidInput(
             f"{path!r} is not the path of a key: write its tables, with numbers from 0 in brackets "
             "where there are several, such as foci[0].offset.",
             code="unknown_key",
         )
-    matches = re.finditer(r"([\w-]+)|\[(\d+)\]", path)
-    return [match[1] if match[2] is None else int(match[2]) for match in matches]
+    return [
+        match[1] if match[2] is None else int(match[2])
+        for match in re.finditer(r"([\w-]+)|\[(\d+)\]", path)
+    ]
 
 
 def _full(steps: list[str | int], data: Mapping[str, Any], path: str) -> list[str | int]:
@@ -410,8 +425,8 @@ def _full(steps: list[str | int], data: Mapping[str, Any], path: str) -> list[st
     indices = [index for index, body in enumerate(bodies) if kind in body]
     if len(indices) != 1:
         kinds = {body.__struct_config__.tag for body in typing.get_args(tables.Body)}
-        known = sorted({key for body in bodies for key in body} & kinds)
-        beside = f" and the bodies {', '.join(known)}" if known else ""
+        names = sorted({key for body in bodies for key in body} & kinds)
+        beside = f" and the bodies {', '.join(names)}" if names else ""
         raise InvalidInput(
             f"{path}: {len(indices)} bodies are named {kind!r}; a path begins with "
             f"{', '.join(sorted(data))}{beside}, and obstacles[0] is the first body.",
@@ -436,16 +451,15 @@ def _inside(inner: Any, step: str | int, following: str | int, path: str) -> Any
 
 
 def _at(inner: Any, step: str | int, path: str) -> Any:
-    """Return the value at a step; raise "unknown_key" if there is none."""
     if isinstance(step, int) and isinstance(inner, list) and step < len(inner):
         return inner[step]
     if isinstance(step, str) and isinstance(inner, dict) and step in inner:
         return inner[step]
     word = f"[{step}]" if isinstance(step, int) else step
     if isinstance(inner, list):
-        known = f"there are [0] to [{len(inner) - 1}]." if inner else "the list is empty."
+        hint = f"there are [0] to [{len(inner) - 1}]." if inner else "the list is empty."
     elif isinstance(inner, dict):
-        known = nearest(str(step), inner) if inner else "the table is empty."
+        hint = nearest(str(step), inner) if inner else "the table is empty."
     else:
-        known = f"a single value ({inner!r}) stands there."
-    raise InvalidInput(f"{path}: {word} is not in the scene file; {known}", code="unknown_key")
+        hint = f"its value is {inner!r}, not a table or a list."
+    raise InvalidInput(f"{path}: {word} is not in the scene file; {hint}", code="unknown_key")

@@ -37,8 +37,8 @@ from airtact.setup.solving import (
 from airtact.timing import Clock, Progress
 from airtact.transducers.modulation import AmplitudeModulation
 
+# Files of a drive
 DRIVE_FILES = ("drive.csv", "drive.h5")
-"""Files of a drive."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -110,8 +110,7 @@ class Rendering:
         if len(self.drives) == 1:
             return None
         _, control = self.drives.values()
-        at_full_scale = self.verification.pressures["equal peak"][1]
-        return at_full_scale * control.factor_to_match(self.drive)
+        return self.verification.pressures["equal peak"][1] * control.factor_to_match(self.drive)
 
     def save(self, folder: str | Path) -> tuple[Path, ...]:
         """Write drive.csv and drive.h5 into a folder, and sequence.h5 where foci move.
@@ -202,6 +201,7 @@ def render(
             setup.target,
             solver=stored(verification_solver(setup), store),
         )
+    # The verification compares drives at full scale; the drive itself may ask for less.
     at_full_scale = comparison.pressures["equal peak"][0]
     drive = _scaled(setup, drive, at_full_scale)
     pressures = drive.peak * at_full_scale

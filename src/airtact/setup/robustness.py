@@ -30,8 +30,14 @@ def other_samples(setup: Setup, beacons: RadiatedField) -> TransferEnsemble:
     """Sample the uncertainty with another seed than the drive was made for."""
     assert setup.uncertainty is not None
     solver = solver_of_samples(setup)
-    count = HELD_OUT_SAMPLES if solver is None else SOLVED_HELD_OUT_SAMPLES
-    return ensemble(beacons, setup.array, setup.uncertainty, count, setup.seed + 1, solver=solver)
+    return ensemble(
+        beacons,
+        setup.array,
+        setup.uncertainty,
+        HELD_OUT_SAMPLES if solver is None else SOLVED_HELD_OUT_SAMPLES,
+        setup.seed + 1,
+        solver=solver,
+    )
 
 
 def kept_by_drive(
@@ -40,16 +46,19 @@ def kept_by_drive(
     """Evaluate a drive beside two others on other samples and for a shifted hand."""
     assert setup.uncertainty is not None
     drives = {setup.method.replace("_", " "): drive}
+    # Beside the drive: the one made for samples, and the simplest one.
     if setup.method not in FOR_SAMPLES:
         drives["robust"] = robust(transfer, setup.target)
     if setup.method != "time_reversal":
         drives["time reversal"] = time_reversal(transfer, setup.target)
     solver = solver_of_samples(setup)
-    maps = [
-        shift_map(beacons, setup.array, setup.target, drives, window, solver=solver)
-        for window in _shifts(setup, setup.uncertainty.shift)
-    ]
-    return replace(held_out(other_samples(setup, beacons), setup.target, drives), maps=tuple(maps))
+    return replace(
+        held_out(other_samples(setup, beacons), setup.target, drives),
+        maps=tuple(
+            shift_map(beacons, setup.array, setup.target, drives, window, solver=solver)
+            for window in _shifts(setup, setup.uncertainty.shift)
+        ),
+    )
 
 
 def weakest_nine_of_ten(

@@ -26,8 +26,8 @@ from airtact.transducers.element import DEFAULT_SENSITIVITY
 from airtact.transducers.levels import Levels
 from airtact.transducers.modulation import AmplitudeModulation
 
+# Frequency that all boards play [Hz]
 FREQUENCY = 40e3
-"""Frequency that all boards play [Hz]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,8 +167,8 @@ def plan(
             )
         wavenumber = 2 * np.pi * FREQUENCY / sound_speed_of(stored)
         poses = tuple(poses_of_boards(kind, stored.positions, stored.normals))
-    is_modulated = rate is None and not constant
-    modulation = (modulation or stored.modulation) if is_modulated else None
+    modulation = (modulation or stored.modulation) if rate is None and not constant else None
+    # The level is evaluated in open air around the array: where the head is, is not known.
     head = Head(stored, kind, modulation, wavenumber)
     full, _ = head.levels(1.0)
     limited = cap is None and full > MAX_HEAD_LEVEL
@@ -182,6 +182,8 @@ def plan(
             code="all_zero",
         )
     moving = None
+    # A render with moving foci writes them beside the drive of the foci at rest; a user who emits
+    # the latter has probably picked the wrong file.
     if modulation is None and rate is None and not constant:
         beside = path.with_name(SEQUENCE_FILE)
         moving = beside if beside.is_file() else None
@@ -207,8 +209,12 @@ def safe_cap(stored: DriveFile, board: str) -> tuple[float, float]:
 
     Raise "out_of_range" for boards that cannot be turned down so far.
     """
-    wavenumber = 2 * np.pi * FREQUENCY / sound_speed_of(stored)
-    head = Head(stored, board_named(board), stored.modulation, wavenumber)
+    head = Head(
+        stored,
+        board_named(board),
+        stored.modulation,
+        2 * np.pi * FREQUENCY / sound_speed_of(stored),
+    )
     full, _ = head.levels(1.0)
     return head.cap_under_limit(full), full
 
@@ -230,6 +236,7 @@ class Head:
     @property
     def strongest(self) -> Complex128[np.ndarray, "frames elements"]:
         """The 32 most powerful frames of a sequence."""
+        # They set the level around the array, and evaluating thousands would take minutes.
         drives = self.stored.drives
         return drives[np.argsort(-np.linalg.norm(drives, axis=1), kind="stable")[:32]]
 
@@ -251,8 +258,9 @@ class Head:
         sensitivity = stored.sensitivity
         if sensitivity is None:
             sensitivity = DEFAULT_SENSITIVITY
-        pressures = pressures_around(stored.positions, played, sensitivity, self.wavenumber)
-        peak, average = sound_pressure_level(np.array(pressures))
+        peak, average = sound_pressure_level(
+            np.array(pressures_around(stored.positions, played, sensitivity, self.wavenumber))
+        )
         return float(peak), float(average)
 
     def cap_under_limit(self, full: float) -> float:
@@ -260,9 +268,10 @@ class Head:
         if full <= MAX_HEAD_LEVEL:
             return 1.0
         if not self.levels_of_board.phase_only:
+            # The level follows the amplitude, except for rounding to the board's levels.
             largest = min(1.0, float(np.abs(self.stored.drives).max()))
             cap = largest * 10.0 ** ((MAX_HEAD_LEVEL - full) / 20.0)
-            for _ in range(10):  # rounding to levels may add to the level
+            for _ in range(10):
                 cap = float(f"{0.9 * cap:.2g}")
                 peak, _ = self.levels(cap)
                 if np.isfinite(peak) and peak <= MAX_HEAD_LEVEL:
@@ -310,6 +319,23 @@ def sound_speed_of(stored: DriveFile) -> float:
     return (stored.medium or air()).sound_speed
 
 
+def duration(made: Plan, link: Link) -> float:
+    """Return how long a plan is played by default [s].
+
+    Boards play it for 2 s. A file gets one round of a sequence or one period of a modulation, which
+    a player repeats.
+    """
+    stored = made.stored
+    if link.real_time:
+        return 2.0
+    if made.sequence and stored.rate is not None:
+        return len(stored.drives) / stored.rate
+    if made.modulation is not None:
+        count, rate = frames_of_period(made.modulation.frequency, link.fastest_frames)
+        return count / rate
+    return 0.0
+
+
 def emit(
     made: Plan,
     link: Link,
@@ -332,6 +358,7 @@ def emit(
         If the link fails, with what was sent last.
     """
     stored = made.stored
+    # Checked before the link is opened, so that nothing is emitted where the boards cannot play it.
     played = None
     if made.sequence and stored.rate is not None:
         link.check_sequence(len(stored.drives), stored.rate)

@@ -39,11 +39,11 @@ from airtact.setup.solving import (
 )
 from airtact.timing import Clock
 
+# Columns of a frame of a recording: its number, the side, the tracker's time [s]
 FRAME_COLUMNS = ("frame", "side", "time")
-"""Columns of a frame of a recording: its number, the side, the tracker's time [s]."""
 
+# Codes of faults of the paths of a point
 PATH_FAULTS = ("unknown_key", "key_misplaced", "given_twice")
-"""Codes of faults of the paths of a point."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +67,7 @@ class ScenePoints:
 
     def __call__(self, point: Mapping[str, Value]) -> dict[str, Value]:
         """Return the peak pressure at each focus, the gain over the control, and the solve."""
+        # Foci without a weight ask for nothing, so they do not count as the weakest.
         setup = self.setup(point)
         transfer, report = solve_foci(setup, Clock())
         drive, stalled = synthesise(setup.synthesise, transfer, setup.target)
@@ -78,10 +79,12 @@ class ScenePoints:
         gain = None
         control = control_drive(setup, setup.synthesise)
         if control is not None:
+            # As a render compares: at full scale where the drive is there, else at its energy.
             held_equal = "peak" if drive.is_full_scale else "energy"
             at_control = np.abs(transfer.pressure(control))[asked] / weights[asked]
             factor = control.factor_to_match(drive, held_equal)
             gain = float(pressures[weakest] / weights[weakest] / (factor * at_control.min()))
+        # Foci may share a name, and columns may not.
         words = [name.replace(" ", "_") for name in setup.foci]
         columns = [
             f"{word}_{index + 1}" if words.count(word) > 1 else word
@@ -115,6 +118,7 @@ class ScenePoints:
         read_scene(self.scene)
         needed = 1.2e8  # of a process that has loaded airtact and solves nothing
         faults = []
+        # Size varies along an axis if at all, so its ends and middle bound it well enough.
         for index in sorted({0, len(points) // 2, len(points) - 1}):
             try:
                 setup = self.setup(points[index])
@@ -151,6 +155,7 @@ def scene_points(scene: Setup | str | Path, recording: Path | None = None) -> Sc
     if recording is not None:
         _hand_key(scene)
         files.append(recording)
+    # Results are kept by content: a file that was moved or renamed gives the same ones.
     content = tuple(hashlib.blake2b(bytes_of(file), digest_size=20).hexdigest() for file in files)
     return ScenePoints(scene, recording, content)
 
@@ -171,6 +176,7 @@ def _scene_file(scene: Path) -> tables.SceneFile:
 
 def _files_named(scene: Path) -> Iterator[Path]:
     """Find the files that a scene file names, and those that a glTF file among them names."""
+    # Any text of the file may name one; what is no file is not read.
     for word in dict.fromkeys(_words(msgspec.to_builtins(_scene_file(scene)))):
         file = scene.parent / word
         if "\0" in word or len(word) > 255 or not file.is_file():
@@ -184,7 +190,6 @@ def _files_named(scene: Path) -> Iterator[Path]:
 
 
 def _words(data: Any) -> Iterator[str]:
-    """List the texts in nested tables and lists."""
     if isinstance(data, str):
         yield data
     elif isinstance(data, dict):
@@ -237,6 +242,7 @@ def _hand_of_frame(
         "radii_m": hand.radii.tolist(),
         "side": hand.side,
     }
+    # A scene file names the hand by a file, so the frame's hand becomes one.
     with TemporaryDirectory() as folder:
         file = Path(folder) / f"frame_{frame.sequence}.json"
         file.write_text(json.dumps(content), encoding="utf-8")

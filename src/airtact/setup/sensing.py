@@ -39,8 +39,8 @@ from airtact.setup.solving import stored, synthesise
 from airtact.timing import Clock, Progress, no_progress
 from airtact.transducers.layout import PhasedArray, join
 
+# Largest difference of the gap of a pinch from the scene file's [m]
 GAP_RANGE = 2e-3
-"""Largest difference of the gap of a pinch from the scene file's [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ class Sensed:
 
     Attributes
     ----------
-    setup, found : the scene file, and the same with the gap that was found.
+    setup, fitted : the scene file, and the same with the gap that was found.
     located : its pose maps the obstacles' frame of the scene file to where they are, in the same
         frame.
     echoes : that it was found from.
@@ -84,7 +84,7 @@ class Sensed:
     """
 
     setup: Setup
-    found: Setup
+    fitted: Setup
     located: Located
     echoes: Echoes
     true: Pose | None
@@ -118,12 +118,15 @@ class Sensed:
 
     def shifts(self) -> list[Float64[np.ndarray, "6"]]:
         """Return translation [m] and turn [rad] from the scene file's pose and the true one."""
-        return [self._shift(one) for one in (Pose.identity(), self.true) if one is not None]
+        references = [Pose.identity()] if self.true is None else [Pose.identity(), self.true]
+        return [self._shift(reference) for reference in references]
 
-    def _shift(self, other: Pose) -> Float64[np.ndarray, "6"]:
-        pose, centre = self.located.pose, self.centre[None]
-        turn = Rotation.from_matrix(pose.rotation @ other.rotation.T).as_rotvec()
-        return np.concatenate([(pose.apply(centre) - other.apply(centre))[0], turn])
+    def _shift(self, reference: Pose) -> Float64[np.ndarray, "6"]:
+        # Moved in the middle of the bodies: about the origin a turn would count as a shift.
+        centre = self.centre[None]
+        pose = self.located.pose
+        turn = Rotation.from_matrix(pose.rotation @ reference.rotation.T).as_rotvec()
+        return np.concatenate([(pose.apply(centre) - reference.apply(centre))[0], turn])
 
 
 def _size(shift: Float64[np.ndarray, "6"]) -> tuple[float, float]:
@@ -163,9 +166,12 @@ def sense(
             def opened(value: float) -> Scene:
                 return _with_gap(setup, value).scene
 
+            # Fingers that touch scatter as one body, so the family ends before that.
             narrowest = max(gap - GAP_RANGE, min(5e-4, 0.5 * gap))
             model = scattering_family(solver, opened, narrowest, gap + GAP_RANGE, start=gap)
             scattering = model.at(model.start)
+    # The simulated hand differs from the scene's, and the simulation's panels from the model's, so
+    # that the fit does not meet its own errors again.
     true = None
     true_gap = None
     really = setup
@@ -177,7 +183,7 @@ def sense(
             really = _with_gap(setup, true_gap)
         with clock.step("echoes", "simulating echoes of 16 codes by smaller panels"):
             echoes = simulate_echoes(
-                BoundaryElement(accuracy=0.01, estimate=False),  # other panels than the model's
+                BoundaryElement(accuracy=0.01, estimate=False),
                 really.scene,
                 setup.array.seen_from(true),
                 random_codes(len(setup.array), 16),
@@ -190,20 +196,24 @@ def sense(
         else:
             located = locate(echoes, setup.scene, setup.array, Pose.identity(), scattering=model)
     _check_located(located, model, setup)
-    found = setup if located.opening is None else _with_gap(setup, located.opening)
+    fitted = setup if located.opening is None else _with_gap(setup, located.opening)
     with clock.step("drives", "making the drives for both poses"):
 
         @cache  # all setups are the same scene where there is no gap
         def waves(setup: Setup) -> RadiatedField:
-            beacons = setup.target.beacons(suppression=True)
-            return multipole_expansion(stored(setup.solver, store).radiate(setup.scene, beacons))
+            return multipole_expansion(
+                stored(setup.solver, store).radiate(
+                    setup.scene, setup.target.beacons(suppression=True)
+                )
+            )
 
         def transfer(setup: Setup, pose: Pose) -> TransferMatrix:
             return transfer_matrix(waves(setup), setup.array.seen_from(pose))
 
-        actual = transfer(found, located.pose) if true is None else transfer(really, true)
+        # Without a simulated truth the pose that was found takes its place.
+        actual = transfer(fitted, located.pose) if true is None else transfer(really, true)
         before = _pressures(actual, setup, transfer(setup, Pose.identity()))
-        after = _pressures(actual, found, transfer(found, located.pose))
+        after = _pressures(actual, fitted, transfer(fitted, located.pose))
     with clock.step("residual", "comparing echoes at each receiver"):
         final = scattering
         if isinstance(model, ScatteringFamily):
@@ -215,7 +225,7 @@ def sense(
         ]
     return Sensed(
         setup=setup,
-        found=found,
+        fitted=fitted,
         located=located,
         echoes=echoes,
         true=true,
@@ -249,6 +259,7 @@ def write_pose(path: Path, located: Located) -> None:
 def _gap_of(setup: Setup) -> float | None:
     """Return the gap of the only body that is a pinch [m]."""
     bodies = [obstacle.body for obstacle in parse_scene(setup.text).obstacles]
+    # With several pinches no single gap can be fitted.
     gaps = [body.gap for body in bodies if isinstance(body, tables.PinchTable)]
     return gaps[0] if len(gaps) == 1 else None
 
@@ -271,7 +282,6 @@ def _simulated_gap(gap: float | None, simulation: Simulation) -> float | None:
 
 
 def _simulated_pose(scattering: ScatteringMatrix, simulation: Simulation) -> Pose:
-    """Move the hand about its middle in a random direction."""
     position = between(
         simulation.position, 0.0, 0.05, "the offset", "m", "is it in millimetres? Give metres."
     )
@@ -284,8 +294,10 @@ def _simulated_pose(scattering: ScatteringMatrix, simulation: Simulation) -> Pos
         "the scene's pose is better than that.",
     )
     check_seed(simulation.seed)
-    random = np.random.default_rng([simulation.seed, 1])
-    along, axis = (vector / np.linalg.norm(vector) for vector in random.normal(size=(2, 3)))
+    along, axis = (
+        vector / np.linalg.norm(vector)
+        for vector in np.random.default_rng([simulation.seed, 1]).normal(size=(2, 3))
+    )
     turn = Pose.turn(axis, np.radians(degrees)).rotation
     centre = scattering.centre
     return Pose(turn, centre - turn @ centre + position * along)
@@ -371,6 +383,7 @@ def calibrate_array(
     if true is None:
         return calibrated, None
     true_array, true_medium = true
+    # The position of a board is that of its middle.
     middles = [
         np.stack([board.positions.mean(axis=0) for board in boards_of(each)])
         for each in (calibrated.array, true_array)
@@ -385,11 +398,10 @@ def _simulated_array(array: PhasedArray, medium: Medium, seed: int) -> tuple[Pha
     random = np.random.default_rng([seed, 2])
     boards = boards_of(array)
     motions = random.normal(size=(len(boards), 6)) * np.repeat([5e-4, 5e-3], 3)
-    motions[0] = 0.0
+    motions[0] = 0.0  # the first board is the frame that the others are found in
     # Log magnitude and phase [rad] of the gains.
     logarithm = random.normal(size=(2, len(array))) * np.array([0.1, 0.2])[:, None]
     true = join([moved(board, motion) for board, motion in zip(boards, motions, strict=True)])
-    speed = medium.sound_speed + 1.0 * random.normal()
     return true.calibrated(np.exp(logarithm[0] + 1j * logarithm[1])), Medium(
-        speed, medium.density, medium.absorption
+        medium.sound_speed + 1.0 * random.normal(), medium.density, medium.absorption
     )

@@ -15,8 +15,8 @@ from airtact.setup.setup import Setup
 from airtact.transducers.modulation import AmplitudeModulation
 from airtact.transducers.reach import open_air_bound, strongest_open_air
 
+# Largest distance of a focus from a body at which skin can feel it [m], a wavelength and more
 MAX_SKIN_DISTANCE = 10e-3
-"""Largest distance of a focus from a body at which skin can feel it [m], a wavelength and more."""
 
 
 def with_skin(setup: Setup) -> Bool[np.ndarray, "foci"]:
@@ -40,12 +40,11 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
 
 
 def _path_cautions(setup: Setup) -> Iterator[str]:
-    """Name the foci whose paths leave the bodies."""
     motion = setup.motion
     if motion is None or motion.through_points(len(setup.foci)):
         return
-    strayed = motion.strayed(setup.scene, setup.target, setup.array.positions.mean(axis=0))
-    for name, off in zip(setup.foci, strayed, strict=True):
+    distances = motion.strayed(setup.scene, setup.target, setup.array.positions.mean(axis=0))
+    for name, off in zip(setup.foci, distances, strict=True):
         count = int((off > setup.scene.wavelength / 2.0).sum())
         if count:
             yield (
@@ -56,14 +55,15 @@ def _path_cautions(setup: Setup) -> Iterator[str]:
 
 
 def _skin_cautions(setup: Setup) -> Iterator[str]:
+    # A focus in mid-air may be meant, so this only warns.
     bare = ~with_skin(setup)
     if not bare.any():
         return
     away = -setup.scene.depth(setup.target.points)
-    others = int(np.count_nonzero(bare)) - 1
+    more = int(np.count_nonzero(bare)) - 1
     beside = ""
-    if others:
-        foci = counted(others, "other focus", "other foci")
+    if more:
+        foci = counted(more, "other focus", "other foci")
         beside = f", and {foci} over {1e3 * MAX_SKIN_DISTANCE:g} mm"
     yield (
         f"{setup.foci[int(away.argmax())]} is {1e3 * away.max():.2g} mm from the nearest "
@@ -85,7 +85,6 @@ def _separation_cautions(setup: Setup) -> Iterator[str]:
 
 
 def _pressure_cautions(setup: Setup) -> Iterator[str]:
-    """Name foci out of reach, and pressures beyond full scale."""
     target = setup.target
     wavenumber = setup.scene.wavenumber.real
     bounds = open_air_bound(setup.array, target.points, wavenumber)
@@ -141,6 +140,7 @@ def sensations(
 
 def share_of_bound(setup: Setup, transfer: TransferMatrix, drive: Drive) -> str:
     """Compare the drive with the certified upper bound, before and after rounding."""
+    # A certificate within 1 % is enough for a sentence in whole per cent.
     frame = quantise(drive, setup.levels)
     bound = upper_bound(transfer, setup.target, tolerance=1e-2)
     exact = bound.reached(transfer, setup.target, drive)
@@ -165,6 +165,8 @@ def disagreement(
     setup: Setup, transfer: TransferMatrix, drive: Drive, pressures: Float64[np.ndarray, "foci"]
 ) -> Iterator[str]:
     """Warn where the two solutions differ by over 1.5 times the accuracy asked for."""
+    # The drive comes from the transposed solution and is verified by a forward one of finer panels;
+    # where both agree within the accuracy asked, neither panels nor solver are at fault.
     predicted = np.abs(transfer.pressure(drive))[: len(pressures)]
     apart = np.abs(predicted / pressures - 1.0)
     worst = int(np.argmax(apart))

@@ -55,6 +55,7 @@ def moving_drive(
 
     ``transfer`` is the matrix of the foci at rest.
     """
+    # All positions are foci of one transfer matrix, so that one solve serves the whole path.
     target = setup.target
     paths = paths_of(setup)
     turns = motion.turns(paths)
@@ -62,8 +63,13 @@ def moving_drive(
     if not motion.through_points(len(target.points)):
         together = len(target.points)
         target = moving_target(target, paths)
-        uncertainty = setup.uncertainty if setup.method in FOR_SAMPLES else None
-        moved = replace(setup, target=target, uncertainty=uncertainty, foci=(), riding=())
+        moved = replace(
+            setup,
+            target=target,
+            uncertainty=setup.uncertainty if setup.method in FOR_SAMPLES else None,
+            foci=(),
+            riding=(),
+        )
         transfer, _ = solve_foci(moved, clock, store)
     stalled: list[str] = []
 
@@ -82,7 +88,13 @@ def moving_drive(
         row[position * together : (position + 1) * together].min()
         for row, position in zip(pressures, positions, strict=True)
     ]
-    return MovingDrive(sequence, transfer, target, np.array(weakest), tuple(dict.fromkeys(stalled)))
+    return MovingDrive(
+        sequence,
+        transfer,
+        target,
+        np.array(weakest),
+        tuple(dict.fromkeys(stalled)),
+    )
 
 
 def paths_of(setup: Setup) -> Float64[np.ndarray, "paths frames 3"]:

@@ -10,7 +10,6 @@ from airtact.acoustics.medium import Medium
 from airtact.acoustics.scene import Scene, check_outside
 from airtact.acoustics.solvers.problem import Solver
 from airtact.acoustics.target import Target
-from airtact.acoustics.uncertainty import Uncertainty
 from airtact.checks import counted, of_kind
 from airtact.drives.drive import Drive
 from airtact.drives.methods import FOR_SAMPLES, METHODS
@@ -77,7 +76,7 @@ class Setup:
     method: str = "best"
     levels: Levels = EIGHT_BITS
     modulation: "AmplitudeModulation | at.drives.Motion | None" = None
-    uncertainty: Uncertainty | None = None
+    uncertainty: "at.Uncertainty | None" = None
     samples: int = 64
     seed: int = 0
     bodies: tuple[str, ...] = ()
@@ -124,6 +123,7 @@ class Setup:
         if len(self.target.suppression_points):
             with about("suppression"):
                 check_outside(self.scene, self.target.suppression_points, "suppression point")
+        # The array is checked with the foci: one behind all faces is out of reach.
         with about("array"):
             check_placement(self.scene, self.array, self.target.points)
             self.poses  # noqa: B018 (raises where the array is not made of such boards)
@@ -183,12 +183,9 @@ class Setup:
 def default_solver(scene: Scene, accuracy: float) -> Solver:
     """Return boundary elements of an accuracy, or the closed form where nothing scatters."""
     if not scene.obstacles:
-        from airtact.acoustics.solvers.free_field import FreeField
+        return at.FreeField()
 
-        return FreeField()
-    from airtact.acoustics.solvers.bem.solver import BoundaryElement
-
-    return BoundaryElement(accuracy=accuracy)
+    return at.BoundaryElement(accuracy=accuracy)
 
 
 def check_method(method: str, uncertain: bool) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 
+import airtact as at
 from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.bem.solver import OF_THE_DIRECT, SETTINGS, BoundaryElement
 from airtact.acoustics.solvers.free_field import FreeField
@@ -25,17 +26,16 @@ from airtact.evaluation.headline import body_word
 from airtact.setup.setup import Setup
 from airtact.timing import Clock
 
+# Unknowns above which the verification solve is refined no further: its matrix would pass 3 GB
 MOST_UNKNOWNS = 19_000
-"""Unknowns above which the verification solve is refined no further: its matrix would pass 3 GB."""
 
 
 def stored(solver: Solver, store: Path | None) -> Solver:
     """Let a solver store what it solves in a folder; without a folder return the solver itself."""
     if store is None:
         return solver
-    from airtact.acoustics.store import Stored
 
-    return Stored(solver, store)
+    return at.Stored(solver, store)
 
 
 def solve_beacons(setup: Setup, clock: Clock, store: Path | None = None) -> RadiatedField:
@@ -53,9 +53,9 @@ def solve_beacons(setup: Setup, clock: Clock, store: Path | None = None) -> Radi
         beacons = stored(setup.solver, store).radiate(setup.scene, target.beacons(suppression=True))
         if setup.uncertainty is None or not setup.scene.obstacles:
             return beacons
-        from airtact.acoustics.solvers.spherical.multipole_field import multipole_expansion
+        # Each sample evaluates the fields at a moved array, which multipoles do far faster.
 
-        return multipole_expansion(beacons)
+        return at.multipole_expansion(beacons)
 
 
 def transfer_to_array(
@@ -70,17 +70,17 @@ def transfer_to_array(
         transfer = transfer_matrix(beacons, setup.array)
         # The matrix is evaluated from the transposed solution, so a warning about the direct one
         # does not concern it.
-        warned = tuple(
-            text for text in beacons.report.warnings if not text.startswith(OF_THE_DIRECT)
+        report = replace(
+            beacons.report,
+            warnings=tuple(
+                text for text in beacons.report.warnings if not text.startswith(OF_THE_DIRECT)
+            ),
         )
-        report = replace(beacons.report, warnings=warned)
     if setup.uncertainty is not None:
-        from airtact.drives.transfer_ensemble import ensemble
-
         with clock.step(
             "samples", f"evaluating them at {setup.samples} samples of the uncertainty"
         ):
-            transfer = ensemble(
+            transfer = at.ensemble(
                 beacons,
                 setup.array,
                 setup.uncertainty,
@@ -109,6 +109,7 @@ def synthesise(
     method: Callable[[TransferMatrix, Target], Drive], transfer: TransferMatrix, target: Target
 ) -> tuple[Drive, tuple[str, ...]]:
     """Make a drive, and collect the warnings of a method that stopped early."""
+    # Warnings of the method become sentences of the result; all others are passed on.
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", Stalled)
         drive = method(transfer, target)
@@ -128,7 +129,7 @@ def method_words(setup: Setup) -> str:
     words = setup.method.replace("_", " ")
     if setup.method != "best":
         return words
-    return f"{words} ({method_for(setup.target).__name__.replace('_', ' ')})"
+    return f"{words} ({method_for(setup.target).replace('_', ' ')})"
 
 
 def drive_names(bodies: Sequence[str]) -> tuple[str, ...]:
@@ -148,12 +149,17 @@ def control_drive(setup: Setup, method: Callable[[TransferMatrix, Target], Drive
         return None
     open_air = open_air_matrix(setup.scene, setup.array, setup.target)
     if setup.uncertainty is not None and setup.method in FOR_SAMPLES:
-        from airtact.drives.transfer_ensemble import ensemble
-
-        empty = replace(setup.scene, obstacles=[])
-        beacons = FreeField().radiate(empty, setup.target.beacons(suppression=True))
-        uncertainty = replace(setup.uncertainty, along_skin=0.0)
-        open_air = ensemble(beacons, setup.array, uncertainty, setup.samples, setup.seed)
+        # Without a skin there is nothing to move along; all other deviations stay.
+        beacons = FreeField().radiate(
+            replace(setup.scene, obstacles=[]), setup.target.beacons(suppression=True)
+        )
+        open_air = at.ensemble(
+            beacons,
+            setup.array,
+            replace(setup.uncertainty, along_skin=0.0),
+            setup.samples,
+            setup.seed,
+        )
     return synthesise(method, open_air, setup.target)[0]
 
 
@@ -174,11 +180,9 @@ def verification_solver(setup: Setup) -> Solver:
     """
     if not setup.scene.obstacles:
         return FreeField()
-    if any(obstacle.boundary == "filled" for obstacle in setup.scene.obstacles):
-        from airtact.acoustics.solvers.fem.solver import FiniteElement
-
-        if isinstance(setup.solver, FiniteElement):
-            return replace(setup.solver, order=setup.solver.order + 1)
+    filled = any(obstacle.boundary == "filled" for obstacle in setup.scene.obstacles)
+    if filled and isinstance(setup.solver, at.FiniteElement):
+        return replace(setup.solver, order=setup.solver.order + 1)
     return BoundaryElement(accuracy=_verification_accuracy(setup), enough=setup.accuracy)
 
 

@@ -32,14 +32,14 @@ from airtact.setup.setup import Setup
 
 Value = str | float | int | bool | None
 Row = dict[str, Value]
+# What a sweep computes at each point
 Function = Callable[[Row], Mapping[str, Value]]
-"""What a sweep computes at each point."""
 
+# Largest number of points of a sweep
 MAX_POINTS = 1_000_000
-"""Largest number of points of a sweep."""
 
+# End of the name of a file with the result of a point
 SUFFIX = ".point.json"
-"""End of the name of a file with the result of a point."""
 
 
 def sweep(
@@ -152,11 +152,11 @@ def _checked_points(points: Sequence[Mapping[str, Value]]) -> list[Row]:
     return rows
 
 
-def _checked_row(values: Mapping[str, Any], what: str) -> Row:
-    """Return names and single values as a row; raise "wrong_kind" for others."""
+def _checked_row(values: Mapping[str, Any], label: str) -> Row:
     if not isinstance(values, Mapping):
         raise InvalidInput(
-            f"{what} is a {type(values).__name__}, but it must be names with a value each, such as "
+            f"{label} is a {type(values).__name__}, but it must be names with a value each, such "
+            "as "
             '{"gap": 0.012}.',
             code="wrong_kind",
         )
@@ -165,7 +165,7 @@ def _checked_row(values: Mapping[str, Any], what: str) -> Row:
         plain = value.item() if isinstance(value, np.generic) else value
         if not isinstance(name, str) or not (plain is None or isinstance(plain, str | float | int)):
             raise InvalidInput(
-                f"{what} has {name!r} = a {type(value).__name__}, but names are text and values "
+                f"{label} has {name!r} = a {type(value).__name__}, but names are text and values "
                 "single numbers, text, true, false or None.",
                 code="wrong_kind",
             )
@@ -174,7 +174,7 @@ def _checked_row(values: Mapping[str, Any], what: str) -> Row:
 
 
 def _attempt(function: Function, point: Row) -> Row:
-    """Compute one point; a fault becomes its code and its sentence."""
+    # A fault becomes a row with its code and sentence, so that the sweep goes on.
     try:
         result = _checked_row(function(dict(point)), "the result")
         taken = sorted({*point, "error", "sentence"} & result.keys())
@@ -203,6 +203,7 @@ def _computed(
     if not waiting:
         return
     if executor is None:
+        # A pool raises what cannot be pickled from within, without saying which object it is.
         try:
             pickle.dumps(function)
         except Exception as fault:
@@ -234,13 +235,13 @@ def _computed(
                 future.cancel()
 
 
-def process_count(points: int, wanted: int | None = None, memory: float | None = None) -> int:
+def process_count(points: int, limit: int | None = None, memory: float | None = None) -> int:
     """Return the number of processes for some points, each of which takes some memory [bytes].
 
     That is one a processor, or as many as ``wanted``, no more than points, and no more than fit
     into 80 % of the memory that is available. Raise "too_little_memory" where not even one fits.
     """
-    count = min(processor_count() if wanted is None else wanted, points)
+    count = min(processor_count() if limit is None else limit, points)
     if memory is None:
         return max(1, count)
     free = available_memory()
@@ -256,6 +257,7 @@ def process_count(points: int, wanted: int | None = None, memory: float | None =
 @contextmanager
 def processes(count: int) -> Iterator[Executor]:
     """Start processes, which end with the block, by an error, or with this program."""
+    # A forked child inherits threads' locks in whatever state they are, and may hang.
     context = get_context("spawn")
     # The processes end when this end of the pipe closes, which a killed program does too.
     watched, held = context.Pipe(duplex=False)
@@ -295,6 +297,7 @@ def names_of(function: Function, points: Iterable[Row]) -> list[str]:
     ``functools.partial`` also by its arguments; an object of a dataclass by its fields, except
     those that take no part in comparisons.
     """
+    # The digest of the function includes airtact's version and code, see the store.
     function_name = name_of(*_parts(function))
 
     def name(point: Row) -> str:
@@ -305,7 +308,6 @@ def names_of(function: Function, points: Iterable[Row]) -> list[str]:
 
 
 def _parts(function: Any) -> list[Any]:
-    """List what identifies a function beside the code of airtact."""
     if isinstance(function, functools.partial):
         return [*_parts(function.func), list(function.args), dict(function.keywords)]
     if isinstance(function, types.FunctionType):
@@ -315,8 +317,12 @@ def _parts(function: Any) -> list[Any]:
                 "module, and pass what it needs by functools.partial.",
                 code="does_not_match",
             )
-        defaults = [list(function.__defaults__ or ()), dict(function.__kwdefaults__ or {})]
-        return [*_module_of(function), function.__qualname__, *defaults]
+        return [
+            *_module_of(function),
+            function.__qualname__,
+            list(function.__defaults__ or ()),
+            dict(function.__kwdefaults__ or {}),
+        ]
     if not is_dataclass(function) or isinstance(function, type):
         raise InvalidInput(
             f"a {type(function).__name__} cannot be compared with another one, so its results "
@@ -327,14 +333,13 @@ def _parts(function: Any) -> list[Any]:
 
 
 def _module_of(definition: type | types.FunctionType) -> list[str]:
-    """Return the name of the module of a function or class, and a digest of its file."""
+    # An edited module may compute something else, so its content belongs to the name.
     file = getattr(sys.modules.get(definition.__module__), "__file__", None)
     content = Path(file).read_bytes() if file else b""
     return [definition.__module__, hashlib.blake2b(content).hexdigest()]
 
 
 def _kept(folder: Path, names: Iterable[str]) -> dict[str, Row]:
-    """Read the results that are kept of some points; a damaged file counts as none."""
     results = {}
     for name in names:
         try:

@@ -2,7 +2,7 @@
 
 All lengths are metres and all frames are the obstacles' frame unless a key says otherwise. An
 attribute is a key of the table, unless its type is a choice of several ``Choice`` classes: then the
-keys of the one that is chosen stand in the table itself. A choice is made by the key that is the
+keys of the one that is chosen are in the table itself. A choice is made by the key that is the
 class's tag (``sphere = {...}``, ``at = "thumb.pad"``), or by the value of a key (``layout =
 "boards"``).
 """
@@ -164,8 +164,8 @@ class HandTable(Choice, frozen=True, tag="hand"):
     gap: float | None = None
 
 
+# Kinds of bodies
 Body = PinchTable | CapsuleTable | SphereTable | SurfaceTable | HandTable
-"""Kinds of bodies."""
 
 
 class Boundary(Table, frozen=True, tag_field="boundary"):
@@ -298,8 +298,8 @@ class SurfacePointsTable(Choice, frozen=True, tag="surface"):
     within: float = 90.0
 
 
+# Shapes whose keys are the arguments of the function that makes them
 Shape = SegmentTable | PolylineTable | CircleTable | SphereShellTable | WritingTable
-"""Shapes whose keys are the arguments of the function that makes them."""
 
 
 class FocusTable(Table, frozen=True):
@@ -393,7 +393,7 @@ class DriveTable(Table, frozen=True):
 class UncertaintyTable(Table, frozen=True):
     """Standard deviations of hand, air and transducers, as of ``airtact.Uncertainty``.
 
-    Drives are made for so many ``samples`` of them, from a ``seed``.
+    ``samples`` is how many of them a drive is made for, drawn from a ``seed``.
     """
 
     position: float = 0.0

@@ -1,4 +1,7 @@
-"""Fields, bodies and panels for ParaView: the VTKHDF format, version 2.2 (https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format)."""
+"""Fields, bodies and panels for ParaView: the VTKHDF format, version 2.2.
+
+See https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format.
+"""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -17,8 +20,8 @@ from airtact.geometry.surface import Surface
 if TYPE_CHECKING:
     import h5py
 
+# VTK's number for a triangle of six nodes: the corners, then the middles of edges 01, 12, 20
 QUADRATIC_TRIANGLE = 22
-"""VTK's number for a triangle of six nodes: the corners, then the middles of edges 01, 12, 20."""
 
 
 def write_field(
@@ -44,6 +47,7 @@ def write_field(
             _write_polygons(_block(root, "bodies", 1, "PolyData"), bodies)
             names.append("bodies")
         assembly = root.create_group("Assembly", track_order=True)
+        # ParaView shows the tree of the assembly; its leaves are links to the blocks.
         for name in names:
             assembly.create_group(name, track_order=True)[name] = h5py.SoftLink(f"/VTKHDF/{name}")
 
@@ -98,6 +102,7 @@ def _block(root: "h5py.Group", name: str, index: int, kind: str) -> "h5py.Group"
 
 
 def _write_image(group: "h5py.Group", box: Box, pressure: Complex[np.ndarray, "points"]) -> None:
+    # The format counts along z first, and an extent includes both ends.
     across, along, deep = box.counts
     group.attrs["WholeExtent"] = np.array([0, across - 1, 0, along - 1, 0, deep - 1])
     group.attrs["Origin"] = box.origin
@@ -121,6 +126,7 @@ def _write_polygons(group: "h5py.Group", bodies: Sequence[Surface]) -> None:
     )
     group.create_dataset("NumberOfPoints", data=np.array([len(vertices)]))
     group.create_dataset("Points", data=vertices)
+    # The reader asks for all four kinds of cells, empty ones too.
     for name in ("Vertices", "Lines", "Polygons", "Strips"):
         cells = triangles if name == "Polygons" else np.empty((0, 3), dtype=np.int64)
         part = group.create_group(name)

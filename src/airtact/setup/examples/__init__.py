@@ -31,12 +31,12 @@ def example(name: str, endings: tuple[str, ...] = ENDINGS) -> Path:
         for path in sorted(Path(__file__).parent.rglob("*"))
         if path.suffix in endings
     }
-    found = files.get(name.removesuffix(".toml"))
-    if found is None:
-        names, close = ", ".join(sorted(files)), difflib.get_close_matches(name, files, 1)
+    path = files.get(name.removesuffix(".toml"))
+    if path is None:
+        close = difflib.get_close_matches(name, files, 1)
         meant = f"; did you mean {close[0]}?" if close else "."
         raise InvalidInput(
-            f"{name!r} is not 1 of the {len(files)} examples: {names}{meant}",
+            f"{name!r} is none of the examples: {', '.join(sorted(files))}{meant}",
             code="unknown_name",
         )
-    return found
+    return path
