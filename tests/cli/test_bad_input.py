@@ -235,16 +235,6 @@ def test_a_solver_that_does_not_converge_is_reported(tmp_path, capsys, monkeypat
     assert re.search(r"relative residual of \d\.\de-\d\d .* after 2 iterations; likely", sentence)
 
 
-def test_a_folder_that_cannot_be_written_is_rejected(tmp_path, capsys):
-    (tmp_path / "file").touch()
-    sentence = rejection(
-        capsys, "render", write(tmp_path / "scene.toml", []), "--out", tmp_path / "file"
-    )
-    assert re.search(
-        r"cannot write into the output folder .*file: File exists \(error 17\)", sentence
-    )
-
-
 # --- wrong kinds of object, by the Python interface -----------------------------------------------------------------
 
 AIR = at.Medium(343.1, 1.293)

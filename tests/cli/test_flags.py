@@ -10,24 +10,18 @@ import pytest
 import trimesh
 
 import airtact as at
-from airtact.cli import NAMES, commands, main
+from airtact.cli import NAMES, commands
 from airtact.evaluation import self_check
+from cli.running import done, output, rejected
 from paths import ROOT, SCENES
 
 BALL = SCENES / "ball.toml"
 DRIVE = ["drive.csv", "drive.h5"]
 
 
-def output(capsys, *arguments):
-    code = main([str(argument) for argument in arguments])
-    printed = capsys.readouterr()
-    return code, printed.out, printed.err
-
-
 def record(capsys, *arguments):
     """Return the only thing that stands on the standard output."""
-    code, printed, _ = output(capsys, *arguments, "--json")
-    assert code == 0
+    printed, _ = done(capsys, *arguments, "--json")
     return json.loads(printed)
 
 
@@ -68,8 +62,7 @@ def test_render_prints_what_the_foci_get_as_json(capsys, here):
 def test_no_pictures_leaves_the_numbers_and_the_folder_is_named_after_the_scene(capsys, here):
     assert output(capsys, "render", BALL)[0] == 0
     assert (here / "out/ball/report.html").is_file()
-    code, printed, _ = output(capsys, "render", BALL, "--no-pictures")
-    assert code == 0
+    printed, _ = done(capsys, "render", BALL, "--no-pictures")
     assert "report.html" not in printed
     assert sorted(entry.name for entry in (here / "out/ball").iterdir()) == DRIVE
 
@@ -81,8 +74,7 @@ def test_a_method_on_the_command_line_takes_the_place_of_the_scene_s(capsys, her
         assert found["method"] == method.replace("_", " ")
         drives.append(at.load_drive(here / "out/ball/drive.h5").amplitudes)
     assert not np.allclose(*drives)
-    code, _, errors = output(capsys, "render", BALL, "--method", "maxmin")
-    assert code == 2
+    errors = rejected(capsys, "render", BALL, "--method", "maxmin")
     assert "did you mean max_min?" in errors
 
 

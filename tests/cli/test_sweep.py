@@ -3,10 +3,6 @@
 import csv
 import json
 import re
-import signal
-import subprocess
-import sys
-import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -190,33 +186,3 @@ def test_a_cluster_that_does_not_answer_is_named(open_air, tmp_path, capsys) -> 
     words = ["--vary", "foci[0].point[2]=0.1:0.2:3", "--dask", "nowhere"]
     assert main(["sweep", str(open_air), *words, "--out", str(tmp_path / "far")]) == 2
     assert capsys.readouterr().err.endswith("[child_failed]\n")
-
-
-@pytest.mark.slow
-def test_a_sweep_that_is_killed_twenty_times_gives_the_same_bytes(tmp_path, rng) -> None:
-    (tmp_path / "fingers.toml").write_text(FINGERS, encoding="utf-8")
-    command = [
-        sys.executable,
-        "-m",
-        "airtact",
-        "sweep",
-        str(tmp_path / "fingers.toml"),
-        "--no-pictures",
-    ]
-    command += ["--vary", "pinch.gap=0.006:0.02:200", "--out"]
-    kept = [0]
-    for _ in range(20):
-        run = subprocess.Popen([*command, str(tmp_path / "killed")], start_new_session=True)
-        enough = kept[-1] + rng.integers(0, 10)
-        while run.poll() is None and len(list(tmp_path.glob("killed/points/*.json"))) < enough:
-            time.sleep(0.01)
-        time.sleep(rng.uniform(0.0, 0.2))
-        run.send_signal(signal.SIGKILL)
-        run.wait()
-        kept.append(len(list(tmp_path.glob("killed/points/*.json"))))
-    assert len(set(kept) - {0, 200}) > 3  # it was killed in the middle
-    for name in ("killed", "whole"):
-        assert subprocess.run([*command, str(tmp_path / name)]).returncode == 0
-    tables = [(tmp_path / name / "sweep.csv").read_bytes() for name in ("killed", "whole")]
-    assert tables[0] == tables[1]
-    assert len(tables[0].splitlines()) == 201

@@ -59,7 +59,7 @@ def test_a_kind_of_body_is_short_for_its_obstacle() -> None:
         ),
         ("foci.offset", "is not in the scene file"),
         ("medium[0]", "is not in the scene file"),
-        ("frequency.high", "a single value"),
+        ("frequency.high", "its value is 40000"),
         ("foci[0]offset..x", "is not the path of a key"),
         ("foci[0]offset", "is not the path of a key"),
         ("", "is not the path of a key"),

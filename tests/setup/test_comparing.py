@@ -25,7 +25,7 @@ def compared(tmp_path_factory):
     return folder, result
 
 
-def test_every_method_and_the_control_are_there(compared):
+def test_every_method_and_the_control_are_there_and_the_default_is_marked(compared):
     folder, contest = compared
     names = [one.name for one in contest.contenders]
     methods = [name for name in METHODS if name != "best" and name not in FOR_SAMPLES]
@@ -34,10 +34,6 @@ def test_every_method_and_the_control_are_there(compared):
     assert sorted(entry.name for entry in folder.iterdir()) == files
     written = sorted(entry.stem for entry in (folder / "drives").iterdir())
     assert written == sorted(name.replace(" ", "_") for name in names)
-
-
-def test_the_default_is_marked(compared):
-    folder, contest = compared
     labels = [contest.label(one) for one in contest.contenders]
     assert [label for label in labels if label.endswith(" (default)")] == ["max min (default)"]
     assert "max min (default)" in (folder / "methods.html").read_text(encoding="utf-8")
@@ -51,22 +47,18 @@ def test_the_series_agrees_with_the_verification(compared):
         np.testing.assert_allclose(one.pressures, pressures, rtol=0.02)
 
 
-def test_no_method_passes_the_bound(compared):
+def test_no_method_passes_the_bound_and_the_best_is_no_weaker_than_the_control(compared):
     contest = compared[1]
     for one in contest.contenders:
         assert contest.of_the_bound(one) <= 1.05  # the scene asks for 5 %
         foci = len(contest.setup.foci)
         exact = np.abs(contest.transfer.pressure(one.emitted))[:foci] / contest.setup.target.weights
         assert exact.min() <= contest.bound * (1.0 + 1e-12)
-
-
-def test_the_best_method_gives_no_less_than_the_control(compared):
-    contest = compared[1]
     control = next(one for one in contest.contenders if one.name == CONTROL)
     assert contest.of_the_bound(contest.best) >= contest.of_the_bound(control)
 
 
-def test_the_table_has_the_pressures(compared):
+def test_the_files_hold_pressures_and_drives(compared):
     folder, contest = compared
     with (folder / "methods.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
@@ -76,10 +68,6 @@ def test_the_table_has_the_pressures(compared):
         index = contest.setup.foci.index(row["focus"])
         assert float(row["pressure_Pa"]) == pytest.approx(one.pressures[index], rel=1e-5)
         assert float(row["weight"]) == contest.setup.target.weights[index]
-
-
-def test_a_drive_file_holds_the_drive(compared):
-    folder, contest = compared
     one = contest.best
     with h5py.File(folder / "drives" / f"{one.name.replace(' ', '_')}.h5") as file:
         amplitudes = file["amplitude"][:] * np.exp(1j * file["phase"][:])

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from airtact.setup.building import read_scene
-from airtact.transducers.boards import BOARDS
 from faults import raises_code
 
 AIR = "[medium]\nsound_speed = 343.1\ndensity = 1.293\n"
@@ -55,16 +54,6 @@ def test_a_pose_may_turn_by_more_than_a_whole_turn(read) -> None:
         read(AIR, BOX, PINCH, POSE.replace("90.0", degrees), PAD) for degrees in ("90.0", "450.0")
     )
     np.testing.assert_allclose(more.target.points, once.target.points, atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    "board", [board for board in BOARDS.values() if board.placed], ids=lambda board: board.name
-)
-def test_boards_have_the_pistons_of_their_transducers(read, board) -> None:
-    array = f'[array]\nlayout = "boards"\nboard = "{board.name}"\nposes = [{{ translation = [0.0, 0.0, -0.1] }}]\n'
-    element = read(AIR, array, "[[foci]]\npoint = [0.0, 0.0, 0.0]\n").array.element
-    assert element.directional
-    assert element.radius == board.radius
 
 
 def test_the_pattern_of_autd3_is_half_at_fifty_degrees(read) -> None:

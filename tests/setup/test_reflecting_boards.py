@@ -53,7 +53,7 @@ def test_what_does_not_go_with_reflecting_boards_is_rejected(tmp_path):
         )
     with raises_code("not_supported", "finite_element"):
         at.read_scene(written(tmp_path, "[solver]", '[solver]\nname = "finite_element"'))
-    with raises_code("wrong_kind", "2 elements"):
+    with raises_code("wrong_kind"):
         (tmp_path / "own.csv").write_text(OWN)
         at.read_scene(written(tmp_path, BOARDS, 'layout = "own.csv"'))
 

@@ -106,7 +106,7 @@ def test_a_name_that_is_almost_right_gets_the_right_one(read) -> None:
 
 def test_a_name_of_two_bodies_is_rejected(read) -> None:
     far = "[obstacles.pose]\ntranslation = [0.0, 0.0, 0.3]\n"
-    with raises_code("given_twice", "obstacles[1]: index.pad is a named point of 2 bodies"):
+    with raises_code("given_twice", "obstacles[1]: index.pad"):
         read(AIR, BOARDS, SCAN, SCAN, far, INDEX)
 
 
@@ -143,7 +143,5 @@ def test_a_rig_of_unclear_side_asks_for_it(read, bare) -> None:
             ),
         )
     scene.export(bare / "flat.glb")
-    with raises_code(
-        "side_unclear", "flat.glb: the 25 joints of its rig", 'joints = "FILE.json"', "side"
-    ):
+    with raises_code("side_unclear", "flat.glb", 'joints = "FILE.json"', "side"):
         read(AIR, BOARDS, '[[obstacles]]\nsurface = "flat.glb"\n', INDEX)

@@ -41,7 +41,7 @@ def test_wrong_numbers_name_the_table(read) -> None:
         read("[uncertainty]\nsamples = 0\n")
     with raises_code("not_finite", "uncertainty", "nan"):
         read("[uncertainty]\nposition = nan\n")
-    with raises_code("empty", "uncertainty", "1 mm"):
+    with raises_code("empty", "uncertainty", "along_skin"):
         read("[uncertainty]\nalong_skin = 1e-3\n")
     with raises_code("unknown_key", "uncertainty.positon"):
         read("[uncertainty]\npositon = 1e-3\n")
