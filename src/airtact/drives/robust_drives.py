@@ -1,11 +1,11 @@
 """Drives for uncertain hands: the best for many sampled transfer matrices at once (``robust``).
 
 Each sample has a value: the pressure of its weakest focus over what that focus asks. A goal is a
-statistic of these values: their mean, their lowest tenth, or the worst. The search maximises a
-smooth stand-in for it, the power mean of the values with some exponent: 1 is the mean, and far
-below zero the worst value decides. The lowest tenth is no smooth function of the drive; the power
-mean of exponent −2 replaces it. It raises the lowest tenth of other samples as much as a smoothed
-quantile does, without fitting the few samples at the quantile.
+statistic of these values: their mean, the value that 9 of 10 samples exceed ("lowest tenth"), or
+the worst. The search maximises a smooth stand-in, the power mean of the values with an exponent:
+with 1 it is the mean, and far below zero the worst value decides. The lowest tenth is not a smooth
+function of the drive; the power mean of exponent −2 replaces it. It raises the lowest tenth of
+other samples as much as a smoothed quantile does, without fitting the few samples at the quantile.
 
 ``robust`` takes these steps:
 
@@ -40,12 +40,12 @@ Goal = Literal["lowest tenth", "mean", "worst"]
 """The statistic of the weakest focus over the samples."""
 
 Limit = Literal["energy", "amplitude", "phases"]
-"""What is held equal: the energy Σ|d|², full scale of each element, or full scale everywhere."""
+"""What limits a drive: its energy Σ|d|², |d| ≤ 1 ("amplitude"), or |d| = 1 ("phases")."""
 
 SampledRows = Complex128[np.ndarray, "samples foci elements"]
-"""Rows at the foci in each sample, over what each focus asks."""
+"""RowValues at the foci in each sample, over what each focus asks."""
 
-Rows = Complex128[np.ndarray, "rows"]
+RowValues = Complex128[np.ndarray, "rows"]
 """One number for each focus of each sample, sample by sample."""
 
 
@@ -75,9 +75,9 @@ def robust(
 ) -> Drive:
     """Make the drive that is best over all samples of an ensemble, for an uncertain hand.
 
-    The gains of single elements are left to chance: they are as likely for one drive as for
-    another, and a drive that fitted those of the samples would be worse for others. Phases at the
-    foci are chosen by the method.
+    Random gains of single elements in the samples are ignored by the search, because fitting them
+    would not help other samples; ``goal_value`` includes them. Phases at the foci are chosen by the
+    method.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def robust(
     ------
     InvalidInput
         As ``weighted_gerchberg_saxton``; "unknown_name": there is no such goal or limit;
-        "data_missing".
+        "data_missing": suppression points without rows.
 
     Examples
     --------
@@ -206,7 +206,7 @@ class _Search:
         return self.samples.reshape(-1, self.samples.shape[2])
 
     def value(self, amplitudes: Amplitudes) -> float:
-        """Return the goal at the limit."""
+        """Return the goal for the drive scaled to its limit."""
         scale = np.linalg.norm(amplitudes) if self.limit == "energy" else np.abs(amplitudes).max()
         return _statistic(np.abs(self.samples @ amplitudes).min(axis=1), self.goal) / float(scale)
 
@@ -257,8 +257,8 @@ def improved(samples: SampledRows, start: Amplitudes, limit: Limit) -> Amplitude
 
     Returns
     -------
-    The drive with the largest magnitude 1; the start if the power mean over the samples does not
-    rise.
+    The drive with the largest magnitude 1; the start, or its phases at full scale, if the power
+    mean over the samples does not rise.
     """
     if limit != "energy":
         return _climb_with_momentum(samples, start)
@@ -267,7 +267,7 @@ def improved(samples: SampledRows, start: Amplitudes, limit: Limit) -> Amplitude
 
     def mean(drive: Amplitudes) -> float:
         received = search.rows @ drive / np.linalg.norm(drive)
-        return _power_mean(received, search.samples.shape[:2], exponents[-1])[0]
+        return _log_power_mean(received, search.samples.shape[:2], exponents[-1])[0]
 
     with one_thread():
         best = max(start, _climb_at_equal_energy(search, start, 0.0, exponents), key=mean)
@@ -278,10 +278,11 @@ def improved(samples: SampledRows, start: Amplitudes, limit: Limit) -> Amplitude
 
 
 def balanced(matrix: FociRows, phases: bool, steps: int = 2000) -> Amplitudes:
-    """Make the weakest focus of one matrix strongest, by weighted alternating projections.
+    """Make the weakest focus of one matrix strongest.
 
-    With ``phases`` every element is at full scale, else the energy is limited; ``matrix`` has rows
-    over what each focus asks.
+    With ``phases`` every element is at full scale (``strongest_sources``), else the energy is
+    limited, and weighted alternating projections take so many ``steps``. ``matrix`` has rows
+    divided by the pressure that each focus asks for.
     """
     if phases:
         return phase(matrix.conj().T @ strongest_sources(matrix, 300))
@@ -335,12 +336,12 @@ def _climb_at_equal_energy(
     """
     from scipy.optimize import minimize
 
-    back = search.rows.conj().T
+    solved_rows = search.rows.conj().T
     if penalty:
         suppressed = search.suppressed
         energy = np.eye(len(start)) + penalty * suppressed.conj().T @ suppressed
-        back = cho_solve((cholesky(energy, lower=True), True), back)
-    products = search.rows @ back
+        solved_rows = cho_solve((cholesky(energy, lower=True), True), solved_rows)
+    products = search.rows @ solved_rows
     # Rounding leaves the products a little off Hermitian, which the Cholesky factor must not see.
     products = 0.5 * (products + products.conj().T)
     count = len(products)
@@ -354,7 +355,7 @@ def _climb_at_equal_energy(
         numbers = coordinates[:count] + 1j * coordinates[count:]
         norm = np.linalg.norm(numbers)
         unit = numbers / norm
-        mean, by_pressure = _power_mean(lower @ unit, search.samples.shape[:2], exponent)
+        mean, by_pressure = _log_power_mean(lower @ unit, search.samples.shape[:2], exponent)
         by_unit = lower.conj().T @ by_pressure
         # Only the part of the gradient across x turns its direction.
         slope = (by_unit - unit * np.vdot(unit, by_unit).real) / norm
@@ -372,7 +373,9 @@ def _climb_at_equal_energy(
             options={"maxiter": MAX_STEPS, "ftol": 1e-5},
         ).x
         numbers = coordinates[:count] + 1j * coordinates[count:]
-    return back @ solve_triangular(lower.conj().T, numbers / np.linalg.norm(numbers), lower=False)
+    return solved_rows @ solve_triangular(
+        lower.conj().T, numbers / np.linalg.norm(numbers), lower=False
+    )
 
 
 def _climb_with_limited_elements(
@@ -385,7 +388,7 @@ def _climb_with_limited_elements(
     from scipy.optimize import minimize
 
     rows = search.rows
-    back = rows.conj().T
+    rows_adjoint = rows.conj().T
     suppressed = search.suppressed
     all_full = search.limit == "phases"
     count = len(start)
@@ -398,8 +401,8 @@ def _climb_with_limited_elements(
         angles: Float64[np.ndarray, "angles"], exponent: float
     ) -> tuple[float, Float64[np.ndarray, "angles"]]:
         amplitudes = drive_of(angles)
-        mean, by_pressure = _power_mean(rows @ amplitudes, search.samples.shape[:2], exponent)
-        slope = back @ by_pressure
+        mean, by_pressure = _log_power_mean(rows @ amplitudes, search.samples.shape[:2], exponent)
+        slope = rows_adjoint @ by_pressure
         if penalty:
             pressure = suppressed @ amplitudes
             energy = count + penalty * float(np.vdot(pressure, pressure).real)
@@ -444,7 +447,7 @@ def _climb_with_momentum(samples: SampledRows, start: Amplitudes) -> Amplitudes:
     for step in range(1, 22):
         drive = np.exp(1j * phases)
         received = (rows @ drive.astype(np.complex64)).astype(np.complex128)
-        mean, by_pressure = _power_mean(received, samples.shape[:2], exponent)
+        mean, by_pressure = _log_power_mean(received, samples.shape[:2], exponent)
         if mean > largest:
             best = drive
             largest = mean
@@ -458,7 +461,9 @@ def _climb_with_momentum(samples: SampledRows, start: Amplitudes) -> Amplitudes:
     return best
 
 
-def _power_mean(pressures: Rows, shape: tuple[int, int], exponent: float) -> tuple[float, Rows]:
+def _log_power_mean(
+    pressures: RowValues, shape: tuple[int, int], exponent: float
+) -> tuple[float, RowValues]:
     """Logarithm of the power mean over the samples of the weakest focus, and its gradient.
 
     Parameters
@@ -474,10 +479,11 @@ def _power_mean(pressures: Rows, shape: tuple[int, int], exponent: float) -> tup
     logs = np.log(np.maximum(np.abs(pressures), np.finfo(float).tiny)).reshape(shape)
     # Values relative to the smallest or largest, so that no power overflows.
     lowest = logs.min(axis=1, keepdims=True)
-    foci = np.exp(FOCUS_SHARPNESS * (lowest - logs))
-    values = lowest[:, 0] - np.log(foci.mean(axis=1)) / FOCUS_SHARPNESS
-    peak = (exponent * values).max()
-    samples = np.exp(exponent * values - peak)
-    mean = (peak + np.log(samples.mean())) / exponent
-    shares = (samples / samples.sum())[:, None] * foci / foci.sum(axis=1, keepdims=True)
-    return float(mean), (shares / np.exp(2.0 * logs)).reshape(-1) * pressures
+    focus_weights = np.exp(FOCUS_SHARPNESS * (lowest - logs))
+    log_values = lowest[:, 0] - np.log(focus_weights.mean(axis=1)) / FOCUS_SHARPNESS
+    peak = (exponent * log_values).max()
+    sample_weights = np.exp(exponent * log_values - peak)
+    log_mean = (peak + np.log(sample_weights.mean())) / exponent
+    shares = (sample_weights / sample_weights.sum())[:, None] * focus_weights
+    shares = shares / focus_weights.sum(axis=1, keepdims=True)
+    return float(log_mean), (shares / np.exp(2.0 * logs)).reshape(-1) * pressures

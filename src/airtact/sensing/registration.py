@@ -81,7 +81,7 @@ class Located:
     ----------
     pose : of the obstacles in the array's frame, as of ``PhasedArray.seen_from``.
     covariance : (6, 6) of the translation of ``centre`` [m] and of a small turn about it [rad],
-        along the array's axes, with a seventh row and column for ``opening`` of a family. It follows
+        along the array's axes, with a seventh row and column for a family's ``opening``. It follows
         from the whole residual, and is larger where receivers in different places disagree by more
         than noise explains, or where the residual beyond noise is so large that the shape must be
         wrong.

@@ -1,4 +1,4 @@
-"""Longest edges that new triangles of a surface may have where it is too fine for the wanted size.
+"""Upper limits of the edge length at each vertex when larger triangles replace a fine mesh.
 
 Each function looks for one kind of detail that large triangles would lose, and returns a limit [m]
 for each vertex, at most the size ``largest`` that the caller allows anywhere:
@@ -7,7 +7,7 @@ for each vertex, at most the size ``largest`` that the caller allows anywhere:
 - ``wall_sizes``: thin walls, whose two sides would deviate by much of the thickness, or cross;
 - ``strip_sizes``: narrow strips between two sharp edges, which would get slivers.
 
-The remesher takes the smallest of the three.
+Remeshing takes the smallest limit at each vertex.
 """
 
 import numpy as np
@@ -25,7 +25,7 @@ MAX_EDGE_TO_WALL = 3.0
 def bend_sizes(
     vertices: Vertices, triangles: Triangles, ridges: Ridges, largest: float, share: float = 1.0
 ) -> VertexSizes:
-    """Longest edge at each vertex of a closed mesh so that it turns by little more than a radian.
+    """Longest edge at each vertex, along which the surface turns by little more than a radian.
 
     The radius of a bend is estimated from pairs of triangles: two triangles that face in directions
     75 to 150 degrees apart and lie as if on one arc show its radius. Pairs across a sharp edge
@@ -37,8 +37,9 @@ def bend_sizes(
     normals = unit(area_vectors(corners))
     patch = smooth_patches(edge_twins(triangles), are_among(edge_ends(triangles), ridges))
 
-    # Edges may turn by 1.4 rad in wide bends, so a bend matters if 1.4 times its radius, times the
-    # share, is below the largest size. The chord of such an arc over 75 degrees bounds the search.
+    # The surface may turn by 1.4 rad along an edge of a wide bend, so only bends limit edges whose
+    # radius is below the largest size over 1.4 and the share. The shortest chord that is accepted,
+    # 75 degrees of the widest such bend, is the search radius.
     reach = 2 * np.sin(np.radians(75.0) / 2) / (share * 1.4) * largest
     first, second = KDTree(centres).query_pairs(reach, output_type="ndarray").T
 
@@ -53,7 +54,8 @@ def bend_sizes(
     length = np.linalg.norm(chord, axis=1)
 
     # On a common arc through the angle a, the chord of length 2 R sin(a/2) meets both normals at
-    # the sine of a/2, with opposite signs. Pairs that deviate by over 0.35 are on no common arc.
+    # the sine of a/2, with opposite signs. Pairs that deviate by over 0.35 in this sine
+    # are on no common arc.
     half_sine = np.sqrt(0.5 * (1 - cosine[bent]))
     at_first = np.einsum("pd,pd->p", chord, normals[first]) / length
     at_second = np.einsum("pd,pd->p", chord, normals[second]) / length
@@ -61,8 +63,8 @@ def bend_sizes(
     on_arc = symmetric & (np.abs(np.abs(at_first - at_second) / 2 - half_sine) < 0.35)
     radius = length[on_arc] / (2 * half_sine[on_arc])
 
-    # Tight bends may turn by 1 rad along an edge. From a radius of 0.3 of the largest size on it
-    # is 1.4 rad, because the distance tolerance of MMG refines wide bends too.
+    # The surface may turn by 1 rad along an edge in the tightest bends, rising to 1.4 rad at a
+    # radius of 0.3 of the largest size: the remesher (MMG) refines wide bends by itself.
     turn = 1.0 + (1.4 - 1.0) * np.minimum(1.0, radius / (0.3 * largest))
     limit = share * radius * turn
     triangle_limits = np.full(len(triangles), largest)
@@ -79,7 +81,8 @@ def wall_sizes(vertices: Vertices, triangles: Triangles, largest: float) -> Vert
     np.add.at(normals, triangles, area_vectors(vertices[triangles])[:, None])
     normals = unit(normals)
     # The other side of a wall is near and faces the opposite direction, so the tree holds positions
-    # and scaled normals, and is asked for the reversed normal.
+    # and scaled normals, and is asked for the reversed normal. ``reach`` is both the largest
+    # distance and the length of the normals: it lets opposite sides deviate by about 60 degrees.
     reach = 0.6 * largest
     tree = KDTree(np.concatenate([vertices, reach * normals], axis=1))
     queries = np.concatenate([vertices, -reach * normals], axis=1)
@@ -95,7 +98,11 @@ def wall_sizes(vertices: Vertices, triangles: Triangles, largest: float) -> Vert
 
 
 def strip_sizes(vertices: Vertices, ridges: Ridges, largest: float) -> VertexSizes:
-    """Longest edge at each vertex: twice the distance from its sharp edge to the next one."""
+    """Longest edge at each vertex: twice the distance from the sharp edge through it to the next.
+
+    At a corner the next segment of another sharp edge lies sideways too, so corners count as
+    narrow.
+    """
     width = np.full(len(vertices), largest / 2.0)
     if not len(ridges):
         return 2.0 * width

@@ -6,12 +6,13 @@ point x of the surface and a second point x' = x − δ n inside the body,
     p(x)/2 − D[p](x) + i D[p](x') = p_inc(x) − i p_inc(x'),
 
 where p_inc is the pressure of the sources alone and D the double layer; on a surface of impedance Z
-a single layer is added to it (``layer_potentials``). The second point makes the solution unique at
+a single layer is added to D (``layer_potentials``). The second point makes the solution unique at
 every frequency. With the other sign of i, GMRES takes many times the iterations.
 
 Collocation at the nodes makes this a linear system: one row for each node x_i, one column for each
-node x_j, whose entries are 1/2 δ_ij − D(x_i, x_j) + i D(x'_i, x_j) with the near panels' integrals
-corrected. The transposed matrix gives the monopoles that radiate the scattered field (reciprocity).
+node x_j, whose entries are 1/2 δ_ij − D(x_i, x_j) + i D(x'_g(i), x_j) with near panels' integrals
+corrected; three neighbouring nodes share the second point of their group g. Solving the transposed
+system gives the strengths of monopoles at x and x' that radiate the scattered field (reciprocity).
 
 A. Mohsen, R. Piscoya, M. Ochmann, Acta Acustica united with Acustica 97 (2011) 699.
 """
@@ -44,8 +45,8 @@ from airtact.acoustics.solvers.open_air import monopole_pressure
 from airtact.acoustics.sources import Monopoles
 from airtact.printing import in_short
 
-# Thickness from which on a body is no longer thin [λ]
-THICK = 2 / 3
+# Bodies at least this thick are not thin; a larger thickness is not measured [λ]
+MAX_THIN = 2 / 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,16 +77,16 @@ def dual_surface(
     wavenumber: complex,
     near_rule: NearRule,
     precision: str,
-    least: Float64[np.ndarray, "nodes"] | None = None,
+    least_thickness: Float64[np.ndarray, "nodes"] | None = None,
 ) -> DualSurface:
     """Put the second points 0.2 λ under the surface, or at 0.3 of a thin body's local thickness.
 
     Sharing each point among three nodes saves a third of the kernels at the same accuracy.
-    ``least`` is a lower bound of the thickness at each node [m].
+    ``least_thickness`` is a lower bound of the thickness at each node [m].
     """
     wavelength = 2 * np.pi / wavenumber.real
     # deeper points would come near the opposite side of a thin body
-    depth = 0.3 * thickness(nodes, THICK * wavelength, least)
+    depth = 0.3 * thickness(nodes, MAX_THIN * wavelength, least_thickness)
     inside = (nodes.points - depth[:, None] * nodes.normals).reshape(-1, _kernels.sharing, 3)
     shifted = np.einsum("gsd->gd", inside) / _kernels.sharing  # np.mean takes ten times as long
     return DualSurface(nodes, shifted, wavenumber, near_rule, precision)
@@ -100,11 +101,11 @@ def assemble(
     ----------
     surface : nodes and second collocation points.
     store : number format of the matrix.
-    error : relative to the 1/2 on the diagonal, of blocks apart from each other, which become sums
-        of low-rank terms; without it all blocks are stored entry by entry.
-    image : plane for whose image of the bodies the matrix is. The image has the same pressure, and
-        its double layer at x is that of the bodies at the image of x, so only the collocation
-        points change; the 1/2 is left out.
+    error : Frobenius norm of the errors of all low-rank blocks together, over that of the 1/2 on
+        the diagonal; None stores every block entry by entry.
+    image : give the contribution of the bodies' image in this plane. The image has the same
+        pressure, and its double layer at x is that of the bodies at the image of x, so only the
+        collocation points change; the 1/2 is left out.
 
     Raises
     ------
@@ -136,8 +137,9 @@ def assemble(
         whole = near_blocks(len(nodes.centres), beside, *corrected)
     layer = nodes.layer(surface.wavenumber)
 
-    # Low-rank terms first, because only filling them tells how much memory they take. Their rank
-    # is 12 or so; there is room for a mean of 24, and beyond that they are computed again.
+    # Low-rank terms first, because their number is known only once they are filled. A block has 12
+    # terms or so, of two factors each; there is room for a mean of 24, and beyond that the blocks
+    # are computed again. The diagonal's norm is shared evenly among all blocks.
     tolerance = 0.5 * (error or 0.0) * math.sqrt(_kernels.lanes / blocks)
     stored = int(np.count_nonzero(whole))
     needed = 2 * 24 * (whole.size - stored)
@@ -187,7 +189,7 @@ def transposed_right_side(
 ) -> tuple[NodeValues, Float64[np.ndarray, "sources"]]:
     """Right-hand side of the transposed equation: the transposed double layer of the monopoles.
 
-    With planes, their images are included. Also returns the factor of each monopole: 1 off the
+    With planes, their images are included. Also returns the factor of each strength: 1 off the
     surface, 2 on it, where Green's formula gives half the pressure.
     """
     positions, contact = project_contacts(surface.nodes, positions)

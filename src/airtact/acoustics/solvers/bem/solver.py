@@ -40,7 +40,7 @@ from airtact.acoustics.solvers.bem.field import BoundaryField
 from airtact.acoustics.solvers.bem.images import surface_with_images, values_with_images
 from airtact.acoustics.solvers.bem.layer_potentials import NearRule, near_surface
 from airtact.acoustics.solvers.bem.operator import (
-    THICK,
+    MAX_THIN,
     DualSurface,
     assemble,
     direct_right_side,
@@ -541,7 +541,7 @@ class BoundaryElement(Solver):
         for index, obstacle in enumerate(obstacles):
             of_body = nodes.body == index
             thickness[of_body] = obstacle.surface.shape.thickness_at(
-                nodes.points[of_body], nodes.normals[of_body], THICK * scene.wavelength
+                nodes.points[of_body], nodes.normals[of_body], MAX_THIN * scene.wavelength
             )
         if self.precision == "float64":
             near_rule = NearRule(2.5, (6, 6))
