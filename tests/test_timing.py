@@ -41,8 +41,7 @@ def _autogroup() -> list[str]:
     not _autogroup(), reason="only Linux has autogroups, where they are built in and shown"
 )
 def test_a_process_gives_way_with_its_session_only_where_that_is_its_own():
-    before = _autogroup()[-1]
-    for own, group in ((True, "5"), (False, before)):
+    for own, group in ((True, "5"), (False, _autogroup()[-1])):
         ran = subprocess.run(
             [sys.executable, "-c", GIVES_WAY],
             capture_output=True,

@@ -162,8 +162,7 @@ def test_boards_are_listed_with_their_links(capsys) -> None:
     ],
 )
 def test_serial_boards_play_the_drive_and_end_silent(capsys, tmp_path, name, boards, model) -> None:
-    array = flat_of(name, boards)
-    path = write(tmp_path / "drive.h5", array)
+    path = write(tmp_path / "drive.h5", flat_of(name, boards))
     loudest: list[np.ndarray] = []
 
     class Watched(model):

@@ -133,8 +133,7 @@ def test_the_example_is_what_it_is_said_to_be():
     assert len(frames) == 75
     for frame in frames[::25]:
         np.testing.assert_allclose(frame.landmarks, motion.at(frame.time), atol=2e-6)
-    line = EXAMPLE.read_text().splitlines()[7]
-    assert json.loads(line)["sequence"] == 7
+    assert json.loads(EXAMPLE.read_text().splitlines()[7])["sequence"] == 7
 
 
 def test_pads_over_time_are_those_of_each_hand():

@@ -105,8 +105,7 @@ def matrix(setup):
 
 def test_what_the_foci_get_is_what_a_more_accurate_solution_gives(tmp_path) -> None:
     (tmp_path / "fingers.toml").write_text(FINGERS, encoding="utf-8")
-    function = scene_points(tmp_path / "fingers.toml")
-    row = function({"pinch.gap": 0.014})
+    row = scene_points(tmp_path / "fingers.toml")({"pinch.gap": 0.014})
     setup = at.read_scene(tmp_path / "fingers.toml", {"pinch.gap": 0.014})
     aware = at.transfer_matrix(
         at.BoundaryElement(accuracy=0.03).radiate(setup.scene, setup.target.beacons()), setup.array

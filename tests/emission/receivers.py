@@ -38,8 +38,7 @@ class SonicSurface:
 
     def pulses(self) -> np.ndarray:
         """(32, 256) output in each tick of a period: high for 16 ticks from the one whose number is the phase."""
-        ticks = np.arange(32)[:, None]
-        return ((ticks - self.current) % 32 < 16) & (self.current < 32)
+        return ((np.arange(32)[:, None] - self.current) % 32 < 16) & (self.current < 32)
 
 
 class TwoSonicSurfaces:

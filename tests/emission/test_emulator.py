@@ -29,8 +29,7 @@ def recorded(devices, frame: at.drives.Frame, milliseconds: int):
             controller.send((pyautd3.Static(), autd3_link._gain_of(words)))
             controller.tick(pyautd3.Duration.from_millis(milliseconds))
 
-        record = emulator.record(play)
-        yield record
+        yield emulator.record(play)
 
 
 def as_device(pose):

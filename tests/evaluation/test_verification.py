@@ -45,8 +45,7 @@ def test_a_focus_served_alone_attains_what_it_can() -> None:
 
 
 def test_no_drive_gets_more_than_is_attainable() -> None:
-    target = at.Target(TWO)
-    transfer = in_open_air(target)
+    transfer = in_open_air(at.Target(TWO))
     drawn = np.random.default_rng(3)
     for _ in range(50):
         drive = drawn.uniform(size=24) * np.exp(2j * np.pi * drawn.uniform(size=24))
@@ -166,8 +165,7 @@ def test_a_side_lobe_is_the_strongest_sound_farther_than_a_wavelength_from_the_f
 
 def test_a_verification_reads_as_sentences(beside_a_ball) -> None:
     exact, _ = beside_a_ball
-    text = str(exact)
-    assert "safety" not in text
+    assert "safety" not in str(exact)
     with_head = str(
         replace(exact, head=np.array([101.0, 104.26]), suppression_points=np.array([1.0 + 0j]))
     )

@@ -112,5 +112,4 @@ def test_the_quick_run_agrees_with_the_paper(tmp_path) -> None:
     assert pressures == pytest.approx([22869, 22788, 19783, 19718], rel=0.01)
     assert numbers(rows_of(tmp_path, "differences"), "at_the_transducers").max() < 0.01
     assert len(rows_of(tmp_path, "mesh_sizes")) >= 1
-    page = (tmp_path / "results.md").read_text(encoding="utf-8")
-    assert page.count("![") == 6
+    assert (tmp_path / "results.md").read_text(encoding="utf-8").count("![") == 6

@@ -114,8 +114,7 @@ def test_depth_is_the_distance_to_the_surface(rng):
 @given(vector, vector, st.floats(5e-3, 20e-3))
 def test_a_capsule_stands_on_its_two_ends(start, end, radius):
     body = capsule(start, end, radius, 2 * radius)
-    axis = body.primitive.axis
-    assert np.allclose(axis, [start, end], rtol=0, atol=1e-15)
+    assert np.allclose(body.primitive.axis, [start, end], rtol=0, atol=1e-15)
     assert body.primitive.extent == pytest.approx(math.dist(start, end) + 2 * radius, rel=1e-12)
 
 

@@ -59,8 +59,7 @@ def test_a_tree_of_few_panels_is_searched_too(rng, count):
 def test_points_off_the_surface_along_its_normal_are_that_deep(rng, step):
     mesh = curved_mesh(bumpy())
     pieces, _ = cut(mesh.quadratic_triangles, np.full(len(mesh.quadratic_triangles), 2))
-    references = rng.dirichlet([1, 1, 1], size=len(pieces))[:, 1:]
-    place, normal = points_at(pieces, references)
+    place, normal = points_at(pieces, rng.dirichlet([1, 1, 1], size=len(pieces))[:, 1:])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     for side in (1, -1):  # where the surface bends it may be nearer elsewhere
         depth = side * mesh.depth(place - side * step * normal)

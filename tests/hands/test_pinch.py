@@ -12,8 +12,7 @@ from faults import raises_code
 
 
 def test_tips_axes_and_tilt_are_those_of_the_drawing():
-    hand = at.pinch(gap=0.012)
-    for side, surface in zip((-1, 1), hand.surfaces, strict=True):
+    for side, surface in zip((-1, 1), at.pinch(gap=0.012).surfaces, strict=True):
         root, tip = surface.primitive.axis
         assert surface.primitive.radius == 8e-3
         assert np.allclose(tip, [side * (0.006 + 0.008), 0, 0], rtol=0, atol=1e-16)

@@ -101,7 +101,6 @@ def test_a_hand_of_joints_finds_its_own_pads() -> None:
 
 
 def test_a_side_that_contradicts_the_rig_is_rejected(hand) -> None:
-    mirrored = hand.joints * [1.0, 1.0, -1.0]
-    assert hand_from_joints(mirrored).side == "left"
+    assert hand_from_joints(hand.joints * [1.0, 1.0, -1.0]).side == "left"
     with raises_code("wrong_side", "left"):
         at.hands.load_rigged_hand(GENERIC_HAND, side="left")

@@ -151,8 +151,7 @@ def test_the_process_solves_says_what_it_cannot_and_ends(board, joints):
 
     try:
         assert "mm" in wait_for(str, crossed)
-        solution = wait_for(HandFactors, joints)
-        assert solution.factors.shape == (2, len(board.array))
+        assert wait_for(HandFactors, joints).factors.shape == (2, len(board.array))
     finally:
         process.close()
     assert not process.alive

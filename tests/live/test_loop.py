@@ -222,8 +222,7 @@ def test_frames_that_come_before_the_loop_begins_are_not_lost():
 
 def test_a_recording_in_a_loop_goes_on_with_later_frames():
     recording = at.hands.load_recording(at.example("reaching.jsonl"))
-    hands = at.live.RecordedHands(recording, loop=True)
-    repeated = hands._repeated()
+    repeated = at.live.RecordedHands(recording, loop=True)._repeated()
     frames = [next(repeated) for _ in range(2 * len(recording.frames))]
     assert (np.diff([frame.time for frame in frames]) > 0.0).all()
     assert (np.diff([frame.sequence for frame in frames]) == 1).all()

@@ -140,8 +140,7 @@ def test_a_newer_round_steps_no_farther_than_a_round_itself_at_the_link(
         newer = made[which[last + 1]]
         skipped = largest_step(newer[place[last]], newer[place[last + 1]])
         assert largest_step(sent[last], sent[last + 1]) < 1.15 * max(within, skipped)
-    unturned = largest_step(made[0], -made[1])
-    assert unturned > 1.5 * largest_step(made[0], made[1])
+    assert largest_step(made[0], -made[1]) > 1.5 * largest_step(made[0], made[1])
 
 
 def test_frames_unlike_their_neighbours_keep_the_phase_that_they_had():
@@ -152,10 +151,8 @@ def test_frames_unlike_their_neighbours_keep_the_phase_that_they_had():
 
 
 def test_a_drive_is_turned_towards_the_one_before():
-    random = np.random.default_rng(0)
-    before = np.exp(2j * np.pi * random.random(50))
-    turned = turned_towards(before * np.exp(2.0j), before)
-    np.testing.assert_allclose(turned, before)
+    before = np.exp(2j * np.pi * np.random.default_rng(0).random(50))
+    np.testing.assert_allclose(turned_towards(before * np.exp(2.0j), before), before)
     np.testing.assert_allclose(turned_towards(before, np.zeros(50, complex)), before)
 
 

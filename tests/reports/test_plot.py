@@ -91,8 +91,7 @@ def test_phases_of_one_board_stand_where_its_transducers_do() -> None:
     np.testing.assert_allclose(
         np.ptp(discs.get_offsets(), axis=0), 1e3 * np.ptp(board.positions, axis=0)[:2]
     )
-    bar = bar_of(axes)
-    assert bar.get_title(loc="right") == "phase [rad]"
+    assert bar_of(axes).get_title(loc="right") == "phase [rad]"
     colour = matplotlib.colormaps["twilight"]((np.angle(amplitudes) + np.pi) / (2 * np.pi))
     assert {tuple(row) for row in np.round(discs.get_facecolor(), 6)} == {
         tuple(row) for row in np.round(colour, 6)
@@ -114,8 +113,7 @@ def test_a_scene_holds_bodies_transducers_and_foci(drive) -> None:
     assert axes.name == "3d"
     assert bar_of(axes).get_ylabel() == "phase of the transducers [rad]"
     assert axes.get_xlabel() == "x [mm]"
-    bodies = at.plot.scene(SCENE)
-    assert len(bodies.collections) == 1 + len(SCENE.obstacles)
+    assert len(at.plot.scene(SCENE).collections) == 1 + len(SCENE.obstacles)
     given = pyplot.figure().add_subplot(projection="3d")
     assert at.plot.scene(at.Scene(SCENE.medium, []), at.autd3_board(), ax=given) is given
     given.figure.canvas.draw()

@@ -116,8 +116,7 @@ def test_waves_that_hardly_reach_the_bodies_need_no_solve() -> None:
         reaching_patterns(ball(), ball().obstacles[0].surface.vertices.mean(axis=0), 10, 0.01)
         is None
     )
-    random = np.random.default_rng(0)
-    points = random.normal(size=(30, 3))
+    points = np.random.default_rng(0).normal(size=(30, 3))
     points *= 0.035 / np.linalg.norm(points, axis=1)[:, None]
     field = solver.radiate(rod, at.Monopoles(points[:15], np.eye(15)))
     waves = [

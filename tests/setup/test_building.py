@@ -66,8 +66,7 @@ def test_the_open_hand_looks_at_the_boards():
 def test_the_medium_is_air_of_some_weather_or_any_fluid(read):
     assert read(MEDIUM, "absorption = 0.15\n", ARRAY, BALL, FOCUS).medium.absorption == 0.15
     setup = read("frequency = 25e3\n[medium]\ncelsius = 30.0\nhumidity = 0.2\n", ARRAY, BALL, FOCUS)
-    expected = at.air(celsius=30.0, humidity=0.2, frequency=25e3)
-    assert setup.scene.medium == expected
+    assert setup.scene.medium == at.air(celsius=30.0, humidity=0.2, frequency=25e3)
     assert setup.scene.frequency == 25e3
 
 

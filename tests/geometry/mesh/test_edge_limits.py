@@ -62,8 +62,7 @@ def test_a_thin_ring_keeps_its_shape_however_large_the_panels_asked(edge):
 
 def test_a_needle_keeps_its_shape():
     rod = trimesh.creation.cylinder(radius=0.0005, height=0.04, sections=16)
-    needle = at.Surface(np.array(rod.vertices), np.array(rod.faces))
-    panels = needle.panelled(5.5e-3)
+    panels = at.Surface(np.array(rod.vertices), np.array(rod.faces)).panelled(5.5e-3)
     assert enclosed_volume(panels.quadratic_triangles) == pytest.approx(
         np.pi * 0.0005**2 * 0.04, rel=1e-2
     )
