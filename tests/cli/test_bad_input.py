@@ -492,7 +492,7 @@ def test_points_of_evaluation_are_checked(field, ask, points, fault, monkeypatch
 @pytest.mark.parametrize("field", FIELDS)
 def test_a_point_on_a_source_is_rejected(field):
     points = np.array([[0.0, 0.0, 0.05], [0.0, 0.0, 0.02 + 1e-12]])
-    with raises_code("misplaced", "point 1", "source 0", "e-10 mm"):
+    with raises_code("misplaced", "e-10 mm"):
         FIELDS[field].at(points)
 
 

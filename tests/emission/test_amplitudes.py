@@ -50,7 +50,7 @@ def test_a_period_is_whole_frames_of_whole_periods_of_the_sound(frequency: float
 def test_a_slow_line_gets_fewer_frames_or_the_fastest_that_it_carries() -> None:
     assert frames_of_period(10.0, 88.9) == (8, 80.0)
     assert frames_of_period(44.0, 88.9) == (2, 88.0)
-    with raises_code("out_of_range", "200 Hz needs 400 frames/s", "take 88.9", "am:44"):
+    with raises_code("out_of_range", "am:44"):
         frames_of_period(200.0, 88.9)
     with raises_code("out_of_range", "1000 Hz"):
         frames_of_period(2000.0, np.inf)

@@ -216,8 +216,8 @@ def test_frames_of_another_kind_are_rejected() -> None:
     with wired(SonicSurface()) as wire:
         link = SerialLink(wire.port)
         link.open()
-        with raises_code("sizes_differ", "512 elements does not fit 1 sonicsurface board of 256"):
+        with raises_code("sizes_differ"):
             link.send(random_frame("sonicsurface", 2, 1))
-        with raises_code("sizes_differ", "65 amplitudes and 128 phases"):
+        with raises_code("sizes_differ"):
             link.send(random_frame("openmpd", 1, 1))
         link.close()

@@ -46,7 +46,7 @@ def test_a_cloud_that_does_not_exist_or_is_flat_is_rejected(tmp_path: Path) -> N
 
     with raises_code("file_missing", "none.ply"):
         load_cloud(tmp_path / "none.ply")
-    with raises_code("wrong_shape", "flat.npy", "(2, 2)"):
+    with raises_code("wrong_shape", "flat.npy"):
         load_cloud(tmp_path / "flat.npy")
 
 

@@ -63,19 +63,19 @@ def test_a_rig_in_millimetres_is_scaled_as_its_mesh(tmp_path, hand, skin) -> Non
 
 def test_a_rig_that_lacks_joints_is_named_with_them(tmp_path) -> None:
     trimesh.creation.icosphere(radius=0.03).export(tmp_path / "ball.glb")
-    with raises_code("joint_missing", "ball.glb", "25 of the 25", "wrist, thumb-metacarpal, "):
+    with raises_code("joint_missing", "ball.glb"):
         at.hands.load_rigged_hand(tmp_path / "ball.glb")
     scene = trimesh.load_scene(GENERIC_HAND, process=False)
     scene.graph.transforms.remove_node("index-finger-tip")
     scene.export(tmp_path / "hand.glb")
-    with raises_code("joint_missing", "1 of the 25", "(index-finger-tip)"):
+    with raises_code("joint_missing", "(index-finger-tip)"):
         at.hands.load_rigged_hand(tmp_path / "hand.glb")
     with raises_code("file_missing", "none.glb"):
         at.hands.load_rigged_hand(tmp_path / "none.glb")
 
 
 def test_joints_of_another_pose_are_rejected(skin) -> None:
-    with raises_code("misplaced", "mm from the surface"):
+    with raises_code("misplaced"):
         places_on(skin, at.load_hand(HANDS / "pinch.json"))
 
 

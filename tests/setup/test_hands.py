@@ -31,15 +31,13 @@ def test_the_example_has_its_foci_half_a_millimetre_before_the_pads():
 
 
 def test_pads_inside_the_body_are_rejected(tmp_path):
-    with raises_code(
-        "inside_body", "obstacles[0]: thumb.pad at ", " mm inside the body", " would free it"
-    ):
+    with raises_code("inside_body"):
         at.read_scene(scene_file(tmp_path, "gap = 0.012\n"))
 
 
 def test_a_gap_goes_with_a_hand_only(tmp_path):
     path = scene_file(tmp_path, f'hand = "{PINCH}"', "sphere = { radius = 0.01 }")
-    with raises_code("key_misplaced", "obstacles[0].gap goes only with hand"):
+    with raises_code("key_misplaced"):
         at.read_scene(path)
 
 
@@ -82,7 +80,7 @@ def test_fingers_that_are_swapped_are_rejected(tmp_path):
         swapped.write_text(
             json.dumps({"positions_m": [pose_of["positions_m"][row] for row in rows]})
         )
-        with raises_code("hand_implausible", sentence, "are fingers swapped"):
+        with raises_code("hand_implausible", sentence):
             at.load_hand(swapped)
 
 

@@ -20,16 +20,6 @@ INDEX = '[[foci]]\nat = "index.pad"\n'
 
 
 @pytest.fixture
-def read(tmp_path):
-    def reader(*parts: str):
-        path = tmp_path / "scene.toml"
-        path.write_text("".join(parts), encoding="utf-8")
-        return at.read_scene(path)
-
-    return reader
-
-
-@pytest.fixture
 def bare(tmp_path):
     """A scan without a rig, and the joints beside it."""
     trimesh.load_scene(GENERIC_HAND, process=False).to_mesh().export(tmp_path / "scan.stl")

@@ -1,4 +1,4 @@
-"""Shapes, shares, phases and suppression zones of a scene file become a target, or a sentence that names the table."""
+"""Shapes, shares, phases and suppression zones of a scene file become a target."""
 
 import numpy as np
 import pytest
@@ -7,18 +7,17 @@ import airtact as at
 from faults import raises_code
 
 HEAD = '[medium]\nsound_speed = 343.1\ndensity = 1.293\n[array]\nlayout = "surrounding_box"\n'
+
+
 FINGERS = "[[obstacles]]\npinch = { gap = 0.012 }\n"
+
+
 POINT = "[[foci]]\npoint = [0.0, 0.0, 0.03]\n"
 
 
 @pytest.fixture
-def read(tmp_path):
-    def reader(*parts: str) -> at.Setup:
-        path = tmp_path / "scene.toml"
-        path.write_text(HEAD + "".join(parts))
-        return at.read_scene(path)
-
-    return reader
+def read(read):
+    return lambda *parts: read(HEAD, *parts)
 
 
 SHAPES = {

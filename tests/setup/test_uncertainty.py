@@ -6,7 +6,7 @@ import pytest
 import airtact as at
 from faults import raises_code
 
-SCENE = """
+OPEN_AIR = """
 medium = { celsius = 20.0 }
 array = { layout = "flat_boards", rows = 1, columns = 1, pose = { translation = [-0.08, -0.07, -0.15] } }
 foci = [{ point = [0.0, 0.0, 0.0] }, { point = [0.02, 0.0, 0.0] }]
@@ -14,13 +14,8 @@ foci = [{ point = [0.0, 0.0, 0.0] }, { point = [0.02, 0.0, 0.0] }]
 
 
 @pytest.fixture
-def read(tmp_path):
-    def reader(text):
-        path = tmp_path / "scene.toml"
-        path.write_text(SCENE + text)
-        return at.read_scene(path)
-
-    return reader
+def read(read):
+    return lambda text: read(OPEN_AIR, text)
 
 
 def test_the_table_is_an_uncertainty_with_its_samples(read) -> None:

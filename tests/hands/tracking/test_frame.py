@@ -54,7 +54,7 @@ def test_a_frame_makes_the_hand_of_its_landmarks():
     hand = still(0).hand(RADII)
     assert hand.side == "left"
     np.testing.assert_array_equal(hand.joints, JOINTS)
-    with raises_code("data_missing", "frame 4"):
+    with raises_code("data_missing"):
         still(4, landmarks=None).hand()
 
 
@@ -94,7 +94,7 @@ def test_json_has_the_documented_keys():
 def test_landmarks_that_a_tracker_did_not_find_are_half_lost(hole):
     message = json.loads(to_json(still(0)))
     message["landmarks"][4] = "hole"
-    with raises_code("half_lost", "landmark 4"):
+    with raises_code("half_lost"):
         from_json(json.dumps(message).replace('"hole"', hole))
 
 
