@@ -48,7 +48,10 @@ def test_finite_elements_name_their_extra(tmp_path) -> None:
 
 @pytest.mark.parametrize(
     ("command", "file", "out"),
-    [("mesh", "generic-hand-right.glb", "out.vtkhdf"), ("hand", "pinch.json", "hand.ply")],
+    [
+        ("hand", "pinch.json", "hand.ply"),
+        pytest.param("mesh", "generic-hand-right.glb", "out.vtkhdf", marks=pytest.mark.slow),
+    ],
 )
 def test_bodies_of_meshes_and_hands_name_their_extra(command, file, out, tmp_path) -> None:
     code, sentence = run_without("mesh", command, HANDS / file, "--out", tmp_path / out)

@@ -35,7 +35,7 @@ def scan_file(tmp_path_factory):
     field = at.SphereSeries().radiate(
         setup.scene, at.evaluation.drive_sources(setup.array, [drive])
     )
-    x, z = np.meshgrid(np.arange(-16e-3, 16.1e-3, 2e-3), np.arange(-8e-3, 12.1e-3, 2e-3))
+    x, z = np.meshgrid(np.arange(-15e-3, 15.1e-3, 3e-3), np.arange(-8e-3, 12.1e-3, 3e-3))
     points = np.stack([x.ravel(), np.zeros(x.size), z.ravel()], axis=1)
     heard = at.evaluation.Microphone().read(field, points)[:, 0]
     rng = np.random.default_rng(1)

@@ -9,7 +9,17 @@ import pytest
 from airtact.cli import NAMES as COMMANDS
 from airtact.cli import commands, main
 
-SECONDS = {"calibrate", "compare", "compare-scan", "emit", "render", "sense"}
+SECONDS = {
+    "calibrate",
+    "compare",
+    "compare-scan",
+    "emit",
+    "live",
+    "mesh",
+    "render",
+    "sense",
+    "sweep",
+}
 """Their examples take seconds each."""
 
 NAMES = [

@@ -154,12 +154,11 @@ def test_trackers_by_websocket_are_followed_and_nonsense_is_counted(tmp_path):
 
 
 def test_without_a_tracker_it_waits_and_is_silent(tmp_path, live):
-    for source in ("websocket:0", "osc:0"):
-        code, found, said = live(*QUICK, "--from", source, "--out", tmp_path, seconds=1.2)
-        assert code == 0
-        assert found["drives"] == 0
-        assert found["state"] == "waiting for a hand"
-        assert "waiting for a hand" in said
+    code, found, said = live(*QUICK, "--from", "websocket:0", "--out", tmp_path, seconds=1.2)
+    assert code == 0
+    assert found["drives"] == 0
+    assert found["state"] == "waiting for a hand"
+    assert "waiting for a hand" in said
 
 
 def test_the_frames_of_a_session_are_followed_again(tmp_path, live):
@@ -264,7 +263,7 @@ def test_a_killed_loop_leaves_a_session_that_can_be_read(tmp_path):
     assert np.isfinite(session.amplitudes).all()
 
 
-@pytest.mark.parametrize("times", [1, 2])
+@pytest.mark.parametrize("times", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_ctrl_c_ends_in_silence(tmp_path, times):
     with Running(*QUICK, *AUDIT, "--out", tmp_path) as running:
         running.said("playing")

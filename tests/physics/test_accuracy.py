@@ -188,7 +188,7 @@ SHAPES = {
 
 
 @pytest.mark.parametrize("name", SHAPES)
-@pytest.mark.parametrize("offset", [2e-4, 5e-3])
+@pytest.mark.parametrize("offset", [2e-4, pytest.param(5e-3, marks=pytest.mark.slow)])
 def test_the_error_estimate_is_of_the_size_of_the_error(name, offset):
     scene = hard(*SHAPES[name])
     shapes = [surface.primitive for surface in SHAPES[name]]

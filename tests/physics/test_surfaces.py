@@ -24,7 +24,9 @@ def icosphere(level: int, radius: float) -> at.Scene:
     return hard(surface_of(trimesh.creation.icosphere(level, radius=radius)))
 
 
-@pytest.mark.parametrize(("level", "noise"), [(4, 0.0), (6, 2e-5)])
+@pytest.mark.parametrize(
+    ("level", "noise"), [(4, 0.0), pytest.param(6, 2e-5, marks=pytest.mark.slow)]
+)
 def test_scanned_ellipsoids_against_fundamental_solutions(level, noise):
     """5,120 triangles at level 4; 81,920 at level 6, rough along its normals."""
     mesh = trimesh.creation.icosphere(level)

@@ -53,7 +53,10 @@ def test_a_lonely_sphere_of_an_impedance_is_the_series():
     np.testing.assert_allclose(pressure, exact.at(far), atol=2e-5 * np.abs(pressure).max())
 
 
-@pytest.mark.parametrize(("first", "second", "gap"), [(0.009, 0.006, 0.002), (0.008, 0.008, 0.012)])
+@pytest.mark.parametrize(
+    ("first", "second", "gap"),
+    [pytest.param(0.009, 0.006, 0.002, marks=pytest.mark.slow), (0.008, 0.008, 0.012)],
+)
 def test_own_error_is_small_where_solvers_are_judged(first, second, gap):
     spheres = pair(first, second, gap)
     near, far = around(6, first + 5e-4, seed=2), around(10, 0.1, seed=3)
@@ -73,6 +76,7 @@ def test_talking_and_listening_change_places():
     np.testing.assert_allclose(there, back.T, atol=1e-6 * np.abs(there).max())
 
 
+@pytest.mark.slow
 def test_power_drawn_from_the_source_arrives_far_away():
     """Sound-hard spheres keep no power: k ∮|p|² r² dΩ = 4π (k + Im p_scattered(x0))."""
     spheres = pair(0.006, 0.006, 0.003)

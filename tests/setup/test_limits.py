@@ -91,7 +91,13 @@ HURTFUL = {
 }
 
 
-@pytest.mark.parametrize("name", HURTFUL)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow if name == "shifted hand" else ())
+        for name in HURTFUL
+    ],
+)
 def test_a_scene_that_hurts_is_rejected_in_one_line_by_the_command(name, tmp_path, capsys):
     text, code = HURTFUL[name]
     path = tmp_path / "scene.toml"

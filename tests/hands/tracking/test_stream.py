@@ -233,7 +233,7 @@ def test_all_messages_are_counted_and_the_newest_is_kept(messages):
 CLOUD = np.random.default_rng(0).normal(scale=0.03, size=(20, 3))
 
 
-@pytest.mark.parametrize("batch", seeds(200, 1000))
+@pytest.mark.parametrize("batch", seeds(60, 1000))
 @pytest.mark.parametrize("form", ["json", "osc"])
 def test_a_damaged_message_is_used_or_counted_and_the_next_frames_are_used(batch, form):
     for seed in batch:

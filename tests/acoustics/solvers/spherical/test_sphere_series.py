@@ -115,8 +115,8 @@ def test_static_limit_is_the_image_and_its_line():
     assert found[0, 0].real == pytest.approx(wanted, rel=1e-8)
 
 
-@pytest.mark.parametrize("ka", [0.2, 1.0, 4.4934095, 6.98793, 9.0, 22.0, 60.0])
-@pytest.mark.parametrize("off", [0.0, 1e-4, 5e-4, 0.02])
+@pytest.mark.parametrize("ka", [0.2, 4.4934095, 60.0])
+@pytest.mark.parametrize("off", [0.0, 1e-4, 0.02])
 def test_sound_hard_skin_has_no_normal_slope(ka, off):
     normals = directions(6, seed=3)
     near = normals[0] + 0.3 * normals[1]  # off the receivers by a good millimetre
@@ -143,7 +143,7 @@ def test_impedance_skin_obeys_its_law(ratio):
 @pytest.mark.parametrize(
     "inner", [WATER, at.Medium(100.0, 2.0), at.Medium(400.0, 1.0, absorption=30.0)]
 )
-@pytest.mark.parametrize("off", [0.0, 0.0005, 0.05])
+@pytest.mark.parametrize("off", [0.0, 0.05])
 def test_fluid_sphere_joins_pressure_and_velocity(inner, off):
     normals = directions(5, seed=5)
     near = normals[0] + 0.3 * normals[1]
