@@ -2,6 +2,7 @@
 
 import os
 import signal
+import time
 
 import airtact as at
 from airtact.emission.link import RecordingLink
@@ -13,6 +14,14 @@ class SignalledLink(RecordingLink):
     def _begin(self) -> None:
         super()._begin()
         os.kill(self.holder, signal.SIGTERM)
+
+
+class SlowLink(RecordingLink):
+    """Takes 30 ms for a frame."""
+
+    def _transmit(self, frame: at.drives.Frame) -> None:
+        time.sleep(0.03)
+        super()._transmit(frame)
 
 
 class Unsilenced:

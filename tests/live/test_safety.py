@@ -5,10 +5,11 @@ import time
 import numpy as np
 
 import airtact as at
+from airtact.emission.link import RecordingLink
 from emission.odd_links import SlowLink
 
 
-def loudness(link: at.emission.RecordingLink) -> np.ndarray:
+def loudness(link: RecordingLink) -> np.ndarray:
     """Largest amplitude in each frame that the boards took."""
     return np.array(
         [float(frame.levels.amplitudes[frame.amplitude.max()]) for frame in link.frames]

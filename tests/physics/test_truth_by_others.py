@@ -81,6 +81,7 @@ def spheroid(edge: float) -> at.Surface:
     return axisymmetric.surface(axisymmetric.spheroid(minor, major), edge)
 
 
+@pytest.mark.slow
 def test_a_rigid_spheroid_of_70_by_10_mm_has_the_target_strengths_of_echosms() -> None:
     known, body = STRENGTHS["spheroid"], spheroid(3e-3)
     found = [
