@@ -8,9 +8,18 @@ import pytest
 import airtact as at
 from airtact.sensing.echo_model import EchoModel, array_waves, motion_of
 from faults import raises_code
-from sensing.sensed_scenes import AIR, BOX, TRUE, capsules, off_by, relative
+from sensing.sensed_scenes import (
+    AIR,
+    BOX,
+    CODES,
+    TRUE,
+    capsules,
+    errors,
+    measured,
+    off_by,
+    relative,
+)
 
-CODES = at.sensing.random_codes(996, 8, seed=2)
 COARSE = at.BoundaryElement(accuracy=0.03, estimate=False)
 
 
@@ -19,24 +28,9 @@ def family() -> at.sensing.ScatteringFamily:
     return at.sensing.scattering_family(COARSE, capsules, 12e-3, 14e-3, values=4)
 
 
-@cache
-def measured(gap: float, noise: float = 30.0) -> at.Echoes:
-    """Echoes that the boundary elements make with smaller panels than the model's."""
-    solver = at.BoundaryElement(accuracy=0.01, estimate=False)
-    return at.simulate_echoes(
-        solver, capsules(gap), BOX.seen_from(TRUE), CODES, noise=noise, seed=1
-    )
-
-
-def off(pose: at.Pose) -> tuple[float, float]:
-    """Distance of the middle of the bodies [m] and angle [rad] from the truth."""
-    centre = family().matrices[0].centre[None]
-    apart = float(np.linalg.norm(pose.apply(centre) - TRUE.apply(centre)))
-    return apart, float(np.linalg.norm(pose.rotation.T @ TRUE.rotation - np.eye(3)) / np.sqrt(2))
-
-
 def test_between_the_values_the_matrix_is_that_of_a_solve() -> None:
-    made, value = family(), 12.55e-3
+    made = family()
+    value = 12.55e-3
     ball = made.matrices[0].centre, made.matrices[0].radius
     solved = at.scattering_matrix(COARSE, capsules(value), ball=ball)
     assert relative(made.at(value).matrix, solved.matrix) < 0.01
@@ -49,7 +43,8 @@ def test_between_the_values_the_matrix_is_that_of_a_solve() -> None:
 
 
 def test_the_derivative_is_that_of_the_interpolation() -> None:
-    made, step = family(), 1e-6
+    made = family()
+    step = 1e-6
     differences = (made.at(12.7e-3 + step).matrix - made.at(12.7e-3 - step).matrix) / (2 * step)
     assert relative(made.derivative(12.7e-3).matrix, differences) < 1e-6
 
@@ -66,7 +61,7 @@ def test_the_effect_of_a_motion_is_that_of_a_motion() -> None:
 
 def test_pose_and_gap_are_found_together() -> None:
     found = at.locate(measured(13.6e-3), family(), BOX, off_by(TRUE, 1e-3, np.radians(2), seed=0))
-    position, angle = off(found.pose)
+    position, angle = errors(found.pose)
     assert found.converged, found
     assert found.opening == pytest.approx(13.6e-3, abs=1e-5)
     assert position < 1e-5
@@ -78,10 +73,8 @@ def test_pose_and_gap_are_found_together() -> None:
 
 def test_the_derivatives_by_the_gap_are_those_of_the_echoes() -> None:
     waves = array_waves(family().at(13e-3), BOX.seen_from(TRUE), family().matrices[0].order + 9)
-    motion, some = (
-        motion_of(np.array([9e-4, -4e-4, 7e-4, 0.02, 0.03, -0.01])),
-        np.arange(0, 996, 50),
-    )
+    motion = motion_of(np.array([9e-4, -4e-4, 7e-4, 0.02, 0.03, -0.01]))
+    some = np.arange(0, 996, 50)
 
     def echoes(scattering: at.sensing.ScatteringMatrix) -> np.ndarray:
         return EchoModel.of(scattering, waves, CODES[:, :2], some).echoes(motion)
@@ -119,25 +112,26 @@ def test_an_opening_that_is_a_motion_is_named() -> None:
         at.locate(few, made, BOX, at.Pose.identity())
 
 
-def test_bad_families_are_rejected() -> None:
+@pytest.mark.parametrize(
+    ("ends", "settings"),
+    [((14e-3, 12e-3), {}), ((12e-3, 14e-3), {"start": 0.02}), ((12e-3, 14e-3), {"values": 2})],
+)
+def test_ranges_that_cannot_be_are_rejected(ends, settings) -> None:
     with raises_code("out_of_range"):
-        at.sensing.scattering_family(COARSE, capsules, 14e-3, 12e-3)
-    with raises_code("out_of_range"):
-        at.sensing.scattering_family(COARSE, capsules, 12e-3, 14e-3, start=0.02)
-    with raises_code("out_of_range"):
-        at.sensing.scattering_family(COARSE, capsules, 12e-3, 14e-3, values=2)
-    ball = at.Scene(AIR, [at.sound_hard(at.sphere(4e-3, 2e-3))], frequency=40e3)
-    with raises_code("all_zero"):
-        at.sensing.scattering_family(at.SphereSeries(), lambda value: ball, 0.0, 1.0)
-    with raises_code("does_not_match"):
-        at.sensing.scattering_family(
-            COARSE, lambda value: ball if value < 0.5 else capsules(), 0.0, 1.0
-        )
+        at.sensing.scattering_family(COARSE, capsules, *ends, **settings)
 
-    def far(height: float) -> at.Scene:
+
+def test_bad_families_are_rejected() -> None:
+    def ball(height: float = 0.0) -> at.Scene:
         return at.Scene(AIR, [at.sound_hard(at.sphere(4e-3, 2e-3, (0, 0, height)))], frequency=40e3)
 
+    with raises_code("all_zero"):
+        at.sensing.scattering_family(at.SphereSeries(), lambda value: ball(), 0.0, 1.0)
+    with raises_code("does_not_match"):
+        at.sensing.scattering_family(
+            COARSE, lambda value: ball() if value < 0.5 else capsules(), 0.0, 1.0
+        )
     with raises_code("too_few"):
-        at.sensing.scattering_family(at.SphereSeries(), far, -5e-3, 5e-3, values=3)
+        at.sensing.scattering_family(at.SphereSeries(), ball, -5e-3, 5e-3, values=3)
     with raises_code("given_twice"):
         at.locate(measured(13.6e-3), family(), BOX, TRUE, scattering=family().matrices[0])
