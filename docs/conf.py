@@ -1,6 +1,5 @@
 """How Sphinx builds the site: `make docs`."""
 
-import ast
 import inspect
 import re
 from pathlib import Path
@@ -63,8 +62,8 @@ nitpick_ignore_regex = [
     ("py:.*", "ndarray|optional|Path"),
     # The inside of shapes and the classes of fields, which users get but do not make: a field is a
     # ``RadiatedField``.
-    ("py:.*", r"airtact\.(mesh|hand|solvers)\.\w+\..*"),
-    ("py:.*", r"airtact\.solvers\.free_field\..*"),
+    ("py:.*", r"airtact\.(geometry\.mesh|hands|acoustics\.solvers)\.\w+\..*"),
+    ("py:.*", r"airtact\.acoustics\.solvers\.free_field\..*"),
     (
         "py:.*",
         r"airtact\.live\.(drives|page)\..*",
@@ -74,16 +73,6 @@ nitpick_ignore_regex = [
 logger = logging.getLogger(__name__)
 
 REFERENCE = Path(__file__).parent / "reference"
-
-ERRORS_HEAD = """# Codes of errors
-
-`InvalidInput`, `NotConverged` and `LinkFailed` carry a `code`, which stays the same when the sentence is improved. The
-command line prints it in brackets after the sentence. The first place that raises it, and its sentence with numbers
-left out:
-
-| code | raised in | sentence |
-|---|---|---|
-"""
 
 
 def namespaces() -> list[ModuleType]:
@@ -122,7 +111,7 @@ def write_reference() -> None:
         text = f".. automodule:: {title}\n   :no-members:\n\n.. currentmodule:: None\n"
         rows = ".. autosummary::\n   :nosignatures:\n\n" + "\n".join(table) + "\n"
         pages[f"{title}.rst"] = "\n".join([title, "=" * len(title), "", text, rows, *own])
-    contents = "".join(f"   {page[:-4]}\n" for page in pages) + "   errors\n"
+    contents = "".join(f"   {page[:-4]}\n" for page in pages)
     pages["index.rst"] = "Reference\n=========\n\n.. toctree::\n\n" + contents
     for old in REFERENCE.glob("*.rst"):
         if old.name not in pages:
@@ -131,38 +120,6 @@ def write_reference() -> None:
         path = REFERENCE / page
         if not path.exists() or path.read_text(encoding="utf-8") != text:
             path.write_text(text, encoding="utf-8")
-
-
-def write_errors() -> None:
-    """Write the table of codes: each code with a sentence that it comes with, as the sources have them."""
-    found: dict[str, tuple[str, str]] = {}
-    root = Path(airtact.__file__).parent
-    for path in sorted(root.rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if not isinstance(node, ast.Call):
-                continue
-            code = next((word.value for word in node.keywords if word.arg == "code"), None)
-            if isinstance(code, ast.Constant) and isinstance(code.value, str):
-                texts = [
-                    argument
-                    for argument in node.args
-                    if isinstance(argument, ast.JoinedStr | ast.Constant)
-                ]
-                sentence = ast.unparse(texts[0]).removeprefix("f")[1:-1] if texts else ""
-                room = str(path.relative_to(root).with_suffix(""))
-                if code.value not in found or not found[code.value][1]:
-                    found[code.value] = (
-                        room,
-                        re.sub(r"\{[^{}]*(?:\{[^{}]*\}[^{}]*)*\}", "…", sentence),
-                    )
-    rows = [
-        f"| `{code}` | `{room}` | {text.replace('|', ' ')} |"
-        for code, (room, text) in sorted(found.items())
-    ]
-    text = ERRORS_HEAD + "\n".join(rows) + "\n"
-    path = REFERENCE / "errors.md"
-    if not path.exists() or path.read_text(encoding="utf-8") != text:
-        path.write_text(text, encoding="utf-8")
 
 
 def mathml(translator: Any, node: nodes.Element) -> None:
@@ -242,7 +199,6 @@ def private_type(app: Sphinx, domain: object, node: nodes.Element) -> bool:
 def setup(app: Sphinx) -> None:
     """Write the reference before Sphinx looks for pages."""
     write_reference()
-    write_errors()
     app.connect("autodoc-process-docstring", named_first, priority=100)  # before numpydoc
     app.connect("autodoc-process-docstring", plain_bars, priority=900)  # after numpydoc
     app.connect("autodoc-process-signature", signature)

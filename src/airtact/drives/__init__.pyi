@@ -1,4 +1,5 @@
 from .bounds import UpperBound as UpperBound
+from .drive_file import DriveFile as DriveFile
 from .frame import Frame as Frame
 from .gerchberg_saxton import gs_pat as gs_pat
 from .gerchberg_saxton import weighted_gerchberg_saxton_sets as weighted_gerchberg_saxton_sets

@@ -4,6 +4,7 @@ from .field import drive_sources as drive_sources
 from .head_level import MAX_HEAD_LEVEL as MAX_HEAD_LEVEL
 from .head_level import sound_pressure_level as sound_pressure_level
 from .held_out import HeldOut as HeldOut
+from .held_out import ShiftMap as ShiftMap
 from .metrics import Evaluation as Evaluation
 from .microphone import Microphone as Microphone
 from .radiation import Pad as Pad
@@ -17,3 +18,4 @@ from .verification import SideLobe as SideLobe
 from .verification import Verification as Verification
 from .verification import attainable as attainable
 from .verification import verify as verify
+from .windows import Window as Window

@@ -1,4 +1,5 @@
 from .building import read_scene as read_scene
+from .comparing import Contender as Contender
 from .comparing import MethodComparison as MethodComparison
 from .rendering import Rendering as Rendering
 from .rendering import render as render
