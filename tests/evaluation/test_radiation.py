@@ -126,9 +126,9 @@ def test_a_field_that_does_not_know_the_surface_raises() -> None:
     field = in_plane_wave(4e-3, at.SphereSeries())
 
     class Unknowing(type(field)):
-        velocity = at.acoustics.RadiatedField.velocity  # differences, which reach into the sphere
+        _velocity = at.acoustics.RadiatedField._velocity  # differences, which reach into the sphere
 
-    unknowing = Unknowing(field.scene, field.sources, field.modes, field.centre, field.report)
+    unknowing = Unknowing(field.scene, field.sources, field.report, field.modes, field.centre)
     with raises_code("data_missing") as raised:
         radiation_of(unknowing, 0)
     lost, points = (int(number) for number in re.findall(r"\d+", str(raised.value))[:2])

@@ -167,7 +167,7 @@ def render(
     Examples
     --------
     >>> import airtact as at
-    >>> target = at.Target([[0.0, 0.0, 0.15]])
+    >>> target = at.Target(np.array([[0.0, 0.0, 0.15]]))
     >>> result = render(at.Setup(at.Scene(at.air(), []), at.autd3_board(), target))
     >>> result.headline
     'Drive: 3.76 kPa at the weakest focus.'

@@ -61,8 +61,9 @@ class Setup:
 
     Examples
     --------
+    >>> import numpy as np
     >>> import airtact as at
-    >>> target = at.Target([[0.0, 0.0, 0.15]])
+    >>> target = at.Target(np.array([[0.0, 0.0, 0.15]]))
     >>> at.Setup(at.Scene(at.air(), []), at.autd3_board(), target)
     Setup(no bodies, 249 transducers, 1 focus, method best)
     """
