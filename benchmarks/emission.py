@@ -114,7 +114,7 @@ def lost_to_known(trials: int) -> tuple[list[float], list[float]]:
                     except LinkFailed:
                         known.append(1e3 * (time.monotonic() - killed))
             except LinkFailed:
-                pass
+                pass  # leaving the block raises it again: the link process was killed
             line = next(
                 line for line in log.read_text().splitlines() if line.endswith("silence confirmed")
             )

@@ -15,7 +15,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from threading import Thread
 
 import msgspec
@@ -128,11 +128,9 @@ def connected(address: str) -> ClientConnection:
 
 def read_all(page: ClientConnection) -> None:
     """Read until the connection ends."""
-    try:
+    with suppress(ConnectionClosed):
         for _ in page:
             pass
-    except ConnectionClosed:
-        pass
 
 
 def ten(address: str, watched: ExitStack) -> dict[str, float]:

@@ -6,6 +6,7 @@ import inspect
 import re
 import subprocess
 import sys
+import tomllib
 import typing
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -211,6 +212,37 @@ def test_modules_have_docstrings_and_errors_have_codes() -> None:
             }:
                 faults.append(f"{path.name}:{typing.cast(ast.Call, node).lineno} has no code")
     assert faults == []
+
+
+def test_names_used_through_the_package_come_from_lower_layers() -> None:
+    # import-linter sees `import airtact as at` as an import of the package, not of what is used.
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    layers = project["tool"]["importlinter"]["contracts"][0]["layers"]
+    depth = {name: index for index, layer in enumerate(layers) for name in layer.split(" | ")}
+    wrong = []
+    for path in MODULES:
+        package = path.relative_to(ROOT / "src/airtact").parts[0].removesuffix(".py")
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        imported = [
+            alias.name
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Import)
+            for alias in node.names
+        ]
+        if package not in depth or "airtact" not in imported:
+            continue
+        for node in ast.walk(tree):  # examples in docstrings may use everything
+            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(
+                node
+            ):
+                del node.body[0]
+        for name in re.findall(r"\b(?:at|airtact)\.(\w+)", ast.unparse(tree)):
+            used = getattr(at, name, None)
+            home = name if name in depth else getattr(used, "__module__", "").split(".")[1:2]
+            home = home if isinstance(home, str) else "".join(home)
+            if home in depth and home != package and depth[home] <= depth[package]:
+                wrong.append(f"{path.name} uses at.{name}, which is of {home}")
+    assert wrong == []
 
 
 def test_no_module_shares_its_name_with_a_public_name_of_its_package() -> None:

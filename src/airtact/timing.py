@@ -66,7 +66,7 @@ def _threads() -> ThreadpoolController:
 
 
 def give_way(nice: int) -> None:
-    """Lower the priority of this process by so many steps of ``nice``, where the system can.
+    """Lower the priority of this process by ``nice`` steps, where the system can.
 
     Linux divides the processors among sessions first (its autogroups), so that ``nice`` counts
     inside a session only: a process in a session of its own lowers the session, too.

@@ -469,23 +469,19 @@ def test_sequences_that_boards_check_are_told_the_nearest(
     assert re.search(sentence, errors)
 
 
+def emit_serially(capsys, path: Path, port: str) -> tuple[int, str]:
+    """Emit a file on a SonicSurface at full scale; return the exit code and the errors."""
+    words = ["--board", "sonicsurface", "--link", "serial", "--port", port]
+    code, _, errors = output(capsys, "emit", path, *words, *FULL)
+    return code, errors
+
+
 def test_a_rate_over_the_serial_line_is_told_the_nearest(capsys, tmp_path) -> None:
     path = write(
         tmp_path / "sequence.h5", at.transducers.board_array("sonicsurface"), frames=3, rate=200.0
     )
     with wired(SonicSurface()) as wire:
-        code, _, errors = output(
-            capsys,
-            "emit",
-            path,
-            "--board",
-            "sonicsurface",
-            "--link",
-            "serial",
-            "--port",
-            wire.port,
-            *FULL,
-        )
+        code, errors = emit_serially(capsys, path, wire.port)
     assert code == 2
     assert "200 frames/s are more than the serial link carries" in errors
     assert "the nearest is 88 frames/s" in errors
@@ -554,18 +550,7 @@ def test_a_cable_cut_while_emitting_ends_with_1(capsys, tmp_path) -> None:
         tmp_path / "sequence.h5", at.transducers.board_array("sonicsurface"), frames=3, rate=50.0
     )
     with wired(SonicSurface(), cut_after=6000) as wire:
-        code, _, errors = output(
-            capsys,
-            "emit",
-            path,
-            "--board",
-            "sonicsurface",
-            "--link",
-            "serial",
-            "--port",
-            wire.port,
-            *FULL,
-        )
+        code, errors = emit_serially(capsys, path, wire.port)
     assert code == 1
     last = errors.splitlines()[-1]
     assert "the serial link failed while silencing" in last

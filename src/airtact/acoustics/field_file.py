@@ -1,7 +1,7 @@
 """A solved field as one HDF5 file whose user block, its first 512 bytes, holds a checksum.
 
 The field's dataclasses become a tree in JSON and its arrays datasets. Scene and sources are not
-stored: whoever looks for the field has them.
+stored: the caller has them.
 """
 
 import hashlib

@@ -48,9 +48,10 @@ def calibrate(
 ) -> None:
     """Find the boards of a scene's array, the gains of its elements and the sound speed.
 
-    ECHOES is a file (.h5) of what the elements of the empty array receive of each other's
-    transmissions, with nothing subtracted, in codes that distinguish the elements. Boards must face
-    each other. Writes a table that a scene reads by calibration = "calibration.csv" in its [array].
+    ECHOES is an .h5 file of the transmissions that the elements of the empty array receive from
+    each other. Their codes must distinguish the elements, and direct sound must not be subtracted.
+    Boards must face each other. Writes a table that a scene reads by calibration =
+    "calibration.csv" in its [array].
     """
     with progress() as report_step:
         report_step(f"reading {scene.name}")

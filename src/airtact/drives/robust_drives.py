@@ -281,7 +281,7 @@ def balanced(matrix: FociRows, phases: bool, steps: int = 2000) -> Amplitudes:
     """Make the weakest focus of one matrix strongest.
 
     With ``phases`` every element is at full scale (``strongest_sources``), else the energy is
-    limited, and weighted alternating projections take so many ``steps``. ``matrix`` has rows
+    limited, and alternating projections take ``steps`` iterations. ``matrix`` has rows
     divided by the pressure that each focus asks for.
     """
     if phases:

@@ -17,9 +17,6 @@ from airtact.printing import one_line
 PAD_RADIUS = 5e-3
 """Radius of the pad round a focus [m]; a fingertip has about 1 cm²."""
 
-MAX_PAD_DISTANCE = 2e-3
-"""A focus farther than this from the skin has no pad [m]."""
-
 
 def radiation_pressure(
     pressure: Complex128[np.ndarray, "points"],
@@ -154,7 +151,8 @@ class RadiationMap:
         nearest = int(away.argmin())
         # The nearest skin is below the focus, in the tangent plane of the nearest node.
         height = float((np.asarray(focus) - self.points[nearest]) @ self.normals[nearest])
-        if height > MAX_PAD_DISTANCE:
+        # A focus over 2 mm from the skin has no pad.
+        if height > 2e-3:
             return np.zeros(len(away), dtype=bool), None
         centre = focus - height * self.normals[nearest]
         body = np.repeat(self.body, 6)

@@ -26,7 +26,7 @@ from airtact.files.bounded import bytes_of
 # File name endings that are read
 SUFFIXES = (".stl", ".ply", ".obj", ".glb", ".gltf")
 
-# Largest number of triangles of a surface from a file: to read and check so many takes some 10 s
+# Largest number of triangles of a surface from a file: reading and checking it takes up to 10 s
 # and 0.9 GB
 MAX_FILE_TRIANGLES = 250_000
 

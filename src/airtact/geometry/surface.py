@@ -254,8 +254,8 @@ def _triangles_of(triangles: np.ndarray) -> Triangles:
         ) from None
     if array.ndim != 2 or array.shape[1] != 3 or len(array) == 0:
         raise InvalidInput(
-            f"surface triangles have shape {array.shape}, but they are an array of shape "
-            "(triangles, 3).",
+            f"surface triangles have shape {array.shape}, but must have shape (triangles, 3), "
+            "with at least one.",
             code="wrong_shape",
         )
     if not np.issubdtype(array.dtype, np.integer):

@@ -261,7 +261,7 @@ def check_own(scattering: ScatteringMatrix, scene: Scene) -> None:
 
 
 def _order(reach: float, accuracy: float) -> int:
-    """Order from which on waves count less than an accuracy, by k times the radius of the bodies.
+    """Order above which waves contribute less than an accuracy; ``reach`` is k times the radius.
 
     The excess over kR grows as d^(2/3) (kR)^(1/3) for d digits (W. C. Chew and others, Fast and
     Efficient Algorithms in Computational Electromagnetics, 2001, section 3.4); the factor is

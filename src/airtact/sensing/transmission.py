@@ -152,8 +152,8 @@ def simulate_transmissions(
     array : elements emit by its gains.
     medium : the air.
     codes : (E, M), as of ``Echoes``.
-    boards : how many of as many elements, one after the other; those of a kind that airtact knows
-        unless given.
+    boards : number of boards, all with equally many elements, listed one after another; found
+        from a known kind of board if not given.
     frequency : of the sound [Hz].
     reception : (E,) gains by which the elements receive; the array's unless given.
     noise : rms of the pressures over that of added complex noise [dB]; none unless given.

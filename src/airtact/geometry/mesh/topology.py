@@ -27,7 +27,7 @@ SHARP_DEGREES = 75.0
 
 
 def edge_twins(triangles: AnyTriangles) -> Twins:
-    """Find for each directed edge (01, 12, 20) the flat index 3 t + e of the reversed edge.
+    """Find the reverse of each directed edge 01, 12, 20, as index 3 t + e (triangle t, edge e).
 
     It is -1 where there is none, -2 where the directed edge itself occurs more than once.
     """

@@ -265,7 +265,7 @@ def best_hand(
 ) -> HandEstimate:
     """Find the hand that explains a cloud best, from several joints [m] and again from the best.
 
-    ``sizes`` are logarithms to start with; ``hold`` keeps them as they are.
+    ``sizes`` are the starting logarithms of the sizes; with ``hold`` they stay fixed.
     """
 
     def search(unknowns: Unknowns) -> NormalEquations:

@@ -15,7 +15,7 @@ from airtact.hands.joints import Point, Points
 
 
 def _sample_weights() -> Float64[np.ndarray, "samples 26"]:
-    """Weights of the balls at both ends and in the middle of all rods."""
+    """Rows of weights that give each ball, then the middle of each rod, from the 26 balls."""
     rods = sorted(
         {pair for part in PARTS.tolist() for pair in combinations(sorted(set(part) - {-1}), 2)}
     )
@@ -31,7 +31,7 @@ _SAMPLES = _sample_weights()
 
 @dataclass(frozen=True, eq=False)
 class Silhouette:
-    """Distance of positions in a picture from the hand that a camera saw there.
+    """Map from positions in a picture to their distance from the hand's silhouette.
 
     Attributes
     ----------

@@ -81,7 +81,7 @@ def side_of(text: bytes | str) -> Side | None:
 
 
 def side_of_osc(packet: bytes) -> Side | None:
-    """Side of a frame in a packet of OSC, without reading the frame; None for a bundle."""
+    """Read only the hand's side from an OSC packet; None for a bundle or any other packet."""
     # A packet begins with the address and the types of the arguments, each padded by 1 to 4 zeros
     # to a multiple of 4 bytes; the time follows, then the side.
     head = b"/airtact/hand\0\0\0,"

@@ -31,9 +31,6 @@ from airtact.timing import give_way
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 """Environment of a process that must leave the other cores to the loop."""
 
-MAX_AHEAD = 0.06
-"""Largest time that a hand is extrapolated for its solution to be used as it is [s]."""
-
 MAX_REQUEST_AGE = 0.3
 """Older requests are not solved [s]."""
 
@@ -218,8 +215,9 @@ def _answer(
         begun = time.monotonic()
         try:
             part, ahead = plan.next(scene, request)
-            # The request has aged in the mailbox: that time is added, within reason.
-            ahead = min(ahead + begun - request.sent, MAX_AHEAD)
+            # The request has aged in the mailbox, and that time is added. A hand is extrapolated
+            # by 60 ms at most, for its solution to be used as it is.
+            ahead = min(ahead + begun - request.sent, 0.06)
             answer = solve(request.after(ahead), part, request.time + ahead)
             plan.took(part, time.monotonic() - begun)
         except (InvalidInput, NotConverged) as fault:

@@ -1,6 +1,6 @@
 """The server of the page: viser behind a check of every request. Only the page imports this.
 
-viser serves whoever connects, takes another port if one is taken, and opens a tunnel to the
+viser serves any client, takes another port if one is taken, and opens a tunnel to the
 internet when a page asks for it. Here it gets a socket that is bound already, and every request is
 checked first: a page of another site in the same browser reveals itself by its ``Origin``, or, if
 it uses its own name for this computer, by its ``Host``.

@@ -321,7 +321,7 @@ class BoundaryField(RadiatedField):
         if not len(target):
             return target, np.empty((0, 3, self.excitations), dtype=np.complex128)
         panel = contacts.panel
-        feet, normals = points_at(nodes.quadratic_triangles[panel], contacts.reference)
+        closest, normals = points_at(nodes.quadratic_triangles[panel], contacts.reference)
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         # blend from the surface (0) to the least height of differences (1)
         touching = contacts.distance < nodes.contact[panel]
@@ -331,10 +331,10 @@ class BoundaryField(RadiatedField):
         if yielding.any():
             # an impedance prescribes the normal slope: ∂p/∂n = −(ikρc/Z) p
             rates = -1j * self.scene.wavenumber * nodes.admittance[panel[yielding], None]
-            rises = rates * self.direct_at(feet[yielding])
+            rises = rates * self.direct_at(closest[yielding])
             gradient[yielding] += normals[yielding, :, None] * rises[:, None]
         off = height > 0.0
         weight = height[off, None, None]
-        lifted = self._gradient_near(feet[off] + blend_height * normals[off])
+        lifted = self._gradient_near(closest[off] + blend_height * normals[off])
         gradient[off] = (1.0 - weight) * gradient[off] + weight * lifted
         return target, gradient

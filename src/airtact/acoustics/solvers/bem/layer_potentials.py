@@ -6,7 +6,7 @@ the single layer of (ikρc/Z) p is added; "double layer" includes it here.
 
 A panel far from a point is summed over its nodes. A near one takes a near integral, which is added
 as a correction: the integral less the plain sum. With k = 0 and p = 1 the double layer is the solid
-angle of the bodies, which tells points inside from points outside.
+angle of the bodies, which separates points inside from points outside.
 """
 
 from dataclasses import dataclass, replace

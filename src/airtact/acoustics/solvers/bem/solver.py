@@ -81,24 +81,24 @@ class Settings:
 
     Attributes
     ----------
-    drives : accuracy from which on a solution without an estimate serves drives only.
-    preview : accuracy from which on panels are integrated coarsely.
-    bfloat16 : accuracy from which on the matrix is stored in bfloat16, which changes the field by
-        a thousandth.
+    drives : at this accuracy or a coarser one, a solution without an estimate serves drives only.
+    preview : at this accuracy or a coarser one, panels are integrated coarsely.
+    bfloat16 : at this accuracy or a coarser one, the matrix is stored in bfloat16, which changes
+        the field by a thousandth.
     panels_around : least accuracy, and panels that then go around a round body.
     panels_around_for_drives : the same for drives only.
     residuals : least accuracy, and residual to stop at over the accuracy, without an estimate.
-    residual_among_boards : factor of the residual among reflecting boards, between which what is
-        left of it goes to and fro.
-    iterations, iterations_among_boards : iterations after which a solve is given up; between boards
-        that face each other sound stays for long.
+    residual_among_boards : factor of the residual among reflecting boards, which reflect the
+        remaining sound back and forth.
+    iterations, iterations_among_boards : iterations after which a solve is given up; sound dies
+        out slowly between boards that face each other.
     solution_error : error of the solution of the equations over the accuracy, where a cavity makes
         them ill-conditioned.
     low_rank_error : error of the low-rank blocks over the accuracy.
     low_rank_before_plane : factor of that error before a plane, where the gap between a body and
         its image has more sound.
     skeleton_error : error of skeletons over the accuracy; far from the bodies it is less.
-    skeleton_reach : distance from a factorised body from which on its skeletons serve [λ].
+    skeleton_reach : least distance from a factorised body at which its skeletons are used [λ].
     yielding_nodes : nodes of a scene with an impedance over those without: the pressure on it bends
         more.
     yielding_admittance : |ρc/Z| up to which a surface takes no more nodes than a sound-hard one.

@@ -28,9 +28,6 @@ from airtact.errors import InvalidInput, NotConverged
 # Refinements that make up for single precision; two or three are usually enough
 MAX_REFINEMENTS = 12
 
-# Largest residual over the right-hand side after refinement
-RESIDUAL = 1e-6
-
 # Up to this order a residual of 1e-3 will do: the error of the elements is far larger
 COARSE_ORDER = 5
 
@@ -284,7 +281,9 @@ def factorised(
     """Factorise the assembled matrix of elements of an order by "sparsecholesky" or "pardiso"."""
     if method == "sparsecholesky":
         return SparseCholesky(form, free)
-    return Pardiso(form, free, 1e-3 if order <= COARSE_ORDER else RESIDUAL)
+    # largest residual over the right-hand side after refinement
+    residual = 1e-3 if order <= COARSE_ORDER else 1e-6
+    return Pardiso(form, free, residual)
 
 
 def check_memory(

@@ -255,7 +255,7 @@ class FactorisedScene(Solver):
     clock: Clock
 
     def radiate(self, scene: Scene, sources: Monopoles) -> FiniteField:
-        """Solve the same scene for the monopoles, without meshing or factorising anew.
+        """Solve the same scene for the monopoles, reusing the mesh and the factorisation.
 
         Raises
         ------
