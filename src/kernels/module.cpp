@@ -759,6 +759,8 @@ static void word_of_element(const Words *table, const void *, std::uint16_t boar
 }
 
 NB_MODULE(_kernels, m) {
+    // Structs that a session or a notebook still holds when Python ends are no fault to report.
+    nb::set_leak_warnings(false);
     m.doc() = "The compiled loops; kernels.hpp documents each.";
     m.def("variants", [] {
         nb::list names;
