@@ -207,10 +207,16 @@ def test_pardiso_solves_what_ngsolves_own_factorisation_does(settings, coarse, l
 
 
 def test_where_single_precision_does_not_suffice_double_takes_over(monkeypatch):
+    pardiso = factorisation.Pardiso
+
+    def leave_at_most(residual: float) -> None:
+        monkeypatch.setattr(
+            factorisation, "Pardiso", lambda form, free, _: pardiso(form, free, residual)
+        )
+
     monkeypatch.setattr(factorisation, "MAX_REFINEMENTS", 1)
-    monkeypatch.setattr(factorisation, "COARSE_ORDER", 0)
     # one solution in single precision leaves more
-    monkeypatch.setattr(factorisation, "RESIDUAL", 1e-10)
+    leave_at_most(1e-10)
     scene, sources = SMALL, one_each(np.array([[0.0, 0, 0.02]]))
     eighth = at.FiniteElement(order=2, symmetry=EIGHTH, factorisation="pardiso")
     found, exact = (
@@ -218,7 +224,7 @@ def test_where_single_precision_does_not_suffice_double_takes_over(monkeypatch):
         for solver in (eighth, replace(eighth, factorisation="sparsecholesky"))
     )
     assert relative(found, exact).max() < 1e-9
-    monkeypatch.setattr(factorisation, "RESIDUAL", 1e-30)
+    leave_at_most(1e-30)
     with raises_code("not_converged"):
         eighth.radiate(scene, sources)
 
