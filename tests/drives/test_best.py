@@ -145,3 +145,35 @@ def test_what_is_asked_may_be_too_much_for_few_elements() -> None:
     pressure = transfer.pressure(drive)
     assert pressure[1] / pressure[0] == pytest.approx(1j, rel=1e-9)
     assert np.abs(drive.amplitudes).max() == pytest.approx(1.0)
+
+
+# --- foci that fade -------------------------------------------------------------------------------
+
+
+FADING = np.array([[0.0, 0, 0], [0.015, 0, 0], [0, 0.02, 0]])
+
+
+@pytest.mark.parametrize("faded", [1.0, 0.5, 0.1, 0.05, 0.01, 1e-3, 0.0])
+def test_shares_from_0_to_1_are_met(faded):
+    shares = np.array([1.0, faded, faded])
+    transfer, target = in_open_air(FADING, shares=shares)
+    pressures = np.abs(transfer.pressure(at.best(transfer, target)))
+    np.testing.assert_allclose(pressures / pressures.max(), shares, atol=0.02)
+    # fading foci cost the strong one nothing
+    alike = at.Target(FADING)
+    assert pressures[0] >= worst(transfer, at.best(transfer, alike)) * 0.99
+
+
+@pytest.mark.parametrize("name", at.drives.METHODS)
+@pytest.mark.parametrize("asked", [{"shares": 1.0}, {"pressures": 2000.0}])
+def test_a_fading_focus_is_no_shadowed_one(name, asked):
+    (kind, strongest) = next(iter(asked.items()))
+    transfer, target = in_open_air(FADING, **{kind: strongest * np.array([1.0, 0.04, 1e-3])})
+    pressures = np.abs(transfer.pressure(at.drives.METHODS[name](transfer, target)))
+    assert pressures.argmax() == 0
+
+
+def test_pressures_of_zero_are_silent_foci():
+    transfer, target = in_open_air(FADING, np.array([2000.0, 0.0, 80.0]))
+    pressures = np.abs(transfer.pressure(at.best(transfer, target)))
+    np.testing.assert_allclose(pressures, [2000.0, 0.0, 80.0], atol=1e-6)

@@ -8,7 +8,7 @@ import numpy as np
 
 from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive
-from airtact.drives.reach import asked_rows, check_foci
+from airtact.drives.reach import FociRows, check_foci, foci_rows
 from airtact.drives.transfer import TransferMatrix
 from airtact.drives.weakest_focus import Stalled, max_min
 from airtact.transducers.levels import FULL_SCALE
@@ -70,15 +70,32 @@ def best(transfer: TransferMatrix, target: Target) -> Drive:
             drive = METHODS["gradient"](transfer, target)
     else:
         drive = METHODS[method](transfer, target)
-    if target.pressures is None or len(target.suppression_points):
+    if len(target.suppression_points) or (target.pressures is None and target.shares is None):
         return drive
-    # Exactly the pressures asked, with the phases that the method chose, if full scale is enough.
+    return _as_asked(foci_rows(transfer, target), target, drive)
+
+
+def _as_asked(matrix: FociRows, target: Target, drive: Drive) -> Drive:
+    """Give each focus what it asks for, 0 included, where that costs little; else keep the drive.
+
+    The foci keep the phases that they have under the drive.
+    """
     from airtact.drives.linear_methods import exact_amplitudes
 
-    matrix, requests = asked_rows(transfer, target)
-    phases = np.exp(1j * np.angle(matrix @ drive.amplitudes))
-    amplitudes = exact_amplitudes(matrix, requests * phases, sufficient_peak=1.0)
-    return Drive(amplitudes) if np.abs(amplitudes).max() <= FULL_SCALE else drive
+    pressures = matrix @ drive.amplitudes
+    wanted = target.weights * np.exp(1j * np.angle(pressures))
+    if target.pressures is not None:
+        amplitudes = exact_amplitudes(matrix, wanted, sufficient_peak=FULL_SCALE)
+        return Drive(amplitudes) if np.abs(amplitudes).max() <= FULL_SCALE else drive
+    shares = target.weights / target.weights.max()
+    # Full scale on every element gives the foci more than exact shares do.
+    if np.abs(np.abs(pressures) / np.abs(pressures).max() - shares).max() < 0.02:
+        return drive
+    amplitudes = exact_amplitudes(matrix, wanted)
+    amplitudes = amplitudes * (FULL_SCALE / np.abs(amplitudes).max())
+    strongest = np.abs(matrix @ amplitudes).max()
+    # Foci too close to each other have their shares only at a fraction of the pressure.
+    return Drive(amplitudes) if strongest > 0.5 * np.abs(pressures).max() else drive
 
 
 def method_for(target: Target) -> str:

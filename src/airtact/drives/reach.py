@@ -99,9 +99,13 @@ def check_solvable(transfer: TransferMatrix, target: Target) -> FociRows:
     attainable = np.abs(rows).sum(axis=1)[asked]
     shares = attainable / target.weights[asked]
     worst = int(shares.argmin())
-    # Also below the median, so that one strong focus does not make all the rest count as shadowed.
-    rest = np.delete(shares, worst)
-    if shares[worst] < 0.05 * shares.max() and shares[worst] < 0.05 * np.median(rest):
+    # Shadowed is a focus that can get little, in pascal and over what it asks: one that asks twenty
+    # times what the others do can get as much as they. The median, so that one strong focus does
+    # not make all the rest count as shadowed.
+    if len(asked) > 1 and all(
+        values[worst] < 0.05 * np.median(np.delete(values, worst))
+        for values in (attainable, shares)
+    ):
         point = target.points[asked[worst]]
         rest = np.median(np.delete(attainable, worst))
         raise InvalidInput(
