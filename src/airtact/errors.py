@@ -1,18 +1,24 @@
-"""Conventions of all packages (time sign, units, array axes), the error types and shared limits.
+"""Conventions of all packages, the error types, and checks of input that raise them.
 
 - Phasor p(t) = Re[P e^{-iωt}]; an outgoing wave is e^{+ikr}/r.
 - SI units: metre, hertz, pascal, radian. Amplitudes are peak values unless a name ends in ``_rms``.
 - Points are (N, 3) float64. Matrices: rows are receivers, columns are sources.
 - A monopole of strength s [Pa·m] in open air gives p = s e^{ikr}/r.
+
+In checks ``what`` is the name of the value in the sentence and ``unit`` its unit.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
-from typing import Any
+from pathlib import Path
+from types import UnionType
+from typing import Any, TypeVar
 
 import numpy as np
-from jaxtyping import Real
+from jaxtyping import Complex128, Float64, Num, Real
+
+Value = TypeVar("Value")
 
 Vector = Real[np.ndarray, "3"] | tuple[float | int, float | int, float | int]
 """One point or direction: an array of three numbers or a tuple of three."""
@@ -132,3 +138,225 @@ def extra(name: str, need: str) -> Iterator[None]:
             f"{need}, which does not load ({fault}): pip install 'airtact[{name}]'.",
             code="extra_missing",
         ) from None
+
+
+def counted(number: int, singular: str, plural: str) -> str:
+    """Write a number with its noun.
+
+    Examples
+    --------
+    >>> counted(1, "edge is", "edges are"), counted(3, "edge is", "edges are")
+    ('1 edge is', '3 edges are')
+    """
+    return f"{number} {singular if number == 1 else plural}"
+
+
+def in_mm(point: Real[np.ndarray, "3"]) -> str:
+    """Write a point [m] in millimetres.
+
+    Examples
+    --------
+    >>> in_mm(np.array([0.001, -0.02, 0.3]))
+    '(1.00, -20.00, 300.00) mm'
+    """
+    x, y, z = 1e3 * np.asarray(point, dtype=np.float64)
+    return f"({x:.2f}, {y:.2f}, {z:.2f}) mm"
+
+
+def of_kind(value: Value, kind: type | UnionType, what: str, instead: str) -> Value:
+    """Return an object of the right type, or raise "wrong_kind"; ``instead`` names what to give."""
+    if not isinstance(value, kind):
+        name = kind.__name__ if isinstance(kind, type) else str(kind)
+        raise InvalidInput(
+            f"{what} is {_described(value)}, but it must be {_article(name)} {name}: give "
+            f"{instead}.",
+            code="wrong_kind",
+        )
+    return value
+
+
+def _described(value: object) -> str:
+    """Describe a wrong value: numbers and texts as they are, others by type and size."""
+    if isinstance(value, type):
+        return f"the class {value.__name__}"
+    if isinstance(value, bool | int | float | complex | str):
+        return f"{value!r}"
+    if isinstance(value, np.ndarray):
+        return f"an array of shape {value.shape}"
+    name = type(value).__name__
+    size = f" of length {len(value)}" if isinstance(value, list | tuple | dict) else ""
+    return f"{_article(name)} {name}{size}"
+
+
+def _article(name: str) -> str:
+    return "an" if name[0] in "AEIOUaeiou" else "a"
+
+
+def check_choice(value: str, what: str, choices: Sequence[str]) -> None:
+    """Raise "unknown_name" where a value is none of the choices."""
+    if value not in choices:
+        raise InvalidInput(
+            f"{what} is {value!r}, but it must be one of {', '.join(map(repr, choices))}.",
+            code="unknown_name",
+        )
+
+
+def number(value: float, what: str, unit: str) -> float:
+    """Return a real number as a float, or raise "not_a_number"; NaN and infinity pass."""
+    array = np.asarray(value if np.isscalar(value) or isinstance(value, np.ndarray) else None)
+    if array.ndim != 0 or array.dtype.kind not in "iuf":
+        raise InvalidInput(
+            f"{what} is {_described(value)}, but it must be one real number, in {unit}.",
+            code="not_a_number",
+        )
+    return float(array)
+
+
+def positive(value: float, what: str, unit: str) -> float:
+    """Return a finite number above zero as a float, or raise "out_of_range", or as ``number``.
+
+    Examples
+    --------
+    >>> positive(40e3, "frequency", "Hz")
+    40000.0
+    """
+    given = number(value, what, unit)
+    if not np.isfinite(given) or given <= 0.0:
+        raise InvalidInput(
+            f"{what} is {given:g} {unit}, but it must be a finite number above zero.",
+            code="out_of_range",
+        )
+    return given
+
+
+def between(value: float, low: float, high: float, what: str, unit: str, slip: str) -> float:
+    """Return a number from ``low`` to ``high`` as a float; raise "out_of_range", or as ``number``.
+
+    ``slip`` is the question to ask where the unit is probably wrong, such as "is it in kHz?".
+
+    Examples
+    --------
+    >>> between(5, 0, 1, "gain", "", "5 % is 0.05.")
+    Traceback (most recent call last):
+    ...
+    airtact.errors.InvalidInput: gain is 5, but it must lie between 0 and 1: 5 % is 0.05.
+    """
+    given = number(value, what, unit)
+    if not low <= given <= high:
+        unit = f" {unit}" if unit else ""
+        raise InvalidInput(
+            f"{what} is {given:g}{unit}, but it must lie between {low:g} and {high:g}{unit}: "
+            f"{slip}",
+            code="out_of_range",
+        )
+    return given
+
+
+def within(value: float, low: float, high: float, what: str, unit: str, slip: str) -> float:
+    """Return a number as ``between``, and above zero."""
+    return between(positive(value, what, unit), low, high, what, unit, slip)
+
+
+def check_frequency(frequency: float) -> float:
+    """Return a frequency [Hz] from 1 kHz to 1 MHz as a float; raise as ``between``."""
+    return between(frequency, 1e3, 1e6, "frequency", "Hz", "is it in kHz? Give hertz.")
+
+
+def check_seed(seed: int) -> None:
+    """Raise "out_of_range" where a seed of random numbers is not a whole number of 0 or more."""
+    if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or seed < 0:
+        raise InvalidInput(
+            f"a seed is a whole number of 0 or more, not {seed!r}.", code="out_of_range"
+        )
+
+
+def fixed(array: Real[np.ndarray, "..."]) -> Float64[np.ndarray, "..."]:
+    """Copy an array to read-only float64, so that what was checked stays true."""
+    copy = np.array(array, dtype=np.float64, order="C")
+    copy.flags.writeable = False
+    return copy
+
+
+def real_numbers(array: Real[np.ndarray, "..."], what: str) -> Float64[np.ndarray, "..."]:
+    """Return an array, or nested lists, of real numbers of any shape as read-only float64.
+
+    Raise "wrong_shape" where rows differ in length, "not_a_number" for complex numbers, text or
+    other things.
+    """
+    try:
+        given = np.asarray(array)
+    except ValueError:
+        raise InvalidInput(
+            f"{what} are {_described(array)} whose rows differ in length; give an array.",
+            code="wrong_shape",
+        ) from None
+    if given.dtype.kind not in "iuf" and given.size:
+        raise InvalidInput(
+            f"{what} are {_described(array)} of type {given.dtype} and shape {given.shape}; give "
+            "real numbers.",
+            code="not_a_number",
+        )
+    return fixed(given)
+
+
+def complex_numbers(array: Num[np.ndarray, "..."], what: str) -> Complex128[np.ndarray, "..."]:
+    """Return numbers of any shape as a complex128 copy, or raise "not_a_number"."""
+    try:
+        return np.array(array, dtype=np.complex128)
+    except (TypeError, ValueError):
+        raise InvalidInput(
+            f"{what} are {_described(array)}, but they must be an array of numbers.",
+            code="not_a_number",
+        ) from None
+
+
+def points_of(
+    array: Real[np.ndarray, "..."], what: str, least: int = 1
+) -> Float64[np.ndarray, "points 3"]:
+    """Return at least ``least`` (0 or 1) points (P, 3) as read-only float64.
+
+    One point (3,) is not a list of points.
+
+    Raise as ``real_numbers``, or "wrong_shape", "empty" or "not_finite".
+    """
+    points = real_numbers(array, what)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InvalidInput(
+            f"{what} have shape {points.shape}, but points are an array of shape (number of "
+            "points, 3).",
+            code="wrong_shape",
+        )
+    if len(points) < least:
+        raise InvalidInput(f"{what} are empty; give at least one.", code="empty")
+    check_finite(points, what)
+    return points
+
+
+def point_of(vector: Vector, what: str) -> Float64[np.ndarray, "3"]:
+    """Return one point (3,) as read-only float64; raise as ``points_of``."""
+    point = real_numbers(np.asarray(vector), what)
+    if point.shape != (3,):
+        raise InvalidInput(
+            f"{what} has shape {point.shape}, but a point has shape (3,).", code="wrong_shape"
+        )
+    check_finite(point, what)
+    return point
+
+
+def check_finite(array: np.ndarray, what: str) -> None:
+    """Raise "not_finite" where an array holds NaN or infinity."""
+    bad = np.argwhere(~np.isfinite(array))
+    if len(bad):
+        values = counted(len(bad), "NaN or infinite value", "NaN or infinite values")
+        raise InvalidInput(
+            f"{what} hold {values}, the first at index {bad[0].tolist()}.", code="not_finite"
+        )
+
+
+def file_fault(path: Path, error: OSError) -> InvalidInput:
+    """Make the error of a file that cannot be read: "file_missing", or else "file_unreadable"."""
+    if isinstance(error, FileNotFoundError):
+        return InvalidInput(f"the file {path} does not exist.", code="file_missing")
+    return InvalidInput(
+        f"cannot read the file {path}: {error.strerror or error}.", code="file_unreadable"
+    )

@@ -11,8 +11,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from airtact.acoustics.target_points import Points, check_count, frame_of, spaced_apart
-from airtact.checks import positive
-from airtact.errors import LARGEST_NUMBER, SMALLEST_NUMBER, InvalidInput, Vector
+from airtact.errors import LARGEST_NUMBER, SMALLEST_NUMBER, InvalidInput, Vector, positive
 from airtact.files.bounded import bytes_of
 
 # Largest size of an SVG drawing [bytes]; the reader's time grows with the square of the size

@@ -14,7 +14,7 @@ Sources
 import math
 from dataclasses import dataclass
 
-from airtact.checks import between, positive
+from airtact.errors import between, positive
 
 _PASCAL = 101325.0  # one standard atmosphere, the reference pressure of ISO 9613-1
 _CARBON_DIOXIDE = 0.0004  # mole fraction, as in CIPM-2007

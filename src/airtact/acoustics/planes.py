@@ -10,8 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Real
 
 from airtact.acoustics.sources import Monopoles
-from airtact.checks import fixed, in_mm, of_kind, point_of
-from airtact.errors import InvalidInput, Vector
+from airtact.errors import InvalidInput, Vector, fixed, in_mm, of_kind, point_of
 from airtact.geometry.checks import NEAREST
 from airtact.geometry.pose import Pose
 from airtact.geometry.surface import Surface

@@ -13,8 +13,15 @@ from airtact.acoustics.medium import Medium
 from airtact.acoustics.planes import Plane, check_before_planes, planes_of
 from airtact.acoustics.sources import Monopoles
 from airtact.acoustics.target import Beacons, Target
-from airtact.checks import check_choice, check_frequency, counted, in_mm, of_kind, points_of
-from airtact.errors import InvalidInput
+from airtact.errors import (
+    InvalidInput,
+    check_choice,
+    check_frequency,
+    counted,
+    in_mm,
+    of_kind,
+    points_of,
+)
 from airtact.geometry.checks import NEAREST, approach, check_apart, check_surface
 from airtact.geometry.surface import Surface
 from airtact.printing import html_table, one_line, sides_in_mm

@@ -19,8 +19,7 @@ from airtact.acoustics.field_file import DamagedError, packed, save, unpacked
 from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.problem import RadiatedField, Solver, SolveReport
 from airtact.acoustics.sources import Monopoles
-from airtact.checks import number, of_kind
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, number, of_kind
 from airtact.files.bounded import bytes_of
 from airtact.timing import Progress
 

@@ -10,7 +10,8 @@ from jaxtyping import Complex128, Float64, Num, Real
 from scipy.spatial.distance import cdist
 
 from airtact.acoustics.sources import Monopoles
-from airtact.checks import (
+from airtact.errors import (
+    InvalidInput,
     check_finite,
     complex_numbers,
     counted,
@@ -19,7 +20,6 @@ from airtact.checks import (
     points_of,
     real_numbers,
 )
-from airtact.errors import InvalidInput
 from airtact.printing import html_table, one_line, span
 
 # The value wanted at each focus: (F,) numbers, or one for all

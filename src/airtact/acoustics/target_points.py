@@ -10,8 +10,17 @@ import numpy as np
 from jaxtyping import Float64, Real
 from scipy.spatial import KDTree
 
-from airtact.checks import between, in_mm, of_kind, point_of, points_of, positive
-from airtact.errors import MOST_POINTS, InvalidInput, Vector
+from airtact.errors import (
+    MOST_POINTS,
+    InvalidInput,
+    Vector,
+    between,
+    in_mm,
+    of_kind,
+    point_of,
+    points_of,
+    positive,
+)
 from airtact.geometry.mesh.quadratic_triangles import points_at
 from airtact.geometry.panels import panels_of
 from airtact.geometry.surface import Surface

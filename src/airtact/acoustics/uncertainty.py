@@ -4,8 +4,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from airtact.checks import between, point_of
-from airtact.errors import InvalidInput, Vector
+from airtact.errors import InvalidInput, Vector, between, point_of
 from airtact.printing import one_line
 
 # Angles above zero and below this were probably meant in radians [degree]; they move nothing that

@@ -222,7 +222,7 @@ def _size(surface: "Surface") -> dict[str, Any]:
 
 
 def _scene_tables(setup: "Setup", unknowns: int | None) -> "Iterator[Table]":
-    from airtact.checks import in_mm
+    from airtact.errors import in_mm
 
     scene = setup.scene
     wavelength = scene.wavelength

@@ -66,7 +66,7 @@ def hand(
     a cloud of points, .ply, .xyz or .npy, with rough --landmarks a hand is fitted, and the picture
     shows how far the points are from its skin.
     """
-    from airtact.checks import within
+    from airtact.errors import within
     from airtact.hands.files import CLOUD_ENDINGS
     from airtact.hands.tracking.recordings import ENDINGS as RECORDINGS
     from airtact.setup.panel_files import check_output

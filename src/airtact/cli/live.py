@@ -117,7 +117,7 @@ def live(
     --record writes the frames of trackers to a recording instead; SCENE is not read then. --verify
     compares drives of a session with the whole hand as it was when they were in the air.
     """
-    from airtact.checks import positive
+    from airtact.errors import positive
 
     share = level_of(cap, full_scale)
     if seconds is not None:

@@ -128,7 +128,7 @@ def usual_edge(wavelength: float) -> float:
 
 
 def _checked_edge(edge: float, surface: "Surface") -> float:
-    from airtact.checks import positive
+    from airtact.errors import positive
 
     edge = positive(edge, "edge", "m")
     if edge > surface.extent:

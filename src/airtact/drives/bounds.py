@@ -13,10 +13,10 @@ import numpy as np
 from jaxtyping import Complex128, Float64
 
 from airtact.acoustics.target import Target
-from airtact.checks import counted, positive
 from airtact.drives.drive import Drive
 from airtact.drives.reach import FociRows, asked_rows
 from airtact.drives.transfer import TransferMatrix
+from airtact.errors import counted, positive
 from airtact.printing import one_line
 
 

@@ -11,9 +11,8 @@ from jaxtyping import Complex128
 import airtact
 from airtact.acoustics.scene import Scene
 from airtact.acoustics.target import Target
-from airtact.checks import check_finite, complex_numbers, counted, of_kind
 from airtact.drives.frame import Frame
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, check_finite, complex_numbers, counted, of_kind
 from airtact.printing import html_table, one_line
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.levels import EIGHT_BITS, FULL_SCALE, Levels

@@ -30,9 +30,17 @@ from jaxtyping import Complex128, Float64, UInt8
 from airtact.acoustics.medium import Medium
 from airtact.acoustics.scene import Scene
 from airtact.acoustics.target import Target
-from airtact.checks import check_finite, of_kind, points_of, positive, real_numbers
 from airtact.drives.transfer import TransferMatrix
-from airtact.errors import LARGEST_DATA, InvalidInput, about
+from airtact.errors import (
+    LARGEST_DATA,
+    InvalidInput,
+    about,
+    check_finite,
+    of_kind,
+    points_of,
+    positive,
+    real_numbers,
+)
 from airtact.files.atomic import written
 from airtact.files.bounded import arrays_of, datasets_of, text_of
 from airtact.geometry.pose import Pose

@@ -6,8 +6,7 @@ import numpy as np
 from jaxtyping import Complex, UInt8
 
 import airtact
-from airtact.checks import number
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, number
 from airtact.printing import in_short
 from airtact.transducers.levels import EIGHT_BITS, Levels
 

@@ -4,13 +4,12 @@ import numpy as np
 from jaxtyping import Complex128, Float64
 
 from airtact.acoustics.target import Target
-from airtact.checks import counted
 from airtact.drives.drive import Amplitudes, Drive
 from airtact.drives.gerchberg_saxton import check_iterations, phase
 from airtact.drives.reach import FociRows, asked_rows, scaled_to_target, suppression_rows
 from airtact.drives.transfer import TransferMatrix
 from airtact.drives.weakest_focus import smallest_pressure, strongest_sources, warn_stalled
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, counted
 
 SHARPNESS = 200.0
 """Minus the exponent of the power mean that approximates the smallest pressure.

@@ -4,7 +4,6 @@ import numpy as np
 from jaxtyping import Complex128, Float64
 
 from airtact.acoustics.target import Target
-from airtact.checks import positive
 from airtact.drives.drive import Amplitudes, Drive
 from airtact.drives.gerchberg_saxton import check_iterations
 from airtact.drives.reach import (
@@ -15,6 +14,7 @@ from airtact.drives.reach import (
     suppression_rows,
 )
 from airtact.drives.transfer import TransferMatrix
+from airtact.errors import positive
 
 
 def time_reversal(transfer: TransferMatrix, target: Target) -> Drive:

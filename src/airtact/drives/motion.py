@@ -16,11 +16,10 @@ from jaxtyping import Float64, Real
 from airtact.acoustics.scene import Scene
 from airtact.acoustics.target import Target
 from airtact.acoustics.target_points import MAX_OFFSET, frame_of, onto_surface, outward
-from airtact.checks import of_kind, positive
 from airtact.drives.methods import best
 from airtact.drives.sequence import MIN_FRAMES, Sequence, sequence_through
 from airtact.drives.transfer import MakeDrive, TransferMatrix
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, of_kind, positive
 
 DEFAULT_FRAMES = 16
 """Positions on a path around a focus."""

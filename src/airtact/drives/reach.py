@@ -5,10 +5,9 @@ from jaxtyping import Complex, Complex128, Float64
 from scipy.spatial import KDTree
 
 from airtact.acoustics.target import Target
-from airtact.checks import counted, in_mm, of_kind
 from airtact.drives.drive import Drive
 from airtact.drives.transfer import TransferMatrix
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, counted, in_mm, of_kind
 
 FociRows = Complex128[np.ndarray, "foci elements"]
 """Rows of a transfer matrix at foci, often over what each focus asks."""

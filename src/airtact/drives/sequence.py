@@ -15,13 +15,12 @@ from jaxtyping import Complex128, Int64
 
 from airtact.acoustics.scene import Scene
 from airtact.acoustics.target import Target
-from airtact.checks import check_finite, complex_numbers, of_kind, positive
 from airtact.drives.drive import Amplitudes, Drive, check_drive
 from airtact.drives.drive_file import save_drives
 from airtact.drives.linear_methods import phase_conjugate
 from airtact.drives.reach import check_foci
 from airtact.drives.transfer import MakeDrive, TransferMatrix
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, check_finite, complex_numbers, of_kind, positive
 from airtact.printing import in_short
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.levels import EIGHT_BITS, FULL_SCALE, Levels

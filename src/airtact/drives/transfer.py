@@ -11,10 +11,17 @@ from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.free_field import FreeField
 from airtact.acoustics.solvers.problem import RadiatedField
 from airtact.acoustics.target import Target
-from airtact.checks import check_finite, check_frequency, complex_numbers, counted, in_mm, of_kind
 from airtact.drives.drive import Drive, check_drive
 from airtact.drives.frame import Frame
-from airtact.errors import InvalidInput
+from airtact.errors import (
+    InvalidInput,
+    check_finite,
+    check_frequency,
+    complex_numbers,
+    counted,
+    in_mm,
+    of_kind,
+)
 from airtact.printing import html_table, one_line
 from airtact.transducers.element import check_pattern
 from airtact.transducers.layout import PhasedArray

@@ -39,11 +39,10 @@ from airtact.acoustics.sources import Monopoles
 from airtact.acoustics.target import Beacons
 from airtact.acoustics.target_points import frame_of, outward
 from airtact.acoustics.uncertainty import Uncertainty
-from airtact.checks import check_seed, counted, of_kind
 from airtact.drives.draws import Draw, draws, gains
 from airtact.drives.drive import Drive
 from airtact.drives.transfer import TransferMatrix, transfer_matrix
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, check_seed, counted, of_kind
 from airtact.geometry.pose import Pose
 from airtact.printing import in_short, one_line
 from airtact.transducers.boards import kind_of_array

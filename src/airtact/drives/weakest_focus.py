@@ -5,7 +5,6 @@ import warnings
 import numpy as np
 
 from airtact.acoustics.target import Target
-from airtact.checks import counted
 from airtact.drives.bounds import relaxed_bound, to_rank_one
 from airtact.drives.drive import Amplitudes, Drive
 from airtact.drives.gerchberg_saxton import (
@@ -17,6 +16,7 @@ from airtact.drives.gerchberg_saxton import (
 )
 from airtact.drives.reach import FociRows, asked_rows, scaled_to_target
 from airtact.drives.transfer import TransferMatrix
+from airtact.errors import counted
 
 
 class Stalled(UserWarning):

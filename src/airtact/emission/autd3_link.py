@@ -10,10 +10,9 @@ import numpy as np
 from jaxtyping import Float64, UInt8, UInt16
 
 from airtact import _kernels
-from airtact.checks import of_kind
 from airtact.drives.frame import Frame
 from airtact.emission.link import Link, LinkFailed
-from airtact.errors import InvalidInput, extra
+from airtact.errors import InvalidInput, extra, of_kind
 from airtact.geometry.pose import Pose
 from airtact.transducers.levels import EIGHT_BITS
 from airtact.transducers.modulation import check_rate

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from airtact.checks import number, of_kind, positive
 from airtact.drives.drive import Drive, check_drive
 from airtact.drives.frame import Frame, check_cap
 from airtact.drives.sequence import Sequence
@@ -21,7 +20,7 @@ from airtact.emission.amplitudes import frames_of_period
 from airtact.emission.feeding import LinkProcess
 from airtact.emission.link import Link, LinkFailed
 from airtact.emission.player import Settings
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, number, of_kind, positive
 from airtact.transducers.modulation import AmplitudeModulation
 
 

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Complex128
 
-from airtact.checks import of_kind
 from airtact.drives.drive import Drive
 from airtact.drives.drive_file import ENDINGS as DRIVE_ENDINGS
 from airtact.drives.drive_file import (
@@ -19,7 +18,7 @@ from airtact.drives.frame import Frame
 from airtact.drives.sequence import Sequence as Drives
 from airtact.emission.codecs import codec_of
 from airtact.emission.link import Link
-from airtact.errors import InvalidInput, about
+from airtact.errors import InvalidInput, about, of_kind
 from airtact.files.atomic import written
 from airtact.files.bounded import bytes_of
 

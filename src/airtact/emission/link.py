@@ -14,10 +14,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.checks import counted, of_kind, positive
 from airtact.drives.frame import Frame
 from airtact.emission.codecs import Codec, codec_of
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, counted, of_kind, positive
 from airtact.transducers.levels import Levels
 
 

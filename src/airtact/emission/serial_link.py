@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from airtact.checks import of_kind
 from airtact.drives.frame import Frame
 from airtact.emission.link import Link
-from airtact.errors import InvalidInput, extra
+from airtact.errors import InvalidInput, extra, of_kind
 
 PATIENCE = 0.5
 """Time that a board may take to accept a frame or to answer it [s]."""

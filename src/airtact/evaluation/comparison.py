@@ -9,9 +9,8 @@ from jaxtyping import Complex128, Float64, Real
 from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.problem import RadiatedField, Solver, SolveReport
 from airtact.acoustics.target import Target
-from airtact.checks import counted, of_kind
 from airtact.drives.drive import Drive, check_drive
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, counted, of_kind
 from airtact.evaluation.field import radiate_drives
 from airtact.evaluation.metrics import not_modelled
 from airtact.printing import html_table, one_line

@@ -8,9 +8,8 @@ from jaxtyping import Complex128, Float64, Real
 from airtact.acoustics.scene import Scene, check_outside
 from airtact.acoustics.solvers.problem import RadiatedField, Solver
 from airtact.acoustics.sources import Monopoles, check_off_sources
-from airtact.checks import counted, of_kind, points_of
 from airtact.drives.drive import Drive, check_drive
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, counted, of_kind, points_of
 from airtact.timing import Progress, no_progress
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_placement

@@ -8,9 +8,9 @@ from jaxtyping import Complex128, Float64
 from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.problem import BOARDS, PLANES, RadiatedField, Solver, SolveReport
 from airtact.acoustics.target import Target
-from airtact.checks import counted, of_kind
 from airtact.drives.drive import Drive
 from airtact.drives.reach import fraction
+from airtact.errors import counted, of_kind
 from airtact.evaluation.field import radiate_drives
 from airtact.printing import html_table, one_line
 from airtact.timing import Progress

@@ -7,8 +7,7 @@ from jaxtyping import Bool, Complex128, Float64, Real
 
 from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.problem import RadiatedField
-from airtact.checks import number, points_of, positive, real_numbers
-from airtact.errors import InvalidInput, Vector
+from airtact.errors import InvalidInput, Vector, number, points_of, positive, real_numbers
 from airtact.geometry.primitives import turn_from_z
 from airtact.transducers.element import piston
 

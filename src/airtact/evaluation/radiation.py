@@ -8,8 +8,7 @@ from jaxtyping import Bool, Complex128, Float64, Int64, Real
 from airtact.acoustics.medium import Medium
 from airtact.acoustics.solvers.bem.quadrature import place_nodes
 from airtact.acoustics.solvers.problem import RadiatedField, SolveReport
-from airtact.checks import in_mm, positive
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, in_mm, positive
 from airtact.geometry.mesh.arrays import QuadraticTriangles
 from airtact.geometry.panels import panels_of
 from airtact.printing import one_line

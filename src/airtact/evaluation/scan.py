@@ -6,8 +6,15 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Complex128, Float64
 
-from airtact.checks import check_finite, complex_numbers, counted, in_mm, points_of
-from airtact.errors import InvalidInput, about
+from airtact.errors import (
+    InvalidInput,
+    about,
+    check_finite,
+    complex_numbers,
+    counted,
+    in_mm,
+    points_of,
+)
 from airtact.files.text_table import read_text_table
 from airtact.printing import in_short
 

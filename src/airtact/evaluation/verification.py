@@ -10,11 +10,10 @@ from airtact.acoustics.planes import before_planes
 from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.problem import RadiatedField, Solver
 from airtact.acoustics.target import Target
-from airtact.checks import counted, in_mm, of_kind, points_of
 from airtact.drives.drive import Drive, quantise
 from airtact.drives.reach import check_foci
 from airtact.drives.transfer import TransferMatrix, transfer_matrix
-from airtact.errors import InvalidInput, Vector
+from airtact.errors import InvalidInput, Vector, counted, in_mm, of_kind, points_of
 from airtact.evaluation.field import radiate_drives
 from airtact.evaluation.head_level import NO_SAFETY_ASSESSMENT, sound_pressure_level
 from airtact.evaluation.metrics import Evaluation

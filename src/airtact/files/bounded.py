@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Shaped
 
-from airtact.checks import file_fault
-from airtact.errors import LARGEST_DATA, InvalidInput, about
+from airtact.errors import LARGEST_DATA, InvalidInput, about, file_fault
 
 # Arrays of a file by name
 Arrays = dict[str, Shaped[np.ndarray, "..."]]

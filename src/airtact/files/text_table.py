@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Complex128, Float64
 
-from airtact.checks import counted
-from airtact.errors import LARGEST_NUMBER, InvalidInput
+from airtact.errors import LARGEST_NUMBER, InvalidInput, counted
 from airtact.files.bounded import text_of
 from airtact.printing import in_short
 

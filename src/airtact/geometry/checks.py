@@ -11,8 +11,7 @@ from weakref import WeakSet
 
 import numpy as np
 
-from airtact.checks import counted, in_mm
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, counted, in_mm
 from airtact.geometry.mesh.arrays import Corners, FlatMesh, Points, Vector3
 from airtact.geometry.mesh.mesh_distance import (
     FirstCorners,

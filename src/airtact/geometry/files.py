@@ -4,8 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from airtact.checks import counted, fixed, of_kind, positive
-from airtact.errors import about
+from airtact.errors import about, counted, fixed, of_kind, positive
 from airtact.files.meshes import read_mesh
 from airtact.geometry.checks import check_not_crossed
 from airtact.geometry.mesh.repair import repaired

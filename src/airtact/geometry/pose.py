@@ -7,8 +7,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float64, Real
 
-from airtact.checks import check_finite, number, real_numbers
-from airtact.errors import InvalidInput, Vector
+from airtact.errors import InvalidInput, Vector, check_finite, number, real_numbers
 from airtact.printing import in_short
 
 

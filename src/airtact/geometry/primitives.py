@@ -7,8 +7,7 @@ from functools import cache, lru_cache
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.checks import fixed, number, point_of, positive
-from airtact.errors import InvalidInput, Vector
+from airtact.errors import InvalidInput, Vector, fixed, number, point_of, positive
 from airtact.geometry.mesh.arrays import (
     FlatMesh,
     PointLengths,

@@ -6,7 +6,8 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Integer, Real
 
-from airtact.checks import (
+from airtact.errors import (
+    InvalidInput,
     between,
     check_finite,
     counted,
@@ -17,7 +18,6 @@ from airtact.checks import (
     positive,
     real_numbers,
 )
-from airtact.errors import InvalidInput
 from airtact.geometry.mesh.arrays import (
     EdgeVectors,
     IndexPairs,

@@ -18,8 +18,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 from scipy.spatial import KDTree
 
-from airtact.checks import in_mm, of_kind, within
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, in_mm, of_kind, within
 from airtact.geometry.checks import (
     FLAT_TOLERANCE,
     NEAREST,

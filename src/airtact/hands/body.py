@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64, Real
 
 from airtact import _kernels
-from airtact.checks import fixed, in_mm
+from airtact.errors import fixed, in_mm
 from airtact.hands.joints import (
     CHAINS,
     FINGERS,

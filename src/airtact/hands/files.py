@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.checks import of_kind, points_of, positive
-from airtact.errors import InvalidInput, about
+from airtact.errors import InvalidInput, about, of_kind, points_of, positive
 from airtact.files.bounded import array_of, text_of
 from airtact.files.meshes import read_node_positions, read_vertices
 from airtact.hands.hand import Hand, hand_from_joints

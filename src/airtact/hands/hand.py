@@ -9,8 +9,7 @@ import numpy as np
 from jaxtyping import Float64, Real
 
 from airtact.acoustics.target_points import outward
-from airtact.checks import fixed, in_mm, of_kind, within
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, fixed, in_mm, of_kind, within
 from airtact.geometry.surface import Surface
 from airtact.hands.body import Hulls, Touch, hand_hulls
 from airtact.hands.joints import (

@@ -18,8 +18,15 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float64, Real
 
-from airtact.checks import check_finite, counted, fixed, points_of, real_numbers, within
-from airtact.errors import InvalidInput
+from airtact.errors import (
+    InvalidInput,
+    check_finite,
+    counted,
+    fixed,
+    points_of,
+    real_numbers,
+    within,
+)
 
 Side = Literal["right", "left"]
 Joints = Float64[np.ndarray, "25 3"]

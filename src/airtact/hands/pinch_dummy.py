@@ -10,8 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.checks import fixed, number, within
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, fixed, number, within
 from airtact.geometry.primitives import capsule
 from airtact.geometry.surface import Surface
 from airtact.printing import in_short

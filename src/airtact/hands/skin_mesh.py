@@ -15,8 +15,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from airtact import _kernels
-from airtact.checks import fixed
-from airtact.errors import extra
+from airtact.errors import extra, fixed
 from airtact.geometry.mesh.quadratic_triangles import smallest_angles, with_middles
 from airtact.geometry.mesh.topology import cone_volumes, edge_keys
 from airtact.geometry.panels import LARGEST_TO_GAP

@@ -15,10 +15,9 @@ from jaxtyping import Complex, Complex128, Float64, Int64
 from airtact.acoustics.medium import Medium
 from airtact.acoustics.planes import Plane
 from airtact.acoustics.scene import check_no_boards
-from airtact.checks import counted, fixed
 from airtact.drives.motion import DEFAULT_FRAMES, Motion
 from airtact.drives.sequence import MIN_FRAMES
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, counted, fixed
 from airtact.hands.hand import PLACES, Hand, Side
 from airtact.hands.joints import CHAINS, check_finger_order, cross, joints_of, radii_of, unit
 from airtact.printing import in_short

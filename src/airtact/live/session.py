@@ -17,8 +17,7 @@ from jaxtyping import Bool, Complex64, Float64
 
 from airtact.acoustics.medium import Medium
 from airtact.acoustics.planes import plane
-from airtact.checks import file_fault, fixed
-from airtact.errors import InvalidInput, about
+from airtact.errors import InvalidInput, about, file_fault, fixed
 from airtact.hands.joints import Side, joints_of
 from airtact.hands.tracking.frame import HandFrame
 from airtact.hands.tracking.recordings import Recording

@@ -9,8 +9,7 @@ from threading import Event, Lock, Thread
 
 import numpy as np
 
-from airtact.checks import between, positive
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, between, positive
 from airtact.geometry.pose import Pose, nearest_motion
 from airtact.hands.hand import Hand
 from airtact.hands.tracking.frame import HandFrame

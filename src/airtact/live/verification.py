@@ -9,10 +9,9 @@ from jaxtyping import Float64
 from airtact.acoustics.scene import Scene, sound_hard
 from airtact.acoustics.solvers.bem.solver import BoundaryElement
 from airtact.acoustics.target import Target
-from airtact.checks import fixed
 from airtact.drives.methods import best
 from airtact.drives.transfer import transfer_matrix
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, fixed
 from airtact.hands.hand import hand_from_joints
 from airtact.live.moment import Rule
 from airtact.live.scene import Joints, foci_on

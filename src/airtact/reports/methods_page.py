@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from airtact.checks import counted
+from airtact.errors import counted
 from airtact.evaluation.metrics import not_modelled
 from airtact.files.atomic import whole_file
 from airtact.reports.field_figure import Cut, draw_field

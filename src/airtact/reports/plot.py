@@ -13,9 +13,8 @@ from mpl_toolkits.mplot3d import Axes3D
 from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.problem import RadiatedField
 from airtact.acoustics.target import Beacons, Target
-from airtact.checks import counted, of_kind, positive
 from airtact.drives.drive import Drive, check_drive
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, counted, of_kind, positive
 from airtact.evaluation.comparison import Comparison
 from airtact.evaluation.metrics import Evaluation
 from airtact.evaluation.windows import plane_across, plane_of_scene

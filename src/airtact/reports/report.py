@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from airtact.checks import of_kind
+from airtact.errors import of_kind
 from airtact.files.atomic import writable_folder
 from airtact.setup.comparing import MethodComparison
 from airtact.setup.rendering import Rendering

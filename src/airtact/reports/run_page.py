@@ -9,8 +9,8 @@ import numpy as np
 from markupsafe import Markup
 
 from airtact.acoustics.solvers.problem import SolveReport
-from airtact.checks import counted, in_mm
 from airtact.drives.transfer_ensemble import TransferEnsemble
+from airtact.errors import counted, in_mm
 from airtact.evaluation.comparison import HELD_EQUAL
 from airtact.evaluation.headline import pascals
 from airtact.evaluation.metrics import not_modelled

@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path as Outline
 
-from airtact.checks import counted
+from airtact.errors import counted
 from airtact.evaluation.metrics import NOT_MODELLED
 from airtact.evaluation.windows import Window, plane_of_scene
 from airtact.files.atomic import whole_file

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float64
 from markupsafe import Markup
 
-from airtact.checks import counted
+from airtact.errors import counted
 from airtact.evaluation.metrics import NOT_MODELLED
 from airtact.files.atomic import whole_file
 from airtact.reports.page import (

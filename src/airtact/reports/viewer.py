@@ -21,7 +21,7 @@ from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
 from airtact.acoustics.planes import Plane
-from airtact.checks import counted
+from airtact.errors import counted
 from airtact.evaluation.slices import Slices, SurfacePressure
 from airtact.reports.array_figures import spacing, unfold
 from airtact.reports.field_figure import COLOURS

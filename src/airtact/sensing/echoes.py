@@ -22,7 +22,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Complex128, Int64, Integer, Num
 
-from airtact.checks import (
+from airtact.errors import (
+    InvalidInput,
+    about,
     check_finite,
     check_frequency,
     complex_numbers,
@@ -31,7 +33,6 @@ from airtact.checks import (
     positive,
     real_numbers,
 )
-from airtact.errors import InvalidInput, about
 from airtact.files.atomic import whole_file
 from airtact.files.bounded import datasets_of
 from airtact.printing import one_line

@@ -17,8 +17,7 @@ from scipy.stats import qmc
 from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.bem.solver import BoundaryElement
 from airtact.acoustics.solvers.problem import Solver
-from airtact.checks import counted, of_kind
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, counted, of_kind
 from airtact.geometry.pose import Pose
 from airtact.printing import one_line
 from airtact.sensing.echo_model import EchoModel, Motion, Received, array_waves, motion_of

@@ -21,8 +21,7 @@ from airtact.acoustics.scene import Scene, check_no_planes
 from airtact.acoustics.solvers.problem import Solver, SolveReport
 from airtact.acoustics.solvers.spherical.multipole_field import ball_of
 from airtact.acoustics.sources import Monopoles
-from airtact.checks import number, of_kind, within
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, number, of_kind, within
 from airtact.geometry.mesh.quadratic_triangles import panel_areas, points_at, unit
 from airtact.printing import one_line
 from airtact.sensing.waves import (

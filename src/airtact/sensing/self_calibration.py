@@ -25,8 +25,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from airtact.acoustics.medium import Medium
-from airtact.checks import counted, of_kind
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, counted, of_kind
 from airtact.geometry.pose import Pose
 from airtact.printing import one_line
 from airtact.sensing.echoes import Echoes, check_elements, check_not_clipped

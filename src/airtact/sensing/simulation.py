@@ -8,8 +8,7 @@ from scipy.spatial.distance import cdist
 from airtact.acoustics.scene import Scene, check_no_planes
 from airtact.acoustics.solvers.problem import Solver
 from airtact.acoustics.sources import Monopoles
-from airtact.checks import between, check_seed, of_kind
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, between, check_seed, of_kind
 from airtact.sensing.echo_model import array_waves
 from airtact.sensing.echoes import Codes, Echoes, check_numbers
 from airtact.sensing.scattering import ScatteringMatrix, check_own

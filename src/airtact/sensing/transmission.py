@@ -14,8 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Complex128, Num
 
 from airtact.acoustics.medium import Medium
-from airtact.checks import check_seed, complex_numbers, of_kind
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, check_seed, complex_numbers, of_kind
 from airtact.sensing.echoes import Echoes
 from airtact.sensing.simulation import normal_noise, ratio_of
 from airtact.transducers.boards import kind_of_array

@@ -10,12 +10,12 @@ from jaxtyping import Float64
 
 import airtact as at
 from airtact.acoustics.solvers.problem import SolveReport
-from airtact.checks import of_kind
 from airtact.drives.drive import Drive, quantise
 from airtact.drives.drive_file import SEQUENCE_FILE
 from airtact.drives.frame import Frame
 from airtact.drives.reach import fraction
 from airtact.drives.transfer import TransferMatrix
+from airtact.errors import of_kind
 from airtact.evaluation.comparison import Comparison
 from airtact.evaluation.comparison import compare as compare_drives
 from airtact.evaluation.headline import beyond_linear, body_word, headline, shortfalls

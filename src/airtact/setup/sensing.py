@@ -15,9 +15,8 @@ from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.bem.solver import BoundaryElement
 from airtact.acoustics.solvers.problem import RadiatedField
 from airtact.acoustics.solvers.spherical.multipole_field import multipole_expansion
-from airtact.checks import between, check_seed
 from airtact.drives.transfer import TransferMatrix, transfer_matrix
-from airtact.errors import InvalidInput, NotConverged
+from airtact.errors import InvalidInput, NotConverged, between, check_seed
 from airtact.files.atomic import whole_file
 from airtact.geometry.pose import Pose
 from airtact.sensing.echoes import Echoes, load_echoes

@@ -10,11 +10,10 @@ from airtact.acoustics.medium import Medium
 from airtact.acoustics.scene import Scene, check_outside
 from airtact.acoustics.solvers.problem import Solver
 from airtact.acoustics.target import Target
-from airtact.checks import counted, of_kind
 from airtact.drives.drive import Drive
 from airtact.drives.methods import FOR_SAMPLES, METHODS
 from airtact.drives.transfer import TransferMatrix
-from airtact.errors import InvalidInput, about
+from airtact.errors import InvalidInput, about, counted, of_kind
 from airtact.geometry.pose import Pose
 from airtact.printing import one_line
 from airtact.setup.parsing import nearest

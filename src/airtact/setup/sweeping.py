@@ -24,8 +24,7 @@ from threadpoolctl import threadpool_limits
 from airtact.acoustics.field_file import save
 from airtact.acoustics.solvers.memory import available_memory, processor_count
 from airtact.acoustics.store import name_of
-from airtact.checks import of_kind
-from airtact.errors import InvalidInput, NotConverged, one_sentence
+from airtact.errors import InvalidInput, NotConverged, of_kind, one_sentence
 from airtact.files.atomic import writable_folder
 from airtact.setup.scene_points import ScenePoints, scene_points
 from airtact.setup.setup import Setup

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Int64, Real
 
-from airtact.checks import counted, fixed
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, counted, fixed
 from airtact.geometry.pose import Pose, nearest_motion
 from airtact.printing import in_short
 

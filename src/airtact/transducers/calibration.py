@@ -7,8 +7,7 @@ import numpy as np
 from jaxtyping import Complex128
 from scipy.spatial.transform import Rotation
 
-from airtact.checks import of_kind
-from airtact.errors import InvalidInput, about
+from airtact.errors import InvalidInput, about, of_kind
 from airtact.files.atomic import written
 from airtact.files.text_table import read_text_table
 from airtact.geometry.pose import Pose

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex, Float64, Real
 
-from airtact.checks import counted, number, points_of, positive, real_numbers
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, counted, number, points_of, positive, real_numbers
 from airtact.printing import one_line
 
 DEFAULT_SENSITIVITY = 4.38

@@ -7,7 +7,9 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Complex128, Float64, Num, Real
 
-from airtact.checks import (
+from airtact.errors import (
+    InvalidInput,
+    Vector,
     check_finite,
     complex_numbers,
     counted,
@@ -18,7 +20,6 @@ from airtact.checks import (
     positive,
     real_numbers,
 )
-from airtact.errors import InvalidInput, Vector
 from airtact.geometry.pose import Pose
 from airtact.printing import html_table, one_line, sides_in_mm
 from airtact.transducers.boards import Board, board_named

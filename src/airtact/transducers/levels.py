@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex, Float64, Int64, Real, UInt8
 
-from airtact.checks import real_numbers
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, real_numbers
 from airtact.printing import in_short
 
 FULL_SCALE = 1.0 + 1e-9

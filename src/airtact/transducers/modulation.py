@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.checks import number, positive
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, number, positive
 
 DEFAULT_FREQUENCY = 200.0
 """Frequency of amplitude modulation [Hz]."""

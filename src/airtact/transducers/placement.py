@@ -6,8 +6,7 @@ from scipy.spatial import ConvexHull
 
 from airtact.acoustics.planes import Plane, check_before_planes
 from airtact.acoustics.scene import CONTACT, Scene, check_not_inside
-from airtact.checks import counted, in_mm, of_kind
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, counted, in_mm, of_kind
 from airtact.transducers.boards import kind_of_array
 from airtact.transducers.element import check_pattern
 from airtact.transducers.layout import PhasedArray

@@ -6,8 +6,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from airtact.acoustics.scene import Obstacle, Scene
-from airtact.checks import in_mm, of_kind, within
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, in_mm, of_kind, within
 from airtact.geometry.pose import Pose
 from airtact.geometry.surface import Surface
 from airtact.transducers.boards import Board, kind_of_array

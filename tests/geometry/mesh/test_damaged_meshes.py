@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.checks import in_mm
+from airtact.errors import in_mm
 from geometry.mesh.repaired_meshes import accepted, apart, volume
 from references.damaged_meshes import DAMAGES, Mesh, body, damaged
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from airtact.checks import in_mm
+from airtact.errors import in_mm
 from airtact.geometry.mesh.holes import find_holes
 from airtact.geometry.mesh.repair import repaired
 from faults import raises_code

@@ -24,8 +24,7 @@ from airtact.acoustics.solvers.problem import (
     SurfaceField,
 )
 from airtact.acoustics.sources import STANDS_ON, Monopoles, nearest_source
-from airtact.checks import counted
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, counted
 
 # Pairs of points and sources that are evaluated at once
 MAX_PAIRS = 1 << 20

@@ -19,7 +19,7 @@ from airtact.acoustics.solvers.arrays import (
 )
 from airtact.acoustics.solvers.open_air import differences, monopole_pressure, velocity_of
 from airtact.acoustics.sources import Monopoles, check_off_sources
-from airtact.checks import counted, points_of
+from airtact.errors import counted, points_of
 from airtact.printing import html_table, in_short, one_line
 from airtact.timing import Progress
 

@@ -14,8 +14,16 @@ from airtact.acoustics.scene import Scene, check_sources
 from airtact.acoustics.solvers.arrays import Mask, Pressures, SourcePoints, Vectors
 from airtact.acoustics.solvers.problem import RadiatedField, SolveReport, SurfaceField
 from airtact.acoustics.sources import STANDS_ON, Monopoles, nearest_source
-from airtact.checks import check_choice, check_finite, complex_numbers, in_mm, points_of, positive
-from airtact.errors import InvalidInput, about
+from airtact.errors import (
+    InvalidInput,
+    about,
+    check_choice,
+    check_finite,
+    complex_numbers,
+    in_mm,
+    points_of,
+    positive,
+)
 from airtact.files.text_table import read_text_table
 
 TimeSign = Literal["e^{-iωt}", "e^{+jωt}"]

@@ -18,8 +18,7 @@ from jaxtyping import Float64, Int64
 from scipy.spatial import KDTree
 from scipy.spatial.distance import pdist
 
-from airtact.checks import counted, in_mm
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, counted, in_mm
 from airtact.geometry.mesh.arrays import (
     Indices,
     NewTriangles,

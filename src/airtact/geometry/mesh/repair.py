@@ -14,8 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Int64, Integer, Real
 from scipy.spatial import KDTree
 
-from airtact.checks import between, counted, in_mm, real_numbers
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, between, counted, in_mm, real_numbers
 from airtact.geometry.mesh.arrays import (
     FlatMesh,
     Indices,

@@ -12,7 +12,7 @@ from operator import mul
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
-from airtact.checks import counted, in_mm
+from airtact.errors import counted, in_mm
 from airtact.geometry.mesh.arrays import NewTriangles, Triangles, Vertices
 from airtact.geometry.mesh.intersections import self_crossings
 

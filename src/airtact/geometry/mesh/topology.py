@@ -7,8 +7,7 @@ from jaxtyping import Bool, Float64, Int, Int64, Real
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
-from airtact.checks import counted, in_mm
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, counted, in_mm
 from airtact.geometry.mesh.arrays import (
     Corners,
     EdgeMask,

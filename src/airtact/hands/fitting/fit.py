@@ -10,8 +10,7 @@ from jaxtyping import Bool, Float64, Real
 from scipy.spatial import KDTree
 
 from airtact.acoustics.uncertainty import Uncertainty
-from airtact.checks import counted, fixed, in_mm, of_kind, point_of, points_of
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, counted, fixed, in_mm, of_kind, point_of, points_of
 from airtact.geometry.pose import nearest_motion
 from airtact.geometry.surface import Surface
 from airtact.hands.body import FREE, OWNER, PARTS, Hulls

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from airtact.checks import fixed
+from airtact.errors import fixed
 from airtact.hands.body import WEB_BALL
 from airtact.hands.joints import BONES, CHAINS, GENERIC_RADII, NAMES, Joints, Radii, unit
 from airtact.hands.kinematics import LAST_BEND_SHARE, bending_axis

@@ -13,8 +13,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Real
 
-from airtact.checks import fixed, number, points_of
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, fixed, number, points_of
 from airtact.geometry.pose import Pose
 from airtact.hands.hand import Hand, Side, hand_from_joints
 from airtact.hands.joints import checked_side, joints_of

@@ -21,8 +21,7 @@ import numpy as np
 from jaxtyping import Float64, Real
 
 from airtact.acoustics.uncertainty import SMALLEST_ANGLE, Uncertainty
-from airtact.checks import number, positive
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, number, positive
 from airtact.hands.joints import CHAINS, Points
 from airtact.hands.tracking.frame import FaultyFrame, HandFrame
 

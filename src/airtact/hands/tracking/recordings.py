@@ -12,8 +12,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from airtact.checks import file_fault, fixed, positive
-from airtact.errors import LARGEST_DATA, InvalidInput, about
+from airtact.errors import LARGEST_DATA, InvalidInput, about, file_fault, fixed, positive
 from airtact.files.atomic import whole_file
 from airtact.files.bounded import Arrays, arrays_of, check_file
 from airtact.hands.hand import Side

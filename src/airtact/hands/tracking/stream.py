@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, fields
 from threading import Condition
 from typing import TypeVar
 
-from airtact.checks import positive
+from airtact.errors import positive
 from airtact.hands.hand import Side
 from airtact.hands.tracking.frame import FaultyFrame, HandFrame
 from airtact.hands.tracking.messages import from_json, from_osc, side_of, side_of_osc

@@ -40,8 +40,7 @@ from airtact.acoustics.solvers.problem import (
     SurfaceField,
 )
 from airtact.acoustics.sources import STANDS_ON, Monopoles, nearest_source
-from airtact.checks import in_mm, points_of
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, in_mm, points_of
 from airtact.geometry.mesh.quadratic_triangles import points_at
 
 

@@ -58,8 +58,7 @@ from airtact.acoustics.solvers.problem import (
     surrounding_points,
 )
 from airtact.acoustics.sources import Monopoles
-from airtact.checks import counted, number, points_of
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, counted, number, points_of
 from airtact.geometry.panels import Panels, panels_of
 from airtact.timing import Clock, Progress
 

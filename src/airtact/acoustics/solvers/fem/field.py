@@ -22,7 +22,7 @@ from airtact.acoustics.solvers.problem import (
     SurfaceField,
 )
 from airtact.acoustics.sources import STANDS_ON, Monopoles, nearest_source
-from airtact.checks import in_mm
+from airtact.errors import in_mm
 
 # Distance from a filled body up to which a source is a point load for its own surroundings too [λ]
 TOUCHING = 0.04

@@ -25,8 +25,7 @@ from airtact.acoustics.solvers.fem.libraries import (
 from airtact.acoustics.solvers.fem.surface_mesh import SurfaceMesh, surface_mesh
 from airtact.acoustics.solvers.fem.symmetry import Mirror
 from airtact.acoustics.solvers.fem.tetrahedra import EDGES, Tetrahedra
-from airtact.checks import in_mm
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, in_mm
 from airtact.geometry.mesh.intersections import self_crossings
 
 # How fast Netgen's edges may grow

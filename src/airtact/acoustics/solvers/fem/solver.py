@@ -17,8 +17,7 @@ from airtact.acoustics.solvers.fem.system import System, assembled
 from airtact.acoustics.solvers.fem.weak_form import LAYER_THICKNESS
 from airtact.acoustics.solvers.problem import Solver, SolveReport, surrounding_points
 from airtact.acoustics.sources import Monopoles
-from airtact.checks import between, check_choice, in_mm, of_kind, points_of
-from airtact.errors import InvalidInput, Vector
+from airtact.errors import InvalidInput, Vector, between, check_choice, in_mm, of_kind, points_of
 from airtact.timing import Clock, Progress
 
 CITATIONS = (

@@ -45,8 +45,7 @@ from airtact.acoustics.solvers.fem.symmetry import Mirror, images, parities
 from airtact.acoustics.solvers.fem.tetrahedra import EDGES, Tetrahedra
 from airtact.acoustics.solvers.fem.weak_form import boundary_weights, weak_form
 from airtact.acoustics.solvers.open_air import monopole_pressure
-from airtact.checks import in_mm
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, in_mm
 from airtact.geometry.mesh.panel_tree import PanelTree, panel_tree
 from airtact.geometry.mesh.quadratic_triangles import points_at
 

@@ -38,8 +38,7 @@ from airtact.acoustics.solvers.memory import available_memory
 from airtact.acoustics.solvers.open_air import monopole_pressure
 from airtact.acoustics.solvers.problem import RadiatedField, SurfaceField
 from airtact.acoustics.solvers.spherical.radial_functions import outgoing_shapes
-from airtact.checks import of_kind
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, of_kind
 from airtact.printing import in_short
 from airtact.timing import Clock, Progress
 

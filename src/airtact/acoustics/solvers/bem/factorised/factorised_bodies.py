@@ -36,8 +36,7 @@ from airtact.acoustics.solvers.problem import (
     SurfaceField,
 )
 from airtact.acoustics.sources import Monopoles
-from airtact.checks import counted
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, counted
 from airtact.geometry.panels import LARGEST_TO_POINT, LONGEST_TO_EQUILATERAL
 from airtact.geometry.pose import Pose
 from airtact.geometry.surface import rigid_motion

@@ -1,4 +1,4 @@
-"""``python -m airtact``."""
+"""``python -m airtact.cli`` is ``airtact``."""
 
 import sys
 
