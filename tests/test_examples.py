@@ -1,10 +1,31 @@
-"""The examples that come with airtact: each is found by its name, and all are in the package."""
+"""The examples: those in the package are found by their names, and the scripts in examples/ run."""
 
+import re
+import socket
+import sys
+
+import matplotlib.image
 import pytest
+from matplotlib import pyplot
 
 import airtact as at
 from faults import raises_code
-from paths import EXAMPLES
+from paths import EXAMPLES, ROOT
+
+SCRIPTS = ROOT / "examples"
+
+PRINTED = {
+    "autd3_emulator": r"the fields differ by 0\.0\d+ Pa of 67\d\d Pa",
+    "finger_over_table": r"with the table: (99\d|100\d) Pa\n.* without the table: 7\d\d Pa",
+    "focus": r"45\d\d Pa at the focus with 249 transducers",
+    "hand_landmarks": r"left hand: (79\d|80\d), (79\d|80\d), (79\d|80\d) Pa",
+    "live_websocket": r"2[34]\d frames received, [1-9]\d+ drives played",
+    "own_array": r"2000 Pa at the fingertip from 91 transducers",
+    "own_stl": r"1500 Pa over the bowl, 7\d\d Pa by a drive made for empty air",
+    "palm_stm": r"24 frames; (199\d|200\d) to (199\d|200\d) Pa at the focus",
+    "two_fingers": r"for the fingers: 14\d\d and 14\d\d Pa\n.*empty air: 11\d\d and 11\d\d Pa",
+}
+"""What each script prints."""
 
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.toml")), ids=lambda path: path.stem)
@@ -26,3 +47,28 @@ def test_other_files_are_found_by_their_names(name) -> None:
 def test_an_unknown_name_lists_the_examples() -> None:
     with raises_code("unknown_name", "'nose'", "open_hand", "relaxed.json"):
         at.example("nose")
+
+
+def test_every_script_is_run_and_listed() -> None:
+    scripts = {path.stem for path in SCRIPTS.glob("*.py")}
+    assert scripts == set(PRINTED)
+    listed = (SCRIPTS / "README.md").read_text(encoding="utf-8")
+    assert {name for name in scripts if f"]({name}.py)" not in listed} == set()
+
+
+@pytest.mark.parametrize("name", sorted(PRINTED))
+def test_a_script_prints_its_result_and_writes_its_picture(
+    name, tmp_path, monkeypatch, capsys
+) -> None:
+    path = SCRIPTS / f"{name}.py"
+    monkeypatch.setattr(sys, "argv", [str(path), str(tmp_path)])
+    text = path.read_text(encoding="utf-8")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        text = text.replace("PORT = 8765", f"PORT = {free.getsockname()[1]}")
+    exec(compile(text, path, "exec"), {"__name__": "__main__", "__file__": str(path)})
+    pyplot.close("all")
+    assert re.search(PRINTED[name], capsys.readouterr().out)
+    (picture,) = tmp_path.glob("*.png")
+    assert picture.stem == name
+    assert matplotlib.image.imread(picture)[..., :3].std() > 0.05

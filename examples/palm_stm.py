@@ -1,0 +1,36 @@
+"""A focus that draws a circle on the palm, 100 times a second.
+
+    python examples/palm_stm.py [FOLDER]
+
+Skin feels a focus that moves (spatiotemporal modulation) better than one that stands still. Prints
+the pressure along the circle. Writes palm_stm.png and the drives, sequence.h5, into FOLDER, or into
+the current folder; `airtact emit` plays them. Needs the extra mesh: pip install 'airtact[mesh]'.
+"""
+
+import sys
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import airtact as at
+
+folder = Path(sys.argv[1] if len(sys.argv) > 1 else ".")
+folder.mkdir(parents=True, exist_ok=True)
+
+setup = at.read_scene(Path(__file__).with_name("palm_stm.toml"))
+result = at.render(setup)
+result.save(folder)
+moving = result.sequence
+print(
+    f"{len(moving.sequence)} frames; {moving.weakest.min():.0f} to {moving.weakest.max():.0f} Pa "
+    "at the focus"
+)
+
+# Pressure at each position of the circle in each frame
+pressures = np.abs(moving.sequence.pressure(moving.transfer))
+figure, axes = plt.subplots(layout="constrained")
+image = axes.imshow(pressures.T, origin="lower", aspect="auto", cmap="magma")
+axes.set(xlabel="frame", ylabel="position on the circle", title="A focus that runs along a circle")
+figure.colorbar(image, label="peak pressure [Pa]")
+figure.savefig(folder / "palm_stm.png", dpi=110)
