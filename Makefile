@@ -16,7 +16,7 @@ help:
 	@echo "make docs   the documentation site in build/docs; a warning or a broken link fails it"
 	@echo "make wheels wheels for every Python from 3.11 on that is here, in dist/, each proven without a compiler"
 	@echo "make reproduce  the experiment of Inoue and others 2014 into out/inoue2014, in 20 minutes; make reproduce-quick in 3"
-	@echo "make bench  the measured table of docs/performance.md"
+	@echo "make bench  the table of benchmarks/MEASUREMENTS.md"
 
 $(VENV)/installed: $(KERNELS)
 	@echo "Installing into $(VENV) takes some minutes: packages are downloaded and the loops are compiled."

@@ -1,1 +1,1 @@
-"""What docs/performance.md states, measured."""
+"""What benchmarks/MEASUREMENTS.md states, measured."""

@@ -1,4 +1,4 @@
-"""Accuracy of the boundary element solver: every accuracy figure of docs/performance.md, measured anew.
+"""Accuracy of the boundary element solver: every accuracy figure of benchmarks/MEASUREMENTS.md, measured anew.
 
 Run ``make bench``, or ``python -m benchmarks.accuracy [figure ...]``. The
 reference is the sphere's series, multipoles about two spheres, or fundamental solutions; each error

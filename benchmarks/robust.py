@@ -1,4 +1,4 @@
-"""What robust drives keep: every figure of docs/how-good-must-the-tracking-be.md, measured anew.
+"""What robust drives keep: every figure of benchmarks/MEASUREMENTS.md, measured anew.
 
 Run ``python -m benchmarks.robust``. Names of parts, such as ``times``, run these
 alone. Drives are made for 64 samples of seed 0 and tried on 400 of seed 1, at equal energy; the

@@ -1,4 +1,4 @@
-"""Time and memory of the jobs: every speed figure of docs/performance.md, measured anew.
+"""Time and memory of the jobs: every speed figure of benchmarks/MEASUREMENTS.md, measured anew.
 
 Run ``make bench``, or ``python -m benchmarks.speed [row ...]`` with the first
 words of the rows wanted. Times are medians with the least and the most, errors are against

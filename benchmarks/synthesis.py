@@ -1,4 +1,4 @@
-"""Pressures and times of the synthesis methods: every figure of docs/performance.md about drives, measured anew.
+"""Pressures and times of the synthesis methods: every figure of benchmarks/MEASUREMENTS.md about drives, measured anew.
 
 Run ``python -m benchmarks.synthesis``, with ``--acoustools PYTHON`` the Python
 of an environment where AcousTools is installed (it needs PyTorch), else that comparison is left
