@@ -1,5 +1,6 @@
 """The transfer matrix H from a drive d to the pressures at the foci, p = H d."""
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -153,6 +154,11 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
     InvalidInput
         If the sources are not unit beacons, an element reaches into a body, a focus or a body is
         behind the face of a directional element, or the field is unknown at an element.
+
+    Warns
+    -----
+    UserWarning
+        If the estimated error is above 20 %, as in the shadow of a body.
     """
     of_kind(
         beacons,
@@ -186,7 +192,16 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
     element = array.element
     means = np.einsum("eqf,q->fe", received, element.weights)
     matrix = strength_in(beacons.scene, array) * element.sensitivity * means * array.gains
-    error = float(np.max(beacons.error_at(array.positions)))
+    errors = beacons.error_at(array.positions)
+    error = float(np.max(errors))
+    if error > 0.2:
+        worst = int(np.argmax(errors))
+        warnings.warn(
+            f"the transfer matrix is estimated to be {error:.0%} off for the focus at "
+            f"{in_mm(sources.positions[worst])}, which gets little sound from the array: turn the "
+            "body or the array, or solve with a smaller accuracy.",
+            stacklevel=2,
+        )
     return TransferMatrix(matrix, error, sources.positions, beacons.scene.wavelength)
 
 

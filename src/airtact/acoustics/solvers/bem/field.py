@@ -217,23 +217,22 @@ class BoundaryField(RadiatedField):
         Points on or near the surface are moved off it by a panel's radius where there is room: the
         transposed solution is accurate only there. NaN without a direct solution.
         """
-        return self._errors(points_of(points, "points"))[0]
+        squares, size = self._errors(points_of(points, "points"))
+        size = np.linalg.norm(size, axis=0)
+        return np.sqrt(squares.sum(axis=0)) / np.where(size > 0, size, 1)
 
-    def _errors(
-        self, points: Vectors
-    ) -> tuple[Float64[np.ndarray, "excitations"], Float64[np.ndarray, "points"]]:
-        """Relative error of each excitation, and the largest contribution of each point."""
+    def _errors(self, points: Vectors) -> tuple[Float64[np.ndarray, "points excitations"], ...]:
+        """Squared error [Pa²], and pressure [Pa], both off the surface; NaN if not known."""
         if self.pressure is None or self.density is None:
-            return np.full(self.excitations, np.nan), np.full(len(points), np.nan)
+            unknown = np.full((len(points), self.excitations), np.nan)
+            return unknown, unknown
         points = self._lifted(points)
         # their difference shows the errors that they do not share
         transposed = self.transposed.at(points)
-        size = np.linalg.norm(transposed, axis=0)
         difference = self.direct_at(points) - transposed
         scattered = transposed - incident_pressure(points, self.sources, self.surface)
         squares = np.abs(difference) ** 2 + (0.15 * self.accuracy * np.abs(scattered)) ** 2
-        relative = squares / np.where(size > 0, size, 1) ** 2
-        return np.sqrt(relative.sum(axis=0)), relative.max(axis=1)
+        return squares, np.abs(transposed)
 
     def _lifted(self, points: Vectors) -> Vectors:
         """Move points near the surface off it by a panel's radius, where that meets no other."""
@@ -251,26 +250,37 @@ class BoundaryField(RadiatedField):
         return points
 
     def report_at(self, points: Points) -> SolveReport:
-        """Return the report with the error estimated at points [m] outside the bodies, if larger.
+        """Return the report with the worst error estimated at points [m], if that is larger.
 
-        A warning names the worst point where the error exceeds the accuracy that is wanted. Without
-        a direct solution, or without points, it is the plain report.
+        Points inside bodies are left out. The error is over the pressure at the point, or over a
+        tenth of that at the strongest point. A warning names the worst point where the error
+        exceeds the accuracy that is wanted. Without a direct solution, or without points, it is the
+        plain report.
         """
         points = points_of(points, "points", least=0)
         outside = (self.scene.depth(points) <= 0.0) & before_planes(self.scene.planes, points)
         points = points[outside]
         if self.pressure is None or self.density is None or not len(points):
             return self.report
-        errors, parts = self._errors(points)
+        squares, _ = self._errors(points)
+        # Over the pressure at the point itself, which in a shadow is far below that beside it. A
+        # point that gets nearly nothing beside a strong one matters less.
+        pressure = self._at(points)
+        # Near the surface, refined panels give a better pressure than plain ones. In a shadow, both
+        # are far off where panels are too large; the better one by about half of what they differ.
+        squares = squares + np.abs(0.5 * (pressure - self.direct_at(points))) ** 2
+        pressure = np.abs(pressure)
+        size = np.maximum(pressure, 0.1 * pressure.max(axis=0))
+        errors = (np.sqrt(squares) / np.where(size > 0, size, 1)).max(axis=1)
         error = float(errors.max())
         warnings = self.report.warnings
         if error > 1.2 * self.wanted:
             warnings = (
                 *warnings,
-                f"at {in_mm(points[parts.argmax()])} and the points beside it the pressure is "
+                f"at {in_mm(points[errors.argmax()])} and the points beside it the pressure is "
                 f"estimated to be {100 * error:.1f} % off, and {100 * self.wanted:.1f} % was "
-                "asked: points in a narrow gap or a cavity need a smaller accuracy, such as "
-                f"{self.wanted / 3:.2g}.",
+                "asked: points in a shadow, a narrow gap or a cavity need a smaller accuracy, such "
+                f"as {self.wanted / 3:.2g}.",
             )
         return replace(
             self.report,
