@@ -33,7 +33,6 @@ WAVELENGTH = AIR.wavelength(40e3)
 ARRAY = at.surrounding_box(at.monopole())
 HELD_EQUAL = tuple(at.evaluation.HELD_EQUAL)  # equal peak, equal energy, phase only
 RED = "#b3202a"
-VOLUMES = {"tight": 1.0, "box": 11.0}  # relative volume that is meshed in each domain
 
 
 @dataclass(frozen=True)
@@ -600,7 +599,6 @@ def rigid_motion(results: Results, extent: Extent) -> None:
 class Mesh:
     """A solve of the mesh study, with its cost and its error at the transducers."""
 
-    domain: str
     order: int
     elements_per_wavelength: float
     tetrahedra: int = 0
@@ -620,30 +618,24 @@ def mesh_sizes(results: Results, extent: Extent) -> None:
     )
     begun = time.perf_counter()
     solved: list[Mesh] = []
-    header = [*("domain", "order", "elements_per_wavelength", "tetrahedra", "unknowns"), "time_s"]
+    header = ["order", "elements_per_wavelength", "tetrahedra", "unknowns", "time_s"]
     waiting = [
-        Mesh(domain, order, size)
-        for domain, order, size in product(
-            ("tight", "box"), extent.study_orders, extent.study_sizes
-        )
+        Mesh(order, size) for order, size in product(extent.study_orders, extent.study_sizes)
     ]
-    waiting.sort(
-        key=lambda mesh: (mesh.order * mesh.elements_per_wavelength) ** 3 * VOLUMES[mesh.domain]
-    )
-    expected: dict[tuple[str, int], float] = {}  # seconds of a line at one element per wavelength
+    waiting.sort(key=lambda mesh: mesh.order * mesh.elements_per_wavelength)
+    expected: dict[int, float] = {}  # seconds of an order at one element per wavelength
     for mesh in waiting:
         size = mesh.elements_per_wavelength
-        line = (mesh.domain, mesh.order)
         # The unknowns grow with the cube of the size, and at first the time does, too.
-        over_limit = expected.get(line, 0.0) * size**3 > extent.study_limit
+        over_limit = expected.get(mesh.order, 0.0) * size**3 > extent.study_limit
         if over_limit or time.perf_counter() - begun > extent.study_budget:
             continue
-        print(f"    order {mesh.order} at λ/{size:g}, {mesh.domain} domain", flush=True)
+        print(f"    order {mesh.order} at λ/{size:g}", flush=True)
         done = run_mesh(mesh, exact[:, 0], 1.5 * extent.study_limit + 20)
         if done is None:
-            expected[line] = math.inf
+            expected[mesh.order] = math.inf
             continue
-        expected[line] = done.seconds / size**3
+        expected[mesh.order] = done.seconds / size**3
         solved.append(done)
         rows = [tuple(vars(one).values()) for one in solved]
         results.data("mesh_sizes", [*header, "memory_B", "error"], rows)
@@ -652,30 +644,26 @@ def mesh_sizes(results: Results, extent: Extent) -> None:
         "## Mesh and order (future work 1)",
         "The paper takes a mesh of λ/6 to λ/10 from a rule and asks which mesh and solver are "
         "best. "
-        f"{len(solved)} combinations of order, mesh and domain were solved; those expected to take "
-        f"over {extent.study_limit:g} s were not. The error is that of the beacons' pressure at "
-        "the "
-        f"transducers, against boundary elements (known to about {uncertain:.1%}). Domain tight: a "
-        "box round the fingers, read by the surface integral. Domain box: the whole workspace, "
-        "read "
-        "off the mesh as in the paper.",
+        f"{len(solved)} combinations of order and mesh were solved; those expected to take over "
+        f"{extent.study_limit:g} s were not. The error is that of the beacons' pressure at the "
+        f"transducers, against boundary elements (known to about {uncertain:.1%}). A box round the "
+        "fingers is meshed; the pressure outside follows from the surface integral.",
     )
     good = [one for one in solved if one.error <= 0.02]
     if good:
         best = min(good, key=lambda one: one.seconds)
         results.add(
-            f"The fastest to 2 %: order {best.order} at λ/{best.elements_per_wavelength:g}, domain "
-            f"{best.domain}: {best.error:.1%} in {best.seconds:.1f} s and "
-            f"{best.memory / 2**30:.2f} GiB."
+            f"The fastest to 2 %: order {best.order} at λ/{best.elements_per_wavelength:g}: "
+            f"{best.error:.1%} in {best.seconds:.1f} s and {best.memory / 2**30:.2f} GiB."
         )
-    caption = "Error over time, memory and mesh. Grey: the paper's λ/6 to λ/10. Dashed: domain box."
+    caption = "Error over time, memory and mesh. Grey: the paper's λ/6 to λ/10."
     results.figure("mesh_sizes", draw_meshes(extent, solved), caption)
 
 
 def run_mesh(mesh: Mesh, exact: np.ndarray, limit: float) -> Mesh | None:
     """Solve in a process of its own; None where that fails or takes too long."""
     script = Path(__file__).with_name("solve_mesh.py")
-    settings = json.dumps([mesh.order, mesh.elements_per_wavelength, mesh.domain])
+    settings = json.dumps([mesh.order, mesh.elements_per_wavelength])
     call = [sys.executable, str(script), settings]
     try:
         done = subprocess.run(call, capture_output=True, text=True, timeout=limit, check=True)
@@ -692,10 +680,8 @@ def draw_meshes(extent: Extent, solved: list[Mesh]) -> Figure:
     figure = Figure(figsize=(12.0, 4.5), layout="constrained")
     row = figure.subplots(1, 3, sharey=True)
     colours = colormaps["viridis"](np.linspace(0, 0.92, len(extent.study_orders)))
-    for (domain, style), order in product(
-        {"tight": "-o", "box": "--s"}.items(), extent.study_orders
-    ):
-        line = [one for one in solved if (one.domain, one.order) == (domain, order)]
+    for order in extent.study_orders:
+        line = [one for one in solved if one.order == order]
         line.sort(key=lambda one: one.elements_per_wavelength)
         if not line:
             continue
@@ -704,7 +690,7 @@ def draw_meshes(extent: Extent, solved: list[Mesh]) -> Figure:
         costs = ([one.seconds for one in line], [one.memory / 2**30 for one in line])
         sizes = [one.elements_per_wavelength for one in line]
         for axes, cost in zip(row, (*costs, sizes), strict=True):
-            axes.plot(cost, error, style, ms=4, color=colour, label=f"order {order}, {domain}")
+            axes.plot(cost, error, "-o", ms=4, color=colour, label=f"order {order}")
     labels = ("time [s]", "memory of the process [GiB]", "elements per wavelength")
     for axes, label in zip(row, labels, strict=True):
         axes.set(xscale="log", yscale="log", xlabel=label)

@@ -24,15 +24,11 @@ def peak_memory() -> float:
 
 
 def main() -> None:
-    """Solve with the order, the elements per wavelength and the domain given as JSON."""
-    order, elements_per_wavelength, domain = json.loads(sys.argv[1])
-    # The workspace reaches 0.5 mm past the transducers, so that they lie in the mesh.
-    box = ((-0.0705, -0.0705, -0.0905), (0.0705, 0.0705, 0.0905))
-    solver = at.FiniteElement(order, elements_per_wavelength, domain=domain, box=box, graded=False)
+    """Solve with the order and the elements per wavelength given as JSON."""
+    order, elements_per_wavelength = json.loads(sys.argv[1])
+    solver = at.FiniteElement(order, elements_per_wavelength)
     fingers = Fingers()
-    at.FiniteElement(1, 1.0, graded=False).radiate(
-        fingers.scene, fingers.beacons
-    )  # loads libraries
+    at.FiniteElement(1, 1.0).radiate(fingers.scene, fingers.beacons)  # loads libraries
     begun = time.perf_counter()
     field = solver.radiate(fingers.scene, fingers.beacons)
     received = field.at(ARRAY.positions)[:, 0]

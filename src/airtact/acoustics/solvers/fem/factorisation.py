@@ -99,60 +99,37 @@ class Pardiso(Factor):
     """MKL's Pardiso in single precision, refined against the matrix in double precision.
 
     Generalised conjugate residuals (S. Eisenstat, H. Elman, M. Schultz, SIAM J. Numer. Anal. 20
-    (1983) 345) converge also where plain refinement does not. Where they stall, the factor is made
-    again in double precision. ``residual`` is the largest residual over the right-hand side.
+    (1983) 345) converge also where plain refinement does not. ``residual`` is the largest residual
+    over the right-hand side.
     """
 
     def __init__(
         self, form: AssembledForm, free: Bool[np.ndarray, "unknowns"], residual: float
     ) -> None:
         super().__init__(form, free)
-        self._library = ctypes.CDLL(str(pardiso_library()))
-        self._library.MKL_Set_Num_Threads(thread_count())
+        library = ctypes.CDLL(str(pardiso_library()))
+        library.MKL_Set_Num_Threads(thread_count())
         self._residual = residual
-        self._factorise(np.complex64)
-
-    def _factorise(self, kind: type[np.complex64 | np.complex128]) -> None:
-        matrix = _upper_backwards(self.form, self.free)
+        matrix = _upper_backwards(form, free)
         # By Pardiso's numbers from 0: METIS in all threads, pivots of 1e-8 at least, single pivots
-        # (pairs take a third longer and leave as large a residual), and the precision.
-        values = {0: 1, 1: 3, 9: 8, 17: -1, 20: 0, 27: int(kind == np.complex64), 34: 1}
+        # (pairs take a third longer and leave as large a residual), and single precision.
+        values = {0: 1, 1: 3, 9: 8, 17: -1, 20: 0, 27: 1, 34: 1}
         settings = (ctypes.c_int * 64)()
         for number, value in values.items():
             settings[number] = value
-        self._kind = kind
         self._call = partial(
             _pardiso,
-            self._library,
+            library,
             (ctypes.c_int64 * 64)(),
             settings,
-            (matrix.data.astype(kind), matrix.indptr, matrix.indices),
+            (matrix.data.astype(np.complex64), matrix.indptr, matrix.indices),
         )
         self._call(12)
         # Pardiso's memory is not Python's, so it is released with the object.
-        self._release = weakref.finalize(self, self._call, -1)
+        weakref.finalize(self, self._call, -1)
 
     def solve_shared(self, right: Coefficients) -> Coefficients:
-        """Solve, and solve again for the residual.
-
-        Raise ``NotConverged`` where that fails in double precision too.
-        """
-        solution, worst = self._refined(right)
-        if worst > self._residual and self._kind == np.complex64:
-            self._release()
-            self._factorise(np.complex128)
-            solution, worst = self._refined(right)
-        if worst > self._residual:
-            raise NotConverged(
-                f"Pardiso leaves a residual of {worst:.2g} of the right-hand side after "
-                f"{MAX_REFINEMENTS} refinements, more than {self._residual:.2g}: the matrix is "
-                "nearly singular; take factorisation 'sparsecholesky'.",
-                code="not_converged",
-            )
-        return solution
-
-    def _refined(self, right: Coefficients) -> tuple[Coefficients, float]:
-        """Solution, and the largest residual that it leaves over its right-hand side."""
+        """Solve, and solve again for the residual; raise ``NotConverged`` where that stalls."""
         residual = np.where(self.free[:, None], right, 0)
         size = _norms(residual)
         solution = np.zeros_like(residual)
@@ -176,12 +153,17 @@ class Pardiso(Factor):
             residual = residual - part * change
             worst = float((np.linalg.norm(residual, axis=0) / size).max())
             if worst <= self._residual:
-                break
-        return solution, worst
+                return solution
+        raise NotConverged(
+            f"Pardiso leaves a residual of {worst:.2g} of the right-hand side after "
+            f"{MAX_REFINEMENTS} refinements, more than {self._residual:.2g}: the matrix is nearly "
+            "singular; take factorisation 'sparsecholesky'.",
+            code="not_converged",
+        )
 
     def _solved_once(self, right: Coefficients) -> Coefficients:
         # The unknowns are reversed, as in the matrix.
-        columns = np.asfortranarray(right[self.free][::-1], dtype=self._kind)
+        columns = np.asfortranarray(right[self.free][::-1], dtype=np.complex64)
         solved = np.zeros_like(columns)
         self._call(33, columns, solved)
         solution = np.zeros_like(right)

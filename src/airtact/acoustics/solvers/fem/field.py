@@ -3,19 +3,38 @@
 From the tetrahedra beside the bodies, from a surface integral elsewhere.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Complex128
 
+from airtact import _kernels
 from airtact.acoustics.scene import CONTACT, Scene
-from airtact.acoustics.solvers.arrays import Gradients, Mask, Points, Pressures, Vectors
-from airtact.acoustics.solvers.fem.solution import PointSources, Solution, solve
-from airtact.acoustics.solvers.fem.symmetry import TOLERANCE, images
+from airtact.acoustics.solvers.arrays import (
+    Coefficients,
+    Gradients,
+    Indices,
+    Lengths,
+    Mask,
+    Points,
+    Pressures,
+    SourcePoints,
+    Strengths,
+    Vectors,
+)
+from airtact.acoustics.solvers.fem.libraries import ngsolve_library
+from airtact.acoustics.solvers.fem.symmetry import TOLERANCE, images, parities, signs
 from airtact.acoustics.solvers.fem.system import System
-from airtact.acoustics.solvers.open_air import differences, velocity_of
+from airtact.acoustics.solvers.fem.weak_form import QuadraturePoints
+from airtact.acoustics.solvers.open_air import (
+    differences,
+    monopole_pressure,
+    open_air_gradient,
+    velocity_of,
+)
 from airtact.acoustics.solvers.problem import (
     DIFFERENCE,
     RadiatedField,
@@ -28,9 +47,166 @@ from airtact.errors import in_mm
 TOUCHING = 0.04
 
 
+@dataclass(frozen=True, eq=False)
+class PointSources:
+    """Some monopoles, or none: positions [λ] and the strengths of e^{ikr}/r."""
+
+    positions: SourcePoints
+    strengths: Strengths
+
+    def chosen(self, mask: Bool[np.ndarray, "sources"]) -> "PointSources":
+        """Select some."""
+        return PointSources(self.positions[mask], self.strengths[mask])
+
+    def joined(self, added: Sequence["PointSources"]) -> "PointSources":
+        """Join these and others."""
+        return PointSources(
+            np.concatenate([self.positions, *(sources.positions for sources in added)]),
+            np.concatenate([self.strengths, *(sources.strengths for sources in added)]),
+        )
+
+    def pressure(self, points: Points, wavenumber: complex) -> Pressures:
+        """Their free field at points (P, 3) [λ]."""
+        if not len(self.positions) or not len(points):
+            return np.zeros((len(points), self.strengths.shape[1]), dtype=np.complex128)
+        return monopole_pressure(points, self.positions, self.strengths, wavenumber, "float64")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Solution:
+    """Pressure in the box: the free field of some monopoles plus finite elements.
+
+    Attributes
+    ----------
+    system : what was solved.
+    outer : the monopoles whose free field is added.
+    parts : of each parity that is not negligible, the (unknowns, S) finite elements on the mirrors'
+        positive side.
+    """
+
+    system: System
+    outer: PointSources
+    parts: dict[tuple[int, ...], Coefficients]
+
+    def total(self, points: Points) -> Pressures:
+        """Total pressure at points (P, 3) [λ] in the box, by interpolation in the tetrahedra."""
+        return self.finite_elements(points) + self.outer.pressure(points, self.system.wavenumber)
+
+    def finite_elements(self, points: Points) -> Pressures:
+        """Total pressure less the free field of the outer monopoles at points (P, 3) [λ]."""
+        folded, image = self.system.folded(points)
+        mapped = self.system.mesh_points(*self.system.holding(folded))
+        pressure = np.zeros((len(points), self.outer.strengths.shape[1]), dtype=np.complex128)
+        for sign, column, function in self._functions(image):
+            pressure[:, column] += sign * np.asarray(function(mapped)).ravel()
+        return pressure
+
+    def gradients(self, points: Points) -> Gradients:
+        """Gradient of the total pressure at points (P, 3) [λ] in the box."""
+        ngsolve = ngsolve_library()
+        folded, image = self.system.folded(points)
+        mapped = self.system.mesh_points(*self.system.holding(folded))
+        gradients = np.zeros((len(points), 3, self.outer.strengths.shape[1]), dtype=np.complex128)
+        for sign, column, function in self._functions(image):
+            gradient = np.asarray(ngsolve.grad(function)(mapped)).reshape(-1, 3)
+            gradients[:, :, column] += sign[:, None] * gradient
+        # A mirrored point has the mirrored vector.
+        gradients *= self.system.axis_signs(image)[:, :, None]
+        if len(self.outer.positions):
+            waves = Monopoles(self.outer.positions, self.outer.strengths)
+            gradients += open_air_gradient(points, waves, self.system.wavenumber)
+        return gradients
+
+    def _functions(self, image: Indices) -> Iterator[tuple[Lengths, int, Any]]:
+        """Yield sign at each image, excitation and NGSolve's function of each part.
+
+        The next function replaces the one before it.
+        """
+        function = ngsolve_library().GridFunction(self.system.space)
+        if not len(image):
+            return
+        for parity, part in self.parts.items():
+            for column in range(part.shape[1]):
+                function.vec.FV().NumPy()[:] = part[:, column]
+                yield signs(parity)[image], column, function
+
+    def scattered(self, points: Points, clear: bool = False) -> Pressures:
+        """Scattered pressure at points (P, 3) [λ] off the bodies, by the surface integral.
+
+        Fewer quadrature points serve points that are ``clear`` of the bodies.
+        """
+        system = self.system
+        surface = system.coarse_surface if clear else system.surface
+        interior = system.interior
+        positions = np.concatenate([surface.points, interior.points])
+        normals = np.concatenate([surface.normals, interior.normals])
+        # Kirchhoff and Helmholtz: the solution itself is the test function of L_y.
+        w_d, w_s, w_v = system.weights / (4 * np.pi)
+        dipole_weights = w_d[surface.body] * surface.areas
+        dipole_weights = np.concatenate([dipole_weights, np.zeros(len(interior.body))])[:, None]
+        monopole_weights = np.concatenate(
+            [w_s[surface.body] * surface.areas, w_v[interior.body] * interior.areas]
+        )[:, None]
+        scattered = np.zeros((len(points), self.outer.strengths.shape[1]), dtype=np.complex128)
+        on_surface = self.at_nodes(surface)
+        inside = self.at_nodes(interior)
+        for number, image in enumerate(images(system.mirrors, points)):
+            pressure = np.concatenate([on_surface[number], inside[number]])
+            # Σ_j m_j G(x, y_j) + d_j ∂G(x, y_j)/∂n_j with G = e^{ikr}/r
+            scattered += _kernels.surface_integral(
+                image,
+                positions,
+                normals,
+                monopole_weights * pressure,
+                dipole_weights * pressure,
+                system.wavenumber,
+            )
+        return scattered
+
+    def at_nodes(
+        self, nodes: QuadraturePoints
+    ) -> list[Complex128[np.ndarray, "nodes excitations"]]:
+        """Total pressure at quadrature points and at each of their images."""
+        parts = {parity: nodes.pressure(part) for parity, part in self.parts.items()}
+        totals = []
+        for number, points in enumerate(images(self.system.mirrors, nodes.points)):
+            total = self.outer.pressure(points, self.system.wavenumber)
+            for parity, pressure in parts.items():
+                total += signs(parity)[number] * pressure
+            totals.append(total)
+        return totals
+
+
+def solve(system: System, outer: PointSources, inner: PointSources) -> Solution:
+    """Solve for ``outer`` monopoles by what they scatter, for ``inner`` ones as loads."""
+    every = parities(system.mirrors)
+    right = np.zeros((len(every), system.unknowns, outer.strengths.shape[1]), dtype=np.complex128)
+    if len(outer.positions):
+        # The part of a source with some parity is its images with that parity's signs.
+        for number, positions in enumerate(images(system.mirrors, outer.positions)):
+            scattered = system.right_hand_side(positions, outer.strengths)
+            for row, parity in enumerate(every):
+                right[row] += signs(parity)[number] / len(every) * scattered
+    folded, image = system.folded(inner.positions)
+    number, weights = system.holding(folded)
+    for source, strengths in enumerate(inner.strengths):
+        load = system.point_load(int(number[source]), weights[source])
+        for row, parity in enumerate(every):
+            sign = signs(parity)[image[source]]
+            right[row] += sign / len(every) * load[:, None] * strengths
+    # Monopoles on a mirror make nothing that is odd about it: no factorisation is spent on that.
+    negligible = 1e-10 * np.linalg.norm(right)
+    parts = {
+        parity: system.factor(parity).solve(side)
+        for parity, side in zip(every, right, strict=True)
+        if np.linalg.norm(side[system.free[parity]]) > negligible
+    }
+    return Solution(system, outer, parts)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class FiniteField(RadiatedField):
-    """The field of some monopoles by ``FiniteElement``; of a meshed workspace it covers no more.
+    """The field of some monopoles by ``FiniteElement``.
 
     A source within 0.04 wavelengths of a filled body touches it.
 
@@ -38,11 +214,9 @@ class FiniteField(RadiatedField):
     ----------
     from_afar : the solution with the sources beside the bodies as point loads: right away from the
         bodies.
-    workspace : whether the whole workspace is meshed and read off the mesh, as the paper does.
     """
 
     from_afar: Solution
-    workspace: bool = False
 
     @property
     def system(self) -> System:
@@ -59,22 +233,20 @@ class FiniteField(RadiatedField):
         length = self.scene.wavelength
         nodes = self.system.surface
         mirrors = self.system.mirrors
-        pressure = np.concatenate(self.from_nearby.at_nodes(nodes)) / length
+        pressure = np.concatenate(self._scattering.at_nodes(nodes)) / length
         points = np.concatenate(images(mirrors, nodes.points)) * length
         # Mirrors turn normals too, so their tips are mirrored.
         tips = np.concatenate(images(mirrors, nodes.points + nodes.normals)) * length
         areas = np.tile(nodes.areas, 2 ** len(mirrors)) * length**2
         return SurfaceField(points, (tips - points) / length, areas, pressure)
 
-    @property
-    def from_nearby(self) -> Solution:
-        """The solution that is right beside the bodies."""
-        return self.from_afar if self.workspace else self._scattering
-
     @cached_property
     def _scattering(self) -> Solution:
-        """Solution for the scattered pressure of all sources that touch no filled body."""
-        if not (self.workspace or beside(self.scene, self.sources.positions).any()):
+        """Solution that is right beside the bodies.
+
+        It is solved for the scattered pressure of all sources that touch no filled body.
+        """
+        if not beside(self.scene, self.sources.positions).any():
             return self.from_afar
         touching = self._touching_filled
         outer = self._scaled.chosen(~touching).joined(self._images)
@@ -112,10 +284,6 @@ class FiniteField(RadiatedField):
 
     def _valid(self, points: Vectors) -> Mask:
         valid = np.ones(len(points), dtype=np.bool_)
-        if self.workspace:
-            length = self.scene.wavelength
-            folded = images(self.system.mirrors, points / length)
-            valid = np.any([self.system.box.holds(image * length) for image in folded], axis=0)
         for obstacle in self.scene.obstacles:
             if obstacle.boundary != "filled":
                 valid &= obstacle.surface.depth(points) <= CONTACT
@@ -126,7 +294,7 @@ class FiniteField(RadiatedField):
         close, away = self._close_and_away(points)
         length = self.scene.wavelength
         if close.any():
-            pressure[close] = self.from_nearby.total(points[close] / length) / length
+            pressure[close] = self._scattering.total(points[close] / length) / length
         if away.any():
             pressure[away] = self._total_away(points[away])
         return pressure
@@ -160,9 +328,11 @@ class FiniteField(RadiatedField):
         length = self.scene.wavelength
         gradients = np.full((len(points), 3, self.excitations), np.nan, dtype=np.complex128)
         density = np.full(len(points), self.scene.medium.density)
+        for obstacle in self.scene.obstacles:
+            if obstacle.medium is not None:
+                density[obstacle.surface.depth(points) > 0.0] = obstacle.medium.density
         if close.any():
-            gradients[close], density[close] = self.from_nearby.gradients(points[close] / length)
-            gradients /= length**2
+            gradients[close] = self._scattering.gradients(points[close] / length) / length**2
             hard = close & _touching(self.scene, points, ("sound_hard",), CONTACT)
             # On a hard surface what is left along the normal is error.
             normals = self.system.nearest_on_surface(points[hard] / length)[1]
@@ -174,9 +344,9 @@ class FiniteField(RadiatedField):
         return velocity_of(gradients, self.scene.frequency, density)
 
     def _close_and_away(self, points: Points) -> tuple[Mask, Mask]:
-        """Find valid points beside the bodies or in a meshed workspace, and other valid ones."""
+        """Find valid points beside the bodies, and other valid ones."""
         valid = self._valid(points)
-        near = self.workspace | beside(self.scene, points)
+        near = beside(self.scene, points)
         return valid & near, valid & ~near
 
     def _total_away(self, points: Points, fine: bool = False) -> Pressures:
@@ -206,13 +376,13 @@ def beside(scene: Scene, points: Points) -> Mask:
     return scene.depth(points) > -0.25 * scene.wavelength
 
 
-def solved_from_afar(system: System, scene: Scene, sources: Monopoles, workspace: bool) -> Solution:
-    """Solve with the sources beside the bodies (or all) as point loads.
+def solved_from_afar(system: System, scene: Scene, sources: Monopoles) -> Solution:
+    """Solve with the sources beside the bodies as point loads.
 
     Away from the bodies this is as right as the pressure of a far source is beside them, by
     reciprocity.
     """
-    near = workspace | beside(scene, sources.positions)
+    near = beside(scene, sources.positions)
     scaled = _scaled(scene, sources)
     return solve(system, scaled.chosen(~near), scaled.chosen(near))
 

@@ -7,6 +7,7 @@ Netgen's depends on the frequency.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 from typing import Any
 
@@ -15,7 +16,7 @@ from jaxtyping import Float64, Int64, Real
 from scipy.spatial import KDTree
 
 from airtact.acoustics.scene import Scene
-from airtact.acoustics.solvers.arrays import Mask, Points
+from airtact.acoustics.solvers.arrays import Barycentric, Indices, Points, Vectors
 from airtact.acoustics.solvers.fem.libraries import (
     NetgenMesh,
     heeding_interrupts,
@@ -24,9 +25,7 @@ from airtact.acoustics.solvers.fem.libraries import (
 )
 from airtact.acoustics.solvers.fem.surface_mesh import SurfaceMesh, surface_mesh
 from airtact.acoustics.solvers.fem.symmetry import Mirror
-from airtact.acoustics.solvers.fem.tetrahedra import EDGES, Tetrahedra
 from airtact.errors import InvalidInput, in_mm
-from airtact.geometry.mesh.intersections import self_crossings
 
 # How fast Netgen's edges may grow
 GRADING = 0.9
@@ -41,6 +40,13 @@ AIR = 1
 LAYER = 2
 # Netgen's numbers of the materials; a filled body b has number BODY + b
 BODY = 3
+
+
+# Corners of the six edges of a tetrahedron
+EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
+
+# Smallest barycentric coordinate of a point that is inside a tetrahedron for certain
+INSIDE = -1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,9 +78,100 @@ class Box:
         """(3,) upper corner of the perfectly matched layer [m]."""
         return self.high + self.layer
 
-    def holds(self, points: Points) -> Mask:
-        """Whether points (P, 3) [m] lie in the air of the box."""
-        return np.all((points >= self.low) & (points <= self.high), axis=1)
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Tetrahedra:
+    """Quadratic tetrahedra: corners, and offsets of the midpoints of the edges [λ]."""
+
+    corners: Float64[np.ndarray, "tetrahedra 4 3"]
+    bends: Float64[np.ndarray, "tetrahedra 6 3"]
+
+    @cached_property
+    def _tree(self) -> KDTree:
+        return KDTree(self.corners.mean(axis=1))
+
+    def positions(self, number: Indices, weights: Barycentric) -> Vectors:
+        """Points with barycentric coordinates (P, 4) of tetrahedra (P,) [λ]."""
+        products = weights[:, EDGES[:, 0]] * weights[:, EDGES[:, 1]]
+        straight = np.einsum("pc,pcd->pd", weights, self.corners[number])
+        return straight + 4 * np.einsum("pe,ped->pd", products, self.bends[number])
+
+    def jacobians(self, number: Indices, weights: Barycentric) -> Float64[np.ndarray, "points 3 3"]:
+        """Differentiate the position along the first three barycentric coordinates, as columns."""
+        along = np.array(self.corners[number])
+        for edge, (start, end) in enumerate(EDGES):
+            bend = 4 * self.bends[number, edge]
+            along[:, start] += weights[:, end, None] * bend
+            along[:, end] += weights[:, start, None] * bend
+        return (along[:, :3] - along[:, 3:]).transpose(0, 2, 1)
+
+    def smallest_stretch(self) -> tuple[float, int]:
+        """Smallest ratio of a volume element to that of the straight tetrahedron, and where.
+
+        0 or less is folded.
+
+        It is sampled 15 % of the way in from the corners and midpoints: between two faces on a
+        smooth surface the ratio is 0, which does no harm.
+        """
+        midpoints = 0.5 * (np.eye(4)[EDGES[:, 0]] + np.eye(4)[EDGES[:, 1]])
+        samples = 0.85 * np.concatenate([np.eye(4), midpoints]) + 0.15 / 4
+        every = np.arange(len(self.corners))
+        flat = np.linalg.det((self.corners[:, :3] - self.corners[:, 3:]).transpose(0, 2, 1))
+        smallest = np.full(len(every), np.inf)
+        for sample in samples:
+            weights = np.broadcast_to(sample, (len(every), 4))
+            smallest = np.minimum(smallest, np.linalg.det(self.jacobians(every, weights)) / flat)
+        return float(smallest.min()), int(smallest.argmin())
+
+    def holding(self, points: Points) -> tuple[Indices, Barycentric]:
+        """Tetrahedron of each point (P, 3) [λ], -1 for none, and barycentric coordinates.
+
+        The tetrahedra with the nearest centres are tried, more and more of them for the points that
+        are still outside all.
+        """
+        best = np.full(len(points), -1, dtype=np.int64)
+        weights = np.zeros((len(points), 4))
+        depth = np.full(len(points), -np.inf)
+        tried = 0
+        for candidates in (4, 12, 40, 160, 640):
+            count = min(candidates, len(self.corners))
+            outside = np.flatnonzero(depth < INSIDE)
+            if not len(outside) or tried == count:
+                break
+            nearest = np.asarray(self._tree.query(points[outside], k=count)[1])
+            for column in nearest.reshape(len(outside), count).T[tried:]:
+                still = depth[outside] < INSIDE
+                index = outside[still]
+                number = column[still]
+                candidate = self._weights(number, points[index])
+                smallest = candidate.min(axis=1)
+                deeper = smallest > depth[index]
+                chosen = index[deeper]
+                best[chosen] = number[deeper]
+                weights[chosen] = candidate[deeper]
+                depth[chosen] = smallest[deeper]
+            tried = count
+        # The meshed surface lies micrometres off the true one, so a point beside a tetrahedron
+        # belongs to it.
+        best[depth < -0.05] = -1
+        return best, weights
+
+    def _weights(self, number: Indices, points: Points) -> Barycentric:
+        """Barycentric coordinates, by Newton's method in curved tetrahedra."""
+        weights = np.full((len(points), 4), 0.25)
+        bent = np.arange(len(points))
+        for _ in range(6):
+            off = points[bent] - self.positions(number[bent], weights[bent])
+            jacobians = self.jacobians(number[bent], weights[bent])
+            # One step is exact in a straight tetrahedron.
+            step = np.linalg.solve(jacobians, off[:, :, None])[:, :, 0]
+            weights[bent, :3] += np.clip(step, -1e3, 1e3)
+            weights[bent, 3] = 1 - weights[bent, :3].sum(axis=1)
+            moving = (np.abs(step).max(axis=1) > 1e-12) & (np.abs(weights[bent]).max(axis=1) < 5)
+            bent = bent[moving & (self.bends[number[bent]] != 0).any(axis=(1, 2))]
+            if not len(bent):
+                break
+        return weights
 
 
 def meshed(
@@ -98,10 +195,25 @@ def meshed(
     for shrinking in (0.8, 0.5, 0.3):
         edge = shrinking * size * scene.wavelength
         surface = surface_mesh(shapes, edge, box.mirrors, refined)
+        sides = surface.vertices[surface.triangles]
+        lengths = np.linalg.norm(sides - np.roll(sides, 1, axis=1), axis=2)
+        if lengths.min() < SAME_POINT * scene.wavelength:
+            # Two vertices on one point of two mirrors, at which Netgen crashes.
+            fault = InvalidInput(
+                f"triangles of {1e3 * edge:.3g} mm collapse where mirrors cut a body; ask for more "
+                "elements_per_wavelength.",
+                code="mesh_faulty",
+            )
+            continue
         with muted(), heeding_interrupts():
             mesh = _tetrahedra(surface, box, filled, scene.wavelength, size)
         if not _fills_box(mesh, box, surface, filled, scene.wavelength):
-            fault = _crossing(surface, edge)
+            fault = InvalidInput(
+                "Netgen cannot fill the box round the bodies with tetrahedra on triangles of "
+                f"{1e3 * edge:.3g} mm: a body is too thin, or two are too near each other; ask for "
+                "more elements_per_wavelength, or take BoundaryElement.",
+                code="mesh_faulty",
+            )
             continue
         curved = _curved(mesh, surface, scene.wavelength)
         stretch, number = curved.smallest_stretch()
@@ -340,27 +452,3 @@ def _fills_box(
         flat = surface.vertices[surface.triangles[hollow]] - box.low
         expected -= float(np.linalg.det(flat).sum()) / 6
     return bool(abs(volume / expected - 1) < 1e-6)
-
-
-def _crossing(surface: SurfaceMesh, edge: float) -> InvalidInput:
-    """Make the error of surfaces that Netgen cannot mesh: which ones cross, if any."""
-    pairs = self_crossings(surface.vertices[surface.triangles], surface.triangles)
-    if not len(pairs):
-        return InvalidInput(
-            "Netgen cannot fill the box round the bodies with tetrahedra, their surfaces having "
-            f"{len(surface.triangles)} triangles of {1e3 * edge:.3g} mm; give smoother or thicker "
-            "bodies, or take BoundaryElement.",
-            code="mesh_faulty",
-        )
-    first, second = surface.body[pairs[0]]
-    position = surface.vertices[surface.triangles[pairs[0]]].mean(axis=(0, 1))
-    bodies = f"bodies {first} and {second} cross"
-    if first == second:
-        bodies = f"body {first} crosses itself"
-    return InvalidInput(
-        f"{bodies} at {in_mm(position)} when meshed with triangles of {1e3 * edge:.3g} mm "
-        f"({len(pairs)} pairs of them): too thin or too near for these; ask for more "
-        "elements_per_wavelength, thicken the body or move it away.",
-        position,
-        code="bodies_overlap",
-    )

@@ -19,7 +19,6 @@ from airtact.acoustics.solvers.arrays import (
     Barycentric,
     Coefficients,
     Indices,
-    Lengths,
     Points,
     SourcePoints,
     Strengths,
@@ -34,16 +33,16 @@ from airtact.acoustics.solvers.fem.libraries import (
     many_threads,
     ngsolve_library,
 )
-from airtact.acoustics.solvers.fem.mesh import Box
-from airtact.acoustics.solvers.fem.quadrature_points import (
-    MAX_RULE_ORDER,
-    QuadraturePoints,
-    quadrature,
-)
+from airtact.acoustics.solvers.fem.mesh import EDGES, SAME_POINT, Box, Tetrahedra
 from airtact.acoustics.solvers.fem.surface_mesh import SurfaceMesh
 from airtact.acoustics.solvers.fem.symmetry import Mirror, images, parities
-from airtact.acoustics.solvers.fem.tetrahedra import EDGES, Tetrahedra
-from airtact.acoustics.solvers.fem.weak_form import boundary_weights, weak_form
+from airtact.acoustics.solvers.fem.weak_form import (
+    MAX_RULE_ORDER,
+    QuadraturePoints,
+    boundary_weights,
+    quadrature,
+    weak_form,
+)
 from airtact.acoustics.solvers.open_air import monopole_pressure
 from airtact.errors import InvalidInput, in_mm
 from airtact.geometry.mesh.panel_tree import PanelTree, panel_tree
@@ -56,6 +55,7 @@ class System:
 
     Attributes
     ----------
+    mirrors : planes that the box ends at [λ].
     panels : the bodies' surfaces as meshed [λ].
     mesh, space, form : NGSolve's mesh, unknowns and assembled matrix, the unknowns inside
         tetrahedra eliminated.
@@ -68,7 +68,7 @@ class System:
     """
 
     scene: Scene
-    box: Box
+    mirrors: tuple[Mirror, ...]
     tetrahedra: Tetrahedra
     panels: PanelTree
     order: int
@@ -94,12 +94,6 @@ class System:
         2π, and the absorption in a wavelength as its imaginary part.
         """
         return complex(self.scene.wavenumber * self.scene.wavelength)
-
-    @cached_property
-    def mirrors(self) -> tuple[Mirror, ...]:
-        """Mirrors, in wavelengths."""
-        length = self.scene.wavelength
-        return tuple(Mirror(mirror.axis, mirror.position / length) for mirror in self.box.mirrors)
 
     @cached_property
     def free(self) -> dict[tuple[int, ...], Bool[np.ndarray, "unknowns"]]:
@@ -209,16 +203,6 @@ class System:
         normals = normals * self.axis_signs(image)
         return nearest, normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
-    def density_at(self, number: Indices, weights: Barycentric) -> Lengths:
-        """Density of what tetrahedra hold [kg/m³]."""
-        densities = {
-            f"body{body}": obstacle.medium.density
-            for body, obstacle in enumerate(self.scene.obstacles)
-            if obstacle.medium is not None
-        }
-        density = self.mesh.MaterialCF(densities, default=self.scene.medium.density)
-        return np.asarray(density(self.mesh_points(number, weights)), dtype=np.float64).ravel()
-
     def mesh_points(self, number: Indices, weights: Barycentric) -> Shaped[np.ndarray, "points"]:
         """Barycentric coordinates in tetrahedra as NGSolve's points."""
         # All points in one array of NGSolve's records: mapping them one by one from Python is slow.
@@ -245,13 +229,11 @@ def assembled(
     order: int,
     method: str,
     graded: float | None,
-    workspace: bool,
 ) -> System:
     """Assemble the equation on a mesh of Netgen's, in wavelengths.
 
     ``graded`` is the edge that this order is for [λ], others getting their own; None for the same
-    order everywhere. In a ``workspace`` the pressure is read off the mesh far from the surfaces
-    too.
+    order everywhere.
     """
     ngsolve = ngsolve_library()
     panels = surface.quadratic_triangles / scene.wavelength
@@ -260,8 +242,7 @@ def assembled(
         _bend(mesh, tetrahedra)
         space = ngsolve.H1(mesh, order=order, complex=True)
         if graded is not None:
-            nodes = None if workspace else panels.reshape(-1, 3)
-            grade_orders(space, mesh, scene, box, order, graded, nodes)
+            grade_orders(space, mesh, scene, box, order, graded, panels.reshape(-1, 3))
         equation = weak_form(scene, box, mesh, space)
         # Static condensation: unknowns inside a tetrahedron are eliminated there, which leaves a
         # far smaller matrix to factorise.
@@ -269,7 +250,9 @@ def assembled(
         form.Assemble()
         return System(
             scene=scene,
-            box=box,
+            mirrors=tuple(
+                Mirror(mirror.axis, mirror.position / scene.wavelength) for mirror in box.mirrors
+            ),
             tetrahedra=tetrahedra,
             panels=panel_tree(panels),
             order=order,
@@ -330,14 +313,11 @@ def grade_orders(
     box: Box,
     order: int,
     size: float,
-    surface: Real[np.ndarray, "nodes 3"] | None,
+    surface: Real[np.ndarray, "nodes 3"],
 ) -> None:
     """Give edges, faces and tetrahedra the orders that their lengths ask for.
 
-    ``order`` where an edge is ``size`` [λ].
-
-    ``surface`` are points all over the surfaces [λ]; None where the pressure is read off the mesh
-    far from them too.
+    An edge of ``size`` [λ] gets ``order``; ``surface`` are points all over the surfaces [λ].
     """
     ngsolve = ngsolve_library()
     points = np.array([vertex.point for vertex in mesh.vertices])
@@ -354,9 +334,9 @@ def grade_orders(
     middles = points[ends].mean(axis=1)
     faces = np.array([[edge.nr for edge in face.edges] for face in mesh.faces])
     cells = np.array([[edge.nr for edge in cell.edges] for cell in mesh.Elements(ngsolve.VOL)])
-    on_box = 1e-9  # [m] off it the middle of an edge on the box may be
-    air = Box(box.low - on_box, box.high + on_box, box.layer, box.mirrors)
-    near = None if surface is None else KDTree(surface)
+    low = box.low / scene.wavelength - SAME_POINT
+    high = box.high / scene.wavelength + SAME_POINT
+    near = KDTree(surface)
     edges_of = {
         ngsolve.EDGE: np.arange(len(ends))[:, None],
         ngsolve.FACE: faces,
@@ -367,9 +347,8 @@ def grade_orders(
         middle = middles[edges].mean(axis=1)
         # Little of the error in the layer and far from the surfaces comes back: three times as much
         # is allowed there.
-        eased = ~air.holds(middle * scene.wavelength)
-        if near is not None:
-            eased |= near.query(middle)[0] > 0.5
+        in_layer = ((middle < low) | (middle > high)).any(axis=1)
+        eased = in_layer | (near.query(middle)[0] > 0.5)
         orders = np.where(
             eased, _served(longest, order, size, 3.0), _served(longest, order, size, 1.0)
         )
