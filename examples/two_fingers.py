@@ -32,7 +32,7 @@ unaware = at.Drive(unaware.factor_to_match(aware) * unaware.amplitudes)  # to th
 
 # The pressures come from another, finer solve, with the transducers as sources.
 drives = {"for the fingers": aware, "for empty air": unaware}
-figure, axes = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
+figure, axes = plt.subplots(1, 2, figsize=(10, 3.5), layout="constrained")
 for ax, (name, drive) in zip(axes, drives.items(), strict=True):
     played = at.evaluate(scene, array, drive, target, solver=at.BoundaryElement(accuracy=0.01))
     print(f"drive {name}: {played.magnitudes[0]:.0f} and {played.magnitudes[1]:.0f} Pa")
