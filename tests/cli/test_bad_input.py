@@ -238,7 +238,9 @@ def test_a_solver_that_does_not_converge_is_reported(tmp_path, capsys, monkeypat
 # --- wrong kinds of object, by the Python interface -----------------------------------------------------------------
 
 AIR = at.Medium(343.1, 1.293)
-ARRAY = at.PhasedArray(np.array([[0, 0, 0.1], [0.02, 0, 0.1]]), np.tile([0.0, 0.0, -1.0], (2, 1)))
+ARRAY = at.PhasedArray(
+    np.array([[0, 0, 0.1], [0.02, 0, 0.1]]), np.tile([0.0, 0.0, -1.0], (2, 1)), at.monopole()
+)
 SCENE = at.Scene(AIR, [])
 TARGET = at.Target(np.array([[0.0, 0.0, 0.02]]))
 DRIVE = at.Drive(np.array([1.0, 0.5j]))

@@ -12,7 +12,7 @@ FULL = at.Drive(np.ones(1, dtype=np.complex128))
 
 
 def test_one_monopole_at_full_scale_makes_its_sensitivity_at_one_metre() -> None:
-    array = at.PhasedArray(np.zeros((1, 3)), FORWARD)
+    array = at.PhasedArray(np.zeros((1, 3)))
     pressure = at.field_map(
         at.Scene(AIR, []), array, FULL, np.array([[0.6, 0.0, 0.8]]), solver=at.FreeField()
     )

@@ -34,3 +34,41 @@ def test_a_board_over_the_plane_that_turns_its_back_to_it_is_rejected():
     body = at.Scene(AIR, [ball], planes=SCENE.planes)
     with raises_code("behind_faces"):
         check_placement(body, at_height(0.02))
+
+
+def twice(array: at.PhasedArray, shift: float) -> at.PhasedArray:
+    moved = array.moved(at.Pose(np.eye(3), np.array([shift, 0.0, 0.0])))
+    return at.transducers.join([array, moved])
+
+
+def test_elements_nearer_than_their_radius_are_rejected():
+    """A board at one place twice, or a list pasted twice, would double the pressure."""
+    scene = at.Scene(AIR, [])
+    target = at.Target(FOCUS)
+    beacons = at.FreeField().radiate(scene, target.beacons())
+    points = at.autd3_board().positions
+    for array in (
+        twice(at.autd3_board(), 0.0),
+        twice(at.autd3_board(), 5 * 10.16e-3),
+        twice(at.autd3_board(), 3.9e-3),
+        at.PhasedArray(np.concatenate([points, points])),
+    ):
+        for matrix in (
+            lambda array: at.transfer_matrix(beacons, array),
+            lambda array: at.open_air_matrix(scene, array, target),
+        ):
+            with raises_code("bodies_overlap"):
+                matrix(array)
+    # the paper's own box comes to 5.6 mm at its corners
+    for array in (twice(at.autd3_board(), 4.1e-3), at.surrounding_box(), at.flat_boards()):
+        check_placement(scene, array)
+
+
+def test_an_array_with_normals_radiates_forwards_only():
+    board = at.autd3_board()
+    behind = at.Target(np.array([[0.08, 0.06, -0.1]]))
+    scene = at.Scene(AIR, [])
+    with raises_code("behind_faces"):
+        at.open_air_matrix(scene, at.PhasedArray(board.positions, board.normals), behind)
+    assert at.open_air_matrix(scene, at.PhasedArray(board.positions), behind).matrix.all()
+    assert at.PhasedArray(board.positions, board.normals).element.radius == 4.5e-3

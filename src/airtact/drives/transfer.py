@@ -26,7 +26,7 @@ from airtact.errors import (
 from airtact.printing import html_table, one_line
 from airtact.transducers.element import check_pattern
 from airtact.transducers.layout import PhasedArray
-from airtact.transducers.placement import check_placement, check_reach
+from airtact.transducers.placement import check_apart, check_placement, check_reach
 from airtact.transducers.plates import strength_in
 
 
@@ -260,6 +260,7 @@ def focus_by_distance(
     check_frequency(frequency)
     # No scene checks the placement here, so the element and the foci are checked alone.
     check_pattern(array.element, medium.wavenumber(frequency))
+    check_apart(array)
     check_reach(array, target.points)
     distance = np.linalg.norm(array.positions[:, None, :] - target.points[None, :, :], axis=-1)
     amplitudes = np.exp(-1j * medium.wavenumber(frequency).real * distance).sum(axis=1)

@@ -22,7 +22,7 @@ from airtact.errors import (
 )
 from airtact.geometry.pose import Pose
 from airtact.printing import html_table, one_line, sides_in_mm
-from airtact.transducers.boards import Board, board_named
+from airtact.transducers.boards import MURATA_RADIUS, Board, board_named
 from airtact.transducers.element import Element, monopole, piston
 
 MAX_ARRAY_EXTENT = 10.0
@@ -37,7 +37,8 @@ class PhasedArray:
     ----------
     positions : (E, 3) centres of the elements' faces [m].
     normals : (E, 3) directions in which they radiate; stored as unit vectors.
-    element : kind of transducer at every position; a monopole unless given.
+    element : kind of transducer at every position. Unless given, a piston of 4.5 mm radius, which
+        radiates forwards only; a monopole where no normals are given either.
     tangents : (E, 3) direction of each element's own x axis, which the points of its face turn
         with; stored as unit vectors. Chosen across the normal where not given.
     gains : (E,) factor of amplitude and phase of each element relative to a nominal one, in the
@@ -76,7 +77,7 @@ class PhasedArray:
     def __init__(
         self,
         positions: Real[np.ndarray, "elements 3"],
-        normals: Real[np.ndarray, "normals 3"],
+        normals: Real[np.ndarray, "normals 3"] | None = None,
         element: Element | None = None,
         tangents: Real[np.ndarray, "tangents 3"] | None = None,
         gains: Num[np.ndarray, "gains"] | None = None,
@@ -89,7 +90,11 @@ class PhasedArray:
                 "millimetres? Give metres.",
                 code="out_of_range",
             )
-        element = monopole() if element is None else element
+        if element is None:
+            # Transducers of unknown make are taken for Murata's, the usual ones.
+            element = monopole() if normals is None else piston(MURATA_RADIUS, points=12)
+        if normals is None:
+            normals = np.tile([0.0, 0.0, 1.0], (len(positions), 1))
         of_kind(element, Element, "the element of an array", "monopole() or piston(radius)")
         normals = _unit(_as_many(normals, positions, "normal"), "normal")
         if tangents is None:

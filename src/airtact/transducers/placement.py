@@ -2,7 +2,7 @@
 
 import numpy as np
 from jaxtyping import Bool, Float64, Real
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, KDTree
 
 from airtact.acoustics.planes import Plane, check_before_planes
 from airtact.acoustics.scene import CONTACT, Scene, check_not_inside
@@ -30,7 +30,8 @@ def check_placement(
     Raises
     ------
     InvalidInput
-        "bodies_overlap", "inside_body": an element reaches into a body; "behind_plane": or behind a
+        "bodies_overlap": two elements are nearer than the radius of their faces; "bodies_overlap",
+        "inside_body": an element reaches into a body; "behind_plane": or behind a
         plane; "behind_faces": a focus or a body, or its image in a plane, is behind the face of a
         directional element; "not_supported": an element is not in the face of the array's boards;
         "not_in_metres", "out_of_range", "wrong_kind".
@@ -38,6 +39,7 @@ def check_placement(
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
     check_pattern(array.element, scene.wavenumber)
+    check_apart(array)
     _check_outside_bodies(scene, array)
     check_before_planes(scene.planes, array.face_points.reshape(-1, 3), "face")
     if foci is not None:
@@ -49,6 +51,27 @@ def check_placement(
         _check_body(array, obstacle.surface.corners.reshape(-1, 3), f"body {index} reaches")
     for plane in scene.planes:
         _check_images(plane, scene, array, foci)
+
+
+def check_apart(array: PhasedArray) -> None:
+    """Raise where two elements overlap: a board placed twice would double the pressure."""
+    if len(array) < 2:
+        return
+    distances, neighbours = KDTree(array.positions).query(array.positions, k=2)
+    first = int(distances[:, 1].argmin())
+    distance = distances[first, 1]
+    # Points have no radius, but no two transducers are a tenth of a millimetre apart.
+    if distance >= max(array.element.radius, 1e-4):
+        return
+    second = int(next(index for index in neighbours[first] if index != first))
+    overlapping = int(np.sum(distances[:, 1] < max(array.element.radius, 1e-4)))
+    raise InvalidInput(
+        f"elements {first} and {second} are {1e3 * distance:.3g} mm apart at "
+        f"{in_mm(array.positions[first])}, and {overlapping} of {len(array)} overlap another one: "
+        "is a board or a list placed twice? Move one of them.",
+        array.positions[first],
+        code="bodies_overlap",
+    )
 
 
 def _check_body(
