@@ -16,14 +16,14 @@ from pathlib import Path
 import numpy as np
 
 import airtact as at
-from emission.odd_links import Interrupted, UnsilencedAudit, ZeroDivided
+from emission.odd_links import Audit, Interrupted, UnsilencedAudit, ZeroDivided
 
 DRIVE = at.Drive(np.exp(2j * np.pi * np.arange(249) / 7))
 PLAIN = {
     "recording": at.emission.RecordingLink,
-    "audit": lambda: at.AUTD3Link([at.Pose.identity()]),
+    "audit": Audit,
 }
-ODD = {"recording": ZeroDivided, "audit": lambda: UnsilencedAudit([at.Pose.identity()])}
+ODD = {"recording": ZeroDivided, "audit": UnsilencedAudit}
 LONG = 30.0
 KEPT: list = []
 SIGNALS = (

@@ -4,6 +4,8 @@ import os
 import signal
 import time
 
+import numpy as np
+
 import airtact as at
 from airtact.emission.link import RecordingLink
 
@@ -13,7 +15,7 @@ class SignalledLink(RecordingLink):
 
     def _begin(self) -> None:
         super()._begin()
-        os.kill(self.holder, signal.SIGTERM)
+        os.kill(os.getppid(), signal.SIGTERM)
 
 
 class SlowLink(RecordingLink):
@@ -22,6 +24,27 @@ class SlowLink(RecordingLink):
     def _transmit(self, frame: at.drives.Frame) -> None:
         time.sleep(0.03)
         super()._transmit(frame)
+
+
+class Audit(at.AUTD3Link):
+    """The firmware's model of one board, whose cable can be cut, and whose modulation can be read."""
+
+    def __init__(self) -> None:
+        super().__init__([at.Pose.identity()])
+
+    def cut(self) -> None:
+        """Cut the cable; opening the link again restores it."""
+        if self._elsewhere is not None:
+            self._elsewhere("cut")
+        else:
+            self._controller.link().break_down()
+
+    def played_modulation(self) -> np.ndarray:
+        """The factors of the modulation, 255 for 1."""
+        if self._elsewhere is not None:
+            return self._elsewhere("played_modulation")
+        model = self._controller.link()
+        return np.array(model.modulation_buffer(0, model.current_mod_segment(0)), dtype=np.uint8)
 
 
 class Unsilenced:
@@ -44,7 +67,7 @@ class Interrupted(Unsilenced, RecordingLink):
     error = KeyboardInterrupt
 
 
-class UnsilencedAudit(Unsilenced, at.AUTD3Link):
+class UnsilencedAudit(Unsilenced, Audit):
     error = ZeroDivisionError
 
     def _silence(self) -> None:

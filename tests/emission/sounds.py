@@ -64,6 +64,12 @@ class VirtualTime:
         player.open()
         return player
 
+    def send(self, player: Player, drives: np.ndarray, rate: float = 0.0) -> at.drives.Frame:
+        """Play a drive, or drives in turn at a rate [1/s], from now on."""
+        drives = np.atleast_2d(drives)
+        frame, _, _ = player.play(drives, np.ones(len(drives)), rate)
+        return frame
+
     def run(self, player: Player, seconds: float, step: float = 1e-3) -> None:
         """Let the player do what is due, once per step of the clock [s]."""
         for _ in range(round(seconds / step)):

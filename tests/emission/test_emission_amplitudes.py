@@ -5,10 +5,11 @@ import pytest
 
 import airtact as at
 from airtact.drives.frame import frame_at
-from airtact.drives.sequence import Sequence, amplitude_modulation
+from airtact.drives.sequence import Sequence
 from airtact.emission.codecs import codec_of
+from airtact.emission.emission import frames_of_period
 from airtact.emission.link import RecordingLink
-from airtact.transducers.modulation import AmplitudeModulation
+from airtact.transducers.modulation import AmplitudeModulation, check_rate
 from emission.sounds import VirtualTime, moving, strongest, tone
 from faults import raises_code
 
@@ -21,16 +22,25 @@ def clock(monkeypatch) -> VirtualTime:
 def test_sound_rises_over_the_ramp(clock) -> None:
     link = RecordingLink()
     player = clock.player(link, ramp=0.2)
-    player.send(tone().amplitudes)
+    clock.send(player, tone().amplitudes)
     clock.run(player, 0.3)
     np.testing.assert_allclose(strongest(link), 255 * np.arange(1, 9) / 8, rtol=0, atol=0.51)
     np.testing.assert_allclose(link.seconds, 0.025 * np.arange(8), rtol=0, atol=1.1e-3)
 
 
+def test_a_sequence_rises_over_the_ramp(clock) -> None:
+    link = RecordingLink()
+    player = clock.player(link, ramp=0.2)
+    clock.send(player, moving(4), 40.0)
+    clock.run(player, 0.3)
+    rise = [*range(1, 9), 8, 8, 8, 8]
+    np.testing.assert_allclose(strongest(link), 255 * np.array(rise) / 8, rtol=0, atol=0.51)
+
+
 @pytest.mark.parametrize(("cap", "share"), [(0.4, 0.5), (0.9, 1.0)])
 def test_the_cap_turns_a_drive_down_as_a_whole(clock, cap: float, share: float) -> None:
     amplitudes = np.linspace(0.0, 0.8, 249) * tone().amplitudes
-    frame, _, _ = clock.player(RecordingLink(), cap=cap).send(amplitudes)
+    frame = clock.send(clock.player(RecordingLink(), cap=cap), amplitudes)
     np.testing.assert_allclose(
         frame.amplitude / 255, share * np.abs(amplitudes), rtol=0, atol=0.5 / 255
     )
@@ -39,8 +49,8 @@ def test_the_cap_turns_a_drive_down_as_a_whole(clock, cap: float, share: float) 
 def test_one_cap_holds_for_all_frames_of_a_sequence(clock) -> None:
     link = RecordingLink()
     player = clock.player(link, cap=0.5)
-    player.play(moving(2) * np.array([[1.0], [0.5]]), np.ones(2), 100.0, 0.02)
-    clock.run(player, 0.03)
+    clock.send(player, moving(2) * np.array([[1.0], [0.5]]), 100.0)
+    clock.run(player, 0.02)
     np.testing.assert_allclose(strongest(link), [127.5, 63.75], rtol=0, atol=0.51)
 
 
@@ -56,16 +66,15 @@ def test_boards_without_amplitudes_switch_on_fewer_elements() -> None:
 
 @pytest.mark.parametrize(
     ("step", "frames", "dropped"),
-    [(1e-3, 20, 0), (0.05, 9, 11)],
+    [(1e-3, 20, 0), (0.05, 8, 10)],
     ids=["in time", "a link that takes 50 ms"],
 )
 def test_frames_that_would_be_late_are_dropped(clock, step, frames: int, dropped: int) -> None:
-    player = clock.player(RecordingLink())
-    player.play(moving(10), np.ones(10), 50.0, 0.4)
-    clock.run(player, 0.4 + step, step)
-    rate, sent, left_out = player.played()
-    assert (sent, left_out) == (frames, dropped)
-    assert rate == pytest.approx(frames / 0.4, rel=0.15)
+    link = RecordingLink()
+    player = clock.player(link)
+    clock.send(player, moving(10), 50.0)
+    clock.run(player, 0.4, step)
+    assert (link.sent, player.dropped()) == (frames, dropped)
 
 
 def test_newer_frames_take_the_place_of_those_before_in_their_round(clock) -> None:
@@ -73,7 +82,7 @@ def test_newer_frames_take_the_place_of_those_before_in_their_round(clock) -> No
     player = clock.player(link)
     for level in (100, 200, 100, 200):
         levels = level + np.arange(8)
-        player.cycle(tone().amplitudes * levels[:, None] / 255.0, 200.0)
+        clock.send(player, tone().amplitudes * levels[:, None] / 255.0, 200.0)
         clock.run(player, 0.06)
     levels = np.array(strongest(link))
     assert set(levels // 100) == {1, 2}
@@ -84,8 +93,8 @@ def test_newer_frames_take_the_place_of_those_before_in_their_round(clock) -> No
 def test_a_drive_ends_a_round(clock) -> None:
     link = RecordingLink()
     player = clock.player(link)
-    player.cycle(0.5 * moving(4), 400.0)
-    player.send(tone().amplitudes)
+    clock.send(player, 0.5 * moving(4), 400.0)
+    clock.send(player, tone().amplitudes)
     before = len(link.frames)
     clock.run(player, 0.03)
     assert len(link.frames) == before
@@ -105,16 +114,6 @@ def test_autd3_boards_repeat_the_newest_frames_themselves() -> None:
         assert not emission.link.played(7).same_as(emission.link.played(0))
     assert (played.rate, played.dropped) == (500.0, 0)
     assert emission.link.sent == 4 + 4 + 8 + 1
-
-
-def test_a_sequence_that_begins_in_silence_rises_too(clock) -> None:
-    sequence = amplitude_modulation(tone(), frequency=100.0, rate=400.0)
-    link = RecordingLink()
-    player = clock.player(link, ramp=0.2)
-    player.play(np.roll(sequence.drives, 2, axis=0), np.ones(len(sequence)), 400.0, 0.05)
-    clock.run(player, 0.3)
-    np.testing.assert_allclose(strongest(link)[:7], 255 * np.arange(1, 8) / 8, rtol=0, atol=0.51)
-    assert strongest(link)[7] == 0  # the first frame, after the most powerful one rose
 
 
 def test_the_force_of_a_modulated_drive_follows_a_cosine_in_the_firmware() -> None:
@@ -176,3 +175,20 @@ def test_drives_that_do_not_fit_are_rejected_and_silent() -> None:
     assert all(frame.silent for frame in link.frames)
     with at.Emission(RecordingLink("sonicsurface")) as emission, raises_code("out_of_range"):
         emission.modulate(tone(256), 0.1)
+
+
+@pytest.mark.parametrize("frequency", [5.0, 30.0, 125.0, 150.0, 200.0, 237.0, 250.0, 1000.0])
+def test_a_period_is_whole_frames_of_whole_periods_of_the_sound(frequency: float) -> None:
+    count, rate = frames_of_period(frequency, np.inf)
+    check_rate(rate, 40e3, 65535, "AUTD3")
+    assert 16 <= count <= 40
+    assert rate / count == pytest.approx(frequency, rel=0.01)
+
+
+def test_a_slow_line_gets_fewer_frames_or_the_fastest_that_it_carries() -> None:
+    assert frames_of_period(10.0, 88.9) == (8, 80.0)
+    assert frames_of_period(44.0, 88.9) == (2, 88.0)
+    with raises_code("out_of_range", "am:44"):
+        frames_of_period(200.0, 88.9)
+    with raises_code("out_of_range", "1000 Hz"):
+        frames_of_period(2000.0, np.inf)

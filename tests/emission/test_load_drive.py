@@ -51,7 +51,7 @@ def test_a_sequence_of_one_frame_stays_a_sequence(tmp_path, drive) -> None:
     assert (len(back), back.rate) == (1, 200.0)
 
 
-@pytest.mark.parametrize("suffix", [".npz", ".csv", ".h5", ".bin"])
+@pytest.mark.parametrize("suffix", [".npz", ".csv", ".h5"])
 @pytest.mark.parametrize("name", ["autd3", "sonicsurface", "openmpd"])
 def test_frames_come_back_from_the_files_of_a_link(tmp_path, name: str, suffix: str) -> None:
     from airtact.emission.codecs import codec_of
@@ -62,7 +62,7 @@ def test_frames_come_back_from_the_files_of_a_link(tmp_path, name: str, suffix: 
     link.open()
     link.play(frames, 4000.0)
     link.close()
-    back = at.load_drive(link.path, board=name, boards=2, rate=4000.0 if suffix == ".bin" else None)
+    back = at.load_drive(link.path)
     assert isinstance(back, at.drives.Sequence)
     assert (len(back), back.rate) == (3, 4000.0)
     levels = codec_of(name).levels
@@ -83,13 +83,3 @@ def test_frames_without_a_rate_are_rejected_until_one_is_given(tmp_path) -> None
     back = at.load_drive(tmp_path / "frames.h5", rate=100.0)
     assert isinstance(back, at.drives.Sequence)
     assert back.rate == 100.0
-
-
-def test_messages_of_a_board_need_its_name(tmp_path) -> None:
-    with raises_code("data_missing"):
-        at.load_drive(tmp_path / "frames.bin")
-    with raises_code("file_missing"):
-        at.load_drive(tmp_path / "frames.bin", board="autd3")
-    (tmp_path / "frames.bin").write_bytes(bytes(66))
-    with raises_code("message_damaged"):
-        at.load_drive(tmp_path / "frames.bin", board="openmpd")

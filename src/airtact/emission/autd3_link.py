@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float64, UInt8, UInt16
+from jaxtyping import Float64, UInt16
 
 from airtact import _kernels
 from airtact.drives.frame import Frame
@@ -49,7 +49,6 @@ class AUTD3Link(Link):
     """
 
     plays_itself = True
-    modulates_itself = True
 
     def __init__(
         self,
@@ -118,7 +117,11 @@ class AUTD3Link(Link):
         """
         if self._elsewhere is not None:
             return self._elsewhere("played", index)
-        self._check_audit("cannot be read: only audit can")
+        if self.name != "audit":
+            raise InvalidInput(
+                f"the {self.boards} boards behind {self.name} cannot be read: only audit can.",
+                code="not_supported",
+            )
         model = self._controller.link()
         segments = [
             self._library.Segment(int(model.current_stm_segment(board)))
@@ -129,36 +132,6 @@ class AUTD3Link(Link):
         )
         intensity, phase = played.astype(np.uint8)
         return Frame(intensity, phase, EIGHT_BITS)
-
-    def cut(self) -> None:
-        """Cut the cable of an "audit" link, for tests; opening the link again restores it.
-
-        Raises
-        ------
-        InvalidInput
-            If the link is not "audit".
-        """
-        if self._elsewhere is not None:
-            self._elsewhere("cut")
-            return
-        self._check_audit("have a cable that you can pull yourself")
-        self._controller.link().break_down()
-
-    def played_modulation(self, board: int = 0) -> UInt8[np.ndarray, "frames"]:
-        """Read back the factors of a board's modulation, 255 for 1, from the firmware's model.
-
-        Raises
-        ------
-        InvalidInput
-            If the link is not "audit": real boards cannot be read.
-        """
-        if self._elsewhere is not None:
-            return self._elsewhere("played_modulation", board)
-        self._check_audit("cannot be read: only audit can")
-        model = self._controller.link()
-        return np.array(
-            model.modulation_buffer(board, model.current_mod_segment(board)), dtype=np.uint8
-        )
 
     def modulate(self, envelope: Float64[np.ndarray, "frames"] | None, rate: float) -> None:
         """Have the boards modulate all frames that are sent from now on.
@@ -177,12 +150,6 @@ class AUTD3Link(Link):
         if self.name == "audit":
             return None
         return f"{self.name} at {self.address or 'its usual address'}"
-
-    def _check_audit(self, why: str) -> None:
-        if self.name != "audit":
-            raise InvalidInput(
-                f"the {self.boards} boards behind {self.name} {why}.", code="not_supported"
-            )
 
     def _begin(self) -> None:
         self._modulating = False
@@ -327,23 +294,12 @@ def _library() -> Any:
 
 
 def _gain_of(words: UInt16[np.ndarray, "boards elements"]) -> Any:
-    """Return a gain of pyautd3 that plays a table, in the fast way if pyautd3 still has it."""
-    try:
-        return _table_gain(words)
-    except (ImportError, AttributeError):
-        return _custom_gain(words)
-
-
-def _table_gain(words: UInt16[np.ndarray, "boards elements"]) -> Any:
     """Return a gain that passes a compiled look-up to pyautd3's entry for ``Custom``."""
     # 996 calls of a Python function take 0.3 ms.
     from pyautd3.driver.datagram.gain import Gain
-    from pyautd3.native_methods.autd3 import Drive
     from pyautd3.native_methods.autd3capi import NativeMethods
 
     entry_point: Any = NativeMethods().gain_custom
-    if ctypes.sizeof(Drive) != 2:
-        raise AttributeError("a drive of pyautd3 is not two bytes")
 
     class TableGain(Gain):
         """A gain that looks up."""
@@ -366,17 +322,3 @@ class _Words(ctypes.Structure):
     """The context of ``word_of_element``: a table, and the number of elements of a board."""
 
     _fields_ = (("words", ctypes.c_void_p), ("elements_of_a_board", ctypes.c_int64))
-
-
-def _custom_gain(words: UInt16[np.ndarray, "boards elements"]) -> Any:
-    """Return the same gain through pyautd3's public ``Custom``, which is slower."""
-    from pyautd3 import Drive, Intensity, Phase
-    from pyautd3.gain import Custom
-
-    table = words.tolist()
-
-    def drive(transducer: Any) -> Any:
-        word = table[transducer.dev_idx()][transducer.idx()]
-        return Drive(phase=Phase(word & 0xFF), intensity=Intensity(word >> 8))
-
-    return Custom(lambda _device: drive)

@@ -12,13 +12,13 @@ from types import FrameType, TracebackType
 from typing import Any
 
 import numpy as np
+from jaxtyping import Complex128, Float64
 
 from airtact.drives.drive import Drive, check_drive
 from airtact.drives.frame import Frame, check_cap
 from airtact.drives.sequence import Sequence
-from airtact.emission.amplitudes import frames_of_period
-from airtact.emission.feeding import LinkProcess
 from airtact.emission.link import Link, LinkFailed
+from airtact.emission.link_process import LinkProcess
 from airtact.emission.player import Settings
 from airtact.errors import InvalidInput, number, of_kind, positive
 from airtact.transducers.modulation import AmplitudeModulation
@@ -192,16 +192,14 @@ class Emission:
         """Number of the process that holds the link; None if it is this one, or not open."""
         return None if self._link_process is None else self._link_process.process
 
-    def send(self, drive: Drive, wait: bool = True, outlast: bool = True) -> Frame:
+    def send(self, drive: Drive, wait: bool = True) -> Frame:
         """Play a drive from now on; the first drive, and one after silence, rise over the ramp.
 
         Parameters
         ----------
         drive : amplitude of every element.
-        wait : whether to return only when the boards have the frame. Otherwise the next call raises
-            what fails on the way.
-        outlast : whether to wait for the end of the ramp as well; otherwise ``share`` holds how far
-            the ramp has come.
+        wait : whether to wait for the end of the ramp; otherwise ``share`` holds how far the ramp
+            has come.
 
         Returns
         -------
@@ -216,12 +214,76 @@ class Emission:
         """
         check_drive(drive, "what is emitted")
         self.link.check_elements(len(drive))
-        frame, left, self.share = self._ask("send", drive.amplitudes, wait)
-        # The link process holds the real link; this copy only reports.
-        self.link.last = frame
-        if wait and outlast:
-            self._outlast(left)
-        return frame
+        return self._play(drive.amplitudes[None], np.ones(1), 0.0, wait)
+
+    def cycle(self, sequence: Sequence, wait: bool = True) -> None:
+        """Repeat the frames of a sequence from now on.
+
+        A sequence of the same length and rate as the one before continues at the same place in the
+        round. A modulation ends. The first sequence rises over the ramp; where boards repeat it
+        themselves, only its most powerful frame does. A file gets the frame that is due.
+        ``wait`` is that of ``send``.
+
+        Raises
+        ------
+        InvalidInput
+            As ``play``.
+        LinkFailed
+            If the link fails, or the emission was ended before.
+        """
+        self._check_sequence(sequence)
+        self._play(sequence.drives, np.ones(len(sequence)), sequence.rate, wait)
+
+    def play(self, sequence: Sequence, seconds: float) -> Played:
+        """Repeat a sequence as ``cycle`` does, and hold it for some time after the ramp.
+
+        Parameters
+        ----------
+        sequence : drives and their rate.
+        seconds : duration [s]; a file gets as many frames as it lasts.
+
+        Returns
+        -------
+        What was played. Boards that repeat a sequence themselves drop nothing; otherwise frames
+        that would be late by a whole frame are dropped, which keeps the rate.
+
+        Raises
+        ------
+        InvalidInput
+            If the boards or the link cannot play it.
+        LinkFailed
+            If the link fails, or the emission was ended before or meanwhile.
+        """
+        self._check_sequence(sequence)
+        return self._played(sequence.drives, np.ones(len(sequence)), sequence.rate, seconds)
+
+    def modulate(
+        self, drive: Drive, seconds: float, modulation: AmplitudeModulation | None = None
+    ) -> Played:
+        """Play a drive with amplitude modulation for some time [s].
+
+        Skin only feels a modulated drive. By default the force follows a cosine of 200 Hz. Boards
+        without levels of amplitude vary the number of elements that are on. The drive rises over
+        the ramp.
+
+        Returns
+        -------
+        What was played.
+
+        Raises
+        ------
+        InvalidInput
+            If the drive is for another number of elements, or the modulation is too fast.
+        LinkFailed
+            As ``play``.
+        """
+        check_drive(drive, "what is emitted")
+        self.link.check_elements(len(drive))
+        envelope, rate = self._frames_of(
+            AmplitudeModulation() if modulation is None else modulation
+        )
+        self.link.check_sequence(len(envelope), rate)
+        return self._played(drive.amplitudes[None], envelope, rate, seconds)
 
     def set_modulation(self, modulation: AmplitudeModulation | None) -> None:
         """Modulate the amplitude of all that ``send`` plays from now on, or stop that.
@@ -236,39 +298,8 @@ class Emission:
         LinkFailed
             If the link fails, or the emission was ended before.
         """
-        if modulation is None:
-            self._ask("modulate", None, 0.0)
-            return
-        of_kind(
-            modulation,
-            AmplitudeModulation,
-            "the modulation",
-            "AmplitudeModulation(frequency, depth)",
-        )
-        count, rate = frames_of_period(modulation.frequency, self.link.fastest_frames)
-        self._ask("modulate", modulation.envelope(count), rate)
-
-    def cycle(self, sequence: Sequence, outlast: bool = True) -> None:
-        """Repeat the frames of a sequence from now on.
-
-        A sequence of the same length and rate as the one before continues at the same place in the
-        round. A modulation ends. The first sequence rises over the ramp; where boards repeat it
-        themselves, only its most powerful frame does. A file gets the frame that is due.
-        ``outlast`` is that of ``send``.
-
-        Raises
-        ------
-        InvalidInput
-            As ``play``.
-        LinkFailed
-            If the link fails, or the emission was ended before.
-        """
-        of_kind(sequence, Sequence, "what is played", "Sequence(drives, rate)")
-        self.link.check_elements(sequence.drives.shape[1])
-        self.link.check_sequence(len(sequence), sequence.rate)
-        left, self.share = self._ask("cycle", sequence.drives, sequence.rate)
-        if outlast:
-            self._outlast(left)
+        envelope, rate = (None, 0.0) if modulation is None else self._frames_of(modulation)
+        self._ask("modulate", envelope, rate)
 
     def silence(self, fade: float = 0.1, wait: bool = True) -> None:
         """Fade to silence; the next drive rises over the ramp.
@@ -324,72 +355,61 @@ class Emission:
             time.sleep(min(left, self._pause))
             self.beat()
 
-    def play(self, sequence: Sequence, seconds: float) -> Played:
-        """Repeat a sequence for some time, after its most powerful frame has risen over the ramp.
-
-        Parameters
-        ----------
-        sequence : drives and their rate.
-        seconds : duration [s].
-
-        Returns
-        -------
-        What was played. Boards that repeat a sequence themselves drop nothing; otherwise frames
-        that would be late by a whole frame are dropped, which keeps the rate.
-
-        Raises
-        ------
-        InvalidInput
-            If the boards or the link cannot play it.
-        LinkFailed
-            If the link fails, or the emission was ended before or meanwhile.
-        """
-        of_kind(sequence, Sequence, "what is played", "Sequence(drives, rate)")
-        self.link.check_elements(sequence.drives.shape[1])
-        self.link.check_sequence(len(sequence), sequence.rate)
-        self._outlast(
-            self._ask("play", sequence.drives, np.ones(len(sequence)), sequence.rate, seconds)
-        )
-        return Played(*self._ask("played"))
-
-    def modulate(
-        self, drive: Drive, seconds: float, modulation: AmplitudeModulation | None = None
-    ) -> Played:
-        """Play a drive with amplitude modulation for some time [s].
-
-        Skin only feels a modulated drive. By default the force follows a cosine of 200 Hz. Boards
-        without levels of amplitude vary the number of elements that are on. The drive rises over
-        the ramp.
-
-        Returns
-        -------
-        What was played.
-
-        Raises
-        ------
-        InvalidInput
-            If the drive is for another number of elements, or the modulation is too fast.
-        LinkFailed
-            As ``play``.
-        """
-        check_drive(drive, "what is emitted")
-        modulation = AmplitudeModulation() if modulation is None else modulation
+    def _frames_of(
+        self, modulation: AmplitudeModulation
+    ) -> tuple[Float64[np.ndarray, "frames"], float]:
+        """Return the factors of a modulation over one period, and their rate [1/s]."""
         of_kind(
             modulation,
             AmplitudeModulation,
             "the modulation",
             "AmplitudeModulation(frequency, depth)",
         )
-        self.link.check_elements(len(drive))
         count, rate = frames_of_period(modulation.frequency, self.link.fastest_frames)
-        self.link.check_sequence(count, rate)
-        self._outlast(
-            self._ask("play", drive.amplitudes[None], modulation.envelope(count), rate, seconds)
-        )
-        return Played(*self._ask("played"))
+        return modulation.envelope(count), rate
+
+    def _check_sequence(self, sequence: Sequence) -> None:
+        of_kind(sequence, Sequence, "what is played", "Sequence(drives, rate)")
+        self.link.check_elements(sequence.drives.shape[1])
+        self.link.check_sequence(len(sequence), sequence.rate)
+
+    def _play(
+        self,
+        drives: Complex128[np.ndarray, "drives elements"],
+        factors: Float64[np.ndarray, "frames"],
+        rate: float,
+        wait: bool = True,
+    ) -> Frame:
+        frame, left, self.share = self._ask("play", drives, factors, rate)
+        if wait:
+            self._outlast(left)
+        return frame
+
+    def _played(
+        self,
+        drives: Complex128[np.ndarray, "drives elements"],
+        factors: Float64[np.ndarray, "frames"],
+        rate: float,
+        seconds: float,
+    ) -> Played:
+        """Play frames for some time [s], and return what was played."""
+        total = max(round(seconds * rate), 1)
+        if not self.link.real_time:
+            self._ask("play", drives, factors, rate, total)
+            return Played(rate, total, 0)
+        self._play(drives, factors, rate)
+        dropped_before = self._ask("dropped")
+        sent_before = self.link.sent
+        begun = time.monotonic()
+        self.hold(seconds)
+        if self.link.plays_itself:
+            return Played(rate, total, 0)
+        dropped = self._ask("dropped") - dropped_before
+        sent = self.link.sent - sent_before
+        return Played(sent / (time.monotonic() - begun), sent, dropped)
 
     def _outlast(self, left: float) -> None:
-        """Wait until a ramp or a sequence is over, which still takes ``left`` [s]."""
+        """Wait until a ramp is over, which still takes ``left`` [s]."""
         while left > 0.0:
             time.sleep(min(left, self._pause))
             left = self._ask("beat")
@@ -452,3 +472,51 @@ class Emission:
             raise KeyboardInterrupt
         # The exit status of shells for a process that a signal ended.
         raise SystemExit(128 + kind)
+
+
+def frames_of_period(frequency: float, fastest: float) -> tuple[int, float]:
+    """Choose the number of frames of a period of a modulation, and their rate [frames/s].
+
+    Boards without a limit of their own play frames that last whole periods of the 40 kHz sound: of
+    16 to 40 frames, the number that comes nearest to the frequency, and among equals the one
+    nearest to 20. Slower serial lines get an even number of frames, up to 20; 2 are on and off.
+
+    Parameters
+    ----------
+    frequency : of the modulation [Hz].
+    fastest : largest rate of the boards [frames/s].
+
+    Raises
+    ------
+    InvalidInput
+        "out_of_range"; the message has the nearest frequency that the boards can play.
+
+    Examples
+    --------
+    >>> frames_of_period(200.0, np.inf), frames_of_period(40.0, 88.0)
+    ((20, 4000.0), (2, 80.0))
+    """
+    if np.isfinite(fastest):
+        # 1e-9: a quotient that should be whole may be rounded down.
+        count = int(fastest / frequency + 1e-9)
+        if count < 2:
+            nearest = np.floor(fastest / 2)
+            raise InvalidInput(
+                f"an amplitude modulation of {frequency:g} Hz needs {2 * frequency:g} frames/s, "
+                f"and the boards take {fastest:.4g}: give {nearest:g} Hz or less, such as "
+                f"--modulate am:{nearest:g}.",
+                code="out_of_range",
+            )
+        count = min(count - count % 2, 20)
+        return count, count * frequency
+    if frequency > 40e3 / 40:
+        raise InvalidInput(
+            f"an amplitude modulation of {frequency:g} Hz is too fast: the fastest is "
+            f"{40e3 / 40:g} Hz.",
+            code="out_of_range",
+        )
+    counts = np.arange(16, 41)
+    periods = np.maximum(np.rint(40e3 / (frequency * counts)), 1.0)
+    error = np.round(np.abs(40e3 / (periods * counts) / frequency - 1.0), 9)
+    best = np.lexsort((np.abs(counts - 20), error))[0]
+    return int(counts[best]), float(40e3 / periods[best])

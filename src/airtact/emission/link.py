@@ -6,7 +6,7 @@ import tempfile
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,26 +21,20 @@ from airtact.transducers.levels import Levels
 
 
 class LinkFailed(RuntimeError):  # noqa: N818 (reads as what it is in a traceback)
-    """A link failed while it was open; the message names the last frame.
+    """A link failed while it was open; the message says what was sent last.
 
     Attributes
     ----------
-    last : last frame that the boards confirmed, or None.
-    sent : number of frames that they confirmed.
     code : kind of fault, such as "link_failed"; it stays when the message changes.
     """
 
-    def __init__(
-        self, sentence: str, last: Frame | None = None, sent: int = 0, *, code: str
-    ) -> None:
+    def __init__(self, sentence: str, *, code: str) -> None:
         super().__init__(sentence)
         self.code = code
-        self.last = last
-        self.sent = sent
 
     def __reduce__(self) -> Any:
         # The default would lose the code, which is passed by name.
-        return partial(type(self), code=self.code), (str(self), self.last, self.sent)
+        return partial(type(self), code=self.code), (str(self),)
 
 
 class Link(ABC):
@@ -54,19 +48,17 @@ class Link(ABC):
     codec : messages of its boards.
     name : name in commands.
     boards, elements : number of boards, and of elements on all of them.
-    plays_itself : whether boards repeat an uploaded sequence, or need every frame in time.
-    modulates_itself : whether boards vary the amplitude themselves.
+    plays_itself : whether boards repeat an uploaded sequence and modulate the amplitude themselves,
+        or need every frame in time.
     real_time : whether a frame is emitted when it is sent, so that frames must be sent at their
         times.
     fastest : largest rate that it carries [frames/s].
     last : frame that was sent last, or None.
     sent : number of frames sent since it was opened.
-    holder : number of the process that uses it.
     """
 
     name: str
     plays_itself: bool = False
-    modulates_itself: bool = False
     real_time: bool = True
     fastest: float = np.inf
 
@@ -84,7 +76,6 @@ class Link(ABC):
         self.boards = boards
         self.last: Frame | None = None
         self.sent = 0
-        self.holder = os.getpid()
         self._open = False
         self._locked: int | None = None
         self._elsewhere: Callable[..., Any] | None = None
@@ -126,7 +117,7 @@ class Link(ABC):
         self.last = None
         self.sent = 0
         resource = self._resource()
-        self._locked = None if resource is None else lock_boards(resource, self.holder)
+        self._locked = None if resource is None else lock_boards(resource)
         try:
             with self._reporting("opening"):
                 self._begin()
@@ -239,15 +230,16 @@ class Link(ABC):
             finally:
                 self._unlock()
 
-    def modulate(self, envelope: Float64[np.ndarray, "frames"] | None, rate: float) -> None:
-        """Have the boards modulate all frames that are sent from now on, if ``modulates_itself``.
+    def modulate(  # noqa: B027 (a file has no clock)
+        self, envelope: Float64[np.ndarray, "frames"] | None, rate: float
+    ) -> None:
+        """Have the boards modulate all frames that are sent from now on, if ``plays_itself``.
 
         Parameters
         ----------
         envelope : factors on the amplitudes, from 0 to 1, over one period; None for none.
         rate : factors a second.
         """
-        raise NotImplementedError
 
     def collect(self) -> None:  # noqa: B027 (most links keep nothing)
         """Fetch what the link keeps in another process, before that process ends."""
@@ -320,8 +312,6 @@ class Link(ABC):
             done = f"the last of {self.sent} frames sent had {on} of {self.elements} elements on"
         return LinkFailed(
             f"the {self.name} link failed while {doing}: {why}; {done}.",
-            self.last,
-            self.sent,
             code="link_failed",
         )
 
@@ -329,8 +319,6 @@ class Link(ABC):
         """Return the error of a call after the end of an emission."""
         return LinkFailed(
             f"the emission is over because {why}, after {self.sent} frames, and nothing was sent.",
-            self.last,
-            self.sent,
             code="emission_over",
         )
 
@@ -390,13 +378,8 @@ class RecordingLink(Link):
         pass
 
 
-def lock_boards(resource: str, holder: int) -> int | None:
-    """Reserve boards until the returned file is closed; None where the system has no locks.
-
-    Parameters
-    ----------
-    resource : the way to the boards, such as a port.
-    holder : number of the process that the message to others names.
+def lock_boards(resource: str) -> int | None:
+    """Reserve the way to boards until the returned file is closed; None where there are no locks.
 
     Raises
     ------
@@ -410,26 +393,19 @@ def lock_boards(resource: str, holder: int) -> int | None:
     name = f"airtact-{hashlib.sha256(resource.encode()).hexdigest()[:16]}.lock"
     path = Path(tempfile.gettempdir()) / name
     try:
-        file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        file = os.open(path, os.O_RDONLY | os.O_CREAT | os.O_CLOEXEC, 0o666)
     except PermissionError:
-        file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)  # another user's: enough for the lock
+        file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)  # made by another user
     # Wait 0.5 s for a link that is just being closed.
     end = time.monotonic() + 0.5
     while True:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            break
+            return file
         except BlockingIOError:
             if time.monotonic() > end:
-                first = os.pread(file, 40, 0).decode(errors="replace").strip() or "0"
                 os.close(file)
                 raise InvalidInput(
-                    f"{resource} is in use by the process {first}: end it first.",
-                    code="link_in_use",
+                    f"{resource} is in use by another process: end it first.", code="link_in_use"
                 ) from None
             time.sleep(0.02)
-    # A lock file of another user cannot be written; its number is only for messages.
-    with suppress(OSError):
-        os.ftruncate(file, 0)
-        os.pwrite(file, str(holder).encode(), 0)
-    return file

@@ -1,24 +1,39 @@
-"""The process that holds a link: it plays for its feeder, and silences the boards without it.
+"""The process that holds a link, and its feeder's side, which starts it and replaces it if lost.
 
-Nothing that ends the feeder ends this process before the boards are silent. It has a session of its
-own, ignores every signal that it can, and notices at once when the feeder's end of the connection
-closes or the feeder is gone.
+The process plays for its feeder, and silences the boards without it. Nothing that ends the feeder
+ends this process before the boards are silent. It has a session of its own, ignores every signal
+that it can, and notices at once when the feeder's end of the connection closes or the feeder is
+gone.
 """
 
+import copy
+import math
 import os
 import pickle
 import signal
 import socket
 import struct
+import subprocess
 import sys
+import threading
 import time
+import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
 from airtact.emission.link import Link, LinkFailed
-from airtact.emission.player import Player
+from airtact.emission.player import Player, Settings
 from airtact.errors import InvalidInput
+
+ANSWER_TIMEOUT = 30.0
+"""Time that a link process may take to answer before it is ended [s]."""
+
+OPENING_TIMEOUT = 120.0
+"""Time that a link process may take to open its link before it is ended [s]."""
+
+ENDING_TIMEOUT = 5.0
+"""Time that a link process may take to end once its link is closed [s]."""
 
 
 class Channel:
@@ -76,6 +91,225 @@ class Channel:
         return message
 
 
+class LinkProcess:
+    """A link that is open in a process of its own, or in a thread of this process where it must be.
+
+    Parameters
+    ----------
+    link : not open.
+    settings : how it is played.
+
+    Attributes
+    ----------
+    process : number of the process that holds the link; None where it is this one.
+    """
+
+    def __init__(self, link: Link, settings: Settings) -> None:
+        self.process: int | None = None
+        self._link = link
+        self._settings = settings
+        self._lock = threading.Lock()
+        self._number = 0
+        self._closing = False
+        self._lost: str | None = None
+        self._rescue: LinkFailed | None = None
+        self._watcher: threading.Thread | None = None
+        self._child: subprocess.Popen[bytes] | None = None
+        self._life = -1
+        reason = why_here(link) if link.real_time else "it emits nothing"
+        if reason is not None and link.real_time:
+            warnings.warn(
+                f"the {link.name} link is open in this process, because {reason}; if the process "
+                f"is killed, its {link.elements} elements go on emitting.",
+                stacklevel=4,
+            )
+        # A socket, not a pipe: its end is noticed on both sides.
+        ours, theirs = socket.socketpair()
+        self._channel = Channel(ours)
+        if reason is None:
+            with theirs:
+                self._child, self._life = _start(theirs)
+            self.process = self._child.pid
+        else:
+            thread = threading.Thread(
+                target=serve,
+                args=(Channel(theirs),),
+                kwargs={"here": link},
+                name="link",
+                daemon=True,
+            )
+            thread.start()
+        sent_link = link if reason is None else None
+        try:
+            self._exchange("open", (sent_link, settings), OPENING_TIMEOUT)
+        except BaseException:
+            self.end()
+            if self._child is not None:
+                os.close(self._life)
+            raise
+        if self._child is not None:
+            # A thread: the boards must fall silent even while the feeder computes.
+            self._watcher = threading.Thread(target=self._watch, name="link watcher", daemon=True)
+            self._watcher.start()
+
+    def ask(self, name: str, *arguments: object) -> object:
+        """Call a method of the link's player and return its answer.
+
+        Raises
+        ------
+        InvalidInput, LinkFailed
+            The errors of the link; "link_process_lost" if its process is gone.
+        """
+        return self._exchange(name, arguments, ANSWER_TIMEOUT)
+
+    def _exchange(self, name: str, arguments: tuple[object, ...], seconds: float) -> Any:
+        with self._lock:
+            if self._lost is not None:
+                raise self._lost_error()
+            self._number += 1
+            try:
+                self._channel.send((self._number, name, arguments))
+                answer = self._answer(seconds)
+            except (EOFError, OSError):
+                self._lose("ended")
+                raise self._lost_error() from None
+            if answer is None:
+                self._lose(f"did not answer for {seconds:g} s")
+                raise self._lost_error()
+        _, value, fault, sent = answer
+        self._link.sent = sent
+        if fault is not None:
+            raise fault
+        return value
+
+    def _answer(self, seconds: float) -> Any:
+        # A link that emits nothing may take as long as it needs: writing a long sequence takes
+        # minutes.
+        end = time.monotonic() + (seconds if self._link.real_time else math.inf)
+        while (left := end - time.monotonic()) > 0.0:
+            answer = self._channel.receive(min(left, seconds))
+            # Older answers belong to calls that were interrupted.
+            if answer is not None and answer[0] == self._number:
+                return answer
+        return None
+
+    def _lose(self, event: str) -> None:
+        """Note why the link process is lost; end it where it only does not answer."""
+        if self._child is not None:
+            if event != "ended":
+                self._child.kill()
+            with suppress(subprocess.TimeoutExpired):
+                code = self._child.wait(ENDING_TIMEOUT)
+                if code < 0:
+                    event += f" by {signal.Signals(-code).name}"
+        self._lost = self._lost or event
+
+    def _lost_error(self) -> LinkFailed:
+        who = "thread" if self._child is None else f"process {self._child.pid}"
+        then = "it was not open yet" if self._watcher is None else "another one silences the boards"
+        return LinkFailed(
+            f"the link's {who} {self._lost}, after {self._link.sent} frames; {then}.",
+            code="link_process_lost",
+        )
+
+    def _watch(self) -> None:
+        """Have another process silence the boards as soon as the link process is gone."""
+        assert self._child is not None
+        # The pipe ends with the process. Waiting for the process itself would keep other threads
+        # from waiting for it.
+        os.read(self._life, 1)
+        os.close(self._life)
+        if self._child.wait() == 0 and self._closing:
+            return
+        self._lose("ended")
+        try:
+            successor = LinkProcess(copy.copy(self._link), self._settings)
+            successor.ask("finish", "another link process was lost")
+            successor.close()
+        except Exception as error:
+            self._rescue = LinkFailed(
+                f"{str(self._lost_error()).split(';')[0]}, and no other could silence the boards: "
+                f"{str(error).rstrip('.')}; the boards may still emit: cut their power.",
+                code="silence_failed",
+            )
+
+    def close(self) -> str | None:
+        """Close the link; return why the emission was over.
+
+        Raises
+        ------
+        LinkFailed
+            "link_process_lost" or "silence_failed" if the process was lost.
+        """
+        try:
+            self._closing = True
+            return self._exchange("close", (), ANSWER_TIMEOUT)
+        except LinkFailed as error:
+            # The watcher has another process silence the boards: wait for its result.
+            if error.code == "link_process_lost" and self._watcher is not None:
+                self._watcher.join(OPENING_TIMEOUT)
+                raise (self._rescue or error) from None
+            raise
+        finally:
+            self.end()
+
+    def end(self) -> None:
+        """Close the connection, which ends the process, and wait for that."""
+        self._closing = True
+        self._channel.close()
+        if self._child is not None:
+            try:
+                self._child.wait(ENDING_TIMEOUT)
+            except subprocess.TimeoutExpired:
+                self._child.kill()
+                self._child.wait()
+
+
+def why_here(link: Link) -> str | None:
+    """Return why a link cannot be opened in another process, or None if it can."""
+    if os.name != "posix":
+        return f"link processes need a POSIX system, and this is {sys.platform}"
+    if not sys.executable:
+        return "this Python does not know its own interpreter"
+    if type(link).__module__ == "__main__":
+        return f"{type(link).__name__} is defined in the script itself: put it into a module"
+    # Only a link that can be pickled can be sent to another process.
+    try:
+        pickle.dumps(link)
+    except Exception as error:
+        return f"{type(link).__name__} cannot be passed on ({error})"
+    return None
+
+
+def _start(end: socket.socket) -> "tuple[subprocess.Popen[bytes], int]":
+    """Start a process that serves one end of a connection; return it and a pipe that it ends."""
+    life, theirs = os.pipe()
+    module = "airtact.emission.link_process"
+    # The process finds the same modules as this one, and signals to this session do not reach it.
+    paths = os.pathsep.join(os.path.abspath(path) for path in sys.path)
+    try:
+        child = subprocess.Popen(
+            [sys.executable, "-P", "-m", module, str(end.fileno()), str(os.getpid())],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            env={**os.environ, "PYTHONPATH": paths, "OPENBLAS_NUM_THREADS": "1"},
+            pass_fds=(end.fileno(), theirs),
+            start_new_session=True,
+        )
+    except OSError as error:
+        os.close(life)
+        raise LinkFailed(
+            f"no process for the link could be started (error {error.errno}): {error.strerror}.",
+            code="link_process_lost",
+        ) from None
+    finally:
+        os.close(theirs)
+    return child, life
+
+
+# --- in the process ---
+
+
 def serve(
     channel: Channel, gone: Callable[[], bool] = lambda: False, here: Link | None = None
 ) -> None:
@@ -90,9 +324,8 @@ def serve(
                 fault: BaseException | None = None
                 try:
                     if name == "open":
-                        link, settings, feeder = arguments
+                        link, settings = arguments
                         opened = Player(here or link, settings)
-                        opened.link.holder = feeder
                         opened.open()
                         # Only now: a link that did not open is not silenced, and this process ends.
                         player = opened

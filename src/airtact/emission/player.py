@@ -24,34 +24,11 @@ class Settings:
     resumes: bool = False
 
 
-@dataclass
-class Playback:
-    """A sequence repeated for a limited time, and its position; ``begun`` is infinite before."""
-
-    frames: Sequence[Frame]
-    rate: float
-    seconds: float
-    begun: float = np.inf
-    index: int = 0
-    sent: int = 0
-    dropped: int = 0
-
-    @property
-    def total(self) -> int:
-        """Number of frames in the whole time."""
-        return max(round(self.seconds * self.rate), 1)
-
-    @property
-    def due(self) -> float:
-        """Time at which the next frame is due [s]; infinite before the start and after the end."""
-        return self.begun + self.index / self.rate if self.index < self.total else np.inf
-
-
 @dataclass(frozen=True)
 class Cycle:
-    """Items repeated at a rate [1/s]: factors of a modulation, or drives with their frames."""
+    """Items repeated at a rate [1/s]: factors of a modulation, or frames with their drives."""
 
-    items: np.ndarray | list[Any]
+    items: Sequence[Any]
     rate: float
     begun: float
 
@@ -71,22 +48,21 @@ class Player:
         self.link = link
         self.over: str | None = None
         self._settings = settings
-        self._failure: LinkFailed | None = None
-        self._trouble: Exception | None = None
+        self._failure: LinkFailed | None = None  # of the silence
+        self._trouble: Exception | None = None  # of a step
         self._log: TextIO | None = None
-        self._drive: np.ndarray | None = None
-        self._full: Frame | None = None
+        # What is played: each frame with its drive and the factor on it; of a single drive, one.
+        self._sound: Cycle | None = None
+        self._strongest: tuple[np.ndarray, float, Frame] | None = None
+        self._modulation: Cycle | None = None
         self._share = 1.0
         self._gain = 0.0
-        self._slope = 0.0
-        self._pause = 0.0
+        self._slope = 0.0  # of the gain in each step of a ramp
+        self._pause = 0.0  # between two steps [s]
         self._next_step = 0.0
         self._next_frame = 0.0
-        self._modulation: Cycle | None = None
-        self._playback: Playback | None = None
-        self._round: Cycle | None = None
+        self._dropped = 0
         self._emitting = False
-        self._waiting = False
         self._fed = time.monotonic()
         self._looked = self._fed
 
@@ -101,148 +77,98 @@ class Player:
         self._write("opened")
         self._fed = time.monotonic()
 
-    def send(
-        self, amplitudes: Complex128[np.ndarray, "elements"], wait: bool = True
+    def play(
+        self,
+        drives: Complex128[np.ndarray, "drives elements"],
+        factors: Float64[np.ndarray, "frames"],
+        rate: float,
+        written: int = 0,
     ) -> tuple[Frame, float, float]:
-        """Play a drive from now on; return its full frame, the rest of the ramp [s], and the gain.
+        """Repeat drives, or one drive at several factors, from now on.
 
-        Without ``wait``, the frame is sent after the answer, and the next command raises a fault.
+        A rate [frames/s] ends a modulation. Frames of the same number and rate as those before
+        continue at their place in the round.
+
+        Parameters
+        ----------
+        drives, factors : a frame plays the next drive, times its factor.
+        rate : frames a second; 0 for a single drive.
+        written : number of frames that a link without a clock gets; 0 for the one that is due.
+
+        Returns
+        -------
+        The strongest frame, the rest of the ramp [s], and the gain.
         """
         self._feed()
-        self._playback = None
-        self._round = None
-        self._drive = amplitudes
-        self._share = share_under_cap(amplitudes[None], self.link.levels, self._settings.cap)
-        self._full = full = frame_at(amplitudes, self.link.levels, self._share)
-        if not self.link.real_time:
-            self._transmit(full)
+        link = self.link
+        self._share = share_under_cap(drives, link.levels, self._settings.cap)
+        items = []
+        for index, factor in enumerate(factors.tolist()):
+            drive = drives[index % len(drives)]
+            items.append((drive, factor, frame_at(drive, link.levels, self._share * factor)))
+        now = time.monotonic()
+        before = self._sound
+        if before is not None and (len(before.items), before.rate) == (len(items), rate):
+            self._sound = Cycle(items, rate, before.begun)
+        else:
+            self._sound = Cycle(items, rate, now)
+            self._next_frame = now
+        # Where boards repeat frames themselves, only the most powerful one rises and fades.
+        powers = factors * np.linalg.norm(drives, axis=1)
+        self._strongest = items[int(powers.argmax())]
+        full = self._strongest[2]
+        if rate:
+            self._modulation = None
+            if link.plays_itself:
+                link.modulate(None, 0.0)
+        if not link.real_time:
+            frames = [item[2] for item in items]
+            if written:
+                # Frames of a file are counted, not timed: all are written at once.
+                link.play([frames[index % len(frames)] for index in range(written)], rate)
+            else:
+                self._transmit(self._sound.at(now)[2])
             return full, 0.0, 1.0
         # Silence needs no ramp, and the next drive rises again.
         if full.silent:
             self._gain = 0.0
             self._slope = 0.0
         elif self._gain == 0.0 or self._slope < 0.0:
-            self._rise()
-        # A modulation sends the drive when its next frame is due; silence cannot wait for that.
-        self._waiting = full.silent or self._paced is None
-        if wait:
-            self._catch_up()
+            self._begin_ramp(self._settings.ramp, 1.0)
+            self._change_gain()
+        # A paced frame is sent when it is due; silence cannot wait for that.
+        if full.silent or self._paced is None:
+            self._show()
         self._fed = time.monotonic()
         return full, self.left(), self._gain
 
-    def cycle(
-        self, drives: Complex128[np.ndarray, "frames elements"], rate: float
-    ) -> tuple[float, float]:
-        """Play drives in turn from now on; return the rest of the ramp [s] and the gain.
-
-        A modulation ends. A round of the same length and rate as the one before continues at its
-        place.
-        """
-        self._feed()
-        link = self.link
-        now = time.monotonic()
-        self._share = share_under_cap(drives, link.levels, self._settings.cap)
-        frames = [frame_at(drive, link.levels, self._share) for drive in drives]
-        before = self._round
-        begun = now
-        if before is not None and len(before.items) == len(frames) and before.rate == rate:
-            begun = before.begun
-        else:
-            self._next_frame = now
-        self._round = Cycle(list(zip(drives, frames, strict=True)), rate, begun)
-        self._playback = None
-        self._modulation = None
-        self._waiting = False
-        self._drive = drives[np.linalg.norm(drives, axis=1).argmax()]
-        self._full = None
-        if not link.real_time:
-            self._transmit(self._round.at(now)[1])
-            return 0.0, 1.0
-        if link.modulates_itself:
-            link.modulate(None, 0.0)
-        if self._gain == 0.0 or self._slope < 0.0:
-            self._rise()
-        if link.plays_itself and self._gain == 1.0:
-            self._upload(frames, rate)
-        self._fed = time.monotonic()
-        return self.left(), self._gain
-
-    def play(
-        self,
-        drives: Complex128[np.ndarray, "drives elements"],
-        factors: Float64[np.ndarray, "frames"],
-        rate: float,
-        seconds: float,
-    ) -> float:
-        """Repeat drives, or one drive at several factors; return how long that takes [s]."""
-        self._feed()
-        link = self.link
-        self._share = share_under_cap(drives, link.levels, self._settings.cap)
-        frames = [
-            frame_at(drives[index % len(drives)], link.levels, self._share * factor)
-            for index, factor in enumerate(factors)
-        ]
-        self._playback = playback = Playback(frames, rate, seconds)
-        self._round = None
-        self._waiting = False
-        # Frames of a file are counted, not timed: all are written at once.
-        if not link.real_time:
-            total = playback.total
-            link.play([frames[index % len(frames)] for index in range(total)], rate)
-            playback.begun = -np.inf
-            playback.sent = total
-            playback.index = total
-            return 0.0
-        # Where boards repeat a sequence themselves, only its most powerful frame rises.
-        self._drive = drives[np.linalg.norm(drives, axis=1).argmax()]
-        self._full = None
-        if not self._emitting:
-            self._rise()
-        if self._gain == 1.0:
-            self._begin(playback)
-        else:
-            self._transmit(self._now())
-        self._fed = time.monotonic()
-        return self.left()
-
-    def played(self) -> tuple[float, int, int]:
-        """Return the rate of a sequence as played, and the numbers of frames sent and dropped."""
-        playback = self._playback
-        if playback is None or playback.begun == np.inf:
-            return 0.0, 0, 0
-        if not self.link.real_time:
-            return playback.rate, playback.total, 0
-        if self.link.plays_itself:
-            return playback.rate, round(playback.seconds * playback.rate), 0
-        rate = playback.sent / (time.monotonic() - playback.begun)
-        return rate, playback.sent, playback.dropped
+    def dropped(self) -> int:
+        """Return how many frames were left out so far, because they would have been late."""
+        return self._dropped
 
     def modulate(self, envelope: Float64[np.ndarray, "frames"] | None, rate: float) -> None:
-        """Vary the amplitude of all that is sent from now on, or stop that; a round ends."""
+        """Vary the amplitude of all that is sent from now on, or stop that."""
         self._feed()
-        self._round = None
-        if self.link.modulates_itself:
+        if self.link.plays_itself:
             self.link.modulate(envelope, rate)
         else:
             self._next_frame = time.monotonic()
             self._modulation = None
             if envelope is not None:
                 self._modulation = Cycle(envelope, rate, self._next_frame)
-        if self._emitting and self._playback is None and self._paced is None:
+        if self._emitting and self._paced is None:
             self._transmit(self._now())
 
     def silence(self, fade: float) -> float:
         """Fade to silence; return how long that takes [s]. The next drive rises over the ramp."""
         self._feed()
-        self._playback = None
-        self._waiting = False
         if self._emitting:
-            self._slope_over(fade, -1.0)
-            self._fade_step()
+            self._begin_ramp(fade, -1.0)
+            self._ramp_step()
         return self.left()
 
     def beat(self) -> float:
-        """Feed the watchdog; return how long a ramp or a sequence still takes [s]."""
+        """Feed the watchdog; return how long a ramp still takes [s]."""
         self._feed()
         return self.left()
 
@@ -259,8 +185,8 @@ class Player:
         """Call a method of the link that does not change what it plays."""
         return getattr(self.link, name)(*arguments)
 
-    def close(self) -> tuple[str | None, Frame | None]:
-        """Close the link; return why the emission was over, and the last frame."""
+    def close(self) -> str | None:
+        """Close the link; return why the emission was over."""
         try:
             self.link.close()
         finally:
@@ -268,39 +194,30 @@ class Player:
             if self._log is not None:
                 self._log.close()
                 self._log = None
-        return self.over, self.link.last
+        return self.over
 
     # --- what is due ---
 
     def left(self) -> float:
-        """Return how long a ramp, a fade or a sequence still takes [s]; 0 only when it is over."""
-        now = time.monotonic()
-        playback = self._playback
-        if playback is not None and playback.begun < np.inf:
-            left = max(playback.begun + playback.seconds - now, 0.0)
-            return max(left, 1e-3) if playback.due < np.inf else left
-        left = 0.0 if playback is None else playback.seconds
+        """Return how long a ramp or a fade still takes [s]; 0 only when it is over."""
         if self._slope == 0.0:
-            return left
+            return 0.0
         end = 1.0 if self._slope > 0.0 else 0.0
         steps = round((end - self._gain) / self._slope)
-        return max(left + self._next_step - now + self._pause * (steps - 1), 1e-3)
+        return max(self._next_step - time.monotonic() + self._pause * (steps - 1), 1e-3)
 
     def wait(self) -> float:
         """Return how long nothing is due [s]."""
-        if self._waiting:
-            return 0.0
         now = time.monotonic()
         # At least 20 times a second, to notice a feeder that is gone.
         due = [now + 0.05]
-        if self._slope != 0.0:
-            due.append(self._next_step)
-        if self._paced is not None and self._gain > 0.0:
-            due.append(self._next_frame)
-        if self._playback is not None:
-            due.append(self._playback.due)
         if self._emitting:
             due.append(self._fed + self._settings.patience)
+        if self._trouble is None:
+            if self._slope != 0.0:
+                due.append(self._next_step)
+            if self._paced is not None and self._gain > 0.0:
+                due.append(self._next_frame)
         return max(min(due) - now, 0.0)
 
     def step(self) -> None:
@@ -311,13 +228,10 @@ class Player:
             self._step(time.monotonic())
         except Exception as error:
             self._trouble = error
-            self._playback = None
             self._slope = 0.0
-            self._waiting = False
             self._looked = time.monotonic()
 
     def _step(self, now: float) -> None:
-        self._catch_up()
         if self._emitting and now - self._fed >= self._settings.patience:
             why = f"no call came for {self._settings.patience:g} s"
             if self._settings.resumes:
@@ -326,117 +240,79 @@ class Player:
             else:
                 self.finish(why)
             return
+        if self._trouble is not None:
+            return
         if self._slope != 0.0 and now >= self._next_step:
             self._ramp_step()
         paced = self._paced
-        if self._playback is not None:
-            self._pace(self._playback)
-        elif paced is not None and self._gain > 0.0 and now >= self._next_frame:
-            self._transmit(self._now())
+        if paced is not None and self._gain > 0.0 and now >= self._next_frame:
             # Keep the grid of times: a late frame does not delay those after it.
-            missed = np.floor((now - self._next_frame) * paced.rate)
-            self._next_frame += (1.0 + missed) / paced.rate
+            missed = int((now - self._next_frame) * paced.rate)
+            self._dropped += missed
+            self._next_frame += (1 + missed) / paced.rate
+            self._transmit(self._now())
         # Boards that play on are asked ten times a second whether they are still connected.
-        if self._emitting and self._trouble is None and now - self._looked > 0.1:
+        if self._emitting and now - self._looked > 0.1:
             self._looked = now
             self.link.probe()
 
-    def _catch_up(self) -> None:
-        if self._waiting:
-            self._waiting = False
-            self._transmit(self._now())
-
     @property
     def _paced(self) -> Cycle | None:
-        """The modulation or round whose frames must be sent in time."""
-        if self._playback is not None or (self._round is not None and self.link.plays_itself):
+        """The frames or the modulation that must be sent in time."""
+        if self.link.plays_itself or self._sound is None:
             return None
-        return self._round or self._modulation
-
-    def _pace(self, playback: Playback) -> None:
-        """Send the frame that is due; drop frames that would be late by a whole frame."""
-        late = time.monotonic() - playback.due
-        if late < 0.0:
-            return
-        if late > 1.0 / playback.rate:
-            missed = min(int(late * playback.rate), playback.total - playback.index - 1)
-            playback.index += missed
-            playback.dropped += missed
-        self._transmit(playback.frames[playback.index % len(playback.frames)])
-        playback.index += 1
-        playback.sent += 1
-
-    def _begin(self, playback: Playback) -> None:
-        if self.link.plays_itself:
-            self._upload(playback.frames, playback.rate)
-            playback.begun = time.monotonic()
-            playback.index = playback.total
-        else:
-            playback.begun = time.monotonic()
-            self._pace(playback)
+        return self._sound if self._sound.rate else self._modulation
 
     # --- ramps ---
 
-    def _rise(self) -> None:
-        self._slope_over(self._settings.ramp, 1.0)
-        self._raise()
-
-    def _slope_over(self, seconds: float, sign: float) -> None:
+    def _begin_ramp(self, seconds: float, sign: float) -> None:
         # 25 ms: steps short enough to be inaudible, and slow enough for every link.
         steps = max(int(np.ceil(seconds / 0.025)), 1)
         self._slope = sign / steps
         self._pause = seconds / steps
 
-    def _raise(self) -> None:
-        self._gain += self._slope
+    def _change_gain(self) -> None:
+        self._gain = min(max(self._gain + self._slope, 0.0), 1.0)
         self._next_step = time.monotonic() + self._pause
-        if self._gain > 1.0 - 1e-6:
-            self._gain = 1.0
+        # The steps add up to 1 except for rounding.
+        if min(self._gain, 1.0 - self._gain) < 1e-6:
+            self._gain = float(round(self._gain))
             self._slope = 0.0
 
     def _ramp_step(self) -> None:
-        if self._slope < 0.0:
-            self._fade_step()
-            return
-        self._raise()
-        playback = self._playback
-        if playback is not None and playback.begun == np.inf and self._gain == 1.0:
-            self._begin(playback)
-        elif self._round is not None and self.link.plays_itself and self._gain == 1.0:
-            self._upload([frame for _, frame in self._round.items], self._round.rate)
-        elif self._paced is None:
-            self._transmit(self._now())
-
-    def _fade_step(self) -> None:
-        self._gain += self._slope
-        self._next_step = time.monotonic() + self._pause
-        if self._gain < 1e-6:
-            self._gain = 0.0
-            self._slope = 0.0
+        self._change_gain()
+        if self._gain == 0.0:
             self._confirm_silence()
         elif self._paced is None:
+            self._show()
+
+    def _show(self) -> None:
+        """Send what is to be heard at the present gain, where no later frame does it."""
+        sound = self._sound
+        if sound is not None and sound.rate and self.link.plays_itself and self._gain == 1.0:
+            self._upload([item[2] for item in sound.items], sound.rate)
+        else:
             self._transmit(self._now())
 
     def _now(self) -> Frame:
-        """Return the newest drive at the present gain and modulation."""
-        drive = self._drive
-        full = self._full
-        factor = 1.0
-        paced = self._paced
-        if paced is not None and paced is self._round:
-            drive, full = paced.at(time.monotonic())
-        elif paced is not None:
-            factor = float(paced.at(time.monotonic()))
-        if full is not None and self._gain * factor == 1.0:
-            return full
-        assert drive is not None
-        return frame_at(drive, self.link.levels, self._share * self._gain * factor)
+        """Return the frame that is due, at the present gain and modulation."""
+        assert self._sound is not None
+        assert self._strongest is not None
+        now = time.monotonic()
+        item = self._strongest if self.link.plays_itself else self._sound.at(now)
+        drive, factor, full = item
+        gain = self._gain
+        if self._modulation is not None:
+            gain *= float(self._modulation.at(now))
+        return (
+            full if gain == 1.0 else frame_at(drive, self.link.levels, self._share * factor * gain)
+        )
 
     # --- the link ---
 
     def _transmit(self, frame: Frame) -> None:
         audible = self.link.real_time and (
-            not frame.silent or (self._modulation is not None and self._gain > 0.0)
+            not frame.silent or (self._paced is not None and self._gain > 0.0)
         )
         # True before the call: a fault in the middle of it may leave the boards emitting.
         self._emitting = self._emitting or audible
@@ -468,16 +344,11 @@ class Player:
             raise trouble
 
     def _silence(self) -> None:
-        self._playback = None
-        self._round = None
-        self._waiting = False
         self._slope = 0.0
         self._gain = 0.0
         self._confirm_silence()
 
     def _confirm_silence(self) -> None:
-        before = self.link.last
-        sent = self.link.sent
         # A single fault, such as a lost packet, must not leave the boards emitting.
         for tries_left in (2, 1, 0):
             try:
@@ -488,8 +359,6 @@ class Player:
                     sentence = str(error).rstrip(".") or repr(error)
                     self._failure = LinkFailed(
                         f"{sentence}; the boards may still emit: cut their power.",
-                        before,
-                        sent,
                         code="silence_failed",
                     )
                     raise self._failure from error

@@ -72,12 +72,12 @@ class Boards(Output):
 
     def send(self, amplitudes: Amplitudes) -> None:
         """Send a drive; raises ``LinkFailed``."""
-        self._emission.send(Drive(amplitudes), outlast=False)
+        self._emission.send(Drive(amplitudes), wait=False)
         self.share = self._emission.share
 
     def cycle(self, frames: Frames, rate: float) -> None:
         """Send frames that are played in turn; raises ``LinkFailed`` or ``InvalidInput``."""
-        self._emission.cycle(Sequence(frames, rate), outlast=False)
+        self._emission.cycle(Sequence(frames, rate), wait=False)
         self.share = self._emission.share
 
     def beat(self) -> None:

@@ -12,12 +12,15 @@ from airtact.drives.drive_file import SEQUENCE_FILE, DriveFile, read_drive_file
 from airtact.drives.frame import Frame, frame_at, share_under_cap
 from airtact.drives.sequence import Sequence
 from airtact.drives.transfer import TransferMatrix, rounding_error
-from airtact.emission.amplitudes import frames_of_period, pressures_around
 from airtact.emission.codecs import codec_of
-from airtact.emission.emission import Emission, Played
+from airtact.emission.emission import Emission, Played, frames_of_period
 from airtact.emission.link import Link
 from airtact.errors import InvalidInput, about
-from airtact.evaluation.head_level import MAX_HEAD_LEVEL, sound_pressure_level
+from airtact.evaluation.head_level import (
+    MAX_HEAD_LEVEL,
+    pressures_around,
+    sound_pressure_level,
+)
 from airtact.evaluation.tactile_thresholds import CONSTANT_FORCE_NOTE, sensation
 from airtact.geometry.pose import Pose
 from airtact.timing import Progress, no_progress

@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from airtact.emission.amplitudes import frames_of_period, pressures_around
+from airtact.evaluation.head_level import pressures_around
 from airtact.transducers.layout import autd3_board
-from airtact.transducers.modulation import check_rate
-from faults import raises_code
 
 K = 2 * np.pi * 40e3 / 343.0
 
@@ -37,20 +35,3 @@ def test_a_beam_is_found_where_it_goes() -> None:
 
 def test_silence_is_silent() -> None:
     assert pressures_around(np.zeros((1, 3)), np.zeros((1, 1), dtype=complex), 1.0, K) == (0.0, 0.0)
-
-
-@pytest.mark.parametrize("frequency", [5.0, 30.0, 125.0, 150.0, 200.0, 237.0, 250.0, 1000.0])
-def test_a_period_is_whole_frames_of_whole_periods_of_the_sound(frequency: float) -> None:
-    count, rate = frames_of_period(frequency, np.inf)
-    check_rate(rate, 40e3, 65535, "AUTD3")
-    assert 16 <= count <= 40
-    assert rate / count == pytest.approx(frequency, rel=0.01)
-
-
-def test_a_slow_line_gets_fewer_frames_or_the_fastest_that_it_carries() -> None:
-    assert frames_of_period(10.0, 88.9) == (8, 80.0)
-    assert frames_of_period(44.0, 88.9) == (2, 88.0)
-    with raises_code("out_of_range", "am:44"):
-        frames_of_period(200.0, 88.9)
-    with raises_code("out_of_range", "1000 Hz"):
-        frames_of_period(2000.0, np.inf)
