@@ -23,7 +23,8 @@ def run_feeder(link: str, folder: Path, trials: int, ways) -> None:
         str(trials),
         *ways,
     ]
-    subprocess.run(command, env={**os.environ, "PYTHONPATH": str(TESTS)}, check=True)
+    paths = os.pathsep.join([str(TESTS), os.environ.get("PYTHONPATH", "")])
+    subprocess.run(command, env={**os.environ, "PYTHONPATH": paths}, check=True)
 
 
 def check_all(link: str, folder: Path, trials: int) -> None:

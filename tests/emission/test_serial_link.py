@@ -126,12 +126,10 @@ def test_a_board_that_falls_silent_is_told_with_what_was_sent_last() -> None:
     with wired(Nano16()) as wire:
         link = SerialLink(wire.port, "nano16")
         link.open()
-        frame = random_frame("nano16", 1, 1)
-        link.send(frame)
+        link.send(random_frame("nano16", 1, 1))
         wire.board.mute = True
-        with pytest.raises(LinkFailed) as failed:
+        with pytest.raises(LinkFailed, match="the last of 1 frames sent had"):
             link.send(random_frame("nano16", 1, 2))
-        assert failed.value.last is frame
         link.close()
 
 

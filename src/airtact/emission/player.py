@@ -115,8 +115,8 @@ class Player:
             self._next_frame = now
         # Where boards repeat frames themselves, only the most powerful one rises and fades.
         powers = factors * np.linalg.norm(drives, axis=1)
-        self._strongest = items[int(powers.argmax())]
-        full = self._strongest[2]
+        self._strongest = strongest = items[int(powers.argmax())]
+        full = strongest[2]
         if rate:
             self._modulation = None
             if link.plays_itself:
@@ -155,7 +155,7 @@ class Player:
             self._next_frame = time.monotonic()
             self._modulation = None
             if envelope is not None:
-                self._modulation = Cycle(envelope, rate, self._next_frame)
+                self._modulation = Cycle(envelope.tolist(), rate, self._next_frame)
         if self._emitting and self._paced is None:
             self._transmit(self._now())
 
@@ -303,7 +303,7 @@ class Player:
         drive, factor, full = item
         gain = self._gain
         if self._modulation is not None:
-            gain *= float(self._modulation.at(now))
+            gain *= self._modulation.at(now)
         return (
             full if gain == 1.0 else frame_at(drive, self.link.levels, self._share * factor * gain)
         )
