@@ -137,8 +137,8 @@ def test_boards_without_amplitudes_modulate_the_number_of_elements(
     link = RecordingLink("sonicsurface")
     player = clock.player(link)
     envelope = AmplitudeModulation(frequency).envelope(count)
-    player.play(tone(256).amplitudes[None], envelope, 80.0, 0.2)
-    clock.run(player, 0.21)
+    player.play(tone(256).amplitudes[None], envelope, 80.0)
+    clock.run(player, 0.2)
     elements = np.array([int(frame.amplitude.sum()) for frame in link.frames])
     np.testing.assert_allclose(elements, 256 * np.resize(envelope, 16), rtol=0, atol=2)
 

@@ -34,7 +34,8 @@ class Cycle:
 
     def at(self, now: float) -> Any:
         """Return the item that is due at a time [s]."""
-        return self.items[int((now - self.begun) * self.rate) % len(self.items)]
+        # 1e-6: a frame that is due must not be the one before, by rounding.
+        return self.items[int((now - self.begun) * self.rate + 1e-6) % len(self.items)]
 
 
 class Player:
