@@ -81,7 +81,7 @@ def run(watch: Callable[[str, ExitStack], dict[str, float]] | None) -> dict[str,
         command = [
             sys.executable,
             "-m",
-            "airtact",
+            "airtact.cli",
             "live",
             "live_pinch",
             "--seconds",

@@ -91,7 +91,7 @@ def kills(count: int, seed: int) -> None:
         command = [
             sys.executable,
             "-m",
-            "airtact",
+            "airtact.cli",
             "sweep",
             str(scene(folder, 0.1)),
             "--no-pictures",

@@ -503,7 +503,7 @@ def ended_by(kind, path: Path, moment: float) -> None:
         command = [
             sys.executable,
             "-m",
-            "airtact",
+            "airtact.cli",
             "emit",
             str(path),
             "--board",

@@ -82,7 +82,7 @@ def test_what_trackers_send_is_recorded_and_kept_on_ctrl_c(tmp_path):
     command = [
         sys.executable,
         "-m",
-        "airtact",
+        "airtact.cli",
         "live",
         "--from",
         "websocket:0",
