@@ -19,7 +19,6 @@ from jaxtyping import AbstractArray
 import airtact as at
 from airtact.cli import commands
 from airtact.setup import tables
-from airtact.setup.parsing import keys_of
 from paths import ROOT
 
 MODULES = sorted((ROOT / "src/airtact").rglob("*.py"))
@@ -290,7 +289,7 @@ def test_every_command_and_every_key_of_a_scene_file_is_documented() -> None:
         for kind in vars(tables).values()
         if inspect.isclass(kind) and issubclass(kind, tables.Table)
     ]
-    keys = {key for kind in kinds for key in keys_of(kind)}
+    keys = {key for kind in kinds for key in kind.__struct_fields__}
     assert len(keys) > 20
     assert sorted(key for key in keys if f"`{key}`" not in page) == []
 

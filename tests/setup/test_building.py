@@ -7,7 +7,6 @@ import pytest
 import airtact as at
 from airtact.cli import main
 from airtact.reports.body_figure import sharp_edges
-from airtact.setup.bodies import drawable_bodies
 from airtact.transducers.boards import BOARDS
 from faults import raises_code
 from paths import EXAMPLES
@@ -120,27 +119,6 @@ def test_bodies_of_another_boundary_are_not_merged(read):
         read("merge_bodies = true\n", MEDIUM, ARRAY, BALL, other, FOCUS)
 
 
-def test_bodies_that_can_be_drawn_are_found_though_the_scene_is_rejected(tmp_path):
-    facets = _box_facets(10.0)
-    (tmp_path / "open.stl").write_text(
-        "solid\n" + "".join(_facet(*corners) for corners in facets[1:]) + "endsolid\n"
-    )
-    path = tmp_path / "scene.toml"
-    files = [
-        f'[[obstacles]]\nsurface = "{name}"\nscale = 1e-3\n' for name in ("open.stl", "missing.stl")
-    ]
-    path.write_text("".join([MEDIUM, ARRAY, BALL, *files, FOCUS]))
-    with raises_code("mesh_faulty"):
-        at.read_scene(path)
-    ball, box = drawable_bodies(path)
-    assert len(ball[1]) > 100
-    assert len(box[1]) == 11
-    np.testing.assert_allclose(np.ptp(box[0], axis=0), 0.01)
-    path.write_text("[medium")
-    with raises_code("file_unreadable"):
-        drawable_bodies(path)
-
-
 def test_the_offset_is_off_the_surface(read):
     pinch = "[[obstacles]]\npinch = { gap = 0.02 }\n"
     focus = '[[foci]]\nat = "finger.pad"\noffset = 2e-3\n'
@@ -234,17 +212,17 @@ def test_a_faulty_array_file_is_rejected(read, tmp_path, code, text, sentence):
         (
             "key_misplaced",
             ["[medium]\ncelsius = 20.0\ndensity = 1.2\n", ARRAY, BALL, FOCUS],
-            "medium.density goes only with sound_speed.",
+            "medium: density goes only with sound_speed.",
         ),
         (
             "key_missing",
             ["[medium]\nsound_speed = 340.0\n", ARRAY, BALL, FOCUS],
-            "the key medium.density is missing: sound_speed needs it.",
+            "medium: density is missing",
         ),
         (
             "options_clash",
             ["[medium]\n", ARRAY, BALL, FOCUS],
-            "medium: give exactly one of celsius and humidity, sound_speed and density; 0 given.",
+            "medium: give exactly one of celsius, sound_speed; 0 given.",
         ),
         (
             "out_of_range",
@@ -265,33 +243,23 @@ def test_a_faulty_array_file_is_rejected(read, tmp_path, code, text, sentence):
         (
             "out_of_range",
             [MEDIUM, ARRAY, "[[obstacles]]\npinch = { gap = -0.01 }\n", FOCUS],
-            "obstacles[0]: gap is -0.01",
+            "obstacles[0].pinch.gap is -0.01, but it must be above 0.",
         ),
         (None, [MEDIUM, ARRAY, '[[obstacles]]\nsurface = "no.stl"\n', FOCUS], "obstacles[0]: "),
         (
             "key_misplaced",
             [MEDIUM, ARRAY, BALL, "scale = 2.0\n", FOCUS],
-            "obstacles[0].scale goes only with surface.",
-        ),
-        (
-            "key_misplaced",
-            [MEDIUM, ARRAY, BALL, "sharp_degrees = 30.0\n", FOCUS],
-            "obstacles[0].sharp_degrees goes only with surface.",
-        ),
-        (
-            "key_missing",
-            [MEDIUM, ARRAY, "[[obstacles]]\nscale = 2.0\n", FOCUS],
-            "the key obstacles[0].surface is missing: surface needs it.",
+            "obstacles[0]: scale goes only with surface.",
         ),
         (
             "key_misplaced",
             [MEDIUM, ARRAY, BALL, "ratio = 2.0\n", FOCUS],
-            'obstacles[0].ratio goes only with boundary = "impedance".',
+            'obstacles[0]: ratio goes only with boundary = "impedance".',
         ),
         (
             "key_missing",
             [MEDIUM, ARRAY, BALL, 'boundary = "impedance"\n', FOCUS],
-            'the key obstacles[0].ratio is missing: boundary = "impedance" needs it.',
+            'obstacles[0]: ratio is missing: boundary = "impedance" needs it.',
         ),
         (
             "not_supported",
@@ -302,7 +270,7 @@ def test_a_faulty_array_file_is_rejected(read, tmp_path, code, text, sentence):
                 'boundary = "filled"\nmedium = { sound_speed = 1481.0, density = 999.7 }\n',
                 FOCUS,
             ],
-            "solver: body 0 is filled, but boundary_element solves sound_hard, impedance bodies only",
+            "solver: body 0 is filled, which boundary_element does not solve",
         ),
         (None, [MEDIUM, ARRAY, BALL, BALL, FOCUS], "bodies 0 and 1 overlap or touch: 10 mm deep"),
         (
@@ -313,12 +281,12 @@ def test_a_faulty_array_file_is_rejected(read, tmp_path, code, text, sentence):
         (
             "unknown_name",
             [MEDIUM, ARRAY.replace("box", "bax"), BALL, FOCUS],
-            'array.layout = "surrounding_bax" is neither a known layout nor a .csv file; did you mean surrounding_box?',
+            'array: layout = "surrounding_bax" is neither a .csv file nor a known layout; did you mean surrounding_box?',
         ),
         (
             "key_missing",
             [MEDIUM, '[array]\nlayout = "boards"\n', BALL, FOCUS],
-            'the key array.poses is missing: layout = "boards" needs it.',
+            'array: poses is missing: layout = "boards" needs it.',
         ),
         (
             "out_of_range",
@@ -333,28 +301,28 @@ def test_a_faulty_array_file_is_rejected(read, tmp_path, code, text, sentence):
         (
             "key_misplaced",
             [MEDIUM, ARRAY, "rows = 2\n", BALL, FOCUS],
-            'array.rows goes only with layout = "flat_boards".',
+            'array: rows goes only with layout = "flat_boards".',
         ),
         (
             "key_missing",
             [MEDIUM, ARRAY, "[array.pose]\ndegrees = 3.0\n", BALL, FOCUS],
-            "the key array.pose.axis is missing: axis needs it.",
+            "array.pose: axis is missing: degrees needs it.",
         ),
         (
             "key_misplaced",
             [
                 MEDIUM,
                 ARRAY,
-                "[array.pose]\ndegrees = 3.0\nrotation = [[1,0,0],[0,1,0],[0,0,1]]\n",
+                "[array.pose]\naxis = [1, 0, 0]\ndegrees = 3\nrotation = [[1,0,0],[0,1,0],[0,0,1]]\n",
                 BALL,
                 FOCUS,
             ],
-            "array.pose.degrees goes only with axis.",
+            "array.pose: rotation does not go with axis.",
         ),
         (
             "out_of_range",
             [MEDIUM, ARRAY, "piston_radius = -1e-3\n", BALL, FOCUS],
-            "array: the radius of a piston is -0.001 m",
+            "array.piston_radius is -0.001",
         ),
         (
             "options_clash",
@@ -374,7 +342,7 @@ def test_a_faulty_array_file_is_rejected(read, tmp_path, code, text, sentence):
                 "[[obstacles]]\npinch = {}\n",
                 '[[foci]]\nat = "thumb.pad"\nonto = "thumb"\n',
             ],
-            "foci[0]: onto goes only with a point or a shape.",
+            "foci[0]: onto does not go with at.",
         ),
         (
             "unknown_name",
@@ -389,14 +357,18 @@ def test_a_faulty_array_file_is_rejected(read, tmp_path, code, text, sentence):
         (
             "out_of_range",
             [MEDIUM, ARRAY, BALL, FOCUS, "pressure = -5.0\n"],
-            "foci: a target pressure is -5 Pa",
+            "foci[0].pressure is -5",
         ),
         (
             "not_finite",
             [MEDIUM, ARRAY, BALL, FOCUS.replace("8e-3", "nan")],
             "foci[0]",
         ),
-        ("empty", ["foci = []\n", MEDIUM, ARRAY, BALL], "foci: target points are empty"),
+        (
+            "out_of_range",
+            ["foci = []\n", MEDIUM, ARRAY, BALL],
+            "foci: expected a list of length >= 1.",
+        ),
         (
             "out_of_range",
             ["foci = {}\n", MEDIUM, ARRAY, BALL],
@@ -405,12 +377,12 @@ def test_a_faulty_array_file_is_rejected(read, tmp_path, code, text, sentence):
         (
             "unknown_name",
             [MEDIUM, ARRAY, BALL, FOCUS, '[solver]\nname = "finite_elemant"\n'],
-            'solver: "finite_elemant" is not a solver here; did you mean finite_element?',
+            'solver.name = "finite_elemant" is not known; did you mean finite_element?',
         ),
         (
             None,
             [MEDIUM, ARRAY, BALL, FOCUS, "[solver]\naccuracy = 0.9\n"],
-            "solver: accuracy is 0.9",
+            "solver.accuracy is 0.9",
         ),
         (
             "unknown_name",
@@ -420,12 +392,12 @@ def test_a_faulty_array_file_is_rejected(read, tmp_path, code, text, sentence):
         (
             "out_of_range",
             [MEDIUM, ARRAY, BALL, FOCUS, "[drive]\nlevels = 1\n"],
-            "drive: there are 2 to 256 levels of amplitude, not 1",
+            "drive.levels is 1, but it must be at least 2 and at most 256.",
         ),
         (
             "out_of_range",
             [MEDIUM, ARRAY, BALL, FOCUS, "[drive]\nlevels = { phase = 257 }\n"],
-            "drive: there are 2 to 256 levels of phase, not 257",
+            "drive.levels.phase is 257",
         ),
     ],
 )
@@ -456,7 +428,7 @@ def test_an_unknown_point_of_a_body_names_the_nearest(read):
     sentence = 'foci[0]: at = "thumb.pat" is not a named point of a body; did you mean thumb.pad?'
     fails(read, "unknown_name", sentence, MEDIUM, ARRAY, pinch, '[[foci]]\nat = "thumb.pat"\n')
     for offset, sentence in (
-        (-1e-3, "foci[0]: offset = -0.001 m must be 0"),
+        (-1e-3, "foci[0].offset is -0.001"),
         (
             0.5,
             "foci[0]: offset = 0.5 m does not lie in the gap of 12 mm before thumb.pad: is it in mill",
@@ -580,7 +552,7 @@ def test_calibration_is_read_from_beside_the_scene(tmp_path) -> None:
         (
             'layout = "flat_boards"\nboard = "autd3"',
             "key_misplaced",
-            'board goes only with layout = "surrounding_box" or layout = "boards".',
+            'array: board goes only with layout = "surrounding_box" or layout = "boards".',
         ),
         (
             ONE_BOARD + 'calibration = "none.csv"',
@@ -689,7 +661,7 @@ def test_a_board_that_faces_away_is_named(read) -> None:
 
 def test_the_name_of_a_board_is_no_layout(read) -> None:
     with raises_code("unknown_name"):
-        read(AIR, '[array]\nlayout = "autd3"\nrows = 1\n', "[[foci]]\npoint = [0.0, 0.0, 0.0]\n")
+        read(AIR, '[array]\nlayout = "autd3"\n', "[[foci]]\npoint = [0.0, 0.0, 0.0]\n")
 
 
 def test_a_pose_is_no_scene(tmp_path) -> None:
@@ -746,7 +718,7 @@ def test_the_examples_are_felt(name: str) -> None:
     [
         ("frequency = 200.0", "key_missing", "drive.modulation.kind is missing"),
         ('kind = "fm"', "unknown_name", 'drive.modulation.kind = "fm"'),
-        ('kind = "am"\nradius = 3e-3', "key_misplaced", "drive.modulation.radius"),
+        ('kind = "am"\nradius = 3e-3', "key_misplaced", "drive.modulation: radius"),
         (
             'kind = "am"\ndepth = 1.5',
             "out_of_range",
@@ -754,7 +726,7 @@ def test_the_examples_are_felt(name: str) -> None:
         ),
         ('kind = "lm"\npath = "square"', "unknown_name", 'path = "square"'),
         ('kind = "lm"\nlength = 3e-3', "key_misplaced", "length goes only with"),
-        ('kind = "lm"\npath = "line"\nradius = 3e-3', "key_misplaced", "radius goes only with"),
+        ('kind = "lm"\npath = "line"\nradius = 3e-3', "key_misplaced", "radius does not go with"),
         ('kind = "stm"\npath = "points"', "too_few", "there is 1"),
         ('kind = "lm"\nspeed = 3', "unknown_key", "drive.modulation.speed"),
     ],

@@ -51,11 +51,11 @@ def test_a_kind_of_body_is_short_for_its_obstacle() -> None:
     [
         (
             "foci[2].offset",
-            r"foci\[2\].offset: \[2\] is not in the scene file; there are \[0\] to \[1\]",
+            r"foci\[2\].offset: 2 is not in the scene file; there are 2",
         ),
         (
             "hand.gap",
-            "a path begins with .*foci.* and the bodies pinch",
+            "0 bodies are named .hand.; a path begins with .*foci",
         ),
         ("foci.offset", "is not in the scene file"),
         ("medium[0]", "is not in the scene file"),

@@ -70,14 +70,7 @@ def test_a_scan_in_other_units_has_its_places_in_metres(read, tmp_path) -> None:
 
 
 def test_a_scan_without_joints_is_named_with_what_to_give(read, bare) -> None:
-    lacking = (
-        "foci[0]: ",
-        'at = "index.pad"',
-        "scan.stl: 25 of the 25",
-        "wrist",
-        'joints = "FILE.json"',
-    )
-    with raises_code("joint_missing", *lacking):
+    with raises_code("unknown_name", 'foci[0]: at = "index.pad"', 'joints = "FILE.json"'):
         read(AIR, BOARDS, BARE, INDEX)
 
 
@@ -112,7 +105,7 @@ def test_joints_that_are_not_of_the_scan_are_rejected(read, bare, focus) -> None
 
 
 def test_joints_go_with_a_mesh_only(read) -> None:
-    with raises_code("key_misplaced", "obstacles[0].joints goes only with surface"):
+    with raises_code("key_misplaced", "obstacles[0]: joints goes only with surface"):
         read(
             AIR, BOARDS, '[[obstacles]]\nsphere = { radius = 0.01 }\njoints = "pose.json"\n', INDEX
         )
@@ -133,5 +126,5 @@ def test_a_rig_of_unclear_side_asks_for_it(read, bare) -> None:
             ),
         )
     scene.export(bare / "flat.glb")
-    with raises_code("side_unclear", "flat.glb", 'joints = "FILE.json"', "side"):
+    with raises_code("side_unclear", "flat.glb", "side"):
         read(AIR, BOARDS, '[[obstacles]]\nsurface = "flat.glb"\n', INDEX)

@@ -106,7 +106,7 @@ def test_suppression_zones_stand_beside_the_foci(read) -> None:
     [
         (
             "options_clash",
-            (POINT, "svg = { width = 1, spacing = 1 }"),
+            (POINT, "circle = { centre = [0, 0, 0], radius = 1, spacing = 1 }"),
             ("foci[0]: give exactly one of ", "; 2 given"),
         ),
         ("key_misplaced", (POINT, "offset = 1e-3"), ("foci[0]: offset goes only with at",)),
@@ -135,7 +135,7 @@ def test_suppression_zones_stand_beside_the_foci(read) -> None:
             (POINT, "share = 1.0\npressure = 3.0"),
             ("foci",),
         ),
-        ("out_of_range", (POINT, "share = -1.0"), ("foci: a target share is -1",)),
+        ("out_of_range", (POINT, "share = -1.0"), ("foci[0].share is -1",)),
         (
             "options_clash",
             ("[[foci]]\nsvg = { width = 0.02, spacing = 3e-3 }",),

@@ -1,8 +1,7 @@
 """``airtact check``: what is in a scene or a surface, or what is wrong with it."""
 
 import math
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,11 +21,11 @@ from airtact.cli.options import FILE, INPUT, as_json, given, quiet, surface_sett
 from airtact.timing import Progress
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     from rich.table import Table
 
     from airtact.acoustics.scene import Scene
     from airtact.geometry.surface import Surface
-    from airtact.setup.bodies import Triangles
     from airtact.setup.setup import Setup
 
 
@@ -42,8 +41,8 @@ if TYPE_CHECKING:
 def check(scene: Path, folder: Path | None, **settings: float | None) -> None:
     """Report what is in a scene or surface file (STL, PLY, OBJ, GLB), or what is wrong with it.
 
-    With --out a picture of the bodies is written, or of the position of the fault where the input
-    is rejected.
+    With --out a picture of the bodies is written, or of the fault of a surface file that is
+    rejected.
     """
     chosen = given(**settings)
     with progress() as report_step:
@@ -52,7 +51,14 @@ def check(scene: Path, folder: Path | None, **settings: float | None) -> None:
         if scene.suffix.lower() in SUFFIXES:
             tables, cautions, record = _check_surface(scene, folder, report_step, chosen)
         else:
-            tables, cautions, record = _check_scene(scene, folder, report_step, chosen)
+            # A scene sets these for each of its surfaces.
+            for key, value in chosen.items():
+                raise at.InvalidInput(
+                    f"{key} = {value:g} belongs in the scene file, beside its surface, not on the "
+                    "command line.",
+                    code="options_clash",
+                )
+            tables, cautions, record = _check_scene(scene, folder, report_step)
     show(*tables, warnings=cautions, record=record)
 
 
@@ -60,23 +66,12 @@ def check(scene: Path, folder: Path | None, **settings: float | None) -> None:
 Shown = tuple[list["Table"], tuple[str, ...], dict[str, Any]]
 
 
-def _check_scene(
-    path: Path, folder: Path | None, report_step: Progress, settings: dict[str, float]
-) -> Shown:
-    from airtact.setup.bodies import drawable_bodies
+def _check_scene(path: Path, folder: Path | None, report_step: Progress) -> Shown:
     from airtact.setup.sentences import reach_cautions
     from airtact.setup.solving import unknowns_of
 
-    # A scene sets these for each of its surfaces.
-    for key, value in settings.items():
-        raise at.InvalidInput(
-            f"{key} = {value:g} belongs in the scene file, beside its surface, not on the command "
-            "line.",
-            code="options_clash",
-        )
     report_step(f"reading {path.name}")
-    with _fault_drawn(folder, lambda: drawable_bodies(path), report_step):
-        setup = at.read_scene(path)
+    setup = at.read_scene(path)
     if folder is not None:
         _draw_bodies(folder, setup.scene, setup.bodies, setup.target.points, report_step)
     report_step("counting unknowns")
@@ -94,19 +89,18 @@ def _check_scene(
 def _check_surface(
     path: Path, folder: Path | None, report_step: Progress, settings: dict[str, float]
 ) -> Shown:
-    # A scene at 40 kHz would have it as a sound-hard body in air.
     from airtact.errors import about
-    from airtact.setup.bodies import bare_triangles
     from airtact.setup.solving import unknowns_of
 
-    def triangles() -> list["Triangles"]:
-        bare = bare_triangles(path, settings.get("scale", 1.0))
-        return [] if bare is None else [bare]
-
-    with _fault_drawn(folder, triangles, report_step):
+    try:
         surface = at.load_surface(path, **settings, progress=report_step)
+        # A scene at 40 kHz would have it as a sound-hard body in air.
         with about(path.name):
             scene = at.Scene(at.air(), [at.sound_hard(surface)])
+    except at.InvalidInput as fault:
+        if folder is not None:
+            _draw_fault(path, settings.get("scale", 1.0), fault, folder, report_step)
+        raise
     if folder is not None:
         _draw_bodies(folder, scene, [path.name], None, report_step)
     report_step("counting unknowns")
@@ -118,7 +112,7 @@ def _check_surface(
     }
     counts = {f"{accuracy:g}": count for accuracy, count in unknowns.items()}
     return (
-        list(_surface_tables(path.name, scene, unknowns)),
+        [_surface_table(path.name, scene, unknowns), repairs_table(surface)],
         (),
         {"surface": _size(surface), "unknowns": counts},
     )
@@ -128,57 +122,43 @@ def _draw_bodies(
     folder: Path, scene: "Scene", names: Any, foci: Any, report_step: Progress
 ) -> None:
     from airtact.reports.body_figure import draw_bodies
-    from airtact.reports.page import write_picture
 
-    report_step(f"drawing {folder / 'bodies.png'}")
-    write_picture(
-        folder / "bodies.png",
-        draw_bodies([obstacle.surface for obstacle in scene.obstacles], names, foci, scene.planes),
-    )
+    surfaces = [obstacle.surface for obstacle in scene.obstacles]
+    _write(folder / "bodies.png", draw_bodies(surfaces, names, foci, scene.planes), report_step)
 
 
-@contextmanager
-def _fault_drawn(
-    folder: Path | None, bodies: "Callable[[], list[Triangles]]", report_step: Progress
-) -> Iterator[None]:
-    """Draw the fault of input that is rejected inside, if there is a folder for the picture."""
+def _draw_fault(
+    path: Path, scale: float, fault: "at.InvalidInput", folder: Path, report_step: Progress
+) -> None:
+    """Draw a rejected surface and where its fault is, if its file can be read."""
     import numpy as np
 
-    from airtact.files.atomic import writable_folder
-
-    def clear(folder: Path) -> None:
-        # An older picture must not stand beside the new result.
-        writable_folder(folder)
-        for name in ("bodies.png", "fault.png"):
-            (folder / name).unlink(missing_ok=True)
+    from airtact.files.meshes import read_mesh
+    from airtact.reports.body_figure import draw_fault
 
     try:
-        yield
-    except at.InvalidInput as fault:
-        if folder is None:
-            raise
-        # A fault of the text itself leaves nothing to draw; the first fault is the one reported.
-        try:
-            drawable = bodies()
-        except at.InvalidInput:
-            drawable = []
-        if drawable:
-            from airtact.reports.body_figure import draw_fault
-            from airtact.reports.page import write_picture
+        vertices, triangles = read_mesh(path)
+    except at.InvalidInput:
+        return
+    # The file is at fault already, so its numbers may be anything.
+    with np.errstate(over="ignore"):
+        vertices = scale * vertices
+    finite = vertices[np.isfinite(vertices).all(axis=1)]
+    if len(finite) and np.ptp(finite, axis=0).max() > 0.0:
+        figure = draw_fault(vertices, triangles, str(fault), fault.position)
+        _write(folder / "fault.png", figure, report_step)
 
-            clear(folder)
-            report_step(f"drawing the fault into {folder / 'fault.png'}")
-            starts = np.cumsum([0] + [len(vertices) for vertices, _ in drawable])
-            vertices = np.concatenate([vertices for vertices, _ in drawable])
-            triangles = np.concatenate(
-                [part + start for (_, part), start in zip(drawable, starts, strict=False)]
-            )
-            write_picture(
-                folder / "fault.png", draw_fault(vertices, triangles, str(fault), fault.position)
-            )
-        raise
-    if folder is not None:
-        clear(folder)
+
+def _write(picture: Path, figure: "Figure", report_step: Progress) -> None:
+    from airtact.files.atomic import writable_folder
+    from airtact.reports.page import write_picture
+
+    folder = writable_folder(picture.parent)
+    # An older picture must not stand beside the new result.
+    for name in ("bodies.png", "fault.png"):
+        (folder / name).unlink(missing_ok=True)
+    report_step(f"drawing {picture}")
+    write_picture(picture, figure)
 
 
 def _scene_record(setup: "Setup", unknowns: int | None) -> dict[str, Any]:
@@ -283,7 +263,7 @@ def _foci_table(setup: "Setup") -> "Table":
     return table
 
 
-def _surface_tables(name: str, scene: "Scene", counts: dict[float, int]) -> "Iterator[Table]":
+def _surface_table(name: str, scene: "Scene", counts: dict[float, int]) -> "Table":
     import numpy as np
 
     from airtact.geometry.mesh.topology import shells
@@ -304,8 +284,7 @@ def _surface_tables(name: str, scene: "Scene", counts: dict[float, int]) -> "Ite
     for accuracy, unknowns in counts.items():
         memory = _memory(unknowns, accuracy)
         facts.append((f"accuracy {accuracy:g}", f"{unknowns:,} unknowns, about {memory} to solve"))
-    yield facts_table(facts)
-    yield repairs_table(surface)
+    return facts_table(facts)
 
 
 def _memory(unknowns: float, accuracy: float) -> str:

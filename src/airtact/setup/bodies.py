@@ -1,49 +1,70 @@
 """The bodies of a scene file: built from their tables, named, and merged where asked."""
 
 import math
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, field
 from itertools import combinations
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Float64
 
 import airtact as at
 from airtact.acoustics.medium import Medium
 from airtact.acoustics.scene import Obstacle, filled, impedance, sound_hard
-from airtact.errors import LARGEST_SCENE_FILE, InvalidInput, about
-from airtact.files.bounded import text_of
+from airtact.errors import InvalidInput, about
 from airtact.geometry.checks import NEAREST, approach
 from airtact.geometry.pose import Pose
 from airtact.geometry.surface import Surface
-from airtact.setup import tables
-from airtact.setup.parsing import parse_scene
+from airtact.setup.tables import MediumTable, ObstacleTable, PoseTable, SceneFile, Table
 
 Made = TypeVar("Made")
 
 # Named points of bodies, the outward normals there, and the distance to the next body [m]
 NamedPoints = dict[str, tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"], float]]
 
-# Vertices (V, 3) [m] and the indices of each triangle (T, 3)
-Triangles = tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "triangles 3"]]
+
+@dataclass(frozen=True, eq=False)
+class Bodies:
+    """The bodies of a table, or of all.
+
+    Attributes
+    ----------
+    surfaces : by name.
+    points : named points.
+    hands : that are bodies or that name points on them.
+    """
+
+    surfaces: dict[str, Surface]
+    points: NamedPoints = field(default_factory=dict)
+    hands: "tuple[at.Hand, ...]" = ()
+
+    def moved(self, pose: Pose) -> "Bodies":
+        """Move all by a pose."""
+        return Bodies(
+            {name: surface.moved(pose) for name, surface in self.surfaces.items()},
+            {
+                name: (pose.apply(point), pose.rotate(normal), room)
+                for name, (point, normal, room) in self.points.items()
+            },
+            tuple(at.Hand(pose.apply(hand.joints), hand.radii, hand.side) for hand in self.hands),
+        )
 
 
-def built(
-    function: Callable[..., Made], table: tables.Table, leave_out: tuple[str, ...] = ()
-) -> Made:
+def built(function: Callable[..., Made], table: Table, *leave_out: str) -> Made:
     """Call a function with the keys of a table, which are named as its arguments."""
-    arguments = {}
-    for key in table.__struct_fields__:
-        value = getattr(table, key)
-        if key not in leave_out and value is not None:
-            arguments[key] = np.array(value) if key == "corners" else value
-    return function(**arguments)
+    return function(
+        **{
+            key: np.array(value) if isinstance(value, list | tuple) else value
+            for key in table.__struct_fields__
+            if key not in leave_out and (value := getattr(table, key)) is not None
+        }
+    )
 
 
 def bodies_of(
-    file: tables.SceneFile, folder: Path, medium: Callable[[tables.MediumTable], Medium]
+    file: SceneFile, folder: Path, medium: Callable[[MediumTable], Medium]
 ) -> "tuple[list[str], list[Obstacle], NamedPoints, list[at.Hand]]":
     """Build the bodies of a scene file: names, obstacles, named points and hands.
 
@@ -54,243 +75,133 @@ def bodies_of(
     names: list[str] = []
     points: NamedPoints = {}
     hands: list[at.Hand] = []
-    used = tuple(
-        focus.points.at for focus in file.foci if isinstance(focus.points, tables.NamedPointTable)
-    )
+    used = {focus.at for focus in file.foci if focus.at is not None}
     for index, table in enumerate(file.obstacles):
         with about(f"obstacles[{index}]"):
-            of_body: NamedPoints = {}
-            for name, surface in _surfaces(table, folder, of_body, used, hands).items():
+            bodies = _bodies(table, folder, used)
+            if table.pose is not None:
+                bodies = bodies.moved(pose_of(table.pose))
+            for name, surface in bodies.surfaces.items():
                 obstacles.append(_obstacle(table, surface, medium))
                 names.append(f"{name} {index + 1}" if name in names else name)
-            for name in used:
-                if name in of_body and name in points:
-                    raise InvalidInput(
-                        f"{name} is a named point of two bodies; give point = [x, y, z] instead of "
-                        "at.",
-                        code="given_twice",
-                    )
-            points |= of_body
-    _check_places(file, folder, points)
+            for name in used & bodies.points.keys() & points.keys():
+                raise InvalidInput(
+                    f"{name} is a named point of two bodies; give point = [x, y, z] instead of at.",
+                    code="given_twice",
+                )
+            points |= bodies.points
+            hands += bodies.hands
     if file.merge_bodies:
         with about("merge_bodies"):
-            names, obstacles = with_merged_bodies(names, obstacles)
+            names, obstacles = _merged(names, obstacles)
     return names, obstacles, points, hands
 
 
-def pose_of(table: tables.PoseTable) -> Pose:
+def pose_of(table: PoseTable) -> Pose:
     """Build the rigid motion of a table."""
     translation = np.array(table.translation)
-    match table.rotation:
-        case tables.MatrixTable(rotation=rotation):
-            return Pose(np.array(rotation), translation)
-        case tables.AxisTable(axis=axis, degrees=degrees):
-            # Whole turns are taken off in degrees, where they are exact.
-            degrees = math.fmod(degrees, 360.0) if math.isfinite(degrees) else degrees
-            return Pose.turn(np.array(axis), math.radians(degrees), translation)
-    return Pose(np.eye(3), translation)
-
-
-def _surfaces(
-    table: tables.ObstacleTable,
-    folder: Path,
-    points: NamedPoints,
-    used: tuple[str, ...] = (),
-    hands: "list[at.Hand] | None" = None,
-) -> dict[str, Surface]:
-    """Build the surfaces of an obstacle by name at its pose; add its named points and hand."""
-    hands = [] if hands is None else hands
-    if table.pose is None:
-        return _unmoved(table, folder, points, used, hands)
-    unmoved_points: NamedPoints = {}
-    unmoved_hands: list[at.Hand] = []
-    surfaces = _unmoved(table, folder, unmoved_points, used, unmoved_hands)
     with about("pose"):
-        pose = pose_of(table.pose)
-    for name, (point, normal, room) in unmoved_points.items():
-        points[name] = (pose.apply(point), pose.rotate(normal), room)
-    hands += [at.Hand(pose.apply(hand.joints), hand.radii, hand.side) for hand in unmoved_hands]
-    return {name: surface.moved(pose) for name, surface in surfaces.items()}
+        if table.rotation is not None:
+            return Pose(np.array(table.rotation), translation)
+        if table.axis is None or table.degrees is None:
+            return Pose(np.eye(3), translation)
+        # Whole turns are taken off in degrees, where they are exact.
+        angle = math.radians(math.fmod(table.degrees, 360.0))
+        return Pose.turn(np.array(table.axis), angle, translation)
 
 
-def _unmoved(
-    table: tables.ObstacleTable,
-    folder: Path,
-    points: NamedPoints,
-    used: tuple[str, ...],
-    hands: "list[at.Hand]",
-) -> dict[str, Surface]:
-    # Only the named points that foci use are brought to the surface, which takes a mesh.
-    match table.body:
-        case tables.PinchTable(gap=gap):
-            fingers = at.pinch(gap=gap)
-            for name, pad, normal in zip(
-                ("thumb", "finger"), fingers.pads, fingers.normals, strict=True
-            ):
-                points[f"{name}.pad"] = (pad, normal, fingers.gap)
-            return {"thumb": fingers.surfaces[0], "finger": fingers.surfaces[1]}
-        case tables.CapsuleTable(start=start, end=end, radius=radius, edge=edge):
-            return {"capsule": at.capsule(np.array(start), np.array(end), radius=radius, edge=edge)}
-        case tables.SphereTable(radius=radius, centre=centre, edge=edge):
-            return {"sphere": at.sphere(radius=radius, edge=edge, centre=np.array(centre))}
-        case tables.HandTable(hand=name, gap=gap):
-            from airtact.hands.files import ROOM, load_hand
+def _bodies(table: ObstacleTable, folder: Path, used: Collection[str]) -> Bodies:
+    """Build the bodies of an obstacle before they are moved by its pose."""
+    from airtact.hands.files import ROOM
 
-            hand = load_hand(folder / name, gap)
-            for place in hand.places:
-                # Only wanted places are brought to the surface, which takes a mesh of it.
-                point, normal = hand.place(place) if place in used else hand.places[place]
-                points[place] = (point, normal, ROOM)
-            hands.append(hand)
-            return {"hand": hand.surface}
-        case tables.SurfaceTable(surface=name):
-            surface = built(
-                partial(at.load_surface, folder / name), table.body, leave_out=("surface", "joints")
-            )
-            hand = _hand_of(table.body, folder, used)
-            if hand is not None:
-                from airtact.hands.files import ROOM
-
-                hands.append(hand)
-                for place, (point, normal) in at.hands.places_on(surface, hand).items():
-                    points[place] = (point, normal, ROOM)
-            return {Path(name).stem: surface}
+    if table.pinch is not None:
+        fingers = at.pinch(table.pinch.gap)
+        names = ("thumb", "finger")
+        return Bodies(
+            dict(zip(names, fingers.surfaces, strict=True)),
+            {
+                f"{name}.pad": (pad, normal, fingers.gap)
+                for name, pad, normal in zip(names, fingers.pads, fingers.normals, strict=True)
+            },
+        )
+    if table.capsule is not None:
+        return Bodies({"capsule": built(at.capsule, table.capsule)})
+    if table.sphere is not None:
+        return Bodies({"sphere": built(at.sphere, table.sphere)})
+    if table.hand is not None:
+        hand = at.load_hand(folder / table.hand, table.gap)
+        # A place where fingers touch lies inside the body, which matters only to a focus there.
+        places = {
+            name: hand.place(name) if name in used else place for name, place in hand.places.items()
+        }
+        points = {name: (*place, ROOM) for name, place in places.items()}
+        return Bodies({"hand": hand.surface}, points, (hand,))
+    assert table.surface is not None
+    settings = {
+        key: getattr(table, key)
+        for key in ("scale", "largest_hole", "sharp_degrees")
+        if getattr(table, key) is not None
+    }
+    surface = at.load_surface(folder / table.surface, **settings)
+    surfaces = {Path(table.surface).stem: surface}
+    hand = _scanned_hand(table, folder, used)
+    if hand is None:
+        return Bodies(surfaces)
+    places = at.hands.places_on(surface, hand)
+    return Bodies(surfaces, {name: (*place, ROOM) for name, place in places.items()}, (hand,))
 
 
-def _hand_of(table: tables.SurfaceTable, folder: Path, used: tuple[str, ...]) -> "at.Hand | None":
-    from airtact.hands.hand import PLACES
-
+def _scanned_hand(table: ObstacleTable, folder: Path, used: Collection[str]) -> "at.Hand | None":
+    """Read the hand whose skin a mesh is; None where it has no joints or no focus needs them."""
     if table.joints is not None:  # they take precedence over a rig in the file
         return at.load_hand(folder / table.joints)
     if not used:
         return None
-    path = folder / table.surface
+    assert table.surface is not None
     try:
-        return at.hands.load_rigged_hand(path, table.scale or 1.0)
+        return at.hands.load_rigged_hand(folder / table.surface, table.scale or 1.0)
     except InvalidInput as fault:
-        if fault.code == "joint_missing" or not set(used) & set(PLACES):
+        if fault.code == "joint_missing":
             return None
-        if fault.code == "side_unclear":
-            raise InvalidInput(
-                f"{path.name}: the joints of its rig are too straight to distinguish a left hand "
-                "from a right one; "
-                'give joints = "FILE.json" with the same joints and the side.',
-                code="side_unclear",
-            ) from None
         raise
 
 
-def _check_places(file: tables.SceneFile, folder: Path, points: NamedPoints) -> None:
-    """Raise where a focus names a place of a hand, and the meshes have no joints."""
-    # A missing point of a hand's mesh is usually a rig without names, which the reason explains.
-    meshes = [table.body for table in file.obstacles if isinstance(table.body, tables.SurfaceTable)]
-    if not meshes:
-        return
-    from airtact.hands.hand import PLACES
-
-    for index, focus in enumerate(file.foci):
-        if not isinstance(focus.points, tables.NamedPointTable):
-            continue
-        name = focus.points.at
-        if name not in PLACES or name in points:
-            continue
-        try:
-            at.hands.load_rigged_hand(folder / meshes[0].surface, meshes[0].scale or 1.0)
-        except InvalidInput as fault:
-            reason = str(fault).removesuffix(".")
-            raise InvalidInput(
-                f'foci[{index}]: at = "{name}" is not a named point here, for {reason}; give the '
-                'obstacle joints = "FILE.json", all of them in the frame of the mesh, or the focus '
-                "point = [x, y, z].",
-                code="joint_missing",
-            ) from None
-
-
 def _obstacle(
-    table: tables.ObstacleTable, surface: Surface, medium: Callable[[tables.MediumTable], Medium]
+    table: ObstacleTable, surface: Surface, medium: Callable[[MediumTable], Medium]
 ) -> Obstacle:
-    match table.boundary:
-        case tables.ImpedanceTable(ratio=ratio):
-            return impedance(
-                surface, complex(*ratio) if isinstance(ratio, tuple) else complex(ratio)
-            )
-        case tables.FilledTable(medium=inside):
-            with about("medium"):
-                return filled(surface, medium(inside))
+    if table.ratio is not None:
+        ratio = table.ratio
+        return impedance(surface, complex(*ratio) if isinstance(ratio, tuple) else complex(ratio))
+    if table.medium is not None:
+        with about("medium"):
+            return filled(surface, medium(table.medium))
     return sound_hard(surface)
 
 
-def with_merged_bodies(
+def _merged(
     names: Sequence[str], obstacles: Sequence[Obstacle]
 ) -> tuple[list[str], list[Obstacle]]:
     """Merge sound-hard bodies that overlap, touch or stand nearer than ``NEAREST`` into one.
 
     The names of merged bodies are joined with " + "; all are in the order of their first.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
+    from scipy.cluster.hierarchy import DisjointSet
 
+    groups = DisjointSet(range(len(obstacles)))
     # An impedance or a filling belongs to one body, so only sound-hard ones are merged.
     hard = [index for index, obstacle in enumerate(obstacles) if obstacle.boundary == "sound_hard"]
-    near = [
-        (first, second)
-        for first, second in combinations(hard, 2)
-        if approach(obstacles[first].surface, obstacles[second].surface, NEAREST * (1.0 - 1e-9))
-        is not None
-    ]
-    first, second = np.array(near, dtype=np.int64).reshape(-1, 2).T
-    count = len(obstacles)
-    graph = coo_array((np.ones(len(first)), (first, second)), shape=(count, count))
-    groups = connected_components(graph, directed=False)[1]
+    for first, second in combinations(hard, 2):
+        surfaces = (obstacles[first].surface, obstacles[second].surface)
+        if approach(*surfaces, NEAREST * (1.0 - 1e-9)) is not None:
+            groups.merge(first, second)
     words = []
     bodies = []
-    for group in dict.fromkeys(groups.tolist()):
-        members = np.flatnonzero(groups == group).tolist()
+    subsets: list[set[int]] = groups.subsets()
+    for members in sorted(sorted(subset) for subset in subsets):
         words.append(" + ".join(names[index] for index in members))
-        if len(members) == 1:
-            bodies.append(obstacles[members[0]])
-        else:
-            surfaces = [obstacles[index].surface for index in members]
-            bodies.append(sound_hard(at.geometry.merged(surfaces, NEAREST)))
+        surfaces = [obstacles[index].surface for index in members]
+        single = len(members) == 1
+        bodies.append(
+            obstacles[members[0]] if single else sound_hard(at.geometry.merged(surfaces, NEAREST))
+        )
     return words, bodies
-
-
-def drawable_bodies(path: Path) -> list[Triangles]:
-    """Return the triangles of the bodies of a faulty scene file, as far as they can be read.
-
-    Raises
-    ------
-    InvalidInput
-        The file itself cannot be read or is not a scene file.
-    """
-    triangles = []
-    for table in parse_scene(text_of(path, LARGEST_SCENE_FILE)).obstacles:
-        try:
-            surfaces = _surfaces(table, path.parent, {}).values()
-            triangles += [(surface.vertices, surface.triangles) for surface in surfaces]
-        except InvalidInput:
-            if isinstance(table.body, tables.SurfaceTable):
-                bare = bare_triangles(path.parent / table.body.surface, table.body.scale or 1.0)
-                if bare is not None:
-                    triangles.append(bare)
-    return triangles
-
-
-def bare_triangles(path: Path, scale: float = 1.0) -> Triangles | None:
-    """Read the triangles of a surface file as they are, scaled to metres.
-
-    None where the file cannot be read or there is nothing to draw.
-    """
-    try:
-        from airtact.files.meshes import read_mesh
-
-        vertices, triangles = read_mesh(path)
-    except InvalidInput:
-        return None
-    # The file is at fault already, so its numbers may be anything.
-    with np.errstate(over="ignore"):
-        vertices = scale * vertices
-    finite = vertices[np.isfinite(vertices).all(axis=1)]
-    if len(finite) == 0 or np.ptp(finite, axis=0).max() == 0.0:
-        return None
-    return vertices, triangles

@@ -201,11 +201,10 @@ def _words(data: Any) -> Iterator[str]:
 
 def _hand_key(scene: Path) -> tuple[str, Path]:
     """Find the key of the obstacle that is a hand, and the file of its pose."""
-    bodies = [obstacle.body for obstacle in _scene_file(scene).obstacles]
     hands = [
-        (index, body.hand)
-        for index, body in enumerate(bodies)
-        if isinstance(body, tables.HandTable)
+        (index, table.hand)
+        for index, table in enumerate(_scene_file(scene).obstacles)
+        if table.hand is not None
     ]
     if len(hands) != 1:
         raise InvalidInput(

@@ -30,7 +30,6 @@ from airtact.sensing.scattering import (
 from airtact.sensing.self_calibration import Calibrated, calibrate, moved
 from airtact.sensing.simulation import hadamard_codes, random_codes, simulate_echoes
 from airtact.sensing.transmission import boards_of, simulate_transmissions
-from airtact.setup import tables
 from airtact.setup.building import read_scene
 from airtact.setup.parsing import parse_scene
 from airtact.setup.setup import Setup
@@ -257,9 +256,9 @@ def write_pose(path: Path, located: Located) -> None:
 
 def _gap_of(setup: Setup) -> float | None:
     """Return the gap of the only body that is a pinch [m]."""
-    bodies = [obstacle.body for obstacle in parse_scene(setup.text).obstacles]
     # With several pinches no single gap can be fitted.
-    gaps = [body.gap for body in bodies if isinstance(body, tables.PinchTable)]
+    obstacles = parse_scene(setup.text).obstacles
+    gaps = [table.pinch.gap for table in obstacles if table.pinch is not None]
     return gaps[0] if len(gaps) == 1 else None
 
 

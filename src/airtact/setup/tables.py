@@ -1,435 +1,560 @@
-"""The tables of a scene file, one class each.
+"""The tables of a scene file, one class each, with the range of every key.
 
-All lengths are metres and all frames are the obstacles' frame unless a key says otherwise. An
-attribute is a key of the table, unless its type is a choice of several ``Choice`` classes: then the
-keys of the one that is chosen are in the table itself. A choice is made by the key that is the
-class's tag (``sphere = {...}``, ``at = "thumb.pad"``), or by the value of a key (``layout =
-"boards"``).
+All lengths are metres and all frames are the obstacles' frame unless a key says otherwise. A key
+that is left out is None, unless it has a default.
 """
 
-from typing import Annotated
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import msgspec
+from msgspec import Meta
 
-from airtact.errors import MOST_POINTS
+from airtact.errors import MOST_POINTS, InvalidInput
 
 Triple = tuple[float, float, float]
+Positive = Annotated[float, Meta(gt=0)]
+NotNegative = Annotated[float, Meta(ge=0)]
+Share = Annotated[float, Meta(ge=0, le=1)]
+Levels = Annotated[int, Meta(ge=2, le=256)]
 
 
-class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """A table of the file; a key that it does not have is an error."""
+class Rule(NamedTuple):
+    """Which other keys, or values of them such as ``layout = "boards"``, a key goes with.
 
-
-class Choice(Table, frozen=True, tag_field="key"):
-    """Keys that belong together and exclude those of other choices.
-
-    Where the tag is an attribute, the keys stand side by side; else the tag is a key that holds a
-    table of them.
+    Attributes
+    ----------
+    words : "only with", "not with" or "needed by".
+    others : one of them is enough.
     """
 
-
-class WeatherTable(Choice, frozen=True, tag="celsius"):
-    """Air by its temperature [°C] and relative humidity (0 to 1)."""
-
-    celsius: float | None = None
-    humidity: float | None = None
+    words: str
+    others: tuple[str, ...]
 
 
-class FluidTable(Choice, frozen=True, tag="sound_speed"):
-    """Any fluid by its speed of sound [m/s], density [kg/m³] and absorption [Np/m]."""
+def only_with(*others: str) -> Rule:
+    """Reject a key without one of the others."""
+    return Rule("only with", others)
 
-    sound_speed: float
-    density: float
-    absorption: float = 0.0
+
+def not_with(*others: str) -> Rule:
+    """Reject a key beside one of the others."""
+    return Rule("not with", others)
+
+
+def needed_by(other: str) -> Rule:
+    """Reject a key without another, and the other without the key."""
+    return Rule("needed by", (other,))
+
+
+class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """A table of the file; a key that it does not have is an error.
+
+    Attributes
+    ----------
+    one_of : keys of which a table has exactly one.
+    """
+
+    one_of: ClassVar[tuple[str, ...]] = ()
+
+    def __post_init__(self) -> None:
+        """Raise where keys do not go together: "options_clash", "key_missing", "key_misplaced"."""
+        for field in msgspec.structs.fields(self):
+            given = getattr(self, field.name) is not None
+            for rule in getattr(field.type, "__metadata__", ()):
+                if not isinstance(rule, Rule):
+                    continue
+                there = any(self._has(other) for other in rule.others)
+                others = " or ".join(rule.others)
+                if given and there == (rule.words == "not with"):
+                    verb = "does not go" if there else "goes only"
+                    raise InvalidInput(f"{field.name} {verb} with {others}.", code="key_misplaced")
+                if there and not given and rule.words == "needed by":
+                    raise InvalidInput(
+                        f"{field.name} is missing: {others} needs it.", code="key_missing"
+                    )
+        count = sum(getattr(self, name) is not None for name in self.one_of)
+        if self.one_of and count != 1:
+            raise InvalidInput(
+                f"give exactly one of {', '.join(self.one_of)}; {count} given.",
+                code="options_clash",
+            )
+
+    def _has(self, condition: str) -> bool:
+        key, _, value = condition.partition(" = ")
+        found = getattr(self, key)
+        return found is not None if not value else found == value.strip('"')
 
 
 class MediumTable(Table, frozen=True):
-    """What the sound travels in."""
+    """What the sound travels in: air of some weather, or any fluid by its ``sound_speed``.
 
-    fluid: WeatherTable | FluidTable
+    Attributes
+    ----------
+    celsius : temperature of air [°C].
+    humidity : relative humidity of air, 0 to 1.
+    sound_speed : [m/s].
+    density : [kg/m³].
+    absorption : [Np/m]; none if left out.
+    """
 
-
-class AxisTable(Choice, frozen=True, tag="axis"):
-    """A rotation by ``degrees`` about ``axis``."""
-
-    axis: Triple
-    degrees: float
-
-
-class MatrixTable(Choice, frozen=True, tag="rotation"):
-    """A rotation matrix, row by row."""
-
-    rotation: tuple[Triple, Triple, Triple]
+    one_of: ClassVar = ("celsius", "sound_speed")
+    celsius: float | None = None
+    humidity: Annotated[Share | None, only_with("celsius")] = None
+    sound_speed: Positive | None = None
+    density: Annotated[Positive | None, needed_by("sound_speed")] = None
+    absorption: Annotated[NotNegative | None, only_with("sound_speed")] = None
 
 
 class PoseTable(Table, frozen=True):
-    """A rotation, then a ``translation`` [m]."""
+    """A rotation, by ``axis`` or ``rotation``, then a ``translation``.
 
-    rotation: AxisTable | MatrixTable | None = None
+    Attributes
+    ----------
+    axis : direction of the axis.
+    degrees : angle of the turn about it.
+    rotation : a rotation matrix, row by row.
+    translation : [m].
+    """
+
+    axis: Annotated[Triple | None, needed_by("degrees")] = None
+    degrees: Annotated[float | None, needed_by("axis")] = None
+    rotation: Annotated[tuple[Triple, Triple, Triple] | None, not_with("axis")] = None
     translation: Triple = (0.0, 0.0, 0.0)
 
 
-class Layout(Table, frozen=True, tag_field="layout"):
-    """How the transducers of an array are laid out, by the value of ``layout``."""
-
-
-class SurroundingBoxTable(Layout, frozen=True, tag="surrounding_box"):
-    """The paper's four boards around the origin, or a box of four of a kind of ``board``."""
-
-    board: str | None = None
-
-
-class FlatBoardsTable(Layout, frozen=True, tag="flat_boards"):
-    """AUTD3 boards edge to edge in the plane z = 0."""
-
-    rows: int | None = None
-    columns: int | None = None
-
-
-class BoardsTable(Layout, frozen=True, tag="boards"):
-    """Boards of one kind, each at its pose."""
-
-    poses: Annotated[list[PoseTable], msgspec.Meta(min_length=1)]
-    board: str = "autd3"
-
-
-class ListedTable(Layout, frozen=True, tag=".csv"):
-    """Positions and normals in a .csv file, which is the value of ``layout``."""
-
-    file: str
-
-
 class ArrayTable(Table, frozen=True):
-    """The transducers; ``pose`` places the whole array in the obstacles' frame.
+    """The transducers.
 
-    ``calibration`` is a .csv file beside the scene file with the gain of each element. ``source``
-    is "piston", of the radius of the board's transducers or of ``piston_radius`` [m], or
-    "monopole", alike in all directions. ``reflects`` makes rigid bodies of the boards.
+    Attributes
+    ----------
+    layout : "surrounding_box", the paper's four boards around the origin, or a box of four of a
+        kind of ``board``; "flat_boards", AUTD3 boards edge to edge in the plane z = 0; "boards" of
+        one kind, each at its pose; or the name of a .csv file beside the scene file with positions
+        and normals.
+    board : kind of board; "autd3" if left out.
+    rows, columns : how many flat boards along y and along x; 2 each if left out.
+    poses : of boards.
+    calibration : a .csv file beside the scene file with the gain of each element.
+    source : "piston", or "monopole", alike in all directions.
+    piston_radius : [m]; that of the board's transducers if left out.
+    sensitivity : strength of a transducer at full scale [Pa·m].
+    reflects : whether the boards are rigid bodies.
+    pose : places the whole array in the obstacles' frame.
     """
 
-    layout: SurroundingBoxTable | FlatBoardsTable | BoardsTable | ListedTable
+    layout: str
+    board: Annotated[str | None, only_with('layout = "surrounding_box"', 'layout = "boards"')] = (
+        None
+    )
+    rows: Annotated[int | None, only_with('layout = "flat_boards"')] = None
+    columns: Annotated[int | None, only_with('layout = "flat_boards"')] = None
+    poses: Annotated[
+        Annotated[list[PoseTable], Meta(min_length=1)] | None, needed_by('layout = "boards"')
+    ] = None
     calibration: str | None = None
-    source: str = "piston"
-    piston_radius: float | None = None
-    sensitivity: float | None = None
+    source: Literal["piston", "monopole"] = "piston"
+    piston_radius: Annotated[Positive | None, only_with('source = "piston"')] = None
+    sensitivity: Positive | None = None
     reflects: bool = False
     pose: PoseTable | None = None
 
 
-class PinchTable(Choice, frozen=True, tag="pinch"):
-    """The paper's thumb and forefinger, ``gap`` apart."""
+class PinchTable(Table, frozen=True):
+    """The paper's thumb and forefinger.
 
-    gap: float = 0.012
+    Attributes
+    ----------
+    gap : distance between their pads [m].
+    """
+
+    gap: Positive = 0.012
 
 
-class CapsuleTable(Choice, frozen=True, tag="capsule"):
+class CapsuleTable(Table, frozen=True):
     """A round-ended rod.
 
-    ``edge`` is the longest edge of its picture, not of the solver's panels.
+    Attributes
+    ----------
+    start, end : of its axis [m].
+    radius : [m].
+    edge : longest edge of its picture, not of the solver's panels [m].
     """
 
     start: Triple
     end: Triple
-    radius: float
-    edge: float = 2.5e-3
+    radius: Positive
+    edge: Positive = 2.5e-3
 
 
-class SphereTable(Choice, frozen=True, tag="sphere"):
-    """A ball; ``edge`` as for a capsule."""
+class SphereTable(Table, frozen=True):
+    """A ball.
 
-    radius: float
-    centre: Triple = (0.0, 0.0, 0.0)
-    edge: float = 2.5e-3
-
-
-class SurfaceTable(Choice, frozen=True, tag="surface"):
-    """A mesh file beside the scene file, ``scale`` metres per unit.
-
-    Holes up to ``largest_hole`` [m] are filled; edges that bend by more than ``sharp_degrees`` stay
-    sharp. ``joints`` is a file of the hand's pose in the frame of the mesh [m], which names its
-    pads where the mesh has no rig.
+    Attributes
+    ----------
+    radius : [m].
+    centre : [m].
+    edge : longest edge of its picture, not of the solver's panels [m].
     """
 
-    surface: str
-    joints: str | None = None
-    scale: float | None = None
-    largest_hole: float | None = None
-    sharp_degrees: float | None = None
-
-
-class HandTable(Choice, frozen=True, tag="hand"):
-    """A hand from a file of its pose; ``gap`` [m] opens thumb and index finger to that distance."""
-
-    hand: str
-    gap: float | None = None
-
-
-# Kinds of bodies
-Body = PinchTable | CapsuleTable | SphereTable | SurfaceTable | HandTable
-
-
-class Boundary(Table, frozen=True, tag_field="boundary"):
-    """What the surface of a body does to sound, by the value of ``boundary``."""
-
-
-class SoundHardTable(Boundary, frozen=True, tag="sound_hard"):
-    """A surface that does not move."""
-
-
-class ImpedanceTable(Boundary, frozen=True, tag="impedance"):
-    """A locally reacting surface; ``ratio`` is Z/(ρc), a number or [real, imaginary]."""
-
-    ratio: float | tuple[float, float]
-
-
-class FilledTable(Boundary, frozen=True, tag="filled"):
-    """A body of another fluid."""
-
-    medium: MediumTable
+    radius: Positive
+    centre: Triple = (0.0, 0.0, 0.0)
+    edge: Positive = 2.5e-3
 
 
 class ObstacleTable(Table, frozen=True):
     """A body, or the two of a pinch, and what its surface does to sound.
 
-    ``pose`` places it, its named points too.
+    Attributes
+    ----------
+    pinch, capsule, sphere : a table of that body.
+    surface : a mesh file beside the scene file.
+    joints : a file of the pose of a scanned hand, in the frame of the mesh [m], which names its
+        pads where the mesh has no rig.
+    scale : metres per unit of the mesh file.
+    largest_hole : widest hole that is filled [m].
+    sharp_degrees : edges that turn by more stay sharp.
+    hand : a file of the pose of a hand.
+    gap : opens thumb and index finger of the hand to this distance [m].
+    boundary : "sound_hard", "impedance" or "filled".
+    ratio : impedance Z/(ρc) of the surface, a number or [real, imaginary].
+    medium : that fills the body.
+    pose : places the body and its named points.
     """
 
-    body: Body
-    boundary: SoundHardTable | ImpedanceTable | FilledTable = SoundHardTable()
+    one_of: ClassVar = ("pinch", "capsule", "sphere", "surface", "hand")
+    pinch: PinchTable | None = None
+    capsule: CapsuleTable | None = None
+    sphere: SphereTable | None = None
+    surface: str | None = None
+    joints: Annotated[str | None, only_with("surface")] = None
+    scale: Annotated[Positive | None, only_with("surface")] = None
+    largest_hole: Annotated[NotNegative | None, only_with("surface")] = None
+    sharp_degrees: Annotated[NotNegative | None, only_with("surface")] = None
+    hand: str | None = None
+    gap: Annotated[Positive | None, only_with("hand")] = None
+    boundary: Literal["sound_hard", "impedance", "filled"] = "sound_hard"
+    ratio: Annotated[float | tuple[float, float] | None, needed_by('boundary = "impedance"')] = None
+    medium: Annotated[MediumTable | None, needed_by('boundary = "filled"')] = None
     pose: PoseTable | None = None
 
 
 class PlaneTable(Table, frozen=True):
-    """A rigid plane, such as a table, through ``point`` [m].
+    """A rigid plane, such as a table.
 
-    Sound is on the side that ``normal`` points to.
+    Attributes
+    ----------
+    point : of the plane [m].
+    normal : direction to the side where the sound is.
     """
 
     point: Triple
     normal: Triple
 
 
-class NamedPointTable(Choice, frozen=True, tag="at"):
-    """A named point of a body, such as "thumb.pad"."""
+class SegmentTable(Table, frozen=True):
+    """Points of a straight line.
 
-    at: str
-
-
-class PointTable(Choice, frozen=True, tag="point"):
-    """One point [m]."""
-
-    point: Triple
-
-
-class SegmentTable(Choice, frozen=True, tag="segment"):
-    """Points of a straight line, at most ``spacing`` apart [m]."""
+    Attributes
+    ----------
+    start, end : [m].
+    spacing : largest distance between two points [m].
+    """
 
     start: Triple
     end: Triple
-    spacing: float
+    spacing: Positive
 
 
-class PolylineTable(Choice, frozen=True, tag="polyline"):
-    """Points of lines from corner to corner, and back to the first where it is ``closed``."""
+class PolylineTable(Table, frozen=True):
+    """Points of lines from corner to corner.
+
+    Attributes
+    ----------
+    corners : [m].
+    spacing : largest distance between two points [m].
+    closed : whether a line leads from the last corner to the first.
+    """
 
     corners: list[Triple]
-    spacing: float
+    spacing: Positive
     closed: bool = False
 
 
-class CircleTable(Choice, frozen=True, tag="circle"):
-    """Points of a circle in the plane at right angles to ``normal``."""
+class CircleTable(Table, frozen=True):
+    """Points of a circle.
+
+    Attributes
+    ----------
+    centre : [m].
+    radius : [m].
+    spacing : largest distance between two points [m].
+    normal : of the circle's plane.
+    """
 
     centre: Triple
-    radius: float
-    spacing: float
+    radius: Positive
+    spacing: Positive
     normal: Triple = (0.0, 0.0, 1.0)
 
 
-class SphereShellTable(Choice, frozen=True, tag="sphere_shell"):
-    """Points spread over a sphere, about ``spacing`` apart."""
+class SphereShellTable(Table, frozen=True):
+    """Points spread over a sphere.
+
+    Attributes
+    ----------
+    centre : [m].
+    radius : [m].
+    spacing : usual distance between two points [m].
+    """
 
     centre: Triple
-    radius: float
-    spacing: float
+    radius: Positive
+    spacing: Positive
 
 
-class Drawn(Choice, frozen=True):
-    """Points of a drawing, with their ``spacing`` [m], read from where ``normal`` points to."""
+class TextTable(Table, frozen=True):
+    """Points of writing in single strokes.
 
-    spacing: float
+    Attributes
+    ----------
+    words : the text.
+    height : of a capital letter [m].
+    spacing : largest distance between two points [m].
+    centre : [m].
+    normal : direction to the reader.
+    up : upward direction of the text.
+    """
+
+    words: str
+    height: Positive
+    spacing: Positive
     centre: Triple = (0.0, 0.0, 0.0)
     normal: Triple = (0.0, 0.0, 1.0)
     up: Triple | None = None
 
 
-class WritingTable(Drawn, frozen=True, kw_only=True, tag="text"):
-    """Writing in single strokes; ``height`` is that of a capital letter."""
+class SvgTable(Table, frozen=True):
+    """Points of the lines of an SVG drawing.
 
-    words: str
-    height: float
-
-
-class DrawingFileTable(Choice, frozen=True, tag="file"):
-    """An SVG file beside the scene file."""
-
-    file: str
-
-
-class DrawingPathTable(Choice, frozen=True, tag="path"):
-    """The text of one SVG path."""
-
-    path: str
-
-
-class SvgTable(Drawn, frozen=True, kw_only=True, tag="svg"):
-    """The lines of an SVG drawing, ``width`` wide."""
-
-    source: DrawingFileTable | DrawingPathTable
-    width: float
-
-
-class SurfacePointsTable(Choice, frozen=True, tag="surface"):
-    """Points on the surface of a ``body``, or those that face ``facing`` within some degrees."""
-
-    body: str
-    spacing: float
-    facing: Triple | None = None
-    within: float = 90.0
-
-
-# Shapes whose keys are the arguments of the function that makes them
-Shape = SegmentTable | PolylineTable | CircleTable | SphereShellTable | WritingTable
-
-
-class FocusTable(Table, frozen=True):
-    """Foci: a named point of a body, ``offset`` off its surface, a point, or the points of a shape.
-
-    A point or shape ``onto`` a body is projected to its surface, and stands ``offset`` off it.
-    Every point of it gets ``pressure`` [Pa], or a ``share`` in proportion to the others;
-    ``phase_degrees`` fixes the phase.
+    Attributes
+    ----------
+    file : an SVG file beside the scene file.
+    path : the text of one SVG path.
+    width : of the drawing [m].
+    spacing : largest distance between two points [m].
+    centre : [m].
+    normal : direction to the viewer.
+    up : upward direction of the drawing.
     """
 
-    points: NamedPointTable | PointTable | Shape | SvgTable
-    offset: float | None = None
-    onto: str | None = None
-    pressure: float | None = None
-    share: float | None = None
+    one_of: ClassVar = ("file", "path")
+    width: Positive
+    spacing: Positive
+    file: str | None = None
+    path: str | None = None
+    centre: Triple = (0.0, 0.0, 0.0)
+    normal: Triple = (0.0, 0.0, 1.0)
+    up: Triple | None = None
+
+
+class SurfacePointsTable(Table, frozen=True):
+    """Points on the surface of a body, all or those that face a direction.
+
+    Attributes
+    ----------
+    body : its name.
+    spacing : usual distance between two points [m].
+    facing : direction.
+    within : largest angle between the surface's normal and that direction [degree].
+    """
+
+    body: str
+    spacing: Positive
+    facing: Triple | None = None
+    within: NotNegative = 90.0
+
+
+class Shape(Table, frozen=True):
+    """Points: one, or those of a shape.
+
+    Attributes
+    ----------
+    point : [m].
+    segment, polyline, circle, sphere_shell, text, svg : a table of that shape.
+    """
+
+    point: Triple | None = None
+    segment: SegmentTable | None = None
+    polyline: PolylineTable | None = None
+    circle: CircleTable | None = None
+    sphere_shell: SphereShellTable | None = None
+    text: TextTable | None = None
+    svg: SvgTable | None = None
+
+
+SHAPES = Shape.__struct_fields__
+
+
+class FocusTable(Shape, frozen=True):
+    """Foci: a named point of a body, a point, or the points of a shape.
+
+    Attributes
+    ----------
+    at : a named point of a body, such as "thumb.pad".
+    onto : body to whose surface a point or shape is projected.
+    offset : distance from the body's surface [m]; 0.5 mm if left out.
+    pressure : at every point [Pa].
+    share : pressure in proportion to that of the other foci.
+    phase_degrees : fixes the phase.
+    name : of the focus.
+    """
+
+    one_of: ClassVar = ("at", *SHAPES)
+    at: str | None = None
+    onto: Annotated[str | None, not_with("at")] = None
+    offset: Annotated[NotNegative | None, only_with("at", "onto")] = None
+    pressure: NotNegative | None = None
+    share: NotNegative | None = None
     phase_degrees: float | None = None
     name: str | None = None
 
 
-class SuppressionTable(Table, frozen=True):
-    """Where the sound is suppressed."""
+class SuppressionTable(Shape, frozen=True):
+    """Where the sound is suppressed: points, or a surface.
 
-    points: PointTable | Shape | SvgTable | SurfacePointsTable
+    Attributes
+    ----------
+    surface : a table of points on a body.
+    """
+
+    one_of: ClassVar = (*SHAPES, "surface")
+    surface: SurfacePointsTable | None = None
 
 
 class SolverTable(Table, frozen=True):
-    """How the sound field is computed, by default as the bodies need.
+    """How the sound field is computed.
 
-    ``accuracy`` is the relative error asked for.
+    Attributes
+    ----------
+    name : as the bodies need if left out.
+    accuracy : relative error asked for.
     """
 
-    name: str | None = None
-    accuracy: float = 0.01
+    name: Literal["boundary_element", "finite_element", "free_field"] | None = None
+    accuracy: Annotated[float, Meta(ge=1e-4, le=0.3)] = 0.01
 
 
 class LevelsTable(Table, frozen=True):
-    """How many levels of amplitude and of phase a drive is rounded to, 2 to 256 each."""
+    """How many levels a drive is rounded to.
 
-    amplitude: int = 256
-    phase: int = 256
-
-
-class ModulationKind(Table, frozen=True, tag_field="kind"):
-    """What makes the drive perceptible, by the value of ``kind``."""
-
-
-class AmplitudeTable(ModulationKind, frozen=True, tag="am"):
-    """The force follows a cosine of a ``frequency`` [Hz] and ``depth``."""
-
-    frequency: float = 200.0
-    depth: float = 1.0
-
-
-class Moving(ModulationKind, frozen=True):
-    """Foci run along a "circle" of a ``radius`` or a "line" of a ``length`` [m].
-
-    A path is run through ``frequency`` times a second in ``frames`` positions. It lies ``along``
-    the "skin", or the plane across the direction to the "array".
+    Attributes
+    ----------
+    amplitude, phase : 2 to 256.
     """
 
-    path: str | None = None
-    radius: float | None = None
-    length: float | None = None
-    frequency: float | None = None
-    frames: int | None = None
-    along: str | None = None
-
-
-class LateralTable(Moving, frozen=True, tag="lm"):
-    """Each focus runs along a small path around its position."""
-
-
-class SpatiotemporalTable(Moving, frozen=True, tag="stm"):
-    """One focus runs through all "points" in order, or each focus around its position."""
+    amplitude: Levels = 256
+    phase: Levels = 256
 
 
 class ModulationTable(Table, frozen=True):
-    """What makes the drive perceptible; skin hardly feels a constant force."""
+    """What makes the drive perceptible; skin hardly feels a constant force.
 
-    kind: AmplitudeTable | LateralTable | SpatiotemporalTable
+    Attributes
+    ----------
+    kind : "am", the force follows a cosine; "lm", each focus runs along a small path around its
+        position; "stm", one focus runs through all points in order, or each focus around its
+        position.
+    frequency : of the force, or rounds of the path a second [Hz].
+    depth : of the variation of the force.
+    path : "circle", "line", or of "stm" "points".
+    radius : of a circle [m].
+    length : of a line [m].
+    frames : positions on a path.
+    along : "skin", or "array" for the plane across the direction to the array.
+    """
+
+    kind: Literal["am", "lm", "stm"]
+    frequency: Positive | None = None
+    depth: Annotated[float | None, only_with('kind = "am"')] = None
+    path: Annotated[Literal["circle", "line", "points"] | None, not_with('kind = "am"')] = None
+    radius: Annotated[Positive | None, not_with('kind = "am"'), not_with('path = "line"')] = None
+    length: Annotated[Positive | None, only_with('path = "line"')] = None
+    frames: Annotated[int | None, not_with('kind = "am"')] = None
+    along: Annotated[Literal["skin", "array"] | None, not_with('kind = "am"')] = None
 
 
 class DriveTable(Table, frozen=True):
-    """Method of the drive, its modulation, and the levels it is rounded to, 2 to 256."""
+    """How the drive is made.
+
+    Attributes
+    ----------
+    method : its name.
+    levels : of amplitude and of phase that the drive is rounded to, a number or a table.
+    modulation : a table.
+    """
 
     method: str = "best"
-    levels: int | LevelsTable = 256
+    levels: Levels | LevelsTable = 256
     modulation: ModulationTable | None = None
 
 
 class UncertaintyTable(Table, frozen=True):
-    """Standard deviations of hand, air and transducers, as of ``airtact.Uncertainty``.
+    """Standard deviations of hand, air and transducers, see ``airtact.Uncertainty``.
 
-    ``samples`` is how many of them a drive is made for, drawn from a ``seed``.
+    Attributes
+    ----------
+    position, rotation : of the hand [m, degree].
+    own_position, own_rotation : of each body by itself [m, degree].
+    along_skin : of each focus along its surface [m].
+    age : of the pose [s].
+    velocity : of the hand [m/s].
+    temperature, humidity : of the air [K, parts of 1].
+    gain, phase : of each element [share, degree].
+    dead : share of elements that emit nothing.
+    board_position, board_rotation : of each board [m, degree].
+    samples : how many a drive is made for.
+    seed : that they are drawn from.
     """
 
-    position: float = 0.0
-    rotation: float = 0.0
-    own_position: float = 0.0
-    own_rotation: float = 0.0
-    along_skin: float = 0.0
-    age: float = 0.0
+    position: NotNegative = 0.0
+    rotation: NotNegative = 0.0
+    own_position: NotNegative = 0.0
+    own_rotation: NotNegative = 0.0
+    along_skin: NotNegative = 0.0
+    age: NotNegative = 0.0
     velocity: Triple = (0.0, 0.0, 0.0)
-    temperature: float = 0.0
-    humidity: float = 0.0
-    gain: float = 0.0
-    phase: float = 0.0
-    dead: float = 0.0
-    board_position: float = 0.0
-    board_rotation: float = 0.0
-    samples: int = 64
-    seed: int = 0
+    temperature: NotNegative = 0.0
+    humidity: NotNegative = 0.0
+    gain: NotNegative = 0.0
+    phase: NotNegative = 0.0
+    dead: NotNegative = 0.0
+    board_position: NotNegative = 0.0
+    board_rotation: NotNegative = 0.0
+    samples: Annotated[int, Meta(ge=1)] = 64
+    seed: Annotated[int, Meta(ge=0)] = 0
 
 
 class SceneFile(Table, frozen=True):
-    """The whole file; ``merge_bodies`` joins sound-hard bodies nearer than 0.3 mm.
+    """The whole file.
 
-    ``most_points`` is the largest number of foci and suppression points together. ``tracker`` is
-    where a tracker stands whose hand the sound follows, from its frame to the obstacles'.
+    Attributes
+    ----------
+    medium, array, foci, suppression, obstacles, planes, solver, drive, uncertainty : tables.
+    frequency : of the sound [Hz].
+    merge_bodies : whether sound-hard bodies nearer than 0.3 mm become one.
+    most_points : largest number of foci and suppression points together.
+    tracker : pose of a tracker whose hand the sound follows, from its frame to the obstacles'.
     """
 
     medium: MediumTable
     array: ArrayTable
-    foci: list[FocusTable]
+    foci: Annotated[list[FocusTable], Meta(min_length=1)]
     suppression: list[SuppressionTable] = []
-    obstacles: list[ObstacleTable] = []
+    obstacles: Annotated[list[ObstacleTable], Meta(max_length=256)] = []
     planes: list[PlaneTable] = []
-    frequency: float = 40e3
+    frequency: Positive = 40e3
     merge_bodies: bool = False
-    most_points: int = MOST_POINTS
+    most_points: Annotated[int, Meta(ge=1)] = MOST_POINTS
     solver: SolverTable = SolverTable()
     drive: DriveTable = DriveTable()
     uncertainty: UncertaintyTable | None = None
