@@ -25,7 +25,7 @@ PORT = 8765
 motion = at.hands.load_recording(at.example("reaching.jsonl"))  # your tracker's frames instead
 command = [sys.executable, "-m", "airtact.cli", "live", str(at.example("live_pinch"))]
 command += ["--from", f"websocket:{PORT}", "--out", str(folder / "live"), "--no-page", "--quiet"]
-loop = subprocess.Popen([*command, "--seconds", "7"])
+loop = subprocess.Popen(command)
 
 
 def connected():
@@ -38,10 +38,13 @@ def connected():
     sys.exit("airtact live ended early")
 
 
-with connected() as tracker:
-    for frame in at.hands.replay(motion.frames):  # in real time
-        tracker.send(at.hands.to_json(frame))
-loop.wait()
+try:
+    with connected() as tracker:
+        for frame in at.hands.replay(motion.frames):  # in real time
+            tracker.send(at.hands.to_json(frame))
+finally:
+    loop.terminate()  # as Ctrl-C in a terminal: the sound fades, the session is closed
+    loop.wait()
 
 session = at.live.read_session(folder / "live")
 print(f"{len(session.frame_time)} frames received, {session.playing.sum()} drives played")
