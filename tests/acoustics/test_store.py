@@ -3,8 +3,6 @@
 import json
 import os
 import resource
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,8 +11,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.acoustics.field_file import DamagedError, packed, unpacked
-from airtact.acoustics.store import ABANDONED_AFTER, SUFFIX, fingerprint, program
+from airtact.acoustics.store import SUFFIX, name_of, program, unpacked
 from airtact.cli import main
 from airtact.setup.solving import solve_foci
 from airtact.timing import Clock
@@ -66,29 +63,6 @@ def test_a_field_that_is_read_answers_as_the_one_that_was_solved(tmp_path: Path)
         at.transfer_matrix(found, moved).matrix, at.transfer_matrix(solved, moved).matrix
     )
     assert entries(tmp_path)[0].stat().st_size < 250 * solved.report.nodes
-
-
-@pytest.mark.parametrize(
-    "solver", [at.SphereSeries(), at.FiniteElement(order=1, elements_per_wavelength=1.0)]
-)
-def test_series_are_kept_too_and_finite_elements_in_memory(tmp_path: Path, solver) -> None:
-    scene = at.Scene(AIR, [at.impedance(at.sphere(3e-3, 2e-3), 2.0 - 1.0j)])
-    stored = at.Stored(solver, tmp_path)
-    solved = stored.radiate(scene, SOURCE)
-    assert stored.radiate(scene, SOURCE) is solved
-    found = at.Stored(solver, tmp_path).radiate(scene, SOURCE)
-    assert was_read(found) == isinstance(solver, at.SphereSeries)
-    assert np.allclose(found.at(POINTS), solved.at(POINTS), rtol=1e-6, equal_nan=True)
-
-
-def test_the_same_solver_answers_from_memory(tmp_path: Path) -> None:
-    stored = at.Stored(SOLVER, tmp_path)
-    first = stored.radiate(SCENE, SOURCE)
-    entries(tmp_path)[0].unlink()
-    assert stored.radiate(ball(), at.Monopoles(AWAY, np.ones(1))) is first
-    for count in range(8):
-        stored.radiate(SCENE, at.Monopoles(AWAY + 1e-3 * (count + 1), np.ones(1)))
-    assert stored.radiate(SCENE, SOURCE) is not first  # eight others came since
 
 
 def with_surface(**changes: np.ndarray | None) -> at.Scene:
@@ -157,18 +131,14 @@ OTHERS = {
 
 
 def test_whatever_determines_a_field_gives_it_another_name() -> None:
-    names = {name: fingerprint(*parts) for name, parts in OTHERS.items()}
-    names["mesh"] = fingerprint(SOLVER, MESH, SOURCE)
+    names = {name: name_of(*parts) for name, parts in OTHERS.items()}
+    names["mesh"] = name_of(SOLVER, MESH, SOURCE)
     SOLVER.radiate(MESH, SOURCE)  # which finds out more about the shape, such as its panels
-    assert fingerprint(SOLVER, MESH, SOURCE) == names["mesh"]
+    assert name_of(SOLVER, MESH, SOURCE) == names["mesh"]
     assert len(set(names.values())) == len(names)
-    assert (
-        fingerprint(SOLVER, ball(), at.Monopoles(AWAY.copy(), np.ones(1))) == names["closed form"]
-    )
-    telling = at.FiniteElement(order=3, progress=print)
-    assert (
-        fingerprint(telling, SCENE, SOURCE) == names["order"]
-    )  # who is told of the progress determines nothing
+    assert name_of(SOLVER, ball(), at.Monopoles(AWAY.copy(), np.ones(1))) == names["closed form"]
+    telling = at.FiniteElement(order=3, progress=print)  # progress determines nothing
+    assert name_of(telling, SCENE, SOURCE) == names["order"]
 
 
 def test_the_program_is_named_by_its_version_and_its_files(tmp_path: Path) -> None:
@@ -179,145 +149,24 @@ def test_the_program_is_named_by_its_version_and_its_files(tmp_path: Path) -> No
     assert program.__wrapped__(tmp_path) != before
 
 
-@pytest.mark.parametrize(
-    "name", ["moved vertex", "other speed", "frequency", "strength", "accuracy", "solver"]
-)
-def test_a_full_store_never_answers_for_something_else(tmp_path: Path, name: str) -> None:
-    solver, scene, sources = OTHERS[name]
-    at.Stored(SOLVER, tmp_path).radiate(SCENE, SOURCE)
-    at.Stored(SOLVER, tmp_path).radiate(MESH, SOURCE)
-    found = at.Stored(solver, tmp_path).radiate(scene, sources)
-    assert not was_read(found)
-    assert np.array_equal(
-        found.at(POINTS), solver.radiate(scene, sources).at(POINTS), equal_nan=True
-    )
-
-
-def test_truncated_and_flipped_files_are_solved_again(tmp_path: Path) -> None:
+def test_a_damaged_entry_is_solved_again(tmp_path: Path) -> None:
     true = at.Stored(SOLVER, tmp_path).radiate(SCENE, SOURCE).at(POINTS)
-    path = entries(tmp_path)[0]
-    whole, pick = path.read_bytes(), np.random.default_rng(1)
-    damaged = [whole[:length] for length in (0, 100, 512, len(whole) // 2, len(whole) - 1)]
-    for place in (0, 30, 400, 600, *pick.integers(512, len(whole), 8)):
-        flipped = bytearray(whole)
-        flipped[place] ^= 1 << int(pick.integers(8))
-        damaged.append(bytes(flipped))
-    for attempt in (*damaged, whole + b"\0", b"not a field at all"):
-        path.write_bytes(attempt)
-        found = at.Stored(SOLVER, tmp_path).radiate(SCENE, SOURCE)
-        assert not was_read(found)
-        assert np.array_equal(found.at(POINTS), true)
-        assert was_read(at.Stored(SOLVER, tmp_path).radiate(SCENE, SOURCE))
-
-
-def test_every_flipped_bit_is_noticed() -> None:
-    key = fingerprint(SOLVER, SCENE, SOURCE)
-    whole = packed(SOLVER.radiate(SCENE, SOURCE), key)
-    unpacked(whole, key, SCENE, SOURCE)
-    for place in range(0, len(whole), 97):
+    (path,) = entries(tmp_path)
+    whole = path.read_bytes()
+    key = name_of(SOLVER, SCENE, SOURCE)
+    assert unpacked(whole, key, SCENE, SOURCE) is not None
+    assert unpacked(whole, name_of(SOLVER, SCENE, FARTHER), SCENE, SOURCE) is None
+    damaged = [whole[:length] for length in (0, 100, len(whole) // 2, len(whole) - 1)]
+    for place in range(0, len(whole), 997):
         flipped = bytearray(whole)
         flipped[place] ^= 16
-        with pytest.raises(DamagedError):
-            unpacked(bytes(flipped), key, SCENE, SOURCE)
-
-
-def test_an_entry_under_another_name_is_not_taken(tmp_path: Path) -> None:
-    at.Stored(SOLVER, tmp_path).radiate(SCENE, FARTHER)
-    path = entries(tmp_path)[0]
-    path.rename(path.with_name(fingerprint(SOLVER, SCENE, SOURCE) + SUFFIX))
-    assert not was_read(at.Stored(SOLVER, tmp_path).radiate(SCENE, SOURCE))
-
-
-# --- several processes -----------------------------------------------------------------------------------------------
-
-PLAYED_BY_SEVERAL = """
-import sys
-import numpy as np
-import airtact as at
-scene = at.Scene(at.Medium(343.1, 1.293), [at.sound_hard(at.sphere(3e-3, 2e-3))])
-stored = [at.Stored(at.BoundaryElement(accuracy=0.3), sys.argv[1]) for _ in range(2)]
-print("ready", flush=True)
-sys.stdin.readline()
-for one in stored:
-    for step in range(4):
-        source = at.Monopoles(np.array([[0.0, 0.0, 0.012 + 1e-3 * step]]), np.ones(1))
-        field = one.radiate(scene, source)
-        assert not field.report.warnings, field.report.warnings
-        assert abs(field.at(np.array([[0.0, 0.02, 0.03]]))[0, 0]) > 0
-"""
-
-
-def test_several_processes_write_at_once(tmp_path: Path) -> None:
-    call = [sys.executable, "-c", PLAYED_BY_SEVERAL, str(tmp_path)]
-    pipes = {
-        "stdin": subprocess.PIPE,
-        "stdout": subprocess.PIPE,
-        "stderr": subprocess.PIPE,
-        "text": True,
-    }
-    together = [subprocess.Popen(call, **pipes) for _ in range(2)]
-    for one in together:
-        assert one.stdout.readline() == "ready\n"
-    for one in together:
-        one.stdin.write("go\n")
-        one.stdin.flush()
-    for one in together:
-        _, said = one.communicate(timeout=120)
-        assert one.returncode == 0, said
-    assert len(entries(tmp_path)) == len(list(tmp_path.iterdir())) == 4
-    for step in range(4):
-        source = at.Monopoles(np.array([[0.0, 0.0, 0.012 + 1e-3 * step]]), np.ones(1))
-        assert was_read(at.Stored(SOLVER, tmp_path).radiate(SCENE, source))
-
-
-KILLED = """
-import os, random, signal, sys, time
-from pathlib import Path
-import numpy as np
-
-import airtact as at
-from airtact.acoustics.field_file import packed, save
-folder = Path(sys.argv[1])
-scene, source = at.Scene(at.Medium(343.1, 1.293), []), at.Monopoles(np.array([[0.0, 0.0, 1.0]]), np.ones(1))
-whole = [packed(at.FreeField().radiate(scene, source), key) + bytes(10**6) for key in "abc"]
-random.seed(4)
-half_written = 0
-for attempt in range(40):
-    child = os.fork()
-    if child == 0:
-        while True:
-            for key, one in (list(zip("abc", whole)) * 2)[attempt % 3 :]:
-                save(folder / key, one)
-    time.sleep(random.uniform(0.002, 0.03))
-    os.kill(child, signal.SIGKILL)
-    os.waitpid(child, 0)
-    for path in folder.iterdir():
-        if path.suffix == ".partial":
-            half_written += 1
-            path.unlink()
-        else:
-            assert path.read_bytes() == whole["abc".index(path.name)], path
-print(half_written, len(list(folder.iterdir())))
-"""
-
-
-def test_a_killed_writer_leaves_whole_entries_only(tmp_path: Path) -> None:
-    call = [sys.executable, "-W", "ignore", "-c", KILLED, str(tmp_path)]
-    done = subprocess.run(call, capture_output=True, text=True, timeout=120)
-    assert done.returncode == 0, done.stderr
-    half_written, whole = (int(word) for word in done.stdout.split())
-    assert half_written > 0  # or no writer was hit while it wrote
-    assert whole == 3
-
-
-def test_what_killed_writers_left_is_swept_once_it_is_old(tmp_path: Path) -> None:
-    left, fresh = (tmp_path / f".{name}{SUFFIX}.1-2.partial" for name in ("old", "new"))
-    for path in (left, fresh):
-        path.write_bytes(b"half")
-    os.utime(left, (left.stat().st_mtime - 2 * ABANDONED_AFTER,) * 2)
-    at.Stored(SOLVER, tmp_path).radiate(SCENE, SOURCE)
-    assert not left.exists()
-    assert fresh.exists()
+        damaged.append(bytes(flipped))
+    assert not any(unpacked(attempt, key, SCENE, SOURCE) for attempt in (*damaged, whole + b"0"))
+    path.write_bytes(damaged[2])
+    found = at.Stored(SOLVER, tmp_path).radiate(SCENE, SOURCE)
+    assert not was_read(found)
+    assert np.array_equal(found.at(POINTS), true)
+    assert was_read(at.Stored(SOLVER, tmp_path).radiate(SCENE, SOURCE))
 
 
 def test_a_full_disk_is_said_and_loses_nothing(tmp_path: Path) -> None:
@@ -336,23 +185,23 @@ def test_a_full_disk_is_said_and_loses_nothing(tmp_path: Path) -> None:
 
 
 def test_the_oldest_used_entries_go(tmp_path: Path) -> None:
+    """What killed writers left goes first."""
     at.Stored(SOLVER, tmp_path).radiate(SCENE, SOURCE)
     size = entries(tmp_path)[0].stat().st_size
+    left = tmp_path / f".killed{SUFFIX}.partial"
+    left.write_bytes(bytes(size))
     places = [at.Monopoles(AWAY + 1e-3 * step, np.ones(1)) for step in range(4)]
-    stored = [at.Stored(SOLVER, tmp_path, most_bytes=int(3.9 * size)) for _ in range(3)]
+    stored = at.Stored(SOLVER, tmp_path, most_bytes=int(3.9 * size))
     for index, source in enumerate(places[:3]):
-        stored[0].radiate(SCENE, source)
-        for path in entries(tmp_path):
+        stored.radiate(SCENE, source)
+        for path in tmp_path.iterdir():
             os.utime(path, (path.stat().st_atime, path.stat().st_mtime - 10 * (3 - index)))
-    assert was_read(
-        stored[1].radiate(SCENE, places[0])
-    )  # used again, so the second is the oldest now
-    stored[1].radiate(SCENE, places[3])
+    assert not left.exists()
+    assert was_read(stored.radiate(SCENE, places[0]))  # so the second is the oldest now
+    stored.radiate(SCENE, places[3])
     assert len(entries(tmp_path)) == 3
-    assert [
-        was_read(stored[2].radiate(SCENE, source)) for source in (places[0], places[2], places[3])
-    ] == [True] * 3
-    assert not was_read(stored[2].radiate(SCENE, places[1]))
+    kept = [was_read(stored.radiate(SCENE, places[index])) for index in (0, 2, 3, 1)]
+    assert kept == [True, True, True, False]
 
 
 class Wrapped(at.acoustics.Solver):

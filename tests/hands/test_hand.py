@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.acoustics.store import fingerprint
+from airtact.acoustics.store import name_of
 from airtact.geometry.checks import check_surface
 from airtact.geometry.mesh.quadratic_triangles import enclosed_volume
 from airtact.hands.joints import CHAINS, NAMES, TRACKED, side_evidence
@@ -213,7 +213,7 @@ def test_hands_of_one_fingerprint_have_one_mesh_and_those_of_two_do_not():
 
     def name(hand: at.Hand) -> str:
         scene = at.Scene(at.Medium(343.1, 1.293), [at.sound_hard(hand.surface)])
-        return fingerprint(
+        return name_of(
             at.BoundaryElement(), scene, at.Monopoles(np.array([[0.0, 0.0, 0.3]]), np.ones(1))
         )
 

@@ -1,54 +1,54 @@
-"""Stored: a solver that reads from memory or disk what it has solved before."""
+"""Stored: a solver that reads from a folder what it has solved before.
 
-import copy
+An entry is a checksum and a NumPy archive: the field's dataclasses as a tree in JSON, and its
+arrays. Scene and sources are not stored: the caller has them.
+"""
+
 import hashlib
-import struct
+import importlib
+import io
+import json
 import time
-from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
+from copy import copy
 from dataclasses import fields, is_dataclass, replace
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from airtact import _kernels, errors
-from airtact.acoustics.field_file import DamagedError, packed, save, unpacked
 from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.problem import RadiatedField, Solver, SolveReport
 from airtact.acoustics.sources import Monopoles
 from airtact.errors import InvalidInput, number, of_kind
+from airtact.files.atomic import whole_file
 from airtact.files.bounded import bytes_of
 from airtact.timing import Progress
 
-SUFFIX = ".field.h5"
-
-# Age at which a half-written file is taken to have lost its writer [s]
-ABANDONED_AFTER = 600.0
+SUFFIX = ".field"
 
 
-def fingerprint(solver: Solver, scene: Scene, sources: Monopoles) -> str:
-    """Name a field by everything that determines it, to the last bit: 40 hexadecimal digits.
+def name_of(*values: object) -> str:
+    """Name values and the airtact that computes with them, to the last bit: 40 hexadecimal digits.
 
-    Every field of the dataclasses that solver, scene and sources consist of counts, except those
-    that take no part in comparisons (``field(compare=False)``: caches and callbacks), and so does
-    the version of airtact with the digest of its files.
+    Every field of their dataclasses counts, except those that take no part in comparisons
+    (``field(compare=False)``: caches and callbacks).
 
     Raises
     ------
     InvalidInput
         Something has no known bytes, such as a solver that is no dataclass.
     """
-    return name_of(solver, scene, sources)
-
-
-def name_of(*values: object) -> str:
-    """Name some values and the airtact that computes with them; raise as ``fingerprint``."""
-    digest = hashlib.blake2b(program().encode(), digest_size=20)
-    for value in values:
-        _feed(digest.update, value)
+    arrays: list[np.ndarray] = []
+    tree = json.dumps([_tree(value, arrays, {}) for value in values], sort_keys=True)
+    digest = hashlib.blake2b((program() + tree).encode(), digest_size=20)
+    for array in arrays:
+        digest.update(f"{array.dtype.str} {array.shape} ".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
 
 
@@ -62,52 +62,106 @@ def program(package: Path = Path(errors.__file__).parent) -> str:
     return f"airtact {version('airtact')} {digest.hexdigest()}"
 
 
-def _feed(update: Callable[[bytes], None], value: object) -> None:
-    """Feed kind, length and bytes of a value to a digest, unambiguously."""
-    # Kind and length go first, so that different values never feed the same bytes.
-    kind = type(value)
+def packed(field: RadiatedField, key: str) -> bytes:
+    """Pack a field into the bytes of its entry; raise "wrong_kind" for a library's objects."""
+    arrays: list[np.ndarray] = []
+    tree = _tree(field, arrays, {id(field.scene): "scene", id(field.sources): "sources"})
+    stream = io.BytesIO()
+    np.savez(stream, *arrays, tree=np.frombuffer(json.dumps(tree).encode(), dtype=np.uint8))
+    content = stream.getvalue()
+    return _checksum(key, content) + content
+
+
+def unpacked(content: bytes, key: str, scene: Scene, sources: Monopoles) -> RadiatedField | None:
+    """Restore a field; None for changed bytes or another key."""
+    archive = content[64:]
+    if content[:64] != _checksum(key, archive):
+        return None
+    try:
+        with np.load(io.BytesIO(archive)) as file:
+            tree = json.loads(file["tree"].tobytes())
+            arrays = [file[f"arr_{index}"] for index in range(len(file.files) - 1)]
+        for array in arrays:
+            array.flags.writeable = False
+        field = _value(tree, arrays, {"scene": scene, "sources": sources})
+    except Exception:  # the checksum fits, but another program wrote the file
+        return None
+    return field if isinstance(field, RadiatedField) else None
+
+
+def _checksum(key: str, archive: bytes) -> bytes:
+    return hashlib.sha256(key.encode() + archive).hexdigest().encode()
+
+
+def _tree(value: object, arrays: list[np.ndarray], references: Mapping[int, str]) -> Any:
+    """Describe a value in JSON; append its arrays to a list."""
+    if id(value) in references:
+        return {"reference": references[id(value)]}
+    if isinstance(value, np.generic):
+        value = value.item()
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, complex):
+        return {"complex": [value.real, value.imag]}
     if isinstance(value, np.ndarray) and value.dtype.kind in "biufc":
-        update(f"array {value.dtype.str} {value.shape} ".encode())
-        update(np.ascontiguousarray(value).tobytes())
-    elif is_dataclass(value):
-        names = [field.name for field in fields(value) if field.compare]
-        update(f"{kind.__module__}.{kind.__qualname__} {len(names)} ".encode())
-        for name in names:
-            update(f"{name} ".encode())
-            _feed(update, getattr(value, name))
-    elif value is None or isinstance(value, bool | int | str | np.bool_ | np.integer):
-        text = f"{value}".encode()
-        update(f"{'text' if isinstance(value, str) else 'whole'} {len(text)} ".encode() + text)
-    elif isinstance(value, float | complex | np.floating | np.complexfloating):
-        update(b"number " + struct.pack("<dd", complex(value).real, complex(value).imag))
-    elif isinstance(value, tuple | list):
-        update(f"list {len(value)} ".encode())
-        for item in value:
-            _feed(update, item)
-    elif isinstance(value, Mapping):
-        update(f"table {len(value)} ".encode())
-        for key in sorted(value):
-            _feed(update, key)
-            _feed(update, value[key])
-    else:
-        raise InvalidInput(
-            f"a {kind.__qualname__} cannot be compared with another: it is no dataclass of "
-            "numbers.",
-            code="does_not_match",
-        )
+        # JSON has no arrays: each is stored beside the tree, which has its number.
+        arrays.append(value)
+        return {"array": len(arrays) - 1}
+    if isinstance(value, tuple | list):
+        return {"tuple": [_tree(item, arrays, references) for item in value]}
+    if isinstance(value, Mapping) and all(isinstance(key, str) for key in value):
+        return {"table": {key: _tree(value[key], arrays, references) for key in sorted(value)}}
+    kind = type(value)
+    if is_dataclass(value) and not isinstance(value, type):
+        parts = {
+            part.name: _tree(getattr(value, part.name), arrays, references)
+            for part in fields(value)
+            if part.init and part.compare
+        }
+        return {"module": kind.__module__, "class": kind.__qualname__, "fields": parts}
+    raise InvalidInput(
+        f"a {kind.__qualname__} is no number, text, array or dataclass of these.",
+        code="wrong_kind",
+    )
+
+
+def _value(tree: Any, arrays: list[np.ndarray], references: Mapping[str, object]) -> Any:
+    """Restore the value that a tree describes."""
+
+    def restored(table: Mapping[str, Any]) -> dict[str, Any]:
+        return {key: _value(item, arrays, references) for key, item in table.items()}
+
+    match tree:
+        case {"reference": name}:
+            return references[name]
+        case {"complex": [real, imaginary]}:
+            return complex(real, imaginary)
+        case {"array": index}:
+            return arrays[index]
+        case {"tuple": items}:
+            return tuple(_value(item, arrays, references) for item in items)
+        case {"table": table}:
+            return restored(table)
+        case {"module": str(module), "class": name, "fields": table}:
+            # Only dataclasses of airtact are made again, whatever the file names.
+            kind = getattr(importlib.import_module(module), name)
+            if not module.startswith("airtact.") or not is_dataclass(kind):
+                raise ValueError(name)
+            return kind(**restored(table))
+    return tree
 
 
 class Stored(Solver):
-    """A solver that keeps its fields in memory and in a folder, and reads them again.
+    """A solver that keeps its fields in a folder and reads them again.
 
     A field is found again by everything that determines it, to the last bit: every vertex and
     mid-edge point, boundary, medium, frequency, source, setting of the solver, and airtact itself.
     An entry is written whole or not at all, even if another process writes too or this one is
     killed; a damaged one is noticed by its checksum and solved again. When the folder exceeds
     ``most_bytes``, the entries that were unused for longest are deleted. A field that cannot be
-    stored is still solved, and its report's warnings give the reason. Fields of finite elements
-    stay in memory only. Code outside airtact does not count: after a change to a solver of your
-    own, use another folder.
+    stored, such as one of finite elements, is still solved, and its report's warnings give the
+    reason. Code outside airtact does not count: after a change to a solver of your own, use another
+    folder.
 
     Parameters
     ----------
@@ -149,102 +203,70 @@ class Stored(Solver):
         self.solver = solver
         self.folder = Path(folder)
         self.most_bytes = int(most_bytes)
-        self._memory: OrderedDict[str, RadiatedField] = OrderedDict()
 
     def reporting(self, progress: Progress | None) -> "Stored":
         """Return the store with a callback that gets the words of each step of its solver."""
-        reporting = copy.copy(self)  # shares the fields in memory
-        reporting.solver = self.solver.reporting(progress)
-        return reporting
+        return Stored(self.solver.reporting(progress), self.folder, self.most_bytes)
 
     def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
-        """Field of the monopoles, from memory, from the folder, or solved; errors as of the solver.
+        """Field of the monopoles, from the folder, or solved; errors as of the solver.
 
         A field from the folder has ``store`` as the only step in its report's ``seconds``.
         """
+        begun = time.perf_counter()
         try:
-            key = fingerprint(self.solver, scene, sources)
+            key = name_of(self.solver, scene, sources)
         except InvalidInput as fault:
-            field = self.solver.radiate(scene, sources)
-            return _with_warning(field, f"this field is not stored: {fault}")
-        # Taken out and put back as the latest, in one step each: other threads may do the same.
-        field = self._memory.pop(key, None) or self._from_folder(key, scene, sources)
-        if field is None:
-            field = self.solver.radiate(scene, sources)
-            fault = self._into_folder(key, field, scene)
-            if fault:
-                field = _with_warning(field, fault)
-        self._memory[key] = field
-        # The latest few are enough, and a field takes megabytes.
-        while len(self._memory) > 8:
-            self._memory.popitem(last=False)
+            return _with_warning(self.solver.radiate(scene, sources), str(fault))
+        path = self.folder / (key + SUFFIX)
+        with suppress(InvalidInput):
+            field = unpacked(bytes_of(path, self.most_bytes), key, scene, sources)
+            if field is not None:
+                with suppress(OSError):
+                    path.touch()  # records when the entry was used last
+                seconds = {"store": time.perf_counter() - begun}
+                return _with_report(field, replace(field.report, seconds=seconds))
+        field = self.solver.radiate(scene, sources)
+        try:
+            self._keep(path, key, field, scene)
+        except (InvalidInput, OSError) as fault:
+            return _with_warning(field, str(fault))
         return field
 
-    def _from_folder(self, key: str, scene: Scene, sources: Monopoles) -> RadiatedField | None:
-        begun = time.perf_counter()
-        path = self.folder / (key + SUFFIX)
-        try:
-            field = unpacked(bytes_of(path, self.most_bytes), key, scene, sources)
-        except InvalidInput:
-            return None
-        except DamagedError:
-            with suppress(OSError):
-                path.unlink(missing_ok=True)
-            return None
-        with suppress(OSError):
-            path.touch()  # records when the entry was used last
-        seconds = {"store": time.perf_counter() - begun}
-        return _with_report(field, replace(field.report, seconds=seconds))
-
-    def _into_folder(self, key: str, field: RadiatedField, scene: Scene) -> str:
-        """Write an entry and delete the oldest-used ones.
-
-        Return why it was not kept, or nothing.
-        """
-        if len(field.scene.obstacles) != len(scene.obstacles):
+    def _keep(self, path: Path, key: str, field: RadiatedField, scene: Scene) -> None:
+        """Write an entry, and delete the oldest-used ones; raise where it cannot be kept."""
+        if field.scene is not scene:
             # An entry is read with the scene that is asked for, so it cannot hold another one.
-            return "this field is kept in memory only: it is the one without reflecting boards"
-        try:
-            content = packed(field, key)
-        except InvalidInput as fault:
-            return f"this field is kept in memory only: {fault}"
+            raise InvalidInput("its scene is another one, without boards.", code="not_supported")
+        content = packed(field, key)
         if len(content) > self.most_bytes:
-            return (
-                f"this field is not stored: it takes {len(content)} bytes; {self.folder} may hold "
-                f"{self.most_bytes}."
+            raise InvalidInput(
+                f"it takes {len(content)} bytes; {self.folder} may hold {self.most_bytes}.",
+                code="too_many",
             )
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            save(self.folder / (key + SUFFIX), content)
-            self._make_room()
-        except OSError as error:
-            return f"this field is not stored: {self.folder} takes no file ({error.strerror})."
-        return ""
-
-    def _make_room(self) -> None:
-        """Delete the oldest-used entries beyond the bound, and abandoned files."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        with whole_file(path) as partial:
+            partial.write_bytes(content)
         entries = []
-        for path in self.folder.iterdir():
+        # Half-written files of killed processes count too.
+        for entry in self.folder.glob(f"*{SUFFIX}*"):
             with suppress(FileNotFoundError):  # another process may delete it at the same time
-                state = path.stat()
-                if path.name.endswith(SUFFIX):
-                    entries.append((state.st_mtime_ns, state.st_size, path))
-                elif path.suffix == ".partial" and time.time() - state.st_mtime > ABANDONED_AFTER:
-                    path.unlink()
-        # The time of last use was recorded by _from_folder.
+                state = entry.stat()
+                entries.append((state.st_mtime_ns, state.st_size, entry))
         total = sum(size for _, size, _ in entries)
-        for _, size, path in sorted(entries):
+        for _, size, entry in sorted(entries):
             if total <= self.most_bytes:
                 break
-            path.unlink(missing_ok=True)
+            entry.unlink(missing_ok=True)
             total -= size
 
 
-def _with_warning(field: RadiatedField, sentence: str) -> RadiatedField:
+def _with_warning(field: RadiatedField, reason: str) -> RadiatedField:
+    sentence = f"this field is not stored: {reason}"
     return _with_report(field, replace(field.report, warnings=(*field.report.warnings, sentence)))
 
 
 def _with_report(field: RadiatedField, report: SolveReport) -> RadiatedField:
-    copied = copy.copy(field)
+    copied = copy(field)
     object.__setattr__(copied, "report", report)
     return copied

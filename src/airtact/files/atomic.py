@@ -1,6 +1,7 @@
 """Files that appear whole or not at all, so that an interrupted run leaves nothing half written."""
 
 import os
+import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,9 +13,9 @@ from airtact.errors import InvalidInput
 def whole_file(path: Path) -> Iterator[Path]:
     """Yield another path in the same folder to write to, then rename it.
 
-    The file appears only once it is finished.
+    The file appears only once it is finished, even if several processes write it.
     """
-    partial = path.with_name(f".{path.name}.partial")
+    partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
     try:
         yield partial
         os.replace(partial, path)

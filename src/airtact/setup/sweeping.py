@@ -21,11 +21,10 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from airtact.acoustics.field_file import save
 from airtact.acoustics.solvers.memory import available_memory, processor_count
 from airtact.acoustics.store import name_of
 from airtact.errors import InvalidInput, NotConverged, of_kind, one_sentence
-from airtact.files.atomic import writable_folder
+from airtact.files.atomic import whole_file, writable_folder
 from airtact.setup.scene_points import ScenePoints, scene_points
 from airtact.setup.setup import Setup
 
@@ -121,7 +120,8 @@ def sweep(
         # Faults of the moment are not kept, so that the next run tries these points again.
         passing = ("file_failed", "file_missing", "file_unreadable", "too_little_memory")
         if folder is not None and row["error"] not in passing:
-            save(folder / (name + SUFFIX), json.dumps({"name": name, "row": row}).encode())
+            with whole_file(folder / (name + SUFFIX)) as partial:
+                partial.write_text(json.dumps({"name": name, "row": row}), encoding="utf-8")
         results[name] = row
         failed += bool(row["error"])
         if progress is not None:
