@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.acoustics.solvers.bem.images import surface_with_images
+from airtact.acoustics.solvers.bem.field import surface_with_images
 from airtact.acoustics.solvers.bem.layer_potentials import NearRule
 from airtact.acoustics.solvers.bem.operator import dual_surface
 from airtact.acoustics.solvers.bem.quadrature import place_nodes

@@ -1,5 +1,6 @@
 """The field around bodies that ``BoundaryElement`` returns: which solution serves where."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -7,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Complex128, Float64, Int64
 from scipy.spatial import KDTree
 
-from airtact.acoustics.planes import before_planes, with_images
+from airtact.acoustics.planes import Plane, before_planes, with_images
 from airtact.acoustics.solvers.arrays import (
     Gradients,
     Mask,
@@ -16,7 +17,6 @@ from airtact.acoustics.solvers.arrays import (
     Pressures,
     Vectors,
 )
-from airtact.acoustics.solvers.bem.images import surface_without_images, without_images
 from airtact.acoustics.solvers.bem.layer_potentials import (
     Located,
     find_contacts,
@@ -25,6 +25,7 @@ from airtact.acoustics.solvers.bem.layer_potentials import (
     project_contacts,
 )
 from airtact.acoustics.solvers.bem.operator import DualSurface
+from airtact.acoustics.solvers.bem.quadrature import RULE_POINTS, place_nodes
 from airtact.acoustics.solvers.bem.solutions import (
     DirectSolution,
     TransposedSolution,
@@ -43,6 +44,45 @@ from airtact.acoustics.sources import STANDS_ON, Monopoles, nearest_source
 from airtact.errors import InvalidInput, in_mm, points_of
 from airtact.geometry.mesh.quadratic_triangles import points_at
 
+# A reflected panel needs corners 0 and 2 exchanged for its normal to be outward. Corner 1 stays,
+# and with it the three nodes that share a second collocation point.
+_MIRRORED = np.array([2, 1, 0, 4, 3, 5])
+_TURNED_RULE = np.stack([RULE_POINTS[:, 0], 1 - RULE_POINTS.sum(axis=1)], axis=1)
+# Node of a panel for each node of its image
+_NODE_ORDER = np.linalg.norm(_TURNED_RULE[:, None] - RULE_POINTS, axis=2).argmin(axis=1)
+
+
+def surface_with_images(surface: DualSurface, planes: Sequence[Plane]) -> DualSurface:
+    """Return the surface of the bodies followed by that of their images."""
+    for plane in planes:
+        nodes = surface.nodes
+        panels = nodes.quadratic_triangles
+        # the images count as further bodies
+        mirrored = plane.image(panels.reshape(-1, 3)).reshape(panels.shape)[:, _MIRRORED]
+        bodies = nodes.body[::6]
+        all_nodes = place_nodes(
+            np.concatenate([panels, mirrored]),
+            body=np.concatenate([bodies, bodies + bodies.max() + 1]),
+            deviation=np.zeros(2 * len(panels)),
+            admittance=np.tile(nodes.admittance, 2),
+        )
+        surface = replace(
+            surface,
+            nodes=replace(all_nodes, contact=np.tile(nodes.contact, 2)),
+            shifted=np.concatenate([surface.shifted, plane.image(surface.shifted)]),
+        )
+    return surface
+
+
+def values_with_images(
+    values: Complex128[np.ndarray, "nodes excitations"], planes: Sequence[Plane]
+) -> Complex128[np.ndarray, "all excitations"]:
+    """Return values at the nodes, such as the pressure, followed by those of the images."""
+    for _ in planes:
+        by_panel = values.reshape(-1, 6, values.shape[1])
+        values = np.concatenate([values, by_panel[:, _NODE_ORDER].reshape(values.shape)])
+    return values
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BoundaryField(RadiatedField):
@@ -58,8 +98,7 @@ class BoundaryField(RadiatedField):
 
     Attributes
     ----------
-    surface : collocation points. Where the scene has a plane, the images of the bodies follow them
-        here, in ``pressure`` and in ``density``.
+    surface : collocation points of the bodies, without their images in a plane.
     pressure : the direct solution, the pressure at the nodes [Pa]; None if not solved for.
     density, factors : the transposed solution; None if not solved for, and 2 for sources on a body.
     accuracy : relative error that the solver aimed at.
@@ -82,14 +121,21 @@ class BoundaryField(RadiatedField):
                 "is enough for a transfer matrix only; solve with estimate = True.",
                 code="not_supported",
             )
-        return DirectSolution(self._emitting, self.surface, self.pressure)
+        pressure = values_with_images(self.pressure, self.scene.planes)
+        return DirectSolution(self._emitting, self._mirrored, pressure)
 
     @cached_property
     def transposed(self) -> TransposedSolution:
         """The transposed solution, if it was solved for."""
         assert self.density is not None
-        factors = np.tile(self.factors, 1 + len(self.scene.planes))
-        return TransposedSolution(self._emitting, self.surface, self.density, factors)
+        planes = self.scene.planes
+        density = values_with_images(self.density, planes)
+        factors = np.tile(self.factors, 1 + len(planes))
+        return TransposedSolution(self._emitting, self._mirrored, density, factors)
+
+    @cached_property
+    def _mirrored(self) -> DualSurface:
+        return surface_with_images(self.surface, self.scene.planes)
 
     @cached_property
     def _emitting(self) -> Monopoles:
@@ -108,27 +154,17 @@ class BoundaryField(RadiatedField):
     @property
     def without_images(self) -> "BoundaryField":
         """The field that sources and bodies radiate without their images in a plane."""
-        planes = self.scene.planes
-        if not planes:
-            return self
-        return replace(
-            self,
-            scene=replace(self.scene, planes=()),
-            surface=surface_without_images(self.surface, planes),
-            pressure=None if self.pressure is None else without_images(self.pressure, planes),
-            density=None if self.density is None else without_images(self.density, planes),
-        )
+        return replace(self, scene=replace(self.scene, planes=())) if self.scene.planes else self
 
     @property
     def on_surface(self) -> SurfaceField:
         """Total pressure at the nodes by the direct solution; ``InvalidInput`` without it."""
-        planes = self.scene.planes
-        nodes = surface_without_images(self.surface, planes).nodes
-        pressure = without_images(self.direct.pressure, planes)
+        nodes = self.surface.nodes
+        pressure = self.direct.pressure[: len(nodes.points)]  # images follow
         return SurfaceField(nodes.points, nodes.normals, nodes.weights, pressure)
 
     def _valid(self, points: Vectors) -> Mask:
-        return locate(self.scene, self.surface.nodes, points, self.surface.near_rule).outside
+        return locate(self.scene, self._mirrored.nodes, points, self._mirrored.near_rule).outside
 
     def _at(self, points: Vectors) -> Pressures:
         return self._evaluated(points, total=True)
@@ -142,18 +178,18 @@ class BoundaryField(RadiatedField):
         for plane in self.scene.planes:
             images = Monopoles(plane.image(self.sources.positions), self.sources.strengths)
             off = nearest_source(points, images, STANDS_ON)[0] >= STANDS_ON
-            out[off] += incident_pressure(points[off], images, self.surface)
+            out[off] += incident_pressure(points[off], images, self._mirrored)
             out[~off] = np.nan
         return out
 
     def _evaluated(self, points: Vectors, total: bool) -> Pressures:
         """Total or scattered pressure [Pa]; NaN inside the bodies."""
-        located = locate(self.scene, self.surface.nodes, points, self.surface.near_rule)
+        located = locate(self.scene, self._mirrored.nodes, points, self._mirrored.near_rule)
         out = self.nowhere(points)
         near = located.outside & located.near
         # projected points are not in the plane of a picture any more, so cells leave them out
         off = located.outside & ~located.contact
-        error = 0.04 * self.accuracy if self.surface.precision == "float32" else 0.0
+        error = 0.04 * self.accuracy if self._mirrored.precision == "float32" else 0.0
         cells = cells_of(located.points[off], self.scene.wavelength, error)
         if cells is not None:
             return self._in_cells(cells, located, off, total)
@@ -199,14 +235,14 @@ class BoundaryField(RadiatedField):
         """Excitations whose sources are all away from the surface, if both equations are solved."""
         if self.pressure is None:
             return np.zeros(self.excitations, dtype=bool)
-        nodes = self.surface.nodes
-        near = near_surface(nodes, self.sources.positions, self.surface.near_rule.reach)
+        nodes = self._mirrored.nodes
+        near = near_surface(nodes, self.sources.positions, self._mirrored.near_rule.reach)
         return ~(self.sources.strengths[near] != 0).any(axis=0)
 
     def direct_at(self, points: Points, total: bool = True) -> Pressures:
         """Total or scattered pressure [Pa] by the direct solution alone, outside the bodies."""
         points = points_of(points, "points", least=0)
-        projected, contact = project_contacts(self.surface.nodes, points)
+        projected, contact = project_contacts(self._mirrored.nodes, points)
         return self.direct.at(projected, contact, total)
 
     def error_at(self, points: Points) -> Float64[np.ndarray, "excitations"]:
@@ -230,14 +266,14 @@ class BoundaryField(RadiatedField):
         # their difference shows the errors that they do not share
         transposed = self.transposed.at(points)
         difference = self.direct_at(points) - transposed
-        scattered = transposed - incident_pressure(points, self.sources, self.surface)
+        scattered = transposed - incident_pressure(points, self.sources, self._mirrored)
         squares = np.abs(difference) ** 2 + (0.15 * self.accuracy * np.abs(scattered)) ** 2
         return squares, np.abs(transposed)
 
     def _lifted(self, points: Vectors) -> Vectors:
         """Move points near the surface off it by a panel's radius, where that meets no other."""
-        nodes = self.surface.nodes
-        near = np.flatnonzero(near_surface(nodes, points, self.surface.near_rule.reach))
+        nodes = self._mirrored.nodes
+        near = np.flatnonzero(near_surface(nodes, points, self._mirrored.near_rule.reach))
         if not len(near):
             return points
         nearest = KDTree(nodes.points).query(points[near])[1]
@@ -293,7 +329,7 @@ class BoundaryField(RadiatedField):
         # the pressure over the impedance. Near the surface it is the difference of the direct
         # solution's pressure; within 1/60 of a wavelength both are blended. Elsewhere it is the
         # gradient of the transposed solution in closed form.
-        located = locate(self.scene, self.surface.nodes, points, self.surface.near_rule)
+        located = locate(self.scene, self._mirrored.nodes, points, self._mirrored.near_rule)
         gradient = np.full((len(points), 3, self.excitations), np.nan, dtype=np.complex128)
         between = located.outside & located.near
         away = located.outside & ~located.near
@@ -323,7 +359,7 @@ class BoundaryField(RadiatedField):
 
         Differences of the pressure are too noisy there.
         """
-        nodes = self.surface.nodes
+        nodes = self._mirrored.nodes
         blend_height = self.scene.wavelength / 60.0
         contacts = find_contacts(nodes, points[outside], blend_height)
         target = outside[contacts.target]

@@ -37,7 +37,6 @@ from airtact.acoustics.solvers.bem.board_field import (
     in_boards,
 )
 from airtact.acoustics.solvers.bem.field import BoundaryField
-from airtact.acoustics.solvers.bem.images import surface_with_images, values_with_images
 from airtact.acoustics.solvers.bem.layer_potentials import NearRule, near_surface
 from airtact.acoustics.solvers.bem.operator import (
     MAX_THIN,
@@ -257,7 +256,7 @@ class BoundaryElement(Solver):
             estimated_error=around.report.estimated_error,
             warnings=(*with_boards.report.warnings, NOT_ESTIMATED, *around.report.warnings),
         )
-        nodes = with_boards.without_images.surface.nodes
+        nodes = with_boards.surface.nodes
         # within the largest radius of a board's panels its monopoles act one by one
         reach = float(nodes.radii[np.isin(nodes.body[::6], scene.boards)].max())
         return BoardField(rest, sources, report, boards, around, reach)
@@ -337,16 +336,14 @@ class BoundaryElement(Solver):
             iterations=max(result.iterations for result in solved.values()),
             citations=citations,
         )
-        # images have the pressure and the density of their bodies, so they need no solve
         values = {
-            equation: values_with_images(result.solution.astype(np.complex128).T, scene.planes)
-            for equation, result in solved.items()
+            equation: result.solution.astype(np.complex128).T for equation, result in solved.items()
         }
         solved_field = BoundaryField(
             scene,
             sources,
             report,
-            surface_with_images(surface, scene.planes),
+            surface,
             pressure=values.get("direct"),
             density=values.get("transposed"),
             factors=factors,

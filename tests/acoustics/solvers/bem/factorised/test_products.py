@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from airtact.acoustics.solvers.bem.factorised.products import FEW, RoundedMatrix, product, rounded
+from airtact.acoustics.solvers.bem.factorised.reduced_body import (
+    FEW,
+    RoundedMatrix,
+    product,
+    rounded,
+)
 
 pick = np.random.default_rng(0)
 

@@ -23,8 +23,12 @@ from airtact.acoustics.solvers.arrays import (
     Strengths,
     Vectors,
 )
-from airtact.acoustics.solvers.bem.factorised.products import Matrix, product, rounded
-from airtact.acoustics.solvers.bem.factorised.reduced_body import ReducedBody
+from airtact.acoustics.solvers.bem.factorised.reduced_body import (
+    Matrix,
+    ReducedBody,
+    product,
+    rounded,
+)
 from airtact.acoustics.solvers.bem.layer_potentials import double_layer_transposed, project_contacts
 from airtact.acoustics.solvers.bem.quadrature import CONTACT_REACH
 from airtact.acoustics.solvers.gmres import GmresResult, gmres
