@@ -1,4 +1,4 @@
-"""What objects print: one line each, and tables for notebooks."""
+"""What objects print: one line each."""
 
 import re
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.printing import html_table, in_short, one_line, span
+from airtact.printing import in_short, one_line, span
 from paths import HANDS
 
 LONGEST = 130
@@ -70,40 +70,6 @@ def test_every_object_prints_in_one_short_line(objects) -> None:
 )
 def test_a_line_has_the_numbers_that_matter(objects, name, numbers) -> None:
     assert set(numbers.split()) <= set(re.findall(r"[\d.]+", repr(objects[name])))
-
-
-NOTEBOOK = [
-    "scene",
-    "target",
-    "array",
-    "transfer",
-    "drive",
-    "field",
-    "evaluation",
-    "comparison",
-    "hand",
-]
-
-
-@pytest.mark.parametrize("name", NOTEBOOK)
-def test_notebooks_show_a_small_table_in_the_colours_of_the_page(objects, name) -> None:
-    page = objects[name]._repr_html_()
-    assert page.startswith("<table")
-    assert page.count("<tr>") == page.count("</tr>") <= 14
-    assert len(page) < 12_000
-    assert not re.search(r"#[0-9a-f]{3,6}\b|\b(?:white|black)\b", page)
-    assert page.count("color:inherit") >= 3
-    assert "scope=" in page
-    assert ", ," not in page
-    assert ", </caption>" not in page
-
-
-def test_a_table_escapes_what_it_shows_and_counts_what_it_leaves_out() -> None:
-    page = html_table("a < b", ["drive", "Pa"], [[f"<{index}>", "1"] for index in range(20)])
-    assert "a &lt; b" in page
-    assert "&lt;11&gt;" in page
-    assert "&lt;12&gt;" not in page
-    assert "and 8 more" in page
 
 
 def test_parts_that_are_long_stand_as_their_type() -> None:

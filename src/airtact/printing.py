@@ -1,8 +1,7 @@
-"""One line for objects that hold arrays, and small tables of them for notebooks."""
+"""One line for objects that hold arrays."""
 
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
-from html import escape
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
@@ -12,10 +11,6 @@ from jaxtyping import Real
 @runtime_checkable
 class _Dataclass(Protocol):
     __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
-
-
-# Rows of a table for a notebook; it names how many more there are
-MAX_ROWS = 12
 
 
 def in_short(self: _Dataclass) -> str:
@@ -84,33 +79,3 @@ def span(values: Iterable[float], unit: str, form: str = ".4g") -> str:
     numbers = list(values)
     low, high = format(min(numbers), form), format(max(numbers), form)
     return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
-
-
-def html_table(
-    title: str, head: Sequence[str], rows: Iterable[Sequence[str]], below: Iterable[str] = ()
-) -> str:
-    """Make a small table for a notebook, in the colours of its page, light or dark.
-
-    Examples
-    --------
-    >>> html_table("Drive", ["element", "amplitude"], [["0", "0.5"]]).count("<td")
-    1
-    """
-    cell = "padding:.15em .7em;border-bottom:1px solid rgba(128,128,128,.35)"
-    cell += ";background:none;color:inherit;text-align:"
-    written = list(rows)
-    lines = []
-    if head:
-        names = [f'<th scope="col" style="{cell}right">{escape(name)}</th>' for name in head]
-        lines.append("".join(names))
-    for row in written[:MAX_ROWS]:
-        first, *others = (escape(text) for text in row)
-        name = f'<th scope="row" style="{cell}left;font-weight:normal">{first}</th>'
-        lines.append(name + "".join(f'<td style="{cell}right">{text}</td>' for text in others))
-    body = "".join(f"<tr>{line}</tr>" for line in lines)
-    style = "caption-side:top;text-align:left;color:inherit;padding:.3em 0"
-    caption = f'<caption style="{style}">{escape(title)}</caption>'
-    style = "border-collapse:collapse;color:inherit;background:none"
-    more = f"<div>and {len(written) - MAX_ROWS} more</div>" if len(written) > MAX_ROWS else ""
-    sentences = "".join(f"<div>{escape(sentence)}</div>" for sentence in below)
-    return f'<table style="{style}">{caption}{body}</table>{more}{sentences}'

@@ -24,7 +24,7 @@ from airtact.errors import (
 )
 from airtact.geometry.checks import NEAREST, approach, check_apart, check_surface
 from airtact.geometry.surface import Surface
-from airtact.printing import html_table, one_line, sides_in_mm
+from airtact.printing import one_line
 
 # Points up to this deep in a body count as on its surface [m]
 CONTACT = 1e-9
@@ -156,27 +156,17 @@ class Scene:
     planes: Sequence[Plane] = ()
 
     def __repr__(self) -> str:
-        return one_line(self, *self._facts())
-
-    def _repr_html_(self) -> str:
-        rows = [[fact] for fact in self._facts() if fact]
-        for index, obstacle in enumerate(self.obstacles):
-            surface = obstacle.surface
-            size = f"{sides_in_mm(surface.vertices)}, {len(surface.triangles)} triangles"
-            rows.append([f"body {index}, {obstacle.kind}", size])
-        return html_table("Scene", [], rows)
-
-    def _facts(self) -> list[str]:
         bodies = "open air"
         if self.obstacles:
             kinds = ", ".join(sorted({obstacle.kind for obstacle in self.obstacles}))
             bodies = counted(len(self.obstacles), f"{kinds} body", "bodies")
-        return [
+        return one_line(
+            self,
             bodies,
             counted(len(self.planes), "rigid plane", "rigid planes") if self.planes else "",
             f"{1e-3 * self.frequency:g} kHz",
             f"wavelength {1e3 * self.wavelength:.3g} mm",
-        ]
+        )
 
     def __post_init__(self) -> None:
         of_kind(
@@ -312,20 +302,6 @@ def check_not_inside(
             f"a body{count_note}; move it out or the body away.",
             points[deepest],
             code="inside_body",
-        )
-
-
-def check_near(scene: Scene, points: Real[np.ndarray, "points 3"], what: str) -> None:
-    """Raise "out_of_range" where one of the points (P, 3) [m] is over a metre from all bodies."""
-    points = points_of(points, f"{what} points")
-    distance = -scene.depth(points)
-    farthest = int(distance.argmax())
-    if distance[farthest] > 1.0:
-        raise InvalidInput(
-            f"{what} point {farthest} stands {distance[farthest]:.4g} m from the nearest body, "
-            "more than 1 m: is it in millimetres? Give metres.",
-            points[farthest],
-            code="out_of_range",
         )
 
 

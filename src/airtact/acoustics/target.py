@@ -20,7 +20,7 @@ from airtact.errors import (
     points_of,
     real_numbers,
 )
-from airtact.printing import html_table, one_line, span
+from airtact.printing import one_line, span
 
 # The value wanted at each focus: (F,) numbers, or one for all
 Wanted = Num[np.ndarray, "foci"] | complex | float | int
@@ -75,30 +75,18 @@ class Target:
     suppression_points: Float64[np.ndarray, "suppressed 3"]
 
     def __repr__(self) -> str:
-        return one_line(self, *self._facts())
-
-    def _repr_html_(self) -> str:
-        rows = [
-            [str(index), *(f"{coordinate:.2f}" for coordinate in 1e3 * point), f"{weight:.4g}"]
-            for index, (point, weight) in enumerate(zip(self.points, self.weights, strict=True))
-        ]
-        weight = "relative" if self.pressures is None else "asked [Pa]"
-        title = f"Target: {', '.join(filter(None, self._facts()))}"
-        return html_table(title, ["focus", "x [mm]", "y [mm]", "z [mm]", weight], rows)
-
-    def _facts(self) -> list[str]:
+        strength = "as strong as possible"
         if self.pressures is not None:
             strength = f"{span(self.pressures, 'Pa')} asked"
         elif self.shares is not None:
             strength = f"shares {span(self.shares, '').rstrip()}"
-        else:
-            strength = "as strong as possible"
-        return [
+        return one_line(
+            self,
             counted(len(self.points), "focus", "foci"),
             strength,
             "" if self.phases is None else "phases fixed",
             _counted_suppression(len(self.suppression_points)),
-        ]
+        )
 
     def __init__(
         self,

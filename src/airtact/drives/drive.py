@@ -13,7 +13,7 @@ from airtact.acoustics.scene import Scene
 from airtact.acoustics.target import Target
 from airtact.drives.frame import Frame
 from airtact.errors import InvalidInput, check_finite, complex_numbers, counted, of_kind
-from airtact.printing import html_table, one_line
+from airtact.printing import one_line
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.levels import EIGHT_BITS, FULL_SCALE, Levels
 from airtact.transducers.modulation import AmplitudeModulation
@@ -40,9 +40,6 @@ class Drive:
 
     def __repr__(self) -> str:
         return one_line(self, *(f"{name} {value}" for name, value in self._facts().items()))
-
-    def _repr_html_(self) -> str:
-        return html_table("Drive", [], self._facts().items())
 
     def _facts(self) -> dict[str, str]:
         return {

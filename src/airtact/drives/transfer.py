@@ -23,7 +23,7 @@ from airtact.errors import (
     in_mm,
     of_kind,
 )
-from airtact.printing import html_table, one_line
+from airtact.printing import one_line
 from airtact.transducers.element import check_pattern
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_apart, check_placement, check_reach
@@ -65,15 +65,6 @@ class TransferMatrix:
             counted(elements, "element", "elements"),
             f"estimated error {100 * error:.2g} %" if np.isfinite(error) else "",
         )
-
-    def _repr_html_(self) -> str:
-        magnitudes = np.abs(self.matrix)
-        rows = [
-            [str(focus), f"{row.sum():.0f}", f"{row.mean():.4g}"]
-            for focus, row in enumerate(magnitudes)
-        ]
-        head = ["focus", "alone at full scale [Pa]", "mean of an element [Pa]"]
-        return html_table(repr(self), head, rows)
 
     def __post_init__(self) -> None:
         matrix = complex_numbers(self.matrix, "the transfer matrix")

@@ -13,7 +13,7 @@ from airtact.drives.drive import Drive, check_drive
 from airtact.errors import InvalidInput, counted, of_kind
 from airtact.evaluation.field import radiate_drives
 from airtact.evaluation.metrics import not_modelled
-from airtact.printing import html_table, one_line
+from airtact.printing import one_line
 from airtact.timing import Progress
 from airtact.transducers.layout import PhasedArray
 
@@ -52,12 +52,6 @@ class Comparison:
             counted(len(self.target.points), "focus", "foci"),
             f"strongest weakest focus at equal peak {pressure:.0f} Pa by {name!r}",
         )
-
-    def _repr_html_(self) -> str:
-        foci = counted(len(self.target.points), "focus", "foci")
-        head = ["drive", *self.pressures]
-        title = f"Weakest of {foci} [Pa], over the first drive's"
-        return html_table(title, head, self._weakest_rows(), self._notes())
 
     def _strongest(self) -> tuple[float, str]:
         """Return the largest pressure at the weakest focus at equal peak, and its drive's name."""

@@ -12,7 +12,7 @@ from airtact.drives.drive import Drive
 from airtact.drives.reach import fraction
 from airtact.errors import counted, of_kind
 from airtact.evaluation.field import radiate_drives
-from airtact.printing import html_table, one_line
+from airtact.printing import one_line
 from airtact.timing import Progress
 from airtact.transducers.layout import PhasedArray
 
@@ -62,11 +62,6 @@ class Evaluation:
 
     def __repr__(self) -> str:
         return one_line(self, counted(len(self.pressures), "focus", "foci"), *self._summary(".0f"))
-
-    def _repr_html_(self) -> str:
-        head = ["focus", "x [mm]", "y [mm]", "z [mm]", "pressure [Pa]", "asked [Pa]", "share"]
-        title = f"Evaluation: {', '.join(self._summary('.0f'))}"
-        return html_table(title, head, self._rows(), [self._source(), *self.report.warnings])
 
     def _summary(self, form: str) -> tuple[str, str]:
         """Return the weakest focus and the mean in words."""

@@ -29,7 +29,7 @@ from airtact.hands.joints import (
 from airtact.hands.kinematics import bending_axis, opened
 from airtact.hands.shape import HandShape
 from airtact.hands.skin_mesh import even_skin, graded, midpoints
-from airtact.printing import html_table, one_line, sides_in_mm
+from airtact.printing import one_line, sides_in_mm
 
 PLACES = (*(f"{finger}.pad" for finger in FINGERS), "palm")
 """Named positions on the skin of a hand."""
@@ -55,14 +55,6 @@ class Hand:
 
     def __repr__(self) -> str:
         return one_line(self, self.side, f"joints within {sides_in_mm(self.joints)}")
-
-    def _repr_html_(self) -> str:
-        rows = [
-            [name, *(f"{1e3 * coordinate:.1f}" for coordinate in point)]
-            for name, (point, _) in self.places.items()
-        ]
-        title = f"Hand: {self.side}, joints within {sides_in_mm(self.joints)}"
-        return html_table(title, ["place", "x [mm]", "y [mm]", "z [mm]"], rows)
 
     @cached_property
     def _body(self) -> tuple[Hulls, tuple[Touch, ...]]:

@@ -13,7 +13,7 @@ from airtact.errors import counted
 from airtact.evaluation.tactile_thresholds import sensation
 from airtact.setup.setup import Setup
 from airtact.transducers.modulation import AmplitudeModulation
-from airtact.transducers.reach import open_air_bound, strongest_open_air
+from airtact.transducers.placement import open_air_bound, strongest_open_air
 
 # Largest distance of a focus from a body at which skin can feel it [m], a wavelength and more
 MAX_SKIN_DISTANCE = 10e-3

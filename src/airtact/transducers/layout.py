@@ -21,7 +21,7 @@ from airtact.errors import (
     real_numbers,
 )
 from airtact.geometry.pose import Pose
-from airtact.printing import html_table, one_line, sides_in_mm
+from airtact.printing import one_line, sides_in_mm
 from airtact.transducers.boards import MURATA_RADIUS, Board, board_named
 from airtact.transducers.element import Element, monopole, piston
 
@@ -58,21 +58,16 @@ class PhasedArray:
     gains: Complex128[np.ndarray, "elements"]
 
     def __repr__(self) -> str:
-        return one_line(self, *self._facts().values())
-
-    def _repr_html_(self) -> str:
-        return html_table("PhasedArray", [], self._facts().items())
-
-    def _facts(self) -> dict[str, str]:
         dead = int(np.sum(self.gains == 0.0))
         size = counted(len(self), "element", "elements")
         calibrated = np.any((self.gains != 1.0) & (self.gains != 0.0))
-        return {
-            "elements": f"{size}, {dead} dead" if dead else size,
-            "kind": self.element.kind,
-            "size": sides_in_mm(self.positions),
-            "calibration": "calibrated" if calibrated else "",
-        }
+        return one_line(
+            self,
+            f"{size}, {dead} dead" if dead else size,
+            self.element.kind,
+            sides_in_mm(self.positions),
+            "calibrated" if calibrated else "",
+        )
 
     def __init__(
         self,
@@ -244,15 +239,10 @@ def _as_many(
 ) -> Float64[np.ndarray, "elements 3"]:
     """Return one direction for each element; raise for another number of them."""
     vectors = real_numbers(directions, f"element {name}s")
-    if vectors.ndim != 2 or vectors.shape[1] != 3:
+    if vectors.shape != positions.shape:
         raise InvalidInput(
-            f"element {name}s have shape {vectors.shape}, but they need ({len(positions)}, 3).",
+            f"element {name}s have shape {vectors.shape}, but they need {positions.shape}.",
             code="wrong_shape",
-        )
-    if len(vectors) != len(positions):
-        raise InvalidInput(
-            f"{len(positions)} positions need as many {name}s, not {len(vectors)}.",
-            code="sizes_differ",
         )
     return vectors
 
@@ -408,13 +398,10 @@ def flat_boards(rows: int = 2, columns: int = 2, element: Element | None = None)
     996
     """
     for name, count in (("rows", rows), ("columns", columns)):
-        if not isinstance(count, int | np.integer):
+        if not isinstance(count, int | np.integer) or count < 1:
             raise InvalidInput(
-                f"flat boards need a whole number of {name}, not {count!r}.", code="not_a_number"
-            )
-        if count < 1:
-            raise InvalidInput(
-                f"flat boards need at least one of their {name}, not {count}.", code="too_few"
+                f"flat boards need a whole number of {name}, at least 1, not {count!r}.",
+                code="out_of_range",
             )
     autd3 = board_named("autd3")
     width, height = autd3.outline or (0.0, 0.0)
@@ -443,11 +430,7 @@ def join(arrays: Sequence[PhasedArray]) -> PhasedArray:
     InvalidInput
         If there is no array, or the elements differ.
     """
-    if not isinstance(arrays, Sequence):
-        raise InvalidInput(
-            f"joining needs a list of arrays, not a {type(arrays).__name__}.",
-            code="wrong_kind",
-        )
+    of_kind(arrays, list | tuple, "what is joined", "a list of arrays")
     if len(arrays) == 0:
         raise InvalidInput("joining needs at least one array.", code="empty")
     for index, array in enumerate(arrays):

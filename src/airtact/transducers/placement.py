@@ -1,13 +1,16 @@
-"""The placement of an array in a scene: no element in a body, nothing behind a face."""
+"""The placement of an array in a scene, and the pressure that it reaches in open air.
+
+No element is in a body, and nothing behind a face.
+"""
 
 import numpy as np
 from jaxtyping import Bool, Float64, Real
 from scipy.spatial import ConvexHull, KDTree
 
+from airtact import _kernels
 from airtact.acoustics.planes import Plane, check_before_planes
 from airtact.acoustics.scene import CONTACT, Scene, check_not_inside
 from airtact.errors import InvalidInput, counted, in_mm, of_kind
-from airtact.transducers.boards import kind_of_array
 from airtact.transducers.element import check_pattern
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.plates import strength_in
@@ -166,24 +169,10 @@ def check_reach(array: PhasedArray, foci: Real[np.ndarray, "foci 3"]) -> None:
 
 
 def _check_behind(array: PhasedArray, behind: Depths, subject: str) -> None:
-    """Raise where something is behind a face; name the board if it is behind all its faces."""
+    """Raise where something is behind a face."""
     faces = np.flatnonzero(behind > CONTACT)
     if not len(faces):
         return
-    boards = kind_of_array(array.positions, array.normals)
-    if boards is not None:
-        board, poses = boards
-        # Behind its least affected face by more than the tolerance: behind all of the board.
-        depths = behind.reshape(len(poses), len(board)).min(axis=1)
-        index = int(np.argmax(depths > CONTACT))
-        if depths[index] > CONTACT:
-            direction = np.round(poses[index].rotation[:, 2], 3) + 0.0
-            raise InvalidInput(
-                f"{subject} {depths[index] * 1e3:.3g} mm behind board {index} of {len(poses)} "
-                f"({board.name}, {len(board)} elements), which radiates forwards only, along "
-                f"{direction}: turn or move that board.",
-                code="behind_faces",
-            )
     raise InvalidInput(
         f"{subject} behind the faces of {counted(len(faces), 'element', 'elements')}, first "
         f"element {faces[0]} by {behind[faces[0]] * 1e3:.3g} mm: they radiate forwards only, so "
@@ -197,3 +186,56 @@ def _height(
 ) -> Float64[np.ndarray, "points elements"]:
     """Distance of each point in front of each face [m], negative behind."""
     return points @ array.normals.T - np.sum(array.positions * array.normals, axis=1)
+
+
+def open_air_bound(
+    array: PhasedArray, points: Real[np.ndarray, "points 3"], wavenumber: float
+) -> Float64[np.ndarray, "points"]:
+    """Return the peak pressure at points with all elements at full scale and in phase.
+
+    Σ_e |g_e| sensitivity |Σ_j w_j e^{ikr}/r| over the elements e in front of which the point is: no
+    drive brings more to it without bodies.
+
+    Parameters
+    ----------
+    array : the transducers.
+    points : (P, 3) points, in the frame of the array [m].
+    wavenumber : k [rad/m].
+
+    Returns
+    -------
+    (P,) pressures [Pa].
+    """
+    element = array.element
+    strengths = element.sensitivity * np.abs(array.gains)
+    targets = array.face_points.reshape(-1, 3)
+    unit = np.ones((1, 1), dtype=np.complex128)
+    bounds = np.empty(len(points))
+    for index, point in enumerate(np.asarray(points, dtype=np.float64)):
+        received = _kernels.apply_monopoles(
+            targets, point[None], unit, complex(wavenumber), "float64"
+        )
+        # All elements arrive in phase, so the magnitudes add up.
+        waves = np.abs(received.reshape(len(array), -1) @ element.weights)
+        if element.directional:
+            before = np.einsum("ed,ed->e", point - array.positions, array.normals) > 0.0
+            waves = np.where(before, waves, 0.0)
+        bounds[index] = strengths @ waves
+    return bounds
+
+
+def strongest_open_air(array: PhasedArray, wavenumber: float) -> float:
+    """Return the largest ``open_air_bound`` of points before the faces and among them [Pa]."""
+    # Points before the middle of the array and before some 15 elements, 30 mm off any element.
+    chosen = slice(None, None, max(1, len(array) // 15))
+    middle = array.positions.mean(axis=0)
+    axis = array.normals.mean(axis=0)
+    points = [middle]
+    for distance in (0.05, 0.1, 0.2):
+        points.append(middle + distance * axis)
+        points.extend(array.positions[chosen] + distance * array.normals[chosen])
+    # Nearer points would show a single element, not the array.
+    clear = [
+        point for point in points if np.linalg.norm(array.positions - point, axis=1).min() > 30e-3
+    ]
+    return float(open_air_bound(array, np.array(clear), wavenumber).max())

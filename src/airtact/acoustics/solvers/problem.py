@@ -20,7 +20,7 @@ from airtact.acoustics.solvers.arrays import (
 from airtact.acoustics.solvers.open_air import differences, monopole_pressure, velocity_of
 from airtact.acoustics.sources import Monopoles, check_off_sources
 from airtact.errors import counted, points_of
-from airtact.printing import html_table, in_short, one_line
+from airtact.printing import in_short, one_line
 from airtact.timing import Progress
 
 # Setting of a report: number of planes of the scene, if there are any
@@ -122,20 +122,6 @@ class RadiatedField(ABC):
     report: SolveReport
 
     def __repr__(self) -> str:
-        return one_line(self, *self._facts())
-
-    def _repr_html_(self) -> str:
-        facts = [(fact,) for fact in self._facts()]
-        seconds = [(f"{step} [s]", f"{took:.2f}") for step, took in self.report.seconds.items()]
-        return html_table(type(self).__name__, [], [*facts, *seconds], self.report.warnings)
-
-    @property
-    def excitations(self) -> int:
-        """Number of excitations of the sources."""
-        return self.sources.strengths.shape[1]
-
-    def _facts(self) -> list[str]:
-        """Return what was solved, in words."""
         sources = len(self.sources.positions)
         facts = [f"{counted(self.excitations, 'excitation', 'excitations')} of {sources} sources"]
         if self.scene.obstacles:
@@ -145,7 +131,12 @@ class RadiatedField(ABC):
             facts.append(f"{self.report.nodes} unknowns")
         if np.isfinite(self.report.estimated_error):
             facts.append(f"estimated error {100 * self.report.estimated_error:.2g} %")
-        return facts
+        return one_line(self, *facts)
+
+    @property
+    def excitations(self) -> int:
+        """Number of excitations of the sources."""
+        return self.sources.strengths.shape[1]
 
     @property
     @abstractmethod

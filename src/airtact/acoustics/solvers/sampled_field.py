@@ -1,6 +1,6 @@
 """A field computed elsewhere: nodes and complex pressures, interpolated between the nodes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -11,9 +11,9 @@ from jaxtyping import Complex128, Float64, Num, Real
 from scipy.spatial import Delaunay, KDTree, QhullError
 
 from airtact.acoustics.scene import Scene, check_sources
-from airtact.acoustics.solvers.arrays import Mask, Pressures, SourcePoints, Vectors
+from airtact.acoustics.solvers.arrays import Mask, Pressures, Vectors
 from airtact.acoustics.solvers.problem import RadiatedField, SolveReport, SurfaceField
-from airtact.acoustics.sources import STANDS_ON, Monopoles, nearest_source
+from airtact.acoustics.sources import Monopoles
 from airtact.errors import (
     InvalidInput,
     about,
@@ -121,47 +121,13 @@ class SampledField(RadiatedField):
     def _valid(self, points: Vectors) -> Mask:
         return self._simplices(points) >= 0
 
-    def _at(self, points: Vectors) -> Pressures:
-        emitting = [self.sources.positions[strength != 0] for strength in self.sources.strengths.T]
-        return self._interpolated(points, np.asarray(self.pressures), emitting)
-
-    def _scattered_at(self, points: Vectors) -> Pressures:
-        # The open-air pressure is subtracted at the nodes. What remains varies as the waves of the
-        # bodies, so it is interpolated after division by e^{ikr}/r of the nearest body's middle.
-        middles = [
-            obstacle.surface.vertices.mean(axis=0)
-            for obstacle in self.scene.obstacles
-            if obstacle.boundary != "filled"
-        ]
-        centres = np.array(middles).reshape(-1, 3)
-        excitations = self.sources.strengths.shape[1]
-        pressure = self._interpolated(points, self._scattered, [centres] * excitations)
-        distance, source = nearest_source(points, self.sources, STANDS_ON)
-        on_source = np.flatnonzero(distance < STANDS_ON)
-        # The image of a source on a body is at the same place, so the scattered pressure is
-        # infinite.
-        touching = self.scene.depth(self.sources.positions[source[on_source]]) > -STANDS_ON
-        pressure[on_source[touching]] = np.nan
-        return pressure
-
-    @cached_property
-    def _scattered(self) -> Complex128[np.ndarray, "nodes excitations"]:
-        # not finite at a node that stands on a source
-        return np.asarray(self.pressures) - self._incident(np.asarray(self.nodes))
-
     def _simplices(self, points: Vectors) -> np.ndarray:
         """Tetrahedron of each point, -1 outside the hull."""
         # A point on the hull counts as inside despite rounding.
         return self._tetrahedra.find_simplex(points, tol=1e-6)
 
-    def _interpolated(
-        self,
-        points: Vectors,
-        values: Complex128[np.ndarray, "nodes excitations"],
-        centres: Sequence[SourcePoints],
-    ) -> Pressures:
-        """Interpolate after division by e^{ikr}/r of the centre nearest to the tetrahedron."""
-        pressures = np.full((len(points), values.shape[1]), np.nan + 0j)
+    def _at(self, points: Vectors) -> Pressures:
+        pressures = self.nowhere(points)
         number = self._simplices(points)
         inside = np.flatnonzero(number >= 0)
         if not len(inside):
@@ -173,13 +139,14 @@ class SampledField(RadiatedField):
         weights = np.column_stack([three, 1.0 - three.sum(axis=1)])
         corners = self._tetrahedra.simplices[number]
         nodes = np.asarray(self.nodes)[corners]
-        for column, candidates in enumerate(centres):
-            at_corners = values[corners, column]
-            if len(candidates):
-                centre = candidates[KDTree(candidates).query(nodes.mean(axis=1))[1]]
+        for column, strengths in enumerate(self.sources.strengths.T):
+            at_corners = np.asarray(self.pressures)[corners, column]
+            emitting = self.sources.positions[strengths != 0]
+            if len(emitting):
+                source = emitting[KDTree(emitting).query(nodes.mean(axis=1))[1]]
                 # What is interpolated varies slowly; the wave is put back at the point.
-                at_nodes = np.linalg.norm(nodes - centre[:, None], axis=2)
-                at_point = np.linalg.norm(points[inside] - centre, axis=1)[:, None]
+                at_nodes = np.linalg.norm(nodes - source[:, None], axis=2)
+                at_point = np.linalg.norm(points[inside] - source, axis=1)[:, None]
                 phase = self.scene.wavenumber * (at_point - at_nodes)
                 at_corners = at_corners * at_nodes / at_point * np.exp(1j * phase)
             pressures[inside, column] = np.einsum("pc,pc->p", weights, at_corners)
@@ -207,7 +174,7 @@ def load_samples(
     ------
     InvalidInput
         The file cannot be read, columns are missing, nodes repeated or in one plane, numbers NaN or
-        pressures all 0, or the phases beside the sources contradict ``time_sign`` or ``scale``.
+        pressures all 0, or the phases beside the sources contradict ``time_sign``.
     """
     path = Path(path)
     check_choice(time_sign, "time_sign", ("e^{-iωt}", "e^{+jωt}"))
@@ -227,7 +194,7 @@ def load_samples(
         if time_sign == "e^{+jωt}":
             pressures = np.conj(pressures)
         sampled = SampledField(scene, sources, scale * nodes, pressures)
-        warnings = _check_contradiction(sampled, time_sign, scale)
+        warnings = _check_sign(sampled, time_sign)
         object.__setattr__(sampled, "report", replace(sampled.report, warnings=warnings))
     return sampled
 
@@ -258,15 +225,13 @@ def _excitations(
     return np.stack(excitations, axis=1)
 
 
-def _check_contradiction(sampled: SampledField, time_sign: str, scale: float) -> tuple[str, ...]:
-    """Check that the phase grows away from the sources, and as fast as it must.
-
-    Warn where neither can be seen.
+def _check_sign(sampled: SampledField, time_sign: str) -> tuple[str, ...]:
+    """Check that the phase grows away from the sources; warn where it cannot be seen.
 
     Around a source in open air all fits are 1 or near 0; around sources on bodies 0.57 to 1 and up
-    to 0.16. Another sign or scale is believed where it fits 1.5 times as well, and to 0.4 at least.
+    to 0.16. The other sign is believed where it fits 1.5 times as well, and to 0.4 at least.
     """
-    stated, opposite = _fits(sampled, 1.0)
+    stated, opposite = _fits(sampled)
     if opposite > max(1.5 * stated, 0.4):
         raise InvalidInput(
             f"time_sign is {time_sign}, but round the sources the pressures fit the other one "
@@ -276,30 +241,17 @@ def _check_contradiction(sampled: SampledField, time_sign: str, scale: float) ->
         )
     if stated > 0.4:
         return ()
-    units = [1.0, 0.01, 1e-3, 1e-6, 0.0254, 0.3048]  # those that lengths are likely to be in [m]
-    lengths = np.concatenate([units, scale * np.geomspace(0.2, 5.0, 330)])
-    fits = np.array([_fits(sampled, length / scale).max() for length in lengths])
-    best = int(fits.argmax())
-    if fits[best] > max(1.5 * stated, 0.4):
-        raise InvalidInput(
-            f"the scale is {scale:.4g} metres per unit, but round the sources the phases vary as "
-            f"if it were {lengths[best]:.3g} (a fit of {fits[best]:.2f} instead of {stated:.2f}); "
-            "state that scale, or check the frequency, the medium and where the sources stand.",
-            code="does_not_match",
-        )
     return (
-        f"the samples do not show the sign of time (a fit of {stated:.2g} against {opposite:.2g}); "
-        f"{time_sign} was stated",
+        f"round the sources the pressures fit neither sign of time ({stated:.2g} and "
+        f"{opposite:.2g} of 1): is the scale, the frequency, the medium or where the sources stand "
+        "another?",
     )
 
 
-def _fits(sampled: SampledField, stretch: float) -> Float64[np.ndarray, "2"]:
-    """Fit of the phases around the sources to leaving and arriving waves, 0 to 1.
-
-    The positions of the nodes are multiplied by ``stretch``.
-    """
+def _fits(sampled: SampledField) -> Float64[np.ndarray, "2"]:
+    """Fit of the phases around the sources to leaving and arriving waves, 0 to 1."""
     thinned = slice(None, None, len(sampled.nodes) // 20_000 + 1)  # enough to see the phases
-    nodes = stretch * sampled.nodes[thinned]
+    nodes = sampled.nodes[thinned]
     pressures = np.asarray(sampled.pressures)[thinned]
     fits = np.zeros(2)
     total = 0.0

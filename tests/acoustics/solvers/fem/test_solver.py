@@ -237,7 +237,7 @@ def test_bodies_that_netgen_cannot_mesh_are_rejected_by_name():
 
 
 @pytest.mark.parametrize("name", list(BODIES))
-def test_the_scattered_pressure_is_that_of_the_series_at_sources_too(name):
+def test_the_scattered_pressure_is_that_of_the_series(name):
     ready = factorised(name, QUARTER)
     scene = ready.scene
     sources = one_each(np.concatenate([directions(2, 0) * 0.0058, directions(2, 1) * 0.02]))
@@ -247,22 +247,7 @@ def test_the_scattered_pressure_is_that_of_the_series_at_sources_too(name):
     field, exact = ready.radiate(scene, sources), at.SphereSeries().radiate(scene, sources)
     free = at.FreeField().radiate(at.Scene(PAPER_AIR, []), sources)
     assert relative(field.scattered_at(points), exact.at(points) - free.at(points)).max() < 0.03
-    own = field.scattered_at(sources.positions)
-    around = sources.positions[:, None] + 2e-5 * np.stack([[1, 0, 0], [-1, 0, 0]])
-    beside = (
-        (exact.at(around.reshape(-1, 3)) - free.at(around.reshape(-1, 3)))
-        .reshape(4, 2, 4)
-        .mean(axis=1)
-    )
-    assert relative(own, beside).max() < 0.03
-
-
-def test_the_scattered_pressure_at_a_contact_is_nan():
-    """Its image stands at the same position."""
-    sources = one_each(np.array([[0.0, 0.0, 0.005], [0.0, 0.0, 0.006]]))
-    field = at.FiniteElement(order=3).radiate(ball_scene(BODIES["hard"]), sources)
-    assert np.isnan(field.scattered_at(sources.positions)).all(axis=1).tolist() == [True, False]
-    assert np.isnan(field.scattered_at(np.zeros((1, 3)))).all()
+    assert np.isnan(field.scattered_at(sources.positions[:2])).any(axis=1).all()
 
 
 def test_points_to_refine_halve_the_error_of_a_contact():

@@ -14,7 +14,6 @@ from airtact.acoustics.scene import (
     Obstacle,
     Scene,
     admittances,
-    check_near,
     check_no_planes,
     check_outside,
     check_sources,
@@ -394,7 +393,6 @@ class BoundaryElement(Solver):
         _check_bodies(scene)
         if len(points):
             check_outside(scene, points, "refined")
-            check_near(scene, points, "refined")
         clock = Clock(self.progress)
         wanted = SETTINGS.skeleton_error * self.accuracy
         with clock.step("panels", "covering the bodies with panels"):

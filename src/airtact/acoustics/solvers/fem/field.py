@@ -40,7 +40,7 @@ from airtact.acoustics.solvers.problem import (
     RadiatedField,
     SurfaceField,
 )
-from airtact.acoustics.sources import STANDS_ON, Monopoles, nearest_source
+from airtact.acoustics.sources import Monopoles
 from airtact.errors import in_mm
 
 # Distance from a filled body up to which a source is a point load for its own surroundings too [λ]
@@ -90,13 +90,9 @@ class Solution:
 
     def total(self, points: Points) -> Pressures:
         """Total pressure at points (P, 3) [λ] in the box, by interpolation in the tetrahedra."""
-        return self.finite_elements(points) + self.outer.pressure(points, self.system.wavenumber)
-
-    def finite_elements(self, points: Points) -> Pressures:
-        """Total pressure less the free field of the outer monopoles at points (P, 3) [λ]."""
         folded, image = self.system.folded(points)
         mapped = self.system.mesh_points(*self.system.holding(folded))
-        pressure = np.zeros((len(points), self.outer.strengths.shape[1]), dtype=np.complex128)
+        pressure = self.outer.pressure(points, self.system.wavenumber)
         for sign, column, function in self._functions(image):
             pressure[:, column] += sign * np.asarray(function(mapped)).ravel()
         return pressure
@@ -305,19 +301,9 @@ class FiniteField(RadiatedField):
         if away.any():
             pressure[away] = self._scattered_away(points[away])
         if close.any():
-            wavenumber = self.system.wavenumber
-            scaled = points[close] / self.scene.wavelength
-            # The free field of the images is scattered sound; that of sources on a filled body,
-            # which were loads, is in the finite elements.
-            scattered = self._scattering.finite_elements(scaled)
-            for image in self._images:
-                scattered += image.pressure(scaled, wavenumber)
-            scattered -= self._scaled.chosen(self._touching_filled).pressure(scaled, wavenumber)
-            pressure[close] = scattered / self.scene.wavelength
-        distance, source = nearest_source(points, self.sources, STANDS_ON)
-        touching = self._touching_filled | (self.scene.depth(self.sources.positions) > -STANDS_ON)
-        on_source = np.flatnonzero(distance < STANDS_ON)
-        pressure[on_source[touching[source[on_source]]]] = np.nan
+            scattered = self._at(points[close]) - self._incident(points[close])
+            # Not known at a source there, where both are infinite.
+            pressure[close] = np.where(np.isfinite(scattered), scattered, np.nan)
         return pressure
 
     def _velocity(self, points: Vectors) -> Gradients:
