@@ -14,7 +14,6 @@ from contextlib import suppress
 from copy import copy
 from dataclasses import fields, is_dataclass, replace
 from functools import cache
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -54,12 +53,12 @@ def name_of(*values: object) -> str:
 
 @cache
 def program(package: Path = Path(errors.__file__).parent) -> str:
-    """Version of airtact and a digest of its Python files and compiled kernels."""
+    """Digest of the Python files and compiled kernels of airtact."""
     digest = hashlib.blake2b(digest_size=20)
     # A change of the program may change its numbers, so fields of another one are not found.
     for file in [*sorted(package.rglob("*.py")), Path(str(_kernels.__file__))]:
         digest.update(file.name.encode() + hashlib.blake2b(file.read_bytes()).digest())
-    return f"airtact {version('airtact')} {digest.hexdigest()}"
+    return digest.hexdigest()
 
 
 def packed(field: RadiatedField, key: str) -> bytes:

@@ -230,7 +230,6 @@ def test_a_focus_beside_coarse_panels_gives_a_warning():
 @pytest.mark.parametrize(
     ("scene", "refined", "code"),
     [
-        (hard(*BALLS), [[5.012, 0, 0]], "out_of_range"),
         (hard(*BALLS), [[-9e-3, 0, 0]], "inside_body"),
         (hard(*BALLS), [[np.nan, 0, 0]], "not_finite"),
         (hard(), np.zeros((0, 3)), "empty"),
