@@ -21,8 +21,7 @@ from tempfile import TemporaryDirectory
 
 import airtact as at
 from airtact.cli.sweep import grid_of
-from airtact.setup.scene_points import scene_points
-from airtact.setup.sweeping import processes, sweep
+from airtact.setup.sweeping import processes, scene_points, sweep
 
 
 def varied(places: int) -> tuple[str, str]:

@@ -160,7 +160,7 @@ def test_what_cannot_be_named_or_passed_on_is_rejected(threads, tmp_path) -> Non
     for function in (lambda point: {"y": factor}, lambda point: {}, Other(), np.sin):
         with pytest.raises(at.InvalidInput) as fault:
             at.sweep(function, POINTS, threads, tmp_path)
-        assert fault.value.code == "does_not_match"
+        assert fault.value.code in ("does_not_match", "wrong_kind")
     with pytest.raises(at.InvalidInput, match="define it in a module") as fault:
         at.sweep(lambda point: {}, POINTS)
     assert fault.value.code == "wrong_kind"
@@ -185,8 +185,8 @@ def test_points_of_the_wrong_kind_are_rejected(points, code, threads, as_outside
 
 
 def test_an_executor_of_the_wrong_kind_is_rejected(as_outside_the_tests) -> None:
-    with pytest.raises(at.InvalidInput, match="the executor is a int") as fault:
-        at.sweep(square, POINTS, 4)
+    with pytest.raises(at.InvalidInput, match="the executor is 'four'") as fault:
+        at.sweep(square, POINTS, "four")
     assert fault.value.code == "wrong_kind"
 
 
@@ -205,6 +205,9 @@ def test_no_more_processes_than_points_and_memory_allow(monkeypatch) -> None:
 def test_the_table_holds_all_columns(tmp_path) -> None:
     fine, failed = {"error": "", "sentence": ""}, {"error": "bad", "sentence": "It, is."}
     rows = [{"gap": 1 / 3, **failed}, {"gap": 1.0, "p": 2 / 3, "n": None, **fine}]
-    write_csv(tmp_path / "a.csv", rows, ["gap"])
+    write_csv(tmp_path / "a.csv", rows)
     text = (tmp_path / "a.csv").read_bytes().decode()
-    assert text == 'gap,p,n,error,sentence\r\n0.333333333333,,,bad,"It, is."\r\n1,0.666667,,,\r\n'
+    assert (
+        text
+        == 'gap,p,n,error,sentence\r\n0.333333333333,,,bad,"It, is."\r\n1,0.666666666667,,,\r\n'
+    )

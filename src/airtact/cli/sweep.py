@@ -1,38 +1,22 @@
 """``airtact sweep``: the pressure at the foci of a scene while keys of its file vary."""
 
 import csv
-import io
 import re
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from itertools import product
 from math import isfinite, prod
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 
 import airtact as at
-from airtact.cli.console import QUIET, open_page, plain_table, show, wanted
+from airtact.cli.console import open_page, plain_table, show, status_line
 from airtact.cli.options import INPUT, as_json, open_result, pictures, quiet, results, scene
 
 if TYPE_CHECKING:
-    from concurrent.futures import Executor
-
     from airtact.setup.sweeping import Row
-
-# Takes the points done, all points, and the points that failed
-Count = Callable[[int, int, int], None]
 
 
 @click.command(
@@ -57,7 +41,6 @@ Count = Callable[[int, int, int], None]
     type=click.IntRange(min=1),
     help="How many; by default as processors and memory allow.",
 )
-@click.option("--dask", metavar="ADDRESS", help="Dask scheduler, such as tcp://10.0.0.1:8786.")
 @pictures
 @open_result
 @as_json
@@ -68,7 +51,6 @@ def sweep(
     varied: tuple[str, ...],
     recording: Path | None,
     wanted_processes: int | None,
-    dask: str | None,
     pictures: bool,
     opened: bool,
 ) -> None:
@@ -82,33 +64,31 @@ def sweep(
     table = folder / "sweep.csv"
     page = folder / "sweep.html"
     store = folder / "points"
-    with counting() as count:
-        from airtact.files.atomic import writable_folder
+    with status_line() as report:
         from airtact.reports.sweep_page import Swept, write_sweep_page
-        from airtact.setup.scene_points import scene_points
-        from airtact.setup.sweeping import process_count, processes
+        from airtact.setup.sweeping import frames_of
 
-        points = _points(varied, recording)
-        function = scene_points(scene, recording)
-        memory = function.memory(points)
-        writable_folder(folder)
-        # Of an older run with other points; results of points are kept.
-        for file in (table, page):
-            file.unlink(missing_ok=True)
-        if dask is None:
-            executor = processes(process_count(len(points), wanted_processes, memory))
-        else:
-            executor = _dask_executor(dask)
+        if not varied and recording is None:
+            raise at.InvalidInput(
+                'nothing is varied: give --vary "foci[0].offset=0.0005:0.003:6" or the like.',
+                code="data_missing",
+            )
+        points = grid_of(varied)
+        if recording is not None:
+            # The grid at each frame, frame by frame.
+            hands = frames_of(scene, recording, folder / "hands")
+            points = [hand | point for hand in hands for point in points]
         try:
-            with executor as pool:
-                rows = at.sweep(function, points, pool, store, progress=count)
+            rows = at.sweep(scene, points, wanted_processes, store, progress=_counted(report))
         except KeyboardInterrupt:
             count = len(list(store.glob("*.point.json")))
             raise KeyboardInterrupt(
                 f"{count} points in {store} kept; the same command goes on from there"
             ) from None
-        names = list(points[0])
-        write_csv(table, rows, names)
+        # Of an older run with other points; results of points are kept.
+        page.unlink(missing_ok=True)
+        names = [name for name, value in points[0].items() if value is not None]
+        write_csv(table, rows)
         swept = Swept(scene.stem.replace("_", " "), scene.read_text("utf-8"), tuple(names), rows)
         if pictures:
             write_sweep_page(page, swept)
@@ -143,29 +123,6 @@ def sweep(
     )
     if opened:
         open_page(page)
-
-
-def _points(varied: Sequence[str], recording: Path | None) -> "list[Row]":
-    from airtact.setup.scene_points import FRAME_COLUMNS, frames_of
-    from airtact.setup.sweeping import MAX_POINTS
-
-    points = grid_of(varied)
-    if recording is not None:
-        for column in set(FRAME_COLUMNS) & points[0].keys():
-            raise at.InvalidInput(
-                f"{column} is given by the recording, so it cannot be varied; leave it out.",
-                code="given_twice",
-            )
-        # The grid at each frame, frame by frame.
-        points = [frame | point for frame in frames_of(recording) for point in points]
-    if not points or not points[0] or len(points) > MAX_POINTS:
-        count = len(points) if varied or recording else 0
-        raise at.InvalidInput(
-            f"there are {count:,} points to vary; give 1 to {MAX_POINTS:,}, such as "
-            '--vary "foci[0].offset=0.0005:0.003:6".',
-            code="out_of_range",
-        )
-    return points
 
 
 def grid_of(varied: Sequence[str]) -> "list[Row]":
@@ -232,103 +189,36 @@ def _values(low: str, high: str, count: str) -> Sequence[float | int] | None:
     return values
 
 
-@contextmanager
-def _dask_executor(address: str) -> "Iterator[Executor]":
-    from airtact.errors import InvalidInput, extra
-
-    with extra("dask", "a sweep on a cluster needs Dask"):
-        from distributed import Client
-    try:
-        client = Client(address, timeout=10)
-    except (OSError, ValueError) as fault:
-        raise InvalidInput(
-            f"no Dask scheduler answers at {address} within 10 s ({fault}): give the address that "
-            "it prints, such as tcp://10.0.0.1:8786.",
-            code="child_failed",
-        ) from None
-    with client:
-        yield client.get_executor()
-
-
-def write_csv(file: Path, rows: "Sequence[Row]", varied: Sequence[str]) -> None:
-    """Write rows as CSV: varied values with 12 digits, results with 6.
-
-    A value that a row lacks is empty.
-    """
+def write_csv(file: Path, rows: "Sequence[Row]") -> None:
+    """Write rows as CSV, numbers with 12 digits; a value that a row lacks is empty."""
     from airtact.files.atomic import whole_file
 
     # Rows of failed points lack the results, so columns are those of all rows; faults come last.
     names = dict.fromkeys(name for row in rows for name in row)
-    columns = [name for name in names if name not in ("error", "sentence")]
-    columns += ["error", "sentence"]
-    stream = io.StringIO(newline="")
-    writer = csv.writer(stream)
-    writer.writerow(columns)
-    for row in rows:
-        words = []
-        for name in columns:
-            value = row.get(name)
-            # 12 digits give a varied value back; of a result 6 are more than its accuracy.
-            if isinstance(value, float):
-                value = f"{value:.{12 if name in varied else 6}g}"
-            words.append("" if value is None else str(value))
-        writer.writerow(words)
-    with whole_file(file) as partial:
-        partial.write_bytes(stream.getvalue().encode())
+    faults = {"error": None, "sentence": None}
+    columns = [name for name in names if name not in faults]
+    with whole_file(file) as partial, partial.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.DictWriter(stream, [*columns, *faults])
+        writer.writeheader()
+        for row in rows:
+            writer.writerow(
+                {
+                    name: f"{value:.12g}" if isinstance(value, float) else value
+                    for name, value in row.items()
+                }
+            )
 
 
-@contextmanager
-def counting() -> Iterator[Count]:
-    """Show the points done and the time left: a bar in a terminal, else a line from time to time.
-
-    None if quiet.
-    """
-    console = Console(stderr=True)
-    if wanted(QUIET):
-        yield lambda done, total, failed: None
-        return
-    if not console.is_terminal:
-        yield _count_in_lines()
-        return
-    columns = (
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-        TextColumn("{task.description}"),
-    )
-    with Progress(*columns, console=console) as shown:
-        tasks = []
-
-        def count(done: int, total: int, failed: int) -> None:
-            if not tasks:
-                # Points kept from an earlier run do not count for the time left.
-                tasks.append(shown.add_task("", total=total, completed=done))
-            words = f"left, [red]{failed} failed[/red]" if failed else "left"
-            shown.update(tasks[0], completed=done, description=words)
-
-        yield count
-
-
-def _count_in_lines() -> Count:
-    # The first count is that of an earlier run's points, which took no time in this one.
+def _counted(report: Callable[[object], None]) -> Callable[[int, int, int], None]:
+    """Report the points done, those that failed, and the time left."""
     begun = time.perf_counter()
-    earlier = -1
-    last = 0.0
+    earlier: list[int] = []
 
     def count(done: int, total: int, failed: int) -> None:
-        nonlocal earlier, last
-        passed = time.perf_counter() - begun
-        if earlier < 0:
-            earlier = done
-        if done not in (total, earlier) and passed - last <= 10.0:
-            return
-        last = passed
-        words = f"{passed:7.1f} s  {done:,} of {total:,} points"
-        if failed:
-            words += f", {failed} failed"
-        if earlier < done < total:
-            words += f", {passed / (done - earlier) * (total - done):.0f} s left"
-        click.echo(words, err=True)
+        # The first count is that of an earlier run's points, which took no time in this one.
+        earlier.append(done)
+        computed = done - earlier[0]
+        left = (time.perf_counter() - begun) / computed * (total - done) if computed else 0.0
+        report(f"{done / total:.0%} of {total:,} points, {failed} failed, {left:.0f} s left")
 
     return count

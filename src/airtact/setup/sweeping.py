@@ -1,6 +1,5 @@
 """Sweeps: a function, or the drive of a scene file, at many points on any executor."""
 
-import functools
 import hashlib
 import json
 import os
@@ -8,27 +7,49 @@ import pickle
 import signal
 import sys
 import threading
-import types
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager, nullcontext
-from dataclasses import is_dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
+import msgspec
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from airtact.acoustics.solvers.bem.solver import BoundaryElement
 from airtact.acoustics.solvers.memory import available_memory, processor_count
 from airtact.acoustics.store import name_of
-from airtact.errors import InvalidInput, NotConverged, of_kind, one_sentence
+from airtact.errors import (
+    LARGEST_MESH_FILE,
+    LARGEST_SCENE_FILE,
+    InvalidInput,
+    NotConverged,
+    about,
+    of_kind,
+    one_sentence,
+)
 from airtact.files.atomic import whole_file, writable_folder
-from airtact.setup.scene_points import ScenePoints, scene_points
+from airtact.files.bounded import bytes_of, text_of
+from airtact.setup.building import read_scene
+from airtact.setup.parsing import Value, parse_scene
 from airtact.setup.setup import Setup
+from airtact.setup.solving import (
+    control_drive,
+    memory_of_a_solve,
+    named,
+    solve_foci,
+    synthesise,
+    unknowns_of,
+)
+from airtact.setup.tables import SceneFile
+from airtact.timing import Clock
 
-Value = str | float | int | bool | None
 Row = dict[str, Value]
 # What a sweep computes at each point
 Function = Callable[[Row], Mapping[str, Value]]
@@ -43,7 +64,7 @@ SUFFIX = ".point.json"
 def sweep(
     function: Function | Setup | str | Path,
     points: Sequence[Mapping[str, Value]],
-    executor: Executor | None = None,
+    executor: Executor | int | None = None,
     store: str | Path | None = None,
     *,
     progress: Callable[[int, int, int], None] | None = None,
@@ -53,13 +74,14 @@ def sweep(
     Parameters
     ----------
     function : a scene file or its setup, to make the drive with other values of the file's keys,
-        see ``scene_points``. Or a function that takes a point and returns names with a value each:
+        see ``read_scene``. Or a function that takes a point and returns names with a value each:
         numbers, text, True, False or None. A process must be able to import it: it stands in a
         module, or is a ``functools.partial`` of one that does. A script that calls ``sweep`` does
         so under ``if __name__ == "__main__":``.
     points : names with a value each; for a scene the paths of keys, such as ``"foci[0].offset"``.
     executor : computes the points, such as ``ThreadPoolExecutor()`` or the ``get_executor()`` of
-        Dask's client. By default processes, one a processor, each with one thread.
+        Dask's client; or how many processes do, each with one thread. By default one process a
+        processor, or as many as memory allows.
     store : folder in which the result of each point is a file, named by the point, the function,
         its arguments, its file and airtact's. What is there is not computed again, so that a sweep
         that was killed goes on. Take another folder where another module that the function uses has
@@ -95,18 +117,13 @@ def sweep(
         raise InvalidInput(
             f"the function of a sweep is {function!r}, which cannot be called.", code="wrong_kind"
         )
-    if executor is not None and not callable(getattr(executor, "submit", None)):
-        raise InvalidInput(
-            f"the executor is a {type(executor).__name__}, but it must be one such as "
-            "ThreadPoolExecutor(4), or None for processes.",
-            code="wrong_kind",
-        )
     rows = _checked_points(points)
-    if store is None:
-        folder = None
-        names = [str(index) for index in range(len(rows))]
-        results: dict[str, Row] = {}
-    else:
+    # Before a folder is made: it also raises where the path of a key leads nowhere.
+    memory = function.memory(rows) if isinstance(function, ScenePoints) else 0.0
+    folder = None
+    names = [str(index) for index in range(len(rows))]
+    results: dict[str, Row] = {}
+    if store is not None:
         folder = writable_folder(Path(of_kind(store, str | Path, "the store", "a path")))
         names = names_of(function, rows)
         results = _kept(folder, names)
@@ -116,12 +133,12 @@ def sweep(
     failed = sum(bool(row["error"]) for row in results.values())
     if progress is not None:
         progress(len(results), total, failed)
-    for name, row in _computed(function, waiting, executor):
+    for name, row in _computed(function, waiting, executor, memory):
         # Faults of the moment are not kept, so that the next run tries these points again.
         passing = ("file_failed", "file_missing", "file_unreadable", "too_little_memory")
         if folder is not None and row["error"] not in passing:
-            with whole_file(folder / (name + SUFFIX)) as partial:
-                partial.write_text(json.dumps({"name": name, "row": row}), encoding="utf-8")
+            with whole_file(folder / (name + SUFFIX)) as partial_file:
+                partial_file.write_text(json.dumps({"name": name, "row": row}), encoding="utf-8")
         results[name] = row
         failed += bool(row["error"])
         if progress is not None:
@@ -196,12 +213,12 @@ def _attempt(function: Function, point: Row) -> Row:
 
 
 def _computed(
-    function: Function, waiting: Mapping[str, Row], executor: Executor | None
+    function: Function, waiting: Mapping[str, Row], executor: Executor | int | None, memory: float
 ) -> Iterator[tuple[str, Row]]:
     """Yield names and results as they are done, and leave nothing running when it is left."""
     if not waiting:
         return
-    if executor is None:
+    if executor is None or isinstance(executor, int):
         # A pool raises what cannot be pickled from within, without saying which object it is.
         try:
             pickle.dumps(function)
@@ -211,11 +228,9 @@ def _computed(
                 "give an executor of threads.",
                 code="wrong_kind",
             ) from None
-        points = list(waiting.values())
-        memory = function.memory(points) if isinstance(function, ScenePoints) else None
-        running = processes(process_count(len(points), memory=memory))
+        running = processes(process_count(len(waiting), executor, memory))
     else:
-        running = nullcontext(executor)
+        running = nullcontext(of_kind(executor, Executor, "the executor", "ThreadPoolExecutor(4)"))
     with running as pool:
         futures = {pool.submit(_attempt, function, point): name for name, point in waiting.items()}
         try:
@@ -224,9 +239,8 @@ def _computed(
         except BrokenExecutor:
             raise InvalidInput(
                 f"a process ended by itself with {len(futures)} of {len(waiting)} points left, as "
-                "where memory runs "
-                'out, or where a script calls sweep outside of if __name__ == "__main__": what is '
-                "in the store stays.",
+                "where memory runs out, or where a script calls sweep outside of if __name__ == "
+                '"__main__": what is in the store stays.',
                 code="link_closed",
             ) from None
         finally:
@@ -234,15 +248,12 @@ def _computed(
                 future.cancel()
 
 
-def process_count(points: int, limit: int | None = None, memory: float | None = None) -> int:
+def process_count(points: int, wanted: int | None = None, memory: float = 0.0) -> int:
     """Return the number of processes for some points, each of which takes some memory [bytes].
 
     That is one a processor, or as many as ``wanted``, no more than points, and no more than fit
     into 80 % of the memory that is available. Raise "too_little_memory" where not even one fits.
     """
-    count = min(processor_count() if limit is None else limit, points)
-    if memory is None:
-        return max(1, count)
     free = available_memory()
     if memory > free:
         raise InvalidInput(
@@ -250,7 +261,8 @@ def process_count(points: int, limit: int | None = None, memory: float | None = 
             "end other programs, or ask for less accuracy.",
             code="too_little_memory",
         )
-    return int(max(1, min(count, 0.8 * free / memory)))
+    fitting = 0.8 * free / memory if memory else np.inf
+    return int(max(1, min(wanted or processor_count(), points, fitting)))
 
 
 @contextmanager
@@ -292,50 +304,35 @@ def _begin_process(watched: Connection) -> None:
 def names_of(function: Function, points: Iterable[Row]) -> list[str]:
     """Name points by their values and the function, with 40 hexadecimal digits each.
 
-    A function counts by the file of its module, its name and its default arguments; a
-    ``functools.partial`` also by its arguments; an object of a dataclass by its fields, except
-    those that take no part in comparisons.
+    A function counts by the file of its module and its name; a ``functools.partial`` also by its
+    arguments; an object of a dataclass by its fields, except those that take no part in
+    comparisons.
     """
+    parts: list[Any] = []
+    core: Any = function
+    if isinstance(function, partial):
+        core = function.func
+        parts = [list(function.args), dict(function.keywords)]
+    # An edited module may compute something else, so its content belongs to the name.
+    module = sys.modules.get(getattr(core, "__module__", None) or "")
+    file = getattr(module, "__file__", None)
+    parts.append(hashlib.blake2b(Path(file).read_bytes() if file else b"").hexdigest())
+    if isinstance(core, FunctionType):
+        core = f"{core.__module__}.{core.__qualname__}"
+        if "<" in core:
+            raise InvalidInput(
+                f"the name {core} does not identify a function: define it in a module, and pass "
+                "what it needs by functools.partial.",
+                code="does_not_match",
+            )
     # The digest of the function includes airtact's version and code, see the store.
-    function_name = name_of(*_parts(function))
+    function_name = name_of(core, *parts)
 
     def name(point: Row) -> str:
-        text = json.dumps([function_name, sorted(point.items())], ensure_ascii=True)
+        text = json.dumps([function_name, sorted(point.items())])
         return hashlib.blake2b(text.encode(), digest_size=20).hexdigest()
 
     return [name(point) for point in points]
-
-
-def _parts(function: Any) -> list[Any]:
-    if isinstance(function, functools.partial):
-        return [*_parts(function.func), list(function.args), dict(function.keywords)]
-    if isinstance(function, types.FunctionType):
-        if function.__closure__ or "<" in function.__qualname__:
-            raise InvalidInput(
-                f"the name {function.__qualname__} does not identify a function: define it in a "
-                "module, and pass what it needs by functools.partial.",
-                code="does_not_match",
-            )
-        return [
-            *_module_of(function),
-            function.__qualname__,
-            list(function.__defaults__ or ()),
-            dict(function.__kwdefaults__ or {}),
-        ]
-    if not is_dataclass(function) or isinstance(function, type):
-        raise InvalidInput(
-            f"a {type(function).__name__} cannot be compared with another one, so its results "
-            "cannot be kept: give a function of a module, or an object of a dataclass.",
-            code="does_not_match",
-        )
-    return [*_module_of(type(function)), function]
-
-
-def _module_of(definition: type | types.FunctionType) -> list[str]:
-    # An edited module may compute something else, so its content belongs to the name.
-    file = getattr(sys.modules.get(definition.__module__), "__file__", None)
-    content = Path(file).read_bytes() if file else b""
-    return [definition.__module__, hashlib.blake2b(content).hexdigest()]
 
 
 def _kept(folder: Path, names: Iterable[str]) -> dict[str, Row]:
@@ -343,11 +340,177 @@ def _kept(folder: Path, names: Iterable[str]) -> dict[str, Row]:
     for name in names:
         try:
             content = json.loads((folder / (name + SUFFIX)).read_bytes())
-        except (OSError, ValueError):
-            continue
-        if not isinstance(content, dict) or content.get("name") != name:
-            continue
-        row = content.get("row")
-        if isinstance(row, dict) and {"error", "sentence"} <= row.keys():
-            results[name] = row
+            if content["name"] == name and {"error", "sentence"} <= content["row"].keys():
+                results[name] = content["row"]
+        except (OSError, ValueError, LookupError, TypeError, AttributeError):
+            continue  # missing, or damaged: it is computed again
     return results
+
+
+@dataclass(frozen=True)
+class ScenePoints:
+    """Makes the drive of a scene file at a point, and returns the pressure at its foci.
+
+    A point has a value for each path of a key.
+
+    Attributes
+    ----------
+    scene : the file.
+    content : digests of the file and of those that it names. They identify the results; the path
+        does not.
+    """
+
+    scene: Path = field(compare=False)
+    content: tuple[str, ...] = ()
+
+    def __call__(self, point: Mapping[str, Value]) -> dict[str, Value]:
+        """Return the peak pressure at each focus, the gain over the control, and the solve."""
+        # Foci without a weight ask for nothing, so they do not count as the weakest.
+        setup = read_scene(self.scene, point)
+        transfer, report = solve_foci(setup, Clock())
+        drive, stalled = synthesise(setup.synthesise, transfer, setup.target)
+        weights = setup.target.weights
+        asked = np.flatnonzero(weights > 0.0)
+        pressures = np.abs(transfer.pressure(drive))[: len(weights)]
+        weakest = asked[np.argmin(pressures[asked] / weights[asked])]
+
+        gain = None
+        control = control_drive(setup, setup.synthesise)
+        if control is not None:
+            # As a render compares: at full scale where the drive is there, else at its energy.
+            held_equal = "peak" if drive.is_full_scale else "energy"
+            at_control = np.abs(transfer.pressure(control))[asked] / weights[asked]
+            factor = control.factor_to_match(drive, held_equal)
+            gain = float(pressures[weakest] / weights[weakest] / (factor * at_control.min()))
+        # Foci may share a name, and columns may not.
+        words = [name.replace(" ", "_") for name in setup.foci]
+        columns = [
+            f"{word}_{index + 1}" if words.count(word) > 1 else word
+            for index, word in enumerate(words)
+        ]
+        return {
+            **{
+                f"{column}_Pa": float(pressure)
+                for column, pressure in zip(columns, pressures, strict=True)
+            },
+            "weakest_Pa": float(pressures[weakest]),
+            "gain": gain,
+            "unknowns": report.nodes,
+            "estimated_error": float(report.estimated_error),
+            "warnings": "; ".join([*stalled, *named(report.warnings, setup.bodies)]),
+        }
+
+    def memory(self, points: Sequence[Mapping[str, Value]]) -> float:
+        """Estimate the memory of a solve from the first, the middle and the last point [bytes].
+
+        Raise the fault of a path that leads nowhere, or of the points if none can be built.
+        """
+        needed = 1.2e8  # of a process that has loaded airtact and solves nothing
+        faults = []
+        # Size varies along an axis if at all, so its ends and middle bound it well enough.
+        for index in sorted({0, len(points) // 2, len(points) - 1}):
+            try:
+                setup = read_scene(self.scene, points[index])
+                if isinstance(setup.solver, BoundaryElement):
+                    unknowns = unknowns_of(setup.solver, setup.scene, setup.target.points)
+                    needed = max(needed, memory_of_a_solve(unknowns, setup.accuracy))
+            except (InvalidInput, NotConverged) as fault:
+                if fault.code in ("unknown_key", "key_misplaced", "given_twice"):
+                    raise
+                faults.append(fault)
+        if len(faults) == len(points):
+            raise faults[0]
+        return needed
+
+
+def scene_points(scene: Setup | str | Path) -> ScenePoints:
+    """Return the function of a sweep over a scene file.
+
+    Raise ``InvalidInput`` where a file cannot be read, or the setup has no scene file.
+    """
+    if isinstance(scene, Setup):
+        if scene.path is None:
+            raise InvalidInput(
+                "a setup without a scene file has no keys to vary: give a function instead.",
+                code="wrong_kind",
+            )
+        scene = scene.path
+    scene = Path(scene)
+    # Results are kept by content: a file that was moved or renamed gives the same ones.
+    files = [scene, *_files_named(scene)]
+    content = tuple(hashlib.blake2b(bytes_of(file), digest_size=20).hexdigest() for file in files)
+    return ScenePoints(scene, content)
+
+
+def frames_of(scene: Path, recording: Path, folder: Path) -> list[Row]:
+    """Write the hand of each frame of a recording, and return the keys that set it as the scene's.
+
+    The hand keeps the radii of the scene's own, whose gap and pose are left out.
+    """
+    from airtact.hands.joints import joints_of
+    from airtact.hands.tracking.recordings import load_recording
+
+    hands = {
+        f"obstacles[{index}]": table
+        for index, table in enumerate(_scene_file(scene).obstacles)
+        if table.hand is not None
+    }
+    if len(hands) != 1:
+        raise InvalidInput(
+            f'{scene.name}: {len(hands)} obstacles are a hand = "POSE.json", but a recording moves '
+            "just 1.",
+            code="unknown_key",
+        )
+    ((key, table),) = hands.items()
+    left_out: Row = {
+        f"{key}.{name}": None for name in ("gap", "pose") if getattr(table, name) is not None
+    }
+    setup = read_scene(scene)
+    writable_folder(folder)
+    points: list[Row] = []
+    for frame in load_recording(recording, leave_out=True).frames:
+        if frame.landmarks is None:
+            continue
+        content = {
+            "positions_m": joints_of(setup.tracker.apply(frame.landmarks)).tolist(),
+            "radii_m": setup.hands[0].radii.tolist(),
+            "side": frame.side,
+        }
+        pose = json.dumps(content).encode()
+        # Results are kept by the name of the file, so it belongs to the content.
+        digest = hashlib.blake2b(pose, digest_size=4).hexdigest()
+        file = folder / f"{frame.side}_{frame.sequence}_{digest}.json"
+        with whole_file(file) as partial_file:
+            partial_file.write_bytes(pose)
+        points.append({f"{key}.hand": str(file.resolve())} | left_out)
+    return points
+
+
+def _scene_file(scene: Path) -> SceneFile:
+    with about(scene.name):
+        return parse_scene(text_of(scene, LARGEST_SCENE_FILE))
+
+
+def _files_named(scene: Path) -> Iterator[Path]:
+    """Find the files that a scene file names, and those that a glTF file among them names."""
+    # Any text of the file may name one; what is no file is not read.
+    for word in dict.fromkeys(_words(msgspec.to_builtins(_scene_file(scene)))):
+        file = scene.parent / word
+        if "\0" in word or len(word) > 255 or not file.is_file():
+            continue
+        yield file
+        if file.suffix.lower() == ".gltf":
+            content = json.loads(bytes_of(file, LARGEST_MESH_FILE))
+            for buffer in _words(content.get("buffers", [])):
+                if not buffer.startswith("data:") and (file.parent / buffer).is_file():
+                    yield file.parent / buffer
+
+
+def _words(data: Any) -> Iterator[str]:
+    if isinstance(data, str):
+        yield data
+    elif isinstance(data, dict):
+        yield from _words(list(data.values()))
+    elif isinstance(data, list | tuple):
+        for value in data:
+            yield from _words(value)
