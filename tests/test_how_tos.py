@@ -60,17 +60,7 @@ def test_there_are_pages() -> None:
     assert len(PAGES) >= 5
 
 
-MINUTES = {"targets-and-methods", "objects"}
-"""Pages that solve a hand or an object at full accuracy, for every method or size."""
-
-
-@pytest.mark.parametrize(
-    "page",
-    [
-        pytest.param(page, marks=pytest.mark.slow if page.stem in MINUTES else (), id=page.stem)
-        for page in PAGES
-    ],
-)
+@pytest.mark.parametrize("page", PAGES, ids=[page.stem for page in PAGES])
 def test_page_runs_and_prints_what_it_shows(page, tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     names: dict = {"__name__": page.stem}
