@@ -10,11 +10,12 @@ from matplotlib.image import imsave
 from scipy.spatial.transform import Rotation
 
 from airtact.hands.joints import hand_length
-from airtact.hands.tracking.adapters import mediapipe_camera
 from airtact.hands.tracking.receivers import WebSocketReceiver
 from airtact.hands.tracking.stream import HandStream, StreamHealth
 from references.hand_pictures import FOCAL, pictured
 from references.hand_poses_seen import twenty
+
+TRACKERS = Path(__file__).parents[1] / "examples" / "trackers"
 
 MEDIAPIPE = os.environ.get("AIRTACT_MEDIAPIPE")
 """A Python that has mediapipe 0.10.21 and websockets, or None."""
@@ -63,7 +64,7 @@ def seen_by_mediapipe(folder: Path, python: str, turns: float = 20.0) -> Seen:
     with WebSocketReceiver(stream) as receiver:
         command = [
             python,
-            mediapipe_camera.__file__,
+            str(TRACKERS / "mediapipe_camera.py"),
             "--pictures",
             str(folder),
             "--focal",

@@ -1,25 +1,27 @@
-"""Trackers' adapters in processes of their own, as far as they go without the device."""
+"""The scripts of examples/trackers, as far as they go without the device."""
 
 import importlib
 import json
 import os
+import runpy
 import subprocess
 import sys
 import threading
-from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from websockets.sync.server import serve
 
 import airtact as at
-from airtact.hands.tracking.adapters import leap
+from paths import ROOT
 from references.hand_pictures import facing, pictured
 from references.hand_poses import example
 from references.seen_by_mediapipe import MEDIAPIPE, seen_by_mediapipe
 
 JOINTS, RADII = example("relaxed")
-ADAPTERS = Path(leap.__file__).parent
+ADAPTERS = ROOT / "examples" / "trackers"
+leap = SimpleNamespace(**runpy.run_path(str(ADAPTERS / "leap.py")))
 PATIENCE = 120.0
 """Longest wait for a process [s]."""
 
@@ -57,15 +59,12 @@ def test_what_leap_tells_is_read():
     ]
     np.testing.assert_allclose(frames[0].landmarks, JOINTS, atol=1e-6)
     assert frames[0].time == pytest.approx(7 * 0.033333)
-
-
-def test_a_joint_that_leap_does_not_tell_is_half_lost():
     message = json.loads(leap_message(0, "left"))
     del message["pointables"][2]["dipPosition"]
-    stream = at.hands.HandStream()
-    for frame in leap.hands_in(iter([json.dumps(message)])):
-        stream.feed_json(json.dumps(frame))
-    assert stream.health.half_lost == 1
+    (incomplete,) = leap.hands_in(iter([json.dumps(message)]))
+    with pytest.raises(at.hands.FaultyFrame) as caught:
+        at.hands.from_json(json.dumps(incomplete))
+    assert caught.value.fault == "half_lost"
 
 
 def test_leap_is_received_through_its_own_process():
@@ -144,19 +143,6 @@ def test_a_library_of_realsense_that_does_not_load_says_what_it_needs(tmp_path):
     assert done.stderr.startswith("pyrealsense2 does not load (libusb-1.0.so.0")
     assert "libusb-1.0-0" in done.stderr
     assert "Traceback" not in done.stderr
-
-
-@needs_realsense
-@pytest.mark.parametrize(
-    "wrong", [np.zeros(5), np.zeros((0, 3)), np.zeros((2, 2), dtype="<U3"), None]
-)
-def test_realsense_names_a_picture_that_is_none(wrong, tmp_path):
-    (tmp_path / "a.npy").write_bytes(b"no array") if wrong is None else np.save(
-        tmp_path / "a.npy", wrong
-    )
-    done = run("realsense.py", "--side", "left", "--depths", tmp_path)
-    assert done.returncode == 1
-    assert done.stderr.startswith("a.npy ")
 
 
 @pytest.mark.slow

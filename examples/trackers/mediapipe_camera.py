@@ -49,12 +49,12 @@ def _hands_in(
     pictures: Iterator[tuple[float, Picture]], options: argparse.Namespace
 ) -> Iterator[dict[str, Any]]:
     """Yield frames of each side seen in timed pictures, a lost one when it is no longer seen."""
-    import mediapipe  # pyright: ignore[reportMissingImports]
+    import mediapipe
     import numpy as np
 
     seen: set[str] = set()
     finder = partial(
-        mediapipe.solutions.hands.Hands,  # pyright: ignore[reportAttributeAccessIssue]
+        mediapipe.solutions.hands.Hands,
         static_image_mode=options.pictures is not None,
         max_num_hands=options.hands,
         min_detection_confidence=options.confidence,
@@ -113,7 +113,7 @@ def _placed(
     ``looks`` are landmarks of MediaPipe, in shares of the picture's sides and in metres round the
     hand's middle.
     """
-    import cv2  # pyright: ignore[reportMissingImports]
+    import cv2
     import numpy as np
 
     rows, columns = shape[:2]
@@ -155,7 +155,7 @@ def _aligned(shape: Any, target: Any) -> Any:
 
 
 def _pictures(options: argparse.Namespace) -> Iterator[tuple[float, Picture]]:
-    import cv2  # pyright: ignore[reportMissingImports]
+    import cv2
 
     if options.pictures is not None:
         for index, path in enumerate(sorted(options.pictures.glob("*.png"))):
@@ -176,7 +176,7 @@ def _pictures(options: argparse.Namespace) -> Iterator[tuple[float, Picture]]:
 
 def _upright(picture: Picture, options: argparse.Namespace) -> Picture:
     """Put colours in order and undo a mirror."""
-    import cv2  # pyright: ignore[reportMissingImports]
+    import cv2
     import numpy as np
 
     colours = cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
