@@ -95,7 +95,7 @@ def test_derivatives_are_those_of_the_transmission() -> None:
     one, other = boards_of(pair(OFF), 2)
     wavenumber = TRUE_AIR.wavenumber(40e3)
     step = 1e-7
-    slopes = transmission(one, other, wavenumber).slopes
+    _, slopes = transmission(one, other, wavenumber)
     for index in range(13):
         values = []
         for sign in (1, -1):
@@ -110,7 +110,7 @@ def test_derivatives_are_those_of_the_transmission() -> None:
                 middle = boards[board].positions.mean(axis=0)
                 shift = sign * step * along if axis < 3 else 0.0
                 boards[board] = boards[board].moved(at.Pose(turn, middle - turn @ middle + shift))
-            values.append(transmission(boards[0], boards[1], size).pressures)
+            values.append(transmission(boards[0], boards[1], size)[0])
         numeric = (values[0] - values[1]) / (2e-3 if index == 12 else 2 * step)
         assert np.linalg.norm(numeric - slopes[index]) < 1e-6 * np.linalg.norm(slopes[index])
 

@@ -1,17 +1,19 @@
 """Pose of the bodies of a scene, and their opening, from echoes of the array's transmissions.
 
-The pose minimises the difference of modelled and measured echoes, by damped Gauss-Newton steps with
-exact derivatives: first from few receivers and transmissions, which is quick, then from all. A
-start that is off by half a wavelength, along the path to the bodies and back, may lead to another
-minimum. Where the pose reached does not explain the echoes, other starts around it are tried.
+The pose minimises the difference of modelled and measured echoes, by Levenberg and Marquardt's
+steps with exact derivatives: first from few receivers and transmissions, which is quick, then from
+all. A start that is off by half a wavelength, along the path to the bodies and back, may lead to
+another minimum. Where the pose reached does not explain the echoes, other starts around it are
+tried.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Complex, Float64, Int64
+from jaxtyping import Float64, Int64, Num
 from scipy.cluster.vq import kmeans2
+from scipy.optimize import OptimizeResult, least_squares
 from scipy.stats import qmc
 
 from airtact.acoustics.scene import Scene
@@ -20,9 +22,8 @@ from airtact.acoustics.solvers.problem import Solver
 from airtact.errors import InvalidInput, counted, of_kind
 from airtact.geometry.pose import Pose
 from airtact.printing import one_line
-from airtact.sensing.echo_model import EchoModel, Motion, Received, array_waves, motion_of
-from airtact.sensing.echoes import Echoes, check_elements, check_not_clipped
-from airtact.sensing.gauss_newton import Iterate, Squares, Step, descend
+from airtact.sensing.echo_model import EchoModel, Received, further_motion, motion_of
+from airtact.sensing.echoes import Echoes, Receivers, check_elements, check_not_clipped
 from airtact.sensing.scattering import (
     ScatteringFamily,
     ScatteringMatrix,
@@ -38,38 +39,12 @@ MAX_MISFIT = 0.1
 SPARE_ORDERS = 9
 """Orders above those of the bodies that a translation by a few millimetres mixes into them."""
 
+Unknowns = Float64[np.ndarray, "unknowns"]
+"""Twist of the bodies from the start [m], [rad], and the opening of a family less its start."""
 
-@dataclass(frozen=True)
-class Settings:
-    """Search for a pose, tuned together on pinches 2 to 5 mm and 3 to 8 degrees off the start.
+Squares = Float64[np.ndarray, "unknowns unknowns"]
 
-    Attributes
-    ----------
-    shift, turn : largest translation [m] and turn [rad] of other starts.
-    starts, followed, compared : other starts that are tried, those from which steps are taken, and
-        the best poses that are compared by all receivers.
-    receivers, transmissions : used for the first steps and to compare starts.
-    settled : length of a step at which a pose is settled [m].
-    kept : length of a step after which derivatives, which change by a few per cent, are kept [m].
-    """
-
-    shift: float = 6e-3
-    turn: float = float(np.radians(9.0))
-    starts: int = 128
-    followed: int = 16
-    compared: int = 2
-    receivers: int = 160
-    transmissions: int = 8
-    steps: int = 25
-    settled: float = 1e-7
-    kept: float = 3e-5
-
-
-SETTINGS = Settings()
-
-ALL = slice(None)
-
-Derivatives = Complex[np.ndarray, "unknowns receivers transmissions"]
+NONE = np.zeros(0, dtype=np.int64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,40 +173,39 @@ def locate(
         solver = solver or BoundaryElement(accuracy=0.005, estimate=False)
         scattering = scattering or scattering_matrix(solver, scene)
         check_own(scattering, scene)
-        _ = scattering.patterns  # computed once, as every pose that is tried uses them
-    waves = array_waves(scattering, seen, scattering.order + SPARE_ORDERS, single=True)
     model = EchoModel.of(
-        scattering, waves, np.asarray(echoes.codes), echoes.receiving, echoes.valid
+        scattering, seen, np.asarray(echoes.codes), echoes.receiving, echoes.valid, SPARE_ORDERS
     )
-    measured = np.asarray(echoes.pressures).astype(np.complex64)
-    fit = _Fit(model, measured, echoes.noise or 0.0, family)
+    fit = _Fit(model, np.asarray(echoes.pressures), echoes.noise or 0.0, family)
     best = fit.best()
     # Receivers that fit nothing would spoil the pose: the last steps are taken without them.
     missing = fit.missing(best)
-    rows = np.setdiff1d(np.arange(len(measured)), missing)
+    rows = np.setdiff1d(np.arange(len(fit.measured)), missing)
     if len(missing):
-        fit = fit.part(rows, measured.shape[1])
-        best = fit.follow(best.motion, best.opening, best.steps)
+        fit = fit.part(rows, fit.measured.shape[1])
+        best = fit.follow(best.x)
     centre = scattering.centre
-    turn = best.motion[:3, :3]
-    pose = start @ Pose(turn, centre - turn @ centre + best.motion[:3, 3])
-    assert best.derivatives is not None  # the last step has them
-    information = information_of(best.derivatives)
+    motion = motion_of(best.x[:6])
+    pose = start @ Pose(motion.rotation, centre - motion.rotation @ centre + motion.translation)
+    opening = None
+    # Interpolation and waves that are left out make derivatives by the opening less exact.
     smallest = 1e-3
     inside = True
-    if family is not None and best.opening is not None:
-        # The derivative by the opening lacks the waves that the matrices leave out, and is off by
-        # more than the interpolated matrix is.
+    if family is not None:
+        opening = family.start + float(best.x[6])
         smallest = max(5e-3, 10.0 * family.error)
-        inside = family.low < best.opening < family.high
+        inside = family.low < opening < family.high
+    derivatives = fit.derivatives(best.x)
+    information = derivatives.T @ derivatives
     _check_determined(information, fit.units, smallest, pose, *fit.measured.shape)
     to_array = np.eye(len(information))
     to_array[:6, :6] = np.kron(np.eye(2), pose.rotation)
     inverse = np.linalg.inv(information)
     unit = to_array @ inverse @ to_array.T / 2.0
-    variance = best.cost / max(np.count_nonzero(fit.measured) - len(information) / 2, 1)
+    cost = 2.0 * best.cost
+    variance = cost / max(np.count_nonzero(fit.measured) - len(information) / 2, 1)
     places = array.positions[echoes.receiving[rows]]
-    variance *= max(1.0, disagreement(best.derivatives, best.residual, inverse, places))
+    variance *= max(1.0, disagreement(derivatives, best.fun, inverse, places))
     misfit = fit.misfit(best)
     # A wrong shape leaves a residual of few degrees of freedom, however many pressures there are:
     # about 8 (two fingers' ends and radii, less the six of a pose). The pose has taken up about as
@@ -242,28 +216,14 @@ def locate(
         pose=pose,
         covariance=(variance + of_shape) * unit,
         bound=(fit.noise**2 if fit.noise else np.nan) * unit,
-        residual=float(np.sqrt(best.cost / power(fit.measured))),
+        residual=float(np.sqrt(cost / power(fit.measured))),
         misfit=misfit,
-        converged=bool(best.settled and misfit <= MAX_MISFIT and inside),
-        steps=best.steps,
+        converged=bool(best.success and misfit <= MAX_MISFIT and inside),
+        steps=best.njev,
         centre=pose.apply(centre[None])[0],
         left_out=echoes.receiving[missing],
-        opening=best.opening,
+        opening=opening,
     )
-
-
-@dataclass(frozen=True, eq=False)
-class _Estimate(Iterate):
-    """A motion from the start, the opening, and what both leave unexplained.
-
-    The derivatives of the echoes, per metre, radian and unit of the opening, may be those of an
-    estimate within ``Settings.kept``.
-    """
-
-    motion: Motion
-    residual: Received
-    opening: float | None
-    derivatives: Derivatives | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -275,123 +235,115 @@ class _Fit:
     noise: float
     family: ScatteringFamily | None = None
 
-    def best(self) -> _Estimate:
+    def best(self) -> OptimizeResult:
         """Follow the start, and other starts if it fails, by few receivers and then by all."""
         receivers, transmissions = self.measured.shape
-        chosen = np.random.default_rng(0).permutation(receivers)[: SETTINGS.receivers]
-        few = self.part(np.sort(chosen), min(transmissions, SETTINGS.transmissions))
-        start = few.follow(np.eye(4), None if self.family is None else self.family.start)
+        chosen = np.random.default_rng(0).permutation(receivers)[:160]
+        few = self.part(np.sort(chosen), min(transmissions, 8))
+        start = few.follow(np.zeros(len(self.units)), 1e-3)
         if few.explained(start):
-            pose = self.follow(start.motion, start.opening, start.steps)
+            pose = self.follow(start.x)
             if self.explained(pose):
                 return pose
         tried = sorted([start, *few.other_starts()], key=lambda pose: pose.cost)
-        poses = [
-            self.follow(pose.motion, pose.opening, pose.steps)
-            for pose in tried[: SETTINGS.compared]
-        ]
-        return min(poses, key=lambda pose: pose.cost)
+        ends = []
+        for pose in tried[:2]:
+            ends.append(self.follow(pose.x))
+            if self.explained(ends[-1]):
+                break
+        return min(ends, key=lambda pose: pose.cost)
 
-    def at(self, motion: Motion, opening: float | None, derivatives: bool = False) -> _Estimate:
-        """Return what a pose and an opening leave unexplained, with the derivatives if wanted."""
-        family = self.family
+    def residual(self, unknowns: Unknowns) -> Float64[np.ndarray, "parts"]:
+        """Real and imaginary parts of modelled less measured echoes [Pa]."""
         model = self.model
-        if family is not None and opening is not None:
-            model = replace(model, scattering=family.at(opening))
-        if not derivatives:
-            residual = model.echoes(motion) - self.measured
-            return _Estimate(motion, residual, opening, None, cost=power(residual))
-        echoes = model.with_derivatives(motion)
-        residual = echoes[0] - self.measured
-        by = echoes[1:]
-        if family is not None and opening is not None:
-            changed = replace(model, scattering=family.derivative(opening))
-            by = np.concatenate([by, changed.echoes(motion)[None]])
-        return _Estimate(motion, residual, opening, by, cost=power(residual))
+        if self.family is not None:
+            model = replace(model, scattering=self.family.at(self.family.start + unknowns[6]))
+        return _parts(model.echoes(unknowns[:6]) - self.measured)
 
-    def follow(self, motion: Motion, opening: float | None, steps: int = 0) -> _Estimate:
-        """Take damped Gauss-Newton steps from a pose and an opening until they settle."""
-        units = self.units
+    def derivatives(self, unknowns: Unknowns) -> Float64[np.ndarray, "parts unknowns"]:
+        """Return those of the residual by a further motion [Pa/m], [Pa/rad] and by the opening."""
+        twist = unknowns[:6]
+        if self.family is None:
+            by = self.model.derivatives(twist)
+        else:
+            opening = self.family.start + float(unknowns[6])
+            model = replace(self.model, scattering=self.family.at(opening))
+            changed = replace(self.model, scattering=self.family.derivative(opening))
+            by = np.concatenate([model.derivatives(twist), changed.echoes(twist)[None]])
+        return np.stack([_parts(part) for part in by], axis=1)
 
-        def equations(here: _Estimate) -> tuple[Squares, Step, Step]:
-            by = here.derivatives
-            assert by is not None  # of the start, and handed on by ``move``
-            squares = units[:, None] * information_of(by) * units
-            slope = units * np.real(by.reshape(len(by), -1).conj() @ here.residual.reshape(-1))
-            return squares, slope, np.diag(squares) + 1e-12 * squares.max()
+    def follow(self, unknowns: Unknowns, flat: float = 1e-7) -> OptimizeResult:
+        """Minimise the residual from a pose and an opening; end at steps that gain a share less."""
 
-        def move(here: _Estimate, step: Step) -> _Estimate:
-            length = float(np.linalg.norm(step))
-            if length < SETTINGS.settled:
-                return here  # not worth its evaluation
-            step = step * units
-            opening = here.opening
-            if self.family is not None and opening is not None:
-                opening = float(np.clip(opening + step[6], self.family.low, self.family.high))
-            motion = here.motion @ motion_of(step[:6])
-            # Derivatives cost seven times the echoes, and hardly change over a short step.
-            derive = length > SETTINGS.kept
-            moved = self.at(motion, opening, derive)
-            return moved if derive else replace(moved, derivatives=here.derivatives)
+        def jacobian(unknowns: Unknowns) -> Float64[np.ndarray, "parts unknowns"]:
+            by = self.derivatives(unknowns)
+            by[:, :6] = by[:, :6] @ further_motion(unknowns[:6])
+            return by
 
-        return descend(
-            replace(self.at(motion, opening, True), steps=steps),
-            equations,
-            move,
-            steps=SETTINGS.steps,
-            settled=SETTINGS.settled,
-            flat=1e-7,
+        return least_squares(
+            self.residual,
+            unknowns,
+            jacobian,  # pyright: ignore[reportArgumentType]
+            method="lm",
+            x_scale=self.units,
+            ftol=flat,
+            xtol=1e-5,
+            max_nfev=30,
         )
 
     @property
-    def units(self) -> Step:
-        """Factors from steps in metres to metres, radians and units of the opening."""
+    def units(self) -> Unknowns:
+        """Metres, radians and units of the opening of about the same effect."""
         of_opening = [] if self.family is None else [1.0 / self.family.effect]
         return np.array([1.0] * 3 + [1.0 / self.model.scattering.radius] * 3 + of_opening)
 
-    def other_starts(self) -> Iterator[_Estimate]:
+    def other_starts(self) -> Iterator[OptimizeResult]:
         """Follow other starts, in order of their cost, until one explains the echoes."""
-        family = self.family
-        random = qmc.Sobol(6 if family is None else 7, rng=0).random(4 * SETTINGS.starts)
-        starts = 2.0 * random - 1.0
-        # Those within the unit balls of translation and turn: four in a cube leave enough.
+        reach = np.repeat([6e-3, np.radians(9.0)], 3)
+        middle = np.zeros(6)
+        if self.family is not None:
+            span = self.family.high - self.family.low
+            reach = np.append(reach, 0.5 * span)
+            middle = np.append(middle, self.family.low + 0.5 * span - self.family.start)
+        starts = 2.0 * qmc.Sobol(len(reach), rng=0).random(512) - 1.0
+        # 128 of those within the unit balls of translation and turn: four in a cube leave enough.
         lengths = np.linalg.norm(starts[:, :6].reshape(-1, 2, 3), axis=2).max(axis=1)
-        reach = np.repeat([SETTINGS.shift, SETTINGS.turn], 3)
-        tried = []
-        for start in starts[lengths <= 1.0][: SETTINGS.starts]:
-            opening = None
-            if family is not None:
-                opening = 0.5 * (family.low + family.high + start[6] * (family.high - family.low))
-            tried.append(self.at(motion_of(reach * start[:6]), opening))
-        for start in sorted(tried, key=lambda start: start.cost)[: SETTINGS.followed]:
-            pose = self.follow(start.motion, start.opening)
+        tried = middle + reach * starts[lengths <= 1.0][:128]
+        for start in sorted(tried, key=lambda start: power(self.residual(start)))[:16]:
+            pose = self.follow(start, 1e-3)
             yield pose
             if self.explained(pose):
                 return
 
-    def part(self, receivers: Int64[np.ndarray, "chosen"], transmissions: int) -> "_Fit":
+    def part(self, receivers: Receivers, transmissions: int) -> "_Fit":
         """Return the fit of some receivers and the first transmissions."""
         measured = self.measured[receivers, :transmissions]
         return _Fit(self.model.part(receivers, transmissions), measured, self.noise, self.family)
 
-    def misfit(self, pose: _Estimate, rows: slice | Int64[np.ndarray, "rows"] = ALL) -> float:
+    def left(self, pose: OptimizeResult) -> Received:
+        """Residual of a pose [Pa]."""
+        return pose.fun.view(np.complex128).reshape(self.measured.shape)
+
+    def misfit(
+        self, pose: OptimizeResult, without: Int64[np.ndarray, "rows"] | None = None
+    ) -> float:
         """Rms of the residual beyond noise over that of the echoes beyond noise."""
+        rows = np.delete(np.arange(len(self.measured)), [] if without is None else without)
         measured = self.measured[rows]
         of_noise = self.noise**2 * np.count_nonzero(measured)  # those that are not valid are 0
         of_echoes = max(power(measured) - of_noise, 1e-300)
-        return float(np.sqrt(max(power(pose.residual[rows]) - of_noise, 0.0) / of_echoes))
+        return float(np.sqrt(max(power(self.left(pose)[rows]) - of_noise, 0.0) / of_echoes))
 
-    def explained(self, pose: _Estimate) -> bool:
+    def explained(self, pose: OptimizeResult) -> bool:
         """Whether a pose is to be believed; receivers that fit nothing do not count."""
-        missing = self.missing(pose)
-        rows = np.setdiff1d(np.arange(len(self.measured)), missing) if len(missing) else ALL
-        return self.misfit(pose, rows) <= MAX_MISFIT
+        return self.misfit(pose, self.missing(pose)) <= MAX_MISFIT
 
-    def missing(self, pose: _Estimate) -> Int64[np.ndarray, "missing"]:
+    def missing(self, pose: OptimizeResult) -> Receivers:
         """Rows of receivers that fit nothing while most do: at most one in five."""
+        left = self.left(pose)
         residual, measured, expected = (
             np.sqrt(np.mean(np.abs(pressures) ** 2, axis=1))
-            for pressures in (pose.residual, self.measured, pose.residual + self.measured)
+            for pressures in (left, self.measured, left + self.measured)
         )
         bad = (residual > 5.0 * np.median(residual)) & (
             residual > 0.5 * np.maximum(measured, expected)
@@ -399,9 +351,14 @@ class _Fit:
         return np.flatnonzero(bad & (np.mean(bad) <= 0.2))
 
 
+def _parts(pressures: Received) -> Float64[np.ndarray, "parts"]:
+    """Real and imaginary parts, one after the other."""
+    return pressures.astype(np.complex128, order="C").reshape(-1).view(np.float64)
+
+
 def _check_determined(
     information: Squares,
-    units: Step,
+    units: Unknowns,
     smallest: float,
     pose: Pose,
     receivers: int,
@@ -449,6 +406,12 @@ def _checked_array(echoes: Echoes, scene: Scene, array: PhasedArray, start: Pose
     pressures = np.asarray(echoes.pressures)
     if echoes.valid is not None:
         pressures = pressures[np.asarray(echoes.valid)]
+    if pressures.size < 4:  # of two numbers each, for seven unknowns
+        raise InvalidInput(
+            f"{counted(pressures.size, 'pressure does', 'pressures do')} not determine the pose; "
+            "give four or more.",
+            code="pose_not_found",
+        )
     rms = float(np.sqrt(np.mean(np.abs(pressures) ** 2)))
     if rms == 0.0 or (echoes.noise is not None and rms < 1.05 * echoes.noise):
         raise InvalidInput(
@@ -462,23 +425,14 @@ def _checked_array(echoes: Echoes, scene: Scene, array: PhasedArray, start: Pose
     return seen
 
 
-def power(pressures: Received) -> float:
+def power(pressures: Num[np.ndarray, "..."]) -> float:
     """Sum of squares [Pa²]."""
-    return float(np.sum(np.abs(pressures) ** 2, dtype=np.float64))
-
-
-def information_of(
-    by: Derivatives,
-) -> Squares:
-    """Real part of the products of derivatives."""
-    # As real numbers: half the work of the complex product, whose imaginary part is not needed.
-    parts = np.ascontiguousarray(by).reshape(len(by), -1).view(np.real(by).dtype)
-    return (parts @ parts.T).astype(np.float64)
+    return float(np.sum(np.abs(pressures) ** 2))
 
 
 def disagreement(
-    by: Derivatives,
-    residual: Received,
+    derivatives: Float64[np.ndarray, "parts unknowns"],
+    residual: Float64[np.ndarray, "parts"],
     inverse: Squares,
     places: Float64[np.ndarray, "receivers 3"],
 ) -> float:
@@ -494,10 +448,11 @@ def disagreement(
         return 1.0
     # 16 groups of at least 4 receivers: fewer say little of the variance, smaller ones are alike.
     groups = kmeans2(places, count, rng=0, minit="++")[1]
-    scores = np.real(by.conj() * residual).sum(axis=2, dtype=np.float64)
-    summed = np.stack([np.bincount(groups, score, count) for score in scores])
-    mean = power(residual) / max(np.count_nonzero(residual), 1) / 2.0
-    return float(np.sum(summed * (inverse @ summed))) * count / (count - 1) / (mean * len(by))
+    scores = derivatives * residual[:, None]
+    scores = scores.reshape(len(places), -1, len(inverse)).sum(axis=1)
+    summed = np.stack([np.bincount(groups, score, count) for score in scores.T])
+    mean = power(residual) / max(np.count_nonzero(residual), 1)
+    return float(np.sum(summed * (inverse @ summed))) * count / (count - 1) / (mean * len(inverse))
 
 
 def unexplained(
@@ -534,8 +489,9 @@ def unexplained(
     True
     """
     check_elements(echoes, array, "echoes")
-    waves = array_waves(scattering, array.seen_from(pose), scattering.order)
-    expected = waves.echo(scattering, np.asarray(echoes.codes))[echoes.receiving]
+    expected = EchoModel.of(
+        scattering, array.seen_from(pose), np.asarray(echoes.codes), echoes.receiving
+    ).echoes()
     pressures = np.asarray(echoes.pressures)
     received = np.ones(pressures.shape, bool) if echoes.valid is None else np.asarray(echoes.valid)
     squares = np.sum(np.abs(np.where(received, pressures - expected, 0.0)) ** 2, axis=1)

@@ -14,18 +14,16 @@ from functools import cached_property
 
 import numpy as np
 import scipy.linalg
-from jaxtyping import Complex64, Complex128, Float32, Float64
+from jaxtyping import Complex64, Complex128, Float64
 from numpy.polynomial import chebyshev
 
 from airtact.acoustics.scene import Scene, check_no_planes
 from airtact.acoustics.solvers.problem import Solver, SolveReport
 from airtact.acoustics.solvers.spherical.multipole_field import ball_of
 from airtact.acoustics.sources import Monopoles
-from airtact.errors import InvalidInput, number, of_kind, within
-from airtact.geometry.mesh.quadratic_triangles import panel_areas, points_at, unit
+from airtact.errors import InvalidInput, of_kind, within
 from airtact.printing import one_line
 from airtact.sensing.waves import (
-    Waves,
     along_motions,
     harmonics,
     mixed,
@@ -72,55 +70,6 @@ class ScatteringMatrix:
             f"asymmetry {100 * self.asymmetry:.2g} %",
         )
 
-    def scatter(self, regular: Waves) -> Waves:
-        """Waves (W, S) that the bodies radiate for regular ones (W, S), in single precision.
-
-        Few patterns of the waves reach the bodies where these fill little of their ball, which
-        halves the work.
-        """
-        # Looked up, not computed: finding the patterns does not pay for a matrix that serves once.
-        patterns = self.__dict__.get("patterns")
-        if patterns is None:
-            return self.single @ regular
-        basis, among = patterns
-        inside = mixed(basis.T, regular)
-        return mixed(basis, among @ inside if among.shape[1] > 1 else among * inside)
-
-    @cached_property
-    def patterns(
-        self,
-    ) -> (
-        tuple[Float32[np.ndarray, "waves patterns"], Complex64[np.ndarray, "patterns others"]]
-        | None
-    ):
-        """Orthonormal real patterns of waves and the matrix among them; None if they save no work.
-
-        Bodies and air that absorb nothing make each of their patterns into itself, times a number:
-        the matrix has real orthogonal eigenvectors (R. J. Garbacz, R. H. Turpin, IEEE Trans.
-        Antennas Propag. 19 (1971) 348), most of them with an eigenvalue of about 0. The others
-        (patterns, 1) are given then. ``locate`` asks for them, which takes some tenths of a second.
-        ``scatter`` uses them once they are found.
-        """
-        # Real patterns must suit both parts of the matrix, so both are stacked.
-        parts = np.concatenate([np.real(self.single), np.imag(self.single)])
-        squares, patterns = scipy.linalg.eigh(parts.T @ parts, overwrite_a=True, check_finite=False)
-        left_out = np.cumsum(np.maximum(squares, 0.0), dtype=np.float64)
-        count = len(squares)
-        # Up to 3e-4 of the matrix (Frobenius) is left out, far below a solver's error.
-        rank = count - int(np.searchsorted(left_out, 3e-4**2 * left_out[-1]))
-        if rank * (count + rank) > count**2:
-            return None  # two products with the basis cost more than one with the matrix
-        basis = np.ascontiguousarray(patterns[:, -rank:])
-        among = mixed(basis.T, mixed(basis.T, self.single).T)
-        turn = _eigenvectors(among.astype(np.complex128)).astype(np.float32)
-        diagonal = mixed(turn.T, mixed(turn.T, among).T)
-        eigenvalues = np.diag(diagonal)[:, None]
-        off_diagonal = diagonal - np.diag(eigenvalues[:, 0])
-        # A larger rest is absorption and not a solver's error: no such eigenvectors exist.
-        if np.linalg.norm(off_diagonal) > 1e-3 * np.linalg.norm(diagonal):
-            return basis, among
-        return basis @ turn, eigenvalues.copy()
-
     @cached_property
     def single(self) -> Complex64[np.ndarray, "waves waves"]:
         """(W, W) the matrix in single precision."""
@@ -130,32 +79,6 @@ class ScatteringMatrix:
     def order(self) -> int:
         """Highest order n of the waves."""
         return order_of(self.matrix)
-
-    @property
-    def lost_power(self) -> float:
-        """Relative deviation of I + 2T from a unitary matrix; 0 without absorption.
-
-        The waves are weighted alike, so that waves that hardly reach the bodies count little.
-        """
-        off = self.matrix.conj().T @ self.matrix + 0.5 * (self.matrix + self.matrix.conj().T)
-        return float(np.linalg.norm(off) / np.linalg.norm(self.matrix))
-
-
-def _eigenvectors(
-    among: Complex128[np.ndarray, "patterns patterns"],
-) -> Float64[np.ndarray, "patterns patterns"]:
-    """Real eigenvectors of the matrix nearest to one that absorbs nothing.
-
-    1 + 2T is unitary then. One step of Newton and Schulz makes it that much more, which squares
-    what a solver's error is off (N. J. Higham, Functions of Matrices, 2008, section 8.3); real and
-    imaginary part have the same eigenvectors.
-    """
-    identity = np.eye(len(among))
-    unitary = identity + 2.0 * among
-    unitary = unitary @ (1.5 * identity - 0.5 * unitary.conj().T @ unitary)
-    # An irrational share, so that different eigenvalues make different sums.
-    mixture = unitary.real + 0.618 * unitary.imag
-    return scipy.linalg.eigh(0.5 * (mixture + mixture.T), overwrite_a=True, check_finite=False)[1]
 
 
 def scattering_matrix(
@@ -318,24 +241,19 @@ def reaching_patterns(
 
 
 def _points_of(scene: Scene) -> Float64[np.ndarray, "points 3"]:
-    """Points at random, evenly on the surfaces, and as many under them [m]."""
+    """Points at random, evenly on the triangles of the surfaces, and as many under them [m]."""
     random = np.random.default_rng(0)
-    curved = np.concatenate(
-        [
-            np.concatenate([surface.corners, surface.shape.edge_middles(surface.corners)], axis=1)
-            for surface in (body.surface for body in scene.obstacles)
-        ]
-    )
-    areas = np.cumsum(panel_areas(curved))
-    count = int(np.ceil(30 * areas[-1] / scene.wavelength**2))  # 30 per square wavelength
+    corners = np.concatenate([body.surface.corners for body in scene.obstacles])
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = np.linalg.norm(normals, axis=1) / 2.0
+    count = int(np.ceil(30 * areas.sum() / scene.wavelength**2))  # 30 per square wavelength
     # Stratified: one point in each equal share of the area.
-    levels = (np.arange(count) + random.random(count)) / count * areas[-1]
-    chosen = np.minimum(np.searchsorted(areas, levels, side="right"), len(areas) - 1)
-    places = random.random((count, 2))
-    # Points beyond the diagonal of the unit square are mirrored into the triangle.
-    places = np.where(places.sum(axis=1, keepdims=True) > 1.0, 1.0 - places, places)
-    points, normals = points_at(curved[chosen], places)
-    return np.concatenate([points, points - 0.2 * scene.wavelength * unit(normals)])
+    levels = (np.arange(count) + random.random(count)) / count * areas.sum()
+    chosen = np.minimum(np.searchsorted(np.cumsum(areas), levels), len(areas) - 1)
+    shares = random.dirichlet(np.ones(3), count)
+    points = np.einsum("pc,pci->pi", shares, corners[chosen])
+    inwards = -normals[chosen] / (2.0 * areas[chosen, None])
+    return np.concatenate([points, points + 0.2 * scene.wavelength * inwards])
 
 
 @dataclass(frozen=True, eq=False)
@@ -349,13 +267,11 @@ class ScatteringFamily:
 
     Attributes
     ----------
-    scene_of : makes the bodies for a value of the number.
     low, high : least and largest value.
     start : value from which ``locate`` starts.
     matrices : of the N values at which the bodies were solved, all about one centre.
     """
 
-    scene_of: Callable[[float], Scene]
     low: float
     high: float
     start: float
@@ -469,28 +385,18 @@ def scattering_family(
     True
     """
     of_kind(solver, Solver, "the solver", "one such as BoundaryElement()")
-    low = number(low, "an end of the range", "the number's unit")
-    high = number(high, "an end of the range", "the number's unit")
     middle = 0.5 * (low + high)
-    start = middle if start is None else number(start, "the start", "the number's unit")
-    if not -np.inf < low < high < np.inf or not low <= start <= high:
+    start = middle if start is None else start
+    if not -np.inf < low <= start <= high < np.inf or low == high or values not in range(3, 13):
         raise InvalidInput(
-            f"the range {low:g} to {high:g} with the start {start:g} is not valid; give low < high "
-            "and a start between them.",
-            code="out_of_range",
-        )
-    if not isinstance(values, int | np.integer) or not 3 <= values <= 12:
-        raise InvalidInput(
-            f"a family is solved for a whole number of values from 3 to 12, not {values!r}.",
+            f"{values!r} values in the range {low:g} to {high:g} with the start {start:g} are not "
+            "valid; give low < high, a start between them, and 3 to 12 values.",
             code="out_of_range",
         )
     chosen = middle + 0.5 * (high - low) * chebyshev.chebpts1(int(values))
     scenes = [scene_of(float(value)) for value in chosen]
     first = scenes[0]
     for scene in scenes:
-        of_kind(scene, Scene, "what scene_of makes", "Scene(medium, bodies)")
-        if not scene.obstacles:
-            raise InvalidInput("a scene of the family has no obstacles.", code="empty")
         if scene.wavenumber != first.wavenumber or len(scene.obstacles) != len(first.obstacles):
             raise InvalidInput(
                 f"scenes of one family have {len(first.obstacles)} and {len(scene.obstacles)} "
@@ -504,7 +410,7 @@ def scattering_family(
     radius = max(float(np.linalg.norm(middle - centre)) + size for middle, size in balls)
     ball = (centre, radius)
     matrices = tuple(scattering_matrix(solver, scene, accuracy, ball) for scene in scenes)
-    family = ScatteringFamily(scene_of, low, high, start, matrices)
+    family = ScatteringFamily(low, high, start, matrices)
     # Half the range, as the translation that changes the matrix as much.
     shift = 0.5 * (high - low) * family.effect
     if shift < 1e-7:

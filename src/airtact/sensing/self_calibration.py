@@ -4,14 +4,14 @@ Elements of boards that face each other receive each other's transmissions. From
 which codes such as Hadamard's separate, element r receives p_re = ρ_r τ_e T_re: T is the direct
 sound between elements of unit gain, τ are the gains by which elements emit and ρ those by which
 they receive, which differ by the electronics. For given positions the gains follow by solving
-for ρ and τ in turn. Motions of the boards and the sound speed follow by damped Gauss-Newton steps
-on what is left once all gains have adapted (variable projection: G. Golub and V. Pereyra, SIAM J.
-Numer. Anal. 10, 413, 1973), with exact derivatives.
+for ρ and τ in turn. Motions of the boards and the sound speed follow by Levenberg and Marquardt's
+steps on what is left once all gains have adapted (variable projection: G. Golub and V. Pereyra,
+SIAM J. Numer. Anal. 10, 413, 1973), with exact derivatives.
 
 Board 0 is held, as a motion of the whole array changes nothing. A factor that multiplies all ρ and
-divides all τ changes nothing either: both get the same geometric mean and mean phase (with two
-boards, in each direction separately). The scale of the array follows from the positions of
-elements on their boards, which are taken as exact.
+divides all τ changes nothing either: both get the same mean (with two boards, in each direction
+separately). The scale of the array follows from the positions of elements on their boards, which
+are taken as exact.
 """
 
 from dataclasses import dataclass, replace
@@ -21,6 +21,7 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Complex128, Float64, Int32, Int64
+from scipy.linalg import solve
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
@@ -29,8 +30,7 @@ from airtact.errors import InvalidInput, counted, of_kind
 from airtact.geometry.pose import Pose
 from airtact.printing import one_line
 from airtact.sensing.echoes import Echoes, check_elements, check_not_clipped
-from airtact.sensing.gauss_newton import Iterate, Squares, Step, descend
-from airtact.sensing.transmission import Pairs, Transmission, boards_of, facing, transmission
+from airtact.sensing.transmission import Pairs, boards_of, elements_of, facing, transmission
 from airtact.transducers.calibration import save_calibration
 from airtact.transducers.element import check_pattern
 from airtact.transducers.layout import PhasedArray, join
@@ -42,6 +42,8 @@ CountedPairs = Bool[np.ndarray, "elements elements"]
 """Whether a receiver and an emitter count."""
 
 Gains = Complex128[np.ndarray, "elements"]
+Step = Float64[np.ndarray, "unknowns"]
+Squares = Float64[np.ndarray, "unknowns unknowns"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +142,7 @@ class Calibrated:
 
 
 @dataclass(frozen=True, eq=False)
-class ArrayState(Iterate):
+class ArrayState:
     """Boards, wavenumber and gains, and how they fit.
 
     Attributes
@@ -148,36 +150,23 @@ class ArrayState(Iterate):
     boards : B boards, of unit gain.
     wavenumber : of the air [1/m].
     reception, emission : (E,) gains.
-    between : direct sound of each pair of boards (first, second), first < second.
+    slopes : of the direct sound of each pair of boards (first, second), first < second.
     model : (E, E) of unit gains, at the receivers from the emitters, 0 where pairs do not count
         [Pa].
+    cost : sum of the squares of the residual [Pa²].
+    steps : number of steps that led here.
+    settled : whether further steps change nothing.
     """
 
     boards: tuple[PhasedArray, ...]
     wavenumber: complex
     reception: Gains
     emission: Gains
-    between: dict[tuple[int, int], Transmission]
-    model: Pairs
-
-
-@dataclass(frozen=True, eq=False)
-class Information:
-    """Normal equations of the boards' motions and the wavenumber, once the gains have adapted.
-
-    Attributes
-    ----------
-    squares : (6 B − 5, 6 B − 5), in metres: turns times ``arm``, the wavenumber as metres of a
-        path.
-    slope : (6 B − 5,) half the slope of the cost.
-    units : (6 B − 5,) by which a step in metres becomes one in metres, radians and 1/m.
-    gain_variance : mean of the diagonal of the inverse of the gains' own equations, relative.
-    """
-
-    squares: Squares
-    slope: Step
-    units: Step
-    gain_variance: float
+    slopes: dict[tuple[int, int], Complex128[np.ndarray, "13 rows columns"]]
+    model: Complex128[np.ndarray, "elements elements"]
+    cost: float
+    steps: int = 0
+    settled: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,12 +201,7 @@ class ArrayFit:
         chosen = [np.sort(random.permutation(size)[:48]) for _ in boards]
         rows = np.concatenate([size * board + each for board, each in enumerate(chosen)])
         few = ArrayFit(self.measured[np.ix_(rows, rows)], self.counted[np.ix_(rows, rows)])
-        parts = [
-            PhasedArray(
-                board.positions[rows], board.normals[rows], board.element, board.tangents[rows]
-            )
-            for board, rows in zip(boards, chosen, strict=True)
-        ]
+        parts = [elements_of(*board) for board in zip(boards, chosen, strict=True)]
         power = float(np.sum(np.abs(few.measured) ** 2))
         spread = np.repeat([1.2e-3, 0.012], 3)  # standard deviations of boards [m] and angles [rad]
         best = None
@@ -239,22 +223,34 @@ class ArrayFit:
         return self.follow(start, best.wavenumber)
 
     def follow(self, boards: tuple[PhasedArray, ...], wavenumber: complex) -> ArrayState:
-        """Take damped Gauss-Newton steps from where the boards are believed to be."""
-
-        def equations(here: ArrayState) -> tuple[Squares, Step, Step]:
-            information = self.information(here)
-            return information.squares, information.slope, np.diag(information.squares)
-
-        def move(here: ArrayState, step: Step) -> ArrayState:
-            step = step * _units(here.boards, here.wavenumber)
-            motions = step[:-1].reshape(-1, 6)
-            moving = [moved(*board) for board in zip(here.boards[1:], motions, strict=True)]
-            boards = (here.boards[0], *moving)
-            return self._state(boards, here.wavenumber + step[-1], here.reception, here.emission)
-
+        """Take damped steps from where the boards are believed to be until they settle."""
         ones = np.ones(len(self.measured), dtype=np.complex128)
-        start = self._state(boards, wavenumber, ones, ones)
-        return descend(start, equations, move, steps=30, settled=1e-8, flat=1e-8)
+        here = self._state(boards, wavenumber, ones, ones)
+        units = _units(boards, wavenumber)
+        damping = 1e-3
+        for count in range(1, 31):
+            squares, slope = self.equations(here, units)
+            while True:
+                step = -np.linalg.solve(squares + damping * np.diag(np.diag(squares)), slope)
+                motions = (step * units)[:-1].reshape(-1, 6)
+                moving = [moved(*board) for board in zip(here.boards[1:], motions, strict=True)]
+                tried = self._state(
+                    (boards[0], *moving),
+                    here.wavenumber + step[-1] * units[-1],
+                    here.reception,
+                    here.emission,
+                )
+                settled = bool(np.linalg.norm(step) < 1e-8 or damping > 1e6)
+                if tried.cost < here.cost or settled:
+                    break
+                damping *= 6.0
+            settled = settled or tried.cost > (1.0 - 1e-8) * here.cost
+            here = replace(tried if tried.cost < here.cost else here, steps=count, settled=settled)
+            if settled:
+                break
+            # A step that worked is followed by one that is nearer to plain Gauss-Newton.
+            damping *= 0.2
+        return here
 
     def _state(
         self,
@@ -266,19 +262,20 @@ class ArrayFit:
         """Fit the gains to boards and wavenumber, from gains nearby."""
         size = len(boards[0])
         model = np.zeros_like(self.measured)
-        between = {}
+        slopes = {}
         for first, second in combinations(range(len(boards)), 2):
             rows = _elements(first, size)
             columns = _elements(second, size)
             if self.counted[rows, columns].any() or self.counted[columns, rows].any():
-                direct = transmission(boards[first], boards[second], wavenumber)
-                between[first, second] = direct
-                model[rows, columns] = direct.pressures
-                model[columns, rows] = direct.pressures.T
+                direct, slopes[first, second] = transmission(
+                    boards[first], boards[second], wavenumber
+                )
+                model[rows, columns] = direct
+                model[columns, rows] = direct.T
         model *= self.counted
         reception, emission = self._gains(model, reception, emission)
         cost = float(np.sum(np.abs(reception[:, None] * emission * model - self.measured) ** 2))
-        return ArrayState(boards, wavenumber, reception, emission, between, model, cost=cost)
+        return ArrayState(boards, wavenumber, reception, emission, slopes, model, cost)
 
     def _gains(self, model: Pairs, reception: Gains, emission: Gains) -> tuple[Gains, Gains]:
         """Solve for the gains of receivers and emitters in turn; those that do not count stay."""
@@ -293,8 +290,11 @@ class ArrayFit:
                 break
         return reception, emission
 
-    def information(self, here: ArrayState) -> Information:
-        """Set up the normal equations with exact derivatives, and eliminate the gains."""
+    def equations(self, here: ArrayState, units: Step) -> tuple[Squares, Step]:
+        """Set up the normal equations, of which the gains are eliminated, and half the slope.
+
+        The unknowns are the motions of all boards but the first and the wavenumber, in ``units``.
+        """
         size = len(here.boards[0])
         elements = len(self.measured)
         unknowns = 6 * len(here.boards) + 1
@@ -303,14 +303,15 @@ class ArrayFit:
         residual = model - self.measured
         squares = np.zeros((unknowns, unknowns))
         slope = np.zeros(unknowns)
-        mixed = np.zeros((2, elements, unknowns), dtype=np.complex128)  # of reception, of emission
-        for (first, second), between in here.between.items():
+        # Of logarithms of the gains, reception before emission, with the unknowns and the residual.
+        mixed = np.zeros((2, elements, unknowns), dtype=np.complex128)
+        for (first, second), between in here.slopes.items():
             indices = np.r_[6 * first : 6 * first + 6, 6 * second : 6 * second + 6, unknowns - 1]
             pair = _elements(first, size), _elements(second, size)
             # Both directions have the same direct sound, by reciprocity.
             for (rows, columns), slopes in (
-                (pair, between.slopes),
-                (pair[::-1], between.slopes.transpose(0, 2, 1)),
+                (pair, between),
+                (pair[::-1], np.swapaxes(between, 1, 2)),
             ):
                 by = slopes * (gains[rows, columns] * self.counted[rows, columns])
                 flat = by.reshape(13, -1)
@@ -320,12 +321,32 @@ class ArrayFit:
                 mixed[0][rows][:, indices] += along.sum(axis=2).T
                 mixed[1][columns][:, indices] += along.sum(axis=1).T
         of_gains = np.concatenate([np.sum(model.conj() * residual, axis=axis) for axis in (1, 0)])
-        units = _units(here.boards, here.wavenumber)
         # The first six unknowns go: board 0 is held.
-        mixed = mixed.reshape(2 * elements, unknowns)[:, 6:] * units
-        squares = squares[6:, 6:] * np.outer(units, units)
-        slope = slope[6:] * units
-        return _reduced(squares, slope, mixed, of_gains, np.abs(model) ** 2, units, self.groups[1])
+        mixed = np.column_stack([mixed.reshape(2 * elements, unknowns)[:, 6:] * units, of_gains])
+        # Real parts belong to log magnitudes and imaginary ones to phases, with equal equations.
+        parts = np.concatenate([mixed.real, mixed.imag], axis=1)
+        solved = solve(self._gain_equations(np.abs(model) ** 2), parts, assume_a="pos")
+        both = parts.T @ solved
+        count = unknowns - 5
+        eliminated = both[:count, :count] + both[count:, count:]
+        squares = squares[6:, 6:] * np.outer(units, units) - eliminated[:-1, :-1]
+        return squares, slope[6:] * units - eliminated[:-1, -1]
+
+    def _gain_equations(
+        self, power: Float64[np.ndarray, "elements elements"]
+    ) -> Float64[np.ndarray, "gains gains"]:
+        """Set up those of log magnitudes, or phases, of all gains, reception before emission."""
+        diagonal = np.concatenate([power.sum(axis=1), power.sum(axis=0)])
+        typical = diagonal.mean()
+        squares = np.block([[np.zeros_like(power), power], [power.T, np.zeros_like(power)]])
+        squares += np.diag(np.where(diagonal > 0.0, diagonal, typical))
+        # They are singular: a factor may multiply what a group emits and divide what it receives.
+        groups = self.groups.reshape(-1)
+        signs = np.repeat([1.0, -1.0], len(power))
+        for group in np.unique(groups):
+            common = signs * (groups == group)
+            squares += np.outer(common, common) * typical / np.count_nonzero(common)
+        return squares
 
 
 def calibrate(
@@ -386,17 +407,20 @@ def calibrate(
     enough = 1.5 * (of_noise / power) + MAX_MISFIT**2
     best = fit.best(tuple(parts), medium.wavenumber(echoes.frequency), enough)
     misfit = float(np.sqrt(max(best.cost - of_noise, 0.0) / max(power - of_noise, 1e-300)))
-    equations = fit.information(best)
+    units = _units(best.boards, best.wavenumber)
+    squares, _ = fit.equations(best, units)
     # Each element takes two complex gains from the data.
     variance = best.cost / max(int(fit.counted.sum()) - 2 * len(array), 1) / 2.0
     converged = bool(best.settled and misfit <= MAX_MISFIT)
     if converged:
-        _check_determined(equations, variance, echoes)
-    covariance = variance * np.linalg.pinv(equations.squares, hermitian=True)
+        _check_determined(squares, variance, echoes)
+    covariance = variance * np.linalg.pinv(squares, hermitian=True)
     speed = 2 * np.pi * echoes.frequency / best.wavenumber.real
     # From metres to metres, radians, and the sound speed in place of the wavenumber.
-    scale = np.append(equations.units[:-1], -equations.units[-1] * speed / best.wavenumber.real)
+    scale = np.append(units[:-1], -units[-1] * speed / best.wavenumber.real)
     emission, reception = _same_mean(fit, best, dead)
+    # What each gain takes up by itself; the other unknowns hardly add to it.
+    emitted = np.sum(np.abs(best.reception[:, None] * best.emission * best.model) ** 2, axis=0)
     calibrated = join(best.boards).calibrated(emission)
     return Calibrated(
         array=calibrated,
@@ -405,7 +429,7 @@ def calibrate(
         emission=calibrated.gains,
         reception=reception,
         covariance=covariance * np.outer(scale, scale),
-        gain_deviation=float(np.sqrt(variance * equations.gain_variance)),
+        gain_deviation=float(np.sqrt(variance * np.mean(1.0 / emitted[emitted > 0.0]))),
         residual=float(np.sqrt(best.cost / power)),
         misfit=misfit,
         converged=converged,
@@ -497,9 +521,9 @@ def _check_linked(
         )
 
 
-def _check_determined(equations: Information, variance: float, echoes: Echoes) -> None:
+def _check_determined(squares: Squares, variance: float, echoes: Echoes) -> None:
     """Raise "pose_not_found" where a combination of unknowns is not determined."""
-    values, vectors = np.linalg.eigh(equations.squares)
+    values, vectors = np.linalg.eigh(squares)
     # A combination known to better than 1 mm is determined.
     if values[0] > 1e-12 * values[-1] and variance < values[0] * 1e-3**2:
         return
@@ -528,14 +552,7 @@ def _same_mean(
     for group in np.unique(fit.groups[1][emits]):
         emitters = emits & (fit.groups[1] == group)
         receivers = receives & (fit.groups[0] == group)
-        size, phase = (
-            mean(reception[receivers]) - mean(emission[emitters])
-            for mean in (
-                lambda gains: np.mean(np.log(np.abs(gains))),
-                lambda gains: np.angle(np.sum(gains)),
-            )
-        )
-        factor = np.exp(0.5 * size + 0.5j * phase)
+        factor = np.sqrt(reception[receivers].mean() / emission[emitters].mean())
         emission[emitters] *= factor
         reception[receivers] /= factor
     reception[~receives] = 1.0
@@ -543,45 +560,6 @@ def _same_mean(
     reception[dead] = 0.0
     reception.flags.writeable = False
     return emission, reception
-
-
-def _reduced(
-    squares: Squares,
-    slope: Step,
-    mixed: Complex128[np.ndarray, "gains unknowns"],
-    of_gains: Complex128[np.ndarray, "gains"],
-    power: Float64[np.ndarray, "elements elements"],
-    units: Step,
-    groups: Int32[np.ndarray, "elements"],
-) -> Information:
-    """Eliminate log magnitudes and phases of all gains, whose equations are the same and real."""
-    elements = len(power)
-    typical = power.sum() / elements
-    receiving = power.sum(axis=1)
-    emitting = power.sum(axis=0)
-    counts = emitting > 0.0
-    weight = 1.0 / np.where(receiving > 0.0, receiving, typical)
-    # Schur complement of the receivers, whose own block is diagonal.
-    schur = np.diag(np.where(counts, emitting, typical)) - (power.T * weight) @ power
-    # It is singular: a factor multiplies all that a group emits and divides all that it receives.
-    for group in np.unique(groups):
-        common = counts & (groups == group)
-        schur += np.outer(common, common) * typical / max(common.sum(), 1)
-    inverse = np.linalg.inv(schur)
-    spread = np.empty((elements, len(slope)))
-    # Real parts belong to log magnitudes, imaginary parts to phases.
-    for part, right in ((np.real(mixed), np.real(of_gains)), (np.imag(mixed), np.imag(of_gains))):
-        columns = np.column_stack([part, right])
-        of_emission = inverse @ (
-            columns[elements:] - power.T @ (weight[:, None] * columns[:elements])
-        )
-        of_reception = weight[:, None] * (columns[:elements] - power @ of_emission)
-        solved = part.T @ np.concatenate([of_reception, of_emission])
-        squares = squares - solved[:, :-1]
-        slope = slope - solved[:, -1]
-        spread = of_emission[:, :-1]
-    inner = np.sum((spread @ np.linalg.pinv(squares, hermitian=True)) * spread, axis=1)
-    return Information(squares, slope, units, float(np.mean((np.diag(inverse) + inner)[counts])))
 
 
 def motion_of(before: PhasedArray, after: PhasedArray) -> Pose:

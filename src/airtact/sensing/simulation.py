@@ -1,16 +1,15 @@
-"""Codes, and simulated echoes of coded transmissions with the faults of a measurement."""
+"""Codes, and simulated echoes of coded transmissions with noise."""
 
 import numpy as np
-from jaxtyping import Bool, Complex128, Float64, Integer, Num
+from jaxtyping import Complex128, Integer, Num
 from scipy.linalg import hadamard
-from scipy.spatial.distance import cdist
 
 from airtact.acoustics.scene import Scene, check_no_planes
 from airtact.acoustics.solvers.problem import Solver
 from airtact.acoustics.sources import Monopoles
 from airtact.errors import InvalidInput, between, check_seed, of_kind
-from airtact.sensing.echo_model import array_waves
-from airtact.sensing.echoes import Codes, Echoes, check_numbers
+from airtact.sensing.echo_model import EchoModel
+from airtact.sensing.echoes import Codes, Echoes
 from airtact.sensing.scattering import ScatteringMatrix, check_own
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_placement
@@ -115,12 +114,9 @@ def simulate_echoes(
     *,
     receivers: Integer[np.ndarray, "receivers"] | None = None,
     noise: float | None = None,
-    subtraction: float | None = None,
-    dead: Integer[np.ndarray, "dead"] | None = None,
-    ring_down: float | None = None,
     seed: int = 0,
 ) -> Echoes:
-    """Compute the echoes of coded transmissions, with the faults of a measurement.
+    """Compute the echoes of coded transmissions, with the noise of a measurement.
 
     An element receives the mean of the scattered pressure over its face, times its gain. The array
     reflects nothing.
@@ -134,20 +130,14 @@ def simulate_echoes(
     codes : (E, M), as of ``Echoes``.
     receivers : numbers of the elements that receive; all of them unless given.
     noise : rms of the echoes over that of added complex noise [dB]; none unless given.
-    subtraction : how far the sound that arrives directly from each other element is suppressed
-        [dB], the rest having a random phase; perfectly unless given.
-    dead : numbers of elements that receive noise only.
-    ring_down : time from the beginning of a transmission until an element that emits in it can
-        receive [s]: where its first echo comes sooner, the pressure is not ``Echoes.valid``. At
-        once unless given.
     seed : of the random numbers, 0 or more.
 
     Raises
     ------
     InvalidInput
         As ``Echoes`` and ``transfer_matrix``; "bodies_overlap"; "sizes_differ": codes of another
-        array; "does_not_match": the scattering matrix is of another scene; "out_of_range": noise,
-        subtraction, dead, ring_down or seed; "link_failed": all elements ring when the echoes come.
+        array; "does_not_match": the scattering matrix is of another scene; "out_of_range": noise or
+        seed.
 
     Examples
     --------
@@ -174,41 +164,13 @@ def simulate_echoes(
     receiving = checked.receiving
     if isinstance(made_by, ScatteringMatrix):
         check_own(made_by, scene)
-        pressures = array_waves(made_by, array, made_by.order).echo(made_by, drives)
+        pressures = EchoModel.of(made_by, array, drives, receiving).echoes()
     else:
-        pressures = _solved_echoes(made_by, scene, array, drives)
-    pressures = pressures[receiving]
-    valid = None
-    received = pressures
-    if ring_down is not None:
-        valid = _received_after(ring_down, scene, array, drives)[receiving]
-        received = pressures[valid]
-    rms = float(np.linalg.norm(received) / np.sqrt(max(received.size, 1)))
-    random = np.random.default_rng(seed)
-    if subtraction is not None:
-        rest = ratio_of(subtraction, "the subtraction of direct sound")
-        direct = rest * direct_sound(array, scene.wavenumber, drives)
-        pressures = pressures + direct[receiving] * normal_noise(random, pressures.shape)
-    if dead is not None:
-        check_numbers(np.asarray(dead), len(array), "the dead element")
-        pressures[np.isin(receiving, dead)] = 0.0
-    deviation = None if noise is None else rms * ratio_of(noise, "the noise")
-    pressures += (deviation or 0.0) * normal_noise(random, pressures.shape)
-    return Echoes(drives, pressures, receiving, scene.frequency, deviation, valid)
-
-
-def _received_after(
-    ring_down: float, scene: Scene, array: PhasedArray, codes: Codes
-) -> Bool[np.ndarray, "elements transmissions"]:
-    """Whether an element is silent in a transmission, or has rung down before its echo."""
-    slip = "is it in milliseconds? Give seconds."
-    ring_down = between(ring_down, 0.0, 1.0, "the ring-down", "s", slip)
-    # The path to the bodies and back is that to their nearest corner, from the nearest emitter.
-    corners = [body.surface.corners.reshape(-1, 3) for body in scene.obstacles]
-    away = cdist(array.positions, np.unique(np.concatenate(corners), axis=0))
-    emits = codes != 0
-    paths = [(away + away[emitting].min(axis=0)).min(axis=1) for emitting in emits.T]
-    return ~emits | (np.stack(paths, axis=1) >= ring_down * scene.medium.sound_speed)
+        pressures = _solved_echoes(made_by, scene, array, drives)[receiving]
+    deviation = None
+    if noise is not None:
+        pressures, deviation = noisy(pressures, noise, seed)
+    return Echoes(drives, pressures, receiving, scene.frequency, deviation)
 
 
 def _solved_echoes(solver: Solver, scene: Scene, array: PhasedArray, codes: Codes) -> Codes:
@@ -224,45 +186,12 @@ def _solved_echoes(solver: Solver, scene: Scene, array: PhasedArray, codes: Code
     return array.gains[:, None] * np.einsum("q,rqm->rm", weights, over_faces)
 
 
-def direct_sound(
-    array: PhasedArray, wavenumber: complex, codes: Codes
-) -> Float64[np.ndarray, "elements transmissions"]:
-    """Root of the summed squares of the pressures [Pa] that each element receives from all others.
-
-    In open air, each by its distance and the far patterns of both elements. An element with a front
-    neither emits nor receives behind its face; neighbours in the plane of its face count as at 90
-    degrees.
-    """
-    offsets = array.positions[:, None, :] - array.positions[None, :, :]
-    distance = np.linalg.norm(offsets, axis=-1)
-    np.fill_diagonal(distance, 1.0)
-    # Powers are summed, as the phases of what subtraction leaves are random.
-    power = np.exp(-2 * wavenumber.imag * distance) / distance**2
-    np.fill_diagonal(power, 0.0)
-    if array.element.directional:
-        angles = np.radians(np.arange(91.0))
-        along = np.stack([np.sin(angles), 0 * angles, np.cos(angles)], axis=1)
-        pattern = np.abs(array.element.far_pattern(along, wavenumber.real)) ** 2
-        # Emitters by their angle to the receiver, receivers by theirs to the emitter.
-        for cosine in (
-            np.einsum("red,ed->re", offsets, array.normals) / distance,
-            np.einsum("red,rd->re", -offsets, array.normals) / distance,
-        ):
-            towards = np.interp(cosine, np.cos(angles[::-1]), pattern[::-1])
-            power *= np.where(cosine < -1e-9, 0.0, towards)
-    gains = np.abs(array.gains) ** 2
-    power *= array.element.sensitivity**2 * gains[:, None] * gains
-    return np.sqrt(power @ np.abs(codes) ** 2)
-
-
-def ratio_of(decibels: float, name: str) -> float:
-    """Amplitude ratio of a disturbance to the echoes, from their distance in decibels."""
-    slip = "it is how far the echoes, or the direct sound, stand above the rest."
-    return 10.0 ** (-between(decibels, -300.0, 300.0, name, "dB", slip) / 20.0)
-
-
-def normal_noise(
-    random: np.random.Generator, shape: tuple[int, ...]
-) -> Complex128[np.ndarray, "receivers transmissions"]:
-    """Complex normal numbers of unit mean square."""
-    return (random.normal(size=shape) + 1j * random.normal(size=shape)) / np.sqrt(2.0)
+def noisy(
+    pressures: Num[np.ndarray, "receivers transmissions"], decibels: float, seed: int
+) -> tuple[Complex128[np.ndarray, "receivers transmissions"], float]:
+    """Add complex normal noise so far below the pressures [dB]; also return its rms [Pa]."""
+    decibels = between(decibels, -300.0, 300.0, "the noise", "dB", "it is echoes over noise.")
+    deviation = 10.0 ** (-decibels / 20.0) * float(np.sqrt(np.mean(np.abs(pressures) ** 2)))
+    random = np.random.default_rng(seed)
+    parts = random.normal(size=(2, *pressures.shape)) / np.sqrt(2.0)
+    return pressures + deviation * (parts[0] + 1j * parts[1]), deviation

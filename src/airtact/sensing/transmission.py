@@ -7,16 +7,15 @@ by t + ω × (x − m), so that every derivative is a sum of the gradients of e^
 face points.
 """
 
-from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from jaxtyping import Bool, Complex128, Num
+from jaxtyping import Bool, Complex128, Int64, Num
 
 from airtact.acoustics.medium import Medium
 from airtact.errors import InvalidInput, check_seed, complex_numbers, of_kind
 from airtact.sensing.echoes import Echoes
-from airtact.sensing.simulation import normal_noise, ratio_of
+from airtact.sensing.simulation import noisy
 from airtact.transducers.boards import kind_of_array
 from airtact.transducers.element import check_pattern
 from airtact.transducers.layout import PhasedArray
@@ -24,26 +23,17 @@ from airtact.transducers.layout import PhasedArray
 Pairs = Complex128[np.ndarray, "receivers emitters"]
 
 
-@dataclass(frozen=True, eq=False)
-class Transmission:
-    """Direct sound from the elements of one board to those of another.
-
-    Attributes
-    ----------
-    pressures : (R, E) at receiver r from emitter e, both of unit gain [Pa]; the same in the other
-        direction.
-    slopes : (13, R, E) derivatives by a translation of the receiving board [Pa/m] and a turn about
-        its middle [Pa/rad], by those of the emitting board, and by the wavenumber [Pa·m].
-    """
-
-    pressures: Pairs
-    slopes: Complex128[np.ndarray, "13 receivers emitters"]
-
-
 def transmission(
     receiving: PhasedArray, emitting: PhasedArray, wavenumber: complex
-) -> Transmission:
-    """Sum the direct sound over the faces of all elements of two boards, with its derivatives."""
+) -> tuple[Pairs, Complex128[np.ndarray, "13 receivers emitters"]]:
+    """Sum the direct sound over the faces of all elements of two boards, with its derivatives.
+
+    Returns
+    -------
+    Pressures (R, E) at receiver r from emitter e, both of unit gain [Pa], the same in the other
+    direction; and their derivatives (13, R, E) by a translation of the receiving board [Pa/m] and a
+    turn about its middle [Pa/rad], by those of the emitting board, and by the wavenumber [Pa·m].
+    """
     weights = receiving.element.weights
     faces = receiving.face_points
     sources = emitting.face_points.reshape(-1, 3)
@@ -78,7 +68,7 @@ def transmission(
                 moment = arms[..., y] * slope[..., z] - arms[..., z] * slope[..., y]
                 slopes[place + axis, block] = sign * _summed(slope[..., axis], count, emitters)
                 slopes[place + 3 + axis, block] = sign * _summed(moment, count, emitters)
-    return Transmission(pressures, slopes)
+    return pressures, slopes
 
 
 def _summed(pairs: Complex128[np.ndarray, "points sources"], count: int, emitters: int) -> Pairs:
@@ -119,15 +109,14 @@ def boards_of(array: PhasedArray, count: int | None = None) -> list[PhasedArray]
             f"its {len(array)} elements make {count} boards; give the number of boards.",
             code="unknown_name",
         )
-    return [
-        PhasedArray(positions, normals, array.element, tangents)
-        for positions, normals, tangents in zip(
-            np.split(array.positions, count),
-            np.split(array.normals, count),
-            np.split(array.tangents, count),
-            strict=True,
-        )
-    ]
+    return [elements_of(array, rows) for rows in np.split(np.arange(len(array)), count)]
+
+
+def elements_of(array: PhasedArray, rows: Int64[np.ndarray, "elements"]) -> PhasedArray:
+    """Return some elements of an array, of unit gain."""
+    return PhasedArray(
+        array.positions[rows], array.normals[rows], array.element, array.tangents[rows]
+    )
 
 
 def simulate_transmissions(
@@ -184,7 +173,7 @@ def simulate_transmissions(
     for first, second in combinations(range(len(parts)), 2):
         # The later board receives; the other direction follows by reciprocity.
         seen = facing(parts[second], parts[first], front, 0.0)
-        between = transmission(parts[second], parts[first], wavenumber).pressures * seen
+        between = transmission(parts[second], parts[first], wavenumber)[0] * seen
         rows = slice(second * size, (second + 1) * size)
         columns = slice(first * size, (first + 1) * size)
         pairs[rows, columns] = between
@@ -192,7 +181,5 @@ def simulate_transmissions(
     pressures = received[:, None] * (pairs @ (array.gains[:, None] * codes))
     deviation = None
     if noise is not None:
-        deviation = float(np.sqrt(np.mean(np.abs(pressures) ** 2))) * ratio_of(noise, "the noise")
-        random = np.random.default_rng(seed)
-        pressures = pressures + deviation * normal_noise(random, pressures.shape)
+        pressures, deviation = noisy(pressures, noise, seed)
     return Echoes(codes, pressures, None, frequency, deviation)

@@ -13,12 +13,12 @@ between waves: r × ∇ keeps n, and
 these.
 """
 
-from collections.abc import Iterator
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
-from jaxtyping import Complex, Complex128, Float, Float64, Int, Real, Shaped
-from scipy.sparse import csr_matrix, diags, lil_matrix
+from jaxtyping import Complex, Complex128, Float32, Float64, Int, Real, Shaped
+from scipy.sparse import csr_matrix
 from scipy.special import jv, spherical_jn
 
 from airtact import _kernels
@@ -37,27 +37,10 @@ def order_of(waves: Waves) -> int:
     return round(np.sqrt(len(waves))) - 1
 
 
-def orders_of_waves(order: int) -> Float64[np.ndarray, "waves"]:
-    """Order n of each wave, (waves,)."""
-    return np.repeat(np.arange(order + 1.0), 2 * np.arange(order + 1) + 1)
-
-
 def harmonics(
     order: int, offsets: Real[np.ndarray, "points 3"]
 ) -> Float64[np.ndarray, "waves points"]:
-    """Real harmonics (waves, P) in the directions of offsets (P, 3) from the centre."""
-    out = np.empty((wave_count(order), len(offsets)))
-    for n, (legendre, cosines, sines) in enumerate(_by_order(order, offsets)):
-        # Degrees 0 to n follow the middle of the order's waves, −n to −1 precede it.
-        np.multiply(legendre, cosines, out=out[n * n + n : (n + 1) ** 2])
-        np.multiply(legendre[:0:-1], sines, out=out[n * n : n * n + n])
-    return out
-
-
-def _by_order(
-    order: int, offsets: Real[np.ndarray, "points 3"], precision: type[np.floating] = np.float64
-) -> Iterator[tuple[Float[np.ndarray, "degrees points"], ...]]:
-    """Yield per order Legendre functions (n + 1, P), √2 cos mφ (0 to n), √2 sin mφ (n to 1).
+    """Real harmonics (waves, P) in the directions of offsets (P, 3) from the centre.
 
     The normalised Legendre functions follow from those of the two orders below, for all degrees m
     at once (DLMF 14.10.3): stable, as they grow with n.
@@ -65,10 +48,10 @@ def _by_order(
     x, y, z = (np.asarray(offsets, dtype=np.float64) / np.linalg.norm(offsets, axis=1)[:, None]).T
     sine = np.hypot(x, y)
     turn = np.arange(order + 1)[:, None] * np.arctan2(y, x)
-    cosines = (np.sqrt(2.0) * np.cos(turn)).astype(precision, copy=False)
-    sines = (np.sqrt(2.0) * np.sin(turn)).astype(precision, copy=False)
+    cosines = np.sqrt(2.0) * np.cos(turn)
     cosines[0] = 1.0
-    # Legendre functions stay in double precision, in which their recurrence runs.
+    sines = np.sqrt(2.0) * np.sin(turn)
+    out = np.empty((wave_count(order), len(offsets)))
     below = np.zeros((1, len(offsets)))
     legendre = np.full((1, len(offsets)), 1 / np.sqrt(4 * np.pi))
     for n in range(order + 1):
@@ -82,7 +65,10 @@ def _by_order(
             grown[n] = np.sqrt((2 * n + 1) / (2 * n)) * sine * legendre[n - 1]
             below = legendre
             legendre = grown
-        yield legendre.astype(precision, copy=False), cosines[: n + 1], sines[n:0:-1]
+        # Degrees 0 to n follow the middle of the order's waves, −n to −1 precede it.
+        np.multiply(legendre, cosines[: n + 1], out=out[n * n + n : (n + 1) ** 2])
+        np.multiply(legendre[:0:-1], sines[n:0:-1], out=out[n * n : n * n + n])
+    return out
 
 
 def outgoing_radial(
@@ -99,8 +85,8 @@ def outgoing_radial(
 
 
 def of_waves(
-    order: int, radial: Shaped[np.ndarray, "orders points"]
-) -> Shaped[np.ndarray, "waves points"]:
+    order: int, radial: Shaped[np.ndarray, "orders *points"]
+) -> Shaped[np.ndarray, "waves *points"]:
     """Repeat the row of each order for each of its waves."""
     return np.repeat(radial, 2 * np.arange(order + 1) + 1, axis=0)
 
@@ -134,67 +120,55 @@ def regular_waves(
     return of_waves(order, radial) * harmonics(order, offsets)
 
 
-def monopole_waves(
-    order: int,
-    offsets: Real[np.ndarray, "points 3"],
-    wavenumber: complex,
-    strengths: Complex128[np.ndarray, "points"] | None = None,
-    single: bool = False,
-) -> Waves:
-    """Regular waves (waves, P) of monopoles at offsets (P, 3), of 1 Pa·m unless given."""
+def monopole_waves(order: int, offsets: Real[np.ndarray, "points 3"], wavenumber: complex) -> Waves:
+    """Regular waves (waves, P) of monopoles of 1 Pa·m at offsets (P, 3), in single precision."""
     radial = outgoing_radial(order, np.linalg.norm(offsets, axis=1), wavenumber)
-    radial *= 4j * np.pi * wavenumber if strengths is None else 4j * np.pi * wavenumber * strengths
-    radial = radial.astype(np.complex64 if single else np.complex128, copy=False)
-    out = np.empty((wave_count(order), len(offsets)), dtype=radial.dtype)
-    for n, (legendre, cosines, sines) in enumerate(
-        _by_order(order, offsets, np.float32 if single else np.float64)
-    ):
-        grown = legendre * radial[n]
-        np.multiply(grown, cosines, out=out[n * n + n : (n + 1) ** 2])
-        np.multiply(grown[:0:-1], sines, out=out[n * n : n * n + n])
-    return out
+    waves = of_waves(order, (4j * np.pi * wavenumber * radial).astype(np.complex64))
+    waves *= harmonics(order, offsets).astype(np.float32)
+    return waves
 
 
 @lru_cache(maxsize=8)
 def motions(order: int) -> tuple[csr_matrix, ...]:
     """Antisymmetric matrices on regular waves: ∂x/k, ∂y/k, ∂z/k, and r × ∇ about x, y, z."""
-    degrees = np.concatenate([np.arange(-n, n + 1) for n in range(order + 1)])
-    n = orders_of_waves(order)
+    n = of_waves(order, np.arange(order + 1.0))
+    m = np.concatenate([np.arange(-n, n + 1) for n in range(order + 1)])
     index = np.arange(len(n))
-    size = (len(n), len(n))
-    raised = np.flatnonzero(degrees < n)
-    ladder = np.sqrt(n * (n + 1) - degrees * (degrees + 1.0))
-    up = csr_matrix((ladder[raised], (index[raised] + 1, index[raised])), size)
-    down = up.T
-    lower = np.flatnonzero(np.abs(degrees) < n)
-    below = (index - 2 * n).astype(np.int64)[lower]  # (n − 1, m) has the index n² − n + m
-    coupling = np.sqrt((n**2 - degrees**2)[lower] / (4 * n**2 - 1)[lower])
-    along = csr_matrix((coupling, (below, index[lower])), size)
-    along_z = along - along.T
-    real = _to_real(order)
-    # r × ∇ = iL, with the angular momentum L of quantum mechanics in ladder operators.
-    turns = [
-        np.real(real.conj() @ (1j * momentum) @ real.T)
-        for momentum in ((up + down) / 2, (up - down) / 2j, diags(degrees.astype(float)))
+
+    def antisymmetric(values: Float64[np.ndarray, "waves"], to: Int[np.ndarray, "waves"]) -> Any:
+        used = values != 0.0
+        matrix = csr_matrix((values[used], (to[used], index[used])), (len(n), len(n)))
+        return matrix - matrix.T
+
+    # (n, m) couples to (n − 1, m), whose index is n² − n + m.
+    along_z = antisymmetric(
+        np.sqrt((n**2 - m**2) / (4 * n**2 - 1)), (index - 2 * n).astype(np.int64)
+    )
+    # ∂/∂φ makes sin |m|φ of cos mφ and the reverse.
+    about_z = antisymmetric(-np.maximum(m, 0.0), index - 2 * m)
+    # About y, cos mφ couples to cos (m − 1)φ and sin mφ to sin (m − 1)φ.
+    lowered = 0.5 * np.sqrt(n * (n + 1) - np.abs(m) * (np.abs(m) - 1.0))
+    lowered *= np.where(m == 1, np.sqrt(2.0), 1.0) * (m != 0) * (m != -1)
+    about_y = antisymmetric(lowered, index - np.sign(m))
+    # All others are commutators, as of any vectors in three dimensions.
+    about_x = about_z @ about_y - about_y @ about_z
+    along_x = along_z @ about_y - about_y @ along_z
+    along_y = about_x @ along_z - along_z @ about_x
+    matrices = [
+        csr_matrix(matrix) for matrix in (along_x, along_y, along_z, about_x, about_y, about_z)
     ]
-    along_z = np.real(real.conj() @ along_z @ real.T)
-    # [L, ∂z] gives the other two components of the gradient, a vector operator.
-    along_x = along_z @ turns[1] - turns[1] @ along_z
-    along_y = turns[0] @ along_z - along_z @ turns[0]
-    matrices = [csr_matrix(matrix) for matrix in (along_x, along_y, along_z, *turns)]
     for matrix in matrices:
         # Rounding fills entries that cancel, which would double the work of every product.
         matrix.data[np.abs(matrix.data) < 1e-13] = 0.0
         matrix.eliminate_zeros()
-    return tuple(matrices)
+    return tuple(csr_matrix(matrix, dtype=np.float32) for matrix in matrices)
 
 
 def along_motions(waves: Waves, wavenumber: float) -> Complex[np.ndarray, "6 waves columns"]:
     """Differentiate regular waves by the six motions, translations [1/m] and turns [1/rad]."""
-    real = as_real(waves)
-    along = np.stack([matrix @ real for matrix in _in_precision(order_of(waves), real.dtype.name)])
+    along = np.stack([matrix @ waves for matrix in motions(order_of(waves))])
     along[:3] *= wavenumber
-    return along.view(waves.dtype)
+    return along
 
 
 def moved(twist: Real[np.ndarray, "6"], waves: Waves, wavenumber: float) -> Waves:
@@ -208,51 +182,36 @@ def moved(twist: Real[np.ndarray, "6"], waves: Waves, wavenumber: float) -> Wave
     size = wavenumber * float(np.linalg.norm(twist[:3])) + order * float(np.linalg.norm(twist[3:]))
     if size == 0.0:
         return waves
-    total = as_real(waves.copy())
-    single = total.dtype == np.float32
     # J_j falls faster than exponentially once j exceeds the argument by a few cube roots of it.
     bessel = jv(np.arange(int(size + 8 * np.cbrt(size)) + 12), size)
-    smallest = 1e-6 if single else 1e-7  # smaller terms of the sum are left out
-    # At least two terms, as the recurrence begins with φ_0 and φ_1.
-    bessel = bessel[: max(int(np.flatnonzero(np.abs(bessel) > smallest)[-1]) + 1, 2)]
+    # Smaller terms are left out; at least two stay, as the recurrence begins with φ_0 and φ_1.
+    bessel = bessel[: max(int(np.flatnonzero(np.abs(bessel) > 1e-6)[-1]) + 1, 2)]
     bessel[1:] *= 2.0
     parts = np.concatenate([wavenumber * np.asarray(twist[:3]), twist[3:]]) / size
+    total = waves.astype(np.complex64, order="C")
     values, columns, rows = _together(order)
     _kernels.chebyshev_sum(
-        values=(2 * parts @ values).astype(total.dtype),
+        values=(2 * parts @ values).astype(np.float32),
         columns=columns,
         rows=rows,
-        factors=bessel.astype(total.dtype),
-        x=total,
+        factors=bessel.astype(np.float32),
+        x=total.view(np.float32),
     )
-    return total.view(waves.dtype)
-
-
-def as_real(waves: Waves) -> Float[np.ndarray, "waves parts"]:
-    """Real and imaginary parts as columns, which real matrices take."""
-    return np.ascontiguousarray(waves).view(
-        np.float32 if waves.dtype == np.complex64 else np.float64
-    )
+    return total
 
 
 def mixed(
     weights: Real[np.ndarray, "mixtures waves"], waves: Waves
 ) -> Complex[np.ndarray, "mixtures columns"]:
     """Multiply waves by a real matrix in their precision, with half the work of a complex one."""
-    real = as_real(waves)
+    real = np.ascontiguousarray(waves).view(np.real(waves).dtype)
     return (weights.astype(real.dtype, copy=False) @ real).view(waves.dtype)
-
-
-@lru_cache(maxsize=16)
-def _in_precision(order: int, precision: str) -> tuple[csr_matrix, ...]:
-    """Return the matrices of ``motions`` in a precision."""
-    return tuple(csr_matrix(matrix, dtype=precision) for matrix in motions(order))
 
 
 @lru_cache(maxsize=16)
 def _together(
     order: int,
-) -> tuple[Float64[np.ndarray, "6 entries"], Int[np.ndarray, "entries"], Int[np.ndarray, "ends"]]:
+) -> tuple[Float32[np.ndarray, "6 entries"], Int[np.ndarray, "entries"], Int[np.ndarray, "ends"]]:
     """Entries of the six ``motions`` in one common sparse pattern, its columns and rows."""
     # One pattern for all: their weighted sum is then a sum of values, without a search.
     shared = csr_matrix(sum(abs(matrix) for matrix in motions(order)))
@@ -260,20 +219,3 @@ def _together(
     row, column = shared.tocoo().coords
     values = np.stack([np.asarray(matrix[row, column]).reshape(-1) for matrix in motions(order)])
     return values, shared.indices, shared.indptr
-
-
-def _to_real(order: int) -> csr_matrix:
-    """Unitary U with Z = U Y, for Y the complex harmonics with the phase of Condon and Shortley."""
-    size = wave_count(order)
-    real = lil_matrix((size, size), dtype=np.complex128)
-    for n in range(order + 1):
-        middle = n * n + n
-        real[middle, middle] = 1.0
-        for m in range(1, n + 1):
-            # Y of degree −m is (−1)^m times the conjugate of that of degree m.
-            sign = (-1.0) ** m
-            real[middle + m, middle + m] = sign / np.sqrt(2)
-            real[middle + m, middle - m] = 1 / np.sqrt(2)
-            real[middle - m, middle + m] = -1j * sign / np.sqrt(2)
-            real[middle - m, middle - m] = 1j / np.sqrt(2)
-    return csr_matrix(real)
