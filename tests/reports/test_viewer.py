@@ -102,6 +102,7 @@ def test_keys_and_controls_change_the_scene(report):
 
 def test_the_values_under_the_pointer_are_those_of_the_field(report, rendered, view):
     run = rendered[1]
+    report.locator(".stage").scroll_into_view_if_needed()
     ring = report.locator("svg circle").nth(1).bounding_box()
     report.mouse.move(ring["x"] + ring["width"] / 2, ring["y"] + ring["height"] / 2)
     words = report.inner_text("output")

@@ -214,7 +214,7 @@ def test_the_headline_has_both_drives_and_the_remarks_what_is_missing(tmp_path):
     weakest = at_peak.min(axis=1)
     gain = f"{weakest[0] / weakest[1] - 1.0:+.0%}".replace("%", " %").replace("-", "−")
     assert f"{weakest[0]:.0%}".replace("%", " %") in result.headline
-    assert gain in result.headline or "does not matter" in result.headline
+    assert gain in result.headline or "the same within" in result.headline
     assert "90.0 kPa" in result.remarks[0]
     assert "60.0 kPa" in result.remarks[0]
 
@@ -292,3 +292,24 @@ def test_a_setup_rejects_parts_that_do_not_fit(result):
         replace(setup, method="bst")
     with raises_code("sizes_differ"):
         replace(setup, foci=("only one",))
+
+
+def test_a_focus_in_the_shadow_is_named(tmp_path):
+    changes = (
+        ("sphere = { radius = 5e-3 }", "sphere = { radius = 40e-3 }"),
+        ("-5.5e-3]", "40.5e-3]"),
+        ("[8e-3,", "[46e-3,"),
+    )
+    warnings = at.render(ball(tmp_path, *changes)).warnings
+    (shadow,) = (text for text in warnings if "shadow" in text and "south pole" in text)
+    assert "sphere" in shadow
+
+
+def test_requests_too_weak_to_be_felt_or_played_say_so(tmp_path):
+    weak = at.render(ball(tmp_path, ("900.0", "1.5"), ("600.0", "1.0")))
+    assert [
+        name for name in weak.setup.foci if any(f"{name} asks" in text for text in weak.warnings)
+    ]
+    assert any("kilopascal" in text for text in weak.warnings)
+    silent = at.render(ball(tmp_path, ("900.0", "0.015"), ("600.0", "0.01")))
+    assert "silent" in silent.remarks[-1]

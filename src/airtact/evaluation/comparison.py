@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Complex128, Float64, Real
@@ -60,7 +61,7 @@ class Comparison:
         best = int(np.argmax(weakest))
         return float(weakest[best]), self.names[best]
 
-    @property
+    @cached_property
     def report(self) -> SolveReport:
         """How the solver came to the pressures, with the error estimated at the foci."""
         return self.field.report_at(self.target.points)

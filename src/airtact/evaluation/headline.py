@@ -16,8 +16,10 @@ def body_word(bodies: Sequence[str]) -> str:
     return "hand" if any(part in name.lower() for name in bodies for part in parts) else "object"
 
 
-def headline(comparison: Comparison, drive: Drive, word: str = "hand") -> str:
-    """State the pressure at the weakest focus, under the first drive and under the second.
+def headline(
+    comparison: Comparison, drive: Drive, word: str = "hand", foci: Sequence[str] = ()
+) -> str:
+    """State the pressure at the weakest focus, and what considering the bodies gains.
 
     Parameters
     ----------
@@ -26,30 +28,42 @@ def headline(comparison: Comparison, drive: Drive, word: str = "hand") -> str:
     drive : the first drive as it is emitted. If it is at full scale, so is the second; else the
         second has the same energy.
     word : the word for the bodies.
+    foci : a name for each focus, to name the one that loses most.
     """
     # Below full scale the hardware does not limit the peak, so the drives are compared by energy.
     held_equal = "equal peak" if drive.is_full_scale else "equal energy"
-    weakest = _weakest(comparison, held_equal)
+    values = _counted(comparison, held_equal)
     # The comparison has every drive at full scale; the drive is emitted at its own peak.
-    first = drive.peak * _weakest(comparison, "equal peak")[0]
+    first = drive.peak * _counted(comparison, "equal peak")[0].min()
     amount = _amount(first, comparison.target)
     sentence = f"{_capital(comparison.names[0])}: {amount} at the weakest focus."
-    if len(weakest) == 1:
+    if len(values) == 1:
         return sentence
-    ratio = weakest[1] / weakest[0]
-    amount = _amount(first * ratio, comparison.target)
+    gain = values[0].min() / values[1].min() - 1.0
+    amount = _amount(first / (1.0 + gain), comparison.target)
     sentence += f" {_capital(comparison.names[1])}: {amount}."
+    error = comparison.report.estimated_error
     # Differences below 1 % are never claimed, however small the estimated error is.
-    error = max(comparison.report.estimated_error, 0.01)
-    if abs(1.0 / ratio - 1.0) <= error:
-        return (
-            f"{sentence} The {word} does not matter here: the solution distinguishes no less than "
-            f"{error:.1%}."
-        )
-    # Typographic minus, and a space before the per cent sign (ISO 80000-1).
-    gain = f"{1.0 / ratio - 1.0:+.0%}".replace("%", " %").replace("-", "−")
+    if abs(gain) <= max(error, 0.01):
+        if error > 0.03:
+            return (
+                f"{sentence} Whether the {word} matters here is unknown: the pressures are "
+                f"estimated to be {_per_cent(error)} off; ask for a smaller accuracy."
+            )
+        same = _per_cent(max(error, 0.01))
+        return f"{sentence} With and without the {word} the result is the same within {same}."
     same = "hardware" if drive.is_full_scale else "energy"
-    return f"{sentence} Same {same}: {gain}."
+    sentence += f" Same {same}: {_signed(gain)}"
+    if values.shape[1] == 1:
+        return f"{sentence}."
+    mean = values[0].mean() / values[1].mean() - 1.0
+    sentence += f" at the weakest focus, {_signed(mean)} in the mean"
+    losses = 1.0 - values[0] / values[1]
+    worst = int(losses.argmax())
+    if foci and losses[worst] > max(error, 0.02):
+        asked = np.flatnonzero(comparison.target.weights > 0.0)
+        sentence += f"; {foci[asked[worst]]} loses {_per_cent(losses[worst])}"
+    return f"{sentence}."
 
 
 def shortfalls(
@@ -97,11 +111,21 @@ def pascals(pressure: float) -> str:
     return f"{pressure / 1e3:.{max(0, 2 - int(np.log10(pressure / 1e3)))}f} kPa"
 
 
-def _weakest(comparison: Comparison, held_equal: str) -> Float64[np.ndarray, "drives"]:
-    """(D,) smallest pressure over weight at the foci that ask for sound."""
+def _counted(comparison: Comparison, held_equal: str) -> Float64[np.ndarray, "drives counted"]:
+    """(D, F) pressure over weight at the foci that ask for sound."""
     weights = comparison.target.weights
     asked = weights > 0.0
-    return (comparison.pressures[held_equal][:, asked] / weights[asked]).min(axis=1)
+    return comparison.pressures[held_equal][:, asked] / weights[asked]
+
+
+def _per_cent(share: float) -> str:
+    """Write a share in per cent, after a space (ISO 80000-1)."""
+    return f"{100 * share:.2g} %" if share < 0.1 else f"{100 * share:.0f} %"
+
+
+def _signed(share: float) -> str:
+    """Write a gain or loss in per cent, with a typographic minus."""
+    return f"{100 * share:+.0f} %".replace("-", "\u2212")
 
 
 def _amount(weakest: float, target: Target) -> str:

@@ -21,7 +21,13 @@ from airtact.evaluation.comparison import compare as compare_drives
 from airtact.evaluation.headline import beyond_linear, body_word, headline, shortfalls
 from airtact.files.atomic import writable_folder
 from airtact.printing import one_line
-from airtact.setup.sentences import disagreement, reach_cautions, sensations, share_of_bound
+from airtact.setup.sentences import (
+    disagreement,
+    reach_cautions,
+    sensations,
+    shadows,
+    share_of_bound,
+)
 from airtact.setup.setup import Setup
 from airtact.setup.solving import (
     control_drive,
@@ -224,13 +230,14 @@ def render(
         drives={name: emitted.at_full_scale() for name, emitted in drives.items()},
         sequence=sequence,
         robustness=robustness,
-        headline=headline(comparison, drive, body_word(setup.bodies)),
+        headline=headline(comparison, drive, body_word(setup.bodies), setup.foci),
         remarks=(*remarks, share_of_bound(setup, transfer, drive)),
         sensation=sensations(setup, pressures, None if sequence is None else sequence.weakest),
         warnings=(
             *reach_cautions(setup),
             *notes,
             *beyond_linear(pressures),
+            *shadows(setup, transfer),
             *disagreement(setup, transfer, drive, pressures),
             *named(comparison.report.warnings, setup.bodies),
         ),

@@ -10,6 +10,7 @@ from airtact.drives.drive import Drive, quantise
 from airtact.drives.reach import MIN_FOCUS_DISTANCE, nearest_foci
 from airtact.drives.transfer import TransferMatrix
 from airtact.errors import counted
+from airtact.evaluation.headline import pascals
 from airtact.evaluation.tactile_thresholds import sensation
 from airtact.setup.setup import Setup
 from airtact.transducers.modulation import AmplitudeModulation
@@ -101,6 +102,11 @@ def _pressure_cautions(setup: Setup) -> Iterator[str]:
                 f"{strongest:,.0f} Pa that the elements bring to their strongest point in open "
                 "air, under 10%; move the focus or the array."
             )
+        if 0.0 < pressure < 50.0:
+            yield (
+                f"{name} asks for {pressure:.3g} Pa, too little to be felt: is it in kilopascal? "
+                "Give pascals."
+            )
         if pressure > gain * bound:
             words = {1.0: "", 2.0: ", and at most about twice that on a hard surface"}.get(
                 gain, ", and at most about four times that on a hard surface beside a plane"
@@ -142,12 +148,14 @@ def share_of_bound(setup: Setup, transfer: TransferMatrix, drive: Drive) -> str:
     """Compare the drive with the certified upper bound, before and after rounding."""
     # A certificate within 1 % is enough for a sentence in whole per cent.
     frame = quantise(drive, setup.levels)
-    bound = upper_bound(transfer, setup.target, tolerance=1e-2)
-    exact = bound.reached(transfer, setup.target, drive)
-    rounded = bound.reached(transfer, setup.target, frame.drive())
     levels = (
         f"{len(frame.levels.amplitudes)} levels of amplitude and {frame.levels.phases} of phase"
     )
+    if not np.any(frame.drive().amplitudes):
+        return f"Rounded to {levels} this drive is silent: ask the foci for more."
+    bound = upper_bound(transfer, setup.target, tolerance=1e-2)
+    exact = bound.reached(transfer, setup.target, drive)
+    rounded = bound.reached(transfer, setup.target, frame.drive())
     if not drive.is_full_scale:
         words = (
             f"At full scale no drive exceeds {1.0 / exact:.1f} times that; rounded to {levels} it "
@@ -159,6 +167,22 @@ def share_of_bound(setup: Setup, transfer: TransferMatrix, drive: Drive) -> str:
             f"{levels}."
         )
     return words.replace("%", " %")
+
+
+def shadows(setup: Setup, transfer: TransferMatrix) -> Iterator[str]:
+    """Warn of foci that the bodies shade from the array."""
+    if not setup.scene.obstacles or setup.scene.boards:
+        return
+    points = setup.target.points
+    attainable = np.abs(transfer.matrix).sum(axis=1)[: len(points)]
+    open_air = open_air_bound(setup.array, points, setup.scene.wavenumber.real)
+    for name, pressure, bound in zip(setup.foci, attainable, open_air, strict=True):
+        if pressure < 0.2 * bound:
+            yield (
+                f"{name} is in the shadow of {' and '.join(setup.bodies)}: it can get "
+                f"{pascals(pressure)}, {pressure / bound:.0%} of what the array brings there in "
+                "open air; turn the body, or move the array to the other side."
+            )
 
 
 def disagreement(

@@ -67,13 +67,17 @@ def transfer_to_array(
     """
     transducers = counted(len(setup.array), "transducer", "transducers")
     with clock.step("transfer", f"evaluating the beacons at {transducers}"):
-        transfer = transfer_matrix(beacons, setup.array)
+        # The warning of a matrix that is far off becomes a sentence of the result.
+        with warnings.catch_warnings(record=True) as inexact:
+            warnings.simplefilter("always")
+            transfer = transfer_matrix(beacons, setup.array)
         # The matrix is evaluated from the transposed solution, so a warning about the direct one
         # does not concern it.
         report = replace(
             beacons.report,
-            warnings=tuple(
-                text for text in beacons.report.warnings if not text.startswith(OF_THE_DIRECT)
+            warnings=(
+                *(str(warning.message) for warning in inexact),
+                *(text for text in beacons.report.warnings if not text.startswith(OF_THE_DIRECT)),
             ),
         )
     if setup.uncertainty is not None:
