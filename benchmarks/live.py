@@ -39,7 +39,7 @@ from airtact.hands.tracking.messages import to_json
 from airtact.live.drives.bending import BendingHand, SkinSources
 from airtact.live.drives.factors import HandFactors, PartSolver, solved
 from airtact.live.drives.maker import HandAware, solved_for
-from airtact.live.drives.solver_process import SOLVED_AHEAD, Plan, Request, SolverProcess
+from airtact.live.drives.solver_process import Request, SolverProcess, solved_ahead
 from airtact.live.moment import Controls, Rule
 from airtact.live.scene import LiveScene, foci_on
 from references.hand_poses import example
@@ -271,8 +271,6 @@ class Emulated(SolverProcess):
 
     def __init__(self, scene: LiveScene, part: Rule) -> None:
         self._scene, self._part, self._lasts = scene, part, SECONDS[part]
-        self._plan = Plan((part,))
-        self._plan.seconds[part] = self._lasts
         self._asked: tuple[float, Request] | None = None
         self._running: tuple[float, HandFactors | str] | None = None
         self._ready: list[HandFactors | str] = []
@@ -293,14 +291,13 @@ class Emulated(SolverProcess):
         assert self._asked is not None
         then, asked = self._asked
         try:
-            part, ahead = self._plan.next(self._scene, asked)
-            ahead = min(ahead + now - then, 0.06)
-            return self._found(asked.after(ahead), part, asked.time + ahead)
+            ahead = min(solved_ahead(self._lasts) + now - then, 0.06)
+            return self._found(asked.after(ahead), asked.time + ahead)
         except (at.InvalidInput, at.NotConverged) as fault:
             return str(fault)
 
-    def _found(self, joints: np.ndarray, part: Rule, then: float) -> HandFactors | None:
-        return self._solver.solved(joints, part, then)
+    def _found(self, joints: np.ndarray, then: float) -> HandFactors | None:
+        return self._solver.solved(joints, self._part, then)
 
     def ask(self, asked: Request) -> None:
         self._asked = self._now, asked
@@ -327,20 +324,20 @@ class EmulatedCarrying(Emulated):
             self._solving = None
         if self._solving is None and self._asked is not None:
             then, asked = self._asked
-            ahead = SOLVED_AHEAD + now - then
+            ahead = 0.1 + now - then
             self._solving = (
                 now + TO_CARRY,
                 self._hand.solved(asked.after(ahead), asked.time + ahead),
             )
         super().advance(now)
 
-    def _found(self, joints: np.ndarray, part: Rule, then: float) -> HandFactors | None:
+    def _found(self, joints: np.ndarray, then: float) -> HandFactors | None:
         return self._hand.carried(joints, then)
 
 
 def emulated_for(scene: LiveScene) -> list[Emulated]:
     """Emulate the processes that solve for a scene."""
-    parts = [part for some in solved_for(scene) for part in some]
+    parts = solved_for(scene)
     return [
         EmulatedCarrying(scene) if part == "carried" else Emulated(scene, part) for part in parts
     ]
@@ -474,7 +471,6 @@ def solves(seconds: float) -> None:
         "two fingers' phalanges, rigid (40 asked)": lambda joints, then: parts.solved(
             joints, "phalanges", then
         ),
-        "two fingers (20 asked)": lambda joints, then: solved(scene, joints, "fingers", then),
         "the whole hand, on panels that bend (4 asked)": bending.solved,
         "the whole hand, meshed anew": lambda joints, then: solved(scene, joints, "hand", then),
     }

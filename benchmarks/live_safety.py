@@ -44,7 +44,7 @@ def stops(setup: Setup, folder: Path) -> list[float]:
             if status.state == "playing" and fingers:
                 fingers.pop().start()
 
-        hands, maker = at.live.RecordedHands(motion), at.live.Distances(scene)
+        hands, maker = at.live.RecordedHands(motion), at.live.HandAware(scene, solvers=[])
         at.live.follow(scene, hands, maker, output=boards, seconds=3.0, report=reported)
         line = next(line for line in log.read_text().splitlines() if "silence confirmed" in line)
         took.append(float(line.split()[0]) - pressed[0])
@@ -60,7 +60,10 @@ def fades(setup: Setup, folder: Path) -> list[float]:
         file = folder / f"{trial}.h5"
         hands = at.live.RecordedHands(Recording(kept, StreamHealth()))
         at.live.follow(
-            scene, hands, at.live.Distances(scene), session=at.live.SessionWriter(file, scene)
+            scene,
+            hands,
+            at.live.HandAware(scene, solvers=[]),
+            session=at.live.SessionWriter(file, scene),
         )
         session = at.live.read_session(file)
         silent = ~session.amplitudes.any(axis=1) & (session.time_in_air > kept[59].time)

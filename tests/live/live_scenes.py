@@ -5,10 +5,11 @@ from threading import Event, Thread
 import numpy as np
 
 import airtact as at
+from airtact.acoustics.solvers.open_air import monopole_pressure
 from airtact.live.drives.solver_process import SolverProcess
 from airtact.live.moment import Moment, silent_moment
 from airtact.live.page.process import PageProcess
-from airtact.live.page.sound import DirectSound
+from airtact.live.page.sound import element_sources
 from references.motions import pinch_pose
 
 
@@ -35,13 +36,28 @@ def open_pinch(gap: float) -> np.ndarray:
     return np.array(at.hand_from_joints(joints, radii, side="left").open_to(gap).joints)
 
 
+def direct_sound(
+    scene: at.live.LiveScene, points: np.ndarray, amplitudes: np.ndarray
+) -> np.ndarray:
+    """Pressure in open air near some points, by the elements that the page takes for points."""
+    sources = element_sources(scene, amplitudes, points.mean(axis=0))
+    strengths = np.ascontiguousarray(sources.strengths)
+    wavenumber = scene.wavenumber
+    return monopole_pressure(points, sources.positions, strengths, wavenumber, "float64")[:, 0]
+
+
+def distances(scene: at.live.LiveScene) -> at.live.HandAware:
+    """Drives from distances alone."""
+    return at.live.HandAware(scene, solvers=[])
+
+
 def playing(scene: at.live.LiveScene, time: float = 0.0) -> Moment:
     """A moment of a drive from distances, at a hand that moves to and fro."""
     joints, radii = pinch_pose()
     hand = at.hand_from_joints(joints + [0.0, 0.0, 0.01 * np.sin(6.0 * time)], radii, side="left")
     foci = np.array([hand.places[name][0] + 1e-3 * hand.places[name][1] for name in scene.places])
     drive = at.focus_by_distance(scene.array, at.Target(foci), scene.medium, scene.frequency)
-    pressures = np.abs(DirectSound(scene).at(foci, drive.amplitudes, foci.mean(axis=0)))
+    pressures = np.abs(direct_sound(scene, foci, drive.amplitudes))
     shape = {"rule": "phalanges", "shape_age": 0.045, "kept": 0.9}
     return Moment(time, time - 0.02, hand.joints, foci, drive.amplitudes, pressures, **shape)
 
@@ -88,6 +104,7 @@ class Scheduled(at.live.HandSource):
     """Frames that come at their own times of a virtual clock."""
 
     words = "scheduled frames"
+    ended = False
     health = at.hands.StreamHealth()
 
     def __init__(self, clock: VirtualClock, frames) -> None:

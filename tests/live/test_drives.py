@@ -135,7 +135,7 @@ def test_poses_that_are_alike_are_kept_once(board, joints, phalanges):
 
 
 def test_the_process_solves_says_what_it_cannot_and_ends(board, joints):
-    process = SolverProcess(board, ("phalanges",))
+    process = SolverProcess(board, "phalanges")
     crossed = joints.copy()
     crossed[[2, 3, 4]] = joints[[7, 8, 9]]  # the thumb within the index finger
 
@@ -154,7 +154,7 @@ def test_the_process_solves_says_what_it_cannot_and_ends(board, joints):
         assert wait_for(HandFactors, joints).factors.shape == (2, len(board.array))
     finally:
         process.close()
-    assert not process.alive
+    assert not process._worker.alive
 
 
 def test_distances_are_expected_to_keep_more_where_noise_has_spoiled_a_whole_hand():

@@ -10,11 +10,11 @@ import airtact as at
 from airtact.live.loop import MIN_INTERVAL
 from airtact.live.safety import FADE, MAX_FRAME_AGE, Gain
 from airtact.live.sources import FrameClock
-from live.live_scenes import Kept, Scheduled
+from live.live_scenes import Kept, Scheduled, distances
 from references.motions import reaching_recording, still
 
 
-def followed(scene, clock, frames, output=None, maker=at.live.Distances, **settings):
+def followed(scene, clock, frames, output=None, maker=distances, **settings):
     output = output or Kept(clock)
     hands = Scheduled(clock, frames)
     done = at.live.follow(scene, hands, maker(scene), output=output, **settings)
@@ -52,7 +52,9 @@ def test_sound_follows_a_hand_and_the_session_holds_what_was_done(example_scene,
     # The drives are those of distances to the predicted foci.
     index = len(session.states) // 2
     foci = at.Target(session.foci[index])
-    drive = at.focus_by_distance(scene.array, foci, scene.medium, scene.frequency).amplitudes
+    empty = at.Scene(scene.medium, [], frequency=scene.frequency)
+    transfer = at.open_air_matrix(empty, scene.array, foci)
+    drive = at.weighted_gerchberg_saxton(transfer, foci).amplitudes
     sent = session.amplitudes[index]
     norms = np.linalg.norm(sent) * np.linalg.norm(drive)
     assert abs(np.vdot(sent, drive)) == pytest.approx(norms, rel=1e-6)
@@ -159,7 +161,7 @@ def test_a_drive_rises_and_falls_at_one_rate_also_after_a_long_silence() -> None
         assert gain.advance(begun + 0.2, False) == 0.0
 
 
-class Behind(at.live.Distances):
+class Behind(at.live.HandAware):
     """Drives as from a solver whose newest hand is 140 ms old."""
 
     def make(self, time, controls):
@@ -169,10 +171,10 @@ class Behind(at.live.Distances):
 @pytest.mark.parametrize(
     ("maker", "seconds", "latency", "late", "least"),
     [
-        (at.live.Distances, 0.015, 0.0, "link", 0.015),
-        (at.live.Distances, 1e-3, 0.08, "frames", 0.08),
-        (Behind, 1e-3, 0.0, "solver", 0.14),
-        (at.live.Distances, 1e-3, 0.0, None, 0.0),
+        (distances, 0.015, 0.0, "link", 0.015),
+        (distances, 1e-3, 0.08, "frames", 0.08),
+        (lambda scene: Behind(scene, solvers=[]), 1e-3, 0.0, "solver", 0.14),
+        (distances, 1e-3, 0.0, None, 0.0),
     ],
 )
 def test_the_status_names_what_is_late(example_scene, clock, maker, seconds, latency, late, least):
@@ -209,10 +211,10 @@ def test_a_clock_of_this_computer_is_recognised(monkeypatch):
 
 
 def test_frames_that_come_before_the_loop_begins_are_not_lost():
-    hands, came = at.live.ReceivedHands("websocket", 0), []
+    hands, came = at.live.HandSource("frames"), []
     frames = reaching_recording()[:6]
     for frame in frames[:5]:
-        hands._stream.feed(frame)
+        hands.stream.feed(frame)
     stream = hands.begin(lambda frame, arrived: came.append((frame.sequence, arrived)))
     stream.feed(frames[5])
     hands.close()

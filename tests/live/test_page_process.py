@@ -144,7 +144,7 @@ def test_a_page_that_reads_nothing_leaves_the_others_in_time() -> None:
 def test_the_loop_outlives_a_page_that_stalls_and_is_killed() -> None:
     scene = one_board()
     with PageProcess(scene, port=0) as page:
-        os.kill(page._process.pid, signal.SIGSTOP)
+        os.kill(page._worker.process.pid, signal.SIGSTOP)
         # Longer than a pipe holds.
         longer = replace(
             silent_moment(scene, 0.0, 0.0), amplitudes=np.zeros(100_000, dtype=np.complex128)
@@ -153,7 +153,7 @@ def test_the_loop_outlives_a_page_that_stalls_and_is_killed() -> None:
             page.show(longer)
             time.sleep(0.001)
         assert page.alive
-        page._process.kill()
+        page._worker.process.kill()
         until = time.monotonic() + 120.0
         while page.alive and time.monotonic() < until:
             page.show(longer)

@@ -12,7 +12,6 @@ from airtact.live.page.sound import (
     SLICE_POINTS,
     SLICE_SIZE,
     SLICE_ZOOM,
-    DirectSound,
     Section,
     SoundProcess,
     SoundRequest,
@@ -21,7 +20,7 @@ from airtact.live.page.sound import (
 )
 from airtact.live.page.view import MovingSkin
 from airtact.live.scene import LiveScene, pose_hand
-from live.live_scenes import one_board, playing
+from live.live_scenes import direct_sound, one_board, playing
 
 
 def asked(scene: LiveScene, moment: at.live.Moment, section: Section | None = None) -> SoundRequest:
@@ -97,7 +96,7 @@ def test_skin_and_slice_are_those_of_a_finer_solution() -> None:
     air = at.Scene(scene.medium, [at.sound_hard(body)], frequency=40e3)
     every = np.vstack([points, what.skin])
     truth = np.abs(at.field_map(air, scene.array, at.Drive(moment.amplitudes), every, solver=fine))
-    direct = np.abs(DirectSound(scene).at(points, moment.amplitudes, what.section.foci))
+    direct = np.abs(direct_sound(scene, points, moment.amplitudes))
     for found, true, least in (
         (np.abs(sound.field), truth[: len(points)], 2000),
         (sound.skin, truth[len(points) :], 500),
@@ -113,11 +112,11 @@ def test_skin_and_slice_are_those_of_a_finer_solution() -> None:
     )
 
 
-def test_a_solver_that_has_died_leaves_the_page_with_the_direct_sound() -> None:
+def test_a_solver_that_has_died_leaves_the_page_without_sound() -> None:
     scene = one_board()
     solving = SoundProcess(scene)
-    solving._process.kill()
-    solving._process.join()
+    solving._worker.process.kill()
+    solving._worker.process.wait()
     what = asked(scene, playing(scene))
     for _ in range(3):
         solving.ask(what)

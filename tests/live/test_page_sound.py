@@ -5,9 +5,8 @@ import pytest
 
 import airtact as at
 from airtact.geometry.mesh.topology import check_closed
-from airtact.live.page.sound import DirectSound
 from airtact.live.page.view import MovingSkin
-from live.live_scenes import one_board, playing
+from live.live_scenes import direct_sound, one_board, playing
 from references.motions import Pinching
 
 
@@ -30,7 +29,7 @@ def test_elements_as_points_give_the_field_of_whole_ones_near_the_foci(board) ->
     for reach, error in ((0.01, 0.02), (0.06, 0.03)):
         points = middle + random.uniform(-reach, reach, size=(300, 3))
         exact = in_open_air(scene, moment.amplitudes, points)
-        found = DirectSound(scene).at(points, moment.amplitudes, middle)
+        found = direct_sound(scene, points, moment.amplitudes)
         most = np.abs(in_open_air(scene, moment.amplitudes, moment.foci)).max()
         print(f"within {reach:g} m: {np.abs(found - exact).max() / most:.4f}")
         assert np.abs(found - exact).max() < error * most
@@ -39,30 +38,7 @@ def test_elements_as_points_give_the_field_of_whole_ones_near_the_foci(board) ->
 def test_nothing_is_radiated_behind_the_faces(board) -> None:
     scene, moment = board
     behind = scene.array.positions.mean(axis=0) - 0.1 * scene.array.normals.mean(axis=0)
-    assert not DirectSound(scene).at(behind[None], moment.amplitudes, behind).any()
-
-
-def test_hard_skin_has_twice_the_direct_sound_where_it_looks_at_the_array(board) -> None:
-    scene, moment = board
-    sound, middle = DirectSound(scene), moment.foci.mean(axis=0)
-    towards = scene.array.positions.mean(axis=0) - middle
-    points = np.stack([middle, middle])
-    pressures = sound.on_skin(points, np.stack([towards, -towards]), moment.amplitudes, middle)
-    direct = np.abs(sound.at(points, moment.amplitudes, middle))
-    np.testing.assert_allclose(pressures, [2.0 * direct[0], 0.0], rtol=1e-5)
-
-
-def test_each_face_of_a_box_lights_its_own_side() -> None:
-    scene = one_board()
-    box = at.live.LiveScene(
-        scene.medium, 40e3, at.surrounding_box(), "left", None, scene.places, scene.offsets
-    )
-    drive, centre = np.zeros(len(box.array), dtype=np.complex128), np.zeros((1, 3))
-    one = box.array.normals @ box.array.normals[0] > 0.99
-    drive[one] = np.exp(-1j * 732.0 * np.linalg.norm(box.array.positions[one], axis=1))
-    sound = DirectSound(box)
-    assert sound.on_skin(centre, -box.array.normals[:1], drive, np.zeros(3))[0] > 100.0
-    assert sound.on_skin(centre, box.array.normals[:1], drive, np.zeros(3))[0] == 0.0
+    assert not direct_sound(scene, behind[None], moment.amplitudes).any()
 
 
 def test_the_skin_stays_closed_on_the_body_while_fingers_open() -> None:

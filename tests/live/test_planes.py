@@ -7,10 +7,9 @@ import pytest
 
 import airtact as at
 from airtact.live.drives.factors import OpenAir, solved
-from airtact.live.page.sound import DirectSound
 from airtact.live.safety import Workspace
 from airtact.live.scene import LiveScene, WithImages, foci_on
-from live.live_scenes import Ready, one_board, open_pinch
+from live.live_scenes import Ready, direct_sound, one_board, open_pinch
 from references.motions import pinch_pose
 
 JOINTS = open_pinch(0.02)
@@ -63,7 +62,7 @@ def test_open_air_over_a_table_is_that_of_images(let_in) -> None:
     ).matrix
     assert np.linalg.norm(found - rows) < 1e-3 * np.linalg.norm(rows)
     amplitudes = rows[0].conj() / np.abs(rows).max()
-    sound = DirectSound(scene).at(foci, amplitudes, foci.mean(axis=0))
+    sound = direct_sound(scene, foci, amplitudes)
     np.testing.assert_allclose(sound[0], rows[0] @ amplitudes, rtol=0.06)
 
 

@@ -3,7 +3,6 @@ from .loop import Followed as Followed
 from .loop import Status as Status
 from .loop import follow as follow
 from .moment import Controls as Controls
-from .moment import Distances as Distances
 from .moment import DriveMaker as DriveMaker
 from .moment import Moment as Moment
 from .output import Boards as Boards
@@ -22,7 +21,6 @@ from .session import SessionWriter as SessionWriter
 from .session import read_session as read_session
 from .session import recording_of as recording_of
 from .sources import HandSource as HandSource
-from .sources import PageHands as PageHands
 from .sources import ReceivedHands as ReceivedHands
 from .sources import RecordedHands as RecordedHands
 from .verification import VerifiedSession as VerifiedSession

@@ -7,17 +7,13 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.acoustics.target import Target
-from airtact.drives.transfer import focus_by_distance
-from airtact.errors import InvalidInput
 from airtact.hands.tracking.frame import HandFrame
-from airtact.hands.tracking.prediction import Predictor
-from airtact.live.scene import Amplitudes, Foci, Frames, Joints, LiveScene, foci_on
+from airtact.live.scene import Amplitudes, Foci, Frames, Joints, LiveScene
 from airtact.printing import in_short
 
-Rule = Literal["distances", "phalanges", "fingers", "hand", "carried"]
-"""Basis of a drive: distances alone; a solution of the last phalanges, the fingers or the whole
-hand; or a solution of the whole hand in an earlier pose, carried along with its bones."""
+Rule = Literal["distances", "phalanges", "hand", "carried"]
+"""Basis of a drive: distances alone; a solution of the last phalanges or of the whole hand; or a
+solution of the whole hand in an earlier pose, carried along with its bones."""
 
 State = Literal["waiting", "playing", "fading", "silent", "stopped"]
 """State of the loop: it waits for a hand, plays, fades after a hand was lost, is silent, or was
@@ -106,40 +102,3 @@ class DriveMaker(ABC):
 
     def close(self) -> None:  # noqa: B027 (a maker without processes has nothing to end)
         """End what runs beside the loop."""
-
-
-class Distances(DriveMaker):
-    """Focuses by the distances from the elements to the foci, as if there were no hand.
-
-    Parameters
-    ----------
-    scene : the fixed part of the scene.
-    """
-
-    def __init__(self, scene: LiveScene) -> None:
-        self._scene = scene
-        self._predictor = Predictor(latency=0.0, noise=None)
-        self._newest: HandFrame | None = None
-
-    def take(self, frame: HandFrame) -> None:
-        """Take the newest frame; raises as ``Predictor.take``."""
-        self._predictor.take(frame)
-        self._newest = frame
-
-    def make(self, time: float, controls: Controls) -> Moment:
-        """Focus where the foci are predicted at a time [s]; zeros where the hand is lost."""
-        scene = self._scene
-        newest = self._newest
-        if newest is None:
-            return silent_moment(scene, time, time, "silent")
-        predicted = newest if newest.lost else self._predictor.at(max(time, newest.time))
-        if predicted.lost:
-            return silent_moment(scene, time, newest.time, "silent")
-        try:
-            hand = predicted.hand(scene.radii)
-        except InvalidInput:
-            # The prediction can bend a hand beyond what is possible; the newest frame cannot.
-            hand = newest.hand(scene.radii)
-        foci = foci_on(hand, scene, controls.offset)
-        drive = focus_by_distance(scene.array, Target(foci), scene.medium, scene.frequency)
-        return Moment(time, newest.time, hand.joints, foci, drive.amplitudes)

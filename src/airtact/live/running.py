@@ -22,7 +22,6 @@ from airtact.live.scene import live_scene
 from airtact.live.session import FILE, SessionWriter, recording_of
 from airtact.live.sources import (
     HandSource,
-    PageHands,
     ReceivedHands,
     RecordedHands,
     checked_latency,
@@ -85,9 +84,8 @@ def run(
             report_step("starting the page")
             port, host = page
             # Only where the hand comes from the page is there one to drag.
-            stream = hands.stream if isinstance(hands, PageHands) else None
-            joints = None if stream is None else setup.hands[0].joints
-            shown = PageProcess(scene, port, host, joints, stream, controls, output.stop)
+            joints = setup.hands[0].joints if type(hands) is HandSource else None
+            shown = PageProcess(scene, port, host, joints, hands.stream, controls, output.stop)
             closing.enter_context(shown)
         address = "" if shown is None else f"; page: {shown.address}"
         report_step(f"following {hands.words}; sound to {output.words}{address}")
@@ -176,7 +174,7 @@ def hands_from(setup: Setup, source: str | None, folder: Path) -> HandSource:
         motion = load_recording(example("reaching.jsonl"))
         return RecordedHands(moved_to(motion, setup.hands[0]), loop=True)
     if source == "page":
-        return PageHands()
+        return HandSource("the hand on the page")
     received = _received(source, setup)
     if received is not None:
         return received

@@ -18,7 +18,7 @@ from jaxtyping import Bool, Complex64, Float64
 from airtact.acoustics.medium import Medium
 from airtact.acoustics.planes import plane
 from airtact.errors import InvalidInput, about, file_fault, fixed
-from airtact.hands.joints import Side, joints_of
+from airtact.hands.joints import joints_of
 from airtact.hands.tracking.frame import HandFrame
 from airtact.hands.tracking.recordings import Recording
 from airtact.hands.tracking.stream import StreamHealth
@@ -262,6 +262,8 @@ def read_session(path: str | Path) -> Session:
         # A killed loop can leave the last column longer than the others.
         count = len(drives["time_in_air"])
         shapes = {"foci": (len(file.attrs["places"]), 3), "joints": (25, 3)}
+        rules = [str(rule) for rule in file.attrs["rules"]]
+        states = [str(state) for state in file.attrs["states"]]
 
         def column(name: str) -> Any:
             if name in drives:
@@ -274,8 +276,8 @@ def read_session(path: str | Path) -> Session:
             amplitudes=drives["amplitudes"][:count],
             time_in_air=column("time_in_air"),
             drive_frame_time=column("frame_time"),
-            rules=tuple(RULES[index] for index in column("rule").astype(int)),
-            states=tuple(STATES[index] for index in column("state").astype(int)),
+            rules=tuple(cast(Rule, rules[index]) for index in column("rule").astype(int)),
+            states=tuple(cast(State, states[index]) for index in column("state").astype(int)),
             kept=column("kept"),
             shape_age=column("shape_age"),
             foci=column("foci"),
@@ -297,19 +299,17 @@ def recording_of(path: str | Path) -> Recording:
     InvalidInput
         As ``read_session``, or the session has no frame.
     """
-    with _opened(path) as file:
-        side = _side_in(file)
-        times = file["frames/time"][:]
-        landmarks = file["frames/landmarks"][:]
-        if not len(times):
-            raise InvalidInput("this session has no frames: record one with a hand.", code="empty")
-        seen = np.isfinite(landmarks).all(axis=(1, 2))
-        frames = [
-            HandFrame(float(time), side, index, joints if visible else None)
-            for index, (time, joints, visible) in enumerate(
-                zip(times, landmarks, seen, strict=True)
-            )
-        ]
+    session = read_session(path)
+    if not len(session.frame_time):
+        raise InvalidInput(
+            f"{Path(path).name} has no frames: record one with a hand.", code="empty"
+        )
+    frames = [
+        HandFrame(time, session.scene.side, index, joints if np.isfinite(joints).all() else None)
+        for index, (time, joints) in enumerate(
+            zip(session.frame_time.tolist(), session.landmarks, strict=True)
+        )
+    ]
     return Recording(tuple(frames), StreamHealth(received=len(frames), used=len(frames)))
 
 
@@ -365,7 +365,7 @@ def _scene_in(file: Any) -> LiveScene:
             array["tangents"][:],
             array["gains"][:],
         ),
-        side=_side_in(file),
+        side="left" if attributes["side"] == "left" else "right",
         radii=fixed(file["hand/radii"][:]) if "hand/radii" in file else None,
         places=tuple(str(place) for place in attributes["places"]),
         offsets=fixed(attributes["offsets"]),
@@ -373,7 +373,3 @@ def _scene_in(file: Any) -> LiveScene:
         modulation=AmplitudeModulation(*modulation) if modulation else None,
         planes=tuple(plane(point, normal) for point, normal in attributes.get("planes", [])),
     )
-
-
-def _side_in(file: Any) -> Side:
-    return "left" if file.attrs["side"] == "left" else "right"

@@ -1,7 +1,6 @@
 """Where hands come from (a recording, trackers by socket, the page), and the tracker's clock."""
 
 import time
-from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -24,29 +23,66 @@ OnFrame = Callable[[HandFrame, float], None]
 """Takes a frame and the time of its arrival, by ``time.monotonic`` [s]."""
 
 
-class HandSource(ABC):
-    """Feeds a stream with frames, in the frame of the scene, from ``begin`` to ``close``.
+class HandSource:
+    """Hands on frames, in the frame of the scene, from ``begin`` to ``close``.
+
+    Whoever has frames feeds ``stream``, such as the page for a hand that is dragged there.
+
+    Parameters
+    ----------
+    words : where the frames come from.
+    tracker : pose of the tracker, from its frame to the scene's.
+    every : whether frames that were overtaken while they waited are used as well, as a recording
+        needs them.
 
     Attributes
     ----------
-    words : where the frames come from.
+    stream : of the frames.
     ended : whether no more frames will come.
     """
 
-    words: str
-    ended: bool = False
+    def __init__(self, words: str, tracker: Pose | None = None, every: bool = False) -> None:
+        self.words: str = words
+        self.stream: HandStream = _MovedStream(tracker, self._arrived, every)
+        self.ended: bool = False
+        # Frames that come before ``begin`` are kept, up to the newest 1024.
+        self._early: deque[tuple[HandFrame, float]] = deque(maxlen=1024)
+        self._on_frame: OnFrame | None = None
+        self._lock = Lock()
 
-    @abstractmethod
     def begin(self, on_frame: OnFrame) -> HandStream:
-        """Begin; ``on_frame`` is called with every frame that is used."""
+        """Call ``on_frame`` with the frames that came so far and with every one that is used."""
+        with self._lock:
+            self._on_frame = on_frame
+            while self._early:
+                on_frame(*self._early.popleft())
+        return self.stream
 
-    @abstractmethod
     def close(self) -> None:
         """End what runs."""
 
+    def _arrived(self, frame: HandFrame) -> None:
+        now = time.monotonic()
+        with self._lock:
+            if self._on_frame is None:
+                self._early.append((frame, now))
+            else:
+                self._on_frame(frame, now)
 
-def _timed(on_frame: OnFrame) -> Callable[[HandFrame], None]:
-    return lambda frame: on_frame(frame, time.monotonic())
+
+class _MovedStream(HandStream):
+    """A stream whose frames are moved from the tracker's frame to the scene's."""
+
+    def __init__(
+        self, pose: Pose | None, on_frame: Callable[[HandFrame], None], every: bool
+    ) -> None:
+        super().__init__(on_frame=on_frame, every=every)
+        self._pose = pose
+
+    def feed(self, frame):
+        if self._pose is not None and isinstance(frame, HandFrame):
+            frame = frame.moved(self._pose)
+        return super().feed(frame)
 
 
 class RecordedHands(HandSource):
@@ -71,32 +107,29 @@ class RecordedHands(HandSource):
                 "a single frame cannot be played in a loop: give a recording of two or more.",
                 code="too_few",
             )
-        self.words: str = f"{len(self.frames)} recorded frames{', again and again' if loop else ''}"
+        super().__init__(f"{len(self.frames)} recorded frames{', again and again' if loop else ''}")
         self._closed = Event()
-        self._thread: Thread | None = None
+        self._thread = Thread(target=self._play, name="airtact recording", daemon=True)
 
     def begin(self, on_frame: OnFrame) -> HandStream:
         """Begin with the first frame at once."""
-        stream = HandStream(on_frame=_timed(on_frame))
-        self._thread = Thread(
-            target=self._play, args=(stream,), name="airtact recording", daemon=True
-        )
+        stream = super().begin(on_frame)
         self._thread.start()
         return stream
 
     def close(self) -> None:
         """Stop between two frames."""
         self._closed.set()
-        if self._thread is not None:
+        if self._thread.ident is not None:
             self._thread.join()
 
-    def _play(self, stream: HandStream) -> None:
+    def _play(self) -> None:
         begun = time.monotonic()
         start = self.frames[0].time
         for frame in self._repeated() if self._loop else self.frames:
             if self._closed.wait(max(frame.time - start - (time.monotonic() - begun), 0.0)):
                 return
-            stream.feed(frame)
+            self.stream.feed(frame)
         self.ended = True
 
     def _repeated(self) -> Iterator[HandFrame]:
@@ -142,73 +175,14 @@ class ReceivedHands(HandSource):
             raise InvalidInput(
                 f"{kind!r} is no kind of socket: give websocket or osc.", code="unknown_name"
             )
-        # Frames that come before ``begin`` are kept, up to the newest 1024.
-        self._early: deque[tuple[HandFrame, float]] = deque(maxlen=1024)
-        self._on_frame: OnFrame | None = None
-        self._lock = Lock()
-        self._stream = _MovedStream(tracker, _timed(self._arrived), every)
-        self._receiver = receivers[kind](self._stream, port)
+        super().__init__(kind, tracker, every)
+        self._receiver = receivers[kind](self.stream, port)
         scheme = "ws://" if kind == "websocket" else "OSC at "
-        self.words: str = f"{scheme}127.0.0.1:{self._receiver.port}"
-
-    def begin(self, on_frame: OnFrame) -> HandStream:
-        """Hand on the frames that came so far and all that come."""
-        with self._lock:
-            self._on_frame = on_frame
-            while self._early:
-                on_frame(*self._early.popleft())
-        return self._stream
+        self.words = f"{scheme}127.0.0.1:{self._receiver.port}"
 
     def close(self) -> None:
         """Stop listening."""
         self._receiver.close()
-
-    def _arrived(self, frame: HandFrame, now: float) -> None:
-        with self._lock:
-            if self._on_frame is None:
-                self._early.append((frame, now))
-            else:
-                self._on_frame(frame, now)
-
-
-class _MovedStream(HandStream):
-    """A stream whose frames are moved from the tracker's frame to the scene's."""
-
-    def __init__(
-        self, pose: Pose | None, on_frame: Callable[[HandFrame], None], every: bool
-    ) -> None:
-        super().__init__(on_frame=on_frame, every=every)
-        self._pose = pose
-
-    def feed(self, frame):
-        if self._pose is not None and isinstance(frame, HandFrame):
-            frame = frame.moved(self._pose)
-        return super().feed(frame)
-
-
-class PageHands(HandSource):
-    """The hand that is dragged on the page.
-
-    Attributes
-    ----------
-    stream : fed by the page.
-    """
-
-    words: str = "the hand on the page"
-
-    def __init__(self) -> None:
-        self._on_frame: OnFrame = lambda frame, arrived: None
-        self.stream: HandStream = HandStream(
-            on_frame=_timed(lambda frame, now: self._on_frame(frame, now))
-        )
-
-    def begin(self, on_frame: OnFrame) -> HandStream:
-        """Hand on all frames from now on."""
-        self._on_frame = on_frame
-        return self.stream
-
-    def close(self) -> None:
-        """End nothing: the page ends by itself."""
 
 
 def moved_to(recording: Recording, hand: Hand) -> Recording:

@@ -79,7 +79,7 @@ def beacon_points(scene: LiveScene, posed: PosedHand) -> Float64[np.ndarray, "po
     return np.concatenate([posed.foci, moving_points(scene.moving, posed).reshape(-1, 3)])
 
 
-def hulls_of(part: Rule, places: Sequence[str]) -> list[int]:
+def hulls_of(part: str, places: Sequence[str]) -> list[int]:
     """Return the indices of a hand's ``PARTS`` to solve for foci at some places."""
     if part == "hand":
         return list(range(len(PARTS)))
@@ -93,7 +93,7 @@ def hulls_of(part: Rule, places: Sequence[str]) -> list[int]:
     return sorted(chosen)
 
 
-def part_of(hand: Hand, part: Rule, places: Sequence[str], edge: float = 10e-3) -> Surface:
+def part_of(hand: Hand, part: str, places: Sequence[str], edge: float = 10e-3) -> Surface:
     """Return the surface of a part of a hand, meshed with an edge length [m]."""
     return _surface(_selected(hand.shape.hulls, hulls_of(part, places)), edge)
 
@@ -130,7 +130,7 @@ def solved(scene: LiveScene, joints: Joints, part: Rule, time: float) -> HandFac
     ----------
     scene : of the live loop.
     joints : (25, 3) of the hand [m].
-    part : ``"phalanges"``, ``"fingers"`` or ``"hand"``.
+    part : ``"phalanges"`` or ``"hand"``.
     time : of the pose, on the tracker's clock [s].
 
     Raises

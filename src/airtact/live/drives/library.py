@@ -14,8 +14,6 @@ from airtact.live.drives.factors import HandFactors
 from airtact.live.moment import Rule
 from airtact.live.scene import LiveScene, PosedHand, gap_change, turn
 
-PARTS: tuple[Rule, ...] = ("phalanges", "fingers", "hand", "carried")
-
 Poses = Float64[np.ndarray, "poses"]
 """A value for each pose that was solved."""
 
@@ -39,7 +37,6 @@ class Share:
 SHARES: dict[Rule, Share] = {
     "distances": Share(0.55, 0.55, 0.55),
     "phalanges": Share(0.93, 0.7, 0.7),
-    "fingers": Share(0.935, 0.7, 0.7),
     "hand": Share(0.98, 0.66, 0.66),
     "carried": Share(0.94, 0.7, 0.48),
 }

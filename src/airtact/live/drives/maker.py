@@ -18,18 +18,18 @@ from airtact.hands.joints import joints_of
 from airtact.hands.tracking.frame import HandFrame
 from airtact.hands.tracking.prediction import AGILITY, Predictor
 from airtact.live.drives.factors import OpenAir
-from airtact.live.drives.library import PARTS, Library, expected_kept, worth_solving
+from airtact.live.drives.library import Library, expected_kept, worth_solving
 from airtact.live.drives.moving import Rounds, turned_towards
 from airtact.live.drives.solver_process import Request, SolverProcess
 from airtact.live.moment import Controls, DriveMaker, Moment, Rule, silent_moment
 from airtact.live.scene import Amplitudes, Foci, Joints, LiveScene, Rows, pose_hand
 
 
-def solved_for(scene: LiveScene) -> list[tuple[Rule, ...]]:
-    """Return the parts that each solver process solves: phalanges and hand, or carried hands."""
+def solved_for(scene: LiveScene) -> list[Rule]:
+    """Return what is solved, each by a process: phalanges and hand, or carried hands."""
     # With three foci, or one at the palm, the sound of the other fingers and the palm matters.
     many = len(scene.places) >= 3 or "palm" in scene.places
-    return [("carried",)] if many and scene.moving is None else [("phalanges",), ("hand",)]
+    return ["carried"] if many and scene.moving is None else ["phalanges", "hand"]
 
 
 class HandAware(DriveMaker):
@@ -50,7 +50,8 @@ class HandAware(DriveMaker):
     noise : standard deviation of each coordinate of the tracker's landmarks [m]; estimated from the
         frames by default.
     agility : how suddenly joints change their velocity, see ``Predictor`` [m²/s³].
-    solvers : solve hands; by default the processes of ``solved_for``.
+    solvers : solve hands; by default the processes of ``solved_for``. Without any, drives are made
+        from distances alone.
 
     Attributes
     ----------
@@ -71,10 +72,10 @@ class HandAware(DriveMaker):
         self._rounds: Rounds | None = None
         if scene.moving is not None:
             self._rounds = Rounds(scene, scene.moving, self._open_air.rows)
-        self._libraries = {part: Library(part, scene) for part in PARTS}
-        self._parts: list[Rule] = [part for parts in solved_for(scene) for part in parts]
+        self._parts = solved_for(scene)
+        self._libraries = {part: Library(part, scene) for part in self._parts}
         if solvers is None:
-            solvers = [SolverProcess(scene, parts) for parts in solved_for(scene)]
+            solvers = [SolverProcess(scene, part) for part in self._parts]
         self._solvers = list(solvers)
         self._newest: HandFrame | None = None
         self._solved: float | None = None  # time of the newest pose that was solved

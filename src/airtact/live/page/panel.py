@@ -22,12 +22,13 @@ from airtact.hands.joints import FINGERS, Side
 from airtact.hands.kinematics import turned
 from airtact.hands.tracking.frame import FaultyFrame, HandFrame
 from airtact.live.moment import Controls, Moment, Rule, State, silent_moment
-from airtact.live.page.process import EMERGENCY, PageSettings, Shown
+from airtact.live.page.process import EMERGENCY, Message
 from airtact.live.page.sound import Sound
 from airtact.live.page.view import AMPLITUDES, PHASES, PRESSURES, STEPS, Look, View
 from airtact.live.scene import Joints, LiveScene
+from airtact.live.worker import Mailbox
 
-Send = Callable[[str | Controls | HandFrame], None]
+Send = Callable[[Message], None]
 """Sends a message to the loop."""
 
 CURVE_SECONDS = 10.0
@@ -43,7 +44,6 @@ CURVES = (
 RULES: dict[Rule, str] = {
     "distances": "distances alone, without the hand",
     "phalanges": "last phalanges solved",
-    "fingers": "fingers solved",
     "hand": "whole hand solved",
     "carried": "whole hand solved, carried along",
 }
@@ -316,16 +316,10 @@ def legend_html(look: Look, sound: Sound | None, largest: float) -> str:
         array = _bar(AMPLITUDES, "0", "amplitude of the elements", "100 %")
     end = f"≥ {largest:,.0f} Pa" if largest > 1.0 else "-"
     pressure = _bar(PRESSURES, "0", "pressure, peak", end)
-    if sound is None:
-        words = "silent."
-    elif sound.hand:
+    words = "silent, or not solved yet."
+    if sound is not None:
         age = time.monotonic() - sound.time
         words = f"all the sound, with the hand in its place as it was {age:.1f} s ago."
-    else:
-        words = (
-            "the direct sound of now, doubled on the skin, without the hand's shadow until it is "
-            "solved."
-        )
     return f'<div class="live">{array}{pressure}<small>Skin and slice: {words}</small></div>'
 
 
@@ -353,7 +347,6 @@ class DraggedHand:
         self.watched = False
         self._side: Side = side
         self._send = send
-        self._ended = False
         middle = joints.mean(axis=0)
         self._joints = joints - middle
         self._gizmo = server.scene.add_transform_controls(
@@ -364,8 +357,7 @@ class DraggedHand:
                 server.gui.add_slider(f"{finger} [°]", -40, 60, 1, 0, hint="opens at the root")
                 for finger in FINGERS
             ]
-        self._thread = Thread(target=self._give, daemon=True)
-        self._thread.start()
+        Thread(target=self._give, daemon=True).start()
 
     def joints(self) -> Joints:
         """Return the joints as they are on the page now (25, 3) [m]."""
@@ -376,14 +368,9 @@ class DraggedHand:
         turn = Rotation.from_quat(np.roll(self._gizmo.wxyz, -1)).as_matrix()
         return Pose(turn, np.asarray(self._gizmo.position, dtype=np.float64)).apply(joints)
 
-    def close(self) -> None:
-        """Give no more frames."""
-        self._ended = True
-        self._thread.join()
-
     def _give(self) -> None:
         sequence = 0
-        while not self._ended:
+        while True:
             if self.watched:
                 # With fingers bent beyond what is possible the hand is lost until they are back.
                 with suppress(FaultyFrame):
@@ -394,37 +381,41 @@ class DraggedHand:
 
 def paint(
     server: viser.ViserServer,
-    settings: PageSettings,
-    newest: Callable[[], Shown | None],
+    mailbox: Mailbox,
     send: Send,
-    ended: Callable[[], bool],
+    scene: LiveScene,
+    joints: Joints | None,
+    controls: Controls,
 ) -> None:
-    """Show the newest moment while the page is open, until the loop ends."""
-    scene = settings.scene
+    """Show the newest moment while the page is open, until the loop ends.
+
+    Parameters
+    ----------
+    server : of the page.
+    mailbox : has the newest moment, and the number of moments so far.
+    send : sends messages to the loop.
+    scene : the fixed part of the scene.
+    joints : (25, 3) of a hand to drag [m], or None.
+    controls : initial settings.
+    """
     view = View(server, scene)
-    panel = Panel(server, scene, settings.controls, send)
-    dragged = None
-    if settings.hand is not None:
-        dragged = DraggedHand(server, scene.side, settings.hand, send)
-    shown: Shown = (silent_moment(scene, 0.0, 0.0), 0)
+    panel = Panel(server, scene, controls, send)
+    dragged = None if joints is None else DraggedHand(server, scene.side, joints, send)
     painted = None
-    while not ended():
+    while not mailbox.ended:
         start = time.monotonic()
         watched = bool(server.get_clients())
-        shown = newest() or shown
+        shown = mailbox.newest or (silent_moment(scene, 0.0, 0.0), 0)
         if dragged is not None:
             dragged.watched = watched
-        if watched and (shown, panel.look) != painted:
-            painted = (shown, panel.look)
-            with server.atomic():
-                view.update(shown[0], panel.look)
         if watched:
             moment, drives = shown
+            if (shown, panel.look) != painted:
+                painted = (shown, panel.look)
+                with server.atomic():
+                    view.update(moment, panel.look)
             panel.update(moment, drives, view.sound, view.largest)
         # 13 pictures a second: the processor of the loop may draw them as well. At least
         # 30 % of the time is left to the loop, however slow the computer is.
         spent = time.monotonic() - start
         time.sleep(max(1.0 / 13.0 - spent, 3.0 / 7.0 * spent))
-    view.close()
-    if dragged is not None:
-        dragged.close()

@@ -1,15 +1,13 @@
-"""The sound that the page shows on the skin and in a slice: direct, or solved with the hand.
+"""The sound that the page shows on the skin and in a slice, solved with the hand in its place.
 
 The whole hand is solved for the newest drive, on panels that bend with it, in a process of low
 priority. This takes the better part of a second, so the page states the age of the result.
 """
 
-import os
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from multiprocessing import get_context
-from multiprocessing.connection import Connection
 from typing import Literal
 
 import numpy as np
@@ -18,12 +16,12 @@ from scipy.ndimage import zoom
 from scipy.spatial import KDTree
 
 from airtact.acoustics.solvers.bem.solutions import DirectSolution
-from airtact.acoustics.solvers.open_air import monopole_pressure
 from airtact.acoustics.sources import Monopoles
 from airtact.errors import InvalidInput, NotConverged
 from airtact.hands.shape import Hulls
 from airtact.live.drives.bending import BendingHand
 from airtact.live.scene import Amplitudes, Foci, Joints, LiveScene, pose_hand
+from airtact.live.worker import Mailbox, Worker
 from airtact.timing import give_way
 
 SLICE_SIZE = 0.12
@@ -80,80 +78,24 @@ def enlarged(field: Complex128[np.ndarray, "points"]) -> Float64[np.ndarray, "ro
     return np.abs(np.asarray(zoom(field.reshape(SLICE_POINTS, SLICE_POINTS), SLICE_ZOOM)))
 
 
-class DirectSound:
-    """The direct sound of an array's drives, without the sound that the hand scatters.
+def element_sources(scene: LiveScene, amplitudes: Amplitudes, middle: Vector) -> Monopoles:
+    """Return elements and images as monopoles that radiate as strongly as towards ``middle`` [m].
 
-    Each element is a point source with the strength that it radiates towards ``middle``; near there
-    the pressure is that of the whole element.
-
-    Parameters
-    ----------
-    scene : its medium, frequency and array are used.
+    Near there the pressure is that of the whole elements.
     """
-
-    def __init__(self, scene: LiveScene) -> None:
-        self._with_images = scene.with_images
-        self._array = scene.with_images.array
-        self._wavenumber = scene.wavenumber
-        # (R, A) which source is on which face of the array: those that look in one direction.
-        normals = self._array.normals
-        faces = []
-        left = np.ones(len(normals), dtype=bool)
-        while left.any():
-            face = left & (normals @ normals[int(np.argmax(left))] > 0.99)
-            faces.append(face.astype(np.float64))
-            left &= ~face
-        self._faces = np.stack(faces, axis=1)
-
-    def at(
-        self, points: Points, amplitudes: Amplitudes, middle: Vector
-    ) -> Complex128[np.ndarray, "points"]:
-        """Return the pressure in open air at points (P, 3) [m]: (P,) [Pa]."""
-        return self._pressure(points, self._strengths(amplitudes, middle)[:, None])[:, 0]
-
-    def sources(self, amplitudes: Amplitudes, middle: Vector) -> Monopoles:
-        """Return the elements and images as monopoles that radiate towards ``middle`` [m] alike."""
-        return Monopoles(self._array.positions, self._strengths(amplitudes, middle)[:, None])
-
-    def on_skin(
-        self, points: Points, normals: Points, amplitudes: Amplitudes, middle: Vector
-    ) -> Float64[np.ndarray, "points"]:
-        """Return the magnitude on a hard skin (P,) [Pa]: twice the direct sound where lit, else 0.
-
-        This is the Kirchhoff approximation: no part of the hand shades another or scatters sound to
-        it. The sound of each face of the array is taken to come from that face's centre.
-
-        Source: A. D. Pierce, *Acoustics* (3rd edition), section 9.2: twice the incident pressure on
-        the lit side.
-        """
-        strengths = self._strengths(amplitudes, middle)[:, None] * self._faces
-        pressures = self._pressure(points, strengths)
-        weight = np.abs(strengths) + 1e-300
-        centres = weight.T @ self._array.positions / weight.sum(axis=0)[:, None]
-        lit = np.einsum("pfd,pd->pf", centres[None] - points[:, None], normals) > 0.0
-        return 2.0 * np.abs((pressures * lit).sum(axis=1))
-
-    def _strengths(
-        self, amplitudes: Amplitudes, middle: Vector
-    ) -> Complex128[np.ndarray, "sources"]:
-        array = self._array
-        directions = middle - array.positions
-        lengths = np.linalg.norm(directions, axis=1, keepdims=True)
-        directions = directions / np.maximum(lengths, 1e-9)
-        bitangents = np.cross(array.normals, array.tangents)
-        axes = np.stack([array.tangents, bitangents, array.normals], axis=1)
-        local = np.einsum("ed,ecd->ec", directions, axes)
-        pattern = array.element.far_pattern(local, self._wavenumber.real)
-        if array.element.directional:
-            pattern = pattern * (local[:, 2] > 0.0)
-        driven = self._with_images.unfolded(amplitudes)
-        return array.element.sensitivity * array.gains * pattern * driven
-
-    def _pressure(
-        self, points: Points, strengths: Complex128[np.ndarray, "sources faces"]
-    ) -> Complex128[np.ndarray, "points faces"]:
-        positions = self._array.positions
-        return monopole_pressure(points, positions, strengths, self._wavenumber, "float32")
+    array = scene.with_images.array
+    directions = middle - array.positions
+    lengths = np.linalg.norm(directions, axis=1, keepdims=True)
+    directions = directions / np.maximum(lengths, 1e-9)
+    bitangents = np.cross(array.normals, array.tangents)
+    axes = np.stack([array.tangents, bitangents, array.normals], axis=1)
+    local = np.einsum("ed,ecd->ec", directions, axes)
+    pattern = array.element.far_pattern(local, scene.wavenumber.real)
+    if array.element.directional:
+        pattern = pattern * (local[:, 2] > 0.0)
+    driven = scene.with_images.unfolded(amplitudes)
+    strengths = array.element.sensitivity * array.gains * pattern * driven
+    return Monopoles(array.positions, strengths[:, None])
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,14 +127,12 @@ class Sound:
     Attributes
     ----------
     time : when it was requested, by ``time.monotonic`` [s].
-    hand : whether the hand is included; otherwise it is the direct sound.
     skin : (V,) peak pressure on the skin [Pa].
     section : the slice.
-    field : (P,) pressure at its points [Pa], 0 inside an included hand.
+    field : (P,) pressure at its points [Pa], 0 inside the hand.
     """
 
     time: float
-    hand: bool
     skin: Float64[np.ndarray, "skin"]
     section: Section
     field: Complex128[np.ndarray, "points"]
@@ -208,7 +148,6 @@ class SoundSolver:
 
     def __init__(self, scene: LiveScene) -> None:
         self._scene = scene
-        self._direct = DirectSound(scene)
         self._hand = BendingHand(scene, accuracy=0.1, min_seen=0.0)
 
     def solved(self, request: SoundRequest) -> Sound:
@@ -221,7 +160,7 @@ class SoundSolver:
         NotConverged
             The iteration did not converge.
         """
-        sources = self._direct.sources(request.amplitudes, request.foci.mean(axis=0))
+        sources = element_sources(self._scene, request.amplitudes, request.foci.mean(axis=0))
         solution = self._hand.received(request.joints, sources, 0.05)
         # On the skin the pressure is interpolated between the three nearest nodes of the panels;
         # the bound avoids a division by zero at a node.
@@ -232,7 +171,7 @@ class SoundSolver:
         skin = np.einsum("pn,pn->p", weights, solution.pressure[nearest, 0])
         hulls = pose_hand(self._scene, request.joints).hand.shape.hulls
         field = _field_around(solution, hulls, request.section.points())
-        return Sound(request.time, True, np.abs(skin), request.section, field)
+        return Sound(request.time, np.abs(skin), request.section, field)
 
 
 def _field_around(
@@ -250,52 +189,41 @@ def _field_around(
 
 
 class SoundProcess:
-    """Solves one moment after another in a process; ``ask`` and ``newest`` return at once.
+    """Solves the sound of one moment after another in a process; ``ask`` returns at once.
 
     Parameters
     ----------
     scene : of the live loop.
+
+    Attributes
+    ----------
+    newest : sound, or None.
     """
 
     def __init__(self, scene: LiveScene) -> None:
-        spawning = get_context("spawn")
-        self._pipe, theirs = spawning.Pipe()
-        self._process = spawning.Process(target=_solve_requests, args=(scene, theirs), daemon=True)
-        self._process.start()
-        theirs.close()
-        self._ready = False
         self.newest: Sound | None = None
+        # One solution takes most of a second.
+        self._worker = Worker(_solve_sounds, (scene,), self._received, pause=0.2)
 
     def ask(self, request: SoundRequest) -> None:
-        """Request a solution, unless one is being solved."""
-        with suppress(OSError, EOFError):  # after the process has died, nothing is solved any more
-            while self._pipe.poll():
-                answer = self._pipe.recv()
-                self._ready = answer is None
-                self.newest = answer or self.newest
-            if self._ready:
-                self._pipe.send(request)
-                self._ready = False
+        """Request a solution; the newest request is solved."""
+        self._worker.put(request)
 
     def close(self) -> None:
         """End the process."""
-        self._process.kill()
-        self._process.join()
-        self._pipe.close()
+        self._worker.close()
+
+    def _received(self, sound: Sound | None) -> None:
+        self.newest = sound or self.newest
 
 
-def _solve_requests(scene: LiveScene, pipe: Connection) -> None:
-    """Send None when ready, then the sound of the request that comes, if it can be solved."""
-    with suppress(AttributeError, OSError):
-        os.setsid()
+def _solve_sounds(mailbox: Mailbox, send: Callable[[Sound], None], scene: LiveScene) -> None:
+    """Solve the sound of the newest request over and over, if it can be solved."""
     give_way(8)  # between the priorities of the loop's own solvers
     solver = SoundSolver(scene)
-    with suppress(OSError, EOFError):
-        while True:
-            pipe.send(None)
-            request = pipe.recv()
-            begun = time.process_time()
-            with suppress(InvalidInput, NotConverged):
-                pipe.send(solver.solved(request))
-            # Solving takes at most 40 % of a processor.
-            time.sleep(1.5 * (time.process_time() - begun))
+    while (request := mailbox.take()) is not None:
+        begun = time.process_time()
+        with suppress(InvalidInput, NotConverged):
+            send(solver.solved(request))
+        # Solving takes at most 40 % of a processor.
+        time.sleep(1.5 * (time.process_time() - begun))

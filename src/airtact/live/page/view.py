@@ -20,14 +20,13 @@ from airtact.live.moment import Moment
 from airtact.live.page.sound import (
     SLICE_SIZE,
     Axis,
-    DirectSound,
     Section,
     Sound,
     SoundProcess,
     SoundRequest,
     enlarged,
 )
-from airtact.live.scene import Amplitudes, Joints, LiveScene
+from airtact.live.scene import Amplitudes, Foci, Joints, LiveScene
 from airtact.reports.array_figures import spacing, view_of
 from airtact.reports.solids import SHEET, sheet_of
 
@@ -86,12 +85,11 @@ class View:
     def __init__(self, server: viser.ViserServer, scene: LiveScene) -> None:
         self._server = server
         self._scene = scene
-        self._direct = DirectSound(scene)
         self._skin = MovingSkin(scene.radii)
         self._solving = SoundProcess(scene)
         self._middle = expected_middle(scene)
         self._peak = 0.0  # running mean of the largest pressure, for the colours [Pa]
-        self.sound: Sound | None = None  # that skin and slice show; None for silence
+        self.sound: Sound | None = None  # that skin and slice show
         # viser has no public way to draw unlit vertex colours or to draw less often.
         script = Path(__file__).with_name("drawing.js").read_text(encoding="utf-8")
         server._websock_server.queue_message(RunJavascriptMessage(script))
@@ -130,7 +128,7 @@ class View:
         self._middle = moment.foci.mean(axis=0)
         vertices, normals = self._skin.at(moment.joints)
         if np.any(moment.amplitudes):
-            self.sound = self._sound_of(moment, vertices, normals, look, previous)
+            self.sound = self._sound_of(moment, moment.joints, moment.foci, vertices, look)
         if self.sound is not None and self.sound is not previous:
             # The colours follow the largest pressure slowly, so that they do not flicker.
             parts = (self.sound.skin, self.sound.field)
@@ -141,10 +139,6 @@ class View:
         self._show_hand(vertices, normals, pressures)
         self._slice.visible = self.sound is not None and look.slice
 
-    def close(self) -> None:
-        """End the process that solves the sound."""
-        self._solving.close()
-
     @property
     def largest(self) -> float:
         """Pressure at the end of the colours of skin and slice [Pa]."""
@@ -152,29 +146,16 @@ class View:
         return max(0.6 * self._peak, 1.0)
 
     def _sound_of(
-        self,
-        moment: Moment,
-        vertices: Vertices,
-        normals: Vertices,
-        look: Look,
-        previous: Sound | None,
-    ) -> Sound:
-        """Return the solved sound if it is under 20 s old, else the direct sound."""
-        assert moment.joints is not None
-        assert moment.foci is not None
+        self, moment: Moment, joints: Joints, foci: Foci, vertices: Vertices, look: Look
+    ) -> Sound | None:
+        """Request the sound of a moment, and return the newest one that is under 20 s old."""
         section = Section(self._middle, look.across, look.offset)
         now = time.monotonic()
-        amplitudes = moment.amplitudes
-        self._solving.ask(
-            SoundRequest(now, moment.joints, moment.foci, amplitudes, vertices, section)
-        )
-        for sound, max_age in ((self._solving.newest, 20.0), (previous, 0.25)):
-            fits = sound is not None and len(sound.skin) == len(vertices)
-            if sound is not None and fits and now - sound.time < max_age:
-                return sound
-        skin = self._direct.on_skin(vertices, normals, amplitudes, self._middle)
-        field = self._direct.at(section.points(), amplitudes, self._middle)
-        return Sound(now, False, skin, section, field)
+        self._solving.ask(SoundRequest(now, joints, foci, moment.amplitudes, vertices, section))
+        sound = self._solving.newest
+        if sound is None or len(sound.skin) != len(vertices) or now - sound.time > 20.0:
+            return None
+        return sound
 
     def _show_hand(
         self,

@@ -1,0 +1,163 @@
+"""Processes beside the loop: each works on the newest message, and sends messages back."""
+
+import os
+import pickle
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from threading import Condition, Lock, Thread
+from typing import IO, Any, cast
+
+
+class Mailbox:
+    """The newest message; it takes the place of the one before.
+
+    Attributes
+    ----------
+    newest : the message, or None.
+    ended : whether no more messages come.
+    """
+
+    def __init__(self) -> None:
+        self.newest: Any = None
+        self.ended: bool = False
+        self._arrived = 0.0
+        self._changed = Condition()
+
+    def put(self, message: object) -> None:
+        """Replace the message."""
+        with self._changed:
+            self.newest = message
+            self._arrived = time.monotonic()
+            self._changed.notify_all()
+
+    def end(self) -> None:
+        """Announce that no more messages come."""
+        with self._changed:
+            self.ended = True
+            self._changed.notify_all()
+
+    def take(self) -> Any:
+        """Wait for a message and remove it; None at the end."""
+        with self._changed:
+            self._changed.wait_for(lambda: self.ended or self.newest is not None)
+            message = self.newest
+            self.newest = None
+            return None if self.ended else message
+
+    def look(self, max_age: float) -> Any:
+        """Wait for a message younger than ``max_age`` [s] and leave it; None at the end."""
+        with self._changed:
+            while not self.ended:
+                if self.newest is not None and time.monotonic() - self._arrived < max_age:
+                    return self.newest
+                self.newest = None
+                self._changed.wait()
+        return None
+
+
+class Worker:
+    """A process with one thread for linear algebra; no call waits for it.
+
+    It ends when it is closed and when this process is gone.
+
+    Parameters
+    ----------
+    work : runs in the process; a function of a module. Its arguments are a mailbox with what is
+        ``put``, a function that sends a message back from any thread, and ``arguments``.
+    arguments : can be pickled.
+    receive : called, by a thread of this class, with each message that comes back, and with None
+        when the process has ended.
+    pause : shortest time between two messages to the process [s].
+    """
+
+    def __init__(
+        self,
+        work: Callable[..., None],
+        arguments: tuple[object, ...],
+        receive: Callable[[Any], None],
+        pause: float = 0.0,
+    ) -> None:
+        one_thread = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", "from airtact.live.worker import main; main()"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env={**os.environ, **one_thread},
+            start_new_session=True,  # Ctrl-C reaches the loop alone, which ends this process
+        )
+        self._receive = receive
+        self._pause = pause
+        self._mailbox = Mailbox()
+        self._threads = [
+            Thread(target=self._send, args=((work, arguments),), daemon=True),
+            Thread(target=self._answer, daemon=True),
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    def put(self, message: object) -> None:
+        """Hand over the newest message."""
+        self._mailbox.put(message)
+
+    @property
+    def alive(self) -> bool:
+        """Whether the process runs."""
+        return self.process.poll() is None
+
+    def close(self) -> None:
+        """End the process."""
+        self._mailbox.end()
+        self.process.kill()
+        self.process.wait()
+        for thread in self._threads:
+            thread.join()
+
+    def _send(self, first: object) -> None:
+        pipe = cast(IO[bytes], self.process.stdin)
+        with suppress(OSError), pipe:
+            _dump(first, pipe)
+            while (message := self._mailbox.take()) is not None:
+                _dump(message, pipe)
+                time.sleep(self._pause)
+
+    def _answer(self) -> None:
+        pipe = cast(IO[bytes], self.process.stdout)
+        with suppress(EOFError, OSError, pickle.UnpicklingError), pipe:
+            while True:
+                self._receive(pickle.load(pipe))
+        self._receive(None)
+
+
+def _dump(message: object, pipe: IO[bytes]) -> None:
+    pickle.dump(message, pipe)
+    pipe.flush()
+
+
+def main() -> None:
+    """Do the work in the first message from the input, until the input ends."""
+    answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
+    # Output of libraries must not come among the messages.
+    with open(os.devnull, "wb") as nothing:
+        os.dup2(nothing.fileno(), sys.stdout.fileno())
+    work, arguments = pickle.load(sys.stdin.buffer)
+    mailbox = Mailbox()
+    lock = Lock()
+
+    def listen() -> None:
+        with suppress(EOFError, OSError, pickle.UnpicklingError):
+            while True:
+                mailbox.put(pickle.load(sys.stdin.buffer))
+        mailbox.end()
+
+    def send(message: object) -> None:
+        with lock:
+            _dump(message, answers)
+
+    Thread(target=listen, daemon=True).start()
+    with suppress(BrokenPipeError):
+        work(mailbox, send, *arguments)
+    # At once: an interpreter that ends while another thread reads, or is in a kernel, is aborted.
+    os._exit(0)
