@@ -100,6 +100,22 @@ def test_a_drive_goes_through_the_firmware_model(capsys, drive) -> None:
     assert "9 frames were sent; the last was silence, and confirmed." in printed
 
 
+def test_a_frame_is_judged_at_the_foci_that_it_is_made_for(capsys, tmp_path) -> None:
+    """What a frame for one focus leaves at another is small, and rounding may change it much."""
+    array = at.autd3_board()
+    points = np.array([[0.05, 0.05, 0.15], [0.12, 0.05, 0.15]])
+    scene = at.Scene(at.Medium(343.1, 1.293), [])
+    target = at.Target(points)
+    transfer = at.open_air_matrix(scene, array, target)
+    frames = np.stack([np.exp(-1j * np.angle(row)) for row in transfer.matrix])
+    path = tmp_path / "drive.h5"
+    at.drives.Sequence(frames, 200.0).save(path, array, scene, transfer, target)
+    printed, _ = done(capsys, "emit", path, "--board", "autd3", "--link", "audit", *FULL, *BRIEFLY)
+    rounding = re.search(r"rounding\s+([+-]\d+\.\d+)%", printed)
+    assert rounding
+    assert abs(float(rounding[1])) < 0.1
+
+
 def test_at_full_scale_rounding_to_bytes_costs_little(capsys, drive) -> None:
     printed, _ = done(capsys, "emit", drive, "--board", "autd3", "--link", "audit", *FULL, *BRIEFLY)
     rounding = re.search(r"rounding ([+-]\d+\.\d+)%", printed)

@@ -300,7 +300,11 @@ class Head:
             frame = frame_at(row, levels, share)
             if not frame.silent:
                 exact = Drive(row if levels.phase_only else share * row)
-                changes.append(rounding_error(transfer, exact, frame))
+                pressures = np.abs(transfer.pressure(exact))
+                # A frame of a sequence is made for some of the foci; what it leaves at the others
+                # may change by any factor.
+                meant = pressures > 0.1 * pressures.max()
+                changes.append(np.where(meant, rounding_error(transfer, exact, frame), 0.0))
         if not changes:
             return None, None
         changes = np.array(changes)
