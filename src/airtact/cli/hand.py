@@ -69,7 +69,7 @@ def hand(
     from airtact.errors import within
     from airtact.hands.files import CLOUD_ENDINGS
     from airtact.hands.tracking.recordings import ENDINGS as RECORDINGS
-    from airtact.setup.panel_files import check_output
+    from airtact.setup.exports import check_output
 
     def reject(sentence: str, code: str = "options_clash") -> None:
         raise at.InvalidInput(f"{path.name} {sentence}", code=code)
@@ -203,7 +203,7 @@ def _replay(
     from airtact.hands.tracking.recordings import load_recording, pads_over_time
     from airtact.reports.page import write_picture
     from airtact.reports.plots import draw_tracks
-    from airtact.setup.panel_files import write_triangles
+    from airtact.setup.exports import write_triangles
 
     report_step(f"reading {path.name}")
     recording = load_recording(path, leave_out)
@@ -264,7 +264,7 @@ def _write(
     report_step: Progress,
 ) -> Path:
     from airtact.reports.page import write_picture
-    from airtact.setup.panel_files import write_triangles
+    from airtact.setup.exports import write_triangles
 
     report_step(f"writing {file.name}")
     write_triangles(file, triangles)

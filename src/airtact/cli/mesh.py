@@ -54,7 +54,7 @@ def mesh(surface: Path, edge: float | None, file: Path, **settings: float | None
         from airtact.geometry.mesh.topology import cone_volumes
         from airtact.reports.body_figure import draw_panels
         from airtact.reports.page import write_picture
-        from airtact.setup.panel_files import check_output, write_panels
+        from airtact.setup.exports import check_output, write_triangles
 
         check_output(file, surface)
         loaded = at.load_surface(surface, **given(**settings), progress=report_step)
@@ -66,10 +66,12 @@ def mesh(surface: Path, edge: float | None, file: Path, **settings: float | None
         report_step(f"making panels of {1e3 * edge:.3g} mm")
         panels = loaded.panelled(edge)
         report_step(f"writing {file.name}")
-        open_edges = write_panels(file, panels)
+        triangles = panels.quadratic_triangles
+        open_edges = write_triangles(
+            file, triangles, {"deviation": panels.deviation, "body": panels.body}
+        )
         picture = file.with_suffix(".png")
         report_step(f"drawing {picture.name}")
-        triangles = panels.quadratic_triangles
         write_picture(picture, draw_panels(triangles))
 
     # Flat triangles have their middles on the edges, so one function measures both meshes.

@@ -159,8 +159,7 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
     )
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
     sources = beacons.sources
-    count = len(sources.positions)
-    if not np.array_equal(sources.strengths, np.eye(count)):
+    if not np.array_equal(sources.strengths, np.eye(len(sources.positions))):
         raise InvalidInput(
             "the field must be that of unit beacons, one excitation of 1 Pa·m per point, not "
             f"strengths of shape {sources.strengths.shape} with the largest "
@@ -168,6 +167,13 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
             code="wrong_kind",
         )
     check_placement(beacons.scene, array, sources.positions)
+    return transfer_to(beacons, array)
+
+
+def transfer_to(beacons: RadiatedField, array: PhasedArray) -> TransferMatrix:
+    """Return the transfer matrix of unit beacons to an array whose placement was checked before."""
+    sources = beacons.sources
+    count = len(sources.positions)
     received = beacons.at(array.face_points.reshape(-1, 3)).reshape(len(array), -1, count)
     # Stored fields are NaN outside their samples.
     unknown = ~np.isfinite(received).all(axis=(1, 2))

@@ -18,10 +18,10 @@ from airtact.reports.run_page import Fields, write_page
 from airtact.reports.solids import behind_planes
 from airtact.reports.viewer import SceneView
 from airtact.setup.comparing import MethodComparison
+from airtact.setup.exports import write_field
 from airtact.setup.rendering import Rendering
 from airtact.setup.sequences import paths_of
 from airtact.setup.setup import Setup
-from airtact.setup.vtkhdf import write_field
 from airtact.timing import Clock, Progress
 
 

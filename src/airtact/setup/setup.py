@@ -125,7 +125,8 @@ class Setup:
                 check_outside(self.scene, self.target.suppression_points, "suppression point")
         # The array is checked with the foci: one behind all faces is out of reach.
         with about("array"):
-            check_placement(self.scene, self.array, self.target.points)
+            beacons = self.target.beacons(suppression=True)
+            check_placement(self.scene, self.array, beacons.positions)
             self.poses  # noqa: B018 (raises where the array is not made of such boards)
         with about("drive"):
             check_method(self.method, self.followed or self.uncertainty is not None)

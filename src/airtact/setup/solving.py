@@ -19,7 +19,7 @@ from airtact.acoustics.sources import Monopoles
 from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive
 from airtact.drives.methods import FOR_SAMPLES, method_for
-from airtact.drives.transfer import TransferMatrix, open_air_matrix, transfer_matrix
+from airtact.drives.transfer import TransferMatrix, open_air_matrix, transfer_to
 from airtact.drives.weakest_focus import Stalled
 from airtact.errors import counted
 from airtact.evaluation.headline import body_word
@@ -70,7 +70,8 @@ def transfer_to_array(
         # The warning of a matrix that is far off becomes a sentence of the result.
         with warnings.catch_warnings(record=True) as inexact:
             warnings.simplefilter("always")
-            transfer = transfer_matrix(beacons, setup.array)
+            # The setup has checked the placement of the array.
+            transfer = transfer_to(beacons, setup.array)
         # The matrix is evaluated from the transposed solution, so a warning about the direct one
         # does not concern it.
         report = replace(

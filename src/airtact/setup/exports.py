@@ -1,27 +1,27 @@
-"""Fields, bodies and panels for ParaView: the VTKHDF format, version 2.2.
+"""Fields, bodies and panels for other programs: VTKHDF 2.2 for ParaView, flat triangles.
 
 See https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format.
 """
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import h5py
 import numpy as np
 from jaxtyping import Complex, Real
+from scipy.spatial import KDTree
 
 from airtact.errors import InvalidInput
 from airtact.evaluation.windows import Box
 from airtact.files.atomic import whole_file
-from airtact.geometry.mesh.arrays import QuadraticTriangles
-from airtact.geometry.mesh.quadratic_triangles import panel_areas, smallest_angles
+from airtact.geometry.mesh.arrays import QuadraticTriangles, Triangles, Vertices
+from airtact.geometry.mesh.quadratic_triangles import edge_lengths, panel_areas, smallest_angles
+from airtact.geometry.mesh.topology import components, edge_twins
 from airtact.geometry.surface import Surface
 
-if TYPE_CHECKING:
-    import h5py
-
-# VTK's number for a triangle of six nodes: the corners, then the middles of edges 01, 12, 20
-QUADRATIC_TRIANGLE = 22
+CURVED = ".vtkhdf"
+# File name endings of flat triangles, in metres
+FLAT = (".stl", ".ply", ".glb")
 
 
 def write_field(
@@ -32,8 +32,6 @@ def write_field(
     The data are pressure_real and pressure_imag, NaN where there is no field; cell data ``body``
     numbers the bodies.
     """
-    import h5py
-
     if len(pressure) != np.prod(box.counts):
         raise InvalidInput(
             f"{len(pressure)} pressures do not fit a box of {np.prod(box.counts)} points.",
@@ -52,7 +50,68 @@ def write_field(
             assembly.create_group(name, track_order=True)[name] = h5py.SoftLink(f"/VTKHDF/{name}")
 
 
-def write_panels_vtkhdf(
+def check_output(path: Path, *sources: Path) -> None:
+    """Raise where panels cannot be written to a file, or would overwrite their source."""
+    if path.suffix.lower() not in (CURVED, *FLAT):
+        raise InvalidInput(
+            f"{path.name} ends in {path.suffix!r}, but panels are written to "
+            f"{', '.join((CURVED, *FLAT))}.",
+            code="unknown_format",
+        )
+    for source in sources:
+        if path.resolve() == source.resolve():
+            raise InvalidInput(
+                f"the output would overwrite {source.name}, which it is made from: give another "
+                "file.",
+                code="would_overwrite",
+            )
+
+
+def write_triangles(
+    path: Path,
+    quadratic_triangles: QuadraticTriangles,
+    cells: Mapping[str, Real[np.ndarray, "panels"]] | None = None,
+) -> int:
+    """Write quadratic triangles [m] in the format of the ending; .vtkhdf also holds ``cells``.
+
+    Return how many edges of the flat triangles have no neighbour, as where panels of two sizes
+    meet; 0 for curved panels, which need not meet.
+    """
+    check_output(path)
+    if path.suffix.lower() == CURVED:
+        _write_vtkhdf(path, quadratic_triangles, cells or {})
+        return 0
+    import trimesh  # takes as long to import as all the rest of airtact
+
+    vertices, triangles = flat_triangles(quadratic_triangles)
+    content = trimesh.Trimesh(vertices, triangles, process=False).export(
+        file_type=path.suffix.lower()[1:]
+    )
+    with whole_file(path) as partial:
+        partial.write_bytes(content if isinstance(content, bytes) else str(content).encode())
+    return int((edge_twins(triangles) < 0).sum())
+
+
+def flat_triangles(quadratic_triangles: QuadraticTriangles) -> tuple[Vertices, Triangles]:
+    """Cut each panel into four flat triangles, and join the nodes of neighbours.
+
+    Each panel is projected onto the surface by itself, so the nodes of neighbours are micrometres
+    apart. Where panels of two sizes meet, the smaller ones have nodes that the larger ones lack.
+    """
+    nodes = quadratic_triangles.reshape(-1, 3)
+    shortest = np.repeat(edge_lengths(quadratic_triangles).min(axis=1), 6)
+    pairs = KDTree(nodes).query_pairs(0.1 * shortest.max(), output_type="ndarray")
+    apart = np.linalg.norm(nodes[pairs[:, 0]] - nodes[pairs[:, 1]], axis=1)
+    # The nodes of one panel are half an edge apart, so they never join.
+    pairs = pairs[apart <= 0.1 * shortest[pairs].min(axis=1)]
+    vertex = components(pairs[:, 0], pairs[:, 1], len(nodes))
+    vertices = np.stack([np.bincount(vertex, weights=axis) for axis in nodes.T], axis=1)
+    vertices /= np.bincount(vertex)[:, None]
+    corners = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])
+    return vertices, vertex.reshape(-1, 6)[:, corners].reshape(-1, 3)
+
+
+def _write_vtkhdf(
     path: Path,
     quadratic_triangles: QuadraticTriangles,
     cells: Mapping[str, Real[np.ndarray, "panels"]],
@@ -62,8 +121,6 @@ def write_panels_vtkhdf(
     Each keeps its own six points, because neighbours need not share them. Cell data:
     ``smallest_angle`` [degrees], ``area`` [m²], and what is given.
     """
-    import h5py
-
     count = len(quadratic_triangles)
     numbers = {
         "smallest_angle": smallest_angles(quadratic_triangles),
@@ -80,13 +137,14 @@ def write_panels_vtkhdf(
         root.create_dataset("Points", data=quadratic_triangles.reshape(-1, 3))
         root.create_dataset("Connectivity", data=np.arange(6 * count))
         root.create_dataset("Offsets", data=6 * np.arange(count + 1))
-        root.create_dataset("Types", data=np.full(count, QUADRATIC_TRIANGLE, dtype=np.uint8))
+        # 22 is a triangle of six nodes: the corners, then the middles of edges 01, 12, 20.
+        root.create_dataset("Types", data=np.full(count, 22, dtype=np.uint8))
         data = root.create_group("CellData")
         for name, values in (numbers | dict(cells)).items():
             data.create_dataset(name, data=values)
 
 
-def _group(parent: "h5py.Group", name: str, kind: str) -> "h5py.Group":
+def _group(parent: h5py.Group, name: str, kind: str) -> h5py.Group:
     group = parent.create_group(name, track_order=True)
     group.attrs["Version"] = np.array([2, 2])
     # The reader wants a fixed-length ASCII string; h5py writes a Python str as variable-length
@@ -95,13 +153,13 @@ def _group(parent: "h5py.Group", name: str, kind: str) -> "h5py.Group":
     return group
 
 
-def _block(root: "h5py.Group", name: str, index: int, kind: str) -> "h5py.Group":
+def _block(root: h5py.Group, name: str, index: int, kind: str) -> h5py.Group:
     group = _group(root, name, kind)
     group.attrs["Index"] = index
     return group
 
 
-def _write_image(group: "h5py.Group", box: Box, pressure: Complex[np.ndarray, "points"]) -> None:
+def _write_image(group: h5py.Group, box: Box, pressure: Complex[np.ndarray, "points"]) -> None:
     # The format counts along z first, and an extent includes both ends.
     across, along, deep = box.counts
     group.attrs["WholeExtent"] = np.array([0, across - 1, 0, along - 1, 0, deep - 1])
@@ -115,7 +173,7 @@ def _write_image(group: "h5py.Group", box: Box, pressure: Complex[np.ndarray, "p
         )
 
 
-def _write_polygons(group: "h5py.Group", bodies: Sequence[Surface]) -> None:
+def _write_polygons(group: h5py.Group, bodies: Sequence[Surface]) -> None:
     starts = np.cumsum([0] + [len(body.vertices) for body in bodies])
     vertices = np.concatenate([body.vertices for body in bodies])
     triangles = np.concatenate(
