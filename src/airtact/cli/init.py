@@ -37,7 +37,7 @@ PLACES = ("index.pad", "middle.pad", "palm")
 )
 @quiet
 def init(place: Path, board: str, hand: Path | None) -> None:
-    """Write scene.toml, with comments, for one board and a hand above it that feels three points.
+    """Write scene.toml, with comments, for one board and a hand above it.
 
     It is written into this folder, or into FOLDER or FILE.toml. No file is overwritten.
     """
