@@ -6,10 +6,13 @@ import subprocess
 import sysconfig
 from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import pytest
 
+from airtact.setup import tables
+from airtact.setup.parsing import parse_scene
 from paths import ROOT
 
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
@@ -98,3 +101,25 @@ def test_commands_of_the_readme_exist() -> None:
     asked = [line.split()[1] for line in commands if line.startswith("make ")]
     assert {"run", "test"} <= set(asked)
     assert set(asked) <= targets
+
+
+def test_keys_of_the_scene_file_are_those_of_the_schema() -> None:
+    page = (ROOT / "docs/scene-file.md").read_text(encoding="utf-8")
+    spec = spec_from_file_location("scene_file", ROOT / "docs/scene_file.py")
+    assert spec is not None
+    assert spec.loader is not None
+    writer = module_from_spec(spec)
+    spec.loader.exec_module(writer)
+    assert writer.filled(page) == page, "run python docs/scene_file.py"
+    shown = set(re.findall(r"<!-- table (\w+) -->", page))
+    kinds = {name for name in vars(tables) if name.endswith("Table")} - {"Table"}
+    assert shown == kinds | {"SceneFile"}
+
+
+def test_examples_of_the_scene_file_are_read() -> None:
+    examples = [block.text for block in blocks(ROOT / "docs/scene-file.md") if block.kind == "toml"]
+    assert len(examples) > 10
+    smallest = examples[0]
+    for text in examples:
+        head = [part for part in smallest.split("\n\n") if part.split("\n")[0] not in text]
+        parse_scene("\n\n".join([*head, text]))

@@ -86,15 +86,15 @@ class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 class MediumTable(Table, frozen=True):
-    """What the sound travels in: air of some weather, or any fluid by its ``sound_speed``.
+    """The fluid around the bodies: air by its temperature, or any fluid by its ``sound_speed``.
 
     Attributes
     ----------
     celsius : temperature of air [°C].
-    humidity : relative humidity of air, 0 to 1.
-    sound_speed : [m/s].
-    density : [kg/m³].
-    absorption : [Np/m]; none if left out.
+    humidity : relative humidity of air; 0.5 if left out.
+    sound_speed : speed of sound of another fluid [m/s].
+    density : density of the fluid [kg/m³].
+    absorption : absorption of the fluid [Np/m]; 0 if left out.
     """
 
     one_of: ClassVar = ("celsius", "sound_speed")
@@ -110,10 +110,10 @@ class PoseTable(Table, frozen=True):
 
     Attributes
     ----------
-    axis : direction of the axis.
-    degrees : angle of the turn about it.
-    rotation : a rotation matrix, row by row.
-    translation : [m].
+    axis : axis of the rotation, through the origin.
+    degrees : angle of the rotation [°].
+    rotation : rotation matrix, row by row.
+    translation : shift after the rotation [m].
     """
 
     axis: Annotated[Triple | None, needed_by("degrees")] = None
@@ -127,19 +127,19 @@ class ArrayTable(Table, frozen=True):
 
     Attributes
     ----------
-    layout : "surrounding_box", the paper's four boards around the origin, or a box of four of a
-        kind of ``board``; "flat_boards", AUTD3 boards edge to edge in the plane z = 0; "boards" of
-        one kind, each at its pose; or the name of a .csv file beside the scene file with positions
-        and normals.
-    board : kind of board; "autd3" if left out.
-    rows, columns : how many flat boards along y and along x; 2 each if left out.
-    poses : of boards.
-    calibration : a .csv file beside the scene file with the gain of each element.
-    source : "piston", or "monopole", alike in all directions.
-    piston_radius : [m]; that of the board's transducers if left out.
-    sensitivity : strength of a transducer at full scale [Pa·m].
-    reflects : whether the boards are rigid bodies.
-    pose : places the whole array in the obstacles' frame.
+    layout : "surrounding_box", the paper's box around the origin, or a box of four boards of the
+        kind ``board``; "flat_boards", AUTD3 boards edge to edge in the plane z = 0; "boards", each
+        at its pose; or a .csv file beside the scene file.
+    board : kind of board: "autd3", "sonicsurface", "nano16" or "openmpd"; "autd3" if left out.
+    rows, columns : number of flat boards along y and along x; 2 if left out.
+    poses : pose of each board.
+    calibration : .csv file beside the scene file with the gain of each element.
+    source : "piston" radiates forwards only, "monopole" to all sides.
+    piston_radius : radius of a transducer [m]; that of the board, 4.5 mm for a .csv file, if left
+        out.
+    sensitivity : pressure at 1 m, times 1 m, at full scale [Pa·m]; 4.38 if left out.
+    reflects : whether the boards are rigid bodies that reflect sound.
+    pose : pose of the whole array in the obstacles' frame.
     """
 
     layout: str
@@ -164,20 +164,20 @@ class PinchTable(Table, frozen=True):
 
     Attributes
     ----------
-    gap : distance between their pads [m].
+    gap : distance between the pads [m].
     """
 
     gap: Positive = 0.012
 
 
 class CapsuleTable(Table, frozen=True):
-    """A round-ended rod.
+    """A cylinder with round ends.
 
     Attributes
     ----------
-    start, end : of its axis [m].
-    radius : [m].
-    edge : longest edge of its picture, not of the solver's panels [m].
+    start, end : ends of the axis [m].
+    radius : radius of cylinder and ends [m].
+    edge : longest triangle edge in pictures; it does not affect the solver [m].
     """
 
     start: Triple
@@ -187,13 +187,13 @@ class CapsuleTable(Table, frozen=True):
 
 
 class SphereTable(Table, frozen=True):
-    """A ball.
+    """A sphere.
 
     Attributes
     ----------
-    radius : [m].
-    centre : [m].
-    edge : longest edge of its picture, not of the solver's panels [m].
+    radius : radius of the sphere [m].
+    centre : centre of the sphere [m].
+    edge : longest triangle edge in pictures; it does not affect the solver [m].
     """
 
     radius: Positive
@@ -202,23 +202,22 @@ class SphereTable(Table, frozen=True):
 
 
 class ObstacleTable(Table, frozen=True):
-    """A body, or the two of a pinch, and what its surface does to sound.
+    """A body, or the two fingers of a pinch, and the boundary condition on its surface.
 
     Attributes
     ----------
-    pinch, capsule, sphere : a table of that body.
-    surface : a mesh file beside the scene file.
-    joints : a file of the pose of a scanned hand, in the frame of the mesh [m], which names its
-        pads where the mesh has no rig.
-    scale : metres per unit of the mesh file.
-    largest_hole : widest hole that is filled [m].
-    sharp_degrees : edges that turn by more stay sharp.
-    hand : a file of the pose of a hand.
-    gap : opens thumb and index finger of the hand to this distance [m].
-    boundary : "sound_hard", "impedance" or "filled".
-    ratio : impedance Z/(ρc) of the surface, a number or [real, imaginary].
-    medium : that fills the body.
-    pose : places the body and its named points.
+    pinch, capsule, sphere : body given by formula.
+    surface : mesh file beside the scene file.
+    joints : pose file of a scanned hand, in the frame of the mesh, for its named places.
+    scale : length of one unit of the mesh file [m]; 1 if left out.
+    largest_hole : widest hole that is filled [m]; 0.002 if left out.
+    sharp_degrees : edges that turn by more stay sharp [°]; 75 if left out.
+    hand : pose file of a hand.
+    gap : thumb and index finger are opened to this distance [m].
+    boundary : "sound_hard" reflects completely, "impedance" absorbs, "filled" is another fluid.
+    ratio : surface impedance Z/(ρc); [real, imaginary] if complex.
+    medium : fluid inside the body.
+    pose : pose of the body and its named points.
     """
 
     one_of: ClassVar = ("pinch", "capsule", "sphere", "surface", "hand")
@@ -243,8 +242,8 @@ class PlaneTable(Table, frozen=True):
 
     Attributes
     ----------
-    point : of the plane [m].
-    normal : direction to the side where the sound is.
+    point : any point of the plane [m].
+    normal : direction to the side with the sound.
     """
 
     point: Triple
@@ -256,8 +255,8 @@ class SegmentTable(Table, frozen=True):
 
     Attributes
     ----------
-    start, end : [m].
-    spacing : largest distance between two points [m].
+    start, end : first and last point [m].
+    spacing : largest distance between neighbours [m].
     """
 
     start: Triple
@@ -270,9 +269,9 @@ class PolylineTable(Table, frozen=True):
 
     Attributes
     ----------
-    corners : [m].
-    spacing : largest distance between two points [m].
-    closed : whether a line leads from the last corner to the first.
+    corners : corners in order [m].
+    spacing : largest distance between neighbours [m].
+    closed : whether a line joins the last corner to the first.
     """
 
     corners: list[Triple]
@@ -285,10 +284,10 @@ class CircleTable(Table, frozen=True):
 
     Attributes
     ----------
-    centre : [m].
-    radius : [m].
-    spacing : largest distance between two points [m].
-    normal : of the circle's plane.
+    centre : centre of the circle [m].
+    radius : radius of the circle [m].
+    spacing : largest distance between neighbours [m].
+    normal : normal of the circle's plane.
     """
 
     centre: Triple
@@ -302,9 +301,9 @@ class SphereShellTable(Table, frozen=True):
 
     Attributes
     ----------
-    centre : [m].
-    radius : [m].
-    spacing : usual distance between two points [m].
+    centre : centre of the sphere [m].
+    radius : radius of the sphere [m].
+    spacing : mean distance between neighbours [m].
     """
 
     centre: Triple
@@ -317,10 +316,10 @@ class TextTable(Table, frozen=True):
 
     Attributes
     ----------
-    words : the text.
-    height : of a capital letter [m].
-    spacing : largest distance between two points [m].
-    centre : [m].
+    words : text to write.
+    height : height of a capital letter [m].
+    spacing : largest distance between neighbours [m].
+    centre : centre of the text [m].
     normal : direction to the reader.
     up : upward direction of the text.
     """
@@ -338,11 +337,11 @@ class SvgTable(Table, frozen=True):
 
     Attributes
     ----------
-    file : an SVG file beside the scene file.
-    path : the text of one SVG path.
-    width : of the drawing [m].
-    spacing : largest distance between two points [m].
-    centre : [m].
+    file : SVG file beside the scene file.
+    path : text of one SVG path.
+    width : width of the drawing [m].
+    spacing : largest distance between neighbours [m].
+    centre : centre of the drawing [m].
     normal : direction to the viewer.
     up : upward direction of the drawing.
     """
@@ -362,10 +361,10 @@ class SurfacePointsTable(Table, frozen=True):
 
     Attributes
     ----------
-    body : its name.
-    spacing : usual distance between two points [m].
-    facing : direction.
-    within : largest angle between the surface's normal and that direction [degree].
+    body : name of the body.
+    spacing : mean distance between neighbours [m].
+    facing : direction that the chosen part of the surface faces; all of the surface if left out.
+    within : largest angle between the surface's normal and ``facing`` [°].
     """
 
     body: str
@@ -379,8 +378,8 @@ class Shape(Table, frozen=True):
 
     Attributes
     ----------
-    point : [m].
-    segment, polyline, circle, sphere_shell, text, svg : a table of that shape.
+    point : one point [m].
+    segment, polyline, circle, sphere_shell, text, svg : points of a shape.
     """
 
     point: Triple | None = None
@@ -400,13 +399,13 @@ class FocusTable(Shape, frozen=True):
 
     Attributes
     ----------
-    at : a named point of a body, such as "thumb.pad".
-    onto : body to whose surface a point or shape is projected.
-    offset : distance from the body's surface [m]; 0.5 mm if left out.
-    pressure : at every point [Pa].
-    share : pressure in proportion to that of the other foci.
-    phase_degrees : fixes the phase.
-    name : of the focus.
+    at : named point of a body, such as "thumb.pad".
+    onto : name of the body to whose surface the points are projected.
+    offset : distance from the body's surface [m]; 0.0005 if left out.
+    pressure : peak pressure at every point [Pa]; as much as possible if left out.
+    share : pressure in proportion to the other foci.
+    phase_degrees : phase of the pressure [°]; free if left out.
+    name : name of the focus in results.
     """
 
     one_of: ClassVar = ("at", *SHAPES)
@@ -424,7 +423,7 @@ class SuppressionTable(Shape, frozen=True):
 
     Attributes
     ----------
-    surface : a table of points on a body.
+    surface : points on the surface of a body.
     """
 
     one_of: ClassVar = (*SHAPES, "surface")
@@ -436,8 +435,8 @@ class SolverTable(Table, frozen=True):
 
     Attributes
     ----------
-    name : as the bodies need if left out.
-    accuracy : relative error asked for.
+    name : name of the solver; chosen by the bodies if left out.
+    accuracy : largest relative error of the field.
     """
 
     name: Literal["boundary_element", "finite_element", "free_field"] | None = None
@@ -449,7 +448,7 @@ class LevelsTable(Table, frozen=True):
 
     Attributes
     ----------
-    amplitude, phase : 2 to 256.
+    amplitude, phase : number of levels.
     """
 
     amplitude: Levels = 256
@@ -461,16 +460,17 @@ class ModulationTable(Table, frozen=True):
 
     Attributes
     ----------
-    kind : "am", the force follows a cosine; "lm", each focus runs along a small path around its
-        position; "stm", one focus runs through all points in order, or each focus around its
-        position.
-    frequency : of the force, or rounds of the path a second [Hz].
-    depth : of the variation of the force.
-    path : "circle", "line", or of "stm" "points".
-    radius : of a circle [m].
-    length : of a line [m].
-    frames : positions on a path.
-    along : "skin", or "array" for the plane across the direction to the array.
+    kind : "am" varies the amplitude; "lm" moves each focus along a small path around its position;
+        "stm" moves one focus through all points, or along a path.
+    frequency : frequency of the force, or rounds of the path per second [Hz]; 200 for "am", 50 for
+        "lm", 7 m/s along the path for "stm", if left out.
+    depth : depth of the modulation of the force, 0 to 1; 1 if left out.
+    path : shape of the path; "points" with "stm" only.
+    radius : radius of the circle [m]; 0.003 for "lm", 0.01 for "stm", if left out.
+    length : length of the line [m]; 0.006 for "lm", 0.02 for "stm", if left out.
+    frames : positions on a path; 16 if left out.
+    along : surface of the path: the nearest skin, or the plane facing the array; "skin" within 20
+        mm of skin, else "array", if left out.
     """
 
     kind: Literal["am", "lm", "stm"]
@@ -488,9 +488,9 @@ class DriveTable(Table, frozen=True):
 
     Attributes
     ----------
-    method : its name.
-    levels : of amplitude and of phase that the drive is rounded to, a number or a table.
-    modulation : a table.
+    method : name of the method.
+    levels : number of levels of amplitude and phase that the drive is rounded to.
+    modulation : what makes the drive perceptible.
     """
 
     method: str = "best"
@@ -503,17 +503,17 @@ class UncertaintyTable(Table, frozen=True):
 
     Attributes
     ----------
-    position, rotation : of the hand [m, degree].
-    own_position, own_rotation : of each body by itself [m, degree].
-    along_skin : of each focus along its surface [m].
-    age : of the pose [s].
-    velocity : of the hand [m/s].
-    temperature, humidity : of the air [K, parts of 1].
-    gain, phase : of each element [share, degree].
+    position, rotation : the hand as a whole, along each axis and about a random axis [m, °].
+    own_position, own_rotation : each body by itself [m, °].
+    along_skin : each focus along the surface [m].
+    age : delay of the pose [s].
+    velocity : velocity of the hand [m/s].
+    temperature, humidity : the air [K, 1].
+    gain, phase : each element [1, °].
     dead : share of elements that emit nothing.
-    board_position, board_rotation : of each board [m, degree].
-    samples : how many a drive is made for.
-    seed : that they are drawn from.
+    board_position, board_rotation : each board [m, °].
+    samples : number of samples that the drive is made for.
+    seed : seed of the random samples.
     """
 
     position: NotNegative = 0.0
@@ -539,11 +539,19 @@ class SceneFile(Table, frozen=True):
 
     Attributes
     ----------
-    medium, array, foci, suppression, obstacles, planes, solver, drive, uncertainty : tables.
-    frequency : of the sound [Hz].
-    merge_bodies : whether sound-hard bodies nearer than 0.3 mm become one.
+    medium : fluid around the bodies.
+    array : the transducers.
+    foci : points that a person feels.
+    suppression : points with as little sound as possible.
+    obstacles : bodies.
+    planes : a rigid plane; at most one.
+    frequency : frequency of the sound [Hz].
+    merge_bodies : whether sound-hard bodies that overlap or are nearer than 0.3 mm become one.
     most_points : largest number of foci and suppression points together.
-    tracker : pose of a tracker whose hand the sound follows, from its frame to the obstacles'.
+    solver : how the field is computed.
+    drive : how the drive is made.
+    uncertainty : standard deviations, for the methods "robust" and "robust_phase_only".
+    tracker : pose of the tracker in the obstacles' frame, for ``airtact live``.
     """
 
     medium: MediumTable
