@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from airtact.evaluation import Scan, load_scan, overlay_scan
+import airtact as at
+from airtact.evaluation import Scan, best_shift, load_scan, overlay_scan
 from faults import raises_code
 
 POINTS = np.array([[0.0, 0, 0], [0, 0, 0.01], [0, 0.01, 0.02], [0.02, 0.01, 0.02]])
@@ -101,3 +102,24 @@ def test_missing_and_binary_files_raise(tmp_path):
 def test_predictions_that_do_not_fit_raise(predicted, code):
     with raises_code(code):
         overlay_scan(Scan(POINTS, np.ones(4, complex), True), np.array(predicted, complex))
+
+
+def test_phases_in_degrees_raise(tmp_path):
+    text = "x,y,z,pressure,phase\n0,0,0,1,170\n0,0,0.1,2,-35\n0,0,0.2,3,12\n"
+    with raises_code("out_of_range"):
+        load_scan(written(tmp_path, text))
+
+
+@pytest.mark.parametrize("phased", [True, False])
+def test_the_shift_of_a_scan_is_found(phased):
+    ball = at.Scene(at.Medium(343.1, 1.293), [at.sound_hard(at.sphere(5e-3, 1e-3))])
+    sources = at.Monopoles(np.array([[0.0, 0.01, -0.05], [0.03, 0.0, -0.05]]), np.ones((2, 1)))
+    field = at.SphereSeries().radiate(ball, sources)
+    x, z = np.meshgrid(np.linspace(-0.015, 0.015, 8), np.linspace(0.008, 0.03, 8))
+    points = np.stack([x.ravel(), np.zeros(x.size), z.ravel()], axis=1)
+    shift = np.array([5e-3, 0.0, -1e-3])
+    readings = field.at(points + shift)[:, 0]
+    scan = Scan(points, readings if phased else np.abs(readings) + 0j, phased)
+    found, error = best_shift(scan, lambda points: field.at(points)[:, 0])
+    np.testing.assert_allclose(found, shift, atol=0.3e-3 if phased else 1.1e-3)
+    assert error < 0.05

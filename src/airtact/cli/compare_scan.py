@@ -74,6 +74,18 @@ def compare_scan(scan: Path, scene: Path, folder: Path, pictures: bool, **microp
         predicted = face.read(field, measured.points)[:, 0]
         with about(scan.name):
             overlay = at.evaluation.overlay_scan(measured, predicted)
+        shifted = []
+        if overlay.error > 0.2:
+            report_step("looking for a shift of the scan that fits better")
+            shift, left = at.evaluation.best_shift(
+                measured, lambda points: face.read(field, points)[:, 0]
+            )
+            if left < 0.5 * overlay.error:
+                millimetres = " ".join(f"{1e3 * part:+.2g}" for part in shift)
+                shifted.append(
+                    f"the scan fits with {left:.1%} where its positions are shifted by "
+                    f"{millimetres} mm along x, y and z: check where its origin is."
+                )
         files = [folder / "overlay.csv"]
         _write_table(files[0], overlay)
         if pictures:
@@ -94,7 +106,7 @@ def compare_scan(scan: Path, scene: Path, folder: Path, pictures: bool, **microp
     ]
     show(
         facts_table(facts),
-        warnings=[*stalled, *overlay.warnings, *report.warnings],
+        warnings=[*stalled, *shifted, *overlay.warnings, *report.warnings],
         lines=[f"Overlay: {files[-1]}"],
         record={
             "error": overlay.error,

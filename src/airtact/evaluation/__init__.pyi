@@ -12,6 +12,7 @@ from .radiation import RadiationMap as RadiationMap
 from .radiation import radiation_pressure as radiation_pressure
 from .scan import Overlay as Overlay
 from .scan import Scan as Scan
+from .scan import best_shift as best_shift
 from .scan import load_scan as load_scan
 from .scan import overlay_scan as overlay_scan
 from .verification import SideLobe as SideLobe

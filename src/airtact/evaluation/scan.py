@@ -1,5 +1,6 @@
 """A measured scan of a field, compared with a prediction after one complex scale."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -107,7 +108,16 @@ def load_scan(path: str | Path) -> Scan:
     pressures = table.numbers("pressure").astype(np.complex128)
     phased = "phase" in table.names
     if phased:
-        pressures = pressures * np.exp(1j * table.numbers("phase"))
+        phases = table.numbers("phase")
+        largest = float(np.abs(phases).max(initial=0.0))
+        # Wrapped phases end at 2π. Phases in degrees, and unwrapped ones, go beyond.
+        if largest > 2.0 * np.pi + 0.1:
+            raise InvalidInput(
+                f"{Path(path).name}: the column phase reaches {largest:.4g}: is it in degrees? "
+                "Give radians from -π to π.",
+                code="out_of_range",
+            )
+        pressures = pressures * np.exp(1j * phases)
     with about(Path(path).name):
         return Scan(points, pressures, phased)
 
@@ -206,6 +216,49 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
             code="does_not_match",
         )
     return Overlay(scan, predicted, used, scale, error)
+
+
+def best_shift(
+    scan: Scan, read: Callable[[Float64[np.ndarray, "points 3"]], Complex128[np.ndarray, "points"]]
+) -> tuple[Float64[np.ndarray, "3"], float]:
+    """Find the shift of a scan that makes it fit the prediction best.
+
+    The search covers 9 mm along each axis.
+
+    Parameters
+    ----------
+    scan : the measurement.
+    read : returns the prediction (N,) at positions (N, 3) [m], NaN where there is none.
+
+    Returns
+    -------
+    The shift (3,) to add to the positions of the scan [m], and the error that is left.
+    """
+
+    def error(shift: Float64[np.ndarray, "3"]) -> float:
+        model = read(scan.points + shift)
+        used = np.isfinite(model)
+        # A shift into a body would leave few positions, which anything fits.
+        if used.sum() < max(MIN_POSITIONS, 0.3 * len(used)):
+            return 1.0
+        measured = scan.pressures[used]
+        if not scan.phased:
+            return _fitted(np.abs(measured) + 0j, np.abs(model[used]) + 0j)[1]
+        return _fitted(measured, model[used])[1]
+
+    best = np.zeros(3)
+    lowest = error(best)
+    # Steps of 3 mm, a third of a wavelength, find the right minimum; finer ones its bottom.
+    for reach, step in ((9e-3, 3e-3), (2e-3, 1e-3), (0.5e-3, 0.25e-3)):
+        for _ in range(2):
+            for axis in np.eye(3):
+                for along in np.arange(-reach, reach + step / 2, step):
+                    shift = best + along * axis
+                    left = error(shift)
+                    if left < lowest:
+                        best = shift
+                        lowest = left
+    return best, lowest
 
 
 def _fitted(
