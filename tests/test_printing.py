@@ -38,7 +38,7 @@ def objects() -> dict[str, object]:
         "transfer": transfer,
         "drive": drive,
         "frame": at.quantise(drive),
-        "sequence": at.drives.amplitude_modulation(drive),
+        "sequence": at.drives.Sequence(np.stack([drive.amplitudes] * 4), 800.0),
         "bound": at.upper_bound(transfer, target),
         "evaluation": at.evaluate(scene, array, drive, target, solver=solver),
         "comparison": at.compare(

@@ -11,7 +11,7 @@ from faults import raises_code
 
 TARGET = at.Target(any_points(2))
 GOALS = ("lowest tenth", "mean", "worst")
-LIMITS = ("energy", "amplitude", "phases")
+LIMITS = ("energy", "phases")
 
 
 def random_ensemble(
@@ -65,26 +65,6 @@ def test_hands_that_were_not_sampled_keep_more() -> None:
     assert at_equal_energy(others, target, robust) > 1.15 * at_equal_energy(others, target, usual)
 
 
-def test_the_worst_and_the_mean_are_within_their_bounds() -> None:
-    for seed in range(3):
-        samples = random_ensemble(seed)
-        for goal in ("worst", "mean"):
-            bound = at.drives.robust_upper_bound(samples, TARGET, goal)
-            assert bound.recomputed(samples, TARGET) == pytest.approx(bound.value, rel=1e-9)
-            for drive in (at.robust(samples, TARGET, goal), at.time_reversal(samples, TARGET)):
-                assert bound.reached(samples, TARGET, drive) < 1.0
-            assert bound.reached(samples, TARGET, at.robust(samples, TARGET, goal)) > 0.75
-
-
-def test_the_bound_of_one_sample_is_what_the_drive_reaches() -> None:
-    """For two foci the relaxation has no gap."""
-    transfer = random_matrix(3, 2)
-    bound = at.drives.robust_upper_bound(transfer, TARGET)
-    assert bound.reached(transfer, TARGET, at.robust(transfer, TARGET)) == pytest.approx(
-        1.0, rel=1e-4
-    )
-
-
 @pytest.mark.parametrize("limit", LIMITS)
 @pytest.mark.parametrize("foci", [1, 2, 3])
 def test_nothing_in_doubt_gives_the_method_that_it_generalises(limit, foci) -> None:
@@ -110,14 +90,11 @@ def test_nothing_in_doubt_gives_the_method_that_it_generalises(limit, foci) -> N
 @pytest.mark.parametrize("goal", GOALS)
 def test_limits_hold(goal) -> None:
     samples = random_ensemble(5)
-    phases, capped = (
-        at.robust(samples, TARGET, goal, limit=limit) for limit in ("phases", "amplitude")
-    )
+    phases = at.robust(samples, TARGET, goal, limit="phases")
     np.testing.assert_allclose(np.abs(phases.amplitudes), 1.0, rtol=1e-9)
-    assert np.abs(capped.amplitudes).max() == pytest.approx(1.0)
-    both = [at.drives.goal_value(samples, TARGET, drive, goal) for drive in (phases, capped)]
-    assert both[1] > 0.97 * both[0]
-    assert both[0] > at.drives.goal_value(samples, TARGET, at.robust(samples, TARGET, goal), goal)
+    at_energy = at.robust(samples, TARGET, goal)
+    reached = [at.drives.goal_value(samples, TARGET, one, goal) for one in (phases, at_energy)]
+    assert reached[0] > reached[1]
     np.testing.assert_array_equal(
         at.drives.robust_phase_only(samples, TARGET, goal).amplitudes, phases.amplitudes
     )

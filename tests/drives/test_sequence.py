@@ -15,31 +15,13 @@ def matrix_of(target: at.Target) -> at.TransferMatrix:
     return at.transfer_matrix(at.FreeField().radiate(OPEN_AIR, target.beacons()), ARRAY)
 
 
-@pytest.mark.parametrize("depth", [1.0, 0.3])
-def test_force_swings_as_a_cosine_without_overtones(depth) -> None:
-    swing = at.drives.amplitude_modulation(DRIVE, frequency=150.0, rate=3000.0, depth=depth)
-    assert (len(swing), swing.rate) == (20, 3000.0)
-    assert swing.seconds == pytest.approx(1 / 150.0)
-    force = np.abs(swing.drives[:, 4]) ** 2
-    spectrum = np.fft.rfft(force) / len(force)
-    assert spectrum[0].real == pytest.approx(1 - depth / 2)
-    assert spectrum[1].real == pytest.approx(depth / 4)
-    assert np.abs(spectrum[2:]).max() < 1e-15
-    np.testing.assert_allclose(swing.drives[0], DRIVE.amplitudes)
-    # The phases stay, so the sound keeps its shape.
-    emitting = np.abs(swing.drives[:, 0]) > 1e-9
-    np.testing.assert_allclose(np.angle(swing.drives[emitting] / DRIVE.amplitudes), 0.0, atol=1e-12)
-
-
-def test_spatiotemporal_modulation_stays_equally_long_at_every_point() -> None:
+def test_a_focus_stays_equally_long_at_every_point() -> None:
     ring = at.Target(at.acoustics.circle((0.0, 0.0, 0.15), radius=0.01, spacing=8e-3))
     transfer = matrix_of(ring)
-    sequence = at.drives.spatiotemporal_modulation(
-        transfer, ring, frequency=100.0, rate=2400.0, method=at.time_reversal
-    )
+    sequence = at.drives.moving_foci(transfer, ring, 1, turns=100.0, method=at.time_reversal)
     loudest = np.abs(sequence.pressure(transfer)).argmax(axis=1)
     assert np.all(np.diff(loudest) >= 0)
-    assert np.bincount(loudest).tolist() == [3] * 8
+    assert np.bincount(loudest).tolist() == [1] * 8
     np.testing.assert_allclose(
         sequence.drives[0], at.time_reversal(*alone(transfer, ring, 0)).amplitudes
     )
@@ -57,17 +39,15 @@ def test_a_led_focus_keeps_what_each_point_asks() -> None:
     points = at.acoustics.circle((0.0, 0.0, 0.15), radius=0.01, spacing=0.016)
     transfer = matrix_of(at.Target(points))
     asked = np.array([400.0, 0.0, 100.0, 300.0])
-    sequence = at.drives.spatiotemporal_modulation(transfer, at.Target(points, asked), 100.0, 400.0)
+    sequence = at.drives.moving_foci(transfer, at.Target(points, asked), 1, 100.0)
     np.testing.assert_allclose(np.diag(np.abs(sequence.pressure(transfer))), asked, rtol=1e-12)
-    shares = at.drives.spatiotemporal_modulation(
-        transfer, at.Target(points, shares=asked), 100.0, 400.0
-    )
+    shares = at.drives.moving_foci(transfer, at.Target(points, shares=asked), 1, 100.0)
     got = np.diag(np.abs(shares.pressure(transfer))) / np.abs(transfer.matrix).sum(axis=1)
     np.testing.assert_allclose(got, asked / 400.0, rtol=1e-12)
 
 
 def test_frames_are_drives() -> None:
-    sequence = at.drives.amplitude_modulation(DRIVE, 200.0, 800.0)
+    sequence = at.drives.Sequence(np.outer([1.0, 0.5, 0.0, 0.5], DRIVE.amplitudes), 800.0)
     np.testing.assert_array_equal(sequence.drive(1).amplitudes, sequence.drives[1])
     assert not sequence.drives.flags.writeable
     assert repr(sequence) == "Sequence(drives=complex128 (4, 5), rate=800.0)"
@@ -80,11 +60,7 @@ def test_frames_are_drives() -> None:
         (lambda: at.drives.Sequence(np.array([[0.5], [1.2j]]), 1.0), "over_full_scale"),
         (lambda: at.drives.Sequence(np.array([[0.5j], [np.nan]]), 1.0), "not_finite"),
         (lambda: at.drives.Sequence(np.ones((2, 2), complex), 0.0), "out_of_range"),
-        (lambda: at.drives.amplitude_modulation(DRIVE).drive(20), "out_of_range"),
-        (lambda: at.drives.amplitude_modulation(DRIVE, 200.0, 600.0), "out_of_range"),
-        (lambda: at.drives.amplitude_modulation(DRIVE, 150.0, 1000.0), "out_of_range"),
-        (lambda: at.drives.amplitude_modulation(DRIVE, depth=1.5), "out_of_range"),
-        (lambda: at.drives.amplitude_modulation(DRIVE, frequency=-1.0), "out_of_range"),
+        (lambda: at.drives.Sequence(np.ones((2, 2), complex), 1.0).drive(2), "out_of_range"),
     ],
 )
 def test_faults_are_rejected_with_the_number(make, code) -> None:
@@ -92,14 +68,8 @@ def test_faults_are_rejected_with_the_number(make, code) -> None:
         make()
 
 
-def test_paths_that_do_not_fit_are_rejected() -> None:
-    ring = at.Target(at.acoustics.circle((0.0, 0.0, 0.15), radius=0.01, spacing=4e-3))
-    transfer = matrix_of(ring)
-    with raises_code("out_of_range"):
-        at.drives.spatiotemporal_modulation(transfer, ring, 100.0, 800.0)
-    single = at.Target(ring.points[:1])
-    with raises_code("too_few"):
-        at.drives.spatiotemporal_modulation(matrix_of(single), single)
-
+def test_a_matrix_of_other_elements_is_rejected() -> None:
     with raises_code("sizes_differ"):
-        at.drives.amplitude_modulation(DRIVE).pressure(transfer)
+        at.drives.Sequence(np.ones((2, 2), complex), 1.0).pressure(
+            matrix_of(at.Target(np.array([[0.0, 0.0, 0.15]])))
+        )

@@ -5,54 +5,40 @@ from base64 import b64decode
 
 import pytest
 from jinja2 import UndefinedError
-from matplotlib.figure import Figure
 
-from airtact.reports.page import (
-    document,
-    folded,
-    heading,
-    key_numbers,
-    page_from,
-    paragraph,
-    picture,
-    section,
-    table,
-)
+from airtact.reports.page import write_page
+from airtact.reports.sweep_page import Swept, write_sweep_page
+
+TEXT = '<i>&"'
+ROWS = [
+    {"gap": gap, "weakest_Pa": 100.0 * gap, "gain": 1.5, "error": "", "sentence": ""}
+    for gap in (1.0, 2.0, 3.0)
+]
+FAILED = {"gap": 4.0, "error": TEXT, "sentence": TEXT}
 
 
-def test_text_is_escaped_in_every_piece() -> None:
-    text, escaped = '<i>&"', "&lt;i&gt;&amp;&#34;"
-    pieces = [
-        heading(text),
-        section(text),
-        paragraph(text, "warning"),
-        folded(text, text),
-        key_numbers([(text, text)]),
-        table([text], [[text]], text),
-        picture(_figure(), text, text),
-    ]
-    for piece in pieces:
-        assert "<i>" not in piece
-        assert escaped in piece
-    page = document(text, [*pieces, text])
+@pytest.fixture(scope="module")
+def page(tmp_path_factory) -> str:
+    path = tmp_path_factory.mktemp("sweep") / "sweep.html"
+    write_sweep_page(path, Swept(TEXT, TEXT, ("gap",), [*ROWS, FAILED]))
+    return path.read_text(encoding="utf-8")
+
+
+def test_text_is_escaped(page) -> None:
     assert "<i>" not in page
-    assert page.count(escaped) == 1 + sum(piece.count(escaped) for piece in pieces) + 1
+    # The titles of page and heading, the code with its sentence, the cell, and the scene file.
+    assert page.count("&lt;i&gt;&amp;&#34;") == 6
 
 
-def test_a_page_needs_no_other_file() -> None:
-    page = document("a page", [picture(_figure(), "caption", "what it shows")])
-    (source,) = re.findall(r'(?:src|href)="([^"]*)"', page)
-    assert b64decode(source.removeprefix("data:image/webp;base64,")).startswith(b"RIFF")
+def test_a_page_needs_no_other_file(page) -> None:
+    sources = re.findall(r'(?:src|href)="([^"]*)"', page)
+    assert len(sources) == 2
+    for source in sources:
+        assert b64decode(source.removeprefix("data:image/webp;base64,")).startswith(b"RIFF")
     assert not re.search(r"https?://|@import|url\(|<script|<link", page)
     assert page.startswith("<!DOCTYPE html>")
 
 
-def test_a_value_that_a_template_misses_is_an_error() -> None:
+def test_a_value_that_a_template_misses_is_an_error(tmp_path) -> None:
     with pytest.raises(UndefinedError, match="'title' is undefined"):
-        page_from("page.html.j2", pieces=[])
-
-
-def _figure() -> Figure:
-    figure = Figure(figsize=(2.0, 2.0))
-    figure.subplots().plot([0.0, 1.0])
-    return figure
+        write_page(tmp_path / "page.html", "page.html.j2")

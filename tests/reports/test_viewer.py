@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.reports.result_fields import evaluate_fields
-from airtact.reports.solids import View
+from airtact.reports.run_page import fields_of
+from airtact.reports.solids import towards_viewer
 from airtact.reports.viewer import three_js, viewer_values
 from airtact.timing import Clock
 from paths import SCENES
@@ -42,7 +42,7 @@ def opened_page(browser, path, width=1200, **settings):
 
 @pytest.fixture(scope="module")
 def view(rendered):
-    return evaluate_fields(rendered[1], Clock()).view
+    return fields_of(rendered[1], Clock())[1]
 
 
 @pytest.fixture
@@ -188,16 +188,17 @@ def test_three_js_is_found_whole_with_its_licence(view):
     script = three_js()
     assert "SPDX-License-Identifier: MIT" in script
     assert script.rstrip().endswith("}));")
-    values = viewer_values(view, "ball")
+    values = viewer_values(view)
     assert "Three.js Authors" in values["notice"]
     assert "249 transducers" in values["alternative"]
 
 
 def test_the_first_slice_hides_no_focus(view):
     """It goes through the focus farthest from the viewer, to half a step."""
-    seen = replace(view, points=view.points + np.outer([0.0, 4e-3], view.slices.axes[2]))
-    facts = json.loads(viewer_values(seen, "ball")["facts"])
-    towards = View(*np.degrees(facts["seen"])).towards_viewer
+    foci = view.points + np.outer([0.0, 4e-3], view.slices.axes[2])
+    seen = replace(view, setup=replace(view.setup, target=at.Target(foci)))
+    facts = json.loads(viewer_values(seen)["facts"])
+    towards = towards_viewer(*np.degrees(facts["seen"]))
     normal = np.array(facts["slices"]["axes"][2])
     corner = facts["slices"]["corner"][2]
     height = corner + facts["slices"]["start"][2] * facts["slices"]["steps"][2]

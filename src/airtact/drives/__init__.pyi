@@ -12,13 +12,9 @@ from .motion import Motion as Motion
 from .motion import moving_foci as moving_foci
 from .motion import moving_target as moving_target
 from .reach import achieved_fraction as achieved_fraction
-from .robust_bound import RobustBound as RobustBound
-from .robust_bound import robust_upper_bound as robust_upper_bound
 from .robust_drives import goal_value as goal_value
 from .robust_drives import robust_phase_only as robust_phase_only
 from .sequence import Sequence as Sequence
-from .sequence import amplitude_modulation as amplitude_modulation
-from .sequence import spatiotemporal_modulation as spatiotemporal_modulation
 from .transfer import focus_by_distance_phase_only as focus_by_distance_phase_only
 from .transfer import rounding_error as rounding_error
 from .transfer_ensemble import TransferEnsemble as TransferEnsemble

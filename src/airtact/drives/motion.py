@@ -7,17 +7,19 @@ with a focus; it is felt strongest where the focus is as fast as the waves on th
 m/s (W. Frier et al., EuroHaptics 2018, 270).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float64, Real
+from jaxtyping import Float64, Int64, Real
 
 from airtact.acoustics.scene import Scene
 from airtact.acoustics.target import Target
 from airtact.acoustics.target_points import MAX_OFFSET, frame_of, onto_surface, outward
+from airtact.drives.drive import Amplitudes
 from airtact.drives.methods import best
-from airtact.drives.sequence import MIN_FRAMES, Sequence, sequence_through
+from airtact.drives.reach import check_foci
+from airtact.drives.sequence import MIN_FRAMES, Sequence
 from airtact.drives.transfer import MakeDrive, TransferMatrix
 from airtact.errors import InvalidInput, of_kind, positive
 
@@ -266,4 +268,63 @@ def moving_foci(
         )
     # Boards keep a frame for whole periods of the sound, so the rounds are rounded here, openly.
     periods = round(clock / (turns * frames))
-    return sequence_through(transfer, target, indices, clock / periods, method)
+    return _sequence_through(transfer, target, indices, clock / periods, method)
+
+
+def _sequence_through(
+    transfer: TransferMatrix,
+    target: Target,
+    foci: Int64[np.ndarray, "frames foci"],
+    rate: float,
+    method: MakeDrive,
+) -> Sequence:
+    """Make the sequence that focuses on some points of a target in each frame.
+
+    ``foci`` (N, F) are the indices of the points of each frame. Each frame has the global phase
+    that brings it nearest to the one before, so that steps between frames are small.
+    """
+    check_foci(transfer, target)
+    # Paths repeat positions; each set of foci is made once.
+    made: dict[tuple[int, ...], Amplitudes] = {}
+    frames = []
+    before = None
+    for indices in foci:
+        key = tuple(indices.tolist())
+        if key not in made:
+            amplitudes = _frame_amplitudes(transfer, target, indices, method)
+            # The first frame keeps its phase; each later one is turned towards the one before.
+            if before is not None:
+                turn = np.vdot(amplitudes, before)
+                amplitudes = amplitudes * (turn / abs(turn) if abs(turn) > 0.0 else 1.0)
+            # A silent frame has no phase to turn towards.
+            if amplitudes.any():
+                before = amplitudes
+            made[key] = amplitudes
+        frames.append(made[key])
+    return Sequence(np.stack(frames), rate)
+
+
+def _frame_amplitudes(
+    transfer: TransferMatrix, target: Target, foci: Int64[np.ndarray, "foci"], method: MakeDrive
+) -> Amplitudes:
+    """Make the drive of one frame; a frame in which nothing is asked is silent."""
+    weights = target.weights[foci]
+    if not weights.any():
+        return np.zeros(transfer.matrix.shape[1], dtype=np.complex128)
+    phases = 1.0 if target.phases is None else np.exp(1j * target.phases[foci])
+    # Shares also hold between frames: a frame of weaker foci is weaker as a whole.
+    scale = 1.0
+    asked = {}
+    if target.shares is not None:
+        scale = float(weights.max() / target.shares.max())
+        asked = {"shares": weights * phases}
+    elif target.pressures is not None:
+        asked = {"pressures": weights * phases}
+    suppressed = len(transfer.matrix) - len(target.points)
+    frame_target = Target(
+        target.points[foci], **asked, suppression_points=target.suppression_points[:suppressed]
+    )
+    rows = np.append(foci, np.arange(len(target.points), len(transfer.matrix)))
+    # Without their positions the foci of one frame may be at one place.
+    frame_transfer = replace(transfer.of_rows(rows), foci=None, wavelength=None)
+    return scale * method(frame_transfer, frame_target).amplitudes

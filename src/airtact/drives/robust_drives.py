@@ -13,8 +13,8 @@ other samples as much as a smoothed quantile does, without fitting the few sampl
    uncertain.
 2. From there it climbs the power mean by L-BFGS, with exponents ever nearer to the goal. At equal
    energy Σ|d|² the best drive is a sum of conjugated rows, so that search needs one number per row
-   however many elements there are (``_climb_at_equal_energy``); with limited elements it runs over
-   all phases and magnitudes (``_climb_with_limited_elements``).
+   however many elements there are (``_climb_at_equal_energy``); with every
+   element at full scale it runs over all phases (``_climb_at_full_scale``).
 3. With suppression points it repeats step 2 with a growing penalty on their energy, until the goal
    has lost 15 %.
 """
@@ -39,8 +39,8 @@ from airtact.timing import one_thread
 Goal = Literal["lowest tenth", "mean", "worst"]
 """The statistic of the weakest focus over the samples."""
 
-Limit = Literal["energy", "amplitude", "phases"]
-"""What limits a drive: its energy Σ|d|², |d| ≤ 1 ("amplitude"), or |d| = 1 ("phases")."""
+Limit = Literal["energy", "phases"]
+"""What limits a drive: its energy Σ|d|², or |d| = 1 ("phases")."""
 
 SampledRows = Complex128[np.ndarray, "samples foci elements"]
 """RowValues at the foci in each sample, over what each focus asks."""
@@ -85,14 +85,14 @@ def robust(
     target : the foci and the pressures asked there. Suppression points may cost 15 % of the goal.
     goal : "lowest tenth", the pressure that the weakest focus exceeds 9 of 10 times; its "mean"; or
         its "worst" sample.
-    limit : "energy": the goal is best for the energy Σ|d|² that the drive emits. "amplitude": it is
-        best with no element over full scale. "phases": with every element at full scale.
+    limit : "energy": the goal is best for the energy Σ|d|² that the drive emits. "phases": with
+        every element at full scale.
 
     Returns
     -------
     The drive. Its largest amplitude is 1, or less where the goal then reaches what the foci ask
     for. With certainty it is the drive of the strongest worst focus at that limit, and for one
-    focus that of ``time_reversal`` (``phase_conjugate`` for "amplitude" and "phases").
+    focus that of ``time_reversal`` (``phase_conjugate`` for "phases").
 
     Raises
     ------
@@ -212,7 +212,7 @@ class _Search:
 
     def climbed(self, start: Amplitudes, penalty: float) -> Amplitudes:
         """Climb from a start; the energy at the suppression points counts by the penalty."""
-        climb = _climb_at_equal_energy if self.limit == "energy" else _climb_with_limited_elements
+        climb = _climb_at_equal_energy if self.limit == "energy" else _climb_at_full_scale
         sequences = EXPONENTS[self.goal]
         if penalty:  # the start comes from the best sequence already
             sequences = sequences[:1]
@@ -378,56 +378,40 @@ def _climb_at_equal_energy(
     )
 
 
-def _climb_with_limited_elements(
+def _climb_at_full_scale(
     search: _Search, start: Amplitudes, penalty: float, exponents: tuple[float, ...]
 ) -> Amplitudes:
-    """Climb the power mean with each element at most, or exactly, at full scale.
-
-    Magnitudes are sines of angles, which keeps them within full scale without bounds.
-    """
+    """Climb the power mean over the phases, with every element at full scale."""
     from scipy.optimize import minimize
 
     rows = search.rows
     rows_adjoint = rows.conj().T
     suppressed = search.suppressed
-    all_full = search.limit == "phases"
-    count = len(start)
-
-    def drive_of(angles: Float64[np.ndarray, "angles"]) -> Amplitudes:
-        magnitudes = np.ones(count) if all_full else np.sin(angles[count:])
-        return magnitudes * np.exp(1j * angles[:count])
 
     def objective(
-        angles: Float64[np.ndarray, "angles"], exponent: float
-    ) -> tuple[float, Float64[np.ndarray, "angles"]]:
-        amplitudes = drive_of(angles)
+        phases: Float64[np.ndarray, "elements"], exponent: float
+    ) -> tuple[float, Float64[np.ndarray, "elements"]]:
+        amplitudes = np.exp(1j * phases)
         mean, by_pressure = _log_power_mean(rows @ amplitudes, search.samples.shape[:2], exponent)
         slope = rows_adjoint @ by_pressure
         if penalty:
             pressure = suppressed @ amplitudes
-            energy = count + penalty * float(np.vdot(pressure, pressure).real)
+            energy = len(start) + penalty * float(np.vdot(pressure, pressure).real)
             mean -= 0.5 * np.log(energy)
             slope = slope - penalty * suppressed.conj().T @ pressure / energy
-        by_phase = np.real(np.conj(slope) * 1j * amplitudes)
-        if all_full:
-            return -mean, -by_phase
-        by_magnitude = np.real(np.conj(slope) * np.exp(1j * angles[:count]))
-        return -mean, -np.concatenate([by_phase, by_magnitude * np.cos(angles[count:])])
+        return -mean, -np.real(np.conj(slope) * 1j * amplitudes)
 
-    angles = np.angle(start)
-    if not all_full:
-        # Just below full scale, where the sine still has a slope.
-        angles = np.concatenate([angles, np.full(count, 0.45 * np.pi)])
+    phases = np.angle(start)
     for exponent in exponents:
-        angles = minimize(
+        phases = minimize(
             objective,
-            angles,
+            phases,
             (exponent,),
             jac=True,
             method="L-BFGS-B",
             options={"maxiter": MAX_STEPS},
         ).x
-    return drive_of(angles)
+    return np.exp(1j * phases)
 
 
 def _climb_with_momentum(samples: SampledRows, start: Amplitudes) -> Amplitudes:

@@ -7,7 +7,6 @@ from .held_out import HeldOut as HeldOut
 from .held_out import ShiftMap as ShiftMap
 from .metrics import Evaluation as Evaluation
 from .microphone import Microphone as Microphone
-from .radiation import Pad as Pad
 from .radiation import RadiationMap as RadiationMap
 from .radiation import radiation_pressure as radiation_pressure
 from .scan import Overlay as Overlay

@@ -3,18 +3,14 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Complex128, Float64, Int64, Real
+from jaxtyping import Complex128, Float64, Int64, Real
 
 from airtact.acoustics.medium import Medium
 from airtact.acoustics.solvers.bem.quadrature import place_nodes
-from airtact.acoustics.solvers.problem import RadiatedField, SolveReport
-from airtact.errors import InvalidInput, in_mm, positive
-from airtact.geometry.mesh.arrays import QuadraticTriangles
+from airtact.acoustics.solvers.problem import RadiatedField
+from airtact.errors import InvalidInput
 from airtact.geometry.panels import panels_of
 from airtact.printing import one_line
-
-PAD_RADIUS = 5e-3
-"""Radius of the pad round a focus [m]; a fingertip has about 1 cm²."""
 
 
 def radiation_pressure(
@@ -51,114 +47,48 @@ def radiation_pressure(
 
 
 @dataclass(frozen=True, eq=False)
-class Pad:
-    """The piece of skin round a focus.
-
-    Attributes
-    ----------
-    centre : (3,) the point of the skin nearest the focus [m].
-    area : [m²].
-    force : of the sound on it [N], into the skin where positive.
-    """
-
-    centre: Float64[np.ndarray, "3"]
-    area: float
-    force: float
-
-
-@dataclass(frozen=True, eq=False)
 class RadiationMap:
-    """Sound on the surfaces of all bodies of a scene under one drive.
+    """Sound on the surfaces of all bodies of a scene under one drive, at Q points.
 
     Attributes
     ----------
-    quadratic_triangles : (T, 6, 3) panels of the surfaces [m]; panel t has the points 6 t to 6 t +
-        5.
-    body : (T,) the body of each panel.
+    body : (Q,) number of the body.
     points, normals, areas : (Q, 3) [m], (Q, 3) outward and (Q,) [m²] of each point.
     pressure : (Q,) total peak pressure [Pa].
-    velocity : (Q, 3) total peak particle velocity, along the surface [m/s].
     radiation_pressure : (Q,) mean pressure inwards [Pa].
-    report : how the solver came to it.
     """
 
-    quadratic_triangles: QuadraticTriangles
-    body: Int64[np.ndarray, "panels"]
+    body: Int64[np.ndarray, "points"]
     points: Float64[np.ndarray, "points 3"]
     normals: Float64[np.ndarray, "points 3"]
     areas: Float64[np.ndarray, "points"]
     pressure: Complex128[np.ndarray, "points"]
-    velocity: Complex128[np.ndarray, "points 3"]
     radiation_pressure: Float64[np.ndarray, "points"]
-    report: SolveReport
 
     def __repr__(self) -> str:
-        strongest = np.nanmax(np.abs(self.pressure), initial=0.0)
-        return one_line(
-            self, f"{len(self.points)} points on surfaces", f"at most {strongest:.0f} Pa"
-        )
+        return one_line(self, f"{len(self.points)} points on surfaces")
 
     def force(self, body: int) -> Float64[np.ndarray, "3"]:
         """(3,) force of the sound on a body, by its number [N]."""
-        count = int(self.body.max()) + 1
-        if not 0 <= body < count:
-            raise InvalidInput(
-                f"there is no body {body}; the scene has bodies 0 to {count - 1}.",
-                code="unknown_name",
-            )
-        # Six quadrature points on each panel. Pressure acts against the outward normal.
-        chosen = np.repeat(self.body, 6) == body
+        # Pressure acts against the outward normal.
+        chosen = self.body == body
         return -(self.areas * self.radiation_pressure)[chosen] @ self.normals[chosen]
 
-    def pad(self, focus: Real[np.ndarray, "3"], radius: float = PAD_RADIUS) -> Pad | None:
-        """Return the skin round a focus with the force on it; None if the skin is over 2 mm away.
+    def pad_force(self, focus: Real[np.ndarray, "3"]) -> float:
+        """Force on the skin within 5 mm of a focus [N], a fingertip's, inwards where positive.
 
-        Parameters
-        ----------
-        focus : (3,) [m].
-        radius : how far the pad reaches from the point of the skin nearest the focus [m].
-
-        Raises
-        ------
-        InvalidInput
-            If the radius is not positive, or too small to hold a point of the skin.
+        It is NaN where the skin is over 2 mm away.
         """
-        radius = positive(radius, "the radius of a pad", "m")
-        chosen, centre = self.around(focus, radius)
-        if centre is None:
-            return None
-        # A radius below the distance of the quadrature points would give a force of 0.
-        if not chosen.any():
-            nearest = np.linalg.norm(self.points - centre, axis=1).min()
-            raise InvalidInput(
-                f"a pad of {1e3 * radius:.3g} mm round the focus at {in_mm(np.asarray(focus))} "
-                f"holds no point of the skin, the nearest being {1e3 * nearest:.3g} mm away; give "
-                "a larger radius.",
-                code="out_of_range",
-            )
-        force = float(np.sum((self.areas * self.radiation_pressure)[chosen]))
-        return Pad(centre, float(self.areas[chosen].sum()), force)
-
-    def around(
-        self, focus: Real[np.ndarray, "3"], radius: float
-    ) -> tuple[Bool[np.ndarray, "points"], Float64[np.ndarray, "3"] | None]:
-        """Return which points belong to the pad round a focus (Q,), and its centre (3,).
-
-        The centre is None where the skin is far away.
-        """
-        away = np.linalg.norm(self.points - focus, axis=1)
-        nearest = int(away.argmin())
-        # The nearest skin is below the focus, in the tangent plane of the nearest node.
+        nearest = int(np.linalg.norm(self.points - focus, axis=1).argmin())
+        # The nearest skin is below the focus, in the tangent plane of the nearest point.
         height = float((np.asarray(focus) - self.points[nearest]) @ self.normals[nearest])
-        # A focus over 2 mm from the skin has no pad.
         if height > 2e-3:
-            return np.zeros(len(away), dtype=bool), None
+            return float("nan")
         centre = focus - height * self.normals[nearest]
-        body = np.repeat(self.body, 6)
+        pad = np.linalg.norm(self.points - centre, axis=1) < 5e-3
         # The opposite side of a thin finger may also be within the radius.
-        facing = self.normals @ self.normals[nearest] > 0.0
-        within = np.linalg.norm(self.points - centre, axis=1) < radius
-        return within & facing & (body == body[nearest]), centre
+        pad &= (self.normals @ self.normals[nearest] > 0.0) & (self.body == self.body[nearest])
+        return float(np.sum((self.areas * self.radiation_pressure)[pad]))
 
 
 def radiation_of(field: RadiatedField, excitation: int) -> RadiationMap:
@@ -200,13 +130,10 @@ def radiation_of(field: RadiatedField, excitation: int) -> RadiationMap:
             code="data_missing",
         )
     return RadiationMap(
-        quadratic_triangles=panels.quadratic_triangles,
-        body=panels.body,
+        body=nodes.body,
         points=points,
         normals=nodes.normals,
         areas=nodes.weights,
         pressure=pressure,
-        velocity=velocity,
         radiation_pressure=radiation_pressure(pressure, velocity, scene.medium),
-        report=field.report,
     )

@@ -13,56 +13,30 @@ from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive, quantise
 from airtact.drives.reach import check_foci
 from airtact.drives.transfer import TransferMatrix, transfer_matrix
-from airtact.errors import InvalidInput, Vector, counted, in_mm, of_kind, points_of
+from airtact.errors import Vector
 from airtact.evaluation.field import radiate_drives
 from airtact.evaluation.head_level import NO_SAFETY_ASSESSMENT, sound_pressure_level
 from airtact.evaluation.metrics import Evaluation
-from airtact.evaluation.radiation import PAD_RADIUS, Pad, RadiationMap, radiation_of
-from airtact.evaluation.tactile_thresholds import thresholds_of
+from airtact.evaluation.radiation import RadiationMap, radiation_of
+from airtact.evaluation.tactile_thresholds import sensation
 from airtact.printing import one_line, span
 from airtact.timing import Progress, no_progress
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.levels import EIGHT_BITS, Levels
 
 
-def attainable(
-    transfer: TransferMatrix, energy: float | None = None
-) -> Float64[np.ndarray, "foci"]:
+def attainable(transfer: TransferMatrix) -> Float64[np.ndarray, "foci"]:
     """Return the largest pressure of each focus if the array served it alone [Pa], peak.
 
-    With every element at most at full scale that is Σ_e |H_fe|: all arrive in phase. With a given
-    energy Σ|d|² it is √energy · (Σ_e |H_fe|²)^½, by Cauchy-Schwarz, and never more than the first.
-
-    Parameters
-    ----------
-    transfer : the (F, E) transfer matrix.
-    energy : Σ|d|² allowed, or None for full scale.
-
-    Returns
-    -------
-    (F,) pressures [Pa], one for every row of the matrix.
-
-    Raises
-    ------
-    InvalidInput
-        If the energy is negative or not finite.
+    With every element at full scale that is Σ_e |H_fe|: all arrive in phase.
 
     Examples
     --------
-    >>> transfer = TransferMatrix(np.array([[3.0 + 0j, 4j]]), 0.0)
-    >>> attainable(transfer).tolist(), attainable(transfer, energy=1.0).tolist()
-    ([7.0], [5.0])
+    >>> attainable(TransferMatrix(np.array([[3.0 + 0j, 4j]]), 0.0)).tolist()
+    [7.0]
     """
     of_kind(transfer, TransferMatrix, "the transfer matrix", "transfer_matrix(beacons, array)")
-    magnitudes = np.abs(transfer.matrix)
-    full = magnitudes.sum(axis=1)
-    if energy is None:
-        return full
-    if not (np.isfinite(energy) and energy >= 0.0):
-        raise InvalidInput(
-            f"the energy is {energy:g}, but Σ|d|² is finite and not negative.", code="out_of_range"
-        )
-    return np.minimum(full, np.sqrt(energy) * np.linalg.norm(magnitudes, axis=1))
+    return np.abs(transfer.matrix).sum(axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,14 +63,10 @@ class Verification:
     quantised : the same when the drive is rounded to levels.
     levels : those levels.
     attainable : (F,) pressure of each focus at full scale if the array served it alone [Pa].
-    attainable_at_energy : (F,) the same at the energy of the drive [Pa].
-    energy : Σ|d|².
-    elements : number of elements.
     skin : sound on the surfaces of the bodies, None in open air.
-    side_lobe_on_surface : strongest sound on a surface more than a wavelength from every focus,
-        None in open air.
-    side_lobe_in_box : strongest sound in the air more than a wavelength from every focus, in a box
-        two wavelengths wider than the foci.
+    forces : (F,) force on the skin within 5 mm of each focus [N], NaN where none is near.
+    side_lobe : strongest sound more than a wavelength from every focus: on the bodies, and in the
+        air up to two wavelengths beyond the foci.
     suppression_points : (Q,) complex pressure at the target's suppression points [Pa].
     head : (N,) level at the points of a head [dB SPL].
     """
@@ -105,23 +75,15 @@ class Verification:
     quantised: Evaluation
     levels: Levels
     attainable: Float64[np.ndarray, "foci"]
-    attainable_at_energy: Float64[np.ndarray, "foci"]
-    energy: float
-    elements: int
     skin: RadiationMap | None
-    side_lobe_on_surface: SideLobe | None
-    side_lobe_in_box: SideLobe | None
+    forces: Float64[np.ndarray, "foci"]
+    side_lobe: SideLobe
     suppression_points: Complex128[np.ndarray, "suppressed"]
     head: Float64[np.ndarray, "head"]
 
     def __repr__(self) -> str:
-        return one_line(
-            self,
-            f"weakest of {counted(len(self.attained), 'focus', 'foci')} "
-            f"{self.evaluation.magnitudes.min():.0f} Pa",
-            f"{span(100 * self.attained, '%', '.0f')} of a focus served alone",
-            f"at most {self.head.max():.0f} dB SPL at the head" if len(self.head) else "",
-        )
+        weakest = f"weakest focus {self.evaluation.magnitudes.min():.0f} Pa"
+        return one_line(self, weakest, f"{self.contrast:+.1f} dB above the side lobe")
 
     @property
     def attained(self) -> Float64[np.ndarray, "foci"]:
@@ -136,102 +98,44 @@ class Verification:
         change = np.abs(self.quantised.magnitudes - exact)[exact > 0.0] / exact[exact > 0.0]
         return float(change.max(initial=0.0))
 
-    def contrast(self, lobe: SideLobe | None) -> float:
-        """Level of the weakest focus above a side lobe [dB]; NaN without one."""
-        weakest = float(self.evaluation.magnitudes[self.evaluation.target.weights > 0.0].min())
-        if lobe is None or not (lobe.pressure > 0.0 and weakest > 0.0):
-            return float("nan")
-        return float(20.0 * np.log10(weakest / lobe.pressure))
+    @property
+    def contrast(self) -> float:
+        """Level of the weakest focus above the side lobe [dB]."""
+        weakest = self.evaluation.magnitudes[self.evaluation.target.weights > 0.0].min()
+        return float(20.0 * np.log10(weakest / self.side_lobe.pressure))
 
     @property
     def suppression_level(self) -> float:
         """Mean p² at the suppression points over that at the foci [dB]; NaN without such points."""
-        foci = float(np.mean(self.evaluation.magnitudes**2))
-        if not (len(self.suppression_points) and foci > 0.0):
+        if not len(self.suppression_points):
             return float("nan")
+        foci = np.mean(self.evaluation.magnitudes**2)
         return float(10.0 * np.log10(np.mean(np.abs(self.suppression_points) ** 2) / foci))
 
-    def pads(self, radius: float = PAD_RADIUS) -> tuple[Pad | None, ...]:
-        """Return the piece of skin round each focus, None where the skin is over 2 mm away.
-
-        Parameters and errors are those of ``RadiationMap.pad``.
-        """
-        return tuple(
-            None if self.skin is None else self.skin.pad(at, radius)
-            for at in self.evaluation.target.points
-        )
-
-    def over_thresholds(self, modulation: str = "amplitude") -> str:
-        """Return a line for each tactile threshold of a modulation: the level of the foci above it.
-
-        Parameters
-        ----------
-        modulation : "amplitude" (at 200 Hz) or "spatiotemporal".
-
-        Raises
-        ------
-        InvalidInput
-            If no threshold is known for the modulation.
-        """
-        lines = []
-        for threshold in thresholds_of(modulation):
-            if threshold.quantity == "force":
-                values = [pad.force for pad in self.pads() if pad is not None]
-                amount = f"{1e3 * threshold.value:g} mN"
-            else:
-                values = self.evaluation.magnitudes.tolist()
-                amount = f"{threshold.value:g} Pa"
-            if not values:
-                continue
-            levels = [threshold.level(value) for value in values]
-            above = (
-                f"{span(levels, 'dB', '+.1f')} above" if np.isfinite(levels).all() else "far below"
-            )
-            lines.append(
-                f"{above} the threshold of {threshold.quantity}, {amount}, with "
-                f"{threshold.modulation} modulation ({threshold.source})"
-            )
-        return "\n".join(lines)
-
     def __str__(self) -> str:
-        # A focus that no element reaches stays at 0 instead of 0 / 0.
-        attainable = np.where(self.attainable_at_energy > 0, self.attainable_at_energy, 1)
-        at_energy = self.evaluation.magnitudes / attainable
+        phases = self.levels.phases
+        amplitudes = len(self.levels.amplitudes)
         lines = [
             str(self.evaluation),
-            f"of a focus served alone: {span(100 * self.attained, '%', '.1f')} at full scale, "
-            f"{span(100 * at_energy, '%', '.1f')} with the energy of this drive",
-            f"energy Σ|d|² {self.energy:.1f}, at full scale {self.elements}; rounding to "
-            f"{len(self.levels.amplitudes)} levels of amplitude and {self.levels.phases} of phase "
-            f"changes a focus by {self.quantisation_loss:.2%} at most",
+            f"{span(100 * self.attained, '%', '.0f')} of what each focus could get alone",
+            f"rounding to {amplitudes} levels of amplitude and {phases} of phase changes a focus "
+            f"by {self.quantisation_loss:.2%} at most",
+            f"strongest side lobe {self.side_lobe.pressure:.1f} Pa at "
+            f"{in_mm(self.side_lobe.point)}: the weakest focus is {self.contrast:+.1f} dB above it",
         ]
-        for where, lobe in (
-            ("on the skin", self.side_lobe_on_surface),
-            ("in the box round the foci", self.side_lobe_in_box),
-        ):
-            if lobe is not None:
-                lines.append(
-                    f"strongest side lobe {where} {lobe.pressure:.1f} Pa at {in_mm(lobe.point)}: "
-                    f"the weakest focus is {self.contrast(lobe):+.1f} dB above it"
-                )
         if len(self.suppression_points):
-            lines.append(
-                f"mean p² of {len(self.suppression_points)} suppression points over that of the "
-                f"foci {self.suppression_level:+.1f} dB"
-            )
-        pads = [pad for pad in self.pads() if pad is not None]
-        if pads:
-            forces = span([1e3 * pad.force for pad in pads], "mN", ".3g")
-            areas = span([1e4 * pad.area for pad in pads], "cm²", ".2f")
-            foci = counted(len(self.evaluation.target.points), "focus", "foci")
-            lines.append(
-                f"sound presses with {forces} on the {areas} of skin round {len(pads)} of {foci}"
-            )
-        lines.append(self.over_thresholds())
+            count = len(self.suppression_points)
+            level = f"{self.suppression_level:+.1f} dB"
+            lines.append(f"mean p² of {count} suppression points over that of the foci {level}")
+        forces = self.forces[np.isfinite(self.forces)]
+        if len(forces):
+            foci = counted(len(self.forces), "focus", "foci")
+            newtons = span(1e3 * forces, "mN", ".3g")
+            lines.append(f"sound presses with {newtons} on the skin at {len(forces)} of {foci}")
+        lines.append(sensation(float(self.evaluation.magnitudes.min()), "amplitude"))
         if len(self.head):
-            lines.append(
-                f"at the head at most {self.head.max():.1f} dB SPL. {NO_SAFETY_ASSESSMENT}"
-            )
+            level = f"{self.head.max():.1f} dB SPL"
+            lines.append(f"at the head at most {level}. {NO_SAFETY_ASSESSMENT}")
         return "\n".join(lines)
 
 
@@ -296,22 +200,14 @@ def verify(
     report = field.report_at(points)
     skin = radiation_of(field, 0) if scene.obstacles else None
     progress("looking for side lobes")
-    # Nearer than a wavelength a maximum is part of the focus, not a lobe.
-    lobe_on_surface = None
-    if skin is not None:
-        off = _farther(skin.points, target.points, scene.wavelength)
-        lobe_on_surface = _strongest(skin.points, np.where(off, skin.pressure, np.nan))
     return Verification(
         evaluation=Evaluation(target, exact[:foci], report),
         levels=levels,
         quantised=Evaluation(target, quantised[:foci], report),
         attainable=attainable(transfer)[:foci],
-        attainable_at_energy=attainable(transfer, drive.energy)[:foci],
-        energy=drive.energy,
-        elements=len(array),
         skin=skin,
-        side_lobe_on_surface=lobe_on_surface,
-        side_lobe_in_box=_side_lobe_in_box(field, array, target),
+        forces=np.array([skin.pad_force(at) if skin else np.nan for at in target.points]),
+        side_lobe=_side_lobe(field, skin, array, target),
         suppression_points=exact[foci : foci + len(suppressed)],
         head=sound_pressure_level(exact[foci + len(suppressed) :]),
     )
@@ -326,34 +222,26 @@ def _farther(
     return np.asarray(KDTree(centres).query(points)[0]) > distance
 
 
-def _strongest(
-    points: Float64[np.ndarray, "points 3"], pressure: Complex128[np.ndarray, "points"]
-) -> SideLobe | None:
-    """Return the strongest of the finite pressures, None if there is none."""
-    if not np.isfinite(pressure).any():
-        return None
-    # NaN marks points that do not count; −1 is below every magnitude.
-    magnitudes = np.where(np.isfinite(pressure), np.abs(pressure), -1.0)
-    return SideLobe(float(magnitudes.max()), points[magnitudes.argmax()])
-
-
-def _side_lobe_in_box(field: RadiatedField, array: PhasedArray, target: Target) -> SideLobe | None:
-    """Return the strongest pressure in a box two wavelengths beyond the foci.
+def _side_lobe(
+    field: RadiatedField, skin: RadiationMap | None, array: PhasedArray, target: Target
+) -> SideLobe:
+    """Return the strongest pressure on the bodies and in a box two wavelengths beyond the foci.
 
     It is off the foci by a wavelength, off the elements by half a wavelength, and off the bodies.
     """
-    wavelength = field.scene.wavelength
+    scene = field.scene
+    wavelength = scene.wavelength
 
     def pressure_at(
         points: Float64[np.ndarray, "points 3"],
-    ) -> tuple[Float64[np.ndarray, "chosen 3"], Complex128[np.ndarray, "chosen"]]:
+    ) -> tuple[Float64[np.ndarray, "chosen 3"], Float64[np.ndarray, "chosen"]]:
         points = points[
             _farther(points, target.points, wavelength)
             & _farther(points, array.positions, 0.5 * wavelength)
         ]
-        outside = field.scene.depth(points) < 0.0
-        points = points[outside & before_planes(field.scene.planes, points)]
-        return points, field.at(points)[:, 0]
+        outside = scene.depth(points) < 0.0
+        points = points[outside & before_planes(scene.planes, points)]
+        return points, np.abs(field.at(points)[:, 0])
 
     low = target.points.min(axis=0) - 2.0 * wavelength
     high = target.points.max(axis=0) + 2.0 * wavelength
@@ -362,9 +250,15 @@ def _side_lobe_in_box(field: RadiatedField, array: PhasedArray, target: Target) 
     counts = ((high - low) / spacing).astype(int) + 1
     points, pressure = pressure_at(_grid(list(map(np.linspace, low, high, counts))))
     # A lobe may be between the points: look again, at a third of the spacing, round the strongest.
-    strongest = points[np.argsort(-np.abs(pressure))[:40]]
+    strongest = points[np.argsort(-pressure)[:40]]
     around = strongest[:, None] + _grid([np.array([-1.0, 0.0, 1.0]) * spacing / 3.0] * 3)
-    return _strongest(*pressure_at(np.clip(around.reshape(-1, 3), low, high)))
+    points, pressure = pressure_at(np.clip(around.reshape(-1, 3), low, high))
+    if skin is not None:
+        # Nearer than a wavelength a maximum is part of the focus, not a lobe.
+        off = _farther(skin.points, target.points, wavelength)
+        points = np.concatenate([points, skin.points[off]])
+        pressure = np.concatenate([pressure, np.abs(skin.pressure[off])])
+    return SideLobe(float(pressure.max()), points[pressure.argmax()])
 
 
 def _grid(axes: list[Float64[np.ndarray, "_"]]) -> Float64[np.ndarray, "points 3"]:

@@ -20,7 +20,15 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from airtact.acoustics.planes import Plane
 from airtact.evaluation.windows import AXES
 from airtact.geometry.surface import Surface
-from airtact.reports.solids import View, draw_sheets, frame, solid, space_axes
+from airtact.reports.solids import (
+    FOCI,
+    View,
+    add_solid,
+    draw_sheets,
+    frame,
+    space_axes,
+    towards_viewer,
+)
 
 GREY = 0.9, 0.873, 0.846, 1.0
 """Colour of bodies."""
@@ -276,24 +284,14 @@ def draw_in_space(
 
     There may be no transducers, no bodies or no foci.
     """
-    view = View(axes.azim, axes.elev)
+    viewer = towards_viewer(axes.azim, axes.elev)
     discs = np.empty((0, 14, 3))
     if len(positions):
-        discs = _add_discs(axes, positions, normals, phases, view.towards_viewer)
+        discs = _add_discs(axes, positions, normals, phases, viewer)
     # From back to front: matplotlib does not sort collections against each other.
-    for body in sorted(
-        bodies, key=lambda body: float(body.vertices.mean(axis=0) @ view.towards_viewer)
-    ):
-        shaded = solid(1e3 * body.corners, np.tile(GREY, (len(body.triangles), 1)), [], view)
-        shaded.set_zorder(3)
-        axes.add_collection3d(shaded)
-    style: dict[str, Any] = {
-        "edgecolors": "white",
-        "linewidths": 0.8,
-        "depthshade": False,
-        "zorder": 4,
-    }
-    axes.scatter(*(1e3 * foci.T), s=34, c="#e8590c", **style)
+    for body in sorted(bodies, key=lambda body: float(body.vertices.mean(axis=0) @ viewer)):
+        add_solid(axes, 1e3 * body.corners, np.tile(GREY, (len(body.triangles), 1)))
+    axes.scatter(*(1e3 * foci.T), s=34, **FOCI)
     drawn = np.concatenate(
         [discs.reshape(-1, 3), *(1e3 * body.vertices for body in bodies), 1e3 * foci]
     )
@@ -343,7 +341,7 @@ def view_of(normals: Real[np.ndarray, "elements 3"]) -> View:
     """View into an array that surrounds, or past the edge of one that radiates one way."""
     mean = normals.mean(axis=0)
     if np.linalg.norm(mean) < 0.3:
-        return View(-58.0, 26.0)
+        return -58.0, 26.0
     if abs(mean[2]) > 0.9:
-        return View(-58.0, 22.0)
-    return View(float(np.degrees(np.arctan2(mean[1], mean[0])) - 52.0), 20.0)
+        return -58.0, 22.0
+    return float(np.degrees(np.arctan2(mean[1], mean[0])) - 52.0), 20.0

@@ -10,12 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.patches import PathPatch
-from matplotlib.path import Path
 from matplotlib.patheffects import withStroke
 
+from airtact.acoustics.scene import Scene
 from airtact.evaluation.windows import Window
-from airtact.geometry.surface import Surface
 
 BODY = "0.66"
 """Grey of the bodies."""
@@ -37,55 +35,25 @@ MAX_NAMES = 8
 class Cut:
     """Pressure of several drives, by name, at the points of one window [Pa], NaN inside bodies.
 
-    ``outlines`` are the closed lines in which the plane cuts bodies without a field inside [m].
-    ``error`` is the estimated relative error of the pressures over the window, or NaN.
+    ``depth`` is that of ``solid_depth`` at the points.
     """
 
     window: Window
     pressures: Mapping[str, Complex[np.ndarray, "points"]]
-    outlines: Sequence[Float64[np.ndarray, "_ 3"]]
-    error: float = float("nan")
+    depth: Float64[np.ndarray, "points"]
 
 
-def cut_bodies(window: Window, bodies: Sequence[Surface]) -> list[Float64[np.ndarray, "_ 3"]]:
-    """Return the closed lines in which the window's plane cuts bodies, around the inside [m]."""
-    return [loop for body in bodies for loop in _loops(window.height_of(body.vertices), body)]
+def solid_depth(
+    scene: Scene, points: Real[np.ndarray, "points 3"]
+) -> Float64[np.ndarray, "points"]:
+    """Depth of points (P, 3) in bodies without a field inside, or behind planes [m].
 
-
-def _loops(
-    heights: Float64[np.ndarray, "vertices"], body: Surface
-) -> list[Float64[np.ndarray, "_ 3"]]:
-    """Walk from triangle to triangle along the edges that the plane crosses."""
-    above = heights[body.triangles] > 0
-    crossed = np.flatnonzero(above.any(axis=1) & ~above.all(axis=1))
-    above = above[crossed]
-    lone_above = above.sum(axis=1) == 1
-    lone = np.argmax(above == lone_above[:, None], axis=1)
-    # The lone corner comes first: the plane crosses the two edges that meet there.
-    corners = np.take_along_axis(
-        body.triangles[crossed], (lone[:, None] + np.arange(3)) % 3, axis=1
-    )
-    order = np.where(lone_above[:, None], [[1, 2]], [[2, 1]])
-    ends = np.take_along_axis(corners, order, axis=1)
-    edges = np.sort(np.stack([np.repeat(corners[:, :1], 2, axis=1), ends], axis=2), axis=2)
-    low = heights[edges[:, 0, 0]]
-    high = heights[edges[:, 0, 1]]
-    first = body.vertices[edges[:, 0, 0]]
-    second = body.vertices[edges[:, 0, 1]]
-    points = first + (low / (low - high))[:, None] * (second - first)
-    # An edge is one number; each triangle leads from one crossed edge to the next.
-    keys = edges[:, :, 0] * len(body.vertices) + edges[:, :, 1]
-    follow = dict(keys.tolist())
-    point_of = dict(zip(keys[:, 0].tolist(), points, strict=True))
-    loops = []
-    while follow:
-        key = next(iter(follow))
-        loop = []
-        while key in follow:
-            loop.append(point_of[key])
-            key = follow.pop(key)
-        loops.append(np.array(loop))
-    return loops
+    It is negative in the air.
+    """
+    bodies = [body.surface for body in scene.obstacles if body.boundary != "filled"]
+    depths = [body.depth(points) for body in bodies]
+    depths += [-plane.height(points) for plane in scene.planes]
+    return np.max([np.full(len(points), -np.inf), *depths], axis=0)
 
 
 def draw_field(
@@ -197,10 +165,16 @@ def _draw_cut(
     strength: Float64[np.ndarray, "points"] | None = None,
     centred: bool = False,
 ) -> None:
-    """Draw values as opaque as ``strength``; ``centred`` counts from the window's middle."""
+    """Draw values as opaque as ``strength``, and the bodies.
+
+    ``centred`` counts from the window's middle.
+    """
     # 3 points: no gap shows between the interpolated values and the outline.
     carried = past_the_surface(cut.window, values, 3)
-    draw_values(axes, cut.window, carried, scale, cut.outlines, "bilinear", strength, centred)
+    left, right, bottom, top = cut.window.extent
+    shift = ((left + right) / 2.0, (bottom + top) / 2.0) if centred else (0.0, 0.0)
+    draw_values(axes, cut.window, carried, scale, strength, shift)
+    draw_solid(axes, cut.window, cut.depth, shift)
 
 
 def draw_values(
@@ -208,35 +182,49 @@ def draw_values(
     window: Window,
     values: Real[np.ndarray, "points"],
     scale: ScalarMappable,
-    outlines: Sequence[Float64[np.ndarray, "_ 3"]],
-    interpolation: str = "nearest",
     strength: Float64[np.ndarray, "points"] | None = None,
-    centred: bool = False,
+    shift: tuple[float, float] = (0.0, 0.0),
 ) -> None:
-    """Draw values at the points of a window, blank where NaN, and the filled outlines of bodies."""
-    left, right, bottom, top = window.extent
-    shift = np.array([left + right, bottom + top]) / 2 if centred else np.zeros(2)
-    left, right = (left, right) - shift[0]
-    bottom, top = (bottom, top) - shift[1]
+    """Draw values at the points of a window, blank where NaN; ``shift`` becomes its zero [mm]."""
+    left, right, bottom, top = np.subtract(window.extent, np.repeat(shift, 2))
     rows, columns = window.shape
     # A pixel is centred on its point, so the picture extends half a pixel beyond the window.
     half_width = (right - left) / (columns - 1) / 2
     half_height = (top - bottom) / (rows - 1) / 2
-    edges = (left - half_width, right + half_width, bottom - half_height, top + half_height)
-    drawn = np.ma.masked_invalid(np.asarray(values, dtype=np.float64).reshape(rows, columns))
-    colours = {"cmap": scale.get_cmap(), "norm": scale.norm, "interpolation": interpolation}
-    opaque = None if strength is None else strength.reshape(rows, columns)
-    axes.imshow(drawn, origin="lower", extent=edges, alpha=opaque, **colours)
+    axes.imshow(
+        np.ma.masked_invalid(np.asarray(values, dtype=np.float64).reshape(rows, columns)),
+        origin="lower",
+        extent=(left - half_width, right + half_width, bottom - half_height, top + half_height),
+        alpha=None if strength is None else strength.reshape(rows, columns),
+        cmap=scale.get_cmap(),
+        norm=scale.norm,  # pyright: ignore
+        interpolation="bilinear",
+    )
     # The grey of blank values.
     axes.set_facecolor("0.86")
-    loops = [
-        Path(window.seen(np.concatenate([loop, loop[:1]])) - shift, closed=True)
-        for loop in outlines
-    ]
-    if loops:
-        bodies = Path.make_compound_path(*loops)
-        axes.add_patch(PathPatch(bodies, facecolor=BODY, edgecolor="0.25", linewidth=0.8))
     axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
+
+
+def draw_solid(
+    axes: Axes,
+    window: Window,
+    depth: Float64[np.ndarray, "points"],
+    shift: tuple[float, float] = (0.0, 0.0),
+) -> None:
+    """Fill the bodies in a window, in which the depth of its points is above zero."""
+    if depth.max() > 0.0:
+        grid = (*grid_axes(window, shift), depth.reshape(window.shape))
+        axes.contourf(*grid, levels=[0.0, 2.0 * depth.max()], colors=[BODY])
+        axes.contour(*grid, levels=[0.0], colors="0.25", linewidths=0.8)
+
+
+def grid_axes(
+    window: Window, shift: tuple[float, float] = (0.0, 0.0)
+) -> tuple[Float64[np.ndarray, "columns"], Float64[np.ndarray, "rows"]]:
+    """Coordinates of the columns and rows of a window's picture [mm]."""
+    left, right, bottom, top = np.subtract(window.extent, np.repeat(shift, 2))
+    rows, columns = window.shape
+    return np.linspace(left, right, columns), np.linspace(bottom, top, rows)
 
 
 def past_the_surface(

@@ -1,6 +1,5 @@
 """The page that compares all methods: table, bars against the bound, and fields on one scale."""
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -8,38 +7,44 @@ import numpy as np
 
 from airtact.errors import counted
 from airtact.evaluation.metrics import not_modelled
-from airtact.files.atomic import whole_file
-from airtact.reports.field_figure import Cut, draw_field
-from airtact.reports.page import page_from, picture
+from airtact.evaluation.windows import plane_of_scene
+from airtact.reports.field_figure import Cut, draw_field, solid_depth
+from airtact.reports.page import picture, write_page
 from airtact.reports.plots import draw_bars
-from airtact.reports.viewer import SceneView, viewer_values
+from airtact.reports.viewer import scene_view, viewer_values
 from airtact.setup.comparing import MethodComparison
+from airtact.timing import Clock, Progress
 
 
 def write_methods_page(
-    path: Path,
-    contest: MethodComparison,
-    cut: Cut,
-    view: SceneView,
-    seconds: Mapping[str, float],
-) -> None:
-    """Write the comparison of all methods as one self-contained HTML file.
-
-    Parameters
-    ----------
-    cut : field of each drive in the plane of the foci.
-    view : the scene in space, with the field of each drive.
-    seconds : wall time by step [s].
-    """
-    shown = (contest.contenders.index(contest.best), len(contest.contenders) - 1)
+    contest: MethodComparison, folder: Path, progress: Progress
+) -> tuple[Path, ...]:
+    """Write methods.html, the comparison of all methods, into a folder."""
+    clock = Clock(progress)
+    setup = contest.setup
+    emitted = {contender.name: contender.emitted for contender in contest.contenders}
+    page = folder / "methods.html"
+    page.unlink(missing_ok=True)  # an older run's
+    with clock.step("cuts", "computing the fields in the pictures"):
+        window = plane_of_scene(setup.scene, setup.target.points)
+        pressures = dict(zip(emitted, contest.field.at(window.points).T, strict=True))
+        cut = Cut(window, pressures, solid_depth(setup.scene, window.points))
+    with clock.step("scene in space", "computing the fields in the scene to turn"):
+        as_emitted = "the levels that they emit"
+        view = scene_view(setup, contest.field, emitted, [1.0] * len(emitted), window, as_emitted)
+    progress("drawing the page")
     best = contest.best
-    unit = "Pa" if contest.setup.target.shares is None else "Pa over the share asked"
-    if contest.setup.target.pressures is not None:
+    unit = "Pa" if setup.target.shares is None else "Pa over the share asked"
+    if setup.target.pressures is not None:
         unit = "times the pressure asked"
-    values = {
-        "drives": counted(len(contest.contenders), "drive", "drives"),
-        "foci": counted(len(contest.setup.foci), "focus", "foci"),
-        "facts": [
+    write_page(
+        page,
+        "methods.html.j2",
+        title=f"airtact: methods for {setup.title}",
+        contest=contest,
+        drives=counted(len(contest.contenders), "drive", "drives"),
+        foci=counted(len(setup.foci), "focus", "foci"),
+        facts=[
             (best.name, "gives its worst focus most"),
             (_digits(contest.worst(best)), f"{unit} at that focus"),
             (
@@ -48,17 +53,17 @@ def write_methods_page(
             ),
             (f"{1e3 * best.seconds:.3g} ms", "to make that drive"),
         ],
-        "warnings": contest.warnings,
-        "not_modelled": not_modelled(contest.report),
-        "steps": [[name, f"{time:.2f} s"] for name, time in seconds.items()],
+        warnings=contest.warnings,
+        not_modelled=not_modelled(contest.report),
+        steps=[
+            [name, f"{time:.2f} s"] for name, time in {**contest.seconds, **clock.seconds}.items()
+        ],
         **_tables(contest, unit),
         **_pictures(contest, unit, cut, view.peak),
-        "space": viewer_values(view, contest.setup.title, shown),
-    }
-    title = f"airtact: methods for {contest.setup.title}"
-    with whole_file(path) as partial:
-        page = page_from("methods.html.j2", title=title, contest=contest, **values)
-        partial.write_text(page, "utf-8")
+        # The best drive is compared with the control, the last one.
+        space=viewer_values(view, (contest.contenders.index(best), len(emitted) - 1)),
+    )
+    return (page,)
 
 
 def _digits(pressure: float) -> str:

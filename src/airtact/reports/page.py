@@ -2,9 +2,7 @@
 
 import base64
 import io
-from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 from jaxtyping import UInt8
@@ -17,10 +15,6 @@ from PIL import Image
 
 from airtact.files.atomic import whole_file
 
-Value = TypeVar("Value")
-"""Value of a template: text, number, table or piece."""
-
-
 TEMPLATES = Environment(
     loader=FileSystemLoader(Path(__file__).parent / "templates"),
     autoescape=True,
@@ -30,19 +24,14 @@ TEMPLATES = Environment(
     lstrip_blocks=True,
 )
 
-
-def page_from(template: str, **values: Value) -> str:
-    """Fill a template with values; text among them is escaped."""
-    return TEMPLATES.get_template(template).render(values)
+PIXELS = 1.35
+"""Pixels of a picture per pixel of the page, for screens with high resolution."""
 
 
-def _piece(name: str, *values: object) -> Markup:
-    return getattr(TEMPLATES.get_template("pieces.html.j2").module, name)(*values)
-
-
-def document(title: str, pieces: Iterable[str]) -> str:
-    """Join pieces made by the functions of this module into one page; any other text is escaped."""
-    return page_from("page.html.j2", title=title, pieces=list(pieces))
+def write_page(path: Path, template: str, **values: object) -> None:
+    """Fill a template with values, of which texts are escaped; the file appears once complete."""
+    with whole_file(path) as partial:
+        partial.write_text(TEMPLATES.get_template(template).render(values), "utf-8")
 
 
 def picture(figure: Figure, caption: str, alternative: str, wide: bool = False) -> Markup:
@@ -53,51 +42,8 @@ def picture(figure: Figure, caption: str, alternative: str, wide: bool = False) 
     Image.fromarray(np.ascontiguousarray(pixels[:, :, :3])).save(buffer, "webp", quality=90)
     data = base64.b64encode(buffer.getvalue()).decode("ascii")
     height, width = (round(length / PIXELS) for length in pixels.shape[:2])
-    return _piece("picture", data, width, height, caption, alternative, wide)
-
-
-def table(
-    header: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "", text: bool = False
-) -> Markup:
-    """Lay out rows; columns after the first are right-aligned, or left-aligned if ``text``.
-
-    >>> print(table(["focus", "Pa"], [["<thumb>", "12"]]))
-    <div class="scroll"><table>
-    <thead><tr><th scope="col">focus</th><th scope="col">Pa</th></tr></thead>
-    <tbody>
-    <tr><th scope="row">&lt;thumb&gt;</th><td>12</td></tr>
-    </tbody></table></div>
-    """
-    return _piece("table", header, list(rows), caption, text)
-
-
-def key_numbers(facts: Iterable[tuple[str, str]]) -> Markup:
-    """Show a few large numbers, each (number, caption)."""
-    return _piece("key_numbers", list(facts))
-
-
-def paragraph(words: str, kind: str = "") -> Markup:
-    """One paragraph; ``kind`` may be "lead" or "warning"."""
-    return _piece("paragraph", words, kind)
-
-
-def folded(title: str, text: str) -> Markup:
-    """Show a text unchanged, behind a title to click."""
-    return _piece("folded", title, text)
-
-
-def heading(title: str) -> Markup:
-    """Head a page."""
-    return _piece("heading", title)
-
-
-def section(title: str) -> Markup:
-    """Head a section."""
-    return _piece("section", title)
-
-
-PIXELS = 1.35
-"""Pixels of a picture per pixel of the page, for screens with high resolution."""
+    pieces: object = TEMPLATES.get_template("pieces.html.j2").module
+    return pieces.picture(data, width, height, caption, alternative, wide)  # pyright: ignore
 
 
 def pixels_of(figure: Figure) -> UInt8[np.ndarray, "rows columns 4"]:

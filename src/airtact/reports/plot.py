@@ -19,9 +19,9 @@ from airtact.evaluation.comparison import Comparison
 from airtact.evaluation.metrics import Evaluation
 from airtact.evaluation.windows import plane_across, plane_of_scene
 from airtact.reports.array_figures import draw_faces, draw_in_space, view_of
-from airtact.reports.field_figure import Cut, cut_bodies, draw_difference, draw_field
+from airtact.reports.field_figure import Cut, draw_difference, draw_field, solid_depth
 from airtact.reports.plots import draw_foci
-from airtact.reports.solids import behind_planes, broad_view, space_axes
+from airtact.reports.solids import broad_view, space_axes
 from airtact.transducers.layout import PhasedArray
 
 __all__ = ["field", "pads", "phases", "scene"]
@@ -86,9 +86,7 @@ def field(
                 code="options_clash",
             )
         shown[over] = pressures[:, result.column(over)]
-    surfaces = [body.surface for body in scene.obstacles if body.boundary != "filled"]
-    outlines = cut_bodies(window, surfaces) + behind_planes(window, scene.planes)
-    cut = Cut(window, shown, outlines)
+    cut = Cut(window, shown, solid_depth(scene, window.points))
     if most is None:
         most = float(np.nanmax([np.abs(values) for values in shown.values()]))
     peak = positive(most, "most", "Pa")

@@ -8,7 +8,6 @@ from jaxtyping import Float64
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
@@ -78,7 +77,7 @@ def draw_shifts(maps: Sequence[ShiftMap], names: Sequence[str], deviation: float
     for row, shift_map in zip(axes, maps, strict=True):
         shifts = shift_map.shifts
         for panel, values in zip(row, shift_map.pressures, strict=True):
-            draw_values(panel, shifts, values, scale, (), "bilinear")
+            draw_values(panel, shifts, values, scale)
             panel.set_xlabel(f"shift: {shifts.labels[0]}")
             if deviation > 0.0:
                 ring: dict[str, Any] = {"fill": False, "edgecolor": "white", "linewidth": 1.2}
@@ -119,24 +118,15 @@ def draw_tracks(tracks: Sequence[PadTrack], title: str = "") -> Figure:
     start = min(float(track.times[0]) for track in tracks)
     for column, track in enumerate(tracks):
         times = track.times - start
-        # Where frames are missing, for more than three times the median step, NaN breaks the line.
-        steps = np.diff(times)
-        breaks = np.empty(0, dtype=int)
-        if len(steps):
-            breaks = 1 + np.flatnonzero(steps > 3.0 * np.median(steps))
-        broken_times = np.insert(times, breaks, times[breaks])
-        broken_pads = 1e3 * np.insert(track.pads, breaks, np.nan, axis=0)
+        pads = 1e3 * track.pads
         for row, axis in enumerate("xyz"):
             axes = rows[row, column]
             for finger, name in enumerate(FINGERS):
-                style: dict[str, Any] = {
-                    "color": colormaps["viridis"](finger / 4.4),
-                    "linewidth": 1.2,
-                }
-                axes.plot(broken_times, broken_pads[:, finger, row], label=name, **style)
+                colour = colormaps["viridis"](finger / 4.4)
+                axes.plot(times, pads[:, finger, row], label=name, color=colour, linewidth=1.2)
             axes.set_ylabel(f"{axis} [mm]")
-        gap = np.linalg.norm(broken_pads[:, 0] - broken_pads[:, 1], axis=1)
-        rows[3, column].plot(broken_times, gap, color="#444444", linewidth=1.2)
+        gap = np.linalg.norm(pads[:, 0] - pads[:, 1], axis=1)
+        rows[3, column].plot(times, gap, color="#444444", linewidth=1.2)
         rows[3, column].set(xlabel="time [s]", ylabel="thumb to index\npad [mm]", ylim=(0.0, None))
         rows[0, column].set_title(f"{track.side} hand", fontsize=10)
         # A loss lasts from its first frame to the next frame with the hand, or to the end.
@@ -162,16 +152,37 @@ def draw_overlay(overlay: Overlay) -> Figure:
     if not overlay.scan.phased:
         measured = np.abs(measured)
         model = np.abs(model)
-    projected, axes = _seen(overlay.scan.points[used])
+    projected, labels = _seen(overlay.scan.points[used])
     peak = float(np.abs(measured).max())
     shown = {
         "measured": np.abs(measured) / peak,
         "predicted": np.abs(model) / peak,
         f"difference, {overlay.error:.1%} rms": np.abs(measured - model) / peak,
     }
-    if len(axes) == 1:
-        return _curves(projected[:, 0], axes[0], shown)
-    return _maps(projected, axes, shown)
+    label = "pressure over the largest measured"
+    if len(labels) == 1:
+        figure = Figure(figsize=(8.0, 4.0), layout="constrained")
+        axes = figure.subplots()
+        # The order of the scan may go back and forth.
+        order = np.argsort(projected[:, 0])
+        for (name, values), style in zip(shown.items(), ("o", "-", ":"), strict=True):
+            axes.plot(projected[order, 0], values[order], style, label=name, markersize=4)
+        axes.set(xlabel=labels[0], ylabel=label, ylim=(0.0, None))
+        axes.legend(frameon=False)
+        return figure
+    figure = Figure(figsize=(12.0, 4.4), layout="constrained")
+    panels = figure.subplots(1, 3, sharex=True, sharey=True)
+    largest = max(float(values.max()) for values in list(shown.values())[:2])
+    for panel, (name, values) in zip(panels, shown.items(), strict=True):
+        # The difference has a scale of its own.
+        end = values.max() if name.startswith("difference") else largest
+        dots = panel.scatter(
+            *projected.T, c=values, s=24, marker="s", cmap=COLOURS, vmin=0, vmax=end
+        )
+        figure.colorbar(dots, ax=panel, label=label, location="bottom", aspect=28)
+        panel.set(title=name, xlabel=labels[0], aspect="equal", facecolor="0.85")
+    panels[0].set_ylabel(labels[1])
+    return figure
 
 
 def _seen(
@@ -187,61 +198,6 @@ def _seen(
     _, spreads, directions = np.linalg.svd(centred, full_matrices=False)
     axes = directions[: 1 if spreads[1] < 0.02 * spreads[0] else 2]
     return 1e3 * centred @ axes.T, ("along the scan [mm]", "across the scan [mm]")[: len(axes)]
-
-
-def _curves(
-    along: Float64[np.ndarray, "points"],
-    label: str,
-    shown: dict[str, Float64[np.ndarray, "points"]],
-) -> Figure:
-    figure = Figure(figsize=(8.0, 4.0), layout="constrained")
-    axes = figure.subplots()
-    # The order of the scan may go back and forth.
-    order = np.argsort(along)
-    for (name, values), style in zip(shown.items(), ("o", "-", ":"), strict=True):
-        axes.plot(along[order], values[order], style, label=name, markersize=4)
-    axes.set(xlabel=label, ylabel="pressure over the largest measured", ylim=(0.0, None))
-    axes.legend(frameon=False)
-    return figure
-
-
-def _maps(
-    projected: Float64[np.ndarray, "points 2"],
-    labels: tuple[str, ...],
-    shown: dict[str, Float64[np.ndarray, "points"]],
-) -> Figure:
-    wide, tall = np.ptp(projected, axis=0)
-    size = 3.6 / max(wide, tall)
-    figsize = (3 * max(wide * size, 1.6) + 2.4, max(tall * size, 1.6) + 1.0)
-    figure = Figure(figsize=figsize, layout="constrained")
-    axes = figure.subplots(1, 3, sharex=True, sharey=True)
-    *pressures, difference = (float(values.max()) for values in shown.values())
-    scale = ScalarMappable(Normalize(0.0, max(pressures)), COLOURS)
-    difference_scale = ScalarMappable(Normalize(0.0, max(difference, 1e-9)), "viridis")
-    # A rectangle around each position, as large as the step between positions.
-    steps = np.array([_step(along) for along in projected.T])
-    corners = 0.5 * steps * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    cells = list(projected[:, None] + corners)
-    scales = (scale, scale, difference_scale)
-    for panel, (name, values), colours in zip(axes, shown.items(), scales, strict=True):
-        style: dict[str, Any] = {"edgecolors": "face", "linewidths": 0.4}
-        panel.add_collection(PolyCollection(cells, facecolors=colours.to_rgba(values), **style))
-        panel.set_title(name, fontsize=11)
-        panel.set(xlabel=labels[0], aspect="equal", facecolor="0.85")
-        panel.autoscale_view()
-    axes[0].set_ylabel(labels[1])
-    label = "pressure over the largest measured"
-    figure.colorbar(scale, ax=list(axes[:2]), label=label, aspect=28)
-    label = "difference, on a scale of its own"
-    figure.colorbar(difference_scale, ax=axes[2], label=label, aspect=28)
-    return figure
-
-
-def _step(along: Float64[np.ndarray, "points"]) -> float:
-    span = float(np.ptp(along))
-    gaps = np.diff(np.sort(along))
-    gaps = gaps[gaps > 1e-3 * span]
-    return float(max(np.median(gaps), span / np.sqrt(len(along)) / 2.0)) if len(gaps) else span
 
 
 def draw_varied(

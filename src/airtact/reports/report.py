@@ -29,10 +29,11 @@ def write_report(
     The files.
     """
     # Matplotlib takes a second to import, and only pages need it.
-    from airtact.reports.result_fields import report_methods, report_rendering
+    from airtact.reports.methods_page import write_methods_page
+    from airtact.reports.run_page import write_run_page
 
     of_kind(result, Rendering | MethodComparison, "the result", "render(setup) or compare(setup)")
     folder = writable_folder(Path(folder))
     if isinstance(result, MethodComparison):
-        return report_methods(result, folder, progress)
-    return report_rendering(result, folder, progress)
+        return write_methods_page(result, folder, progress)
+    return write_run_page(result, folder, progress)

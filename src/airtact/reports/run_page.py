@@ -1,7 +1,6 @@
 """The page of one run: drive, fields, pressures at the foci, and how they were computed."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -9,18 +8,29 @@ import numpy as np
 from markupsafe import Markup
 
 from airtact.acoustics.solvers.problem import SolveReport
+from airtact.acoustics.target_points import outward
 from airtact.drives.transfer_ensemble import TransferEnsemble
 from airtact.errors import counted, in_mm
 from airtact.evaluation.comparison import HELD_EQUAL
 from airtact.evaluation.headline import pascals
 from airtact.evaluation.metrics import not_modelled
-from airtact.files.atomic import whole_file
+from airtact.evaluation.windows import Window, box_around, close_up, plane_of_scene
 from airtact.reports.array_figures import draw_phases, draw_scene
-from airtact.reports.field_figure import FAINT, Cut, draw_close_ups, draw_difference, draw_field
-from airtact.reports.page import page_from, picture
+from airtact.reports.field_figure import (
+    FAINT,
+    Cut,
+    draw_close_ups,
+    draw_difference,
+    draw_field,
+    solid_depth,
+)
+from airtact.reports.page import picture, write_page
 from airtact.reports.plots import draw_shares, draw_shifts
-from airtact.reports.viewer import SceneView, viewer_alternative, viewer_values
+from airtact.reports.viewer import SceneView, scene_view, viewer_alternative, viewer_values
 from airtact.setup.rendering import Rendering
+from airtact.setup.setup import Setup
+from airtact.setup.exports import write_field
+from airtact.timing import Clock, Progress
 
 CITATION = (
     "S. Inoue, Y. Makino, H. Shinoda, Producing Airborne Ultrasonic 3D Tactile Image by Time "
@@ -28,34 +38,75 @@ CITATION = (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class Fields:
-    """The fields on a page.
-
-    Attributes
-    ----------
-    plane : pressures under drive and control, at equal energy, in the plane through the foci.
-    close_ups : the same across each focus; may be empty.
-    view : the scene in space.
-    """
-
-    plane: Cut
-    close_ups: Sequence[Cut]
-    view: SceneView
-
-
-def write_page(path: Path, run: Rendering, fields: Fields, seconds: Mapping[str, float]) -> None:
-    """Write a rendering as one HTML file; ``seconds`` is the wall time by step [s]."""
-    values = {
+def write_run_page(run: Rendering, folder: Path, progress: Progress) -> tuple[Path, ...]:
+    """Write field.vtkhdf and report.html of a rendering into a folder."""
+    clock = Clock(progress)
+    setup = run.setup
+    scene = setup.scene
+    files = (folder / "field.vtkhdf", folder / "report.html")
+    for file in files:
+        file.unlink(missing_ok=True)  # an older run's
+    with clock.step("field", "computing the field around the foci"):
+        box = box_around(setup.target.points, scene.wavelength)
+        pressure = run.drive.peak * run.verification.at(box.points)[run.verification.names[0]]
+        write_field(files[0], box, pressure, [obstacle.surface for obstacle in scene.obstacles])
+    cuts, view = fields_of(run, clock)
+    progress("drawing the report")
+    write_page(
+        files[1],
+        "report.html.j2",
+        title=f"airtact: {setup.title}",
+        run=run,
         **_summary(run),
-        **_pictures(run, fields),
+        fields=_fields(run, cuts, view),
+        **_pictures(run, view),
         **_foci(run),
-        **_how(run, seconds),
-        "space": viewer_values(fields.view, run.setup.title),
+        **_how(run, {**run.seconds, **clock.seconds}),
+        space=viewer_values(view),
+    )
+    return files
+
+
+def fields_of(run: Rendering, clock: Clock) -> tuple[list[Cut], SceneView]:
+    """Evaluate the fields on the page of a rendering, all drives at the energy of the first."""
+    setup = run.setup
+    scales = [drive.factor_to_match(run.drive) for drive in run.drives.values()]
+    plane = plane_of_scene(setup.scene, setup.target.points)
+    with clock.step("cuts", "computing the field in the pictures"):
+        cuts = [_cut(run, window, scales) for window in _windows(setup, plane)]
+    with clock.step("scene in space", "computing the field in the scene to turn"):
+        field = run.verification.field
+        view = scene_view(setup, field, run.drives, scales, plane, "equal energy")
+    return cuts, view
+
+
+def _windows(setup: Setup, plane: Window) -> list[Window]:
+    """Return the plane through the foci, or one across each focus where it cannot show them all."""
+    foci = setup.target.points
+    scene = setup.scene
+    # A plane fits two foci exactly.
+    if len(foci) < 3 or not scene.obstacles:
+        return [plane]
+    pairs = zip(foci, outward(scene.depth, foci), strict=True)
+    return [close_up(focus, normal, scene.wavelength) for focus, normal in pairs]
+
+
+def _cut(run: Rendering, window: Window, scales: Sequence[float]) -> Cut:
+    pressures = run.verification.at(window.points)
+    scaled = {
+        name: pressure * scale
+        for (name, pressure), scale in zip(pressures.items(), scales, strict=True)
     }
-    title = f"airtact: {run.setup.title}"
-    with whole_file(path) as partial:
-        partial.write_text(page_from("report.html.j2", title=title, run=run, **values), "utf-8")
+    return Cut(window, scaled, solid_depth(run.setup.scene, window.points))
+
+
+def _error(run: Rendering, cuts: Sequence[Cut]) -> float:
+    """Largest estimated relative error of the pressures in the pictures."""
+    points = np.concatenate([cut.window.points for cut in cuts])
+    outside = points[run.setup.scene.depth(points) < 0.0]
+    # 300 points for each picture bound the time of the estimate.
+    sample = outside[:: max(1, len(outside) // (300 * len(cuts)))]
+    return float(np.max(run.verification.field.error_at(sample), initial=0.0))
 
 
 def _summary(run: Rendering) -> dict[str, Any]:
@@ -89,7 +140,7 @@ def _transducers(run: Rendering) -> str:
     return counted(len(run.setup.array), "transducer", "transducers")
 
 
-def _pictures(run: Rendering, fields: Fields) -> dict[str, Any]:
+def _pictures(run: Rendering, view: SceneView) -> dict[str, Any]:
     array = run.setup.array
     exact = np.abs(run.transfer.pressure(run.drive))[: len(run.setup.foci)]
     rounded = np.abs(run.transfer.pressure(run.frame.drive()))[: len(run.setup.foci)]
@@ -117,9 +168,9 @@ def _pictures(run: Rendering, fields: Fields) -> dict[str, Any]:
         ),
         "Transducers coloured by phase, bodies in grey, foci in orange. Transducers that face away "
         "from the viewer are faint rings.",
-        viewer_alternative(fields.view),
+        viewer_alternative(view),
     )
-    return {"fields": _fields(run, fields), "phases": phases, "still": still, "doubt": _doubt(run)}
+    return {"phases": phases, "still": still, "doubt": _doubt(run)}
 
 
 def _doubt(run: Rendering) -> list[Markup]:
@@ -158,22 +209,21 @@ def _doubt(run: Rendering) -> list[Markup]:
     return [shares, shifts]
 
 
-def _fields(run: Rendering, fields: Fields) -> list[Markup]:
+def _fields(run: Rendering, cuts: Sequence[Cut], view: SceneView) -> list[Markup]:
     """Draw both drives and their difference, in the plane of the foci or across each focus."""
     names = run.verification.names
-    peak = fields.view.peak
+    peak = view.peak
     points = run.setup.target.points
-    got = fields.view.reached
-    error = max(cut.error for cut in (fields.close_ups or [fields.plane]))
-    # The largest estimate of all pictures counts.
+    got = view.reached
+    error = _error(run, cuts)
     estimate = (
         f" The pressures there are estimated to be {100 * error:.1g} % off." if error > 0.0 else ""
     )
-    if fields.close_ups:
+    if len(cuts) > 1:
         changes = zip(run.setup.foci, 20.0 * np.log10(got[:, 0] / got[:, 1]), strict=True)
         return [
             picture(
-                draw_close_ups(fields.close_ups, run.setup.foci, peak),
+                draw_close_ups(cuts, run.setup.foci, peak),
                 "Across each focus, at right angles to the surface, which lies below it."
                 f"{estimate}",
                 f"Maps around each focus, up to {_rounded(peak)} Pa; in dB: "
@@ -181,8 +231,9 @@ def _fields(run: Rendering, fields: Fields) -> list[Markup]:
                 wide=True,
             )
         ]
+    (cut,) = cuts
     # Foci of more than two pads rarely lie in one plane.
-    off = 1e3 * np.abs(fields.plane.window.height_of(points)).max()
+    off = 1e3 * np.abs(cut.window.height_of(points)).max()
     plane = "Plane through the foci."
     if off >= 0.5:
         plane = (
@@ -191,7 +242,7 @@ def _fields(run: Rendering, fields: Fields) -> list[Markup]:
         )
     panels = [
         picture(
-            draw_field(fields.plane, name, peak, points, run.setup.foci),
+            draw_field(cut, name, peak, points, run.setup.foci),
             f"{name.capitalize()}. {plane}{estimate}",
             f"Map of pressure, {name}: {_rounded(column.min())} to {_rounded(column.max())} Pa at "
             "the foci",
@@ -202,7 +253,7 @@ def _fields(run: Rendering, fields: Fields) -> list[Markup]:
         return panels
     change = 20.0 * np.log10(got[:, 0] / got[:, 1])
     difference = picture(
-        draw_difference(fields.plane, (names[0], names[1]), peak, points, run.setup.foci),
+        draw_difference(cut, (names[0], names[1]), peak, points, run.setup.foci),
         f"Red: more with {names[0]}. Grey: less than {FAINT:.0%} of the largest pressure in both.",
         f"Map of the difference in dB: {change.min():+.1f} to {change.max():+.1f} dB at the foci",
     )

@@ -1,6 +1,5 @@
 """The page of a hand located by echoes: its pose, the gain of correcting it, and the residuals."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,26 +9,15 @@ from jaxtyping import Real
 from markupsafe import Markup
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch, PathPatch
-from matplotlib.path import Path as Outline
+from matplotlib.patches import Patch
 
+from airtact.acoustics.scene import Scene
 from airtact.errors import counted
 from airtact.evaluation.metrics import NOT_MODELLED
 from airtact.evaluation.windows import Window, plane_of_scene
-from airtact.files.atomic import whole_file
-from airtact.geometry.surface import Surface
 from airtact.reports.array_figures import draw_receivers
-from airtact.reports.field_figure import BODY, cut_bodies
-from airtact.reports.page import (
-    document,
-    folded,
-    heading,
-    key_numbers,
-    paragraph,
-    picture,
-    section,
-    table,
-)
+from airtact.reports.field_figure import BODY, draw_solid, grid_axes
+from airtact.reports.page import picture, write_page
 from airtact.setup.sensing import Sensed
 
 BEFORE = "#0072b2"
@@ -38,124 +26,103 @@ AFTER = "#e8590c"
 
 def write_sense_page(path: Path, sensed: Sensed) -> None:
     """Write the page as one self-contained HTML file, which appears only once it is complete."""
-    title = f"airtact: where the hand of {sensed.setup.title} is"
-    with whole_file(path) as partial:
-        partial.write_text(document(title, _pieces(sensed)), "utf-8")
+    elements, transmissions = sensed.echoes.codes.shape
+    left_out = sensed.located.left_out
+    # NaN where an element did not receive.
+    values = np.full((2, len(sensed.setup.array)), np.nan)
+    values[:, sensed.echoes.receiving] = sensed.unexplained
+    values[:, left_out] = np.nan
+    before, after = np.sqrt(np.nanmean(values**2, axis=1))
+    warnings = []
+    if len(left_out):
+        names = ", ".join(str(receiver) for receiver in left_out)
+        warnings.append(f"Receivers that fit nothing were left out: {names}.")
+    write_page(
+        path,
+        "sense.html.j2",
+        title=f"airtact: where the hand of {sensed.setup.title} is",
+        sensed=sensed,
+        simulated=sensed.true is not None,
+        transmissions=counted(transmissions, "coded transmission", "coded transmissions"),
+        elements=f"{elements:,}",
+        receivers=f"{len(sensed.echoes.pressures):,}",
+        facts=_facts(sensed),
+        **_pose(sensed),
+        focus_rows=[
+            [name, f"{old:,.0f}", f"{new:,.0f}", f"{new / old:.2f}"]
+            for name, old, new in zip(sensed.setup.foci, sensed.before, sensed.after, strict=True)
+        ],
+        moved=_moved(sensed),
+        before=f"{before:.0%}".replace("%", " %"),
+        after=f"{after:.1%}".replace("%", " %"),
+        warnings=warnings,
+        residuals=_residuals(sensed, values),
+        not_modelled=NOT_MODELLED,
+        steps=[[name, f"{seconds:.2f} s"] for name, seconds in sensed.seconds.items()],
+    )
 
 
-def _pieces(sensed: Sensed) -> list[Markup]:
-    located = sensed.located
-    echoes = sensed.echoes
+def _facts(sensed: Sensed) -> list[tuple[str, str]]:
     off, turn = sensed.off
-    elements, transmissions = echoes.codes.shape
-    shift_deviation, turn_deviation = located.deviation
-    kind = "Simulated" if sensed.true is not None else "Measured"
-    count = counted(transmissions, "coded transmission", "coded transmissions")
-    made = "The pose is found by least squares of the received echoes, from the scene's pose."
-    if sensed.true is not None:
-        made += " The echoes were simulated with smaller panels than the model's, and noise."
+    shift_deviation, turn_deviation = sensed.located.deviation
     return [
-        heading(f"{sensed.setup.title}: where the hand is"),
-        paragraph(
-            f"{kind} echoes of {count} by {elements:,} elements, received by "
-            f"{len(echoes.pressures):,} of them.",
-            "lead",
+        (f"{1e3 * off:.2f} mm, {np.degrees(turn):.2f}°", "off the scene's pose"),
+        (
+            f"{1e3 * shift_deviation:.2g} mm, {np.degrees(turn_deviation):.2g}°",
+            "standard deviation of the pose found",
         ),
-        key_numbers(
-            [
-                (f"{1e3 * off:.2f} mm, {np.degrees(turn):.2f}°", "off the scene's pose"),
-                (
-                    f"{1e3 * shift_deviation:.2g} mm, {np.degrees(turn_deviation):.2g}°",
-                    "standard deviation of the pose found",
-                ),
-                (
-                    f"{sensed.corrected / sensed.uncorrected:.2f} times",
-                    "at the weakest focus, by correcting it",
-                ),
-                (
-                    f"{located.misfit:.1%}".replace("%", " %"),
-                    "of the echoes not explained beyond noise",
-                ),
-            ]
+        (
+            f"{sensed.corrected / sensed.uncorrected:.2f} times",
+            "at the weakest focus, by correcting it",
         ),
-        section("The pose"),
-        _pose_table(sensed),
-        section("What correcting it brings"),
-        _foci_table(sensed),
-        _moved(sensed),
-        section("What the model does not explain"),
-        *_residuals(sensed),
-        section("How this was computed"),
-        paragraph(f"{made} No board that airtact drives today can receive. {NOT_MODELLED}"),
-        table(
-            ["step", "time"],
-            [[name, f"{seconds:.2f} s"] for name, seconds in sensed.seconds.items()],
+        (
+            f"{sensed.located.misfit:.1%}".replace("%", " %"),
+            "of the echoes not explained beyond noise",
         ),
-        folded("The scene file", sensed.setup.text),
     ]
 
 
-def _pose_table(sensed: Sensed) -> Markup:
+def _pose(sensed: Sensed) -> dict[str, Any]:
     """List each coordinate of the pose with its standard deviation and bound."""
     located = sensed.located
     deviations = [np.sqrt(np.diag(located.covariance)), np.sqrt(np.diag(located.bound))]
-    shifts = sensed.shifts()
-    rows = []
-
-    def add(name: str, index: int, changes: list[float], factor: float, unit: str) -> None:
-        first, *truth = [f"{factor * change:+.4f} {unit}".replace("-", "−") for change in changes]
-        doubts = [
-            f"{factor * deviation[index]:.4f} {unit}" if np.isfinite(deviation[index]) else ""
-            for deviation in deviations
-        ]
-        rows.append([name, first, *doubts, *truth])
-
-    for index, axis in enumerate("xyz"):
-        add(f"moved along {axis}", index, [shift[index] for shift in shifts], 1e3, "mm")
-    for index, axis in enumerate("xyz", 3):
-        degrees = 180.0 / np.pi
-        add(f"turned about {axis}", index, [shift[index] for shift in shifts], degrees, "°")
+    changes = np.array(sensed.shifts())
+    quantities = [(f"moved along {axis}", 1e3, "mm") for axis in "xyz"]
+    quantities += [(f"turned about {axis}", 180.0 / np.pi, "°") for axis in "xyz"]
     if located.opening is not None and sensed.gap is not None:
         gaps = [gap for gap in (sensed.gap, sensed.true_gap) if gap is not None]
-        name = f"gap, {1e3 * sensed.gap:.2f} mm in the scene"
-        add(name, 6, [located.opening - gap for gap in gaps], 1e3, "mm")
+        changes = np.column_stack([changes, located.opening - np.array(gaps)])
+        quantities.append((f"gap, {1e3 * sensed.gap:.2f} mm in the scene", 1e3, "mm"))
+    rows = []
+    for index, (name, factor, unit) in enumerate(quantities):
+        doubts = [factor * deviation[index] for deviation in deviations]
+        first, *truth = [f"{factor * change:+.4f} {unit}" for change in changes[:, index]]
+        cells = [f"{doubt:.4f} {unit}" if np.isfinite(doubt) else "" for doubt in doubts]
+        rows.append([name, *(text.replace("-", "−") for text in (first, *cells, *truth))])
     header = ["", "from the scene's pose", "standard deviation", "least that the noise allows"]
-    if len(shifts) > 1:
+    if len(changes) > 1:
         header.append("off the simulated truth")
     bound = "the least is the Cramér-Rao bound"
     if not np.isfinite(deviations[1]).all():
         bound += ", which is not known where the noise was not measured"
-    caption = (
-        "Of the middle of the bodies, along the axes of the array. The standard deviation includes "
-        f"everything that is left unexplained; {bound}."
-    )
-    return table(header, rows, caption)
-
-
-def _foci_table(sensed: Sensed) -> Markup:
-    rows = [
-        [name, f"{before:,.0f}", f"{after:,.0f}", f"{after / before:.2f}"]
-        for name, before, after in zip(sensed.setup.foci, sensed.before, sensed.after, strict=True)
-    ]
-    header = ["focus", "drive for the scene's pose [Pa]", "drive for the pose found [Pa]", "times"]
-    hand = "the simulated hand" if sensed.true is not None else "the hand at the pose found"
-    return table(header, rows, f"Peak pressure at the foci of {hand}.")
+    return {"pose_header": header, "pose_rows": rows, "bound": bound}
 
 
 def _moved(sensed: Sensed) -> Markup:
     """Picture the hand before and after, beside the foci."""
     setup = sensed.setup
+    fitted = sensed.fitted
     pose = sensed.located.pose
     off, turn = sensed.off
-    before = [body.surface for body in setup.scene.obstacles]
-    after = [body.surface.moved(pose) for body in sensed.fitted.scene.obstacles]
-    foci = np.stack([setup.target.points, pose.apply(sensed.fitted.target.points)])
+    found = [replace(body, surface=body.surface.moved(pose)) for body in fitted.scene.obstacles]
+    scenes = (setup.scene, replace(fitted.scene, obstacles=found))
+    foci = np.stack([setup.target.points, pose.apply(fitted.target.points)])
     # The window of a field, less 3 wavelengths, shows motions of a millimetre.
     window = plane_of_scene(setup.scene, setup.target.points)
     less = 3.0 * setup.scene.wavelength
     window = replace(window, width=window.width - less, height=window.height - less)
     return picture(
-        draw_moved(window, before, after, foci),
+        draw_moved(window, scenes, foci),
         "The bodies as in the scene file, dashed, and as located by the echoes, grey, cut by two "
         "planes through the middle of the scene's foci. Foci off a plane are projected onto it.",
         f"Cuts of the bodies before and after a motion by {1e3 * off:.2f} mm and "
@@ -164,14 +131,8 @@ def _moved(sensed: Sensed) -> Markup:
     )
 
 
-def _residuals(sensed: Sensed) -> list[Markup]:
-    echoes = sensed.echoes
+def _residuals(sensed: Sensed, values: Real[np.ndarray, "2 elements"]) -> Markup:
     array = sensed.setup.array
-    left_out = sensed.located.left_out
-    # NaN where an element did not receive.
-    values = np.full((2, len(array)), np.nan)
-    values[:, echoes.receiving] = sensed.unexplained
-    values[:, left_out] = np.nan
     start, end = values
     figure = draw_receivers(
         array.positions,
@@ -179,38 +140,26 @@ def _residuals(sensed: Sensed) -> list[Markup]:
         {"start: the scene's pose": start, "the pose found": end},
         "not explained, over the rms of the echoes",
     )
-    finite = values[:, np.isfinite(start)]
-    before, after = np.sqrt(np.mean(finite**2, axis=1))
     caption = (
         "Echoes at each receiver that the model does not explain, noise included: root mean square "
         "over the transmissions. Both maps have one scale."
     )
-    if len(finite.T) < len(array):
+    if not np.isfinite(start).all():
         caption += " Grey elements did not receive, or were left out."
-    pieces = [
-        paragraph(
-            f"Of the echoes {before:.0%} (rms) are unexplained at the scene's pose, {after:.1%} at "
-            "the pose found. Noise leaves the same everywhere; a wrong shape, a body that the "
-            "scene lacks, or a displaced board leaves a pattern.".replace("%", " %")
-        )
-    ]
-    if len(left_out):
-        names = ", ".join(str(receiver) for receiver in left_out)
-        pieces.append(paragraph(f"Receivers that fit nothing were left out: {names}.", "warning"))
+    before, after = np.sqrt(np.nanmean(values**2, axis=1))
     alternative = (
         f"Maps of the residual at each element: {before:.2f} for the start and {after:.2f} for the "
         "pose found"
     )
-    return [*pieces, picture(figure, caption, alternative, wide=True)]
+    return picture(figure, caption, alternative, wide=True)
 
 
 def draw_moved(
     window: Window,
-    before: Sequence[Surface],
-    after: Sequence[Surface],
+    scenes: tuple[Scene, Scene],
     foci: Real[np.ndarray, "2 foci 3"],
 ) -> Figure:
-    """Draw cuts of bodies and the foci before and after a correction, in two planes.
+    """Draw cuts of the bodies of two scenes, before and after a correction, in two planes.
 
     The second plane is upright on the window, through its middle. Foci [m] are projected onto the
     planes.
@@ -229,15 +178,10 @@ def draw_moved(
     }
     grey: dict[str, Any] = {"facecolor": BODY, "edgecolor": "0.25"}
     for axes, plane in zip(figure.subplots(1, 2), (window, upright), strict=True):
-        loops = cut_bodies(plane, after)
-        if loops:
-            paths = [
-                Outline(plane.seen(np.concatenate([loop, loop[:1]])), closed=True) for loop in loops
-            ]
-            axes.add_patch(PathPatch(Outline.make_compound_path(*paths), linewidth=0.8, **grey))
-        for loop in cut_bodies(plane, before):
-            closed = plane.seen(np.concatenate([loop, loop[:1]]))
-            axes.plot(*closed.T, "--", color=BEFORE, linewidth=1.2)
+        before, after = (scene.depth(plane.points) for scene in scenes)
+        draw_solid(axes, plane, after)
+        grid = (*grid_axes(plane), before.reshape(plane.shape))
+        axes.contour(*grid, levels=[0.0], colors=BEFORE, linestyles="--", linewidths=1.2)
         axes.plot(*plane.seen(foci[0]).T, markersize=8, markeredgewidth=1.4, **ring)
         axes.plot(*plane.seen(foci[1]).T, markersize=6, **dot)
         left, right, bottom, top = plane.extent

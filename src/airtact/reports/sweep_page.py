@@ -9,19 +9,8 @@ import numpy as np
 from jaxtyping import Float64
 from markupsafe import Markup
 
-from airtact.errors import counted
 from airtact.evaluation.metrics import NOT_MODELLED
-from airtact.files.atomic import whole_file
-from airtact.reports.page import (
-    document,
-    folded,
-    heading,
-    key_numbers,
-    paragraph,
-    picture,
-    section,
-    table,
-)
+from airtact.reports.page import picture, write_page
 from airtact.reports.plots import draw_varied
 
 Row = dict[str, str | float | int | bool | None]
@@ -57,12 +46,6 @@ class Swept:
 
 def write_sweep_page(path: Path, swept: Swept) -> None:
     """Write the page; the file appears only once it is complete."""
-    with whole_file(path) as partial:
-        title = f"airtact: sweep of {swept.title}"
-        partial.write_text(document(title, _pieces(swept)), "utf-8")
-
-
-def _pieces(swept: Swept) -> list[Markup]:
     weakest = swept.numbers("weakest_Pa")
     gain = swept.numbers("gain")
     facts = [(f"{len(swept.rows):,}", "points"), (f"{len(swept.failed):,}", "of them failed")]
@@ -70,34 +53,31 @@ def _pieces(swept: Swept) -> list[Markup]:
         facts.append((f"{np.nanmedian(weakest):,.0f} Pa", "at the weakest focus, median"))
     if np.isfinite(gain).any():
         facts.append((f"{np.nanmedian(gain):.2f}", "times a drive that ignores the bodies, median"))
-    pieces = [
-        heading(f"{swept.title}: sweep"),
-        paragraph(f"Varied: {', '.join(swept.varied)}.", "lead"),
-        key_numbers(facts),
-        *_pictures(swept, weakest, "peak pressure of the weakest focus [Pa]"),
-        *_pictures(swept, gain, "weakest focus, over a drive that ignores the bodies"),
-    ]
-    if swept.failed:
-        counts = Counter(str(row["error"]) for row in swept.failed)
-        # Reversed, so that the first sentence of each code stays.
-        first = {str(row["error"]): str(row["sentence"]) for row in reversed(swept.failed)}
-        faults = [[code, str(number), first[code]] for code, number in counts.most_common()]
-        pieces += [
-            section("What failed"),
-            table(["code", "points", "the first sentence"], faults, text=True),
-        ]
-    return [
-        *pieces,
-        section("The points"),
-        _listed(swept.rows),
-        section("How this was computed"),
-        paragraph(
-            "Pressures are those of the solution that each drive is made from, with its own "
-            "estimate of the error; airtact render verifies a drive by another solution. "
-            f"{NOT_MODELLED}"
-        ),
-        folded("The scene file", swept.text),
-    ]
+    counts = Counter(str(row["error"]) for row in swept.failed)
+    # Reversed, so that the first sentence of each code stays.
+    first = {str(row["error"]): str(row["sentence"]) for row in reversed(swept.failed)}
+    columns = dict.fromkeys(
+        name for row in swept.rows for name in row if name not in ("sentence", "warnings")
+    )
+    # sweep.csv has all points.
+    listed = swept.rows[:200]
+    more = len(swept.rows) - len(listed)
+    write_page(
+        path,
+        "sweep.html.j2",
+        title=f"airtact: sweep of {swept.title}",
+        swept=swept,
+        facts=facts,
+        pictures=[
+            *_pictures(swept, weakest, "peak pressure of the weakest focus [Pa]"),
+            *_pictures(swept, gain, "weakest focus, over a drive that ignores the bodies"),
+        ],
+        faults=[[code, str(number), first[code]] for code, number in counts.most_common()],
+        columns=list(columns),
+        cells=[[_words(row.get(name)) for name in columns] for row in listed],
+        caption=f"The first {len(listed)}; sweep.csv has {more:,} more." if more else "",
+        not_modelled=NOT_MODELLED,
+    )
 
 
 def _pictures(swept: Swept, values: Float64[np.ndarray, "points"], quantity: str) -> list[Markup]:
@@ -119,18 +99,6 @@ def _pictures(swept: Swept, values: Float64[np.ndarray, "points"], quantity: str
             wide=len(axes) > 2,
         )
     ]
-
-
-def _listed(rows: Sequence[Row]) -> Markup:
-    """List up to 200 points; sweep.csv has all."""
-    columns = dict.fromkeys(
-        name for row in rows for name in row if name not in ("sentence", "warnings")
-    )
-    cells = [[_words(row.get(name)) for name in columns] for row in rows[:200]]
-    caption = ""
-    if len(rows) > 200:
-        caption = f"The first 200; sweep.csv has {counted(len(rows) - 200, 'more', 'more')}."
-    return table(list(columns), cells, caption)
 
 
 def _words(value: str | float | None) -> str:

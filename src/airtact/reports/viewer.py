@@ -10,7 +10,7 @@ import json
 import re
 import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -20,12 +20,16 @@ from markupsafe import Markup
 from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
-from airtact.acoustics.planes import Plane
+from airtact.acoustics.solvers.problem import RadiatedField
+from airtact.drives.drive import Drive
 from airtact.errors import counted
-from airtact.evaluation.slices import Slices, SurfacePressure
+from airtact.evaluation.slices import Slices, SurfacePressure, slices_around, surface_pressure
+from airtact.evaluation.windows import Window
 from airtact.reports.array_figures import spacing, unfold
 from airtact.reports.field_figure import COLOURS
-from airtact.reports.solids import sheet_of
+from airtact.reports.solids import sheet_of, towards_viewer
+from airtact.setup.sequences import paths_of
+from airtact.setup.setup import Setup
 
 SCALES = {"pressure": COLOURS, "difference": "RdBu_r", "phase": "twilight", "amplitude": "viridis"}
 
@@ -36,31 +40,25 @@ class SceneView:
 
     Attributes
     ----------
+    setup : the transducers, the foci and the planes.
     drives : amplitudes (E,) of each drive by name; the first is shown first.
-    positions, normals : (E, 3) of the transducers [m].
-    foci : names of the foci.
-    points : (F, 3) positions of the foci [m].
-    asked : pressure asked at each focus, in words.
     reached : (F, D) peak pressure at the foci under each drive [Pa].
     surfaces : bodies with their pressures; None in open air.
     slices : pressure of each drive in parallel planes.
     held_equal : the quantity that is equal for all drives, in words.
-    paths : (P, N, 3) closed paths of moving foci [m].
-    planes : rigid planes of the scene.
     """
 
+    setup: Setup
     drives: Mapping[str, Complex[np.ndarray, "elements"]]
-    positions: Real[np.ndarray, "elements 3"]
-    normals: Real[np.ndarray, "elements 3"]
-    foci: Sequence[str]
-    points: Real[np.ndarray, "foci 3"]
-    asked: Sequence[str]
     reached: Float64[np.ndarray, "foci drives"]
     surfaces: SurfacePressure | None
     slices: Slices
     held_equal: str
-    paths: Float64[np.ndarray, "paths frames 3"]
-    planes: Sequence[Plane]
+
+    @property
+    def points(self) -> Float64[np.ndarray, "foci 3"]:
+        """Positions of the foci [m]."""
+        return self.setup.target.points
 
     @property
     def peak(self) -> float:
@@ -73,19 +71,56 @@ class SceneView:
     def solid(self) -> Float64[np.ndarray, "points 3"]:
         """Positions of the transducers and corners of the bodies [m]."""
         bodies = np.empty((0, 3)) if self.surfaces is None else self.surfaces.vertices
-        return np.concatenate([self.positions, bodies])
+        return np.concatenate([self.setup.array.positions, bodies])
 
     @property
     def sheets(self) -> list[Float64[np.ndarray, "4 3"]]:
         """Corners of the drawn part of each plane [m], counter-clockwise as seen from its front."""
-        return [sheet_of(plane, np.concatenate([self.solid, self.points])) for plane in self.planes]
+        everything = np.concatenate([self.solid, self.points])
+        return [sheet_of(plane, everything) for plane in self.setup.scene.planes]
+
+
+def scene_view(
+    setup: Setup,
+    field: RadiatedField,
+    drives: Mapping[str, Drive],
+    scales: Sequence[float],
+    window: Window,
+    held_equal: str,
+) -> SceneView:
+    """Evaluate drives around the foci and on the bodies.
+
+    Parameters
+    ----------
+    field : its first excitations are those of the drives.
+    drives : by name, as they were solved.
+    scales : (D,) factor on each drive for the picture.
+    window : the plane of the foci.
+    held_equal : the quantity that the scales make equal, in words.
+    """
+    columns = list(range(len(drives)))
+    slices = slices_around(field, columns, setup.target.points, window)
+    surfaces = surface_pressure(field, columns)
+    if surfaces is not None:
+        surfaces = replace(surfaces, pressures=surfaces.pressures * scales)
+    return SceneView(
+        setup=setup,
+        drives={
+            name: scale * drive.amplitudes
+            for (name, drive), scale in zip(drives.items(), scales, strict=True)
+        },
+        reached=np.abs(field.at(setup.target.points)[:, columns]) * scales,
+        surfaces=surfaces,
+        slices=replace(slices, pressures=slices.pressures * scales),
+        held_equal=held_equal,
+    )
 
 
 def viewer_values(
-    view: SceneView, title: str, chosen: tuple[int, int] = (0, 1)
+    view: SceneView, chosen: tuple[int, int] = (0, 1)
 ) -> dict[str, str | list[str] | list[int]]:
     """Return the values of a template; the ``chosen`` drives are compared first."""
-    facts, numbers = _facts(view, title)
+    facts, numbers = _facts(view)
     return {
         "drives": list(view.drives),
         "chosen": list(chosen),
@@ -108,11 +143,12 @@ def viewer_alternative(view: SceneView) -> str:
     # A list of more than 8 foci would be tedious to listen to.
     if len(got) <= 8:
         words = ", ".join(
-            f"{pressure:,.0f} Pa at {name}" for name, pressure in zip(view.foci, got, strict=True)
+            f"{pressure:,.0f} Pa at {name}"
+            for name, pressure in zip(view.setup.foci, got, strict=True)
         )
     bodies = "" if view.surfaces is None else ", the bodies"
-    bodies += ", a rigid plane" if view.planes else ""
-    elements = counted(len(view.positions), "transducer", "transducers")
+    bodies += ", a rigid plane" if view.setup.scene.planes else ""
+    elements = counted(len(view.setup.array), "transducer", "transducers")
     first = next(iter(view.drives))
     return f"{elements}{bodies} and a slice through the field in space; {first} gives {words}."
 
@@ -123,9 +159,9 @@ def _caption(view: SceneView) -> str:
     ]
     if len(view.drives) > 1:
         sentences.append(f"Drives are shown at {view.held_equal}.")
-    if view.planes:
+    if view.setup.scene.planes:
         sentences.append("The rigid plane is a sheet; from behind, only its edge is drawn.")
-    if len(view.paths):
+    if len(paths_of(view.setup)):
         sentences.append("Foci move along the dashed lines; the field is that of the foci at rest.")
     if view.surfaces:
         sentences.append(
@@ -150,7 +186,7 @@ def _packed(data: bytes) -> str:
     return base64.b64encode(gzip.compress(data, 9, mtime=0)).decode("ascii")
 
 
-def _facts(view: SceneView, title: str) -> tuple[dict[str, Any], bytes]:
+def _facts(view: SceneView) -> tuple[dict[str, Any], bytes]:
     """Return the facts of a scene, and the bytes of its arrays."""
     places = {}
     data = bytearray()
@@ -159,9 +195,13 @@ def _facts(view: SceneView, title: str) -> tuple[dict[str, Any], bytes]:
         data += bytes(-len(data) % 4)
         places[name] = [values.dtype.name, len(data), values.size]
         data += values.tobytes()
-    faces = unfold(view.positions, view.normals)
+    array = view.setup.array
+    asked = ["as strong as possible"] * len(view.setup.foci)
+    if view.setup.target.pressures is not None:
+        asked = [f"{pressure:,.0f} Pa" for pressure in view.setup.target.pressures]
+    faces = unfold(array.positions, array.normals)
     facts = {
-        "title": title,
+        "title": view.setup.title,
         "most": view.peak,
         "drives": list(view.drives),
         "arrays": places,
@@ -169,14 +209,14 @@ def _facts(view: SceneView, title: str) -> tuple[dict[str, Any], bytes]:
             name: [to_hex(colour) for colour in colormaps[scale](np.linspace(0.0, 1.0, 128))]
             for name, scale in SCALES.items()
         },
-        "radius": 0.45e3 * min(spacing(view.positions[face.elements]) for face in faces),
+        "radius": 0.45e3 * min(spacing(array.positions[face.elements]) for face in faces),
         "foci": [
-            {"name": name, "position": _rounded(1e3 * point), "asked": asked, "got": _rounded(got)}
-            for name, point, asked, got in zip(
-                view.foci, view.points, view.asked, view.reached, strict=True
+            {"name": name, "position": _rounded(1e3 * point), "asked": words, "got": _rounded(got)}
+            for name, point, words, got in zip(
+                view.setup.foci, view.points, asked, view.reached, strict=True
             )
         ],
-        "paths": [[_rounded(1e3 * point) for point in path] for path in view.paths],
+        "paths": [[_rounded(1e3 * point) for point in path] for path in paths_of(view.setup)],
         "sheets": [[_rounded(1e3 * corner) for corner in sheet] for sheet in view.sheets],
         "slices": _planes(view),
         **_views(view),
@@ -193,8 +233,8 @@ def _arrays(view: SceneView) -> dict[str, np.ndarray]:
     # Bytes hold depths up to half a step of the planes to either side of a surface.
     depth = np.clip(slices.depth / (0.5 * slices.steps.max()), -1.0, 1.0)
     arrays = {
-        "positions": (1e3 * view.positions).astype(np.float32),
-        "normals": np.asarray(view.normals, dtype=np.float32),
+        "positions": (1e3 * view.setup.array.positions).astype(np.float32),
+        "normals": np.asarray(view.setup.array.normals, dtype=np.float32),
         "depth": np.round(127.5 * (1.0 + depth)).astype(np.uint8),
     }
     for index, amplitudes in enumerate(view.drives.values()):
@@ -219,7 +259,7 @@ def _planes(view: SceneView) -> dict[str, Any]:
     counts = slices.depth.shape[::-1]
     focus = (view.points.mean(axis=0) - slices.corner) @ slices.axes.T / slices.steps
     # The slice goes through the focus farthest from the viewer, or it would hide other foci.
-    seen = _towards(*_side(slices.axes[2], view.normals))
+    seen = towards_viewer(*_side(slices.axes[2], view.setup.array.normals))
     heights = ((view.points - slices.corner) @ slices.axes[2]) / slices.steps[2]
     # The axis may point towards the viewer or away.
     focus[2] = heights.min() if slices.axes[2] @ seen > 0.0 else heights.max()
@@ -242,11 +282,13 @@ def _views(view: SceneView) -> dict[str, Any]:
     everything = np.concatenate([view.solid, *view.sheets])
     lowest = everything.min(axis=0)
     highest = everything.max(axis=0)
-    path_reaches = [1.2 * np.linalg.norm(path - middle, axis=1).max() for path in view.paths]
-    azimuth, elevation = _side(slices.axes[2], view.normals)
+    path_reaches = [
+        1.2 * np.linalg.norm(path - middle, axis=1).max() for path in paths_of(view.setup)
+    ]
+    azimuth, elevation = _side(slices.axes[2], view.setup.array.normals)
     # A rigid plane that would be seen from behind mirrors the view.
-    front = _towards(azimuth, elevation)
-    for plane in view.planes:
+    front = towards_viewer(azimuth, elevation)
+    for plane in view.setup.scene.planes:
         front = front - 2.0 * min(0.0, float(front @ plane.normal)) * plane.normal
     front_elevation = np.arcsin(np.clip(front[2], -1.0, 1.0))
     return {
@@ -254,25 +296,20 @@ def _views(view: SceneView) -> dict[str, Any]:
         "reach": 0.55e3 * float(np.linalg.norm(highest - lowest)),
         "focus": _rounded(1e3 * middle),
         "close": 1e3 * float(max([0.54 * np.linalg.norm(spans[:2]), *path_reaches])),
-        "seen": [azimuth, elevation],
+        "seen": np.radians([azimuth, elevation]).tolist(),
         "seen_whole": [float(np.arctan2(front[1], front[0])), float(front_elevation)],
     }
-
-
-def _towards(azimuth: float, elevation: float) -> Float64[np.ndarray, "3"]:
-    level = np.cos(elevation)
-    return np.array([np.cos(azimuth) * level, np.sin(azimuth) * level, np.sin(elevation)])
 
 
 def _side(
     normal: Float64[np.ndarray, "3"], radiated: Real[np.ndarray, "elements 3"]
 ) -> tuple[float, float]:
-    """First azimuth and elevation of the view of the slice [rad], from the side of the sound."""
+    """First azimuth and elevation of the view of the slice [degrees], from where sound comes."""
     towards = -radiated.mean(axis=0)
     # Sound from above is shown from below, so that the array does not hide the field.
     below = towards[2] < -0.3
     if abs(normal[2]) > 0.9:
-        return -1.1, -0.5 if below else 0.8
+        return -63.0, -29.0 if below else 46.0
     side = normal @ towards if abs(normal @ towards) > 0.3 else normal @ [0.3, -1.0, 0.0]
     seen = normal * np.sign(side)
-    return float(np.arctan2(seen[1], seen[0])) + 0.5, -0.6 if below else 0.35
+    return float(np.degrees(np.arctan2(seen[1], seen[0]))) + 29.0, -34.0 if below else 20.0

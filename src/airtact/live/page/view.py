@@ -28,7 +28,7 @@ from airtact.live.page.sound import (
 )
 from airtact.live.scene import Amplitudes, Foci, Joints, LiveScene
 from airtact.reports.array_figures import spacing, view_of
-from airtact.reports.solids import SHEET, sheet_of
+from airtact.reports.solids import SHEET, sheet_of, towards_viewer
 
 STEPS = 256
 """Colours of a colour map."""
@@ -204,7 +204,7 @@ class View:
 
     def _set_camera(self) -> None:
         array = self._scene.array
-        towards = view_of(array.normals).towards_viewer
+        towards = towards_viewer(*view_of(array.normals))
         # A hand reaches about 0.15 m from its foci.
         hand = self._middle + 0.15 * np.concatenate([np.eye(3), -np.eye(3)])
         points = np.vstack([array.positions, hand])
