@@ -13,7 +13,7 @@ from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive, quantise
 from airtact.drives.reach import check_foci
 from airtact.drives.transfer import TransferMatrix, transfer_matrix
-from airtact.errors import Vector
+from airtact.errors import Vector, counted, in_mm, of_kind, points_of
 from airtact.evaluation.field import radiate_drives
 from airtact.evaluation.head_level import NO_SAFETY_ASSESSMENT, sound_pressure_level
 from airtact.evaluation.metrics import Evaluation
