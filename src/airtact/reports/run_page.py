@@ -27,9 +27,9 @@ from airtact.reports.field_figure import (
 from airtact.reports.page import picture, write_page
 from airtact.reports.plots import draw_shares, draw_shifts
 from airtact.reports.viewer import SceneView, scene_view, viewer_alternative, viewer_values
+from airtact.setup.exports import write_field
 from airtact.setup.rendering import Rendering
 from airtact.setup.setup import Setup
-from airtact.setup.exports import write_field
 from airtact.timing import Clock, Progress
 
 CITATION = (
