@@ -7,14 +7,28 @@ import click
 
 import airtact as at
 from airtact.cli.console import facts_table, progress, show
-from airtact.cli.options import FILE, Names, agreed, board_address, drive_settings, level_of, quiet
+from airtact.cli.options import FILE, Names, agreed, board_address, level_of, quiet
 
 
 @click.command(
     short_help="Emit a drive or a sequence on boards.",
     epilog="Example: airtact emit out/pinch/drive.h5 --board autd3 --link audit --yes --seconds 2",
 )
-@drive_settings
+@click.argument("drive", metavar="DRIVE.h5", type=FILE)
+@click.option(
+    "--board",
+    required=True,
+    type=Names("airtact.transducers.boards:BOARDS"),
+    help="Kind of board.",
+)
+@click.option(
+    "--cap", type=float, help="Largest amplitude of an element, a share of full scale: 0.5 is half."
+)
+@click.option("--full-scale", is_flag=True, help="Emit at full scale: --cap 1.")
+@click.option(
+    "--modulate",
+    help="am:FREQUENCY or am:FREQUENCY:DEPTH, such as am:200; none for a constant force.",
+)
 @click.option(
     "--link", required=True, type=Names("airtact.emission.links:LINKS"), help="Way to the boards."
 )

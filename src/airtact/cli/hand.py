@@ -1,6 +1,6 @@
 """``airtact hand``: the skin of a hand from a pose, a recording or a point cloud."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
     from airtact.geometry.mesh.arrays import QuadraticTriangles
     from airtact.geometry.mesh_shape import MeshShape
-    from airtact.hands.fitting.fit import FittedHand
     from airtact.hands.hand import Side
     from airtact.hands.shape import HandShape
     from airtact.hands.tracking.frame import HandFrame
@@ -113,11 +112,11 @@ def _pose(path: Path, file: Path, gap: float | None, edge: float, report_step: P
     writable_folder(file.parent)
     report_step(f"making triangles of {1e3 * edge:.3g} mm")
     triangles = posed.shape.panels(edge)
-    picture = _write(triangles, file, draw_panels, report_step)
+    lines = _write(triangles, file, draw_panels(triangles), report_step)
     places = {name: point for name, (point, _) in posed.places.items()}
     facts = _facts(posed.side, posed.shape, triangles, places)
     merged = [f"Merged: {touch.note}." for touch in posed.touches]
-    return facts, [*merged, f"Skin: {file}", f"Picture: {picture}"]
+    return facts, [*merged, *lines]
 
 
 def _fit(
@@ -151,10 +150,7 @@ def _fit(
     # Positive outside of the skin.
     distances = -shape.depth(fitted.points)
 
-    def draw(drawn: "QuadraticTriangles") -> "Figure":
-        return draw_cloud(drawn, fitted, distances)
-
-    picture = _write(triangles, file, draw, report_step)
+    lines = _write(triangles, file, draw_cloud(triangles, fitted, distances), report_step)
     points = np.array([point for point, _ in fitted.hand.places.values()])
     places = dict(zip(fitted.hand.places, shape.project(points), strict=True))
     # Points off the hand, such as a sleeve's, say nothing about the skin.
@@ -162,7 +158,7 @@ def _fit(
     usual = float(np.median(np.abs(distances[used])))
     parts = ", ".join(f"{part} {1e3 * error:.1f}" for part, error in fitted.part_errors.items())
     facts = [
-        *_facts(fitted.hand.side, shape, triangles, places, place_errors(fitted)),
+        *_facts(fitted.hand.side, shape, triangles, places),
         (
             "points used",
             f"{used.sum():,} of {len(used):,} thinned out; half of them within {1e3 * usual:.1f} "
@@ -170,24 +166,7 @@ def _fit(
         ),
         ("skin uncertain by", f"{parts} mm"),
     ]
-    return facts, [f"Skin: {file}", f"Picture: {picture}"]
-
-
-def place_errors(fitted: "FittedHand") -> dict[str, float]:
-    """Return the standard deviation of the position of each place, by the joints beside it [m]."""
-    import numpy as np
-
-    from airtact.hands.joints import CHAINS, FINGERS
-
-    # A place lies on the bone between two joints, and moves with both.
-    beside = {
-        f"{finger}.pad": list(chain[-2:]) for finger, chain in zip(FINGERS, CHAINS, strict=True)
-    }
-    beside["palm"] = [joint for chain in CHAINS[1:] for joint in chain[:2]]
-    return {
-        name: float(np.sqrt(np.mean(fitted.joint_errors[near] ** 2)))
-        for name, near in beside.items()
-    }
+    return facts, lines
 
 
 def _replay(
@@ -258,11 +237,9 @@ def _chosen(recording: "Recording", chosen: tuple[int, ...]) -> "list[HandFrame]
 
 
 def _write(
-    triangles: "QuadraticTriangles",
-    file: Path,
-    draw: "Callable[[QuadraticTriangles], Figure]",
-    report_step: Progress,
-) -> Path:
+    triangles: "QuadraticTriangles", file: Path, figure: "Figure", report_step: Progress
+) -> list[str]:
+    """Write a skin and its picture beside it; return lines that name them."""
     from airtact.reports.page import write_picture
     from airtact.setup.exports import write_triangles
 
@@ -270,8 +247,8 @@ def _write(
     write_triangles(file, triangles)
     picture = file.with_suffix(".png")
     report_step(f"drawing {picture.name}")
-    write_picture(picture, draw(triangles))
-    return picture
+    write_picture(picture, figure)
+    return [f"Skin: {file}", f"Picture: {picture}"]
 
 
 def _facts(
@@ -279,7 +256,6 @@ def _facts(
     shape: "HandShape | MeshShape",
     triangles: "QuadraticTriangles",
     places: "Mapping[str, np.ndarray]",
-    errors: Mapping[str, float] | None = None,
 ) -> list[tuple[str, str]]:
     from airtact.geometry.mesh.quadratic_triangles import (
         enclosed_volume,
@@ -298,8 +274,6 @@ def _facts(
     for name, point in places.items():
         depth = float(shape.depth(point[None])[0])
         words = f"({', '.join(f'{1e3 * number:.1f}' for number in point)}) mm"
-        if errors is not None:
-            words += f", off by some {1e3 * errors[name]:.0f} mm"
         # Pads that touch are inside the merged body, where no focus can be.
         if depth > 1e-6:
             words += f", {1e3 * depth:.1f} mm inside the body"

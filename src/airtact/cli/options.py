@@ -1,7 +1,5 @@
 """Options that several commands share."""
 
-import difflib
-import os
 import pkgutil
 import sys
 from collections.abc import Callable
@@ -17,25 +15,7 @@ Command = TypeVar("Command", bound=Callable[..., None])
 Setting = TypeVar("Setting")
 
 
-class NamedPath(click.Path):
-    """A file or folder with a name: none is that of a variable of the shell that is not set."""
-
-    def convert(
-        self,
-        value: str | os.PathLike[str],
-        param: click.Parameter | None,
-        ctx: click.Context | None,
-    ) -> str | bytes | os.PathLike[str]:
-        """Return the path, or fail where it has no name."""
-        # An unset variable of the shell, as in --out "$FOLDER", would be the current folder.
-        if not str(value).strip():
-            self.fail(
-                "it is empty: give a file or a folder, a point for the one you are in.", param, ctx
-            )
-        return super().convert(value, param, ctx)
-
-
-FILE = NamedPath(path_type=Path)
+FILE = click.Path(path_type=Path)
 
 
 class InputFile(click.ParamType):
@@ -92,11 +72,7 @@ class Names(click.ParamType):
         return self._choice.get_metavar(param, ctx)
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Return a name that is in the registry, or fail with the nearest, or with all that are."""
-        # click itself lists all names, which hides the one that was meant.
-        close = difflib.get_close_matches(value, self._choice.choices, n=1)
-        if close and value != close[0]:
-            self.fail(f"{value!r} is not known; did you mean {close[0]}?", param, ctx)
+        """Return a name that is in the registry, or fail with all that are."""
         return self._choice.convert(value, param, ctx)
 
 
@@ -122,11 +98,11 @@ as_json = click.option(
 
 
 def _folder_for(context: click.Context, option: click.Parameter, folder: Path | None) -> Path:
-    named = context.params.get("scene") or context.params.get("paper") or context.info_name
+    named = context.params.get("scene") or context.info_name
     return folder or Path("out") / Path(named or "").stem
 
 
-# Where a command writes: by default a folder named after its scene, its paper, or itself
+# Where a command writes: by default a folder named after its scene or itself
 results = click.option(
     "--out",
     "folder",
@@ -196,31 +172,6 @@ def board_address(command: Command) -> Command:
     """Give a command where boards are found."""
     command = click.option("--port", help="Serial port, for SonicSurface and Nano16.")(command)
     return click.option("--address", help="Interface, AMS net id or host:port, for AUTD3.")(command)
-
-
-def drive_settings(command: Command) -> Command:
-    """Give a command the drive file, the kind of board, the cap and the modulation."""
-    for option in (
-        click.option(
-            "--modulate",
-            help="am:FREQUENCY or am:FREQUENCY:DEPTH, such as am:200; none for a constant force.",
-        ),
-        click.option("--full-scale", is_flag=True, help="Emit at full scale: --cap 1."),
-        click.option(
-            "--cap",
-            type=float,
-            help="Largest amplitude of an element, a share of full scale: 0.5 is half.",
-        ),
-        click.option(
-            "--board",
-            required=True,
-            type=Names("airtact.transducers.boards:BOARDS"),
-            help="Kind of board.",
-        ),
-        click.argument("drive", metavar="DRIVE.h5", type=FILE),
-    ):
-        command = option(command)
-    return command
 
 
 def level_of(cap: float | None, full_scale: bool) -> float | None:

@@ -8,7 +8,7 @@ from jaxtyping import Complex128, Float64
 
 from airtact.acoustics.medium import air
 from airtact.drives.drive import Drive
-from airtact.drives.drive_file import SEQUENCE_FILE, DriveFile, read_drive_file
+from airtact.drives.drive_file import DriveFile, read_drive_file
 from airtact.drives.frame import Frame, frame_at, share_under_cap
 from airtact.drives.sequence import Sequence
 from airtact.drives.transfer import TransferMatrix, rounding_error
@@ -42,7 +42,6 @@ class Plan:
     stored : the drive or sequence.
     board, poses : kind of board, and the pose of each.
     modulation : how the amplitude of a drive varies; None for a sequence or a constant drive.
-    moving : file beside a constant drive that holds its moving foci, or None.
     rounding : (F,) relative change of the pressure at each focus by the board's levels, the worst
         over the most powerful frames; None without a transfer matrix in the file.
     peak, average : levels 0.5 m off the array [dB], of the strongest frame and over time.
@@ -57,7 +56,6 @@ class Plan:
     board: Board
     poses: tuple[Pose, ...]
     modulation: AmplitudeModulation | None
-    moving: Path | None
     rounding: Float64[np.ndarray, "foci"] | None
     peak: float
     average: float
@@ -110,11 +108,7 @@ class Plan:
                 f"The cap of {self.cap:g} keeps a head to {MAX_HEAD_LEVEL:g} dB; --full-scale "
                 f"emits all, up to {self.full:.0f} dB there, and --cap another share."
             )
-        if self.moving is not None:
-            notes.append(
-                f"These foci stand still: the moving ones are in {self.moving}; emit that."
-            )
-        elif self.constant:
+        if self.constant:
             notes.append(CONSTANT_FORCE_NOTE)
         if self.focus is not None and self.modulation is not None:
             notes.append(sensation(self.focus, "amplitude", self.modulation.depth))
@@ -184,19 +178,12 @@ def plan(
             "a larger cap.",
             code="all_zero",
         )
-    moving = None
-    # A render with moving foci writes them beside the drive of the foci at rest; a user who emits
-    # the latter has probably picked the wrong file.
-    if modulation is None and rate is None and not constant:
-        beside = path.with_name(SEQUENCE_FILE)
-        moving = beside if beside.is_file() else None
     rounding, focus = head.at_foci(cap)
     return Plan(
         stored=stored,
         board=kind,
         poses=poses,
         modulation=modulation,
-        moving=moving,
         rounding=rounding,
         peak=peak,
         average=average,
