@@ -140,14 +140,3 @@ def test_boards_let_into_a_table_reach_twice_the_pressure():
     found = at.evaluate(scene(), array, drive, target, solver=at.FreeField())
     assert found.magnitudes[0] == pytest.approx(abs(before.pressure(drive)[0]), rel=1e-9)
     assert not_modelled(found.report) in str(found)
-
-
-def test_a_stored_field_is_another_one_with_a_plane(tmp_path):
-    solver = at.Stored(at.BoundaryElement(accuracy=0.1), tmp_path)
-    point = np.array([[0.02, 0.0, 0.04]])
-    plain, before = (
-        solver.radiate(one, SOURCE).at(point) for one in (at.Scene(AIR, [ball()]), scene(ball()))
-    )
-    assert abs(plain - before) > 0.1 * abs(plain)
-    again = at.Stored(at.BoundaryElement(accuracy=0.1), tmp_path).radiate(scene(ball()), SOURCE)
-    assert list(again.report.seconds) == ["store"] or np.allclose(again.at(point), before)

@@ -34,23 +34,12 @@ def test_the_wavenumber_carries_the_absorption():
     assert scene.wavelength == scene.medium.sound_speed / 40e3
 
 
-def test_obstacles_keep_what_they_are(ball):
-    assert sound_hard(ball).boundary == "sound_hard"
-    assert impedance(ball, 2 - 1j).ratio == 2 - 1j
-    assert filled(ball, WATER).medium is WATER
-    assert Scene(AIR, [sound_hard(ball)]).obstacles[0].surface is ball
-
-
 def test_depth_is_the_largest_over_the_bodies(ball):
     scene = Scene(
         AIR, [sound_hard(ball), filled(at.sphere(0.005, 0.005, centre=(0.03, 0.0, 0.0)), WATER)]
     )
     points = np.array([[0.0, 0.0, 0.0], [0.03, 0.0, 0.0], [0.0, 0.0, 0.012], [0.024, 0.0, 0.0]])
     assert scene.depth(points) == pytest.approx([0.01, 0.005, -0.002, -0.001], abs=1e-17)
-
-
-def test_nothing_is_deep_in_open_air():
-    assert Scene(AIR, []).depth(np.zeros((2, 3))).tolist() == [-math.inf, -math.inf]
 
 
 def test_points_outside_and_on_the_surface_pass(ball):

@@ -80,29 +80,3 @@ def test_own_error_of_two_fingers_bounds_the_distance_to_a_finer_fit():
     true = np.max(np.linalg.norm(pressure - finer, axis=0) / np.linalg.norm(finer, axis=0))
     assert error < 3e-3
     assert true < 2.0 * error
-
-
-def test_a_coarse_fit_says_so():
-    bodies = fingers(0.006, 0.007, 30.0, 0.004, 0.012)
-    near, far = np.array([[-0.0015, 0.0, 0.0], [0.0, 0.003, -0.005]]), around(6, 0.09, seed=6)
-    pressure, error = capsules.pressure_at(bodies, K, near, far, wanted=np.inf, fineness=1.8)
-    finer = capsules.fitted(bodies, K, far, 3.0).pressure(near).T
-    true = np.max(np.linalg.norm(pressure - finer, axis=0) / np.linalg.norm(finer, axis=0))
-    assert true > 0.01
-    assert error > 0.01
-
-
-def test_talking_and_listening_change_places():
-    bodies = fingers(0.006, 0.008, 20.0, 0.006, 0.012)
-    one, other = around(5, 0.05, seed=7), around(4, 0.045, seed=8)
-    there = capsules.fitted(bodies, K, one, 3.0).pressure(other)
-    back = capsules.fitted(bodies[::-1], K, other, 2.8).pressure(one)
-    assert np.linalg.norm(there - back.T) < 1e-3 * np.linalg.norm(there)
-
-
-def test_points_and_normals_lie_on_the_skin():
-    capsule = fingers(0.006, 0.008, 20.0, 0.006, 0.02)[1]
-    points, normals = capsules.surface_points(capsule, 500)
-    np.testing.assert_allclose(capsule.depth(points), 0.0, atol=1e-15)
-    np.testing.assert_allclose(capsule.depth(points - 1e-3 * normals), 1e-3, atol=1e-12)
-    assert np.abs(np.mean(normals, axis=0)).max() < 0.01

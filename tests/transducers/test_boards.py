@@ -107,25 +107,6 @@ def test_the_papers_box_and_a_real_one_are_four_boards() -> None:
             assert abs(box.positions[249 * face] @ pose.rotation[:, 2] + distance) < 1e-12
 
 
-def test_real_boards_close_their_box_without_overlap() -> None:
-    box = at.surrounding_box(board="autd3")
-    width, height = board_named("autd3").outline or (0.0, 0.0)
-    corners = []
-    for pose in poses_of_boards(board_named("autd3"), box.positions, box.normals):
-        grid = board_named("autd3").positions
-        middle = (grid.min(axis=0) + grid.max(axis=0)) / 2
-        half = np.array(
-            [[sx * width, sy * height, 0.0] for sx in (-0.5, 0.5) for sy in (-0.5, 0.5)]
-        )
-        corners.append(pose.apply(middle + half))
-    # Each board's long edges lie on those of its neighbours: 8 corners, each of two boards.
-    every = np.round(np.concatenate(corners) * 1e6).astype(int)
-    assert len(np.unique(every, axis=0)) == 8
-    np.testing.assert_allclose(
-        np.ptp(every, axis=0) / 1e3, [151.4, 151.4, 192.0], rtol=0, atol=1e-3
-    )
-
-
 def test_boards_without_positions_of_their_own_are_anywhere() -> None:
     places = np.random.default_rng(1).uniform(-0.1, 0.1, (12, 3))
     pose = poses_of_boards(board_named("nano16"), places, np.tile([0.0, 0.0, 1.0], (12, 1)))

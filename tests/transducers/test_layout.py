@@ -60,17 +60,6 @@ def test_the_box_stands_around_its_centre_face_by_face() -> None:
         np.testing.assert_allclose(second - first, [0.0, 0.0, 10.16e-3], rtol=0, atol=1e-15)
 
 
-def test_faces_of_the_box_are_boards_that_were_only_turned_and_moved() -> None:
-    box, board = at.surrounding_box(at.piston(4.5e-3)), at.autd3_board(element=at.piston(4.5e-3))
-    for face in range(4):
-        part = slice(249 * face, 249 * (face + 1))
-        x, z = box.tangents[249 * face], box.normals[249 * face]
-        rotation = np.stack([x, np.cross(z, x), z], axis=1)
-        moved = board.moved(at.Pose(rotation, box.positions[249 * face]))
-        np.testing.assert_allclose(box.positions[part], moved.positions, rtol=0, atol=1e-15)
-        np.testing.assert_allclose(box.face_points[part], moved.face_points, rtol=0, atol=1e-15)
-
-
 def test_flat_boards_lie_edge_to_edge_around_the_origin() -> None:
     array = at.flat_boards(rows=2, columns=3)
     centres = array.positions.reshape(6, 249, 3)

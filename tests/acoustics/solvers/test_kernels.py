@@ -64,18 +64,6 @@ def monopoles_at(strengths: np.ndarray, precision: str) -> np.ndarray:
     return _kernels.apply_monopoles(points, points + 1, strengths, 1j, precision)
 
 
-def test_arrays_of_other_types_are_converted_unless_they_would_lose_or_be_changed():
-    points = np.arange(6).reshape(2, 3)
-    one = np.ones((2, 1), complex)
-    far = _kernels.apply_monopoles(points, points[::-1] + 10, one.real, 0j, "float64")
-    distance = np.linalg.norm(points[:, None] - points[::-1] - 10.0, axis=2)
-    assert np.allclose(far[:, 0], (1 / distance).sum(axis=1))
-    with pytest.raises(TypeError):
-        _kernels.apply_monopoles(points + 0j, points, one, 0j, "float64")
-    with pytest.raises(TypeError):
-        _kernels.NearRows(np.zeros(1, int), np.zeros(0, int), np.zeros((0, 6), np.complex64))
-
-
 @wavenumbers
 @precisions
 @singles
@@ -433,17 +421,6 @@ def test_chebyshev_sums_of_a_sparse_matrix_equal_numpy(precision, tolerance):
         _kernels.chebyshev_sum(sparse.data, sparse.indices, sparse.indptr, single, out[1:].copy())
 
 
-def test_a_long_way_from_the_origin_float32_keeps_its_digits():
-    points = scattered_points(1, 40)
-    strengths = np.ones((700, 1), complex)
-    away = np.array([3.0, -2.0, 5.0])
-    near, far = (
-        _kernels.apply_monopoles(points + shift, SOURCES + shift, strengths, 732.5, "float32")
-        for shift in (0, away)
-    )
-    assert relative(far, near) < 2e-5
-
-
 FLAT = np.array([[[0, 0, 0], [4, 0, 0], [1, 3, 0], [2, 0, 0], [2.5, 1.5, 0], [0.5, 1.5, 0]]]) * 1e-3
 BULGE = np.zeros((6, 3))
 BULGE[3:, 2] = [4e-4, 5e-4, 3e-4]
@@ -531,18 +508,6 @@ def test_near_excess_is_the_panels_integral_less_the_plain_nodes(
     assert relative(rows.excess[0], expected) < tolerance
 
 
-@pytest.mark.parametrize("height", [0.0, 1e-7, 1e-5, 1e-3])
-@layers
-def test_few_points_suffice_at_any_height_over_a_panel(height, single_layer):
-    foot, normal = panel_at(CURVED, 0.2, 0.3)
-    target = foot + height * normal / np.linalg.norm(normal)
-    few, distance, place = near_moments(CURVED, target, 732.5 + 0j, 4, single_layer)
-    many, _, _ = near_moments(CURVED, target, 732.5 + 0j, 16, single_layer)
-    assert np.abs(few - many).max() < 2e-3 * np.abs(many).max()
-    assert distance == pytest.approx(height, abs=1e-15)
-    assert place == pytest.approx([0.2, 0.3], abs=1e-6)
-
-
 @pytest.mark.parametrize("place", [(0.2, 0.3), (0.0, 0.0), (0.0, 1.0), (0.5, 0.0), (0.4, 0.6)])
 def test_a_point_in_contact_counts_as_on_the_panel(place):
     foot, normal = panel_at(CURVED, *place)
@@ -552,18 +517,6 @@ def test_a_point_in_contact_counts_as_on_the_panel(place):
         moments, distance, _ = near_moments(CURVED, target, 732.5 + 0j, 12, contact=2e-6)
         assert np.abs(moments - exact).max() < 1e-4 * np.abs(exact).max()
         assert distance == pytest.approx(abs(height), rel=1e-3)
-
-
-def test_flat_panel_fills_its_solid_angle():
-    """Van Oosterom & Strackee, IEEE Trans. Biomed. Eng. 30 (1983) 125, equation (8)."""
-    target = np.array([1.0e-3, 0.5e-3, 2e-4])
-    a, b, c = FLAT[0, :3] - target
-    na, nb, nc = np.linalg.norm([a, b, c], axis=1)
-    angle = 2 * np.arctan2(
-        a @ np.cross(b, c), na * nb * nc + (a @ b) * nc + (a @ c) * nb + (b @ c) * na
-    )
-    moments, _, _ = near_moments(FLAT, target, 0j, 12)
-    assert moments[0].real == pytest.approx(-angle / (4 * np.pi), rel=1e-7)
 
 
 @pytest.mark.parametrize("within", [1e-4, 0.01, 0.05, 1.0])

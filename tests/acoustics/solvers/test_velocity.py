@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.acoustics.solvers.open_air import differences
 from faults import raises_code
 from references import relative
 from worlds import directions
@@ -90,18 +89,6 @@ def test_normal_velocity_is_continuous_through_a_fluid_surface() -> None:
     both = field.velocity(CENTRE + np.outer([0.01 + 1e-8, 0.01 - 1e-8], direction))
     inwards = np.einsum("d,pds->ps", direction, both)
     np.testing.assert_allclose(inwards[0], inwards[1], rtol=1e-4)
-
-
-def test_the_difference_of_any_field_errs_as_the_fourth_power_of_its_step() -> None:
-    field = field_of("hard")
-    exact = field.velocity(OUTSIDE) * (2j * np.pi * 40e3 * AIR.density)
-    errors = [
-        np.linalg.norm(differences(field.at, OUTSIDE, np.full(4, step)) - exact)
-        for step in (8e-4, 4e-4)
-    ]
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(4.0, abs=0.1)
-    by_default = at.acoustics.RadiatedField._velocity(field, OUTSIDE)
-    assert np.linalg.norm(by_default - field.velocity(OUTSIDE)) < 1e-4 * np.linalg.norm(by_default)
 
 
 def test_points_on_a_source_or_with_one_on_the_surface_are_rejected() -> None:

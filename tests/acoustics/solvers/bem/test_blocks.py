@@ -8,10 +8,8 @@ from scipy.spatial.distance import pdist
 import airtact as at
 from airtact.acoustics.solvers.bem.block_matrix import (
     PANELS,
-    BlockPairs,
     block_order,
     blocks_of,
-    near_blocks,
 )
 from airtact.acoustics.solvers.bem.layer_potentials import NearRule
 from airtact.acoustics.solvers.bem.operator import assemble, dual_surface
@@ -39,27 +37,6 @@ def test_panels_of_a_block_lie_together_and_no_panel_is_lost():
     assert (
         max(pdist(block).max() for block in blocks) < 0.014
     )  # across the stick it is 0.01, and 0.09 along it
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_blocks_move_with_the_panels(seed):
-    centres = stick(0.08)[:, :3].mean(axis=1)
-    pose = at.Pose.turn(
-        np.random.default_rng(seed).normal(size=3), 2.0, translation=(0.1, 0.2, -0.3)
-    )
-    assert (block_order(pose.apply(centres)) == block_order(centres)).all()
-
-
-def test_few_panels_are_one_block():
-    assert (block_order(np.zeros((3, 3))) == np.arange(3)).all()
-
-
-def test_blocks_are_near_where_any_panel_is():
-    first, near = np.array([0, 1, *[1] * (PANELS - 1), *[2] * 2]), np.array([PANELS, 0])
-    met = near_blocks(PANELS + 2, (first, near))
-    assert met.tolist() == [[False, True], [True, False]]
-    pairs = BlockPairs.of(met)
-    assert (pairs.row.tolist(), pairs.column.tolist()) == ([0, 1], [1, 0])
 
 
 def boxes(*heights: float, size: tuple[float, float, float]) -> np.ndarray:

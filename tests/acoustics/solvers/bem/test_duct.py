@@ -5,8 +5,6 @@ import pytest
 from manifold3d import Manifold
 
 import airtact as at
-from airtact.geometry.mesh.quadratic_triangles import enclosed_volume, panel_areas
-from airtact.geometry.panels import panels_of
 
 DULL = at.Medium(sound_speed=343.1, density=1.293, absorption=40.0)
 """Air in which hardly any sound comes back from the ends of the duct."""
@@ -55,25 +53,3 @@ def test_facing_walls_hold_the_sound_as_images_say(estimate):
     assert max(errors) < 0.02
     estimated = field.report.estimated_error
     assert 0.5 * max(errors) < estimated < 3 * max(errors) if estimate else np.isnan(estimated)
-
-
-def test_panels_are_smaller_in_corners_and_between_faces():
-    body = duct()
-    plain, finer = (
-        panels_of([body.shape], 6e-3, np.empty((0, 3)), 6e-3, walls=walls) for walls in ((), (0,))
-    )
-    for panels in (plain, finer):
-        assert enclosed_volume(panels.quadratic_triangles) == pytest.approx(body.volume, rel=1e-9)
-    sizes = []
-    for panels in (plain, finer):
-        centres = panels.quadratic_triangles[:, :3].mean(axis=1)
-        areas = panel_areas(panels.quadratic_triangles)
-        inner = np.abs(np.abs(centres[:, :2]).max(axis=1) - 0.5 * WIDE) < 1e-9
-        corner = inner & (np.abs(centres[:, :2]).min(axis=1) > 0.5 * WIDE - 1.5e-3)
-        outer = np.abs(np.abs(centres[:, :2]).max(axis=1) - 0.5 * WIDE - WALL) < 1e-9
-        sizes.append([np.median(areas[some]) for some in (corner, inner & ~corner, outer)])
-    (corner, between, outer), (fine_corner, fine_between, fine_outer) = sizes
-    assert corner < 0.4 * between
-    assert fine_corner < 0.8 * corner
-    assert fine_between < 0.7 * between
-    assert fine_outer == pytest.approx(outer)

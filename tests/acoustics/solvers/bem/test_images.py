@@ -4,11 +4,6 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.acoustics.solvers.bem.field import surface_with_images
-from airtact.acoustics.solvers.bem.layer_potentials import NearRule
-from airtact.acoustics.solvers.bem.operator import dual_surface
-from airtact.acoustics.solvers.bem.quadrature import place_nodes
-from airtact.geometry.panels import panels_of
 from references import before_a_plane, relative_columns
 from worlds import AIR, one_each
 
@@ -110,34 +105,3 @@ def test_the_field_knows_where_it_is_and_is_reciprocal():
     assert field.on_surface.points[:, 2].min() > 0.0
     slope = field.velocity(np.array([[0.03, 0.01, 0.0]]))[0]
     assert np.abs(slope[2]).max() < 1e-6 * np.abs(slope[0]).max()  # nothing moves through the plane
-
-
-def test_a_picture_in_cells_is_the_same_as_point_by_point():
-    field = at.BoundaryElement(accuracy=0.01).radiate(over(1e-3), one_each(SOURCES[:2]))
-    across = np.linspace(-0.03, 0.03, 60)
-    grid = np.stack([*np.meshgrid(across, across + 0.028), np.full((60, 60), 0.002)], axis=-1)[
-        ..., [0, 2, 1]
-    ]
-    points = grid.reshape(-1, 3)
-    picture, some = field.at(points), slice(0, None, 97)
-    assert np.isnan(picture[points[:, 2] < 0]).all()
-    known = np.isfinite(picture[some, 0])
-    assert relative_columns(picture[some][known], field.at(points[some][known])).max() < 0.01
-
-
-def test_images_mirror_every_node_outward():
-    panels = panels_of(
-        [at.sphere(RADIUS, RADIUS, centre=(0, 0, 0.02)).shape], 4e-3, np.empty((0, 3)), 2e-3
-    )
-    nodes = place_nodes(panels.quadratic_triangles, panels.body, panels.deviation)
-    surface = dual_surface(nodes, 732.5 + 0j, NearRule(1.6, (4, 4)), "float32")
-    both, count = surface_with_images(surface, [TABLE]), len(nodes.points)
-    assert np.allclose(both.nodes.points[:count], nodes.points, rtol=0, atol=1e-12)
-    mirrored, normals = both.nodes.points[count:], both.nodes.normals[count:]
-    order = np.linalg.norm(nodes.points[:6] * [1, 1, -1] - mirrored[:6, None], axis=2).argmin(
-        axis=1
-    )
-    all_in_order = (np.arange(count).reshape(-1, 6)[:, order]).ravel()
-    assert np.allclose(mirrored, (nodes.points * [1, 1, -1])[all_in_order], rtol=0, atol=1e-12)
-    assert np.allclose(normals, (nodes.normals * [1, 1, -1])[all_in_order], rtol=0, atol=1e-9)
-    assert np.array_equal(both.shifted[len(surface.shifted) :], surface.shifted * [1, 1, -1])

@@ -124,28 +124,6 @@ def test_without_the_direct_solution_a_picture_is_known_away_from_the_surface_on
         lean.at(points)
 
 
-@pytest.mark.parametrize("error", ERRORS)
-@pytest.mark.parametrize("sides", [(60, 60), (24, 24, 24)])
-def test_a_source_just_beyond_the_corner_of_a_wide_cell_is_no_worse(sides, error):
-    along = [
-        0.99 * share * WAVELENGTH * np.linspace(-0.5, 0.5, side)
-        for side, share in zip(sides, (1, 0.97, 0.94), strict=False)
-    ]
-    points = np.stack(np.meshgrid(*along, indexing="ij"), axis=-1).reshape(-1, len(sides))
-    points = TURNED.apply(np.pad(points, ((0, 0), (0, 3 - len(sides)))))
-    cells = cells_of(points, WAVELENGTH, error)
-    assert cells is not None
-    assert len(cells.centres) == 1
-    corners = np.array([[1, 1, 1], [1, 1, 0], [1, -1, 0], [0, 1, 1], [1, 0, 0], [0, 0, 1]])
-    one = np.ones((1, 1), dtype=np.complex128)
-    for corner in corners / np.linalg.norm(corners, axis=1, keepdims=True):
-        source = (cells.centres[0] + 1.0001 * cells.reach * TURNED.rotate(corner))[None]
-        for normals in (None, 1e-6 * np.ones((1, 3))):
-            exact = plain(points, source, normals, one, 2 * np.pi / WAVELENGTH)
-            found = cells.sums(layer(source, normals, 2 * np.pi / WAVELENGTH), one)
-            assert relative(found, exact) < error
-
-
 def test_a_point_of_a_picture_beside_a_source_is_as_by_itself():
     ball = at.sphere(radius=4e-3, edge=2e-3)
     side = np.linspace(-12e-3, 12e-3, 60)

@@ -35,11 +35,6 @@ def test_a_thin_body_beside_a_thick_one_is_still_measured():
     assert np.allclose(known[nodes.body == 1], 2e-3, rtol=0.05)
 
 
-def test_a_mesh_has_no_bound():
-    ball = at.sphere(3e-3, 1e-3)
-    assert at.Surface(ball.vertices, ball.triangles).shape.thinnest == 0.0
-
-
 def test_a_hull_is_nowhere_thinner_than_its_smallest_ball():
     balls = np.array(
         [

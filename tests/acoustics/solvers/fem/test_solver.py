@@ -10,7 +10,6 @@ import airtact as at
 from airtact.acoustics.solvers.fem import factorisation, mesh, solver
 from airtact.acoustics.solvers.fem.field import FiniteField, touching_warnings
 from airtact.acoustics.solvers.fem.symmetry import mirrors_of
-from airtact.acoustics.solvers.fem.system import longest_served
 from faults import raises_code
 from references import relative_columns as relative
 from references.hand_poses import example
@@ -104,26 +103,6 @@ def test_next_sources_reuse_the_factorisation():
     assert first.from_afar is not second.from_afar
     with raises_code("not_supported"):
         ready.radiate(ball_scene(BODIES["water"]), one_each(directions(2, 1) * 0.0055))
-
-
-def test_longer_edges_get_higher_orders():
-    served = longest_served(5, 0.9)
-    assert served[4] == pytest.approx(0.9)
-    assert (np.diff(served) > 0).all()
-    assert (longest_served(5, 0.9, ease=3.0) > served).all()
-    # polynomials of each degree through Chebyshev's points miss e^{ikx} by as much as the others
-    missed = []
-    for degree, length in enumerate(served[:6], start=1):
-        ends = 0.25 + np.array([-0.5, 0.5]) * length
-        x = np.linspace(*ends, 400)
-        real, imaginary = (
-            np.polynomial.Chebyshev.interpolate(
-                lambda x, part=part: part(2 * np.pi * x), degree, domain=ends
-            )(x)
-            for part in (np.cos, np.sin)
-        )
-        missed.append(np.abs(real + 1j * imaginary - np.exp(2j * np.pi * x)).max())
-    assert max(missed) < 2 * min(missed)
 
 
 @pytest.mark.parametrize(

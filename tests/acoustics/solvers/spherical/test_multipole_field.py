@@ -5,7 +5,6 @@ import pytest
 
 import airtact as at
 from airtact.acoustics.solvers.spherical import multipole_field
-from airtact.acoustics.solvers.spherical.multipole_field import ball_of, interpolation_spheres
 from faults import raises_code
 
 AIR = at.Medium(343.1, 1.293)
@@ -57,27 +56,6 @@ def test_the_expansion_equals_the_closed_form_of_a_sphere(radius, medium, law):
     assert off.max() < 3e-4
     assert np.all(off < 3 * expanded.report.settings["expansion_error"] + 1e-9)
     assert expanded.report.warnings == field.report.warnings
-
-
-def test_the_error_falls_exponentially_with_the_order():
-    field = beside_a_ball(20e-3)
-    centre, radius = ball_of(field.scene)
-    smallest = radius + field.scene.wavelength
-    points = around(centre, smallest)
-    exact = field.at(points)
-    direct = at.FreeField().radiate(at.Scene(AIR, [], 40e3), field.sources).at(points)
-
-    def off(order: int, count: int) -> float:
-        spheres = interpolation_spheres(field, centre, smallest, order, count)
-        return float(
-            errors(spheres.at(points - centre, field.scene.wavenumber) + direct, exact).max()
-        )
-
-    by_order = np.array([off(order, 20) for order in (14, 18, 22, 26)])
-    by_count = np.array([off(30, count) for count in (3, 5, 7, 9)])
-    assert np.all(by_order[1:] < 0.2 * by_order[:-1])
-    assert np.all(by_count[1:] < 0.3 * by_count[:-1])
-    assert off(30, 20) < 5e-5
 
 
 def test_a_rigid_motion_gives_the_transfer_matrix_of_the_surface_integral():

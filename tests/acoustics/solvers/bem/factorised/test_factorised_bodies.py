@@ -56,28 +56,12 @@ def test_bodies_at_rest_and_moved_scatter_as_when_solved_as_a_whole(factorised):
         assert relative(found, fine.radiate(scene, beacons(foci)).at(AROUND)) < 0.01
 
 
-def test_bodies_scatter_each_others_field(factorised):
-    scene, foci = moved_balls()
-    alone = (
-        at.SphereSeries().radiate(hard(scene.obstacles[0].surface), beacons(foci[:1])).at(AROUND)
-    )
-    assert relative(factorised.radiate(scene, beacons(foci[:1])).at(AROUND), alone) > 0.1
-
-
 def test_points_far_away_take_fewer_monopoles_for_the_same_field(factorised):
     field, beside = factorised.radiate(hard(*BALLS), beacons()), np.array([[0, 9e-3, 0]])
     far, near = field.at(AROUND), field.at(np.concatenate([AROUND, beside]))[:-1]
     assert 0 < relative(far, near) < factorised.report.settings["skeleton_error"]
     for body in factorised.bodies:
         assert len(body.far.positions) < 1.3 * len(body.rows)
-
-
-def test_a_motion_of_all_together_moves_the_field(factorised):
-    pose = at.Pose.turn((1, 0, 1), 1.1, (2e-3, -7e-3, 5e-3))
-    still = factorised.radiate(hard(*BALLS), beacons()).at(AROUND)
-    moved = hard(*[ball.moved(pose) for ball in BALLS])
-    found = factorised.radiate(moved, beacons(pose.apply(FOCI))).at(pose.apply(AROUND))
-    assert relative(found, still) < 1e-4
 
 
 def test_a_focus_on_the_surface_radiates_with_its_image(factorised):
@@ -114,16 +98,6 @@ def test_the_field_is_unknown_near_the_surface_and_inside(factorised):
     assert np.isnan(field.at(points)[:, 0]).tolist() == [True, True, False]
     with raises_code("not_supported"):
         _ = field.on_surface
-
-
-def test_the_transfer_matrix_is_that_of_the_whole_solve(factorised):
-    scene, foci = moved_balls()
-    array = at.surrounding_box()
-    found = at.transfer_matrix(factorised.radiate(scene, beacons(foci)), array).matrix
-    exact = at.transfer_matrix(
-        at.BoundaryElement(accuracy=0.002).radiate(scene, beacons(foci)), array
-    ).matrix
-    assert relative(found, exact) < 0.01
 
 
 LUMP = BALLS[1].vertices + 5e-4 * (BALLS[1].vertices[:, 1:2] > 2e-3) * [0, 1, 0]

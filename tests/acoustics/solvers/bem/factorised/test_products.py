@@ -45,9 +45,3 @@ def test_a_matrix_stays_as_it_is_where_rounding_would_cost_more_than_asked():
     kept = rounded(one_large, 1e-3)
     assert isinstance(kept, RoundedMatrix)
     assert np.linalg.norm(kept.as_complex() - one_large) < 1e-4 * np.linalg.norm(one_large)
-
-
-def test_rows_of_the_smallest_numbers_give_none_that_are_no_numbers():
-    matrix = np.full((2, 3), 1e-44 + 0j, dtype=np.complex64)
-    matrix[1] = 1.0
-    assert np.isfinite(product(rounded(matrix, 0.1), np.ones((1, 3)))).all()
