@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 import scipy.linalg
-from jaxtyping import Bool, Complex, Complex128, Float64, Int64, Shaped, UInt8
+from jaxtyping import Bool, Complex, Complex128, Float64, Int64, Shaped
 
 from airtact import _kernels
 from airtact.acoustics.solvers.arrays import NearLists
@@ -27,15 +27,6 @@ Store = Literal["bfloat16", "float32", "float64"]
 
 # Bytes of a matrix up to which the free memory is not looked up
 ALWAYS_FREE = 2**26
-
-# Bytes of a matrix above which its memory is not kept for the next one
-MAX_REUSED = 2**28
-
-# Memory allocated over memory needed: the next pose may have more unknowns
-HEADROOM = 1.25
-
-# Memory of the last released matrix: touching fresh memory takes longer than filling it
-_released: list[UInt8[np.ndarray, "bytes"]] = []
 
 
 class BlockPairs(_kernels.Pairs):
@@ -93,7 +84,6 @@ class BlockMatrix:
     far : the blocks that are sums of low-rank terms: ``ranks`` terms, whose factors start at
         ``begin``; first those along the columns of a block, then those along its rows.
     factors : the factors of the low-rank terms, in the same format.
-    memory : the bytes that hold blocks and factors.
     """
 
     count: int
@@ -101,7 +91,6 @@ class BlockMatrix:
     blocks: Shaped[np.ndarray, "pairs lanes 2 words"]
     far: _kernels.FarBlocks
     factors: Shaped[np.ndarray, "factors 2 words"]
-    memory: UInt8[np.ndarray, "bytes"]
 
     __repr__ = in_short
 
@@ -116,17 +105,19 @@ class BlockMatrix:
         pairs = BlockPairs.of(whole)
         far_pairs = BlockPairs.of(~whole)
         rows = len(pairs.column) * lanes
-        # blocks and factors share one piece of memory, which the next matrix may reuse
-        memory = _allocate((rows + room) * 2 * words * word.itemsize)
-        numbers = memory[: (rows + room) * 2 * words * word.itemsize].view(word)
-        ranks, begin = np.zeros((2, len(far_pairs.column)), dtype=np.int64)
+        # A processor reads 64 bytes at once: rows that begin there are read in fewer pieces.
+        size = (rows + room) * 2 * words
+        line = 64 // word.itemsize
+        numbers = np.empty(size + line, dtype=word)
+        begin_of_line = -numbers.ctypes.data % 64 // word.itemsize
+        numbers = numbers[begin_of_line : begin_of_line + size]
+        unfilled = np.zeros((2, len(far_pairs.column)), dtype=np.int64)
         return cls(
             count=count,
             whole=pairs,
             blocks=numbers[: rows * 2 * words].reshape(-1, lanes, 2, words),
-            far=_kernels.FarBlocks(far_pairs.first, far_pairs.column, ranks, begin),
+            far=_kernels.FarBlocks(far_pairs.first, far_pairs.column, *unfilled),
             factors=numbers[rows * 2 * words :].reshape(-1, 2, words),
-            memory=memory,
         )
 
     @property
@@ -158,24 +149,6 @@ class BlockMatrix:
 def _words(store: Store) -> int:
     """Words that hold the real parts of a row of a block."""
     return _kernels.lanes // 2 if store == "bfloat16" else _kernels.lanes
-
-
-def _allocate(size: int) -> UInt8[np.ndarray, "bytes"]:
-    """Return at least ``size`` bytes, from the released memory if it is large enough."""
-    if _released:
-        memory = _released.pop()
-        if len(memory) >= size:
-            return memory
-    line = 64  # bytes that a processor reads at once: aligned rows are read in fewer pieces
-    spare = int(HEADROOM * size) if size < MAX_REUSED else size
-    memory = np.empty(spare + line, dtype=np.uint8)
-    return memory[-memory.ctypes.data % line :]
-
-
-def release(matrix: BlockMatrix) -> None:
-    """Let the next matrix reuse the memory of one that is no longer needed."""
-    if matrix.memory.nbytes <= HEADROOM * MAX_REUSED:
-        _released[:] = [matrix.memory]
 
 
 def check_memory(count: int, store: Store, blocks: int, factors: int = 0) -> None:

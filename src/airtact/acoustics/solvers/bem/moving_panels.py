@@ -15,7 +15,6 @@ from airtact.acoustics.solvers.arrays import (
     PanelLengths,
     Points,
 )
-from airtact.acoustics.solvers.bem.block_matrix import release
 from airtact.acoustics.solvers.bem.layer_potentials import NearRule
 from airtact.acoustics.solvers.bem.operator import (
     DualSurface,
@@ -132,5 +131,4 @@ class MovingPanels:
         matrix = assemble(surface, "bfloat16", self.low_rank_error)
         right_sides = np.ascontiguousarray(right.T, dtype=matrix.precision)
         result = gmres(lambda vectors: matrix.times(vectors, transposed), right_sides, tolerance)
-        release(matrix)
         return result.solution.T.astype(np.complex128)

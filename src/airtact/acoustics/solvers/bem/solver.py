@@ -26,7 +26,6 @@ from airtact.acoustics.solvers.bem.block_matrix import (
     blocks_of,
     check_memory,
     eliminate,
-    release,
     worth_eliminating,
 )
 from airtact.acoustics.solvers.bem.board_field import (
@@ -321,7 +320,6 @@ class BoundaryElement(Solver):
                     solved[equation] = eliminate(matrices, right, transposed)
                 else:
                     solved[equation] = self._iterate(scene, matrices, right, transposed, tolerance)
-            release(matrices[0])
 
         citations = CITATIONS
         if matrices[0].far.column.size:
