@@ -73,7 +73,6 @@ def test_pads_that_the_camera_did_not_see_are_less_certain() -> None:
     ("options", "fault"),
     [
         (("--landmarks", LANDMARKS, "--gap", "0.01"), "options_clash"),
-        (("--camera", "0", "0", "0"), "options_clash"),
         ((), "data_missing"),
     ],
 )

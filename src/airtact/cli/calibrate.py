@@ -36,7 +36,11 @@ if TYPE_CHECKING:
     help="Sound over noise in dB, if simulated.",
 )
 @click.option(
-    "--seed", type=int, default=0, show_default=True, help="Of the simulated noise and array."
+    "--seed",
+    type=click.IntRange(0),
+    default=0,
+    show_default=True,
+    help="Of the simulated noise and array.",
 )
 @click.option(
     "--out", type=FILE, default="calibration.csv", show_default=True, help="Table of the elements."

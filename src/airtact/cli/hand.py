@@ -70,21 +70,24 @@ def hand(
     from airtact.hands.tracking.recordings import ENDINGS as RECORDINGS
     from airtact.setup.exports import check_output
 
-    def reject(sentence: str, code: str = "options_clash") -> None:
-        raise at.InvalidInput(f"{path.name} {sentence}", code=code)
-
-    of_recordings = bool(frames) or leave_out
-    if landmarks is not None and (gap is not None or of_recordings):
-        reject("is a cloud, as landmarks are given: leave --gap, --frame and --leave-out out.")
-    if landmarks is None and camera is not None:
-        reject("comes without --landmarks, but a camera is only for a cloud with landmarks.")
-    is_recording = landmarks is None and path.suffix in RECORDINGS
-    if is_recording and gap is not None:
-        reject("is a recording, but a gap is for a pose: leave --gap out.")
-    if landmarks is None and path.suffix.lower() in CLOUD_ENDINGS and not is_recording:
-        reject("is a cloud of points: give rough --landmarks.", "data_missing")
-    if of_recordings and not is_recording:
-        reject("is a pose, no recording: leave --frame and --leave-out out.")
+    kind = "recording" if path.suffix in RECORDINGS else "pose"
+    if landmarks is not None:
+        kind = "cloud"
+    elif kind == "pose" and path.suffix.lower() in CLOUD_ENDINGS:
+        raise at.InvalidInput(
+            f"{path.name} is a cloud of points: give rough --landmarks.", code="data_missing"
+        )
+    for option, of_kind, is_given in (
+        ("gap", "pose", gap is not None),
+        ("frame", "recording", bool(frames)),
+        ("leave-out", "recording", leave_out),
+        ("camera", "cloud", camera is not None),
+    ):
+        if is_given and of_kind != kind:
+            raise at.InvalidInput(
+                f"{path.name} is a {kind}, but --{option} is for a {of_kind}: leave it out.",
+                code="options_clash",
+            )
     # Before minutes of fitting: the file must be writable and none of the inputs.
     check_output(file, path, *([] if landmarks is None else [landmarks]))
     if edge is not None:
@@ -92,7 +95,7 @@ def hand(
     with progress() as report_step:
         if landmarks is not None:
             facts, lines = _fit(path, landmarks, file, camera, edge, report_step)
-        elif is_recording:
+        elif kind == "recording":
             facts, lines = _replay(path, file, frames, leave_out, edge or EDGE, report_step)
         else:
             facts, lines = _pose(path, file, gap, edge or EDGE, report_step)

@@ -32,21 +32,33 @@ if TYPE_CHECKING:
     help="Echoes over noise in dB, if simulated.",
 )
 @click.option(
-    "--offset", type=float, default=2e-3, show_default=True, help="Of the simulated hand in metres."
+    "--offset",
+    type=click.FloatRange(0.0, 0.05),
+    default=2e-3,
+    show_default=True,
+    help="Of the simulated hand in metres.",
 )
 @click.option(
-    "--turn", type=float, default=3.0, show_default=True, help="Of the simulated hand in degrees."
+    "--turn",
+    type=click.FloatRange(0.0, 45.0),
+    default=3.0,
+    show_default=True,
+    help="Of the simulated hand in degrees.",
 )
 @click.option(
     "--opened",
     "wider",
-    type=float,
+    type=click.FloatRange(-2e-3, 2e-3),
     default=5e-4,
     show_default=True,
     help="Of the simulated pinch in metres.",
 )
 @click.option(
-    "--seed", type=int, default=0, show_default=True, help="Of the simulated noise and directions."
+    "--seed",
+    type=click.IntRange(0),
+    default=0,
+    show_default=True,
+    help="Of the simulated noise and directions.",
 )
 @results
 @store

@@ -16,7 +16,7 @@ from airtact.acoustics.solvers.bem.solver import BoundaryElement
 from airtact.acoustics.solvers.problem import RadiatedField
 from airtact.acoustics.solvers.spherical.multipole_field import multipole_expansion
 from airtact.drives.transfer import TransferMatrix, transfer_matrix
-from airtact.errors import InvalidInput, NotConverged, between, check_seed
+from airtact.errors import InvalidInput, NotConverged
 from airtact.files.atomic import whole_file
 from airtact.geometry.pose import Pose
 from airtact.sensing.echoes import Echoes, load_echoes
@@ -176,8 +176,8 @@ def sense(
     if isinstance(echoes, Simulation):
         simulation = echoes
         true = _simulated_pose(scattering, simulation)
-        true_gap = _simulated_gap(gap, simulation)
-        if true_gap is not None:
+        if gap is not None:
+            true_gap = max(gap + simulation.opened, 0.25 * gap)
             really = _with_gap(setup, true_gap)
         with clock.step("echoes", "simulating echoes of 16 codes by smaller panels"):
             echoes = simulate_echoes(
@@ -267,38 +267,14 @@ def _with_gap(setup: Setup, gap: float) -> Setup:
     return read_scene(setup.path, {"pinch.gap": gap})
 
 
-def _simulated_gap(gap: float | None, simulation: Simulation) -> float | None:
-    opened = between(
-        simulation.opened,
-        -GAP_RANGE,
-        GAP_RANGE,
-        "the opening",
-        "m",
-        "is it in millimetres? Give metres.",
-    )
-    return None if gap is None else max(gap + opened, 0.25 * gap)
-
-
 def _simulated_pose(scattering: ScatteringMatrix, simulation: Simulation) -> Pose:
-    position = between(
-        simulation.position, 0.0, 0.05, "the offset", "m", "is it in millimetres? Give metres."
-    )
-    degrees = between(
-        simulation.degrees,
-        0.0,
-        45.0,
-        "the turn",
-        "degrees",
-        "the scene's pose is better than that.",
-    )
-    check_seed(simulation.seed)
     along, axis = (
         vector / np.linalg.norm(vector)
         for vector in np.random.default_rng([simulation.seed, 1]).normal(size=(2, 3))
     )
-    turn = Pose.turn(axis, np.radians(degrees)).rotation
+    turn = Pose.turn(axis, np.radians(simulation.degrees)).rotation
     centre = scattering.centre
-    return Pose(turn, centre - turn @ centre + position * along)
+    return Pose(turn, centre - turn @ centre + simulation.position * along)
 
 
 def _check_located(
@@ -392,7 +368,6 @@ def calibrate_array(
 
 def _simulated_array(array: PhasedArray, medium: Medium, seed: int) -> tuple[PhasedArray, Medium]:
     """Return an array and air with random errors: 0.5 mm, 5 mrad, 1 m/s, and gains."""
-    check_seed(seed)
     random = np.random.default_rng([seed, 2])
     boards = boards_of(array)
     motions = random.normal(size=(len(boards), 6)) * np.repeat([5e-4, 5e-3], 3)
