@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 import urllib.request
+from threading import Event, Thread
 
 import numpy as np
 import pytest
@@ -130,6 +131,15 @@ def test_after_a_stall_the_sound_rises_again(tmp_path):
     assert loudest[0] < 0.1
 
 
+def reach_through(tracker, ended: Event) -> None:
+    """Send frames of a hand that reaches through the array, until the end."""
+    index = 60
+    while not ended.wait(1 / 60):
+        joints = still(0).landmarks + [0.19, 0.0, 0.0]
+        tracker.send(at.hands.to_json(still(index, index / 60, landmarks=joints)))
+        index += 1
+
+
 def test_trackers_by_websocket_are_followed_and_nonsense_is_counted(tmp_path):
     with Running(*QUICK, "--from", "websocket:0", "--out", tmp_path) as running:
         address = re.search(r"ws://[\d.:]+", running.said("following"))
@@ -139,7 +149,13 @@ def test_trackers_by_websocket_are_followed_and_nonsense_is_counted(tmp_path):
                 tracker.send(at.hands.to_json(frame))
                 tracker.send("nonsense")
                 time.sleep(1 / 60)
-            time.sleep(3.0)  # for the last message to be read
+            # The state of the frames that follow shows that all of these were read.
+            ended = Event()
+            follows = Thread(target=reach_through, args=(tracker, ended))
+            follows.start()
+            running.said("through the array's face")
+            ended.set()
+            follows.join()
         running.process.send_signal(signal.SIGINT)
         code, said = running.ended()
     assert code == 0
@@ -147,9 +163,8 @@ def test_trackers_by_websocket_are_followed_and_nonsense_is_counted(tmp_path):
     used, overtaken = (
         int((re.search(rf"(\d+) {word}", said) or [0, 0])[1]) for word in ("used", "overtaken")
     )
-    assert "120 received" in said
     assert "60 unreadable" in said
-    assert used + overtaken == 60  # a busy machine reads the newest of those that wait
+    assert used + overtaken > 60  # a busy machine reads the newest of those that wait
     assert len(at.live.read_session(tmp_path).frame_time) == used
 
 
@@ -248,7 +263,10 @@ def test_bad_input_is_rejected(tmp_path, live, arguments, code):
 def test_a_killed_loop_leaves_a_session_that_can_be_read(tmp_path):
     with Running(*QUICK, "--out", tmp_path) as running:
         running.said("playing")
-        time.sleep(2.0)
+        end = time.monotonic() + 120.0
+        # The first drives take a chunk of 260 kB, beside the scene and its array.
+        while (tmp_path / "session.h5").stat().st_size < 300_000 and time.monotonic() < end:
+            time.sleep(0.05)
         running.process.send_signal(signal.SIGKILL)
         running.process.wait()
     session = None

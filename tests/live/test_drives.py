@@ -12,7 +12,6 @@ from airtact.live.drives.library import Library, expected_kept
 from airtact.live.drives.solver_process import Request, SolverProcess
 from airtact.live.scene import gap_change, pose_hand, turn
 from live.live_scenes import Ready, correlations
-from references.hand_poses import example
 from references.motions import still
 
 
@@ -71,22 +70,6 @@ def test_rigid_phalanges_are_solved_wherever_they_are(board, joints, phalanges):
         if rigid.outgrown:
             return
     raise AssertionError("bodies of a smaller hand were kept")
-
-
-def test_a_palm_is_a_plane_beside_rigid_phalanges():
-    joints, radii = example("relaxed")
-    hand = at.hand_from_joints(joints, radii)
-    array = at.flat_boards(1, 2).facing(
-        tuple(joints.mean(axis=0)), tuple(hand.position("palm")[1]), 0.2
-    )
-    places, offsets = ("palm", "index.pad"), np.full(2, 2e-3)
-    scene = at.live.LiveScene(at.air(), 40e3, array, hand.side, radii, places, offsets)
-    open_air = OpenAir(scene).rows(pose_hand(scene, joints).foci)
-    whole = open_air * solved(scene, joints, "hand", 0.0).factors
-    rigid = open_air * RigidParts(scene, joints).solved(joints, 0.0).factors
-
-    assert correlations(rigid, whole).min() > 0.78
-    assert correlations(rigid, whole)[0] > correlations(open_air, whole)[0] + 0.03
 
 
 def test_distances_are_played_where_nothing_is_solved_or_wanted(board, joints, phalanges):

@@ -115,7 +115,6 @@ class LinkProcess:
         self._rescue: LinkFailed | None = None
         self._watcher: threading.Thread | None = None
         self._child: subprocess.Popen[bytes] | None = None
-        self._life = -1
         reason = why_here(link) if link.real_time else "it emits nothing"
         if reason is not None and link.real_time:
             warnings.warn(
@@ -128,7 +127,7 @@ class LinkProcess:
         self._channel = Channel(ours)
         if reason is None:
             with theirs:
-                self._child, self._life = _start(theirs)
+                self._child = _start(theirs)
             self.process = self._child.pid
         else:
             thread = threading.Thread(
@@ -144,8 +143,6 @@ class LinkProcess:
             self._exchange("open", (sent_link, settings), OPENING_TIMEOUT)
         except BaseException:
             self.end()
-            if self._child is not None:
-                os.close(self._life)
             raise
         if self._child is not None:
             # A thread: the boards must fall silent even while the feeder computes.
@@ -215,11 +212,10 @@ class LinkProcess:
     def _watch(self) -> None:
         """Have another process silence the boards as soon as the link process is gone."""
         assert self._child is not None
-        # The pipe ends with the process. Waiting for the process itself would keep other threads
-        # from waiting for it.
-        os.read(self._life, 1)
-        os.close(self._life)
-        if self._child.wait() == 0 and self._closing:
+        # Polled, as a thread that waits for the process keeps other threads from waiting for it.
+        while self._child.poll() is None:
+            time.sleep(0.01)
+        if self._child.returncode == 0 and self._closing:
             return
         self._lose("ended")
         try:
@@ -281,30 +277,25 @@ def why_here(link: Link) -> str | None:
     return None
 
 
-def _start(end: socket.socket) -> "tuple[subprocess.Popen[bytes], int]":
-    """Start a process that serves one end of a connection; return it and a pipe that it ends."""
-    life, theirs = os.pipe()
+def _start(end: socket.socket) -> "subprocess.Popen[bytes]":
+    """Start a process that serves one end of a connection."""
     module = "airtact.emission.link_process"
     # The process finds the same modules as this one, and signals to this session do not reach it.
     paths = os.pathsep.join(os.path.abspath(path) for path in sys.path)
     try:
-        child = subprocess.Popen(
+        return subprocess.Popen(
             [sys.executable, "-P", "-m", module, str(end.fileno()), str(os.getpid())],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             env={**os.environ, "PYTHONPATH": paths, "OPENBLAS_NUM_THREADS": "1"},
-            pass_fds=(end.fileno(), theirs),
+            pass_fds=(end.fileno(),),
             start_new_session=True,
         )
     except OSError as error:
-        os.close(life)
         raise LinkFailed(
             f"no process for the link could be started (error {error.errno}): {error.strerror}.",
             code="link_process_lost",
         ) from None
-    finally:
-        os.close(theirs)
-    return child, life
 
 
 # --- in the process ---

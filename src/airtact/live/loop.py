@@ -4,7 +4,7 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Complex128
@@ -131,12 +131,8 @@ class Followed:
 
     def record(self) -> dict[str, float | str | dict[str, int] | None]:
         """Return all values by their names, for JSON; None where a number is not known."""
-        record = {}
-        for entry in fields(self):
-            value = getattr(self, entry.name)
-            unknown = isinstance(value, float) and not np.isfinite(value)
-            record[entry.name] = None if unknown else value
-        return record | {"health": asdict(self.health)}
+        # Only a number that is not known differs from itself.
+        return {name: value if value == value else None for name, value in asdict(self).items()}
 
 
 def follow(

@@ -7,6 +7,7 @@ browser cannot connect to them.
 
 import re
 import socket
+import time
 from contextlib import suppress
 from threading import Lock, Thread
 from typing import TYPE_CHECKING
@@ -107,6 +108,9 @@ class WebSocketReceiver:
             connections = list(self._connections)
         for connection in connections:
             connection.close()
+        # What has arrived is read to its end.
+        while self._connections:
+            time.sleep(0.01)
         self._thread.join()
 
     def _receive(self, connection: "ServerConnection") -> None:

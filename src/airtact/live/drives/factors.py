@@ -182,7 +182,7 @@ class RigidParts:
     """The last phalanges of the foci of a scene, each a rigid body that is factorised once.
 
     A new pose takes about a fifth of the time of ``solved``. A tracker's bones change their lengths
-    from frame to frame; these bodies do not. The palm, too large for this, is a hard plane.
+    from frame to frame; these bodies do not. All foci are on fingers.
 
     Parameters
     ----------
@@ -198,10 +198,7 @@ class RigidParts:
     def __init__(self, scene: LiveScene, joints: Joints) -> None:
         self._scene = scene
         self._reference = pose_hand(scene, joints)
-        self._on_finger = np.array([place != "palm" for place in scene.places])
-        self._surfaces = [
-            rigid_part(self._reference.hand, place) for place in scene.places if place != "palm"
-        ]
+        self._surfaces = [rigid_part(self._reference.hand, place) for place in scene.places]
         self._lengths = _bone_lengths(scene, joints)
         air = self._air([Pose.identity()] * len(self._surfaces))
         # Finer than ACCURACY, as the bodies are factorised once and accuracy costs no time later.
@@ -217,20 +214,11 @@ class RigidParts:
         # Each body moves with the axes of its bone and the focus before it.
         turns = np.swapaxes(posed.frames, 1, 2) @ self._reference.frames
         shifts = posed.foci - np.einsum("fij,fj->fi", turns, self._reference.foci)
-        poses = [
-            Pose(turns[index], shifts[index]) for index in np.flatnonzero(self._on_finger).tolist()
-        ]
+        poses = [Pose(turn, shift) for turn, shift in zip(turns, shifts, strict=True)]
         points = beacon_points(scene, posed)
         field = self._solver.radiate(self._air(poses), Target(points).beacons())
         received = field.at(scene.with_images.array.positions)
-        solution = factors_of(scene, posed, "phalanges", time, received)
-        places = np.arange(len(posed.foci))
-        if scene.moving is not None:
-            places = np.concatenate([places, scene.moving.places.ravel()])
-        for index in np.flatnonzero(~self._on_finger[places]):
-            # Foci at the palm: the fingers were solved, the palm's reflection is added.
-            solution.factors[index] += _mirrored(scene, posed, points[index])
-        return solution
+        return factors_of(scene, posed, "phalanges", time, received)
 
     @property
     def outgrown(self) -> bool:
@@ -260,25 +248,12 @@ class PartSolver:
 
     def solved(self, joints: Joints, part: Rule, time: float) -> HandFactors:
         """Solve a part; parameters and errors are those of the function ``solved``."""
-        if part == "phalanges":
+        if part == "phalanges" and "palm" not in self._scene.places:  # too large for a rigid part
             with suppress(InvalidInput):  # bodies that touch are solved as one
                 if self._rigid is None or self._rigid.outgrown:
                     self._rigid = RigidParts(self._scene, joints)
                 return self._rigid.solved(joints, time)
         return solved(self._scene, joints, part, time)
-
-
-def _mirrored(
-    scene: LiveScene, posed: PosedHand, focus: Float64[np.ndarray, "3"]
-) -> Complex64[np.ndarray, "sources"]:
-    """Return the pressure reflected by the palm, a hard plane, relative to the direct one."""
-    # e^{2ikd cos θ}, at a distance d from the plane and an angle θ to its normal.
-    point, normal = posed.hand.position("palm")
-    away = scene.with_images.array.positions - focus
-    cosine = away @ normal / np.linalg.norm(away, axis=1)
-    path = 2.0 * float((focus - point) @ normal) * cosine
-    reflected = np.exp(1j * scene.wavenumber.real * path)
-    return np.where(cosine > 0.0, reflected, 0.0).astype(np.complex64)
 
 
 def _bone_lengths(scene: LiveScene, joints: Joints) -> Float64[np.ndarray, "foci"]:
