@@ -1,6 +1,5 @@
 """A scene file becomes bodies, transducers and foci at their positions; what cannot be is rejected with a number."""
 
-import msgspec
 import numpy as np
 import pytest
 
@@ -446,14 +445,6 @@ def test_a_file_that_cannot_be_read_is_rejected(tmp_path):
         at.read_scene(tmp_path / "bytes.toml")
 
 
-@pytest.mark.parametrize("name", at.drives.METHODS)
-def test_a_file_can_name_every_method(read, name):
-    setup = read(
-        MEDIUM, ARRAY, FOCUS, f'[drive]\nmethod = "{name}"\n[uncertainty]\nposition = 1e-3\n'
-    )
-    assert setup.synthesise is at.drives.METHODS[name]
-
-
 def test_open_air_is_solved_in_closed_form(read):
     assert isinstance(read(MEDIUM, ARRAY, FOCUS).solver, at.FreeField)
     with raises_code("not_supported"):
@@ -519,13 +510,6 @@ def test_a_box_of_real_boards(tmp_path) -> None:
     array = array_of(tmp_path, 'layout = "surrounding_box"\nboard = "autd3"')
     np.testing.assert_array_equal(array.positions, at.surrounding_box(board="autd3").positions)
     assert abs(array.positions[0, 0]) == pytest.approx(75.7e-3, abs=1e-12)
-
-
-@pytest.mark.parametrize("name", BOARDS)
-def test_boards_of_any_kind(tmp_path, name: str) -> None:
-    array = array_of(tmp_path, ONE_BOARD + f'board = "{name}"')
-    expected = at.transducers.board_array(name, [at.Pose(np.eye(3), np.array([0.0, 0.0, -0.1]))])
-    np.testing.assert_array_equal(array.positions, expected.positions)
 
 
 def test_calibration_is_read_from_beside_the_scene(tmp_path) -> None:
@@ -604,16 +588,6 @@ def test_a_pose_moves_a_body_and_the_foci_that_ride_on_it(read) -> None:
             other.surface.vertices, one.surface.vertices @ quarter.T + shift, atol=1e-12
         )
     assert -after.scene.depth(after.target.points)[0] == pytest.approx(0.5e-3, abs=1e-9)
-
-
-def test_a_mesh_in_millimetres_is_placed_by_a_pose(read, tmp_path) -> None:
-    import trimesh
-
-    trimesh.creation.icosphere(subdivisions=3, radius=5.0).export(tmp_path / "ball.stl")
-    mesh = '[[obstacles]]\nsurface = "ball.stl"\nscale = 1e-3\n[obstacles.pose]\ntranslation = [0.0, 0.0, 0.02]\n'
-    setup = read(AIR, BOX, mesh, "[[foci]]\npoint = [0.0, 0.0, 0.03]\n")
-    middle = setup.scene.obstacles[0].surface.vertices.mean(axis=0)
-    np.testing.assert_allclose(middle, [0.0, 0.0, 0.02], atol=1e-5)
 
 
 def test_a_pose_may_turn_by_more_than_a_whole_turn(read) -> None:
@@ -877,10 +851,3 @@ def test_a_filled_body_is_verified_by_the_next_order(read):
     field = setup.solver.radiate(setup.scene, setup.target.beacons())
     verified = at.setup.verification_solver(setup).radiate(setup.scene, setup.target.beacons())
     assert verified.report.settings["order"] == int(field.report.settings["order"]) + 1
-
-
-def test_the_report_goes_into_the_files_of_a_run():
-    ball = at.Scene(at.Medium(343.1, 1.293), [at.sound_hard(at.sphere(1.5e-3, edge=1e-3))])
-    source = at.Monopoles(np.array([[0.0, 0.0, 0.01]]), np.ones(1, dtype=complex))
-    report = at.FiniteElement(order=2).radiate(ball, source).report
-    assert msgspec.json.decode(msgspec.json.encode(report))["solver"] == "FiniteElement"

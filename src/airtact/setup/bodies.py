@@ -112,8 +112,6 @@ def pose_of(table: PoseTable) -> Pose:
 
 def _bodies(table: ObstacleTable, folder: Path, used: Collection[str]) -> Bodies:
     """Build the bodies of an obstacle before they are moved by its pose."""
-    from airtact.hands.files import ROOM
-
     if table.pinch is not None:
         fingers = at.pinch(table.pinch.gap)
         names = ("thumb", "finger")
@@ -128,6 +126,9 @@ def _bodies(table: ObstacleTable, folder: Path, used: Collection[str]) -> Bodies
         return Bodies({"capsule": built(at.capsule, table.capsule)})
     if table.sphere is not None:
         return Bodies({"sphere": built(at.sphere, table.sphere)})
+    # Hands are imported where a scene has one.
+    from airtact.hands.files import ROOM
+
     if table.hand is not None:
         hand = at.load_hand(folder / table.hand, table.gap)
         # A place where fingers touch lies inside the body, which matters only to a focus there.
