@@ -18,8 +18,8 @@ from pathlib import Path
 import numpy as np
 
 import airtact as at
-from airtact.drives.bounds import relaxed_bound
 from airtact.drives.gerchberg_saxton import alternating_projections
+from airtact.drives.max_min import relaxed_bound
 from airtact.setup.building import read_scene
 
 ROOT = Path(__file__).parent.parent

@@ -33,11 +33,12 @@ from .acoustics.sources import Monopoles as Monopoles
 from .acoustics.store import Stored as Stored
 from .acoustics.target import Target as Target
 from .acoustics.uncertainty import Uncertainty as Uncertainty
-from .drives.bounds import upper_bound as upper_bound
 from .drives.drive import Drive as Drive
 from .drives.drive import quantise as quantise
 from .drives.gerchberg_saxton import weighted_gerchberg_saxton as weighted_gerchberg_saxton
 from .drives.linear_methods import time_reversal as time_reversal
+from .drives.max_min import max_min as max_min
+from .drives.max_min import upper_bound as upper_bound
 from .drives.methods import best as best
 from .drives.robust_drives import robust as robust
 from .drives.transfer import (
@@ -53,7 +54,6 @@ from .drives.transfer import (
     transfer_matrix as transfer_matrix,
 )
 from .drives.transfer_ensemble import ensemble as ensemble
-from .drives.weakest_focus import max_min as max_min
 from .emission.autd3_link import AUTD3Link as AUTD3Link
 from .emission.emission import Emission as Emission
 from .emission.file_link import load_drive as load_drive

@@ -22,27 +22,18 @@ complex_rows = hnp.arrays(np.float64, (2, 40), elements=parts).filter(
 
 @given(st.integers(0, 2**32 - 1), complex_rows)
 @settings(max_examples=200, deadline=None)
-def test_for_one_focus_time_reversal_beats_every_drive_of_equal_energy(
+def test_for_one_focus_no_drive_gives_more_at_equal_energy_or_peak(
     seed: int, rows: np.ndarray
 ) -> None:
     transfer = random_matrix(seed, foci=1)
-    best = at.time_reversal(transfer, at.Target(any_points(1)))
+    target = at.Target(any_points(1))
     rival = rows[0] + 1j * rows[1]
-    rival *= np.linalg.norm(best.amplitudes) / np.linalg.norm(rival)
-    assert np.abs(transfer.pressure(best))[0] >= np.abs(transfer.matrix @ rival)[0] * (1.0 - 1e-12)
-
-
-@given(st.integers(0, 2**32 - 1), complex_rows)
-@settings(max_examples=200, deadline=None)
-def test_for_one_focus_phase_conjugation_beats_every_drive_of_equal_peak(
-    seed: int, rows: np.ndarray
-) -> None:
-    transfer = random_matrix(seed, foci=1)
-    rival = rows[0] + 1j * rows[1]
-    rival = at.Drive(rival / np.abs(rival).max())
-    best = transfer.pressure(at.drives.phase_conjugate(transfer, at.Target(any_points(1))))
-    assert np.abs(best)[0] >= np.abs(transfer.pressure(rival))[0] * (1.0 - 1e-12)
-    assert np.abs(best)[0] == pytest.approx(np.abs(transfer.matrix).sum(), rel=1e-12)
+    pressure = np.abs(transfer.matrix @ rival)[0] * (1.0 - 1e-12)
+    reversal = at.time_reversal(transfer, target)
+    energy = np.linalg.norm(reversal.amplitudes) / np.linalg.norm(rival)
+    assert np.abs(transfer.pressure(reversal))[0] >= energy * pressure
+    conjugate = at.drives.phase_conjugate(transfer, target)
+    assert np.abs(transfer.pressure(conjugate))[0] >= pressure / np.abs(rival).max()
 
 
 def test_time_reversal_is_the_weighted_conjugate_scaled_by_one_number() -> None:
@@ -63,27 +54,6 @@ def test_with_no_pressure_asked_all_foci_count_alike_and_the_strongest_element_i
     expected = transfer.matrix.conj().sum(axis=0)
     np.testing.assert_allclose(drive.amplitudes, expected / np.abs(expected).max(), rtol=1e-12)
     assert np.isnan(at.drives.achieved_fraction(transfer, at.Target(any_points(3)), drive)).all()
-
-
-@pytest.mark.parametrize("method", [at.time_reversal, at.drives.phase_conjugate])
-@given(seed=st.integers(0, 2**32 - 1), foci=st.integers(1, 6), asked=st.floats(1.0, 1e5))
-@settings(max_examples=40, deadline=None)
-def test_the_worst_focus_gets_what_it_asked_or_full_scale_is_used_up(
-    method, seed, foci, asked
-) -> None:
-    transfer = random_matrix(seed, foci)
-    target = at.Target(any_points(foci), asked * np.linspace(1.0, 2.0, foci))
-    drive = method(transfer, target)
-    shares = at.drives.achieved_fraction(transfer, target, drive)
-    np.testing.assert_allclose(
-        shares * target.pressures, np.abs(transfer.matrix @ drive.amplitudes), rtol=1e-12
-    )
-    largest = np.abs(drive.amplitudes).max()
-    if largest < 1.0 - 1e-9:
-        assert shares.min() == pytest.approx(1.0, rel=1e-9)
-    else:
-        assert shares.min() <= 1.0 + 1e-9
-        assert largest == pytest.approx(1.0, rel=1e-9)
 
 
 def test_in_open_air_time_reversal_is_focus_by_distance_with_amplitudes_of_one_over_distance() -> (

@@ -94,11 +94,6 @@ def test_the_estimated_error_is_asked_for_at_the_elements() -> None:
     assert 0.3 * true_error < transfer.estimated_error < 0.05
 
 
-def test_phase_only_keeps_phases_and_silence() -> None:
-    drive = at.Drive(np.array([0.5, 0.1j, 0.0, -1.0 + 0.0j]))
-    np.testing.assert_allclose(drive.phase_only().amplitudes, [1.0, 1j, 0.0, -1.0])
-
-
 @given(st.integers(0, 2**32 - 1), st.integers(1, 4))
 @settings(max_examples=20, deadline=None)
 def test_focus_by_distance_sums_the_reversed_delays(seed: int, foci: int) -> None:

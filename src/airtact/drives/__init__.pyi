@@ -1,4 +1,3 @@
-from .bounds import UpperBound as UpperBound
 from .drive_file import DriveFile as DriveFile
 from .frame import Frame as Frame
 from .gerchberg_saxton import gs_pat as gs_pat
@@ -7,6 +6,8 @@ from .gradient_descent import gradient as gradient
 from .linear_methods import inverse_filter as inverse_filter
 from .linear_methods import least_peak as least_peak
 from .linear_methods import phase_conjugate as phase_conjugate
+from .max_min import Stalled as Stalled
+from .max_min import UpperBound as UpperBound
 from .methods import METHODS as METHODS
 from .motion import Motion as Motion
 from .motion import moving_foci as moving_foci
@@ -18,4 +19,3 @@ from .sequence import Sequence as Sequence
 from .transfer import focus_by_distance_phase_only as focus_by_distance_phase_only
 from .transfer import rounding_error as rounding_error
 from .transfer_ensemble import TransferEnsemble as TransferEnsemble
-from .weakest_focus import Stalled as Stalled

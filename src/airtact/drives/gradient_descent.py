@@ -6,9 +6,9 @@ from jaxtyping import Complex128, Float64
 from airtact.acoustics.target import Target
 from airtact.drives.drive import Amplitudes, Drive
 from airtact.drives.gerchberg_saxton import check_iterations, phase
+from airtact.drives.max_min import smallest_pressure, strongest_sources, warn_stalled
 from airtact.drives.reach import FociRows, asked_rows, scaled_to_target, suppression_rows
 from airtact.drives.transfer import TransferMatrix
-from airtact.drives.weakest_focus import smallest_pressure, strongest_sources, warn_stalled
 from airtact.errors import InvalidInput, counted
 
 SHARPNESS = 200.0

@@ -8,9 +8,9 @@ import numpy as np
 
 from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive
+from airtact.drives.max_min import Stalled, max_min
 from airtact.drives.reach import FociRows, check_foci, foci_rows
 from airtact.drives.transfer import TransferMatrix
-from airtact.drives.weakest_focus import Stalled, max_min
 from airtact.transducers.levels import FULL_SCALE
 
 
@@ -184,7 +184,7 @@ METHODS: dict[str, Method] = {
         Method("gs_pat", "gerchberg_saxton", "alternating projections between the foci alone"),
         Method(
             "max_min",
-            "weakest_focus",
+            "max_min",
             "the strongest worst focus, from a semidefinite relaxation",
         ),
         Method(

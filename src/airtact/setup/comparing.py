@@ -12,8 +12,8 @@ from jaxtyping import Float64
 from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.problem import RadiatedField, Solver, SolveReport
 from airtact.acoustics.target import Target
-from airtact.drives.bounds import upper_bound
 from airtact.drives.drive import Drive, quantise
+from airtact.drives.max_min import upper_bound
 from airtact.drives.methods import FOR_SAMPLES, METHODS, best, method_for
 from airtact.drives.transfer import TransferMatrix
 from airtact.errors import InvalidInput

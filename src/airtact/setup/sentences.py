@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Bool, Float64
 
-from airtact.drives.bounds import upper_bound
 from airtact.drives.drive import Drive, quantise
+from airtact.drives.max_min import upper_bound
 from airtact.drives.reach import MIN_FOCUS_DISTANCE, nearest_foci
 from airtact.drives.transfer import TransferMatrix
 from airtact.errors import counted

@@ -18,9 +18,9 @@ from airtact.acoustics.solvers.problem import RadiatedField, Solver, SolveReport
 from airtact.acoustics.sources import Monopoles
 from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive
+from airtact.drives.max_min import Stalled
 from airtact.drives.methods import FOR_SAMPLES, method_for
 from airtact.drives.transfer import TransferMatrix, open_air_matrix, transfer_to
-from airtact.drives.weakest_focus import Stalled
 from airtact.errors import counted
 from airtact.evaluation.headline import body_word
 from airtact.setup.setup import Setup
