@@ -141,38 +141,6 @@ def test_weights_level_the_foci():
     assert weighted.max() / weighted.min() < 1.01
 
 
-def test_many_sets_at_once_are_what_each_is_alone():
-    points = scattered(3, 20)
-    transfer = open_air(points)
-    random = np.random.default_rng(0)
-    sets = np.array([random.permutation(20)[:5] for _ in range(12)])
-    weights = np.ones(sets.shape)
-    weights[3, 2:] = 0.0
-    drives = at.drives.weighted_gerchberg_saxton_sets(transfer, sets, weights, iterations=50)
-    for rows, weight, drive in zip(sets, weights, drives, strict=True):
-        alone = at.TransferMatrix(transfer.matrix[rows[weight > 0]], 0.0)
-        target = at.Target(points[rows[weight > 0]])
-        assert at.upper_bound(alone, target).reached(alone, target, drive) > 0.85
-        assert worst(alone, drive) > 0.95 * worst(
-            alone, at.weighted_gerchberg_saxton(alone, target)
-        )
-
-
-@pytest.mark.parametrize(
-    ("sets", "weights", "code"),
-    [
-        ([[0, 3]], [[1.0, 1.0]], "out_of_range"),
-        ([[0, 1], [1, 2]], [[1.0, 1.0], [0.0, 0.0]], "empty"),
-        ([[0, 1]], [[1.0, -1.0]], "out_of_range"),
-    ],
-)
-def test_bad_sets_raise(sets, weights, code):
-    with raises_code(code):
-        at.drives.weighted_gerchberg_saxton_sets(
-            random_matrix(14, 3), np.array(sets), np.array(weights)
-        )
-
-
 # --- suppression points ------------------------------------------------------------------------------------------
 
 

@@ -1,7 +1,6 @@
 from .drive_file import DriveFile as DriveFile
 from .frame import Frame as Frame
 from .gerchberg_saxton import gs_pat as gs_pat
-from .gerchberg_saxton import weighted_gerchberg_saxton_sets as weighted_gerchberg_saxton_sets
 from .gradient_descent import gradient as gradient
 from .linear_methods import inverse_filter as inverse_filter
 from .linear_methods import least_peak as least_peak

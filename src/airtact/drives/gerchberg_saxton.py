@@ -67,60 +67,6 @@ def gs_pat(transfer: TransferMatrix, target: Target, *, iterations: int = 50) ->
     return scaled_to_target(transfer, target, phase(matrix.conj().T @ sources))
 
 
-def weighted_gerchberg_saxton_sets(
-    transfer: TransferMatrix,
-    sets: Int64[np.ndarray, "sets foci"],
-    weights: Float64[np.ndarray, "sets foci"] | None = None,
-    *,
-    iterations: int = 10,
-) -> list[Drive]:
-    """Make one drive for each of many sets of foci, by ``gs_pat`` and weighted Gerchberg-Saxton.
-
-    Parameters
-    ----------
-    transfer : the (P, E) transfer matrix of all P points.
-    sets : (S, F) rows of the matrix that are the foci of each set.
-    weights : (S, F) pressures asked in proportion, 0 where a set has fewer than F foci; 1 for all
-        by default.
-    iterations : of weighted Gerchberg-Saxton, after 50 of GS-PAT.
-
-    Returns
-    -------
-    S drives, all elements at full scale.
-
-    Raises
-    ------
-    InvalidInput
-        If a row is not in the matrix, a weight is negative or not finite, a set asks for nothing,
-        or there is less than one iteration.
-    """
-    check_iterations(iterations)
-    points = len(transfer.matrix)
-    outside = sets[(sets < 0) | (sets >= points)]
-    if len(outside):
-        raise InvalidInput(
-            f"a set of foci has the row {outside[0]}, but the transfer matrix has rows 0 to "
-            f"{points - 1}.",
-            code="out_of_range",
-        )
-    requests = np.ones(sets.shape) if weights is None else weights
-    if requests.shape != sets.shape or not (np.isfinite(requests) & (requests >= 0.0)).all():
-        raise InvalidInput(
-            f"weights of sets need shape {sets.shape} and finite numbers from 0 up.",
-            code="out_of_range",
-        )
-    silent = np.flatnonzero(requests.max(axis=1, initial=0.0) == 0.0)
-    if len(silent):
-        raise InvalidInput(
-            f"set {silent[0]} asks every focus for 0; ask at least one focus for more.",
-            code="empty",
-        )
-    start = requests.astype(np.complex128)
-    # GS-PAT works on (F, F) products: its 50 iterations cost little beside those with all elements.
-    *_, drives = alternating_projections(transfer.matrix, sets, requests, start, iterations, 50)
-    return [Drive(phases) for phases in (SINGLE * drives).astype(np.complex128)]
-
-
 SINGLE = np.float32(1.0 - 2e-7)
 """Factor that brings magnitudes of 1 in single precision to at most 1."""
 
