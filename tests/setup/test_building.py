@@ -625,7 +625,7 @@ def test_a_source_is_a_monopole_by_name(read) -> None:
 
 
 def test_a_board_that_faces_away_is_named(read) -> None:
-    away = "{ axis = [1.0, 0.0, 0.0], degrees = 180.0, translation = [0.0, 0.0, -0.1] }"
+    away = "{ axis = [1.0, 0.0, 0.0], degrees = 180.0, translation = [0.2, 0.0, -0.1] }"
     array = (
         f'[array]\nlayout = "boards"\nposes = [{{ translation = [-0.1, -0.1, -0.1] }}, {away}]\n'
     )

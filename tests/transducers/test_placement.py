@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import airtact as at
+from airtact.setup.sentences import reach_cautions
 from airtact.transducers.placement import check_placement, open_air_bound, strongest_open_air
 from faults import raises_code
 
@@ -108,3 +109,31 @@ def test_flat_boards_reach_a_metre() -> None:
     assert open_air_bound(boards, np.array([[0.0, 0.0, 1.0]]), WAVENUMBER)[
         0
     ] > 0.1 * strongest_open_air(boards, WAVENUMBER)
+
+
+def test_a_board_flush_in_a_table_keeps_its_sensitivity():
+    target = at.Target(FOCUS)
+    bare = at.Scene(AIR, [])
+    board = at_height(0.0)
+    matrices = []
+    for scene in (SCENE, bare):
+        beacons = at.FreeField().radiate(scene, target.beacons())
+        matrices.append(at.transfer_matrix(beacons, board).matrix)
+        drive = at.Drive(np.ones(len(board), dtype=np.complex128))
+        fields = at.evaluate(scene, board, drive, target, solver=at.FreeField())
+        np.testing.assert_allclose(fields.pressures, matrices[-1].sum(axis=1), rtol=1e-6)
+    np.testing.assert_allclose(matrices[0], matrices[1], rtol=1e-6)
+
+
+def test_a_table_under_a_board_changes_nothing_and_a_setup_says_so():
+    board = at.autd3_board()
+    target = at.Target(FOCUS)
+    for height in (2e-3, 20e-3, 30e-3):
+        table = at.plane((0, 0, -height), (0, 0, 1))
+        setup = at.Setup(at.Scene(AIR, [], planes=[table]), board, target)
+        assert not setup.scene.planes
+        (caution,) = (text for text in reach_cautions(setup) if "plane" in text)
+        assert f"{1e3 * height:g} mm" in caution
+    # a board over its edge, or one that faces the table, is no board that lies on it
+    facing = at.Pose(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.12, 0.3]))
+    assert at.Setup(SCENE, at.autd3_board(facing), target).scene.planes

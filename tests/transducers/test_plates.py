@@ -102,7 +102,7 @@ def test_a_body_before_a_board_without_edges_is_as_before_a_plane():
     found, before_plane = (
         at.transfer_matrix(solver.radiate(one, target.beacons()), array).matrix for one in scenes
     )
-    assert relative(found, 0.5 * before_plane) < 0.015
+    assert relative(found, before_plane) < 0.015
 
 
 @pytest.mark.slow

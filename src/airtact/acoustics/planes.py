@@ -74,9 +74,9 @@ def plane(point: Vector, normal: Vector, ratio: complex | float | None = None) -
 
     On it ∂p/∂n = 0, and all sound is before it.
 
-    The image of each source and body in the plane makes the field exactly. A source or element on
-    the plane radiates twice the pressure that it has in open air, as one let into a table does
-    whose surface keeps moving the same air.
+    The image of each source and body in the plane makes the field exactly. A point source on the
+    plane radiates twice the pressure that it has in open air. A transducer that is flush in it
+    keeps its stated sensitivity, which is that of a transducer in a board.
 
     Parameters
     ----------

@@ -191,7 +191,8 @@ def transfer_to(beacons: RadiatedField, array: PhasedArray) -> TransferMatrix:
     matrix = strength_in(beacons.scene, array) * element.sensitivity * means * array.gains
     errors = beacons.error_at(array.positions)
     error = float(np.max(errors))
-    if error > 0.2:
+    # In the faces of reflecting boards the estimate is far too large.
+    if error > 0.2 and not beacons.scene.boards:
         worst = int(np.argmax(errors))
         warnings.warn(
             f"the transfer matrix is estimated to be {error:.0%} off for the focus at "

@@ -58,8 +58,11 @@ def drive_sources(
     # (E, 1) gains times (E, S) amplitudes, then (1, Q, 1) weights: element by element, as
     # ``face_points`` are.
     amplitudes = array.gains[:, None] * np.stack([drive.amplitudes for drive in drives], axis=1)
-    sensitivity = array.element.sensitivity * (1.0 if scene is None else strength_in(scene, array))
-    strengths = sensitivity * array.element.weights[None, :, None] * amplitudes[:, None, :]
+    if scene is not None:
+        amplitudes = amplitudes * strength_in(scene, array)[:, None]
+    strengths = (
+        array.element.sensitivity * array.element.weights[None, :, None] * amplitudes[:, None, :]
+    )
     return Monopoles(array.face_points.reshape(-1, 3), strengths.reshape(-1, len(drives)))
 
 

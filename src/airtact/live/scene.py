@@ -24,7 +24,7 @@ from airtact.printing import in_short
 from airtact.setup.setup import Setup
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.modulation import AmplitudeModulation
-from airtact.transducers.placement import off_plane
+from airtact.transducers.plates import flush
 
 Joints = Float64[np.ndarray, "25 3"]
 Foci = Float64[np.ndarray, "foci 3"]
@@ -80,9 +80,10 @@ class WithImages:
         imaged = np.zeros(0, dtype=np.int64)
         strengths = np.ones(len(array))
         for plane in planes:
-            off = off_plane(plane, array)
+            off = ~flush(plane, array)
             imaged = np.flatnonzero(off)
-            strengths = np.where(off, 1.0, 2.0)
+            # The plane doubles a point in it; the sensitivity of a face is that in a board.
+            strengths = np.where(off | array.element.directional, 1.0, 2.0)
             # Reflection of directions: n - 2 (n·p) p, with the plane's normal p.
             mirror = np.eye(3) - 2.0 * np.outer(plane.normal, plane.normal)
             array = PhasedArray(

@@ -33,6 +33,11 @@ def with_skin(setup: Setup) -> Bool[np.ndarray, "foci"]:
 def reach_cautions(setup: Setup) -> tuple[str, ...]:
     """Warn of foci that are hard to reach, to separate or to feel, before anything is solved."""
     return (
+        *(
+            f"the plane {1e3 * plane.height(setup.array.positions).min():.3g} mm behind the boards "
+            "is left out: they radiate forwards only, so it gets none of their sound."
+            for plane in setup.left_out
+        ),
         *_path_cautions(setup),
         *_skin_cautions(setup),
         *_separation_cautions(setup),

@@ -1,12 +1,13 @@
 """A setup: what is in the air, the array, the target, and how the drive is made."""
 
 from collections.abc import Callable
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
 import airtact as at
 from airtact.acoustics.medium import Medium
+from airtact.acoustics.planes import Plane
 from airtact.acoustics.scene import Scene, check_outside
 from airtact.acoustics.solvers.problem import Solver
 from airtact.acoustics.target import Target
@@ -21,7 +22,7 @@ from airtact.transducers.boards import poses_of_boards
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.levels import EIGHT_BITS, Levels
 from airtact.transducers.modulation import AmplitudeModulation
-from airtact.transducers.placement import check_placement
+from airtact.transducers.placement import check_placement, planes_behind
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -50,6 +51,7 @@ class Setup:
     tracker : pose of the tracker of a live hand, from its frame to the obstacles'.
     followed : whether the hand is followed live. Its prediction then supplies the uncertainty that
         some methods need.
+    left_out : planes behind the boards, which get no sound and are no part of the scene.
     path, text : the scene file and its content, if there is one.
 
     Raises
@@ -86,6 +88,7 @@ class Setup:
     riding: tuple[tuple[str, float] | None, ...] = ()
     tracker: Pose = field(default_factory=Pose.identity)
     followed: bool = False
+    left_out: tuple[Plane, ...] = ()
     path: Path | None = None
     text: str = ""
 
@@ -93,6 +96,11 @@ class Setup:
         of_kind(self.scene, Scene, "the scene", "Scene(medium, obstacles)")
         of_kind(self.array, PhasedArray, "the array", "one such as surrounding_box()")
         of_kind(self.target, Target, "the target", "Target(points, pressures)")
+        behind = planes_behind(self.scene, self.array)
+        if behind:
+            planes = tuple(plane for plane in self.scene.planes if plane not in behind)
+            object.__setattr__(self, "scene", replace(self.scene, planes=planes))
+            object.__setattr__(self, "left_out", behind)
         accuracy = self.accuracy
         if accuracy is None:
             accuracy = getattr(self.solver, "accuracy", 0.01)

@@ -13,7 +13,7 @@ from airtact.acoustics.scene import CONTACT, Scene, check_not_inside
 from airtact.errors import InvalidInput, counted, in_mm, of_kind
 from airtact.transducers.element import check_pattern
 from airtact.transducers.layout import PhasedArray
-from airtact.transducers.plates import strength_in
+from airtact.transducers.plates import flush, strength_in
 
 MAX_ELEMENT_DISTANCE = 10.0
 """Largest distance of an element from a focus or the nearest body [m]."""
@@ -48,8 +48,16 @@ def check_placement(
     if foci is not None:
         check_reach(array, foci)
     # The rigid faces of reflecting boards shade what is behind them.
-    if strength_in(scene, array) != 1.0 or not array.element.directional:
+    strength_in(scene, array)  # raises where an element is off the boards
+    if scene.boards or not array.element.directional:
         return
+    for plane in planes_behind(scene, array):
+        height = 1e3 * float(plane.height(array.positions).min())
+        raise InvalidInput(
+            f"the plane lies {height:.3g} mm behind the elements, which radiate forwards only: it "
+            "gets no sound and changes nothing; leave it out.",
+            code="behind_faces",
+        )
     for index, obstacle in enumerate(scene.obstacles):
         _check_body(array, obstacle.surface.corners.reshape(-1, 3), f"body {index} reaches")
     for plane in scene.planes:
@@ -60,7 +68,7 @@ def check_apart(array: PhasedArray) -> None:
     """Raise where two elements overlap: a board placed twice would double the pressure."""
     if len(array) < 2:
         return
-    distances, neighbours = KDTree(array.positions).query(array.positions, k=2)
+    distances, neighbours = map(np.asarray, KDTree(array.positions).query(array.positions, k=2))
     first = int(distances[:, 1].argmin())
     distance = distances[first, 1]
     # Points have no radius, but no two transducers are a tenth of a millimetre apart.
@@ -101,7 +109,7 @@ def _check_images(
 
     The image of the element would radiate backwards there.
     """
-    radiating = off_plane(plane, array)
+    radiating = ~flush(plane, array)
     if foci is not None:
         for index, height in enumerate(_height(array, plane.image(foci))):
             behind = np.where(radiating, -height, 0.0)
@@ -111,10 +119,19 @@ def _check_images(
         _check_body(array, image, f"the image of body {index} in the plane reaches", radiating)
 
 
-def off_plane(plane: Plane, array: PhasedArray) -> Bool[np.ndarray, "elements"]:
-    """Return which elements radiate towards a plane: all but those whose faces are part of it."""
-    parallel = array.normals @ plane.normal > 1.0 - 1e-9
-    return ~(parallel & (np.abs(plane.height(array.positions)) < CONTACT))
+def planes_behind(scene: Scene, array: PhasedArray) -> tuple[Plane, ...]:
+    """Return the planes behind all faces of an array that radiates forwards only.
+
+    A table under boards that lie on it gets none of their sound.
+    """
+    if scene.boards or not array.element.directional:
+        return ()
+    return tuple(
+        plane
+        for plane in scene.planes
+        if (array.normals @ plane.normal > 1.0 - 1e-6).all()
+        and (plane.height(array.positions) > CONTACT).all()
+    )
 
 
 def _check_outside_bodies(scene: Scene, array: PhasedArray) -> None:

@@ -3,9 +3,10 @@
 from itertools import combinations
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 
-from airtact.acoustics.scene import Obstacle, Scene
+from airtact.acoustics.planes import Plane
+from airtact.acoustics.scene import CONTACT, Obstacle, Scene
 from airtact.errors import InvalidInput, in_mm, of_kind, within
 from airtact.geometry.pose import Pose
 from airtact.geometry.surface import Surface
@@ -86,11 +87,18 @@ def reflecting_boards(array: PhasedArray, thickness: float = THICKNESS) -> tuple
     return tuple(Obstacle(surface, "sound_hard", board=True) for surface in surfaces)
 
 
-def strength_in(scene: Scene, array: PhasedArray) -> float:
-    """Return the factor of the strength of an array's elements in a scene.
+def flush(plane: Plane, array: PhasedArray) -> Bool[np.ndarray, "elements"]:
+    """Return which elements are part of a plane: in it, and radiating along its normal."""
+    parallel = array.normals @ plane.normal > 1.0 - 1e-9
+    return parallel & (np.abs(plane.height(array.positions)) < CONTACT)
 
-    It is 1 in the open and a half in reflecting boards: the rigid face mirrors a source, so the
-    stated sensitivity, which is that of a transducer on its board, would count twice.
+
+def strength_in(scene: Scene, array: PhasedArray) -> Float64[np.ndarray, "elements"]:
+    """Return the factor of the strength of each element in a scene.
+
+    It is 1 in the open, and a half in reflecting boards and for directional elements that are flush
+    in a plane: a rigid face mirrors a source, so the stated sensitivity, which is that of a
+    transducer in its board, would count twice.
 
     Raises
     ------
@@ -99,7 +107,11 @@ def strength_in(scene: Scene, array: PhasedArray) -> float:
     """
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
     if not scene.boards:
-        return 1.0
+        strengths = np.ones(len(array))
+        if array.element.directional:
+            for plane in scene.planes:
+                strengths[flush(plane, array)] = 0.5
+        return strengths
     surfaces = [scene.obstacles[index].surface for index in scene.boards]
     # Distance to the nearest board; faces of elements are in the front of their own board.
     off = np.min([np.abs(surface.depth(array.positions)) for surface in surfaces], axis=0)
@@ -113,7 +125,7 @@ def strength_in(scene: Scene, array: PhasedArray) -> float:
             array.positions[worst],
             code="not_supported",
         )
-    return 0.5
+    return np.full(len(array), 0.5)
 
 
 def _plate(board: Board, pose: Pose, thickness: float, margin: float = 0.0):
