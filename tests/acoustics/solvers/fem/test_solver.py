@@ -229,16 +229,6 @@ def test_the_scattered_pressure_is_that_of_the_series(name):
     assert np.isnan(field.scattered_at(sources.positions[:2])).any(axis=1).all()
 
 
-def test_points_to_refine_halve_the_error_of_a_contact():
-    scene, contact = ball_scene(BODIES["hard"]), np.array([[0.0, 0.0, 0.005]])
-    plain, fine = (QUICK.factorised(scene, points) for points in (None, contact))
-    assert fine.report.settings["tetrahedra"] > plain.report.settings["tetrahedra"]
-    without, refined = (
-        errors(ready, scene, one_each(contact), far_points(20)) for ready in (plain, fine)
-    )
-    assert refined < 0.7 * without
-
-
 @pytest.mark.parametrize("name", list(BODIES))
 def test_velocity_is_that_of_the_series(name):
     ready = factorised(name, QUARTER)

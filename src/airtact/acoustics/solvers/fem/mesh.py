@@ -175,12 +175,11 @@ class Tetrahedra:
 
 
 def meshed(
-    scene: Scene, box: Box, elements_per_wavelength: float, refined: Points
+    scene: Scene, box: Box, elements_per_wavelength: float
 ) -> tuple[NetgenMesh, SurfaceMesh, Tetrahedra]:
     """Mesh the air in a box round the bodies, the filled bodies, and the perfectly matched layer.
 
-    Netgen's mesh and the curved tetrahedra are in wavelengths; the bodies' triangles are smaller
-    near ``refined`` [m].
+    Netgen's mesh and the curved tetrahedra are in wavelengths.
 
     Raises
     ------
@@ -194,7 +193,7 @@ def meshed(
     # Smaller triangles on the surfaces until Netgen fills the box and no tetrahedron is folded.
     for shrinking in (0.8, 0.5, 0.3):
         edge = shrinking * size * scene.wavelength
-        surface = surface_mesh(shapes, edge, box.mirrors, refined)
+        surface = surface_mesh(shapes, edge, box.mirrors)
         sides = surface.vertices[surface.triangles]
         lengths = np.linalg.norm(sides - np.roll(sides, 1, axis=1), axis=2)
         if lengths.min() < SAME_POINT * scene.wavelength:

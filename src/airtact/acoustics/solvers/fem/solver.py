@@ -7,7 +7,6 @@ from typing import Literal
 import numpy as np
 
 from airtact.acoustics.scene import Scene, check_no_planes, check_sources
-from airtact.acoustics.solvers.arrays import Points
 from airtact.acoustics.solvers.fem.factorisation import check_memory, chosen_method
 from airtact.acoustics.solvers.fem.field import FiniteField, solved_from_afar, touching_warnings
 from airtact.acoustics.solvers.fem.mesh import Box, meshed
@@ -16,7 +15,7 @@ from airtact.acoustics.solvers.fem.system import System, assembled
 from airtact.acoustics.solvers.fem.weak_form import LAYER_THICKNESS
 from airtact.acoustics.solvers.problem import Solver, SolveReport
 from airtact.acoustics.sources import Monopoles
-from airtact.errors import InvalidInput, between, check_choice, of_kind, points_of
+from airtact.errors import InvalidInput, between, check_choice, of_kind
 from airtact.timing import Clock, Progress
 
 CITATIONS = (
@@ -114,18 +113,13 @@ class FiniteElement(Solver):
         check_sources(scene, sources)
         return self.factorised(scene).radiate(scene, sources)
 
-    def factorised(self, scene: Scene, refined: Points | None = None) -> "FactorisedScene":
-        """Mesh and assemble a scene once, to be solved for many sources.
-
-        The result is a solver for this scene alone.
-
-        ``refined`` are points (P, 3) [m] near which sources will stand; the surface triangles are
-        smaller there.
+    def factorised(self, scene: Scene) -> "FactorisedScene":
+        """Mesh and assemble a scene once: a solver for this scene alone, and for many sources.
 
         Raises
         ------
         InvalidInput
-            As ``radiate``, or a point that is NaN or infinite.
+            As ``radiate``.
         """
         of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
         check_no_planes(scene, "FiniteElement")
@@ -133,9 +127,6 @@ class FiniteElement(Solver):
             raise InvalidInput(
                 "the scene has no obstacles; use FreeField for open air.", code="empty"
             )
-        if refined is None:
-            refined = np.empty((0, 3))
-        refined = points_of(refined, "points to refine", least=0)
         method = chosen_method(self.factorisation)
         clock = Clock(self.progress)
         # Each mirror halves the unknowns; sources that are not symmetric take a factor for each
@@ -144,7 +135,7 @@ class FiniteElement(Solver):
         box = _box(scene, mirrors)
         check_memory(box, scene.wavelength, self.order, self.elements_per_wavelength, method)
         with clock.step("meshing"):
-            mesh, surface, tetrahedra = meshed(scene, box, self.elements_per_wavelength, refined)
+            mesh, surface, tetrahedra = meshed(scene, box, self.elements_per_wavelength)
         # On coarser meshes and at lower orders no order can be spared.
         grades = self.order >= 4 and self.elements_per_wavelength >= 1.5
         with clock.step("assembling"):

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float64, Int64, Real
 from scipy.spatial import KDTree
 
 from airtact.acoustics.solvers.arrays import Mask, Points, Vectors
-from airtact.acoustics.solvers.fem.symmetry import Mirror, images
+from airtact.acoustics.solvers.fem.symmetry import Mirror
 from airtact.geometry.mesh.arrays import QuadraticTriangles
 from airtact.geometry.mesh.edge_limits import bend_sizes, strip_sizes
 from airtact.geometry.mesh.remeshing import RidgedMesh, remeshed
@@ -49,28 +49,25 @@ class SurfaceMesh:
         return np.concatenate([self.vertices[self.triangles], self.middles], axis=1)
 
 
-def surface_mesh(
-    shapes: Sequence[Shape], edge: float, mirrors: Sequence[Mirror], refined: Points
-) -> SurfaceMesh:
+def surface_mesh(shapes: Sequence[Shape], edge: float, mirrors: Sequence[Mirror]) -> SurfaceMesh:
     """Cover the surfaces of some bodies; raise ``InvalidInput`` when MMG cannot.
 
-    ``edge`` is that of the equilateral triangle as large as those wanted [m]; near ``refined``
-    points [m] triangles are small, as beside another body.
+    ``edge`` is that of the equilateral triangle as large as those wanted [m].
     """
     rough = [shape.coarse_meshes(MAX_EDGE_RATIO * edge) for shape in shapes]
     vertices, triangles, middles, body = [], [], [], []
     count = 0
     for index, shape in enumerate(shapes):
-        neighbours = images(mirrors, refined)
-        for neighbour, parts in enumerate(rough):
-            if neighbour != index:
-                neighbours += [part.vertices for part in parts]
+        neighbours = [
+            part.vertices
+            for neighbour, parts in enumerate(rough)
+            for part in parts
+            if neighbour != index
+        ]
         for part in rough[index]:
             if any((part.vertices[:, mirror.axis] <= mirror.position).all() for mirror in mirrors):
                 continue
-            points, corners, between = _covered(
-                shape, part, edge, np.concatenate(neighbours), mirrors
-            )
+            points, corners, between = _covered(shape, part, edge, neighbours, mirrors)
             vertices.append(points)
             triangles.append(corners + count)
             middles.append(between)
@@ -88,7 +85,7 @@ def _covered(
     shape: Shape,
     rough: RidgedMesh,
     edge: float,
-    neighbours: Real[np.ndarray, "neighbours 3"],
+    neighbours: Sequence[Real[np.ndarray, "_ 3"]],
     mirrors: Sequence[Mirror],
 ) -> tuple[
     Float64[np.ndarray, "vertices 3"],
@@ -103,7 +100,7 @@ def _covered(
     sizes = np.minimum(strip_sizes(rough.vertices, rough.ridges, largest), BEND_RATIO * bends)
     if len(neighbours):
         # Triangles that face another body have edges of 1.5 gaps at most, but never tiny ones.
-        gap = KDTree(neighbours).query(rough.vertices)[0]
+        gap = KDTree(np.concatenate(neighbours)).query(rough.vertices)[0]
         sizes = np.minimum(sizes, np.maximum(1.5 * gap, 0.15 * edge))
     corners = rough.vertices[rough.triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Complex128, Float64
 
 from airtact import _kernels
-from airtact.acoustics.scene import Obstacle, Scene, check_sources
+from airtact.acoustics.scene import Scene, check_sources
 from airtact.acoustics.solvers.arrays import (
     Mask,
     NodeValues,
@@ -374,34 +374,23 @@ class FactorisedBodies(Solver):
                 f"has {len(scene.obstacles)}; factorise those.",
                 code="not_supported",
             )
-        pairs = list(zip(self.scene.obstacles, scene.obstacles, strict=True))
-        if all(
-            before.surface is after.surface and _same_boundary(before, after)
-            for before, after in pairs
-        ):
-            return self._at_rest
         placed = []
-        for index, (before, after) in enumerate(pairs):
+        rest = []
+        for index, (before, after) in enumerate(
+            zip(self.scene.obstacles, scene.obstacles, strict=True)
+        ):
+            same = (before.boundary, before.ratio) == (after.boundary, after.ratio)
             pose, off = rigid_motion(before.surface, after.surface)
-            if not _same_boundary(before, after):
-                why = f"it is {after.kind}, ratio {after.ratio}"
-            elif not np.isfinite(off):
-                why = "it has other triangles, or is curved otherwise"
-            else:
-                why = f"its vertices are up to {1e3 * off:.3g} mm off"
             # vertices may be off by a thousandth of the wavelength
-            if off > 1e-3 * self.scene.wavelength or not _same_boundary(before, after):
+            if not same or off > 1e-3 * self.scene.wavelength:
                 raise InvalidInput(
-                    f"body {index} is not the one that was factorised, moved rigidly: {why}; "
-                    "factorise the scene again, or solve it with BoundaryElement.",
+                    f"body {index} is not the one that was factorised, moved rigidly: factorise "
+                    "the scene again, or solve it with BoundaryElement.",
                     code="not_supported",
                 )
             placed.append(PlacedBody(self.bodies[index], pose))
-        return Coupling.of(placed)
-
-
-def _same_boundary(before: Obstacle, after: Obstacle) -> bool:
-    return (before.boundary, before.ratio) == (after.boundary, after.ratio)
+            rest.append(before.surface is after.surface)
+        return self._at_rest if all(rest) else Coupling.of(placed)
 
 
 def _projected(
