@@ -33,7 +33,7 @@ def recording(tmp_path):
 
 
 def test_a_recording_gives_skins_and_a_picture(capsys, tmp_path):
-    path = tmp_path / "hand.npz"
+    path = tmp_path / "hand.jsonl"
     at.hands.save_recording(path, [still(0), still(1, landmarks=None), still(2), still(4)])
     said, _ = done(
         capsys, "hand", path, "--frame", 2, "--edge", "0.012", "--out", tmp_path / "skin.stl"
@@ -72,8 +72,8 @@ def test_what_cannot_be_shown_is_rejected(capsys, recording, tmp_path):
 
 def test_clouds_alone_have_no_pads(capsys, tmp_path):
     joints = still(0).landmarks
-    at.hands.save_recording(tmp_path / "hand.npz", [still(0, landmarks=None, cloud=joints)])
-    said = rejected(capsys, "hand", tmp_path / "hand.npz", "--out", tmp_path / "skin.ply")
+    at.hands.save_recording(tmp_path / "hand.jsonl", [still(0, landmarks=None, cloud=joints)])
+    said = rejected(capsys, "hand", tmp_path / "hand.jsonl", "--out", tmp_path / "skin.ply")
     assert said.endswith(" [data_missing]")
 
 
@@ -112,11 +112,11 @@ def test_what_trackers_send_is_recorded_and_kept_on_ctrl_c(tmp_path):
 @pytest.mark.parametrize(
     ("source", "seconds", "file", "code"),
     [
-        ("websocket:0", 0.01, "none.npz", "empty"),
+        ("websocket:0", 0.01, "none.jsonl", "empty"),
         ("osc:0", 0.01, "none.jsonl", "empty"),
-        ("websocket:0", -1, "none.npz", "out_of_range"),
+        ("websocket:0", -1, "none.jsonl", "out_of_range"),
         ("websocket:0", 1, "none.csv", "unknown_format"),
-        ("page", 1, "none.npz", "unknown_name"),
+        ("page", 1, "none.jsonl", "unknown_name"),
     ],
 )
 def test_nothing_to_record_is_reported(capsys, tmp_path, source, seconds, file, code):

@@ -41,8 +41,7 @@ def whole_drives(folder: Path) -> None:
 def whole_recordings(folder: Path) -> None:
     cloud = np.random.default_rng(0).normal(scale=0.03, size=(20, 3))
     frames = [still(0), still(1, landmarks=None), still(2, cloud=cloud), still(3)]
-    for ending in ("jsonl", "npz"):
-        at.hands.save_recording(folder / f"hand.{ending}", frames)
+    at.hands.save_recording(folder / "hand.jsonl", frames)
 
 
 def whole_clouds(folder: Path) -> None:

@@ -1,6 +1,5 @@
 """A hand from joints: its skin, pads, touches, opening, sequences, and the input that it rejects."""
 
-import json
 import math
 
 import numpy as np
@@ -10,7 +9,7 @@ import airtact as at
 from airtact.acoustics.store import name_of
 from airtact.geometry.checks import check_surface
 from airtact.geometry.mesh.quadratic_triangles import enclosed_volume
-from airtact.hands.joints import CHAINS, NAMES, TRACKED, side_evidence
+from airtact.hands.joints import CHAINS, TRACKED, side_evidence
 from airtact.hands.kinematics import gap_of
 from airtact.hands.shape import MAX_KEYFRAMES
 from faults import raises_code
@@ -270,31 +269,16 @@ def test_joints_radii_and_sides_of_no_hand_are_rejected(
 # --- files ------------------------------------------------------------------------------------
 
 
-def test_a_pose_is_read_in_any_order_of_its_names(tmp_path):
-    order = np.random.default_rng(1).permutation(25)
-    pose = {
-        "joints": [NAMES[i] for i in order],
-        "positions_m": PINCH[order].tolist(),
-        "radii_m": RADII[order].tolist(),
-    }
-    (tmp_path / "pose.json").write_text(json.dumps(pose))
-    hand = at.load_hand(tmp_path / "pose.json")
-    assert np.array_equal(hand.joints, PINCH)
-    assert np.array_equal(hand.radii, RADII)
-
-
 @pytest.mark.parametrize(
     ("code", "text"),
     [
-        ("file_unreadable", "{"),
-        ("wrong_kind", "[]"),
-        ("unknown_key", '{"positions_m": [], "colour": 1}'),
-        ("joint_missing", '{"positions_m": [[0, 0, 0]], "joints": ["wrist"]}'),
-        ("sizes_differ", '{"positions_m": [[0, 0, 0]], "joints": ["a", "b"]}'),
-        ("given_twice", '{"positions_m": [[0, 0, 0], [0, 0, 0]], "joints": ["a", "a"]}'),
-        ("wrong_kind", '{"positions_m": [[0, 0, 0]], "radii_m": 3}'),
-        ("not_a_number", '{"positions_m": [[0, 0], [1]]}'),
-        ("not_a_number", '{"positions_m": [[0, 0, "a"]]}'),
+        ("wrong_kind", "{"),
+        ("wrong_kind", "[" * 100_000),
+        ("wrong_kind", '{"positions_m": [], "colour": 1}'),
+        ("wrong_kind", '{"positions_m": [[0, 0, "a"]]}'),
+        ("wrong_kind", '{"positions_m": [' + "9" * 5000 + "]}"),
+        ("hand_implausible", '{"positions_m": [[0, 0, 0]], "joints": ["wrist"]}'),
+        ("hand_implausible", '{"positions_m": []}'),
         ("file_missing", None),
     ],
 )

@@ -84,25 +84,6 @@ def test_fingers_that_are_swapped_are_rejected(tmp_path):
             at.load_hand(swapped)
 
 
-@pytest.mark.parametrize(
-    ("text", "code", "sentence"),
-    [
-        ("[" * 100_000, "wrong_kind", "pose.json"),
-        (
-            '{"positions_m": [[0, 0, 0]], "joints": [["wrist"]]}',
-            "unknown_name",
-            "joint 0 is named ['wrist']",
-        ),
-        ('{"positions_m": [[0, 0, 0]], "joints": [7]}', "unknown_name", "joint 0 is named 7"),
-    ],
-)
-def test_files_that_hold_no_pose_are_rejected(tmp_path, text, code, sentence):
-    file = tmp_path / "pose.json"
-    file.write_text(text)
-    with raises_code(code, sentence):
-        at.load_hand(file)
-
-
 def test_the_file_of_a_skin_holds_no_made_up_numbers(tmp_path):
     import h5py
 

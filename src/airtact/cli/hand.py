@@ -61,16 +61,16 @@ def hand(
 
     A pose is a .json file. The skin is written as flat triangles in metres to .ply, .stl or .glb,
     or curved to .vtkhdf for ParaView; a picture of it, .png, stands beside it. Of a recording,
-    .jsonl or .npz, the skins of chosen frames are written, and a picture of the pads over time. To
+    .jsonl, the skins of chosen frames are written, and a picture of the pads over time. To
     a cloud of points, .ply, .xyz or .npy, with rough --landmarks a hand is fitted, and the picture
     shows how far the points are from its skin.
     """
     from airtact.errors import within
     from airtact.hands.files import CLOUD_ENDINGS
-    from airtact.hands.tracking.recordings import ENDINGS as RECORDINGS
+    from airtact.hands.tracking.recordings import ENDING
     from airtact.setup.exports import check_output
 
-    kind = "recording" if path.suffix in RECORDINGS else "pose"
+    kind = "recording" if path.suffix == ENDING else "pose"
     if landmarks is not None:
         kind = "cloud"
     elif kind == "pose" and path.suffix.lower() in CLOUD_ENDINGS:
@@ -142,7 +142,7 @@ def _fit(
     joints, side = at.hands.load_landmarks(landmarks)
     writable_folder(file.parent)
     eye = None if camera is None else np.array(camera, dtype=np.float64)
-    fitted = at.fit_hand(points, joints, cast("Side | None", side), eye, progress=report_step)
+    fitted = at.fit_hand(points, joints, side, eye, progress=report_step)
     report_step("bringing its skin to the points")
     surface = fitted.surface if edge is None else fitted.skin(edge)
     shape = cast("HandShape | MeshShape", surface.shape)

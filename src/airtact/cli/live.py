@@ -42,7 +42,7 @@ from airtact.cli.options import (
     "--record",
     "recording",
     type=OUT_FILE,
-    help="Make no drives; record what trackers send to --from websocket or osc: .jsonl or .npz.",
+    help="Make no drives; record what trackers send to --from websocket or osc, to a .jsonl file.",
 )
 @click.option(
     "--verify",

@@ -121,8 +121,7 @@ class Hand:
         Raises
         ------
         InvalidInput
-            The name is unknown, or the position lies inside the body because a finger touches it;
-            the sentence has the depth and the gap that frees the position.
+            The name is unknown, or the position lies inside the body because a finger touches it.
         """
         point, normal = self.position(name)
         # Exact places are on the skin to rounding; a micrometre inside is inside.
@@ -130,26 +129,11 @@ class Hand:
         if depth > 1e-6:
             raise InvalidInput(
                 f"{name} at {in_mm(point)} lies {1e3 * depth:.2g} mm inside the body, where skins "
-                f"are one; {self._advice_to_free(name)}.",
+                "are one; move the fingers apart, such as by open_to(gap, first, second).",
                 point,
                 code="inside_body",
             )
         return point, normal
-
-    def _advice_to_free(self, name: str) -> str:
-        finger = name.removesuffix(".pad")
-        partner = "index" if finger == "thumb" else "thumb"
-        gaps = (0.5e-3, 1e-3, 2e-3, 3e-3, 4e-3, 6e-3, 8e-3, 12e-3, 16e-3, 20e-3)
-        for gap in gaps if finger in FINGERS else ():
-            # Not every gap can be reached by a turn about the root of a finger.
-            try:
-                opened_hand = self.open_to(gap, finger, partner)
-            except InvalidInput:
-                continue
-            if float(opened_hand.shape.depth(opened_hand.position(name)[0][None])[0]) <= 1e-6:
-                call = f"open_to({gap:g}, {finger!r}, {partner!r})"
-                return f"{call}, a gap of {1e3 * gap:g} mm, would free it"
-        return "move the fingers away from it"
 
     def open_to(self, gap: float, first: str = "thumb", second: str = "index") -> "Hand":
         """Turn two fingers about their roots until their last phalanges are a gap apart.

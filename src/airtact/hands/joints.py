@@ -11,7 +11,6 @@ Sources
 """
 
 import math
-from collections.abc import Mapping
 from itertools import pairwise
 from typing import Literal
 
@@ -149,21 +148,6 @@ def _check_bone_lengths(joints: Joints, tolerance: float) -> None:
         joints[ends[first]].mean(axis=0),
         code="bone_length",
     )
-
-
-def named_joints(joints: Mapping[str, Real[np.ndarray, "3"]]) -> Joints:
-    """Order joints (3,) [m] by their WebXR names and check them."""
-    missing = [name for name in NAMES if name not in joints]
-    if missing:
-        listed = ", ".join(missing[:3]) + (", ..." if len(missing) > 3 else "")
-        raise InvalidInput(
-            f"{len(missing)} of the 25 joints of WebXR are missing ({listed}).",
-            code="joint_missing",
-        )
-    unknown = [name for name in joints if name not in NAMES]
-    if unknown:
-        raise InvalidInput(f"{unknown[0]} is no joint of WebXR.", code="unknown_name")
-    return joints_of(real_numbers(np.array([joints[name] for name in NAMES]), "joints of a hand"))
 
 
 def radii_of(

@@ -11,7 +11,7 @@ from airtact.drives.transfer import focus_by_distance
 from airtact.emission.links import link_to
 from airtact.errors import InvalidInput
 from airtact.hands.tracking.frame import HandFrame
-from airtact.hands.tracking.recordings import ENDINGS, load_recording, save_recording
+from airtact.hands.tracking.recordings import ENDING, load_recording, save_recording
 from airtact.hands.tracking.stream import StreamHealth
 from airtact.live.drives.maker import HandAware
 from airtact.live.loop import Followed, Status, follow
@@ -112,7 +112,7 @@ def record(
 
     Parameters
     ----------
-    file : recording to write, ``.jsonl`` or ``.npz``, in the tracker's frame.
+    file : recording to write, ``.jsonl``, in the tracker's frame.
     source : "websocket" or "osc", with ":PORT" for another port and 0 for a free one.
     seconds : duration; until Ctrl-C by default.
     report_step : called with the address once it listens.
@@ -123,9 +123,9 @@ def record(
         An argument is at fault, the port is taken, or no frame came.
     """
     duration = checked_seconds(seconds)
-    if file.suffix not in ENDINGS:
+    if file.suffix != ENDING:
         raise InvalidInput(
-            f"the ending {file.suffix!r} is not that of a recording: {', '.join(ENDINGS)}.",
+            f"the ending {file.suffix!r} is not that of a recording: {ENDING}.",
             code="unknown_format",
         )
     hands = _received(source, None, every=True)

@@ -1,4 +1,4 @@
-"""Recordings of hands: JSON lines, one frame in a line as it comes over a wire, or NumPy's .npz.
+"""Recordings of hands: JSON lines, one frame in a line as it comes over a wire.
 
 Also their replay, and the pads of the fingers over time.
 """
@@ -6,23 +6,22 @@ Also their replay, and the pads of the fingers over time.
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Float64
 
-from airtact.errors import LARGEST_DATA, InvalidInput, about, file_fault, fixed, positive
+from airtact.errors import InvalidInput, about, file_fault, fixed, positive
 from airtact.files.atomic import whole_file
-from airtact.files.bounded import Arrays, arrays_of, check_file
+from airtact.files.bounded import check_file
 from airtact.hands.hand import Side
 from airtact.hands.tracking.frame import FaultyFrame, HandFrame
 from airtact.hands.tracking.messages import from_json, to_json
 from airtact.hands.tracking.stream import HandStream, StreamHealth
 from airtact.printing import in_short
 
-ENDINGS = (".jsonl", ".npz")
-"""Endings of recordings."""
+ENDING = ".jsonl"
+"""Ending of recordings."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +45,7 @@ def load_recording(path: Path, leave_out: bool = False) -> Recording:
 
     Parameters
     ----------
-    path : a file of JSON lines, ``.jsonl``, or of NumPy, ``.npz``.
+    path : a file of JSON lines, ``.jsonl``.
     leave_out : whether faulty frames are left out and counted, as a stream does, instead of
         rejecting the file at the first.
 
@@ -56,21 +55,20 @@ def load_recording(path: Path, leave_out: bool = False) -> Recording:
         The file cannot be read, or holds no frame, or one that cannot be used: which and why,
         beginning with the file's name.
     """
-    if path.suffix not in ENDINGS:
+    if path.suffix != ENDING:
         raise InvalidInput(
-            f"{path.name}: a recording ends in {' or '.join(ENDINGS)}, not in {path.suffix!r}.",
+            f"{path.name}: a recording ends in {ENDING}, not in {path.suffix!r}.",
             code="unknown_format",
         )
     check_file(path)
-    entries = _lines(path) if path.suffix == ".jsonl" else _entries(arrays_of(path))
     now = 0.0
     stream = HandStream(clock=lambda: now)
     frames = []
     with about(path.name):
-        for position, read in entries:
+        for number, line in _lines(path):
             # The stream counts faults exactly as it would have counted them live.
             try:
-                frame = read()
+                frame = from_json(line)
             except FaultyFrame as unreadable:
                 fault = stream.feed(unreadable)
             else:
@@ -79,7 +77,7 @@ def load_recording(path: Path, leave_out: bool = False) -> Recording:
                 if fault is None:
                     frames.append(frame)
             if fault is not None and not leave_out:
-                raise InvalidInput(f"{position}: {fault}", fault.position, code=fault.code)
+                raise InvalidInput(f"line {number}: {fault}", fault.position, code=fault.code)
         if not frames:
             raise InvalidInput(f"no frame can be used ({stream.health}).", code="empty")
         return Recording(tuple(frames), stream.health)
@@ -90,7 +88,7 @@ def save_recording(path: Path, frames: Iterable[HandFrame]) -> None:
 
     Parameters
     ----------
-    path : ends in ``.jsonl``, which rounds to micrometres, or ``.npz``, which does not.
+    path : ends in ``.jsonl``; coordinates are rounded to micrometres.
     frames : in the order in which they came.
 
     Raises
@@ -99,17 +97,14 @@ def save_recording(path: Path, frames: Iterable[HandFrame]) -> None:
         There are no frames, or the ending is another one.
     """
     frames = tuple(frames)
-    if path.suffix not in ENDINGS or not frames:
+    if path.suffix != ENDING or not frames:
         raise InvalidInput(
-            f"{len(frames)} frames cannot be written to {path.name}: give at least one, and an "
-            f"ending of {' or '.join(ENDINGS)}.",
+            f"{len(frames)} frames cannot be written to {path.name}: give at least one, and the "
+            f"ending {ENDING}.",
             code="not_writable",
         )
     with whole_file(path) as unfinished, unfinished.open("wb") as file:
-        if path.suffix == ".jsonl":
-            file.writelines(to_json(frame) + b"\n" for frame in frames)
-        else:
-            np.savez_compressed(file, allow_pickle=False, **_arrays(frames))
+        file.writelines(to_json(frame) + b"\n" for frame in frames)
 
 
 def replay(
@@ -149,102 +144,15 @@ def replay(
         yield frame
 
 
-# --- files ------------------------------------------------------------------------------------
-
-Entries = Iterator[tuple[str, Callable[[], HandFrame]]]
-"""Position of each frame in a file, and a function that makes it or raises its fault."""
-
-
-def _lines(path: Path) -> Entries:
+def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
+    """Yield the number and the bytes of each line that is not empty."""
     try:
         with path.open("rb") as file:
             # Limited lines, so that a file without line ends does not fill the memory.
             lines = iter(lambda: file.readline(2**26), b"")
-            for number, line in enumerate(lines, start=1):
-                if line.strip():
-                    yield f"line {number}", partial(from_json, line)
+            yield from ((number, line) for number, line in enumerate(lines, 1) if line.strip())
     except OSError as error:
         raise file_fault(path, error) from None
-
-
-_COUNTS = {"landmarks": "landmark_counts", "clouds": "cloud_counts"}
-"""Arrays of all points, one frame after the other, and those of how many of them each frame has."""
-
-
-def _arrays(
-    frames: tuple[HandFrame, ...],
-) -> dict[str, Float64[np.ndarray, "..."] | Int64[np.ndarray, "..."]]:
-    none = np.empty((0, 3))
-    points = {
-        "landmarks": [none if frame.landmarks is None else frame.landmarks for frame in frames],
-        "clouds": [none if frame.cloud is None else frame.cloud for frame in frames],
-    }
-    return {
-        "format_version": np.array(1),
-        "time": np.array([frame.time for frame in frames], dtype=np.float64),
-        "right": np.array([frame.side == "right" for frame in frames], dtype=np.int64),
-        "sequence": np.array([frame.sequence for frame in frames], dtype=np.int64),
-        **{name: np.concatenate(parts) for name, parts in points.items()},
-        **{
-            _COUNTS[name]: np.array([len(part) for part in parts], dtype=np.int64)
-            for name, parts in points.items()
-        },
-    }
-
-
-def _entries(arrays: Arrays) -> Entries:
-    _check_arrays(arrays)
-    points = {
-        name: np.split(arrays[name], np.cumsum(arrays[counts].astype(np.int64))[:-1])
-        for name, counts in _COUNTS.items()
-    }
-    for index in range(len(arrays["time"])):
-        yield (
-            f"frame {index + 1}",
-            partial(
-                HandFrame,
-                time=float(arrays["time"][index]),
-                side="right" if arrays["right"][index] else "left",
-                sequence=int(arrays["sequence"][index]),
-                landmarks=points["landmarks"][index] if len(points["landmarks"][index]) else None,
-                cloud=points["clouds"][index] if len(points["clouds"][index]) else None,
-            ),
-        )
-
-
-def _check_arrays(arrays: Arrays) -> None:
-    version = arrays["format_version"].tolist() if "format_version" in arrays else None
-    if version != 1:
-        raise InvalidInput(
-            f"the recording is of version {version}, and version 1 is read: update airtact.",
-            code="unsupported_version",
-        )
-    names = ("time", "right", "sequence", *_COUNTS, *_COUNTS.values())
-    missing = [name for name in names if name not in arrays]
-    if missing:
-        raise InvalidInput(f"the array {missing[0]} is missing.", code="data_missing")
-    frames = len(arrays["time"]) if arrays["time"].ndim == 1 else 0
-    _check_array(arrays, "time", (frames,), "fiu")
-    for name in ("right", "sequence", *_COUNTS.values()):
-        _check_array(arrays, name, (frames,), "iub")
-    for name, counts_name in _COUNTS.items():
-        counts = arrays[counts_name].astype(np.int64)
-        if counts.min(initial=0) < 0 or counts.max(initial=0) > LARGEST_DATA:
-            raise InvalidInput(
-                f"{counts_name} holds counts from {counts.min()} to {counts.max()}; write the "
-                "recording again.",
-                code="out_of_range",
-            )
-        _check_array(arrays, name, (int(counts.sum()), 3), "fiu")
-
-
-def _check_array(arrays: Arrays, name: str, shape: tuple[int, ...], kinds: str) -> None:
-    array = arrays[name]
-    if array.shape != shape or array.dtype.kind not in kinds:
-        raise InvalidInput(
-            f"{name} has shape {array.shape} and type {array.dtype}, but must have shape {shape}.",
-            code="wrong_shape",
-        )
 
 
 # --- pads over the frames ---------------------------------------------------------------------
