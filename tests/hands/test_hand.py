@@ -279,6 +279,7 @@ def test_joints_radii_and_sides_of_no_hand_are_rejected(
         ("wrong_kind", '{"positions_m": [' + "9" * 5000 + "]}"),
         ("hand_implausible", '{"positions_m": [[0, 0, 0]], "joints": ["wrist"]}'),
         ("hand_implausible", '{"positions_m": []}'),
+        ("sizes_differ", '{"positions_m": [[0, 0, 0]], "radii_m": [0.01, 0.01]}'),
         ("file_missing", None),
     ],
 )

@@ -92,6 +92,12 @@ def _read_pose(path: Path) -> Pose:
             f"{len(pose.positions_m)} positions and {len(pose.joints or ())} names.",
             code="hand_implausible",
         )
+    if pose.radii_m is not None and len(pose.radii_m) != len(pose.positions_m):
+        raise InvalidInput(
+            f"there are {len(pose.radii_m)} radii for {len(pose.positions_m)} positions; give one "
+            "for each.",
+            code="sizes_differ",
+        )
     return pose
 
 

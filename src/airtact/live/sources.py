@@ -14,10 +14,13 @@ from airtact.hands.hand import Hand
 from airtact.hands.tracking.frame import HandFrame
 from airtact.hands.tracking.receivers import OscReceiver, WebSocketReceiver
 from airtact.hands.tracking.recordings import Recording
-from airtact.hands.tracking.stream import DRIFT, HandStream
+from airtact.hands.tracking.stream import HandStream
 
 MAX_LATENCY = 0.5
 """Largest time from a tracker's picture to the arrival of its frame [s]."""
+
+DRIFT = 1e-3
+"""Clocks of trackers may run faster or slower than ours by this share."""
 
 OnFrame = Callable[[HandFrame, float], None]
 """Takes a frame and the time of its arrival, by ``time.monotonic`` [s]."""

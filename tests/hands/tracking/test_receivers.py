@@ -9,7 +9,6 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
 
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
@@ -17,7 +16,6 @@ from websockets.sync.client import connect
 
 import airtact as at
 from airtact.hands.tracking.receivers import (
-    MAX_CONNECTIONS,
     MAX_MESSAGE,
     OscReceiver,
     WebSocketReceiver,
@@ -113,24 +111,6 @@ def test_pages_of_other_sites_may_not_send(receiver):
     with pytest.raises(InvalidStatus, match="403"):
         tracker_of(receiver, origin="https://example.com")
     send(receiver, 0, origin="http://localhost:8000")
-
-
-def test_connections_beyond_the_limit_are_turned_away(receiver, stream):
-    with ExitStack() as stack:
-        trackers = [stack.enter_context(tracker_of(receiver)) for _ in range(MAX_CONNECTIONS)]
-        until(lambda: len(receiver._connections) == MAX_CONNECTIONS)
-        for _ in range(20):
-            with tracker_of(receiver) as late, pytest.raises(ConnectionClosed) as caught:
-                late.recv(timeout=PATIENCE)
-            assert caught.value.rcvd.code == 1013
-        for index, tracker in enumerate(trackers):
-            tracker.send(at.hands.to_json(still(index)))
-            until(lambda count=index + 1: stream.health.used == count)
-        trackers[0].close()
-        until(lambda: len(receiver._connections) < MAX_CONNECTIONS)
-        with tracker_of(receiver) as heir:
-            heir.send(at.hands.to_json(still(1000)))
-            until(lambda: stream.latest("left").sequence == 1000)
 
 
 SENDER = """

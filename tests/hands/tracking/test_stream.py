@@ -88,15 +88,6 @@ def test_invalid_frames_are_counted_by_kind():
     assert stream.latest("right") is None
 
 
-def test_late_frames_are_counted_and_used(clock):
-    stream = HandStream(patience=0.1, silence=10.0, clock=clock)
-    for index, delay in enumerate([0.02, 0.03, 0.119, 0.02, 0.13, 0.02]):
-        clock.now = 1000.0 + index / 3 + delay
-        stream.feed(still(index, index / 3))
-    assert counted(stream) == {"late": 1}
-    assert stream.health.used == 6
-
-
 def test_a_lost_hand_is_an_event_and_comes_back(clock):
     stream = HandStream(clock=clock)
     events = []
@@ -162,7 +153,7 @@ def test_a_slow_reader_gets_the_latest_of_each_hand(clock):
 @pytest.mark.parametrize("form", ["json", "osc"])
 def test_of_waiting_messages_the_newest_good_one_of_each_hand_is_used(form, clock):
     used = []
-    stream = HandStream(patience=10.0, on_frame=used.append, clock=clock)
+    stream = HandStream(on_frame=used.append, clock=clock)
     write = at.hands.to_json if form == "json" else at.hands.to_osc
     feed = stream.feed_waiting if form == "json" else stream.feed_waiting_osc
     waiting = [write(still(index)) for index in range(8)]
@@ -191,10 +182,9 @@ def test_every_waiting_message_is_used_for_a_recording():
     assert stream.health.overtaken == 0
 
 
-@pytest.mark.parametrize("setting", ["patience", "silence"])
-def test_waits_must_be_above_zero(setting):
-    with raises_code("out_of_range", setting, "-0.1"):
-        HandStream(**{setting: -0.1})
+def test_a_silence_must_be_above_zero():
+    with raises_code("out_of_range"):
+        HandStream(silence=-0.1)
 
 
 @given(
@@ -223,7 +213,7 @@ def test_all_messages_are_counted_and_the_newest_is_kept(messages):
     health = stream.health
     assert health.received == len(messages)
     faults = counted(stream)
-    for event in ("lost", "late", "skipped", "restarted"):
+    for event in ("lost", "skipped", "restarted"):
         faults.pop(event, None)
     assert health.received - health.used == sum(faults.values())
     newest = stream.latest("left")

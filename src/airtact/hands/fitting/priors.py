@@ -26,7 +26,7 @@ from jaxtyping import Float64, Int64
 
 from airtact.errors import fixed
 from airtact.hands.body import WEB_BALL
-from airtact.hands.joints import BONES, CHAINS, GENERIC_RADII, NAMES, Joints, Radii, unit
+from airtact.hands.joints import BONES, CHAINS, GENERIC_RADII, Joints, unit
 from airtact.hands.kinematics import LAST_BEND_SHARE, bending_axis
 from airtact.printing import in_short
 
@@ -116,18 +116,6 @@ class HandAnatomy:
     frames: int
 
     __repr__ = in_short
-
-    @property
-    def lengths(self) -> dict[str, float]:
-        """Length of each bone [m], by the joints at its ends."""
-        lengths = np.exp(self.mean[: len(BONES)]).tolist()
-        names = [f"{NAMES[start]} to {NAMES[end]}" for start, end in BONES]
-        return dict(zip(names, lengths, strict=True))
-
-    @property
-    def radii(self) -> Radii:
-        """Radius of the skin round each joint (25,) [m]."""
-        return np.exp(self.mean[SIZE_RADII])
 
     @property
     def settled(self) -> bool:

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Real
 
-from airtact.errors import InvalidInput, fixed, number, points_of
+from airtact.errors import InvalidInput, fixed, points_of
 from airtact.geometry.pose import Pose
 from airtact.hands.hand import Hand, Side, hand_from_joints
 from airtact.hands.joints import checked_side, joints_of
@@ -82,23 +82,19 @@ class HandFrame:
 
     def __post_init__(self) -> None:
         """Check everything and keep the arrays read-only."""
-        with _as_faulty_frame({}):
-            time = number(self.time, "the time of a frame", "s")
-        if not np.isfinite(time):
-            raise FaultyFrame(
-                "unreadable", f"the time of a frame is {time:g} s; give a finite one."
-            )
-        if self.side not in ("left", "right"):
-            raise FaultyFrame("unreadable", f"the side is {self.side!r}; give 'left' or 'right'.")
-        integer = isinstance(self.sequence, int | np.integer) and not isinstance(
-            self.sequence, bool
-        )
-        if not integer or not 0 <= self.sequence <= MAX_SEQUENCE:
+        integer = isinstance(self.sequence, int | np.integer) and self.sequence is not True
+        real = isinstance(self.time, int | float | np.integer | np.floating)
+        if not (
+            (real and np.isfinite(self.time))
+            and self.side in ("left", "right")
+            and (integer and 0 <= self.sequence <= MAX_SEQUENCE)
+        ):
             raise FaultyFrame(
                 "unreadable",
-                f"the sequence number is {self.sequence!r}; give an integer from 0 to 2^53.",
+                f"time {self.time!r}, side {self.side!r} and sequence number {self.sequence!r} are "
+                "not a finite number, 'left' or 'right', and an integer from 0 to 2^53.",
             )
-        object.__setattr__(self, "time", time)
+        object.__setattr__(self, "time", float(self.time))
         object.__setattr__(self, "sequence", int(self.sequence))
         if self.landmarks is not None:
             with _as_faulty_frame(_LANDMARK_FAULTS):

@@ -24,9 +24,6 @@ MAX_MESSAGE = 2**22
 MAX_WAITING = 256
 """Largest number of waiting messages that are taken at once."""
 
-MAX_CONNECTIONS = 64
-"""Largest number of connected trackers; others get the code 1013, "try again later"."""
-
 
 def _bound(kind: socket.SocketKind, host: str, port: int) -> socket.socket:
     """Make a socket that is bound to a port; 0 takes a free one."""
@@ -55,8 +52,8 @@ def _bound(kind: socket.SocketKind, host: str, port: int) -> socket.socket:
 class WebSocketReceiver:
     """Listens for websockets that send frames in JSON.
 
-    Up to 64 may be connected; a message has 4 MiB at most. Use it in a ``with`` block; it listens
-    from its making to the end of the block.
+    A message has 4 MiB at most. Use it in a ``with`` block; it listens from its making to the end
+    of the block.
 
     Parameters
     ----------
@@ -119,12 +116,7 @@ class WebSocketReceiver:
         with self._lock:
             if self._closed:
                 return
-            full = len(self._connections) >= MAX_CONNECTIONS
-            if not full:
-                self._connections.add(connection)
-        if full:
-            connection.close(1013, f"{MAX_CONNECTIONS} trackers are connected already")
-            return
+            self._connections.add(connection)
         try:
             while True:
                 self.stream.feed_waiting(_waiting_messages(connection))

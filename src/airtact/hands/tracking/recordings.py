@@ -31,7 +31,7 @@ class Recording:
     Attributes
     ----------
     frames : in the order of the file.
-    health : counts of what was in the file and of faults; lateness is not known from a file.
+    health : counts of what was in the file and of faults.
     """
 
     frames: tuple[HandFrame, ...]

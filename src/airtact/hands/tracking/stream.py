@@ -23,9 +23,6 @@ MAX_STALE_FRAMES = 20
 MAX_JUMP = 1000
 """Largest jump of the sequence number; a larger one is a new count."""
 
-DRIFT = 1e-3
-"""Clocks of trackers may run faster or slower than ours by this share."""
-
 _Message = TypeVar("_Message", bytes | str, bytes)
 
 
@@ -48,7 +45,6 @@ class StreamHealth:
     out_of_order : frames older than one that had come before; left out.
     backwards : frames with a later number but no later time; left out.
     overtaken : frames that waited while newer ones of the same hand came; left out, not even read.
-    late : frames that came later than others after their time, but were used.
     skipped : frames missing between those that came.
     restarted : times that a tracker restarted.
     interrupted : connections that ended without being closed, as with a tracker that is killed.
@@ -67,7 +63,6 @@ class StreamHealth:
     out_of_order: int = 0
     backwards: int = 0
     overtaken: int = 0
-    late: int = 0
     skipped: int = 0
     restarted: int = 0
     interrupted: int = 0
@@ -105,8 +100,6 @@ class HandStream:
 
     Parameters
     ----------
-    patience : a frame that takes longer on its way than the quickest one by more than this is
-        counted as late [s].
     silence : a hand of which nothing came for so long is lost [s].
     on_frame : called with every frame that is used, in order, by the thread that received it; to
         record them.
@@ -118,18 +111,16 @@ class HandStream:
     Raises
     ------
     InvalidInput
-        Patience or silence are not above zero.
+        The silence is not above zero.
     """
 
     def __init__(
         self,
-        patience: float = 0.1,
         silence: float = 0.3,
         on_frame: Callable[[HandFrame], None] = lambda frame: None,
         clock: Callable[[], float] = time.monotonic,
         every: bool = False,
     ) -> None:
-        self._patience = positive(patience, "patience", "s")
         self._silence = positive(silence, "silence", "s")
         self._on_frame = on_frame
         self._clock = clock
@@ -137,7 +128,6 @@ class HandStream:
         self._changed = Condition()
         self._counts: Counter[str] = Counter()
         self._hands: dict[Side, _TrackedHand] = {"left": _TrackedHand(), "right": _TrackedHand()}
-        self._quickest: tuple[float, float] | None = None  # shortest delay, and when it was seen
 
     @property
     def health(self) -> StreamHealth:
@@ -281,7 +271,6 @@ class HandStream:
         if hand.silent or hand.stale >= MAX_STALE_FRAMES:
             self._counts["restarted"] += 1
             hand.recent.clear()
-            self._quickest = None
             return None
         if step <= 0:
             # It was counted as skipped, and came after all.
@@ -296,20 +285,10 @@ class HandStream:
         )
 
     def _use(self, frame: HandFrame, hand: _TrackedHand) -> None:
-        now = self._clock()
-        delay = now - frame.time
-        # The clocks have an unknown offset, so delays are compared with the shortest one. It grows
-        # with time, because one of the clocks may run faster.
-        if self._quickest is not None:
-            shortest, then = self._quickest
-            shortest += DRIFT * (now - then)
-            self._counts["late"] += delay > shortest + self._patience
-            delay = min(delay, shortest)
-        self._quickest = (delay, now)
         self._counts["lost"] += frame.lost and not (hand.newest is not None and hand.newest.lost)
         self._counts["used"] += 1
         hand.newest = frame
-        hand.arrived = now
+        hand.arrived = self._clock()
         hand.taken = False
         hand.silent = False
         hand.recent.append((frame.sequence, frame.time))
