@@ -352,7 +352,7 @@ KINDS = {
         "10 m",
         "millimetres",
     ),
-    "half a board": (lambda: at.flat_boards(1.5, 1), "not_a_number", "1.5"),
+    "half a board": (lambda: at.flat_boards(1.5, 1), "out_of_range", "1.5"),
     "joining one": (
         lambda: at.transducers.join(ARRAY),
         "wrong_kind",
