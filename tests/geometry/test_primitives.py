@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import airtact as at
 from airtact.geometry.mesh.intersections import self_crossings
 from airtact.geometry.mesh.quadratic_triangles import enclosed_volume
-from airtact.geometry.primitives import Capsule, capsule, sphere
+from airtact.geometry.primitives import Capsule, capsule, nearest_on_segments, sphere
 from faults import raises_code
 
 number = st.floats(-0.5, 0.5, allow_subnormal=False)
@@ -193,3 +193,21 @@ def test_faults_are_rejected(make, code, said):
 def test_a_point_has_three_numbers():
     with raises_code("wrong_shape", "(2,)"):
         capsule((0, 0, 0), (1, 2), 0.01, 0.01)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "distance"),
+    [
+        ([[0, 0, 0], [1, 0, 0]], [[0, 2, 0], [1, 2, 0]], 2.0),  # parallel, side by side
+        ([[0, 0, 0], [1, 0, 0]], [[4, 3, 0], [5, 3, 0]], np.hypot(3, 3)),  # parallel, past the end
+        ([[0, 0, 0], [1, 0, 0]], [[3, 0, 0], [2, 0, 0]], 1.0),  # on one line
+        ([[0, 0, 0], [2, 2, 0]], [[0, 2, 0], [2, 0, 0]], 0.0),  # crossing
+        ([[0, 0, 0], [2, 2, 0]], [[0, 2, 5], [2, 0, 5]], 5.0),  # skew
+        ([[0, 0, 0], [0, 0, 0]], [[3, 4, -1], [3, 4, 1]], 5.0),  # a point and a segment
+        ([[3, 4, -1], [3, 4, 1]], [[0, 0, 0], [0, 0, 0]], 5.0),
+        ([[1, 1, 1], [1, 1, 1]], [[1, 1, 3], [1, 1, 3]], 2.0),  # two points
+    ],
+)
+def test_nearest_points_of_two_segments(first, second, distance):
+    ends = nearest_on_segments(np.array(first, dtype=float), np.array(second, dtype=float))
+    assert math.dist(*ends) == pytest.approx(distance, abs=1e-15)

@@ -5,7 +5,6 @@ import pytest
 import trimesh
 
 import airtact as at
-from airtact.geometry.mesh.mesh_distance import closest_on_triangles
 from airtact.geometry.mesh.panel_tree import panel_tree
 from airtact.geometry.mesh.quadratic_triangles import cut, points_at, shape_functions
 from airtact.geometry.mesh_shape import MeshShape
@@ -108,7 +107,7 @@ def winding(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
 def nearest_of_all(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     distance = np.empty((len(points), len(corners)))
     for row, point in enumerate(points):
-        nearest = closest_on_triangles(np.broadcast_to(point, (len(corners), 3)), corners)
+        nearest = trimesh.triangles.closest_point(corners, np.tile(point, (len(corners), 1)))
         distance[row] = np.linalg.norm(point - nearest, axis=1)
     return distance.min(axis=1)
 

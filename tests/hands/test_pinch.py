@@ -7,7 +7,7 @@ import pytest
 
 import airtact as at
 from airtact.acoustics.scene import Scene, check_outside, sound_hard
-from airtact.geometry.mesh.mesh_distance import segment_distances
+from airtact.geometry.primitives import nearest_on_segments
 from faults import raises_code
 
 
@@ -27,13 +27,14 @@ def test_tips_axes_and_tilt_are_those_of_the_drawing():
 def test_pads_are_the_points_of_each_skin_nearest_the_other(gap):
     hand = at.pinch(gap)
     thumb, finger = (surface.primitive for surface in hand.surfaces)
-    distance, here, there = segment_distances(thumb.axis[None], finger.axis[None])
-    between = (there - here) / distance[:, None]
-    assert distance[0] - 2 * 8e-3 == pytest.approx(gap)
+    here, there = nearest_on_segments(thumb.axis, finger.axis)
+    distance = np.linalg.norm(there - here)
+    between = (there - here) / distance
+    assert distance - 2 * 8e-3 == pytest.approx(gap)
     assert np.allclose(
-        hand.pads, [here[0] + 8e-3 * between[0], there[0] - 8e-3 * between[0]], rtol=0, atol=1e-16
+        hand.pads, [here + 8e-3 * between, there - 8e-3 * between], rtol=0, atol=1e-16
     )
-    assert np.allclose(hand.normals, [between[0], -between[0]], rtol=0, atol=1e-15)
+    assert np.allclose(hand.normals, [between, -between], rtol=0, atol=1e-15)
     assert math.dist(*hand.pads) == pytest.approx(hand.gap)
     assert np.abs(np.diag([thumb.depth(hand.pads), finger.depth(hand.pads)])).max() < 1e-16
 

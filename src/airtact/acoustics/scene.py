@@ -263,8 +263,8 @@ def _check_off_boards(obstacles: Sequence[Obstacle]) -> None:
             contact = approach(obstacle.surface, board.surface, NEAREST * (1.0 - 1e-9))
             if contact is not None:
                 gap = "cuts into"
-                if contact.overlap is None:
-                    gap = f"is {1e3 * contact.distance:.3g} mm off"
+                if contact.gap > CONTACT:
+                    gap = f"is {1e3 * contact.gap:.3g} mm off"
                 raise InvalidInput(
                     f"body {index} {gap} a reflecting board at {in_mm(contact.position)}, but it "
                     f"must stay {1e3 * NEAREST:g} mm or more off it: move the body or the array.",

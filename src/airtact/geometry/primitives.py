@@ -257,6 +257,30 @@ def turn_from_z(direction: Vector3) -> Float64[np.ndarray, "3 3"]:
     )
 
 
+def nearest_on_segments(
+    first: Float64[np.ndarray, "2 3"], second: Float64[np.ndarray, "2 3"]
+) -> tuple[Vector3, Vector3]:
+    """Point of each of two segments (2, 3) [m] that is nearest to the other.
+
+    Source: C. Ericson, *Real-Time Collision Detection*, Morgan Kaufmann (2005), section 5.1.9.
+    """
+    p = first[0]
+    q = second[0]
+    u = first[1] - p
+    v = second[1] - q
+    a = u @ u
+    b = u @ v
+    c = v @ v
+    d = u @ (p - q)
+    e = v @ (p - q)
+    determinant = a * c - b * b
+    skew = determinant > 1e-14 * a * c
+    s = np.clip((b * e - c * d) / determinant, 0.0, 1.0) if skew else 0.0
+    t = np.clip((b * s + e) / c, 0.0, 1.0) if c > 0.0 else 0.0
+    s = np.clip((b * t - d) / a, 0.0, 1.0) if a > 0.0 else 0.0
+    return p + s * u, q + t * v
+
+
 # --- the mesh of a capsule of radius 1 --------------------------------------------------------
 
 

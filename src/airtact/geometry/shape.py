@@ -8,7 +8,6 @@ from jaxtyping import Float64
 
 from airtact.geometry.mesh.arrays import (
     EdgeVectors,
-    FlatMesh,
     IndexPairs,
     PointLengths,
     Points,
@@ -103,10 +102,6 @@ class Shape(ABC):
         edge. Panels of a mesh are smaller where it is smooth and they would deviate by more than
         ``away`` [m] in root mean square.
         """
-
-    def flat_mesh(self, away: float) -> FlatMesh | None:
-        """Flat triangles at most ``away`` [m] off; None if it is defined by triangles."""
-        return None
 
     @abstractmethod
     def extreme_points(self) -> PointVectors:

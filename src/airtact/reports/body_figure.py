@@ -17,7 +17,6 @@ from mpl_toolkits.mplot3d import Axes3D
 
 from airtact.acoustics.planes import Plane
 from airtact.geometry.mesh.arrays import QuadraticTriangles
-from airtact.geometry.mesh.mesh_distance import closest_on_triangles
 from airtact.geometry.mesh.quadratic_triangles import area_vectors, smallest_angles
 from airtact.geometry.mesh.topology import edge_twins
 from airtact.geometry.mesh_shape import MeshShape
@@ -134,8 +133,10 @@ def draw_fault(
     views = _two_sides(corners.reshape(-1, 3))
     mark = np.empty((0, 3))
     if position is not None:
+        from trimesh.triangles import closest_point
+
         mark = 1e3 * np.asarray(position, dtype=np.float64)[None]
-        away = closest_on_triangles(np.tile(mark, (len(corners), 1)), corners) - mark
+        away = closest_point(corners, np.tile(mark, (len(corners), 1))) - mark
         nearest = np.argsort(np.linalg.norm(away, axis=1))
         # The close-up takes the place of the other side.
         view = _view_of_fault(corners, nearest[:12], mark[0])

@@ -5,13 +5,9 @@ import pytest
 from scipy.optimize import linprog
 
 import airtact as at
-from airtact.geometry.mesh.intersections import (
-    crossings_between,
-    segment_triangle_distances,
-    self_crossings,
-    size_groups,
-)
+from airtact.geometry.mesh.intersections import self_crossings
 from geometry.mesh.meshes import box_mesh, torus_mesh
+from geometry.mesh.repaired_meshes import joined
 
 
 def common_point(
@@ -74,22 +70,18 @@ def test_neighbours_side_by_side_in_one_plane_do_not_cross():
 @pytest.mark.parametrize(
     "second",
     [
-        [[0.2, 0.2, 0], [0.3, 0.2, 0], [0.2, 0.3, 0]],  # in its plane, inside it
-        [[-1, 0.2, 0], [2, 0.3, 0], [2, 0.4, 0]],  # in its plane, across it
         [[0.2, 0.2, 0], [0.2, 0.2, 1], [0.3, 0.3, 1]],  # a corner on its face
         [[1, 0, 0], [2, 0, 1], [2, 0, 2]],  # corner to corner
         [[0.5, 0.0, 0], [0.5, -1, 1], [0.5, -1, -1]],  # a corner on its edge
-        [[0.2, -1, 0], [0.2, 2, 0], [0.2, 0, 1]],  # an edge along its face
     ],
 )
 def test_strangers_that_only_touch_count(second):
-    first = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]]], dtype=float)
-    other = np.array([second], dtype=float)
-    assert crossings_between(first, other).tolist() == [[0, 0]]
-    assert (
-        crossings_between(first, other + [0, 0, 1e-6 if other[..., 2].min() == 0 else 3.0]).tolist()
-        == []
-    )
+    first = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], dtype=float)
+    second = np.array(second, dtype=float)
+    triangles = np.arange(6).reshape(2, 3)
+    assert self_crossings(np.stack([first, second]), triangles).tolist() == [[0, 1]]
+    second[:, 2] += 1e-6 if second[:, 2].min() == 0 else 3.0
+    assert self_crossings(np.stack([first, second]), triangles).tolist() == []
 
 
 def test_a_torus_crosses_itself_only_when_its_tube_is_thicker_than_its_ring():
@@ -129,42 +121,11 @@ def test_large_and_small_triangles_are_paired():
     small = at.sphere(
         0.001, 0.0003, centre=(0.01, 0.0, 0.0)
     )  # straddles one face of a box 40 times as large
-    box = box_mesh((-0.03, -0.03, -0.03), (0.01, 0.03, 0.03))
-    pairs = crossings_between(small.corners, box[0][box[1]])
+    vertices, triangles = joined(
+        (small.vertices, small.triangles), box_mesh((-0.03, -0.03, -0.03), (0.01, 0.03, 0.03))
+    )
+    pairs = self_crossings(vertices[triangles], triangles)
     straddling = (small.corners[:, :, 0].min(axis=1) <= 0.01) & (
         small.corners[:, :, 0].max(axis=1) >= 0.01
     )
     assert set(pairs[:, 0].tolist()) == set(np.flatnonzero(straddling).tolist())
-
-
-def test_segment_and_triangle(rng):
-    segments = rng.uniform(size=(300, 2, 3))
-    corners = rng.uniform(size=(300, 3, 3))
-    distance = segment_triangle_distances(segments, corners)
-    touching = [
-        common_point(np.vstack([s, s[:1]]), c) is not None
-        for s, c in zip(segments, corners, strict=True)
-    ]
-    assert np.array_equal(distance == 0, touching)
-    # From outside, no sampled pair of points is nearer, and some pair is nearly as near.
-    t = rng.uniform(size=(300, 400, 1))
-    weights = rng.dirichlet([0.5, 0.5, 0.5], size=(300, 400))
-    here = segments[:, :1] + t * (segments[:, 1:] - segments[:, :1])
-    sampled = np.linalg.norm(here - np.einsum("nsk,nki->nsi", weights, corners), axis=2).min(axis=1)
-    assert (distance <= sampled + 1e-12).all()
-    assert np.median(sampled - distance) < 0.03
-
-
-def test_size_groups_hold_every_triangle_once(hand_file):
-    corners = at.load_surface(hand_file).corners
-    groups = size_groups(corners)
-    assert np.array_equal(
-        np.sort(np.concatenate([members for members, _, _ in groups])), np.arange(len(corners))
-    )
-    assert len(groups) > 1
-    for members, _, reach in groups:
-        span = np.linalg.norm(
-            corners[members] - corners[members].mean(axis=1, keepdims=True), axis=2
-        ).max(axis=1)
-        assert span.max() == pytest.approx(reach)
-        assert span.max() < 2 * span.min()

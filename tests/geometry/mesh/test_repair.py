@@ -130,15 +130,13 @@ def test_needles_are_collapsed(share):
     two = np.where(t[over] == b, len(v), t[over])
     needles = np.vstack([np.delete(t, over, axis=0), one, two])
     result = accepted(np.vstack([v, v[a] + share * (v[b] - v[a])]), needles)
-    assert len(result.vertices) == len(v)
-    assert len(result.triangles) == len(t)
     assert apart(mesh_of(result), (v, t)) < 1e-6
     assert len(result.notes) >= 1
 
 
 @pytest.mark.parametrize("mesh", [BALL, box_mesh((0, 0, 0), (0.004, 0.005, 0.006))])
 @pytest.mark.parametrize("height", [0.0, 1e-9, 1e-7, 3e-7])
-def test_caps_are_repaired_by_flipping(height, mesh):
+def test_caps_are_merged(height, mesh):
     v, t = mesh
     n = len(v)
     a, b, c = t[3]
@@ -149,7 +147,6 @@ def test_caps_are_repaired_by_flipping(height, mesh):
     flat = np.vstack([np.delete(t, 3, axis=0), [[a, b, n], [b, c, n], [c, a, n]]])
     result = accepted(np.vstack([v, apex]), flat)
     assert [note.split()[0] for note in result.notes] == ["1"]
-    assert len(result.triangles) == len(flat)
     assert apart(mesh_of(result), mesh) < 5e-7
 
 
@@ -175,7 +172,6 @@ def test_vertices_on_an_edge_of_the_other_side_are_joined():
     v = np.vstack([v, *(v[a] + share * (v[b] - v[a]) for share in (0.3, 0.5, 0.9))])
     fan = np.array([[a, 8, c], [8, 9, c], [9, 10, c], [10, b, c]])
     result = accepted(v, np.vstack([np.delete(t, 4, axis=0), fan]))
-    assert result.notes[0].startswith("3 vertices")
     assert volume(*mesh_of(result)) == pytest.approx(volume(*BOX), rel=1e-12)
 
 
@@ -187,7 +183,6 @@ def test_a_crack_with_other_vertices_on_each_side_is_closed():
     v = np.vstack([v, v[a] + 0.3 * (v[b] - v[a]), v[a] + 0.6 * (v[b] - v[a])])
     sides = [[a, 8, c], [8, b, c], [b, 9, d], [9, a, d]]
     result = accepted(v, np.vstack([np.delete(t, [4, over], axis=0), sides]))
-    assert len(result.triangles) == 10 + 6
     assert volume(*mesh_of(result)) == pytest.approx(volume(*BOX), rel=1e-12)
 
 
@@ -200,8 +195,49 @@ def test_a_patch_torn_off_by_a_few_micrometres_is_joined():
     t = t.copy()
     t[torn] = new[t[torn]]
     result = accepted(np.vstack([v, v[moved] + [2e-6, 1e-6, 1e-6]]), t)
-    assert " 2.4 micrometres" in result.notes[1]
+    assert " 5 micrometres" in result.notes[1]
     assert volume(*mesh_of(result)) == pytest.approx(volume(*BALL), rel=1e-4)
+
+
+# --- holes -------------------------------------------------------------------------------------
+
+
+def test_a_missing_triangle_comes_back():
+    v, t = BALL
+    result = accepted(v, np.delete(t, 123, axis=0))
+    assert np.array_equal(np.sort(np.sort(result.triangles), axis=0), np.sort(np.sort(t), axis=0))
+    assert result.notes[0].startswith("1 hole")
+
+
+@pytest.mark.parametrize("number", [2, 5, 9, 13])
+@pytest.mark.parametrize("turned", [1, -1])
+def test_a_hole_gets_a_lid_whatever_side_is_out(number, turned):
+    v, t = BALL
+    result = accepted(v, np.delete(t, near(v, t, v[7])[:number], axis=0)[:, ::turned])
+    assert apart(mesh_of(result), BALL) < 3e-5
+    assert volume(*mesh_of(result)) == pytest.approx(volume(*BALL), rel=1e-5)
+
+
+def test_a_corner_is_cut_by_less_than_the_hole():
+    v, t = fine_box(0.5)
+    at_corner = np.linalg.norm(v[t] - [5e-3, 6e-3, 7e-3], axis=2) < 1e-9
+    result = accepted(v, t[~at_corner.any(axis=1)])
+    assert apart(mesh_of(result), (v, t)) < 0.6e-3
+
+
+def test_wider_holes_are_filled_when_asked_for():
+    v, t = tube(0.005, 0.02)
+    with raises_code("mesh_faulty", "2 holes", "10 mm", "2 mm"):
+        repaired(v, t)
+    result = accepted(v, t, largest_hole=0.02)
+    area = 24 / 2 * np.sin(2 * np.pi / 24) * 0.005**2
+    assert volume(*mesh_of(result)) == pytest.approx(area * 0.02, rel=1e-9)
+
+
+@pytest.mark.parametrize("width", [-1e-3, 2.0, np.nan])
+def test_a_width_in_another_unit_is_rejected(width):
+    with raises_code("out_of_range", f"{width:g} m"):
+        repaired(*ball(2), largest_hole=width)
 
 
 # --- orientation ----------------------------------------------------------------------------------
@@ -283,6 +319,7 @@ PILLOW = (
         (beside((0.01, 0, 0)), "mesh_faulty", ["4 edges", " 3 "]),
         (tube_with_a_wall_inside(), "mesh_faulty", ["24 edges", " 3 "]),
         (PILLOW, "mesh_faulty", ["1 closed piece", "0 cm³"]),
+        (joined(BALL, (0.012 + 1e-3 * np.eye(3), np.array([[0, 1, 2]]))), "mesh_faulty", ["0 cm³"]),
     ],
 )
 def test_meshes_without_a_known_inside_are_rejected(mesh, code, values):

@@ -14,7 +14,6 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from airtact.geometry.mesh.arrays import Ridges, Triangles, VertexSizes, Vertices
-from airtact.geometry.mesh.mesh_distance import pairs_near
 from airtact.geometry.mesh.quadratic_triangles import area_vectors, unit
 from airtact.geometry.mesh.topology import are_among, edge_ends, edge_twins, smooth_patches
 
@@ -114,9 +113,13 @@ def strip_sizes(vertices: Vertices, ridges: Ridges, largest: float) -> VertexSiz
     tree = KDTree(samples)
     for start, end in (ridges.T, ridges.T[::-1]):
         along = unit(vertices[end] - vertices[start])
-        row, sample = pairs_near(tree, vertices[start], largest / 2.0)
+        near = KDTree(vertices[start]).sparse_distance_matrix(
+            tree, largest / 2.0, output_type="ndarray"
+        )
+        row = near["i"]
+        sample = near["j"]
         gap = samples[sample] - vertices[start][row]
-        distance = np.linalg.norm(gap, axis=1)
+        distance = near["v"]
         # Only points that lie sideways, over 60 degrees off the ridge, and on a ridge that does not
         # share this vertex bound a strip.
         sideways = np.abs(np.einsum("pd,pd->p", gap, along[row])) < 0.5 * distance

@@ -6,6 +6,7 @@ domain meshing, and applications to free and moving boundary problems", J. Compu
 """
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int64
@@ -13,6 +14,7 @@ from jaxtyping import Bool, Float64, Int64
 from airtact.errors import InvalidInput, extra
 from airtact.geometry.mesh.arrays import (
     EdgeMask,
+    FlatMesh,
     QuadraticTriangles,
     Ridges,
     Triangles,
@@ -120,36 +122,35 @@ def _mmg(surface: RidgedMesh, sizes: VertexSizes, edge: float, deviation: float)
     return RidgedMesh(np.array(mesh.get_vertices()) * edge, result, ridges)
 
 
-def split_pieces(two_split: list[list[int]]) -> dict[int, list[list[int]]]:
-    """Pieces of a triangle for every set of split edges, given as bits for edges 01, 12, 20.
-
-    Each piece lists its corners among the six nodes. ``two_split`` are the pieces where edges 01
-    and 12 are split, whose diagonal can be chosen.
-    """
-    result = {0: [[0, 1, 2]]}
-    for pattern, pieces in ((1, [[0, 3, 2], [3, 1, 2]]), (3, two_split)):
-        for turn in range(3):
-            turned = (pattern << turn | pattern >> (3 - turn)) & 7
-            result[turned] = [
-                [node // 3 * 3 + (node + turn) % 3 for node in piece] for piece in pieces
-            ]
-    result[7] = [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]
-    return result
-
-
 def with_short_edges(
     panels: QuadraticTriangles, triangles: Triangles, sharp: EdgeMask, longest: float
 ) -> RidgedMesh:
     """Halve edges of a closed mesh, on its curved panels, down to ``longest`` [m]."""
-    while True:
-        long = edge_lengths(panels) > longest
-        if not long.any():
-            break
+    while (long := edge_lengths(panels) > longest).any():
         panels, triangles, sharp = _split_edges(panels, triangles, sharp, long)
-    vertices = np.empty((int(triangles.max()) + 1, 3))
-    vertices[triangles] = panels[:, :3]
+    vertices = _vertices(panels, triangles)
     ridges = edge_ends(triangles)[sharp]
     return RidgedMesh(vertices, triangles, ridges[ridges[:, 0] < ridges[:, 1]])
+
+
+def near_surface(panels: QuadraticTriangles, triangles: Triangles, away: float) -> FlatMesh:
+    """Flat triangles at most ``away`` [m] off the curved panels of a closed mesh."""
+    sharp = np.zeros(triangles.shape, dtype=bool)
+    while True:
+        straight = with_middles(panels[:, :3])
+        rise = np.linalg.norm(panels[:, 3:] - straight[:, 3:], axis=2)
+        # The middle of a triangle rises by up to 4/3 of its edges.
+        split = rise > 0.75 * away
+        split |= split.ravel()[edge_twins(triangles)]
+        if not split.any():
+            return _vertices(panels, triangles), triangles
+        panels, triangles, sharp = _split_edges(panels, triangles, sharp, split)
+
+
+def _vertices(panels: QuadraticTriangles, triangles: Triangles) -> Vertices:
+    vertices = np.empty((int(triangles.max()) + 1, 3))
+    vertices[triangles] = panels[:, :3]
+    return vertices
 
 
 def _split_edges(
@@ -168,7 +169,7 @@ def _split_edges(
     new_panels = []
     new_triangles = []
     new_sharp = []
-    for pattern, pieces in split_pieces([[0, 3, 2], [3, 1, 4], [3, 4, 2]]).items():
+    for pattern, pieces in _split_pieces().items():
         chosen = np.flatnonzero(split @ [1, 2, 4] == pattern)
         for nodes in pieces:
             parent_edges = []
@@ -181,3 +182,18 @@ def _split_edges(
             new_triangles.append(vertices[chosen][:, nodes])
             new_sharp.append(sharp[chosen][:, parent_edges])
     return np.concatenate(new_panels), np.concatenate(new_triangles), np.concatenate(new_sharp)
+
+
+@cache
+def _split_pieces() -> dict[int, list[list[int]]]:
+    """Pieces of a triangle, by their nodes, for every set of split edges, bits for 01, 12, 20."""
+    result = {0: [[0, 1, 2]]}
+    two_split = [[0, 3, 2], [3, 1, 4], [3, 4, 2]]
+    for pattern, pieces in ((1, [[0, 3, 2], [3, 1, 2]]), (3, two_split)):
+        for turn in range(3):
+            turned = (pattern << turn | pattern >> (3 - turn)) & 7
+            result[turned] = [
+                [node // 3 * 3 + (node + turn) % 3 for node in piece] for piece in pieces
+            ]
+    result[7] = [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]
+    return result

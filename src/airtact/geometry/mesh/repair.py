@@ -2,16 +2,16 @@
 
 Each step leaves a sound mesh unchanged, and notes what it repaired in one sentence with a count and
 the position of the first place. The order matters: vertices are merged before triangles are
-compared, triangles are oriented before slivers are flipped, and holes are filled before the
-enclosed volume shows what is outside. Source of the kinds of damage and of the order: M. Attene, M.
-Campen, L. Kobbelt, "Polygon mesh repairing: an application perspective", ACM Computing Surveys
-45(2), 2013, sections 2 and 3.
+compared, holes are filled in consistently oriented meshes, slivers are removed from closed ones.
+Source of the kinds of damage and of the order: M. Attene, M. Campen, L. Kobbelt, "Polygon mesh
+repairing: an application perspective", ACM Computing Surveys 45(2), 2013, sections 2 and 3.
 """
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Bool, Int64, Integer, Real
+from jaxtyping import Bool, Integer, Real
 from scipy.spatial import KDTree
 
 from airtact.errors import InvalidInput, between, counted, in_mm, real_numbers
@@ -23,11 +23,8 @@ from airtact.geometry.mesh.arrays import (
     Twins,
     Vertices,
 )
-from airtact.geometry.mesh.holes import without_holes
-from airtact.geometry.mesh.mesh_distance import pairs_near
-from airtact.geometry.mesh.slivers import without_slivers
+from airtact.geometry.mesh.quadratic_triangles import area_vectors, longest_edges, unit
 from airtact.geometry.mesh.topology import (
-    are_among,
     check_closed,
     check_indices,
     check_not_degenerate,
@@ -38,12 +35,14 @@ from airtact.geometry.mesh.topology import (
     edge_keys,
     edge_twins,
     shells,
-    with_fans,
 )
 from airtact.printing import in_short
 
+if TYPE_CHECKING:
+    from manifold3d import Manifold
+
 MAX_CRACK = 5e-6
-"""Largest width of a crack: distance of border vertices from their partners or edges [m]."""
+"""Largest width of a crack, and height of a sliver [m], by which the surface may move."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,9 +67,8 @@ def repaired(
 
     - vertices that no triangle uses, or within a micrometre of another;
     - triangles that repeat another or have no area, needles and caps;
-    - cracks of up to 5 micrometres;
     - triangles and pieces of the wrong orientation;
-    - holes of up to ``largest_hole`` [m] where the surface around them shows what is missing.
+    - holes of up to ``largest_hole`` [m], which get flat lids, and cracks of up to 5 micrometres.
 
     Raises
     ------
@@ -96,24 +94,21 @@ def repaired(
     notes: list[str] = []
     vertices, triangles = _with_used_vertices(vertices, triangles, notes)
     check_size(float(np.ptp(vertices, axis=0).max()))
-    vertices, triangles = _with_merged_vertices(vertices, triangles, notes)
-    triangles = _without_collapsed(vertices, triangles, notes)
-    triangles = _without_repeats(vertices, triangles, notes)
-    if (edge_twins(triangles) >= 0).all():
-        triangles = without_slivers(vertices, triangles, notes)
+    # Only open meshes have cracks.
+    for near in (min(1e-6 * float(np.ptp(vertices, axis=0).max()), 1e-6), MAX_CRACK):
+        vertices, triangles = _with_merged_vertices(vertices, triangles, near, notes)
+        triangles = _without_collapsed(vertices, triangles, notes)
+        triangles = _without_repeats(vertices, triangles, notes)
+        if (edge_twins(triangles) >= 0).all():
+            break
     else:
-        triangles = _without_cracks(vertices, triangles, notes)
         triangles = _oriented(vertices, triangles, notes)
-        triangles = without_slivers(vertices, triangles, notes)
-        filled = without_holes(vertices, triangles, largest_hole, notes)
-        if filled is not triangles:
-            # A rim along a straight line is filled with caps.
-            triangles = without_slivers(vertices, filled, notes)
-    check_not_degenerate(vertices, triangles)
+        triangles = _without_holes(vertices, triangles, largest_hole, notes)
     twins = check_closed(vertices, triangles)
     _check_no_bow_ties(vertices, triangles, twins)
-    triangles = _turned_outward(vertices, triangles, twins, notes)
-    vertices, triangles = _with_vertices(vertices, triangles, _used(vertices, triangles))
+    vertices, triangles = without_slivers(vertices, triangles, notes)
+    check_not_degenerate(vertices, triangles)
+    triangles = _turned_outward(vertices, triangles, notes)
     return RepairedMesh(vertices, triangles, tuple(notes))
 
 
@@ -166,8 +161,10 @@ def _with_used_vertices(vertices: Vertices, triangles: Triangles, notes: list[st
     return _with_vertices(vertices, triangles, used)
 
 
-def _with_merged_vertices(vertices: Vertices, triangles: Triangles, notes: list[str]) -> FlatMesh:
-    """Merge vertices at the same position into the first of them, which does not move."""
+def _with_merged_vertices(
+    vertices: Vertices, triangles: Triangles, near: float, notes: list[str]
+) -> FlatMesh:
+    """Merge vertices within a distance [m] into the first of them, which does not move."""
     # Exact copies, as in files that repeat vertices for every triangle, are no damage.
     order = np.lexsort(vertices.T)
     ranked = vertices[order]
@@ -177,7 +174,6 @@ def _with_merged_vertices(vertices: Vertices, triangles: Triangles, notes: list[
     vertices, triangles = _with_vertices(
         vertices, first[triangles], first == np.arange(len(vertices))
     )
-    near = min(1e-6 * float(np.ptp(vertices, axis=0).max()), 1e-6)
     tree = KDTree(vertices, compact_nodes=False, balanced_tree=False)
     pairs = tree.query_pairs(near, output_type="ndarray")
     if len(pairs) == 0:
@@ -229,101 +225,101 @@ def _without_repeats(vertices: Vertices, triangles: Triangles, notes: list[str])
     return triangles[~repeated]
 
 
-# --- cracks -----------------------------------------------------------------------------------
+def without_slivers(vertices: Vertices, triangles: Triangles, notes: list[str]) -> FlatMesh:
+    """Remove triangles of a closed mesh that are so flat that their normals are meaningless."""
+    corners = vertices[triangles]
+    longest = longest_edges(corners)
+    twice_area = np.linalg.norm(area_vectors(corners), axis=1)
+    slivers = np.flatnonzero(twice_area < longest * np.minimum(1e-3 * longest, MAX_CRACK))
+    if len(slivers) == 0:
+        return vertices, triangles
+    solid = solid_of(vertices, triangles).as_original().simplify(MAX_CRACK)
+    vertices, triangles = flat_mesh_of(solid)
+    were = counted(len(slivers), "flat triangle was", "flat triangles were")
+    _note(notes, f"{were} merged with neighbours", corners[slivers[0]])
+    return vertices, triangles
 
 
-def _without_cracks(vertices: Vertices, triangles: Triangles, notes: list[str]) -> NewTriangles:
-    """Join border vertices across cracks, and split border edges on which border vertices lie.
+def solid_of(vertices: Vertices, triangles: Triangles) -> "Manifold":
+    """Body of manifold3d of a closed mesh."""
+    from manifold3d import Manifold, Mesh64
 
-    The vertices on one side of a crack are a few micrometres from their partners on the other, or
-    lie on an edge of the other side (a T-junction).
+    return Manifold(Mesh64(np.array(vertices), triangles.astype(np.uint64)))
+
+
+def flat_mesh_of(solid: "Manifold") -> FlatMesh:
+    """Vertices and triangles of a body of manifold3d."""
+    mesh = solid.to_mesh64()
+    return mesh.vert_properties[:, :3].astype(np.float64), mesh.tri_verts.astype(np.int64)
+
+
+# --- holes ------------------------------------------------------------------------------------
+
+
+def _without_holes(
+    vertices: Vertices, triangles: Triangles, largest: float, notes: list[str]
+) -> NewTriangles:
+    """Close the holes of a consistently oriented mesh by triangles over their vertices.
+
+    A lid is triangulated as seen along its normal. It may cross the surface where that leans over
+    the hole, which ``check_not_crossed`` finds. Raise ``InvalidInput`` for holes over ``largest``
+    [m] wide, but for cracks, which enclose no area.
     """
-    triangles = _joined(vertices, triangles, notes)
-    split: list[int] = []
-    # A round splits one edge of a triangle; later rounds find what was split on the other side.
-    for _ in range(8):
-        edges, on_edge = _vertices_on_edges(vertices, triangles)
-        if len(on_edge) == 0:
-            break
-        split.extend(on_edge.tolist())
-        through: dict[int, list[int]] = {}
-        for edge, vertex in zip(edges.tolist(), on_edge.tolist(), strict=True):
-            through.setdefault(edge, []).append(vertex)
-        triangles = with_fans(triangles, through)
-    if split:
-        lay = counted(
-            len(split),
-            "vertex lay on an edge of a neighbour, which was",
-            "vertices lay on edges of neighbours, which were",
-        )
-        _note(notes, f"{lay} split there to close the crack", vertices[split[0]])
-    return triangles
+    from manifold3d import triangulate
 
-
-def _border(triangles: Triangles) -> tuple[Indices, Int64[np.ndarray, "n 2"]]:
-    """Edges 3 t + e of one triangle only, and their ends."""
-    _, where, count = np.unique(edge_keys(triangles), return_inverse=True, return_counts=True)
-    border = np.flatnonzero(count[where.ravel()] == 1)
-    return border, edge_ends(triangles).reshape(-1, 2)[border]
-
-
-def _joined(vertices: Vertices, triangles: Triangles, notes: list[str]) -> Triangles:
-    """Merge border vertices that nearly meet and belong to no common triangle."""
-    rim = np.unique(_border(triangles)[1])
-    if len(rim) == 0:
+    rims = _rims(triangles)
+    if not rims:
         return triangles
-    pairs = rim[KDTree(vertices[rim]).query_pairs(MAX_CRACK, output_type="ndarray")]
-    pairs = pairs[~are_among(pairs, edge_ends(triangles))]
-    cluster = components(pairs[:, 0], pairs[:, 1], len(vertices))
-    first = np.unique(cluster, return_index=True)[1][cluster]
-    # Clusters that would collapse a triangle stay as they are.
-    collapsed = (first[triangles] == np.roll(first[triangles], 1, axis=1)).any(axis=1)
-    spared = np.isin(cluster, cluster[triangles[collapsed]])
-    first[spared] = np.flatnonzero(spared)
-    joined = np.flatnonzero(first != np.arange(len(vertices)))
-    if len(joined) == 0:
-        return triangles
-    gap = float(np.linalg.norm(vertices[joined] - vertices[first[joined]], axis=1).max())
-    were = counted(
-        len(joined),
-        "vertex was joined with another across a crack",
-        "vertices were joined across cracks",
-    )
-    _note(notes, f"{were} of up to {gap * 1e6:.2g} micrometres", vertices[joined[0]])
-    return first[triangles]
+    lids = [triangles]
+    widest = 0.0
+    for rim in rims:
+        points = vertices[rim]
+        middle = points.mean(axis=0)
+        width = float(np.ptp(points, axis=0).max())
+        area = np.cross(points - middle, np.roll(points, -1, axis=0) - middle).sum(axis=0) / 2.0
+        if width > largest and np.linalg.norm(area) > MAX_CRACK * width:
+            raise InvalidInput(
+                f"the surface is open: {counted(len(rims), 'hole', 'holes')}, one {width * 1e3:.3g}"
+                f" mm wide near {in_mm(middle)}, over {largest * 1e3:g} mm; let wider ones be "
+                "filled with largest_hole, or close it in the file.",
+                middle,
+                code="mesh_faulty",
+            )
+        widest = max(widest, width)
+        # The plane of the lid holds the two main directions of its points.
+        along = np.linalg.svd(points - middle, full_matrices=False)[2][0]
+        across = np.cross(unit(area), along)
+        lids.append(rim[triangulate([(points - middle) @ np.stack([along, across], axis=1)])])
+    holes = counted(len(rims), "hole", "holes")
+    were = "was" if len(rims) == 1 else "were"
+    _note(notes, f"{holes} of up to {widest * 1e3:.2g} mm {were} filled", vertices[rims[0]])
+    return np.concatenate(lids)
 
 
-def _vertices_on_edges(vertices: Vertices, triangles: Triangles) -> tuple[Indices, Indices]:
-    """Border edges 3 t + e, at most one of each triangle, and the border vertices on them."""
-    border, ends = _border(triangles)
-    rim = np.unique(ends)
-    nothing = np.zeros(0, dtype=np.int64)
-    if len(border) == 0:
-        return nothing, nothing
-    start = vertices[ends[:, 0]]
-    along = vertices[ends[:, 1]] - start
-    length = np.linalg.norm(along, axis=1)
-    tree = KDTree(vertices[rim])
-    middle = start + along / 2.0
-    # A mesh with millions of vertices near edges consists of loose triangles; it has no cracks.
-    if tree.query_ball_point(middle, length / 2.0, return_length=True).sum() > 3_000_000:
-        return nothing, nothing
-    edge, vertex = pairs_near(tree, middle, length / 2.0)
-    vertex = rim[vertex]
-    from_start = vertices[vertex] - start[edge]
-    reach = np.einsum("ni,ni->n", from_start, along[edge]) / length[edge]
-    away = np.linalg.norm(from_start - reach[:, None] * along[edge] / length[edge, None], axis=1)
-    on_edge = away <= np.minimum(MAX_CRACK, 1e-2 * length[edge])
-    on_edge &= (reach > MAX_CRACK) & (reach < length[edge] - MAX_CRACK)
-    on_edge &= (triangles[border[edge] // 3] != vertex[:, None]).all(axis=1)
-    edge = border[edge[on_edge]]
-    vertex = vertex[on_edge]
-    order = np.lexsort((reach[on_edge], edge))
-    edge = edge[order]
-    vertex = vertex[order]
-    first_of_triangle = edge[np.unique(edge // 3, return_index=True)[1]]
-    chosen = np.isin(edge, first_of_triangle)
-    return edge[chosen], vertex[chosen]
+def _rims(triangles: Triangles) -> list[Indices]:
+    """Vertices around each hole, in the direction of the triangles that would fill it."""
+    border = np.flatnonzero(edge_twins(triangles).ravel() < 0)
+    # A hole runs against the triangles beside it. Holes that meet in a vertex are parted there.
+    starts = np.roll(triangles, -1, axis=1).ravel()[border].tolist()
+    ends = triangles.ravel()[border].tolist()
+    after: dict[int, list[int]] = {}
+    for start, end in zip(starts, ends, strict=True):
+        after.setdefault(start, []).append(end)
+    rims = []
+    for first in starts:
+        rim: list[int] = []
+        place: dict[int, int] = {}
+        vertex = first
+        while after[vertex]:
+            place[vertex] = len(rim)
+            rim.append(vertex)
+            vertex = after[vertex].pop()
+            if vertex in place:
+                rims.append(np.array(rim[place[vertex] :]))
+                for passed in rim[place[vertex] :]:
+                    del place[passed]
+                del rim[len(rim) - len(rims[-1]) :]
+    return rims
 
 
 # --- orientation ------------------------------------------------------------------------------
@@ -397,13 +393,13 @@ def _neighbours(
     return first // 3, second // 3, agree
 
 
-def _turned_outward(
-    vertices: Vertices, triangles: Triangles, twins: Twins, notes: list[str]
-) -> Triangles:
+def _turned_outward(vertices: Vertices, triangles: Triangles, notes: list[str]) -> Triangles:
     """Turn the closed pieces of negative volume; raise ``InvalidInput`` for pieces of no volume."""
-    piece = shells(triangles, twins)
-    volumes = np.bincount(piece, weights=cone_volumes(vertices[triangles]))
-    flat = np.flatnonzero(volumes == 0.0)
+    piece = shells(triangles)
+    corners = vertices[triangles]
+    volumes = np.bincount(piece, weights=cone_volumes(corners))
+    areas = np.bincount(piece, weights=np.linalg.norm(area_vectors(corners), axis=1))
+    flat = np.flatnonzero(np.abs(volumes) <= 1e-9 * areas**1.5)
     if len(flat):
         where = vertices[triangles[(piece == flat[0]).argmax()]].mean(axis=0)
         raise InvalidInput(
