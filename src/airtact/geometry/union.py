@@ -149,7 +149,7 @@ def _bridge(first: Surface, second: Surface, near: Approach, gap: float) -> Flat
     _check_count(int(np.prod(shape)), near)
     empty = np.ones(shape, dtype=bool)
     empty[tuple((steps + margin).T)] = False
-    level = distance_transform_edt(empty) * edge - radius
+    level = edge * np.asarray(distance_transform_edt(empty)) - radius
     level[np.abs(level) < 0.05 * edge] = 0.05 * edge  # makes no slivers at grid points
     vertices, triangles, _, _ = marching_cubes(
         level, 0.0, spacing=(edge,) * 3, gradient_direction="descent"

@@ -37,8 +37,6 @@ Pieces = Float64[np.ndarray, "_ 6 3"]
 PairedCorners = Real[np.ndarray, "n 3 3"]
 """One triangle for each pair that is compared [m]."""
 PairedSegments = Real[np.ndarray, "n 2 3"]
-PairedPoints = Real[np.ndarray, "n 3"]
-PairLengths = Float64[np.ndarray, "n"]
 PairMask = Bool[np.ndarray, "n"]
 IndexPairs = Int64[np.ndarray, "_ 2"]
 """Indices of the two triangles of each pair."""

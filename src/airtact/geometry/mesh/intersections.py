@@ -43,8 +43,8 @@ def self_crossings(corners: Corners, triangles: Triangles) -> IndexPairs:
     crossing = np.zeros(len(pairs), dtype=bool)
     for shared, test in ((0, _strangers_meet), (1, _corner_neighbours_meet), (2, _folded)):
         chosen = np.flatnonzero(count == shared)
-        first = _turned(corners, pairs[chosen, 0], same[chosen].any(axis=2))
-        second = _turned(corners, pairs[chosen, 1], same[chosen].any(axis=1))
+        first = _turned(corners, pairs[chosen, 0], same[chosen].max(axis=2))
+        second = _turned(corners, pairs[chosen, 1], same[chosen].max(axis=1))
         crossing[chosen] = test(first, second, tolerance)
     pairs = pairs[crossing]
     return pairs[np.lexsort(pairs.T[::-1])]
