@@ -165,7 +165,7 @@ def check_apart(surfaces: Sequence[Surface]) -> None:
             continue
         where = in_mm(near.position)
         if near.gap <= TOUCH:
-            fault = f"overlap or touch, {max(-near.gap, 0.0) * 1e3:.3g} mm deep near {where}"
+            fault = f"overlap or touch: {max(-near.gap, 0.0) * 1e3:.3g} mm deep near {where}"
         else:
             apart = f"{near.gap * 1e3:.3g} mm apart near {where}"
             fault = f"are {apart}, nearer than {NEAREST * 1e3:g} mm"

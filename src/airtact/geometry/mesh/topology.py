@@ -1,7 +1,5 @@
 """Neighbours, pieces and orientation of the triangles of a mesh, and checks of them."""
 
-from collections.abc import Mapping, Sequence
-
 import numpy as np
 from jaxtyping import Bool, Float64, Int, Int64, Real
 from scipy.sparse import coo_array, csr_array
@@ -11,7 +9,6 @@ from airtact.errors import InvalidInput, counted, in_mm
 from airtact.geometry.mesh.arrays import (
     Corners,
     EdgeMask,
-    NewTriangles,
     TriangleLabels,
     Triangles,
     Twins,
@@ -90,18 +87,6 @@ def smooth_patches(twins: Twins, borders: EdgeMask) -> TriangleLabels:
     """Label the patches of a closed mesh that some of its edges separate."""
     triangle, edge = np.nonzero(~borders)
     return components(triangle, twins[triangle, edge] // 3, len(twins))
-
-
-def with_fans(triangles: Triangles, through: Mapping[int, Sequence[int]]) -> NewTriangles:
-    """Replace triangles by fans from the corner opposite an edge 3 t + e to vertices along it."""
-    fans = []
-    for edge, vertices in through.items():
-        start, end, apex = np.roll(triangles[edge // 3], -(edge % 3))
-        chain = np.array([start, *vertices, end])
-        fans.append(np.stack([chain[:-1], chain[1:], np.full(len(chain) - 1, apex)], axis=1))
-    keep = np.ones(len(triangles), dtype=bool)
-    keep[np.array(list(through)) // 3] = False
-    return np.concatenate([triangles[keep], *fans])
 
 
 def cone_volumes(corners: Corners) -> Float64[np.ndarray, "triangles"]:
