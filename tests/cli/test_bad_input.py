@@ -52,7 +52,7 @@ MESHES = {
         "mesh_faulty",
         "1 hole",
         "2 mm",
-        "28.3 mm",
+        "20 mm",
     ),
     "self-crossing": (ply(*torus_mesh(0.015, 0.02)), "mesh_faulty", "pairs of triangles"),
     "NaN": (box(with_nan), "not_finite", "1 vertex"),
