@@ -15,7 +15,7 @@ from airtact.emission.link import LinkFailed, RecordingLink
 from airtact.emission.serial_link import SerialLink
 from emission.odd_links import Audit, SignalledLink
 from emission.receivers import Nano16, SonicSurface, wired
-from emission.sounds import VirtualTime, ended, events, moving, playing, tone
+from emission.sounds import VirtualTime, ended, moving, playing, tone
 
 FEW = 4
 
@@ -134,24 +134,6 @@ def test_leaving_the_block_ends_in_silence_and_nothing_follows() -> None:
     with pytest.raises(LinkFailed) as over:
         emission.send(tone())
     assert over.value.code == "emission_over"
-
-
-def test_signals_end_in_silence_in_the_firmware(tmp_path) -> None:
-    """Through pyautd3, whose callbacks into Python would swallow a KeyboardInterrupt."""
-    random = np.random.default_rng(8)
-    log = tmp_path / "log"
-    for _ in range(FEW):
-        strike = threading.Timer(random.uniform(0.0, 0.05), os.kill, (os.getpid(), signal.SIGINT))
-
-        def work(emission, strike=strike) -> None:
-            emission.send(tone())
-            strike.start()
-            while True:
-                emission.send(tone())
-
-        with pytest.raises(KeyboardInterrupt):
-            playing(Audit(), work, log=log)
-        assert events(log)[-2:] == ["silence confirmed", "closed"]
 
 
 @pytest.mark.parametrize(

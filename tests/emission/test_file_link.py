@@ -1,11 +1,8 @@
 """Frames in files; reading them back is tested with ``load_drive``."""
 
-import subprocess
-import sys
 import time
 
 import numpy as np
-import pytest
 
 import airtact as at
 from airtact.drives.sequence import Sequence
@@ -57,40 +54,6 @@ def test_a_file_may_take_longer_to_write_than_boards_may_take_to_answer(
     with at.Emission(Slow(tmp_path / "frames.npz")) as emission:
         emission.send(tone())
     assert (tmp_path / "frames.npz").exists()
-
-
-@pytest.fixture
-def four_busy_processes():
-    """Four processes that do nothing but take the cores."""
-    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(4)]
-    yield
-    for process in busy:
-        process.kill()
-        process.wait()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", ["npz", "csv", "h5"])
-@pytest.mark.usefixtures("four_busy_processes")
-def test_every_one_of_2000_frames_is_in_the_file_20_times_beside_four_busy_processes(
-    tmp_path, kind: str
-) -> None:
-    """0.5 s of a circle at 4 kHz; each frame is there once, in its order."""
-    levels = codec_of("nano16").levels
-    rate = 4000.0
-    asked = Sequence(
-        np.exp(2j * np.pi * np.arange(2000)[:, None] / 256) * tone(12).amplitudes, rate
-    )
-    frames = np.stack(levels.rounded(asked.drives))
-    for turn in range(20):
-        path = tmp_path / f"{turn}.{kind}"
-        with at.Emission(FileLink(path, "nano16")) as emission:
-            played = emission.play(asked, seconds=0.5)
-        assert (played.frames, played.dropped) == (2000, 0)
-        back = at.load_drive(path)
-        assert isinstance(back, Sequence)
-        assert (len(back), back.rate) == (2000, rate)
-        np.testing.assert_array_equal(np.stack(levels.rounded(back.drives)), frames)
 
 
 def test_sequences_of_two_rates_do_not_go_into_one_file(tmp_path) -> None:

@@ -109,12 +109,6 @@ def test_noise_and_cut_cables_end_in_a_frame_or_a_sentence() -> None:
         one_case(case)
 
 
-@pytest.mark.slow
-def test_a_thousand_noises_and_cut_cables_end_in_a_frame_or_a_sentence() -> None:
-    for case in range(1000):
-        one_case(case)
-
-
 def test_a_board_that_does_not_answer_is_said_to_be_silent() -> None:
     with wired(Nano16(mute=True)) as wire:
         link = SerialLink(wire.port, "nano16", boot=0.0)

@@ -100,7 +100,7 @@ class Panel:
         self._stopped = False
         self._written = 0.0
         gui = server.gui
-        self._theme(False)
+        gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(25, 113, 194))
         gui.set_panel_label("airtact live")
         self._style = gui.add_html("")
         self._add_stops()
@@ -153,11 +153,6 @@ class Panel:
 
     def _show(self, **changed: Any) -> None:
         self.look = replace(self.look, **changed)
-
-    def _theme(self, dark: bool) -> None:
-        self._server.gui.configure_theme(
-            dark_mode=dark, show_logo=False, show_share_button=False, brand_color=(25, 113, 194)
-        )
 
     def _add_stops(self) -> None:
         gui = self._server.gui
@@ -248,7 +243,6 @@ class Panel:
             gui.add_slider("slice at [mm]", -60, 60, 1, 0, hint=hint),
             lambda value: self._show(offset=1e-3 * value),
         )
-        _on_change(gui.add_checkbox("dark", False), self._theme)
         self._legend = gui.add_html(legend_html(self.look, None, 0.0))
 
     def _add_curve(self, name: str, colour: str, high: float) -> viser.GuiUplotHandle:
