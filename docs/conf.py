@@ -1,4 +1,4 @@
-"""How Sphinx builds the site: `make docs`."""
+"""Sphinx configuration of the documentation site, built by ``make docs``."""
 
 import inspect
 import re
@@ -32,7 +32,7 @@ html_show_sphinx = False
 html_show_copyright = False
 exclude_patterns = ["_build"]
 
-nb_execution_mode = "force"  # the notebooks are kept without what they print and plot
+nb_execution_mode = "force"  # the notebooks are stored without outputs
 nb_execution_in_temp = True
 nb_execution_timeout = 300
 nb_execution_raise_on_error = True
@@ -52,7 +52,7 @@ autodoc_typehints_format = "short"
 autosummary_generate = False
 numpydoc_show_class_members = False  # autodoc shows them
 
-# A reference that leads nowhere is a fault. These packages are not documented here.
+# A reference without a target is an error. These packages are not documented here.
 nitpicky = True
 nitpick_ignore_regex = [
     (
@@ -60,14 +60,13 @@ nitpick_ignore_regex = [
         r"(collections|concurrent|dataclasses|jaxtyping|matplotlib|mpl_toolkits|numpy|np|pathlib|types|typing)\..*",
     ),
     ("py:.*", "ndarray|optional|Path"),
-    # The inside of shapes and the classes of fields, which users get but do not make: a field is a
-    # ``RadiatedField``.
+    # Private classes of shapes and fields. Users see a field as a ``RadiatedField``.
     ("py:.*", r"airtact\.(geometry\.mesh|hands|acoustics\.solvers)\.\w+\..*"),
     ("py:.*", r"airtact\.acoustics\.solvers\.free_field\..*"),
     (
         "py:.*",
         r"airtact\.live\.(drives|page)\..*",
-    ),  # the processes beside the loop, which ``airtact live`` starts
+    ),  # processes that ``airtact live`` starts beside the loop
 ]
 
 logger = logging.getLogger(__name__)
@@ -76,7 +75,7 @@ REFERENCE = Path(__file__).parent / "reference"
 
 
 def namespaces() -> list[ModuleType]:
-    """``airtact`` and the modules right below it that say with ``__all__`` what is public."""
+    """Return ``airtact`` and its public namespaces."""
     return [
         airtact,
         *(value for name in airtact.__all__ if inspect.ismodule(value := getattr(airtact, name))),
@@ -84,7 +83,7 @@ def namespaces() -> list[ModuleType]:
 
 
 def directive(name: str, member: Any) -> str:
-    """Tell autodoc to document a name in full."""
+    """Return the autodoc directive that documents a name."""
     kind = (
         "class" if inspect.isclass(member) else "function" if inspect.isroutine(member) else "data"
     )
@@ -94,7 +93,7 @@ def directive(name: str, member: Any) -> str:
 
 
 def write_reference() -> None:
-    """Write one page for each namespace: a table of its names, and the text of those that no earlier page has."""
+    """Write one page per namespace: a table of its names, and those not documented on an earlier page."""
     REFERENCE.mkdir(exist_ok=True)
     homes: dict[int, str] = {}
     pages = {}
@@ -135,7 +134,7 @@ def mathml(translator: Any, node: nodes.Element) -> None:
 def named_first(
     app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]
 ) -> None:
-    """Put what follows ``name : `` on a line of its own: types stand in the annotations, so it is a sentence."""
+    """Move the text after ``name : `` to its own line, because numpydoc would take it for a type."""
     heading, found = "", []
     for at, line in enumerate(lines):
         after = lines[at + 1] if at + 1 < len(lines) else ""
@@ -152,7 +151,7 @@ def named_first(
 def plain_bars(
     app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]
 ) -> None:
-    """Let |x| be a magnitude: docstrings have no substitutions."""
+    """Escape bars, so that |x| is a magnitude and not a substitution."""
     code = False
     for at, line in enumerate(lines):
         code = line.lstrip().startswith(">>>") or (code and bool(line.strip()))
@@ -172,19 +171,19 @@ def signature(
     arguments: str | None,
     result: str | None,
 ) -> tuple[str | None, str | None]:
-    """Write what a dataclass makes anew for each object so that Sphinx can read it."""
+    """Show default factories of dataclasses as dots, which Sphinx can parse."""
     return arguments and arguments.replace("<factory>", "..."), result
 
 
 def written_by_dataclass(
     app: Sphinx, what: str, name: str, obj: Any, skip: bool, options: object
 ) -> bool | None:
-    """Leave out an ``__init__`` that nobody wrote."""
+    """Leave out the ``__init__`` that a dataclass generates."""
     return True if name == "__init__" and obj.__code__.co_filename == "<string>" else None
 
 
 def private_type(app: Sphinx, domain: object, node: nodes.Element) -> bool:
-    """Say whose signature shows a type that no page documents; Sphinx itself gives no place."""
+    """Name the signature that shows an undocumented type; the warning of Sphinx has no location."""
     above = node.parent
     while above is not None and not isinstance(above, addnodes.desc_signature):
         above = above.parent
