@@ -16,7 +16,7 @@ from airtact.errors import (
     counted,
     in_mm,
 )
-from airtact.geometry.mesh.arrays import PointVectors, Vector3
+from airtact.geometry.mesh.arrays import Points, PointVectors, Vector3, Vertices
 from airtact.geometry.mesh.quadratic_triangles import (
     cut,
     longest_edges,
@@ -96,7 +96,7 @@ def thin_part(surface: Surface) -> tuple[float, Vector3] | None:
         return shape.thinnest, surface.vertices.mean(axis=0)
     panels = surface.quadratic_triangles
     # Points are spread over each panel by its area, after the R2 sequence of M. Roberts (2018).
-    spacing = max(0.5 * THINNEST, np.sqrt(surface.area / 100_000))
+    spacing = max(0.5 * THINNEST, np.sqrt(surface.area / 20_000))
     count = 1 + (panel_areas(panels) / spacing**2).astype(np.int64)
     number = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
     references = (1 / 3 + number[:, None] * [0.7548776662, 0.5698402910]) % 1.0
@@ -191,12 +191,15 @@ def approach(first: Surface, second: Surface, within: float = np.inf) -> Approac
     if np.linalg.norm(np.maximum(low - high, 0.0)) >= within + bulge:
         return None
     # The second may lie wholly in the first, or reach it with a vertex.
-    gaps = -first.shape.depth(second.vertices)
+    points = second.vertices[_near_box(second.vertices, first.vertices, within + bulge)]
     nearest = None
-    if gaps.min() < within:
-        nearest = Approach(float(gaps.min()), second.vertices[gaps.argmin()])
+    if len(points):
+        gaps = -first.shape.depth(points)
+        if gaps.min() < within:
+            nearest = Approach(float(gaps.min()), points[gaps.argmin()])
     # Panels of the first that may come nearer are cut until nodes are 0.1 mm apart.
     panels = first.quadratic_triangles
+    panels = panels[_near_box(panels[:, 0], second.vertices, within + 3.0 * bulge)]
     while len(panels):
         gaps = -second.shape.depth(panels.reshape(-1, 3))
         if gaps.min() < within:
@@ -212,6 +215,13 @@ def approach(first: Surface, second: Surface, within: float = np.inf) -> Approac
         panels = panels[chosen]
         panels = cut(panels, np.full(len(panels), 2))[0]
     return nearest
+
+
+def _near_box(points: Points, around: Vertices, reach: float) -> Bool[np.ndarray, "points"]:
+    """Whether points are within reach [m] of the upright box around others."""
+    low = around.min(axis=0) - reach
+    high = around.max(axis=0) + reach
+    return ((points >= low) & (points <= high)).all(axis=1)
 
 
 def _between_capsules(first: Capsule, second: Capsule) -> Approach:
