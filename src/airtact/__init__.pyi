@@ -83,6 +83,7 @@ from .setup.comparing import MethodComparison as MethodComparison
 from .setup.comparing import compare as compare
 from .setup.examples import example as example
 from .setup.rendering import Rendering as Rendering
+from .setup.rendering import focus as focus
 from .setup.rendering import render as render
 from .setup.setup import Setup as Setup
 from .setup.sweeping import sweep as sweep

@@ -23,3 +23,9 @@ def test_at_full_scale_the_strongest_element_is_there() -> None:
 def test_the_factor_makes_energy_or_peak_equal(quantity) -> None:
     scaled = at.Drive(FLAT.amplitudes * FLAT.factor_to_match(WEAK, quantity))
     assert getattr(scaled, quantity) == pytest.approx(getattr(WEAK, quantity))
+
+
+def test_magnitudes_and_phases_are_those_of_the_amplitudes():
+    drive = at.Drive(np.array([0.5j, -1.0 + 0j]))
+    assert drive.magnitudes.tolist() == [0.5, 1.0]
+    np.testing.assert_allclose(drive.phases, [np.pi / 2, np.pi])

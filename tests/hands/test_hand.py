@@ -288,3 +288,21 @@ def test_files_that_hold_no_pose_are_rejected(tmp_path, code, text):
         (tmp_path / "pose.json").write_text(text)
     with raises_code(code, "pose.json"):
         at.load_hand(tmp_path / "pose.json")
+
+
+def test_a_hand_is_put_in_front_of_an_array():
+    board = at.autd3_board().moved(at.Pose.turn((1, 2, 3), 1.1, (0.1, 0.2, 0.3)))
+    hand = at.load_hand(at.example("relaxed.json"))
+    for place in ("palm", "index.pad"):
+        over = hand.over(board, 0.15, place)
+        point, normal = over.place(place)
+        front = board.normals[0]
+        np.testing.assert_allclose(point, board.positions.mean(axis=0) + 0.15 * front, atol=1e-9)
+        np.testing.assert_allclose(normal, -front, atol=1e-9)
+        np.testing.assert_allclose(over.focus(place, 1e-3), point - 1e-3 * front, atol=1e-9)
+    lengths = [np.linalg.norm(np.diff(one.joints, axis=0), axis=1) for one in (hand, over)]
+    np.testing.assert_allclose(*lengths)
+    with raises_code("misplaced"):
+        hand.over(at.surrounding_box(), 0.1)
+    with raises_code("out_of_range"):
+        hand.focus("palm", offset=0.5)

@@ -2,6 +2,7 @@
 
 import pytest
 
+import airtact as at
 from airtact.setup.parsing import nearest, parse_scene
 from airtact.setup.tables import SceneFile
 from faults import raises_code
@@ -73,7 +74,6 @@ def test_a_wrong_key_is_named_with_its_path_and_the_nearest_right_one(text, sent
             LEAST.replace("[0.0, 0.0, 0.0]", "[0.0, 0.0]"),
             "foci[0].point: expected a list of length 3, got 2.",
         ),
-        (LEAST.replace("[medium]\ncelsius = 20.0", ""), "the key medium is missing."),
         (LEAST.replace('layout = "surrounding_box"', ""), "the key array.layout is missing."),
         (
             LEAST + "[drive]\nlevels = 12.5",
@@ -111,3 +111,9 @@ def test_what_is_not_toml_is_rejected_with_its_line():
 def test_without_a_near_word_all_are_listed():
     assert nearest("zzz", {"b": 1, "a": 2}) == "there is a, b."
     assert nearest("aplha", ["alpha", "beta"], "x.") == "did you mean x.alpha?"
+
+
+def test_the_air_of_a_scene_is_of_20_degrees_where_none_is_given(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(LEAST.replace("[medium]\ncelsius = 20.0", ""), encoding="utf-8")
+    assert at.read_scene(path).medium == at.air(celsius=20.0)

@@ -309,3 +309,13 @@ def test_requests_too_weak_to_be_felt_or_played_say_so(tmp_path):
     assert any("kilopascal" in text for text in weak.warnings)
     silent = at.render(ball(tmp_path, ("900.0", "0.015"), ("600.0", "0.01")))
     assert "silent" in silent.remarks[-1]
+
+
+def test_one_focus_takes_three_lines():
+    board = at.autd3_board()
+    result = at.focus(board, (0.09, 0.07, 0.15), pressures=1000.0)
+    assert result.pressures.tolist() == pytest.approx([1000.0], rel=1e-6)
+    rows = at.open_air_matrix(result.setup.scene, board, result.setup.target)
+    np.testing.assert_allclose(np.abs(rows.pressure(result.drive)), 1000.0, rtol=1e-6)
+    ball = at.sphere(5e-3, 2e-3, centre=(0.09, 0.07, 0.16))
+    assert at.focus(board, np.array([[0.09, 0.07, 0.1545]]), ball).headline.startswith("Object")

@@ -151,7 +151,7 @@ class Scene:
     """
 
     medium: Medium
-    obstacles: Sequence[Obstacle]
+    obstacles: Sequence[Obstacle] = ()
     frequency: float = 40e3
     planes: Sequence[Plane] = ()
 

@@ -12,6 +12,7 @@ from scipy.spatial.distance import cdist
 from airtact.acoustics.sources import Monopoles
 from airtact.errors import (
     InvalidInput,
+    Vector,
     check_finite,
     complex_numbers,
     counted,
@@ -90,7 +91,7 @@ class Target:
 
     def __init__(
         self,
-        points: Real[np.ndarray, "foci 3"],
+        points: Real[np.ndarray, "foci 3"] | Vector,
         pressures: Wanted | None = None,
         *,
         shares: Wanted | None = None,
@@ -100,7 +101,7 @@ class Target:
 
         Parameters
         ----------
-        points : (F, 3) [m].
+        points : (F, 3) [m], or (3,) for one focus.
         pressures : (F,) peak pressures [Pa], one number for all foci, or None. Complex numbers fix
             the phases too, real ones leave them to the method.
         shares : the same in proportion only; give one of the two, or none for equal foci.
@@ -115,6 +116,9 @@ class Target:
             ``hand.place`` gives them.
         """
         _check_no_normal(points)
+        # One point alone is a target of one focus.
+        if len(points) == 3 and all(np.ndim(coordinate) == 0 for coordinate in points):
+            points = np.asarray(points)[None]
         foci = points_of(points, "target points")
         _check_near_origin(foci, "focus")
         if suppression_points is None:
@@ -219,7 +223,7 @@ def _check_suppressed_foci(
         )
 
 
-def _check_no_normal(points: Real[np.ndarray, "foci 3"]) -> None:
+def _check_no_normal(points: Real[np.ndarray, "foci 3"] | Vector) -> None:
     """Raise where a pair of a position and its unit normal was given as two foci."""
     if (
         isinstance(points, tuple)

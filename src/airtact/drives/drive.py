@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Complex128
+from jaxtyping import Complex128, Float64
 
 import airtact
 from airtact.acoustics.scene import Scene
@@ -72,6 +72,16 @@ class Drive:
 
     def __len__(self) -> int:
         return len(self.amplitudes)
+
+    @property
+    def magnitudes(self) -> Float64[np.ndarray, "elements"]:
+        """(E,) amplitude of each element, from 0 to 1 at full scale."""
+        return np.abs(self.amplitudes)
+
+    @property
+    def phases(self) -> Float64[np.ndarray, "elements"]:
+        """(E,) phase of each element [rad], from −π to π, in Re[d e^{−iωt}]."""
+        return np.angle(self.amplitudes)
 
     @property
     def peak(self) -> float:

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float64, Real
 
-from airtact.errors import InvalidInput, Vector, check_finite, number, real_numbers
+from airtact.errors import InvalidInput, Vector, check_finite, number, point_of, real_numbers
 from airtact.printing import in_short
 
 
@@ -66,6 +66,25 @@ class Pose:
     def identity(cls) -> "Pose":
         """Make the motion that moves nothing."""
         return cls(np.eye(3), np.zeros(3))
+
+    @classmethod
+    def shift(cls, translation: Vector) -> "Pose":
+        """Translate by (3,) [m] without a turn."""
+        return cls(np.eye(3), point_of(translation, "the shift"))
+
+    @classmethod
+    def between(cls, first: Vector, second: Vector) -> "Pose":
+        """Turn one direction (3,) into another by the smallest angle.
+
+        Opposite directions leave the axis open; it is then any across the first.
+        """
+        start = point_of(first, "the first direction")
+        end = point_of(second, "the second direction")
+        axis = np.cross(start, end)
+        angle = math.atan2(float(np.linalg.norm(axis)), float(start @ end))
+        if np.linalg.norm(axis) < 1e-9 * np.linalg.norm(start) * np.linalg.norm(end):
+            axis = np.cross(start, np.eye(3)[np.argmin(np.abs(start))])
+        return cls.turn(axis, angle)
 
     @classmethod
     def turn(cls, axis: Vector, angle: float, translation: Vector = (0, 0, 0)) -> "Pose":

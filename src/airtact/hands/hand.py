@@ -4,12 +4,14 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float64, Real
 
 from airtact.acoustics.target_points import outward
 from airtact.errors import InvalidInput, fixed, in_mm, of_kind, within
+from airtact.geometry.pose import Pose
 from airtact.geometry.surface import Surface
 from airtact.hands.body import Hulls, Touch, hand_hulls
 from airtact.hands.joints import (
@@ -33,6 +35,21 @@ from airtact.printing import one_line, sides_in_mm
 
 PLACES = (*(f"{finger}.pad" for finger in FINGERS), "palm")
 """Named positions on the skin of a hand."""
+
+
+@runtime_checkable
+class HasFront(Protocol):
+    """An array, as far as a hand needs it to be put in front of it."""
+
+    @property
+    def positions(self) -> Float64[np.ndarray, "elements 3"]:
+        """Positions of the elements [m]."""
+        ...
+
+    @property
+    def normals(self) -> Float64[np.ndarray, "elements 3"]:
+        """Directions in which they radiate."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +151,54 @@ class Hand:
                 code="inside_body",
             )
         return point, normal
+
+    def focus(self, name: str, offset: float = 0.5e-3) -> Float64[np.ndarray, "3"]:
+        """Return a point (3,) [m] in front of a named position, ``offset`` metres off the skin.
+
+        Raises
+        ------
+        InvalidInput
+            As ``place``, or the offset is negative or above 0.1 m.
+        """
+        point, normal = self.place(name)
+        slip = "is it in millimetres? Give metres."
+        return point + within(offset, 0.0, 0.1, "the offset of a focus", "m", slip) * normal
+
+    def moved(self, pose: Pose) -> "Hand":
+        """Move the hand rigidly: joints x become pose.apply(x)."""
+        of_kind(pose, Pose, "the motion of a hand", "Pose(rotation, translation)")
+        return Hand(fixed(pose.apply(self.joints)), self.radii, self.side)
+
+    def over(self, array: HasFront, height: float, place: str = "palm") -> "Hand":
+        """Move the hand in front of an array, so that a named position faces it.
+
+        Parameters
+        ----------
+        array : elements that radiate to one side, such as a board.
+        height : distance of the position from the middle of the array, along its front [m].
+        place : one of ``places``.
+
+        Raises
+        ------
+        InvalidInput
+            As ``place``, the height is not from 0 to 1 m, or the elements radiate to all sides, so
+            that the array has no front.
+        """
+        slip = "is it in millimetres? Give metres."
+        height = within(height, 0.0, 1.0, "the height of a hand", "m", slip)
+        point, normal = self.place(place)
+        front = array.normals.mean(axis=0)
+        # Unit normals that mostly cancel: a box has 0, a bowl of half a sphere 0.5.
+        if np.linalg.norm(front) < 0.3:
+            raise InvalidInput(
+                "the elements radiate to all sides, so the array has no front: move the hand by "
+                "moved(pose).",
+                code="misplaced",
+            )
+        front = front / np.linalg.norm(front)
+        turned = Pose.between(normal, -front)
+        goal = array.positions.mean(axis=0) + height * front
+        return self.moved(Pose(turned.rotation, goal - turned.apply(point)))
 
     def open_to(self, gap: float, first: str = "thumb", second: str = "index") -> "Hand":
         """Turn two fingers about their roots until their last phalanges are a gap apart.

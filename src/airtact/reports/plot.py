@@ -4,6 +4,7 @@ Each function draws into ``ax``, or into a new figure by default, and returns th
 a run has the same drawings. Lengths are in millimetres. Matplotlib is imported on first use.
 """
 
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -36,6 +37,7 @@ def field(
     drive: str | int = 0,
     over: str | None = None,
     plane: Plane | None = None,
+    size: float | None = None,
     most: float | None = None,
     ax: Axes | None = None,
 ) -> Axes:
@@ -49,6 +51,7 @@ def field(
     over : name of a second drive of a comparison; plots the level of ``drive`` over it [dB].
     plane : "xy", "xz" or "yz" through the middle of the foci; by default the plane that fits foci
         and bodies best.
+    size : width and height of the picture [m]; by default some wavelengths around the foci.
     most : pressure at which the colours end [Pa]; by default the largest in the plane.
     ax : axes to draw into; by default those of a new figure.
 
@@ -76,6 +79,12 @@ def field(
         window = plane_across(foci, plane, scene.wavelength)
     else:
         raise InvalidInput(f"plane is {plane!r}; use xy, xz or yz.", code="unknown_name")
+    if size is not None:
+        width = positive(size, "the size of a plot", "m")
+        wavelength = scene.wavelength
+        # Not above 100,000 points, however wide.
+        step = max(width / 300, min(width / 150, wavelength / 8))
+        window = replace(window, width=width, height=width, step=step)
     pressures = field_of_result.at(window.points)
     shown = {str(drive): pressures[:, column]}
     if over is not None:

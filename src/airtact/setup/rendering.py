@@ -6,16 +6,19 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Real
 
 import airtact as at
+from airtact.acoustics.medium import Medium
+from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.problem import SolveReport
+from airtact.acoustics.target import Target, Wanted
 from airtact.drives.drive import Drive, quantise
 from airtact.drives.drive_file import SEQUENCE_FILE
 from airtact.drives.frame import Frame
 from airtact.drives.reach import fraction
 from airtact.drives.transfer import TransferMatrix
-from airtact.errors import of_kind
+from airtact.errors import Vector, of_kind
 from airtact.evaluation.comparison import Comparison
 from airtact.evaluation.comparison import compare as compare_drives
 from airtact.evaluation.headline import beyond_linear, body_word, headline, shortfalls
@@ -41,6 +44,7 @@ from airtact.setup.solving import (
     verification_solver,
 )
 from airtact.timing import Clock, Progress
+from airtact.transducers.layout import PhasedArray
 from airtact.transducers.modulation import AmplitudeModulation
 
 # Files of a drive
@@ -150,6 +154,49 @@ def save_drive(
         modulation=modulation if isinstance(modulation, AmplitudeModulation) else None,
         texts={"scene": setup.text, "report": msgspec.json.encode(report).decode()},
     )
+
+
+def focus(
+    array: PhasedArray,
+    points: Real[np.ndarray, "foci 3"] | Vector,
+    hand: "at.Hand | at.Surface | None" = None,
+    *,
+    pressures: Wanted | None = None,
+    medium: Medium | None = None,
+) -> Rendering:
+    """Focus an array on points, in open air or with a hand or another rigid body there.
+
+    Parameters
+    ----------
+    array : the transducers.
+    points : (F, 3) foci in the array's frame [m], or (3,) for one.
+    hand : a hand, or the surface of another body, in the same frame.
+    pressures : (F,) peak pressures asked for [Pa], or one for all; as strong as possible unless
+        given.
+    medium : the air; of 20 °C unless given.
+
+    Returns
+    -------
+    The drive and the pressures that the foci get, verified as by ``render``.
+
+    Raises
+    ------
+    InvalidInput
+        As ``render``.
+
+    Examples
+    --------
+    >>> import airtact as at
+    >>> result = focus(at.autd3_board(), (0.09, 0.07, 0.15))
+    >>> result.drive.phases.shape, result.pressures.round(-2).tolist()
+    ((249,), [5400.0])
+    """
+    bodies = []
+    if hand is not None:
+        bodies.append(at.sound_hard(hand.surface if isinstance(hand, at.Hand) else hand))
+    scene = Scene(medium or at.air(celsius=20.0), bodies)
+    names = ("hand",) if isinstance(hand, at.Hand) else ()
+    return render(Setup(scene, array, Target(points, pressures), bodies=names))
 
 
 def render(

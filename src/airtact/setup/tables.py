@@ -539,9 +539,9 @@ class SceneFile(Table, frozen=True):
 
     Attributes
     ----------
-    medium : fluid around the bodies.
     array : the transducers.
     foci : points that a person feels.
+    medium : fluid around the bodies; air at 20 °C if left out.
     suppression : points with as little sound as possible.
     obstacles : bodies.
     planes : a rigid plane; at most one.
@@ -554,9 +554,9 @@ class SceneFile(Table, frozen=True):
     tracker : pose of the tracker in the obstacles' frame, for ``airtact live``.
     """
 
-    medium: MediumTable
     array: ArrayTable
     foci: Annotated[list[FocusTable], Meta(min_length=1)]
+    medium: MediumTable = msgspec.field(default_factory=lambda: MediumTable(celsius=20.0))
     suppression: list[SuppressionTable] = []
     obstacles: Annotated[list[ObstacleTable], Meta(max_length=256)] = []
     planes: list[PlaneTable] = []

@@ -191,13 +191,7 @@ class PhasedArray:
                 code="misplaced",
             )
         front = front / np.linalg.norm(front)
-        # The shortest turn that brings the front to face the point.
-        axis = np.cross(front, -outward)
-        angle = float(np.arctan2(np.linalg.norm(axis), front @ -outward))
-        # It faces the point, or away from it: any axis across the front serves.
-        if np.linalg.norm(axis) < 1e-9:
-            axis = self.tangents[0]
-        turned = self.moved(Pose.turn(axis, angle))
+        turned = self.moved(Pose.between(front, -outward))
         middle = point_of(point, "the point that an array faces") + distance * outward
         return turned.moved(Pose(np.eye(3), middle - turned.positions.mean(axis=0)))
 
