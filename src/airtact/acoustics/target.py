@@ -4,6 +4,7 @@ Foci in the obstacles' frame, the pressures wanted there, and points to suppress
 """
 
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from jaxtyping import Complex128, Float64, Num, Real
@@ -119,7 +120,7 @@ class Target:
         # One point alone is a target of one focus.
         if len(points) == 3 and all(np.ndim(coordinate) == 0 for coordinate in points):
             points = np.asarray(points)[None]
-        foci = points_of(points, "target points")
+        foci = points_of(cast("np.ndarray", points), "target points")
         _check_near_origin(foci, "focus")
         if suppression_points is None:
             suppression_points = np.empty((0, 3))
