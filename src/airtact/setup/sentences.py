@@ -9,12 +9,16 @@ from airtact.drives.drive import Drive, quantise
 from airtact.drives.max_min import upper_bound
 from airtact.drives.reach import MIN_FOCUS_DISTANCE, nearest_foci
 from airtact.drives.transfer import TransferMatrix
-from airtact.errors import counted
+from airtact.errors import counted, in_mm
 from airtact.evaluation.headline import pascals
 from airtact.evaluation.tactile_thresholds import sensation
 from airtact.setup.setup import Setup
 from airtact.transducers.modulation import AmplitudeModulation
-from airtact.transducers.placement import open_air_bound, strongest_open_air
+from airtact.transducers.placement import (
+    open_air_bound,
+    overlapping_boards,
+    strongest_open_air,
+)
 
 # Largest distance of a focus from a body at which skin can feel it [m], a wavelength and more
 MAX_SKIN_DISTANCE = 10e-3
@@ -38,11 +42,22 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
             "is left out: they radiate forwards only, so it gets none of their sound."
             for plane in setup.left_out
         ),
+        *_board_cautions(setup),
         *_path_cautions(setup),
         *_skin_cautions(setup),
         *_separation_cautions(setup),
         *_pressure_cautions(setup),
     )
+
+
+def _board_cautions(setup: Setup) -> Iterator[str]:
+    overlap = overlapping_boards(setup.array)
+    if overlap is not None:
+        first, second, point = overlap
+        yield (
+            f"boards {first} and {second} overlap around {in_mm(point)}: two boards cannot be at "
+            "one place; move one of them."
+        )
 
 
 def _path_cautions(setup: Setup) -> Iterator[str]:

@@ -11,6 +11,7 @@ from airtact import _kernels
 from airtact.acoustics.planes import Plane, check_before_planes
 from airtact.acoustics.scene import CONTACT, Scene, check_not_inside
 from airtact.errors import InvalidInput, counted, in_mm, of_kind
+from airtact.transducers.boards import kind_of_array
 from airtact.transducers.element import check_pattern
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.plates import flush, strength_in
@@ -83,6 +84,36 @@ def check_apart(array: PhasedArray) -> None:
         array.positions[first],
         code="bodies_overlap",
     )
+
+
+def overlapping_boards(
+    array: PhasedArray,
+) -> tuple[int, int, Float64[np.ndarray, "3"]] | None:
+    """Return two boards of an array that overlap, and a point in both [m]; None where none do.
+
+    Boards that pass each other by up to 6 mm at their edges do not count: those of the paper's box
+    do by 5.7 mm.
+    """
+    kind = kind_of_array(array.positions, array.normals)
+    if kind is None or kind[0].outline is None:
+        return None
+    board, poses = kind
+    middle = 0.5 * (board.positions.min(axis=0) + board.positions.max(axis=0))
+    half = 0.5 * np.array(kind[0].outline) - 6e-3
+    # Points 5 mm apart on the face of a board, and which of them are within the next one.
+    axes = [np.linspace(-length, length, int(2 * length / 5e-3) + 2) for length in half]
+    x, y = np.meshgrid(*axes)
+    face = middle + np.stack([x.ravel(), y.ravel(), 0.0 * x.ravel()], axis=1)
+    for first, pose in enumerate(poses):
+        points = pose.apply(face)
+        for second in range(len(poses)):
+            if second == first:
+                continue
+            local = np.abs(poses[second].inverse().apply(points) - middle)
+            inside = (local[:, :2] <= half).all(axis=1) & (local[:, 2] < 4e-3)
+            if inside.any():
+                return min(first, second), max(first, second), points[inside].mean(axis=0)
+    return None
 
 
 def _check_body(
