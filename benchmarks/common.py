@@ -13,10 +13,10 @@ from jaxtyping import Complex128, Float64, Num, Real
 from airtact.acoustics.medium import Medium
 from airtact.acoustics.scene import Scene, sound_hard
 from airtact.acoustics.target import Target
+from airtact.errors import in_short
 from airtact.geometry.pose import Pose
 from airtact.geometry.primitives import Capsule, capsule
 from airtact.geometry.surface import Surface
-from airtact.printing import in_short
 from references.fundamental_solutions import pressure_at
 
 AIR = Medium(sound_speed=343.1, density=1.293)

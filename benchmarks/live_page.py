@@ -81,7 +81,7 @@ def run(watch: Callable[[str, ExitStack], dict[str, float]] | None) -> dict[str,
         command = [
             sys.executable,
             "-m",
-            "airtact.cli",
+            "airtact",
             "live",
             "live_pinch",
             "--seconds",

@@ -22,6 +22,7 @@ from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive
 from airtact.drives.linear_methods import time_reversal
 from airtact.drives.transfer import TransferMatrix, transfer_matrix
+from airtact.errors import in_short
 from airtact.evaluation.field import drive_sources
 from airtact.hands.files import load_hand
 from airtact.hands.hand import Hand, hand_from_joints
@@ -35,7 +36,6 @@ from airtact.live.drives.factors import (
     solved,
 )
 from airtact.live.scene import LiveScene, pose_hand
-from airtact.printing import in_short
 from airtact.setup.examples import example
 from airtact.transducers.element import monopole
 from airtact.transducers.layout import PhasedArray, flat_boards, surrounding_box

@@ -11,12 +11,11 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Complex128, Float64, Int64, Real
 
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, in_short
 from airtact.geometry.mesh.topology import cone_volumes
 from airtact.geometry.primitives import Capsule
 from airtact.hands.body import Hulls
 from airtact.hands.skin_mesh import even_skin
-from airtact.printing import in_short
 from airtact.timing import Progress, no_progress
 from benchmarks.common import Bodies, Timed, relative_error
 

@@ -10,8 +10,7 @@ from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive
 from airtact.drives.robust_drives import robust, sampled_rows
 from airtact.drives.transfer import TransferMatrix
-from airtact.errors import InvalidInput
-from airtact.printing import one_line
+from airtact.errors import InvalidInput, one_line
 
 BoundedGoal = Literal["worst", "mean"]
 """The goals that have a bound."""

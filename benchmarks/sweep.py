@@ -90,7 +90,7 @@ def kills(count: int, seed: int) -> None:
         command = [
             sys.executable,
             "-m",
-            "airtact.cli",
+            "airtact",
             "sweep",
             str(scene(folder, 0.1)),
             "--no-pictures",

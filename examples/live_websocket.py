@@ -23,7 +23,7 @@ folder.mkdir(parents=True, exist_ok=True)
 PORT = 8765
 
 motion = at.hands.load_recording(at.example("reaching.jsonl"))  # your tracker's frames instead
-command = [sys.executable, "-m", "airtact.cli", "live", str(at.example("live_pinch"))]
+command = [sys.executable, "-m", "airtact", "live", str(at.example("live_pinch"))]
 command += ["--from", f"websocket:{PORT}", "--out", str(folder / "live"), "--no-page", "--quiet"]
 loop = subprocess.Popen(command)
 

@@ -18,9 +18,9 @@ import numpy as np
 from jaxtyping import Complex128, Float64, Int64, Real
 
 import airtact
+from airtact.errors import in_short
 from airtact.geometry.pose import Pose
 from airtact.geometry.primitives import Capsule
-from airtact.printing import in_short
 
 MAX_MONOPOLES = 4000
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.printing import in_short, one_line, span
+from airtact.errors import in_short, one_line, span
 from paths import HANDS
 
 LONGEST = 130

@@ -256,7 +256,7 @@ def test_ctrl_c_leaves_whole_files_or_none(tmp_path):
     folder = tmp_path / "out"
     folder.mkdir()
     (folder / "drive.h5").write_text("older")
-    command = [sys.executable, "-m", "airtact.cli", "render", "pinch", "--out", str(folder)]
+    command = [sys.executable, "-m", "airtact", "render", "pinch", "--out", str(folder)]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:

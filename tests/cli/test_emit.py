@@ -519,7 +519,7 @@ def ended_by(kind, path: Path, moment: float) -> None:
         command = [
             sys.executable,
             "-m",
-            "airtact.cli",
+            "airtact",
             "emit",
             str(path),
             "--board",

@@ -81,7 +81,7 @@ def test_what_trackers_send_is_recorded_and_kept_on_ctrl_c(tmp_path):
     command = [
         sys.executable,
         "-m",
-        "airtact.cli",
+        "airtact",
         "live",
         "--from",
         "websocket:0",

@@ -19,7 +19,7 @@ from emission.receivers import Nano16, wired
 from paths import EXAMPLES
 from references.motions import reaching_recording, still
 
-COMMAND = [sys.executable, "-m", "airtact.cli", "live"]
+COMMAND = [sys.executable, "-m", "airtact", "live"]
 QUICK = ["live_pinch", "--no-page"]
 AUDIT = ["--board", "autd3", "--link", "audit", "--yes", "--cap", "0.5"]
 

@@ -38,7 +38,7 @@ def test_ten_minutes_with_nonsense_every_minute(tmp_path):
     command = [
         sys.executable,
         "-m",
-        "airtact.cli",
+        "airtact",
         "live",
         "live_pinch",
         "--no-page",

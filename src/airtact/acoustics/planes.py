@@ -10,11 +10,10 @@ import numpy as np
 from jaxtyping import Bool, Float64, Real
 
 from airtact.acoustics.sources import Monopoles
-from airtact.errors import InvalidInput, Vector, fixed, in_mm, of_kind, point_of
+from airtact.errors import InvalidInput, Vector, fixed, in_mm, of_kind, one_line, point_of
 from airtact.geometry.checks import NEAREST
 from airtact.geometry.pose import Pose
 from airtact.geometry.surface import Surface
-from airtact.printing import one_line
 
 # Points up to this deep behind a plane count as on it [m]
 ON_PLANE = 1e-9

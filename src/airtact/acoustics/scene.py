@@ -20,11 +20,11 @@ from airtact.errors import (
     counted,
     in_mm,
     of_kind,
+    one_line,
     points_of,
 )
 from airtact.geometry.checks import NEAREST, approach, check_apart, check_surface
 from airtact.geometry.surface import Surface
-from airtact.printing import one_line
 
 # Points up to this deep in a body count as on its surface [m]
 CONTACT = 1e-9

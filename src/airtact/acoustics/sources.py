@@ -7,8 +7,7 @@ from jaxtyping import Float64, Int64, Num, Real
 from scipy.spatial import KDTree
 from scipy.spatial.distance import cdist
 
-from airtact.errors import InvalidInput, check_finite, complex_numbers, points_of
-from airtact.printing import in_short
+from airtact.errors import InvalidInput, check_finite, complex_numbers, in_short, points_of
 
 # A point nearer to a source than this stands on it [m]
 STANDS_ON = 1e-9

@@ -19,10 +19,11 @@ from airtact.errors import (
     counted,
     fixed,
     in_mm,
+    one_line,
     points_of,
     real_numbers,
+    span,
 )
-from airtact.printing import one_line, span
 
 # The value wanted at each focus: (F,) numbers, or one for all
 Wanted = Num[np.ndarray, "foci"] | complex | float | int

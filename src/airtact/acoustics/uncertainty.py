@@ -4,8 +4,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from airtact.errors import InvalidInput, Vector, between, point_of
-from airtact.printing import one_line
+from airtact.errors import InvalidInput, Vector, between, one_line, point_of
 
 # Angles above zero and below this were probably meant in radians [degree]; they move nothing that
 # counts

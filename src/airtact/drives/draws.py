@@ -12,8 +12,8 @@ from scipy.special import ndtri
 
 from airtact.acoustics.medium import air
 from airtact.acoustics.uncertainty import Uncertainty
+from airtact.errors import in_short
 from airtact.geometry.pose import Pose
-from airtact.printing import in_short
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,8 +12,7 @@ import airtact
 from airtact.acoustics.scene import Scene
 from airtact.acoustics.target import Target
 from airtact.drives.frame import Frame
-from airtact.errors import InvalidInput, check_finite, complex_numbers, counted, of_kind
-from airtact.printing import one_line
+from airtact.errors import InvalidInput, check_finite, complex_numbers, counted, of_kind, one_line
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.levels import EIGHT_BITS, FULL_SCALE, Levels
 from airtact.transducers.modulation import AmplitudeModulation

@@ -6,8 +6,7 @@ import numpy as np
 from jaxtyping import Complex, UInt8
 
 import airtact
-from airtact.errors import InvalidInput, number
-from airtact.printing import in_short
+from airtact.errors import InvalidInput, in_short, number
 from airtact.transducers.levels import EIGHT_BITS, Levels
 
 

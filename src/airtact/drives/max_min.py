@@ -24,8 +24,7 @@ from airtact.drives.gerchberg_saxton import (
 )
 from airtact.drives.reach import FociRows, asked_rows, scaled_to_target
 from airtact.drives.transfer import TransferMatrix
-from airtact.errors import counted, positive
-from airtact.printing import one_line
+from airtact.errors import counted, one_line, positive
 
 
 @dataclass(frozen=True, eq=False)

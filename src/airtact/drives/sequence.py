@@ -18,8 +18,7 @@ from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive
 from airtact.drives.drive_file import save_drives
 from airtact.drives.transfer import TransferMatrix
-from airtact.errors import InvalidInput, check_finite, complex_numbers, of_kind, positive
-from airtact.printing import in_short
+from airtact.errors import InvalidInput, check_finite, complex_numbers, in_short, of_kind, positive
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.levels import EIGHT_BITS, FULL_SCALE, Levels
 

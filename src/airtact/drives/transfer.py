@@ -22,8 +22,8 @@ from airtact.errors import (
     counted,
     in_mm,
     of_kind,
+    one_line,
 )
-from airtact.printing import one_line
 from airtact.transducers.element import check_pattern
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_apart, check_placement, check_reach

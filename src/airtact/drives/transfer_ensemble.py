@@ -42,9 +42,8 @@ from airtact.acoustics.uncertainty import Uncertainty
 from airtact.drives.draws import Draw, draws, gains
 from airtact.drives.drive import Drive
 from airtact.drives.transfer import TransferMatrix, transfer_matrix
-from airtact.errors import InvalidInput, check_seed, counted, of_kind
+from airtact.errors import InvalidInput, check_seed, counted, in_short, of_kind, one_line
 from airtact.geometry.pose import Pose
-from airtact.printing import in_short, one_line
 from airtact.transducers.boards import kind_of_array
 from airtact.transducers.layout import PhasedArray, join
 from airtact.transducers.placement import check_placement

@@ -11,10 +11,9 @@ from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.problem import RadiatedField, Solver, SolveReport
 from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive, check_drive
-from airtact.errors import InvalidInput, counted, of_kind
+from airtact.errors import InvalidInput, counted, of_kind, one_line
 from airtact.evaluation.field import radiate_drives
 from airtact.evaluation.metrics import not_modelled
-from airtact.printing import one_line
 from airtact.timing import Progress
 from airtact.transducers.layout import PhasedArray
 

@@ -10,11 +10,10 @@ from airtact.acoustics.solvers.problem import RadiatedField, Solver
 from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive
 from airtact.drives.transfer_ensemble import TransferEnsemble, matrices_at
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, in_short
 from airtact.evaluation.headline import pascals
 from airtact.evaluation.windows import Window
 from airtact.geometry.pose import Pose
-from airtact.printing import in_short
 from airtact.transducers.layout import PhasedArray
 
 HELD_OUT_SAMPLES = 256

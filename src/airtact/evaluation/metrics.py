@@ -10,9 +10,8 @@ from airtact.acoustics.solvers.problem import BOARDS, PLANES, RadiatedField, Sol
 from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive
 from airtact.drives.reach import fraction
-from airtact.errors import counted, of_kind
+from airtact.errors import counted, of_kind, one_line
 from airtact.evaluation.field import radiate_drives
-from airtact.printing import one_line
 from airtact.timing import Progress
 from airtact.transducers.layout import PhasedArray
 

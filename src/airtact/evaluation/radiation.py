@@ -8,9 +8,8 @@ from jaxtyping import Complex128, Float64, Int64, Real
 from airtact.acoustics.medium import Medium
 from airtact.acoustics.solvers.bem.quadrature import place_nodes
 from airtact.acoustics.solvers.problem import RadiatedField
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, one_line
 from airtact.geometry.panels import panels_of
-from airtact.printing import one_line
 
 
 def radiation_pressure(

@@ -14,10 +14,10 @@ from airtact.errors import (
     complex_numbers,
     counted,
     in_mm,
+    in_short,
     points_of,
 )
 from airtact.files.text_table import read_text_table
-from airtact.printing import in_short
 
 MIN_POSITIONS = 3
 """Anything fits fewer positions."""

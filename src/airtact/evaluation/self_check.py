@@ -14,9 +14,9 @@ from airtact.acoustics.solvers.bem.solver import BoundaryElement
 from airtact.acoustics.solvers.problem import RadiatedField
 from airtact.acoustics.solvers.spherical.sphere_series import SphereSeries
 from airtact.acoustics.sources import Monopoles
+from airtact.errors import in_short
 from airtact.geometry.pose import Pose
 from airtact.geometry.primitives import sphere
-from airtact.printing import in_short
 from airtact.timing import Progress, no_progress
 
 SOLVER = BoundaryElement(accuracy=0.01)

@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Complex128, Float64, Inexact, Int64, Real
 
 from airtact.acoustics.solvers.problem import RadiatedField
+from airtact.errors import in_short
 from airtact.evaluation.windows import Window
-from airtact.printing import in_short
 
 MAX_POINTS = 36_000
 """Largest number of points at which the field is evaluated for all planes together."""

@@ -13,13 +13,12 @@ from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive, quantise
 from airtact.drives.reach import check_foci
 from airtact.drives.transfer import TransferMatrix, transfer_matrix
-from airtact.errors import Vector, counted, in_mm, of_kind, points_of
+from airtact.errors import Vector, counted, in_mm, of_kind, one_line, points_of, span
 from airtact.evaluation.field import radiate_drives
 from airtact.evaluation.head_level import NO_SAFETY_ASSESSMENT, sound_pressure_level
 from airtact.evaluation.metrics import Evaluation
 from airtact.evaluation.radiation import RadiationMap, radiation_of
 from airtact.evaluation.tactile_thresholds import sensation
-from airtact.printing import one_line, span
 from airtact.timing import Progress, no_progress
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.levels import EIGHT_BITS, Levels

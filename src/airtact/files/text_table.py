@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Complex128, Float64
 
-from airtact.errors import LARGEST_NUMBER, InvalidInput, counted
+from airtact.errors import LARGEST_NUMBER, InvalidInput, counted, in_short
 from airtact.files.bounded import text_of
-from airtact.printing import in_short
 
 MAX_COLUMNS = 1024
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, in_short
 from airtact.geometry.mesh.arrays import (
     EdgeVectors,
     IndexPairs,
@@ -36,7 +36,6 @@ from airtact.geometry.mesh.topology import are_among, edge_ends
 from airtact.geometry.pose import Pose
 from airtact.geometry.quadratic_mesh import QuadraticMesh
 from airtact.geometry.shape import BEND, Shape
-from airtact.printing import in_short
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,8 +7,15 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float64, Real
 
-from airtact.errors import InvalidInput, Vector, check_finite, number, point_of, real_numbers
-from airtact.printing import in_short
+from airtact.errors import (
+    InvalidInput,
+    Vector,
+    check_finite,
+    in_short,
+    number,
+    point_of,
+    real_numbers,
+)
 
 
 @dataclass(frozen=True, eq=False)

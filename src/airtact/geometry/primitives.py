@@ -7,7 +7,7 @@ from functools import cache, lru_cache
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.errors import InvalidInput, Vector, fixed, number, point_of, positive
+from airtact.errors import InvalidInput, Vector, fixed, in_short, number, point_of, positive
 from airtact.geometry.mesh.arrays import (
     FlatMesh,
     PointLengths,
@@ -28,7 +28,6 @@ from airtact.geometry.mesh.topology import check_size
 from airtact.geometry.pose import Pose
 from airtact.geometry.shape import BEND, Shape
 from airtact.geometry.surface import Surface
-from airtact.printing import in_short
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float64
 from scipy.spatial import KDTree
 
+from airtact.errors import in_short
 from airtact.geometry.mesh.arrays import (
     EdgeMask,
     EdgeVectors,
@@ -36,7 +37,6 @@ from airtact.geometry.mesh.quadratic_triangles import (
 )
 from airtact.geometry.mesh.remeshing import RidgedMesh, with_short_edges
 from airtact.geometry.mesh.topology import SHARP_DEGREES, edge_twins, shells
-from airtact.printing import in_short
 
 _RULE_POINTS, _RULE_WEIGHTS = gauss_square(4)
 _RULE_SHAPE = shape_functions(_RULE_POINTS)

@@ -14,9 +14,11 @@ from airtact.errors import (
     fixed,
     in_mm,
     of_kind,
+    one_line,
     points_of,
     positive,
     real_numbers,
+    sides_in_mm,
 )
 from airtact.geometry.mesh.arrays import (
     EdgeVectors,
@@ -40,7 +42,6 @@ from airtact.geometry.mesh.topology import (
 from airtact.geometry.panels import Panels, panels_of
 from airtact.geometry.pose import Pose, nearest_motion
 from airtact.geometry.shape import Shape
-from airtact.printing import one_line, sides_in_mm
 
 
 class Body:

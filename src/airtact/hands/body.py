@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64, Real
 
 from airtact import _kernels
-from airtact.errors import fixed, in_mm
+from airtact.errors import fixed, in_mm, in_short
 from airtact.hands.joints import (
     CHAINS,
     FINGERS,
@@ -26,7 +26,6 @@ from airtact.hands.joints import (
     Radii,
     hand_length,
 )
-from airtact.printing import in_short
 
 HullPairs = Float64[np.ndarray, "hulls hulls"]
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float64, Real
 
 from airtact.acoustics.target_points import outward
-from airtact.errors import InvalidInput, fixed, in_mm, of_kind, within
+from airtact.errors import InvalidInput, fixed, in_mm, of_kind, one_line, sides_in_mm, within
 from airtact.geometry.pose import Pose
 from airtact.geometry.surface import Surface
 from airtact.hands.body import Hulls, Touch, hand_hulls
@@ -31,7 +31,6 @@ from airtact.hands.joints import (
 from airtact.hands.kinematics import bending_axis, opened
 from airtact.hands.shape import HandShape
 from airtact.hands.skin_mesh import even_skin, graded, midpoints
-from airtact.printing import one_line, sides_in_mm
 
 PLACES = (*(f"{finger}.pad" for finger in FINGERS), "palm")
 """Named positions on the skin of a hand."""

@@ -10,10 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.errors import InvalidInput, fixed, number, within
+from airtact.errors import InvalidInput, fixed, in_short, number, within
 from airtact.geometry.primitives import capsule
 from airtact.geometry.surface import Surface
-from airtact.printing import in_short
 
 RADIUS = 8e-3
 """Radius of a finger [m]."""

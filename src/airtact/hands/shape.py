@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float64, Real
 
+from airtact.errors import in_short
 from airtact.geometry.mesh.arrays import QuadraticTriangles
 from airtact.geometry.mesh.quadratic_triangles import enclosed_volume, panel_areas
 from airtact.geometry.mesh.remeshing import RidgedMesh
@@ -15,7 +16,6 @@ from airtact.geometry.shape import BEND, Shape
 from airtact.hands.body import Hulls
 from airtact.hands.joints import PerPoint, Point, Points, unit
 from airtact.hands.skin_mesh import HandMesh, Vertices, even_skin, midpoints, settled
-from airtact.printing import in_short
 
 NEAR_KEYFRAME = 2.5e-3
 """Motion up to which a frame keeps the keyframe that it follows [m]."""

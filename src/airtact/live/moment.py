@@ -7,9 +7,9 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float64
 
+from airtact.errors import in_short
 from airtact.hands.tracking.frame import HandFrame
 from airtact.live.scene import Amplitudes, Foci, Frames, Joints, LiveScene
-from airtact.printing import in_short
 
 Rule = Literal["distances", "phalanges", "hand", "carried"]
 """Basis of a drive: distances alone; a solution of the last phalanges or of the whole hand; or a

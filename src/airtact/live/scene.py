@@ -17,10 +17,9 @@ from airtact.acoustics.planes import Plane
 from airtact.acoustics.scene import check_no_boards
 from airtact.drives.motion import DEFAULT_FRAMES, Motion
 from airtact.drives.sequence import MIN_FRAMES
-from airtact.errors import InvalidInput, counted, fixed
+from airtact.errors import InvalidInput, counted, fixed, in_short
 from airtact.hands.hand import PLACES, Hand, Side
 from airtact.hands.joints import CHAINS, check_finger_order, cross, joints_of, radii_of, unit
-from airtact.printing import in_short
 from airtact.setup.setup import Setup
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.modulation import AmplitudeModulation

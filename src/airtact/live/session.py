@@ -17,14 +17,13 @@ from jaxtyping import Bool, Complex64, Float64
 
 from airtact.acoustics.medium import Medium
 from airtact.acoustics.planes import plane
-from airtact.errors import InvalidInput, about, file_fault, fixed
+from airtact.errors import InvalidInput, about, file_fault, fixed, in_short
 from airtact.hands.joints import joints_of
 from airtact.hands.tracking.frame import HandFrame
 from airtact.hands.tracking.recordings import Recording
 from airtact.hands.tracking.stream import StreamHealth
 from airtact.live.moment import Moment, Rule, State
 from airtact.live.scene import LiveScene
-from airtact.printing import in_short
 from airtact.transducers.element import Element
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.modulation import AmplitudeModulation

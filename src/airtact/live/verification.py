@@ -11,12 +11,11 @@ from airtact.acoustics.solvers.bem.solver import BoundaryElement
 from airtact.acoustics.target import Target
 from airtact.drives.methods import best
 from airtact.drives.transfer import transfer_matrix
-from airtact.errors import InvalidInput, fixed
+from airtact.errors import InvalidInput, fixed, in_short
 from airtact.hands.hand import hand_from_joints
 from airtact.live.moment import Rule
 from airtact.live.scene import Joints, foci_on
 from airtact.live.session import Session
-from airtact.printing import in_short
 from airtact.timing import Progress, no_progress
 
 

@@ -30,12 +30,12 @@ from airtact.errors import (
     complex_numbers,
     counted,
     of_kind,
+    one_line,
     positive,
     real_numbers,
 )
 from airtact.files.atomic import whole_file
 from airtact.files.bounded import datasets_of
-from airtact.printing import one_line
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.levels import FULL_SCALE
 

@@ -19,9 +19,8 @@ from scipy.stats import qmc
 from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.bem.solver import BoundaryElement
 from airtact.acoustics.solvers.problem import Solver
-from airtact.errors import InvalidInput, counted, of_kind
+from airtact.errors import InvalidInput, counted, of_kind, one_line
 from airtact.geometry.pose import Pose
-from airtact.printing import one_line
 from airtact.sensing.echo_model import EchoModel, Received, further_motion, motion_of
 from airtact.sensing.echoes import Echoes, Receivers, check_elements, check_not_clipped
 from airtact.sensing.scattering import (

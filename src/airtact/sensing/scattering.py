@@ -21,8 +21,7 @@ from airtact.acoustics.scene import Scene, check_no_planes
 from airtact.acoustics.solvers.problem import Solver, SolveReport
 from airtact.acoustics.solvers.spherical.multipole_field import ball_of
 from airtact.acoustics.sources import Monopoles
-from airtact.errors import InvalidInput, of_kind, within
-from airtact.printing import one_line
+from airtact.errors import InvalidInput, of_kind, one_line, within
 from airtact.sensing.waves import (
     along_motions,
     harmonics,

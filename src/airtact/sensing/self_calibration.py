@@ -26,9 +26,8 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from airtact.acoustics.medium import Medium
-from airtact.errors import InvalidInput, counted, of_kind
+from airtact.errors import InvalidInput, counted, of_kind, one_line
 from airtact.geometry.pose import Pose
-from airtact.printing import one_line
 from airtact.sensing.echoes import Echoes, check_elements, check_not_clipped
 from airtact.sensing.transmission import Pairs, boards_of, elements_of, facing, transmission
 from airtact.transducers.calibration import save_calibration

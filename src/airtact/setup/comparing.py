@@ -16,12 +16,11 @@ from airtact.drives.drive import Drive, quantise
 from airtact.drives.max_min import upper_bound
 from airtact.drives.methods import FOR_SAMPLES, METHODS, best, method_for
 from airtact.drives.transfer import TransferMatrix
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, one_line
 from airtact.evaluation.comparison import Comparison
 from airtact.evaluation.comparison import compare as compare_drives
 from airtact.evaluation.field import radiate_drives
 from airtact.files.atomic import whole_file, writable_folder
-from airtact.printing import one_line
 from airtact.setup.rendering import save_drive
 from airtact.setup.sentences import reach_cautions
 from airtact.setup.setup import Setup

@@ -18,12 +18,11 @@ from airtact.drives.drive_file import SEQUENCE_FILE
 from airtact.drives.frame import Frame
 from airtact.drives.reach import fraction
 from airtact.drives.transfer import TransferMatrix
-from airtact.errors import Vector, of_kind
+from airtact.errors import Vector, of_kind, one_line
 from airtact.evaluation.comparison import Comparison
 from airtact.evaluation.comparison import compare as compare_drives
 from airtact.evaluation.headline import beyond_linear, body_word, headline, shortfalls
 from airtact.files.atomic import writable_folder
-from airtact.printing import one_line
 from airtact.setup.sentences import (
     disagreement,
     reach_cautions,

@@ -14,9 +14,8 @@ from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive
 from airtact.drives.methods import FOR_SAMPLES, METHODS
 from airtact.drives.transfer import TransferMatrix
-from airtact.errors import InvalidInput, about, counted, of_kind
+from airtact.errors import InvalidInput, about, counted, of_kind, one_line
 from airtact.geometry.pose import Pose
-from airtact.printing import one_line
 from airtact.setup.parsing import nearest
 from airtact.transducers.boards import poses_of_boards
 from airtact.transducers.layout import PhasedArray

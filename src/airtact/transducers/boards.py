@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Int64, Real
 
-from airtact.errors import InvalidInput, counted, fixed
+from airtact.errors import InvalidInput, counted, fixed, in_short
 from airtact.geometry.pose import Pose, nearest_motion
-from airtact.printing import in_short
 
 NICERA_RADIUS = 4.0e-3
 """Radius of the piston with the pattern of Nippon Ceramic's T4010A1 at 40 kHz [m].

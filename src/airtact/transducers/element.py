@@ -5,8 +5,15 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex, Float64, Real
 
-from airtact.errors import InvalidInput, counted, number, points_of, positive, real_numbers
-from airtact.printing import one_line
+from airtact.errors import (
+    InvalidInput,
+    counted,
+    number,
+    one_line,
+    points_of,
+    positive,
+    real_numbers,
+)
 
 DEFAULT_SENSITIVITY = 4.38
 """Peak pressure of one transducer at full scale, 1 m away on its axis [Pa·m].

@@ -15,13 +15,14 @@ from airtact.errors import (
     counted,
     fixed,
     of_kind,
+    one_line,
     point_of,
     points_of,
     positive,
     real_numbers,
+    sides_in_mm,
 )
 from airtact.geometry.pose import Pose
-from airtact.printing import one_line, sides_in_mm
 from airtact.transducers.boards import MURATA_RADIUS, Board, board_named
 from airtact.transducers.element import Element, monopole, piston
 

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex, Float64, Int64, Real, UInt8
 
-from airtact.errors import InvalidInput, real_numbers
-from airtact.printing import in_short
+from airtact.errors import InvalidInput, in_short, real_numbers
 
 FULL_SCALE = 1.0 + 1e-9
 """Largest magnitude of a drive: full scale, with an allowance for rounding."""

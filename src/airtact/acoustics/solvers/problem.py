@@ -19,8 +19,7 @@ from airtact.acoustics.solvers.arrays import (
 )
 from airtact.acoustics.solvers.open_air import differences, monopole_pressure, velocity_of
 from airtact.acoustics.sources import Monopoles, check_off_sources
-from airtact.errors import counted, points_of
-from airtact.printing import in_short, one_line
+from airtact.errors import counted, in_short, one_line, points_of
 from airtact.timing import Progress
 
 # Setting of a report: number of planes of the scene, if there are any

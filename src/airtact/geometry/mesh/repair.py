@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Integer, Real
 from scipy.spatial import KDTree
 
-from airtact.errors import InvalidInput, between, counted, in_mm, real_numbers
+from airtact.errors import InvalidInput, between, counted, in_mm, in_short, real_numbers
 from airtact.geometry.mesh.arrays import (
     FlatMesh,
     Indices,
@@ -36,7 +36,6 @@ from airtact.geometry.mesh.topology import (
     edge_twins,
     shells,
 )
-from airtact.printing import in_short
 
 if TYPE_CHECKING:
     from manifold3d import Manifold

@@ -10,7 +10,16 @@ from jaxtyping import Bool, Float64, Real
 from scipy.spatial import KDTree
 
 from airtact.acoustics.uncertainty import Uncertainty
-from airtact.errors import InvalidInput, counted, fixed, in_mm, of_kind, point_of, points_of
+from airtact.errors import (
+    InvalidInput,
+    counted,
+    fixed,
+    in_mm,
+    in_short,
+    of_kind,
+    point_of,
+    points_of,
+)
 from airtact.geometry.pose import nearest_motion
 from airtact.geometry.surface import Surface
 from airtact.hands.body import FREE, OWNER, PARTS, Hulls
@@ -50,7 +59,6 @@ from airtact.hands.joints import (
 )
 from airtact.hands.kinematics import evenly_bent
 from airtact.hands.skin_mesh import even_skin
-from airtact.printing import in_short
 from airtact.timing import Progress, no_progress, one_thread
 
 EDGES = (3.5e-3, 2.5e-3)

@@ -24,11 +24,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from airtact.errors import fixed
+from airtact.errors import fixed, in_short
 from airtact.hands.body import WEB_BALL
 from airtact.hands.joints import BONES, CHAINS, GENERIC_RADII, Joints, unit
 from airtact.hands.kinematics import LAST_BEND_SHARE, bending_axis
-from airtact.printing import in_short
 
 Unknowns = Float64[np.ndarray, "137"]
 UnknownsMatrix = Float64[np.ndarray, "137 137"]

@@ -13,11 +13,10 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Real
 
-from airtact.errors import InvalidInput, fixed, points_of
+from airtact.errors import InvalidInput, fixed, in_short, points_of
 from airtact.geometry.pose import Pose
 from airtact.hands.hand import Hand, Side, hand_from_joints
 from airtact.hands.joints import checked_side, joints_of
-from airtact.printing import in_short
 
 Fault = Literal[
     "unreadable",

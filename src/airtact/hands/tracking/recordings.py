@@ -11,14 +11,13 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.errors import InvalidInput, about, file_fault, fixed, positive
+from airtact.errors import InvalidInput, about, file_fault, fixed, in_short, positive
 from airtact.files.atomic import whole_file
 from airtact.files.bounded import check_file
 from airtact.hands.hand import Side
 from airtact.hands.tracking.frame import FaultyFrame, HandFrame
 from airtact.hands.tracking.messages import from_json, to_json
 from airtact.hands.tracking.stream import HandStream, StreamHealth
-from airtact.printing import in_short
 
 ENDING = ".jsonl"
 """Ending of recordings."""

@@ -25,6 +25,7 @@ from airtact.acoustics.solvers.bem.solver import BoundaryElement
 from airtact.acoustics.solvers.open_air import monopole_pressure
 from airtact.acoustics.sources import Monopoles
 from airtact.acoustics.target import Target
+from airtact.errors import in_short
 from airtact.geometry.mesh.arrays import QuadraticTriangles
 from airtact.hands.body import FREE, OWNER, PARTS
 from airtact.hands.hand import Hand
@@ -32,7 +33,6 @@ from airtact.hands.joints import CHAINS, cross
 from airtact.hands.kinematics import bending_axis
 from airtact.live.drives.factors import ACCURACY, Factors, HandFactors, part_of
 from airtact.live.scene import Foci, Joints, LiveScene, PosedHand, gap_change, pose_hand
-from airtact.printing import in_short
 
 MIN_SEEN = 0.5
 """Share of the elements that a panel must face."""

@@ -17,7 +17,7 @@ from airtact.acoustics.scene import Scene, sound_hard
 from airtact.acoustics.solvers.bem.solver import BoundaryElement
 from airtact.acoustics.solvers.open_air import monopole_pressure
 from airtact.acoustics.target import Target
-from airtact.errors import InvalidInput
+from airtact.errors import InvalidInput, in_short
 from airtact.geometry.pose import Pose
 from airtact.geometry.surface import Surface
 from airtact.hands.body import FREE, OWNER, PARTS, Hulls
@@ -35,7 +35,6 @@ from airtact.live.scene import (
     moving_points,
     pose_hand,
 )
-from airtact.printing import in_short
 
 ACCURACY = 0.06
 """Relative error of the solutions; a smaller one improves the pressure by less than 0.01."""

@@ -8,14 +8,13 @@ from contextlib import suppress
 from dataclasses import dataclass
 from threading import Thread, get_native_id
 
-from airtact.errors import InvalidInput, NotConverged
+from airtact.errors import InvalidInput, NotConverged, in_short
 from airtact.hands.joints import joints_of
 from airtact.live.drives.bending import BendingHand
 from airtact.live.drives.factors import HandFactors, PartSolver
 from airtact.live.moment import Rule
 from airtact.live.scene import Joints, LiveScene
 from airtact.live.worker import Mailbox, Worker
-from airtact.printing import in_short
 from airtact.timing import give_way
 
 MAX_REQUEST_AGE = 0.3

@@ -16,8 +16,7 @@ from airtact import _kernels
 from airtact.acoustics.solvers.arrays import NearLists
 from airtact.acoustics.solvers.gmres import GmresResult
 from airtact.acoustics.solvers.memory import available_memory
-from airtact.errors import InvalidInput
-from airtact.printing import in_short
+from airtact.errors import InvalidInput, in_short
 
 # Panels of a block, of six unknowns each
 PANELS = _kernels.lanes // 6

@@ -26,8 +26,8 @@ from airtact.acoustics.solvers.bem.quadrature import place_nodes
 from airtact.acoustics.solvers.bem.solutions import DirectSolution, TransposedSolution
 from airtact.acoustics.solvers.gmres import gmres
 from airtact.acoustics.sources import Monopoles
+from airtact.errors import in_short
 from airtact.geometry.mesh.arrays import QuadraticTriangles
-from airtact.printing import in_short
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,7 +43,7 @@ from airtact.acoustics.solvers.bem.layer_potentials import (
 from airtact.acoustics.solvers.bem.quadrature import Nodes, near_lists, thickness
 from airtact.acoustics.solvers.open_air import monopole_pressure
 from airtact.acoustics.sources import Monopoles
-from airtact.printing import in_short
+from airtact.errors import in_short
 
 # Bodies at least this thick are not thin; a larger thickness is not measured [λ]
 MAX_THIN = 2 / 3

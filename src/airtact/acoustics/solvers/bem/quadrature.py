@@ -20,9 +20,9 @@ from airtact.acoustics.solvers.arrays import (
     Points,
     SingleLayer,
 )
+from airtact.errors import in_short
 from airtact.geometry.mesh.arrays import QuadraticTriangles
 from airtact.geometry.mesh.quadratic_triangles import points_at, shape_functions, shape_gradients
-from airtact.printing import in_short
 
 
 def _degree_four_rule() -> tuple[Float64[np.ndarray, "6 2"], Float64[np.ndarray, "6"]]:

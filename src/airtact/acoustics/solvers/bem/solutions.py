@@ -28,8 +28,8 @@ from airtact.acoustics.solvers.bem.quadrature import Nodes, near_lists, place_no
 from airtact.acoustics.solvers.bem.target_cells import Cells, monopole_layer
 from airtact.acoustics.solvers.open_air import monopole_pressure, open_air_gradient
 from airtact.acoustics.sources import Monopoles, nearest_source
+from airtact.errors import in_short
 from airtact.geometry.mesh.quadratic_triangles import cut, shape_functions, shape_gradients
-from airtact.printing import in_short
 
 # Nodes, and the pressure at them [Pa]
 NodalPressure = tuple[Nodes, NodeValues]

@@ -13,7 +13,7 @@ from jaxtyping import Complex, Complex128, Float32, Float64, Int64
 from airtact import _kernels
 from airtact.acoustics.solvers.arrays import Points, SourcePoints
 from airtact.acoustics.solvers.chebyshev import chebyshev_weights
-from airtact.printing import in_short
+from airtact.errors import in_short
 
 # Relative error, points along each edge of a cell's grid, near distance from its corners [λ]
 GRIDS = ((1e-3, 8, 0.3), (2e-5, 10, 0.6))

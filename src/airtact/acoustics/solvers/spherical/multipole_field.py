@@ -38,8 +38,7 @@ from airtact.acoustics.solvers.memory import available_memory
 from airtact.acoustics.solvers.open_air import monopole_pressure
 from airtact.acoustics.solvers.problem import RadiatedField, SurfaceField
 from airtact.acoustics.solvers.spherical.radial_functions import outgoing_shapes
-from airtact.errors import InvalidInput, of_kind
-from airtact.printing import in_short
+from airtact.errors import InvalidInput, in_short, of_kind
 from airtact.timing import Clock, Progress
 
 # Gap between the bodies and the smallest sphere, in wavelengths: nearer, some solutions are not

@@ -40,11 +40,10 @@ from airtact.acoustics.solvers.problem import (
     SurfaceField,
 )
 from airtact.acoustics.sources import Monopoles
-from airtact.errors import InvalidInput, counted
+from airtact.errors import InvalidInput, counted, in_short, one_line
 from airtact.geometry.panels import LARGEST_TO_POINT, LONGEST_TO_EQUILATERAL
 from airtact.geometry.pose import Pose
 from airtact.geometry.surface import rigid_motion
-from airtact.printing import in_short, one_line
 from airtact.timing import Clock
 
 

@@ -25,8 +25,8 @@ from airtact.acoustics.solvers.arrays import SingleLayer
 from airtact.acoustics.solvers.bem.layer_potentials import double_layer_transposed
 from airtact.acoustics.solvers.bem.operator import DualSurface, assemble
 from airtact.acoustics.solvers.bem.quadrature import Nodes
+from airtact.errors import in_short
 from airtact.geometry.mesh.quadratic_triangles import longest_edges
-from airtact.printing import in_short
 
 Proxies = Float64[np.ndarray, "proxies 3"]
 Columns = Float64[np.ndarray, "columns 3"]

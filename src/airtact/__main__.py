@@ -1,4 +1,4 @@
-"""``python -m airtact.cli`` is ``airtact``."""
+"""``python -m airtact`` runs the command line."""
 
 import sys
 
