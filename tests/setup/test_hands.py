@@ -91,3 +91,31 @@ def test_the_file_of_a_skin_holds_no_made_up_numbers(tmp_path):
     assert main(["hand", str(PINCH), "--edge", "0.006", "--out", str(file)]) == 0
     with h5py.File(file) as content:
         assert set(content["VTKHDF/CellData"]) == {"smallest_angle", "area"}  # pyright: ignore[reportArgumentType]
+
+
+def two_hands(tmp_path: Path, foci: str) -> Path:
+    """The relaxed left hand, and a right one that is its mirror image beside it."""
+    left = at.load_hand(EXAMPLES / "hands/relaxed.json")
+    pose = json.loads((EXAMPLES / "hands/relaxed.json").read_text())
+    pose["side"] = "right"
+    pose["positions_m"] = (left.joints * [-1.0, 1.0, 1.0]).tolist()
+    (tmp_path / "right.json").write_text(json.dumps(pose))
+    path = tmp_path / "scene.toml"
+    path.write_text(
+        '[array]\nlayout = "flat_boards"\npose = { translation = [0, 0, -0.6] }\n'
+        f'[[obstacles]]\nhand = "{EXAMPLES / "hands/relaxed.json"}"\n'
+        "pose = { translation = [-0.2, 0, 0] }\n"
+        '[[obstacles]]\nhand = "right.json"\npose = { translation = [0.2, 0, 0] }\n' + foci
+    )
+    return path
+
+
+def test_places_of_two_hands_are_named_by_side(tmp_path):
+    foci = '[[foci]]\nat = "left.palm"\n[[foci]]\nat = "right.palm"\n'
+    setup = at.read_scene(two_hands(tmp_path, foci))
+    assert [hand.side for hand in setup.hands] == ["left", "right"]
+    expected = [hand.focus("palm") for hand in setup.hands]
+    np.testing.assert_allclose(setup.target.points, expected, atol=1e-9)
+    assert setup.foci == ("left.palm", "right.palm")
+    with raises_code("given_twice"):
+        at.read_scene(two_hands(tmp_path, '[[foci]]\nat = "palm"\n'))

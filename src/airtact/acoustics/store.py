@@ -143,8 +143,10 @@ def _value(tree: Any, arrays: list[np.ndarray], references: Mapping[str, object]
             return restored(table)
         case {"module": str(module), "class": name, "fields": table}:
             # Only dataclasses of airtact are made again, whatever the file names.
-            kind = getattr(importlib.import_module(module), name)
-            if not module.startswith("airtact.") or not is_dataclass(kind):
+            if not module.startswith("airtact."):
+                raise ValueError(module)
+            kind: Any = getattr(importlib.import_module(module), name)
+            if not (isinstance(kind, type) and is_dataclass(kind)):
                 raise ValueError(name)
             return kind(**restored(table))
     return tree

@@ -84,17 +84,28 @@ def bodies_of(
             for name, surface in bodies.surfaces.items():
                 obstacles.append(_obstacle(table, surface, medium))
                 names.append(f"{name} {index + 1}" if name in names else name)
-            for name in used & bodies.points.keys() & points.keys():
+            # A place of a hand has two names: "palm", and with two hands "left.palm".
+            side = f"{bodies.hands[0].side}." if bodies.hands else ""
+            named = bodies.points
+            if side:
+                named = named | {f"{side}{name}": place for name, place in bodies.points.items()}
+            for name in used & named.keys() & points.keys():
+                by_side = side and not name.startswith(side)
+                advice = f'at = "{side}{name}"' if by_side else "point = [x, y, z] instead of at"
                 raise InvalidInput(
-                    f"{name} is a named point of two bodies; give point = [x, y, z] instead of at.",
-                    code="given_twice",
+                    f"{name} is a named point of two bodies; give {advice}.", code="given_twice"
                 )
-            points |= bodies.points
+            points |= named
             hands += bodies.hands
     if file.merge_bodies:
         with about("merge_bodies"):
             names, obstacles = _merged(names, obstacles)
     return names, obstacles, points, hands
+
+
+def unsided(name: str) -> str:
+    """Return the name of a place without its hand: "palm" for "left.palm"."""
+    return name.removeprefix("left.").removeprefix("right.")
 
 
 def pose_of(table: PoseTable) -> Pose:
@@ -110,7 +121,7 @@ def pose_of(table: PoseTable) -> Pose:
         return Pose.turn(np.array(table.axis), angle, translation)
 
 
-def _bodies(table: ObstacleTable, folder: Path, used: Collection[str]) -> Bodies:
+def _bodies(table: ObstacleTable, folder: Path, used: set[str]) -> Bodies:
     """Build the bodies of an obstacle before they are moved by its pose."""
     if table.pinch is not None:
         fingers = at.pinch(table.pinch.gap)
@@ -133,7 +144,8 @@ def _bodies(table: ObstacleTable, folder: Path, used: Collection[str]) -> Bodies
         hand = at.load_hand(folder / table.hand, table.gap)
         # A place where fingers touch lies inside the body, which matters only to a focus there.
         places = {
-            name: hand.place(name) if name in used else place for name, place in hand.places.items()
+            name: hand.place(name) if {name, f"{hand.side}.{name}"} & used else place
+            for name, place in hand.places.items()
         }
         points = {name: (*place, ROOM) for name, place in places.items()}
         return Bodies({"hand": hand.surface}, points, (hand,))

@@ -20,7 +20,7 @@ from airtact.errors import LARGEST_SCENE_FILE, InvalidInput, about
 from airtact.files.bounded import text_of
 from airtact.geometry.pose import Pose
 from airtact.geometry.surface import Surface
-from airtact.setup.bodies import NamedPoints, bodies_of, built, pose_of
+from airtact.setup.bodies import NamedPoints, bodies_of, built, pose_of, unsided
 from airtact.setup.parsing import Value, nearest, parse_scene
 from airtact.setup.setup import Setup, default_solver
 from airtact.setup.tables import (
@@ -118,7 +118,9 @@ def _set_up(path: Path, text: str, file: SceneFile, followed: bool) -> Setup:
             levels = Levels.even(levels.amplitude, levels.phase)
         with about("modulation"):
             modulation = _modulation(file.drive.modulation, len(foci))
-    riding = [None if focus.at is None else (focus.at, _offset(focus)) for focus in file.foci]
+    riding = [
+        None if focus.at is None else (unsided(focus.at), _offset(focus)) for focus in file.foci
+    ]
     return Setup(
         scene,
         array,

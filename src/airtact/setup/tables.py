@@ -399,7 +399,7 @@ class FocusTable(Shape, frozen=True):
 
     Attributes
     ----------
-    at : named point of a body, such as "thumb.pad".
+    at : named point of a body, such as "thumb.pad"; with two hands "left.thumb.pad".
     onto : name of the body to whose surface the points are projected.
     offset : distance from the body's surface [m]; 0.0005 if left out.
     pressure : peak pressure at every point [Pa]; as much as possible if left out.
