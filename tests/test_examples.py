@@ -30,10 +30,18 @@ PRINTED = {
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.toml")), ids=lambda path: path.stem)
 def test_a_scene_is_found_by_its_name_and_read(path) -> None:
-    assert (
-        at.example(path.stem).read_bytes() == path.read_bytes()
-    )  # of the package, which may be an installed wheel
-    assert len(at.read_scene(at.example(path.stem)).foci) >= 1
+    # The example is that of the package, which may be an installed wheel.
+    assert at.read_scene(path.stem).text == path.read_text(encoding="utf-8")
+
+
+def test_a_file_goes_before_an_example_of_its_name(tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "pinch").write_bytes(at.example("air_letters").read_bytes())
+    assert at.read_scene("pinch").foci == at.read_scene("air_letters").foci
+    with raises_code("unknown_name", "there is no file nose", "open_hand"):
+        at.read_scene("nose")
+    with raises_code("file_missing", "nose.toml"):
+        at.read_scene("nose.toml")
 
 
 @pytest.mark.parametrize(

@@ -242,10 +242,14 @@ def test_a_missing_scene_and_a_wrong_option_are_exit_code_2(capsys, tmp_path):
     assert output(capsys, "export", BALL)[0] == 2
 
 
-def test_a_folder_that_cannot_be_written_is_rejected_before_anything_is_solved(capsys, tmp_path):
+@pytest.mark.parametrize("folder", ["file", "file/out"])
+def test_a_folder_that_cannot_be_made_is_rejected_before_anything_is_solved(
+    capsys, tmp_path, folder
+):
     (tmp_path / "file").touch()
-    code, _, errors = output(capsys, "render", BALL, "--out", tmp_path / "file" / "out")
+    code, _, errors = output(capsys, "render", BALL, "--out", tmp_path / folder)
     assert code == 2
+    assert f"{tmp_path / 'file'} is a file." in errors
     assert errors.endswith(" [not_writable]\n")
     assert "solving" not in errors
 

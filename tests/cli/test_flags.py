@@ -139,7 +139,7 @@ def test_boards_are_listed_as_json(capsys):
         (("render",), "file_missing"),
         (("rendr",), "wrong_usage"),
         (("check", BALL, "--scale", "1"), "options_clash"),
-        (("check",), "wrong_usage"),
+        (("check",), "file_missing"),
     ],
 )
 def test_a_fault_is_json_too(capsys, here, arguments, fault):
@@ -153,7 +153,7 @@ def test_a_fault_is_json_too(capsys, here, arguments, fault):
 
 def test_quiet_prints_nothing_where_nothing_is_wrong(capsys, here):
     assert output(capsys, "render", BALL, "--no-pictures", "--quiet") == (0, "", "")
-    assert output(capsys, "check", BALL, "--quiet") == (0, "", "")
+    assert output(capsys, "check", "pinch", "--quiet") == (0, "", "")
     code, printed, errors = output(capsys, "check", here / "no.toml", "--quiet")
     assert (code, printed, len(errors.splitlines())) == (2, "", 1)
 

@@ -236,9 +236,8 @@ def recorded_without_a_hand(folder):
     [
         (["pinch"], "misplaced"),
         (["open_hand"], "misplaced"),
-        ([*QUICK, "--from", "nothing.jsonl"], "unknown_name"),
+        ([*QUICK, "--from", "nothing.jsonl"], "file_missing"),
         ([*QUICK, "--from", "reachinx"], "unknown_name"),
-        ([*QUICK, "--from", "relaxed.json"], "unknown_name"),
         ([*QUICK, "--from", str(EXAMPLES / "hands/relaxed.json")], "unknown_format"),
         ([*QUICK, "--from", "websocket:x"], "not_a_number"),
         ([*QUICK, "--board", "autd3"], "key_missing"),

@@ -216,7 +216,7 @@ def test_a_faulty_array_file_is_rejected(read, tmp_path, code, text, sentence):
         (
             "key_missing",
             ["[medium]\nsound_speed = 340.0\n", ARRAY, BALL, FOCUS],
-            "medium: density is missing",
+            "medium: sound_speed needs density",
         ),
         (
             "options_clash",
@@ -258,7 +258,7 @@ def test_a_faulty_array_file_is_rejected(read, tmp_path, code, text, sentence):
         (
             "key_missing",
             [MEDIUM, ARRAY, BALL, 'boundary = "impedance"\n', FOCUS],
-            'obstacles[0]: ratio is missing: boundary = "impedance" needs it.',
+            'obstacles[0]: boundary = "impedance" needs ratio',
         ),
         (
             "not_supported",
@@ -285,7 +285,7 @@ def test_a_faulty_array_file_is_rejected(read, tmp_path, code, text, sentence):
         (
             "key_missing",
             [MEDIUM, '[array]\nlayout = "boards"\n', BALL, FOCUS],
-            'array: poses is missing: layout = "boards" needs it.',
+            'array: layout = "boards" needs poses',
         ),
         (
             "out_of_range",
@@ -305,7 +305,7 @@ def test_a_faulty_array_file_is_rejected(read, tmp_path, code, text, sentence):
         (
             "key_missing",
             [MEDIUM, ARRAY, "[array.pose]\ndegrees = 3.0\n", BALL, FOCUS],
-            "array.pose: axis is missing: degrees needs it.",
+            "array.pose: degrees needs axis",
         ),
         (
             "key_misplaced",
@@ -369,9 +369,14 @@ def test_a_faulty_array_file_is_rejected(read, tmp_path, code, text, sentence):
             "foci: expected a list of length >= 1.",
         ),
         (
-            "out_of_range",
-            ["foci = {}\n", MEDIUM, ARRAY, BALL],
-            "foci: expected a list, got a table.",
+            "wrong_kind",
+            [MEDIUM, ARRAY, BALL, FOCUS.replace("[[foci]]", "[foci]")],
+            "foci is a table, but it must be a list of tables: write [[foci]]",
+        ),
+        (
+            "wrong_kind",
+            [MEDIUM, '[array]\nlayout = "boards"\nposes = {}\n', BALL, FOCUS],
+            "array.poses is a table, but it must be a list of tables: write [[array.poses]]",
         ),
         (
             "unknown_name",

@@ -104,7 +104,7 @@ def test_an_unknown_value_of_a_choice_names_the_nearest():
 
 
 def test_what_is_not_toml_is_rejected_with_its_line():
-    with raises_code("file_unreadable"):
+    with raises_code("file_unreadable", "medium = = 3"):
         parse_scene("frequency = 4e4\nmedium = = 3\n")
 
 

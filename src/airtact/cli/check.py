@@ -17,7 +17,15 @@ from airtact.cli.console import (
     sharp_edges_in_words,
     show,
 )
-from airtact.cli.options import FILE, INPUT, as_json, given, quiet, surface_settings
+from airtact.cli.options import (
+    FILE,
+    INPUT,
+    as_json,
+    given,
+    quiet,
+    scene_here,
+    surface_settings,
+)
 from airtact.timing import Progress
 
 if TYPE_CHECKING:
@@ -33,7 +41,13 @@ if TYPE_CHECKING:
     short_help="Report what is in a scene or a surface, or what is wrong with it.",
     epilog="Example: airtact check pinch",
 )
-@click.argument("scene", metavar="SCENE_OR_SURFACE", type=INPUT)
+@click.argument(
+    "scene",
+    metavar="[SCENE_OR_SURFACE]",
+    type=INPUT,
+    default="scene.toml",
+    callback=scene_here,
+)
 @click.option("--out", "folder", type=FILE, help="Folder for a picture of the bodies or the fault.")
 @surface_settings
 @as_json

@@ -137,12 +137,14 @@ def live(
         report_step("reading the scene")
         from airtact.drives.frame import check_cap
         from airtact.evaluation.head_level import MAX_HEAD_LEVEL, NO_SAFETY_ASSESSMENT
+        from airtact.files.atomic import writable_folder
         from airtact.live.session import FILE
 
         # Before trackers and boards are opened.
         if share is not None:
             check_cap(share)
         setup = at.read_scene(scene, followed=True)
+        writable_folder(folder)
         output = at.live.output_to(setup, folder, board, link, **settings)
         notes = []
         # The level changes as the hand moves; that of the hand at rest serves as an estimate.

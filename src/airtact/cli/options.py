@@ -9,7 +9,7 @@ from typing import TypeVar
 import click
 
 import airtact as at
-from airtact.cli.console import JSON, QUIET
+from airtact.cli.console import JSON, QUIET, wanted
 
 Command = TypeVar("Command", bound=Callable[..., None])
 Setting = TypeVar("Setting")
@@ -19,28 +19,17 @@ FILE = click.Path(path_type=Path)
 
 
 class InputFile(click.ParamType):
-    """A file that is read.
-
-    A name without a folder, of which there is no file, is that of an example.
-    """
+    """A file to read, or the name of an example."""
 
     name = "file"
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Return the file, or the example of that name, and print which."""
-        # A file here goes before an example; a path with a folder is never an example.
-        path = Path(value)
-        if path.is_file() or path.name != value:
-            return path
-        try:
-            file = at.example(value)
-        except at.InvalidInput as fault:
-            if path.suffix:
-                return path
-            raise at.InvalidInput(
-                f"there is no file {value} here, and {fault}", code=fault.code
-            ) from None
-        click.echo(f"There is no file {value} here: taking the example {file}", err=True)
+        """Return the file, or the example of that name after a note."""
+        from airtact.setup.examples import file_or_example
+
+        file = file_or_example(value)
+        if file != Path(value) and not wanted(QUIET):
+            click.echo(f"There is no file {value} here: taking the example {file}", err=True)
         return file
 
 
@@ -83,6 +72,7 @@ def _keep(context: click.Context, option: click.Parameter, value: bool) -> None:
 quiet = click.option(
     "--quiet",
     is_flag=True,
+    is_eager=True,  # before arguments are read: an example that is taken is not reported then
     expose_value=False,
     callback=_keep,
     help="Print faults and warnings only.",
@@ -112,20 +102,22 @@ results = click.option(
 )
 
 
-def _scene_here(context: click.Context, argument: click.Parameter, scene: Path) -> Path:
+def scene_here(context: click.Context, argument: click.Parameter, scene: Path) -> Path:
+    """Raise where the default scene is not in this folder."""
     if (
         context.get_parameter_source("scene") is click.core.ParameterSource.DEFAULT
         and not scene.exists()
     ):
         raise at.InvalidInput(
-            f"no scene was named, and {scene} is not here; name one, or write one by airtact init.",
+            f"no scene was named, and there is no {scene} here: name one, or write one by airtact "
+            "init.",
             code="file_missing",
         )
     return scene
 
 
 # The scene file; by default the one that ``airtact init`` writes
-scene = click.argument("scene", type=INPUT, default="scene.toml", callback=_scene_here)
+scene = click.argument("scene", type=INPUT, default="scene.toml", callback=scene_here)
 
 open_result = click.option("--open", "opened", is_flag=True, help="Show the page in the browser.")
 

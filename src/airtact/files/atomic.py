@@ -48,9 +48,15 @@ def writable_folder(path: Path) -> Path:
         with whole_file(path / "probe") as probe:
             probe.touch()
         (path / "probe").unlink()
+    except (FileExistsError, NotADirectoryError):
+        file = next(part for part in (path, *path.parents) if part.exists())
+        raise InvalidInput(
+            f"the output folder {path} cannot be made: {file} is a file. Name another folder.",
+            code="not_writable",
+        ) from None
     except OSError as error:
         raise InvalidInput(
-            f"cannot write into the output folder {path}: {error.strerror} (error {error.errno})",
+            f"cannot write into the output folder {path}: {error.strerror} (error {error.errno}).",
             code="not_writable",
         ) from None
     return path

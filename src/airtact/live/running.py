@@ -28,7 +28,7 @@ from airtact.live.sources import (
     checked_seconds,
     moved_to,
 )
-from airtact.setup.examples import example
+from airtact.setup.examples import example, file_or_example
 from airtact.setup.setup import Setup
 from airtact.timing import Progress, no_progress
 
@@ -187,9 +187,7 @@ def hands_from(setup: Setup, source: str | None, folder: Path) -> HandSource:
                 code="options_clash",
             )
         return RecordedHands(recording_of(path))  # its frames are in the scene's frame
-    if not path.is_file() and path.name == source:
-        path = example(source, (".jsonl",))
-    recording = load_recording(path, leave_out=True)
+    recording = load_recording(file_or_example(source, (".jsonl",)), leave_out=True)
     frames = tuple(frame.moved(setup.tracker) for frame in recording.frames)
     return RecordedHands(replace(recording, frames=frames))
 

@@ -21,6 +21,7 @@ from airtact.files.bounded import text_of
 from airtact.geometry.pose import Pose
 from airtact.geometry.surface import Surface
 from airtact.setup.bodies import NamedPoints, bodies_of, built, pose_of, unsided
+from airtact.setup.examples import file_or_example
 from airtact.setup.parsing import Value, nearest, parse_scene
 from airtact.setup.setup import Setup, default_solver
 from airtact.setup.tables import (
@@ -55,8 +56,8 @@ def read_scene(
 
     Parameters
     ----------
-    path : the TOML file; surfaces, hands, drawings and array files that it names are found beside
-        it.
+    path : the TOML file, or the name of an example such as "pinch". Surfaces, hands, drawings and
+        array files that it names are found beside it.
     changes : values that take the place of the file's, by the paths of their keys, such as
         ``{"foci[0].offset": 1e-3, "hand.gap": 0.01}``; None takes a key away. ``hand`` is the only
         obstacle of that kind.
@@ -70,7 +71,7 @@ def read_scene(
         message begins with the file's name and the table at fault. "unknown_key": a path of
         ``changes`` leads nowhere.
     """
-    path = Path(path)
+    path = file_or_example(path)
     if path.suffix.lower() == ".json":
         raise InvalidInput(
             f"{path.name} is not a scene file (.toml): a scene names the pose of a hand by "

@@ -58,8 +58,10 @@ def parse_scene(text: str, changes: Mapping[str, Value] | None = None) -> SceneF
         raise
     except ValueError as error:  # also of numbers with thousands of digits
         words = str(error)
+        place = re.search(r"at line (\d+)", words)
+        line = f": {text.split(chr(10))[int(place[1]) - 1].strip()}" if place else "."
         raise InvalidInput(
-            f"this is not TOML: {words[:1].lower()}{words[1:]}.", code="file_unreadable"
+            f"this is not TOML: {words[:1].lower()}{words[1:]}{line}", code="file_unreadable"
         ) from None
     try:
         return msgspec.convert(data, SceneFile)
@@ -150,6 +152,13 @@ def _explained(error: msgspec.ValidationError, data: Any) -> InvalidInput:
         bounds = (("above", limits.gt), ("at least", limits.ge), ("at most", limits.le))
         words = " and ".join(f"{word} {bound:g}" for word, bound in bounds if bound is not None)
         return InvalidInput(f"{path} is {value:g}, but it must be {words}.", code="out_of_range")
+    of_tables = any(isinstance(kind, type) and issubclass(kind, Table) for kind in kinds)
+    if of_tables and re.fullmatch(r"Expected `array( \| null)?`, got `object`", fault):
+        return InvalidInput(
+            f"{path} is a table, but it must be a list of tables: write [[{path}]] with two "
+            "brackets.",
+            code="wrong_kind",
+        )
     fault = re.sub(r"`([a-z| ]+)`", _plain_types, fault)
     return InvalidInput(f"{path}: {fault[:1].lower()}{fault[1:]}.", code="out_of_range")
 

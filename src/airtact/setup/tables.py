@@ -69,9 +69,7 @@ class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
                     verb = "does not go" if there else "goes only"
                     raise InvalidInput(f"{field.name} {verb} with {others}.", code="key_misplaced")
                 if there and not given and rule.words == "needed by":
-                    raise InvalidInput(
-                        f"{field.name} is missing: {others} needs it.", code="key_missing"
-                    )
+                    raise InvalidInput(f"{others} needs {field.name}: add it.", code="key_missing")
         count = sum(getattr(self, name) is not None for name in self.one_of)
         if self.one_of and count != 1:
             raise InvalidInput(

@@ -40,3 +40,19 @@ def example(name: str, endings: tuple[str, ...] = ENDINGS) -> Path:
             code="unknown_name",
         )
     return path
+
+
+def file_or_example(path: str | Path, endings: tuple[str, ...] = ENDINGS) -> Path:
+    """Return a path, or the example of that name where no file has it.
+
+    A path with a folder is never an example. Raise as ``example`` for a name without an ending.
+    """
+    file = Path(path)
+    if file.is_file() or file.name != str(path):
+        return file
+    try:
+        return example(file.name, endings)
+    except InvalidInput as fault:
+        if file.suffix:
+            return file  # whoever reads it reports that it is missing
+        raise InvalidInput(f"there is no file {file} here, and {fault}", code=fault.code) from None
