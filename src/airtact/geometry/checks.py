@@ -28,12 +28,14 @@ from airtact.geometry.mesh.topology import shells
 from airtact.geometry.primitives import Capsule, nearest_on_segments
 from airtact.geometry.surface import Body, Surface
 
+# Distance below which bodies touch [m].
 TOUCH = 1e-9
-"""Distance below which bodies touch [m]."""
+
+# Smallest distance of two bodies [m]: panels cannot resolve less air between them.
 NEAREST = 0.3e-3
-"""Smallest distance of two bodies [m]: panels cannot resolve less air between them."""
+
+# Smallest thickness of a body [m].
 THINNEST = 0.5e-3
-"""Smallest thickness of a body [m]."""
 
 # Surfaces never change, so one that passed is not checked again, wherever it moves.
 _PASSED: WeakSet[Body] = WeakSet()

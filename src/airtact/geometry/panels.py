@@ -27,12 +27,14 @@ from airtact.geometry.mesh.quadratic_triangles import (
 )
 from airtact.geometry.shape import BEND, Shape
 
+# Longest edge of a typical triangle, over that of the equilateral one of the same area.
 LONGEST_TO_EQUILATERAL = 1.2
-"""Longest edge of a typical triangle, over that of the equilateral one of the same area."""
+
+# Longest edge of panels beside a point, over their distance from it.
 LARGEST_TO_POINT = 1.7
-"""Longest edge of panels beside a point, over their distance from it."""
+
+# Longest edge of panels that face another body, or another part of their own, over the gap.
 LARGEST_TO_GAP = 1.0
-"""Longest edge of panels that face another body, or another part of their own, over the gap."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,8 +18,8 @@ from airtact.geometry.mesh.arrays import (
 from airtact.geometry.mesh.remeshing import RidgedMesh
 from airtact.geometry.pose import Pose
 
+# Angle by which a panel of a round surface may turn where nothing coarser suffices [rad].
 BEND = math.pi / 5
-"""Angle by which a panel of a round surface may turn where nothing coarser suffices [rad]."""
 
 
 class Shape(ABC):

@@ -25,8 +25,8 @@ from airtact.geometry.mesh.topology import components, cone_volumes, shells
 from airtact.geometry.primitives import Capsule
 from airtact.geometry.surface import Surface
 
+# Largest distance of the flat triangles of a merged body from the bodies [m].
 FLAT_TOLERANCE = 10e-6
-"""Largest distance of the flat triangles of a merged body from the bodies [m]."""
 
 
 def merged(surfaces: Sequence[Surface], gap: float = NEAREST) -> Surface:

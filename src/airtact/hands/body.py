@@ -120,8 +120,8 @@ class Hulls:
         return points
 
 
+# Index of the ball in the middle of the thumb's metacarpal, where the web begins.
 WEB_BALL = 25
-"""Index of the ball in the middle of the thumb's metacarpal, where the web begins."""
 
 
 def _parts() -> Int64[np.ndarray, "hulls 3"]:
@@ -134,14 +134,14 @@ def _parts() -> Int64[np.ndarray, "hulls 3"]:
     return parts
 
 
+# Balls of each hull: the phalanges of all fingers first, then the palm.
 PARTS = _parts()
-"""Balls of each hull: the phalanges of all fingers first, then the palm."""
 
+# Number of hulls that are phalanges.
 FREE = 14
-"""Number of hulls that are phalanges."""
 
+# Index of the finger of each phalanx.
 OWNER = np.array([0, 0, 1, 1, 1, 2, 2, 2, 3, 3, 3, 4, 4, 4])
-"""Index of the finger of each phalanx."""
 
 
 @dataclass(frozen=True, eq=False)

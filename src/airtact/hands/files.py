@@ -14,11 +14,11 @@ from airtact.files.meshes import read_node_positions, read_vertices
 from airtact.hands.hand import Hand, hand_from_joints
 from airtact.hands.joints import NAMES, Points, Side
 
+# Largest distance of a focus from a place of a hand [m].
 ROOM = 0.2
-"""Largest distance of a focus from a place of a hand [m]."""
 
+# Endings of the names of files that clouds are read from.
 CLOUD_ENDINGS = (".ply", ".xyz", ".npy")
-"""Endings of the names of files that clouds are read from."""
 
 
 class Pose(msgspec.Struct, forbid_unknown_fields=True):

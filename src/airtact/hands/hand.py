@@ -32,8 +32,8 @@ from airtact.hands.kinematics import bending_axis, opened
 from airtact.hands.shape import HandShape
 from airtact.hands.skin_mesh import even_skin, graded, midpoints
 
+# Named positions on the skin of a hand.
 PLACES = (*(f"{finger}.pad" for finger in FINGERS), "palm")
-"""Named positions on the skin of a hand."""
 
 
 @runtime_checkable

@@ -30,17 +30,20 @@ from airtact.errors import (
 Side = Literal["right", "left"]
 Joints = Float64[np.ndarray, "25 3"]
 Radii = Float64[np.ndarray, "25"]
+
+# A position [m] or a unit direction.
 Point = Float64[np.ndarray, "3"]
-"""A position [m] or a unit direction."""
 Points = Float64[np.ndarray, "points 3"]
 PerPoint = Float64[np.ndarray, "points"]
+
+# A point on the skin [m] and the outward unit normal there.
 Place = tuple[Point, Point]
-"""A point on the skin [m] and the outward unit normal there."""
 
 FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 
 _PHALANGES = ("proximal", "intermediate", "distal")
 
+# The 25 joints of WebXR, in its order.
 NAMES = (
     *("wrist", "thumb-metacarpal"),
     *("thumb-phalanx-proximal", "thumb-phalanx-distal", "thumb-tip"),
@@ -50,25 +53,25 @@ NAMES = (
         for bone in ("metacarpal", *(f"phalanx-{name}" for name in _PHALANGES), "tip")
     ),
 )
-"""The 25 joints of WebXR, in its order."""
 
+# Joints of each finger, from the wrist to the tip.
 CHAINS = ((1, 2, 3, 4), *(tuple(range(start, start + 5)) for start in (5, 10, 15, 20)))
-"""Joints of each finger, from the wrist to the tip."""
 
+# Joints at both ends of every bone.
 BONES = (
     *((0, chain[0]) for chain in CHAINS),
     *(bone for chain in CHAINS for bone in pairwise(chain)),
 )
-"""Joints at both ends of every bone."""
 
 # Shortest bones, of a child, and longest ones [mm]: wrist to metacarpal, metacarpal, proximal,
 # intermediate and last phalanx; the thumb has no intermediate phalanx.
 _BONE_LIMITS = 1e-3 * np.array([[10, 25, 18, 10, 8], [80, 110, 80, 60, 50]])
 _BONE_LIMITS = _BONE_LIMITS[:, [0] * 5 + [1, 2, 4] + 4 * [1, 2, 3, 4]]
 
+# Index among the 25 joints of each of the 21 of MediaPipe and Leap.
 TRACKED = np.array([0, 1, 2, 3, 4, *(joint for chain in CHAINS[1:] for joint in chain[1:])])
-"""Index among the 25 joints of each of the 21 of MediaPipe and Leap."""
 
+# Radius of the skin round each joint of the generic hand [m].
 GENERIC_RADII = fixed(
     1e-3
     * np.array(
@@ -77,10 +80,9 @@ GENERIC_RADII = fixed(
         + [18.088, 8.483, 6.764, 6.426, 5.426]
     )
 )
-"""Radius of the skin round each joint of the generic hand [m]."""
 
+# Length of the generic hand [m], as ``hand_length`` measures it.
 GENERIC_LENGTH = 0.1942
-"""Length of the generic hand [m], as ``hand_length`` measures it."""
 
 
 def joints_of(

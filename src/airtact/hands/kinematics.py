@@ -13,8 +13,8 @@ from airtact.errors import InvalidInput
 from airtact.hands.body import OWNER, PARTS, Hulls
 from airtact.hands.joints import BONES, CHAINS, FINGERS, Joints, Point, Radii, cross, unit
 
+# Usual bend of a finger's last joint over that of its middle one; they share a tendon.
 LAST_BEND_SHARE = 2.0 / 3.0
-"""Usual bend of a finger's last joint over that of its middle one; they share a tendon."""
 
 
 def bending_axis(joints: Joints, side: str, finger: int) -> Point:

@@ -14,12 +14,14 @@ from airtact.errors import InvalidInput, fixed, in_short, number, within
 from airtact.geometry.primitives import capsule
 from airtact.geometry.surface import Surface
 
+# Radius of a finger [m].
 RADIUS = 8e-3
-"""Radius of a finger [m]."""
+
+# Length of a finger's axis [m].
 LENGTH = 44e-3
-"""Length of a finger's axis [m]."""
+
+# Angle between each finger and the vertical [rad].
 SPREAD = math.radians(20.0)
-"""Angle between each finger and the vertical [rad]."""
 
 
 @dataclass(frozen=True, eq=False)

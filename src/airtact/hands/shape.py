@@ -17,11 +17,11 @@ from airtact.hands.body import Hulls
 from airtact.hands.joints import PerPoint, Point, Points, unit
 from airtact.hands.skin_mesh import HandMesh, Vertices, even_skin, midpoints, settled
 
+# Motion up to which a frame keeps the keyframe that it follows [m].
 NEAR_KEYFRAME = 2.5e-3
-"""Motion up to which a frame keeps the keyframe that it follows [m]."""
 
+# Longest chain of keyframes: deforming a mesh along it takes no longer than a new mesh.
 MAX_KEYFRAMES = 16
-"""Longest chain of keyframes: deforming a mesh along it takes no longer than a new mesh."""
 
 
 @dataclass(frozen=True, eq=False)

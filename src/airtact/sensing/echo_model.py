@@ -28,8 +28,8 @@ from airtact.transducers.layout import PhasedArray
 Received = Complex[np.ndarray, "receivers transmissions"]
 Twist = Float64[np.ndarray, "6"]
 
+# The twist of bodies that do not move.
 STILL = np.zeros(6)
-"""The twist of bodies that do not move."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,14 +32,14 @@ from airtact.sensing.scattering import (
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_placement
 
+# Largest share of the echoes that a believed pose leaves unexplained beyond noise.
 MAX_MISFIT = 0.1
-"""Largest share of the echoes that a believed pose leaves unexplained beyond noise."""
 
+# Orders above those of the bodies that a translation by a few millimetres mixes into them.
 SPARE_ORDERS = 9
-"""Orders above those of the bodies that a translation by a few millimetres mixes into them."""
 
+# Twist of the bodies from the start [m], [rad], and the opening of a family less its start.
 Unknowns = Float64[np.ndarray, "unknowns"]
-"""Twist of the bodies from the start [m], [rad], and the opening of a family less its start."""
 
 Squares = Float64[np.ndarray, "unknowns unknowns"]
 

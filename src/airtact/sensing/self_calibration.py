@@ -34,11 +34,11 @@ from airtact.transducers.calibration import save_calibration
 from airtact.transducers.element import check_pattern
 from airtact.transducers.layout import PhasedArray, join
 
+# Largest share of the direct sound that a believed calibration leaves unexplained beyond noise.
 MAX_MISFIT = 0.1
-"""Largest share of the direct sound that a believed calibration leaves unexplained beyond noise."""
 
+# Whether a receiver and an emitter count.
 CountedPairs = Bool[np.ndarray, "elements elements"]
-"""Whether a receiver and an emitter count."""
 
 Gains = Complex128[np.ndarray, "elements"]
 Step = Float64[np.ndarray, "unknowns"]

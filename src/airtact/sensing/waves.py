@@ -23,8 +23,8 @@ from scipy.special import jv, spherical_jn
 
 from airtact import _kernels
 
+# Coefficients of waves, in single or double precision.
 Waves = Complex[np.ndarray, "waves columns"]
-"""Coefficients of waves, in single or double precision."""
 
 
 def wave_count(order: int) -> int:

@@ -11,36 +11,42 @@ Vector3 = Float64[np.ndarray, "3"]
 Vertices = Float64[np.ndarray, "vertices 3"]
 VertexSizes = Float64[np.ndarray, "vertices"]
 
+# Indices of the three vertices of each triangle.
 Triangles = Int64[np.ndarray, "triangles 3"]
-"""Indices of the three vertices of each triangle."""
+
+# The same, in another number than those passed in.
 NewTriangles = Int64[np.ndarray, "_ 3"]
-"""The same, in another number than those passed in."""
+
+# Positions of the corners of each triangle [m].
 Corners = Real[np.ndarray, "triangles 3 3"]
-"""Positions of the corners of each triangle [m]."""
+
+# The result of ``edge_twins``: for each edge 01, 12, 20 the same edge of the neighbour.
 Twins = Int64[np.ndarray, "triangles 3"]
-"""The result of ``edge_twins``: for each edge 01, 12, 20 the same edge of the neighbour."""
+
+# Whether each of the edges 01, 12, 20 belongs to a set.
 EdgeMask = Bool[np.ndarray, "triangles 3"]
-"""Whether each of the edges 01, 12, 20 belongs to a set."""
+
+# A vector for each edge or corner of each triangle.
 EdgeVectors = Float64[np.ndarray, "triangles 3 3"]
-"""A vector for each edge or corner of each triangle."""
 TriangleVectors = Float64[np.ndarray, "triangles 3"]
 TriangleMask = Bool[np.ndarray, "triangles"]
 TriangleLabels = Int64[np.ndarray, "triangles"]
 
+# Both ends of each sharp edge.
 Ridges = Int64[np.ndarray, "ridges 2"]
-"""Both ends of each sharp edge."""
 
+# Curved panels: corners 0, 1, 2 and points over the middles of edges 01, 12, 20 [m].
 QuadraticTriangles = Float64[np.ndarray, "panels 6 3"]
-"""Curved panels: corners 0, 1, 2 and points over the middles of edges 01, 12, 20 [m]."""
 Pieces = Float64[np.ndarray, "_ 6 3"]
 
+# One triangle for each pair that is compared [m].
 PairedCorners = Real[np.ndarray, "n 3 3"]
-"""One triangle for each pair that is compared [m]."""
 PairedSegments = Real[np.ndarray, "n 2 3"]
 PairMask = Bool[np.ndarray, "n"]
+
+# Indices of the two triangles of each pair.
 IndexPairs = Int64[np.ndarray, "_ 2"]
-"""Indices of the two triangles of each pair."""
 Indices = Int64[np.ndarray, "n"]
 
+# Vertices [m] and triangles of a mesh of flat triangles.
 FlatMesh = tuple[Float64[np.ndarray, "_ 3"], NewTriangles]
-"""Vertices [m] and triangles of a mesh of flat triangles."""

@@ -17,8 +17,8 @@ from airtact.geometry.mesh.arrays import Ridges, Triangles, VertexSizes, Vertice
 from airtact.geometry.mesh.quadratic_triangles import area_vectors, unit
 from airtact.geometry.mesh.topology import are_among, edge_ends, edge_twins, smooth_patches
 
+# Longest edge on a thin wall, over the wall's thickness.
 MAX_EDGE_TO_WALL = 3.0
-"""Longest edge on a thin wall, over the wall's thickness."""
 
 
 def bend_sizes(

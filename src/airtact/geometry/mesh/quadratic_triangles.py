@@ -10,14 +10,14 @@ from jaxtyping import Float64, Int, Int64, Real
 
 from airtact.geometry.mesh.arrays import Corners, Pieces, QuadraticTriangles, TriangleVectors
 
+# Coordinates (u, v) on the unit triangle.
 References = Real[np.ndarray, "points 2"]
-"""Coordinates (u, v) on the unit triangle."""
 NodeWeights = Float64[np.ndarray, "points 6"]
 PanelVectors = Float64[np.ndarray, "panels 3"]
 PanelSizes = Float64[np.ndarray, "panels"]
 
+# Reference coordinates of the six nodes.
 NODE_REFERENCES = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0], [0.5, 0.5], [0, 0.5]])
-"""Reference coordinates of the six nodes."""
 
 
 def shape_functions(points: References) -> NodeWeights:

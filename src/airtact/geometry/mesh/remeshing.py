@@ -29,8 +29,8 @@ from airtact.geometry.mesh.quadratic_triangles import (
 )
 from airtact.geometry.mesh.topology import edge_ends, edge_twins
 
+# Shortest edge that MMG makes, over the wanted edge, except along sharp edges of the shape.
 MIN_EDGE = 0.06
-"""Shortest edge that MMG makes, over the wanted edge, except along sharp edges of the shape."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,8 +40,8 @@ from airtact.geometry.mesh.topology import (
 if TYPE_CHECKING:
     from manifold3d import Manifold
 
+# Largest width of a crack, and height of a sliver [m], by which the surface may move.
 MAX_CRACK = 5e-6
-"""Largest width of a crack, and height of a sliver [m], by which the surface may move."""
 
 
 @dataclass(frozen=True, eq=False)

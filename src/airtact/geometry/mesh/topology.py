@@ -18,8 +18,8 @@ from airtact.geometry.mesh.quadratic_triangles import longest_edges
 AnyTriangles = Int[np.ndarray, "triangles 3"]
 AnyVertices = Real[np.ndarray, "vertices 3"]
 
+# Edges whose triangles turn by more than this stay sharp [degrees].
 SHARP_DEGREES = 75.0
-"""Edges whose triangles turn by more than this stay sharp [degrees]."""
 
 
 def edge_twins(triangles: AnyTriangles) -> Twins:

@@ -61,20 +61,20 @@ from airtact.hands.kinematics import evenly_bent
 from airtact.hands.skin_mesh import even_skin
 from airtact.timing import Progress, no_progress, one_thread
 
+# Edges of the fitted skin, tried in turn until no triangles cross between close fingers [m].
 EDGES = (3.5e-3, 2.5e-3)
-"""Edges of the fitted skin, tried in turn until no triangles cross between close fingers [m]."""
 
+# Standard deviation of each coordinate of a landmark [m].
 LANDMARK_SPREAD = 6e-3
-"""Standard deviation of each coordinate of a landmark [m]."""
 
+# By which bones between rough landmarks may be longer or shorter than any [m].
 LANDMARK_TOLERANCE = 20e-3
-"""By which bones between rough landmarks may be longer or shorter than any [m]."""
 
+# Smallest number of points that a hand is fitted to.
 MIN_POINTS = 200
-"""Smallest number of points that a hand is fitted to."""
 
+# Points farther than this from all bones do not belong to the hand [m].
 HAND_RADIUS = 45e-3
-"""Points farther than this from all bones do not belong to the hand [m]."""
 
 
 @dataclass(frozen=True, eq=False)

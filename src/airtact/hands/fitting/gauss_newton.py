@@ -47,20 +47,21 @@ from airtact.hands.fitting.silhouette import Silhouette
 from airtact.hands.joints import Joints, PerPoint, Point, Points, Side
 
 HullIndices = Int64[np.ndarray, "points"]
+
+# A number for the fingers and one for the palm.
 FingersAndPalm = Float64[np.ndarray, "2"]
-"""A number for the fingers and one for the palm."""
 
+# 0 for the hulls of fingers, 1 for those of the palm.
 KIND = (np.arange(len(PARTS)) >= FREE).astype(np.int64)
-"""0 for the hulls of fingers, 1 for those of the palm."""
 
+# Points off by more than this over the scale of the misfit have no weight.
 TUKEY = 4.685
-"""Points off by more than this over the scale of the misfit have no weight."""
 
+# Largest scale of the misfit [m].
 MAX_SCALE = 4e-3
-"""Largest scale of the misfit [m]."""
 
+# Fewer points of fingers, or of the palm, give no scale of their own misfit.
 MIN_POINTS = 20
-"""Fewer points of fingers, or of the palm, give no scale of their own misfit."""
 
 # Points of fingers and of the palm that count as one: neighbouring misfits are alike, more so at
 # the palm, which is farther from hulls of balls.

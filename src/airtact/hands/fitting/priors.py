@@ -39,26 +39,29 @@ Rows = Float64[np.ndarray, "rows 3"]
 
 # --- the unknowns -----------------------------------------------------------------------------
 
+# Joints at both ends of the 37 lengths that a hand keeps.
 SPANS = (
     *BONES,
     # joints of the palm between which no bone runs, but that keep their distance
     *((5, 10), (10, 15), (15, 20), (6, 11), (11, 16), (16, 21), (1, 5)),
     *((5, 11), (10, 6), (10, 16), (15, 11), (15, 21), (20, 16)),
 )
-"""Joints at both ends of the 37 lengths that a hand keeps."""
 
 JOINTS = slice(0, 75)
 SIZES = slice(75, 137)
+
+# Coordinates of joints, logarithms of sizes and those of radii among the unknowns.
 RADII = slice(112, 137)
-"""Coordinates of joints, logarithms of sizes and those of radii among the unknowns."""
 
 SIZE_LENGTHS = slice(0, 37)
+
+# Lengths and radii among the sizes.
 SIZE_RADII = slice(37, 62)
-"""Lengths and radii among the sizes."""
 
 BODY = np.r_[JOINTS, RADII]
+
+# Unknowns that the body depends on, and their block in a matrix of all unknowns.
 BODY_BLOCK = np.ix_(BODY, BODY)
-"""Unknowns that the body depends on, and their block in a matrix of all unknowns."""
 
 
 def _balls_by_body() -> Float64[np.ndarray, "104 100"]:
@@ -133,12 +136,12 @@ class HandAnatomy:
         return HandAnatomy(fixed(mean), fixed(mixed), self.frames + 1)
 
 
+# Lengths of ``SPANS`` of the generic hand [m].
 _GENERIC_LENGTHS = 1e-3 * np.array(
     [49.4, 43.2, 35.9, 39.0, 42.8, 33.0, 34.3, 25.0, 60.6, 38.5, 24.7, 22.7, 62.6, 43.6]
     + [28.0, 25.4, 54.8, 39.6, 27.0, 24.8, 46.4, 31.2, 20.6, 22.3]
     + [16.7, 19.0, 8.9, 22.7, 21.1, 22.2, 12.7, 63.5, 65.9, 59.3, 64.2, 48.9, 55.8]
 )
-"""Lengths of ``SPANS`` of the generic hand [m]."""
 
 
 def population_prior(joints: Joints) -> HandAnatomy:

@@ -25,8 +25,8 @@ def _sample_weights() -> Float64[np.ndarray, "samples 26"]:
     return np.vstack([np.eye(26), middles])
 
 
+# Balls that are compared with the silhouette, as weights of the balls of a hand.
 _SAMPLES = _sample_weights()
-"""Balls that are compared with the silhouette, as weights of the balls of a hand."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,6 +18,7 @@ from airtact.geometry.pose import Pose
 from airtact.hands.hand import Hand, Side, hand_from_joints
 from airtact.hands.joints import checked_side, joints_of
 
+# Kinds of faults for which a frame is left out; ``StreamHealth`` describes each.
 Fault = Literal[
     "unreadable",
     "half_lost",
@@ -29,10 +30,9 @@ Fault = Literal[
     "out_of_order",
     "backwards",
 ]
-"""Kinds of faults for which a frame is left out; ``StreamHealth`` describes each."""
 
+# Largest sequence number; JSON's numbers are exact up to here.
 MAX_SEQUENCE = 2**53
-"""Largest sequence number; JSON's numbers are exact up to here."""
 
 
 class FaultyFrame(InvalidInput):
@@ -147,6 +147,7 @@ class HandFrame:
         return hand_from_joints(self.landmarks, radii, side=self.side)
 
 
+# Fault of a frame by the error code of its landmarks.
 _LANDMARK_FAULTS: dict[str, Fault] = {
     "not_finite": "half_lost",
     "joint_count": "unknown_count",
@@ -155,7 +156,6 @@ _LANDMARK_FAULTS: dict[str, Fault] = {
     "bone_length": "impossible",
     "wrong_side": "mirrored",
 }
-"""Fault of a frame by the error code of its landmarks."""
 
 
 @contextmanager

@@ -19,8 +19,8 @@ from airtact.errors import extra
 from airtact.hands.joints import Side
 from airtact.hands.tracking.frame import MAX_SEQUENCE, FaultyFrame, HandFrame
 
+# Address of a hand's frame in OSC.
 ADDRESS = "/airtact/hand"
-"""Address of a hand's frame in OSC."""
 
 Coordinates = tuple[float | None, float | None, float | None]
 

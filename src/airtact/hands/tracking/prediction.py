@@ -25,20 +25,18 @@ from airtact.errors import InvalidInput, number, positive
 from airtact.hands.joints import CHAINS, Points
 from airtact.hands.tracking.frame import FaultyFrame, HandFrame
 
+# Default spectral density of the acceleration of a landmark [m²/s³]. It is best or nearly so for
+# reaching and pinching at 0.5 m/s, at 30 to 90 frames a second and noise of 0.5 to 3 mm
+# (``benchmarks/hand_tracking.py``).
 AGILITY = 0.3
-"""Default spectral density of the acceleration of a landmark [m²/s³].
-
-It is best or nearly so for reaching and pinching at 0.5 m/s, at 30 to 90 frames a second and noise
-of 0.5 to 3 mm (``benchmarks/hand_tracking.py``).
-"""
 
 # The error that 1 mm of noise leaves between the foci is 0.6 of that with one filter (motions of
 # ``benchmarks/live.py``), and 0.02 mm larger without noise.
+# Agility of landmarks about their middle over that of the middle.
 BENDING = 0.05
-"""Agility of landmarks about their middle over that of the middle."""
 
+# Share of the variance of the noise that is common to all landmarks.
 COMMON = 0.5
-"""Share of the variance of the noise that is common to all landmarks."""
 
 
 # --- Kalman filter ----------------------------------------------------------------------------

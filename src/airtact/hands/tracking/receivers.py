@@ -18,11 +18,11 @@ from airtact.hands.tracking.stream import HandStream
 if TYPE_CHECKING:
     from websockets.sync.server import ServerConnection
 
+# Longest message on a websocket [bytes]; a cloud of 50,000 points needs 2 million.
 MAX_MESSAGE = 2**22
-"""Longest message on a websocket [bytes]; a cloud of 50,000 points needs 2 million."""
 
+# Largest number of waiting messages that are taken at once.
 MAX_WAITING = 256
-"""Largest number of waiting messages that are taken at once."""
 
 
 def _bound(kind: socket.SocketKind, host: str, port: int) -> socket.socket:

@@ -19,8 +19,8 @@ from airtact.hands.tracking.frame import FaultyFrame, HandFrame
 from airtact.hands.tracking.messages import from_json, to_json
 from airtact.hands.tracking.stream import HandStream, StreamHealth
 
+# Ending of recordings.
 ENDING = ".jsonl"
-"""Ending of recordings."""
 
 
 @dataclass(frozen=True, eq=False)

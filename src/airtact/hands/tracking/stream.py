@@ -17,11 +17,11 @@ from airtact.hands.hand import Side
 from airtact.hands.tracking.frame import FaultyFrame, HandFrame
 from airtact.hands.tracking.messages import from_json, from_osc, side_of, side_of_osc
 
+# Successive frames that do not follow the newest one; more mean that the tracker restarted.
 MAX_STALE_FRAMES = 20
-"""Successive frames that do not follow the newest one; more mean that the tracker restarted."""
 
+# Largest jump of the sequence number; a larger one is a new count.
 MAX_JUMP = 1000
-"""Largest jump of the sequence number; a larger one is a new count."""
 
 _Message = TypeVar("_Message", bytes | str, bytes)
 
