@@ -143,3 +143,15 @@ def test_an_offset_in_millimetres_and_a_crevice_are_rejected(hand_file):
     crowd = between + np.random.default_rng(0).normal(scale=4e-3, size=(300, 3))
     with raises_code("misplaced"):
         onto_surface(crowd, hand, offset=0.015)
+
+
+def test_points_far_from_a_hand_are_brought_onto_it():
+    hand = at.load_hand(at.example("relaxed.json"))
+    palm = hand.place("palm")[0]
+    points = palm + np.random.default_rng(0).normal(size=(30, 3)) * 0.08
+    points = points[hand.surface.depth(points) < 0.0]
+    brought = onto_surface(points, hand.surface, 1e-3)
+    np.testing.assert_allclose(hand.surface.depth(brought), -1e-3, atol=1e-6)
+    # the way is not longer than to the nearest skin
+    way = np.linalg.norm(points - brought, axis=1)
+    np.testing.assert_allclose(way, -hand.surface.depth(points) - 1e-3, atol=1e-3)

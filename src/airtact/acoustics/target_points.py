@@ -237,7 +237,16 @@ def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Po
     """
     of_kind(surface, Surface, "the surface", "one Surface, such as pinch().surfaces[0]")
     offset = between(offset, 0.0, MAX_OFFSET, "the offset", "m", "give metres.")
-    projected = surface.shape.project(points_of(points, "points", least=0))
+    points = points_of(points, "points", least=0)
+    projected = surface.shape.project(points).copy()
+    # Bodies such as hands project points near them only. Others start from the nearest triangle.
+    off = np.flatnonzero(np.abs(surface.depth(projected)) > 1e-6)
+    if len(off):
+        import trimesh
+
+        mesh = trimesh.Trimesh(surface.vertices, surface.triangles, process=False)
+        nearest = trimesh.proximity.closest_point_naive(mesh, points[off])[0]
+        projected[off] = surface.shape.project(nearest)
     shifted = projected + offset * outward(surface.depth, projected)
     # In a crevice the shifted point is nearer to the opposite side.
     short = np.flatnonzero(-surface.depth(shifted) < 0.5 * offset)
