@@ -24,7 +24,7 @@ import sys, numpy as np, airtact as at
 from airtact.emission import RecordingLink
 link = RecordingLink("autd3", 4) if sys.argv[1] == "recording" else at.AUTD3Link([at.Pose.identity()] * 4)
 drive = at.Drive(np.exp(2j * np.pi * np.arange(996) / 7))
-with at.Emission(link, log=sys.argv[2]) as emission:
+with at.Emission(link, cap=1.0, log=sys.argv[2]) as emission:
     emission.send(drive)
     print("emits", flush=True)
     while True:
@@ -56,7 +56,7 @@ def times_of_frames(name: str) -> tuple[float, ...]:
     link.close()
     alone = time.perf_counter() - begun
     begun = time.perf_counter()
-    with at.Emission(link_of(name)) as emission:
+    with at.Emission(link_of(name), cap=1.0) as emission:
         longer = time.perf_counter() - begun - alone
         emission.send(DRIVE)
         took = {True: [], False: []}
@@ -103,7 +103,7 @@ def lost_to_known(trials: int) -> tuple[list[float], list[float]]:
         with tempfile.TemporaryDirectory() as folder:
             log = Path(folder) / "log"
             try:
-                with at.Emission(link_of("audit"), log=log) as emission:
+                with at.Emission(link_of("audit"), cap=1.0, log=log) as emission:
                     emission.send(DRIVE)
                     process = emission.process
                     assert process is not None

@@ -39,7 +39,7 @@ def frames_a_second(drive: at.Drive, array: at.PhasedArray) -> dict[str, float]:
     rates = {"frames": _rate(lambda: link.send(frame))}
     link.stop()
     link.close()
-    with at.Emission(link, ramp=0.0) as emission:
+    with at.Emission(link, cap=1.0, ramp=0.0) as emission:
         rates["drives"] = _rate(lambda: emission.send(drive))
     return rates
 

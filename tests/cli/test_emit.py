@@ -152,7 +152,7 @@ def test_boards_that_cannot_be_turned_down_ask_for_full_scale(capsys, tmp_path) 
     errors = rejected(
         capsys, "emit", path, "--board", "sonicsurface", "--link", "serial", "--port", "x", "--yes"
     )
-    assert "140 dB: give --full-scale" in errors
+    assert "140 dB" in errors
     assert errors.endswith("[out_of_range]")
 
 

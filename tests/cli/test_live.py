@@ -309,7 +309,7 @@ def test_boards_that_fail_in_the_middle_end_it_with_a_session(tmp_path, live):
     board = f'[array]\nlayout = "boards"\nboard = "nano16"\n[[array.poses]]\n{pose}\n\n'
 
     def one_small_board(text):
-        hand = text[text.index("# This pose is the hand") :].split("[drive.modulation]")[0]
+        hand = text[text.index("# The hand at rest") :].split("[drive.modulation]")[0]
         return text.split("[array]")[0] + board + hand  # it is too slow for a modulation
 
     scene = changed_scene(tmp_path / "scene.toml", one_small_board)

@@ -187,7 +187,9 @@ def main() -> None:
                 )
                 resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
                 os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
-                WAYS[way](at.Emission(link, ramp=0.0, log=Path(folder) / f"{way}-{trial}.log"))
+                WAYS[way](
+                    at.Emission(link, cap=1.0, ramp=0.0, log=Path(folder) / f"{way}-{trial}.log")
+                )
                 return  # as a script that ends
             os.waitpid(process, 0)
 

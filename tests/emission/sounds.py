@@ -28,7 +28,7 @@ def ended(link: RecordingLink) -> bool:
 
 
 def playing(link, work, **settings) -> None:
-    with at.Emission(link, ramp=0.0, **settings) as emission:
+    with at.Emission(link, **{"cap": 1.0, "ramp": 0.0, **settings}) as emission:
         work(emission)
 
 
@@ -59,15 +59,17 @@ class VirtualTime:
         return self.now
 
     def player(self, link: Link, ramp: float = 0.0, **settings) -> Player:
-        settings = {"cap": 1.0, "patience": 100.0, "log": None, **settings}
+        settings = {"patience": 100.0, "log": None, **settings}
         player = Player(link, Settings(ramp=ramp, **settings))
         player.open()
         return player
 
-    def send(self, player: Player, drives: np.ndarray, rate: float = 0.0) -> at.drives.Frame:
+    def send(
+        self, player: Player, drives: np.ndarray, rate: float = 0.0, cap: float = 1.0
+    ) -> at.drives.Frame:
         """Play a drive, or drives in turn at a rate [1/s], from now on."""
         drives = np.atleast_2d(drives)
-        frame, _, _ = player.play(drives, np.ones(len(drives)), rate)
+        frame, _, _ = player.play(drives, np.ones(len(drives)), rate, cap)
         return frame
 
     def run(self, player: Player, seconds: float, step: float = 1e-3) -> None:

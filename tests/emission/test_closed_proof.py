@@ -20,7 +20,7 @@ def test_the_bytes_in_the_firmware_make_the_planned_foci_between_fingers() -> No
     drive = at.time_reversal(transfer_matrix(beacons, array), target)
 
     link = at.AUTD3Link(poses_of_boards(board_named("autd3"), array.positions, array.normals))
-    with at.Emission(link, ramp=0.0) as emission:
+    with at.Emission(link, cap=1.0, ramp=0.0) as emission:
         sent = emission.send(drive)
         played = link.played()
     assert played.same_as(sent)

@@ -64,7 +64,7 @@ def test_an_exception_at_any_moment_ends_in_silence() -> None:
 
 def test_starving_ends_in_silence() -> None:
     link = RecordingLink()
-    with at.Emission(link, ramp=0.0, patience=0.03) as emission:
+    with at.Emission(link, cap=1.0, ramp=0.0, patience=0.03) as emission:
         with suppress(LinkFailed):  # a busy machine may starve it here already
             emission.send(tone())
         until = time.monotonic() + 120.0
@@ -125,7 +125,7 @@ def test_a_signal_while_opening_ends_in_silence() -> None:
 
 def test_leaving_the_block_ends_in_silence_and_nothing_follows() -> None:
     link = RecordingLink()
-    emission = at.Emission(link, ramp=0.0)
+    emission = at.Emission(link, cap=1.0, ramp=0.0)
     with pytest.raises(LinkFailed):
         emission.send(tone())
     with emission:
@@ -243,7 +243,7 @@ def test_a_process_that_shall_outlive_its_terminal_does() -> None:
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
         link = RecordingLink()
-        with at.Emission(link, ramp=0.0) as emission:
+        with at.Emission(link, cap=1.0, ramp=0.0) as emission:
             emission.send(tone())
             os.kill(os.getpid(), signal.SIGHUP)
             emission.send(tone())

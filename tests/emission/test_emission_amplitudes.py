@@ -40,7 +40,7 @@ def test_a_sequence_rises_over_the_ramp(clock) -> None:
 @pytest.mark.parametrize(("cap", "share"), [(0.4, 0.5), (0.9, 1.0)])
 def test_the_cap_turns_a_drive_down_as_a_whole(clock, cap: float, share: float) -> None:
     amplitudes = np.linspace(0.0, 0.8, 249) * tone().amplitudes
-    frame = clock.send(clock.player(RecordingLink(), cap=cap), amplitudes)
+    frame = clock.send(clock.player(RecordingLink()), amplitudes, cap=cap)
     np.testing.assert_allclose(
         frame.amplitude / 255, share * np.abs(amplitudes), rtol=0, atol=0.5 / 255
     )
@@ -48,8 +48,8 @@ def test_the_cap_turns_a_drive_down_as_a_whole(clock, cap: float, share: float) 
 
 def test_one_cap_holds_for_all_frames_of_a_sequence(clock) -> None:
     link = RecordingLink()
-    player = clock.player(link, cap=0.5)
-    clock.send(player, moving(2) * np.array([[1.0], [0.5]]), 100.0)
+    player = clock.player(link)
+    clock.send(player, moving(2) * np.array([[1.0], [0.5]]), 100.0, 0.5)
     clock.run(player, 0.02)
     np.testing.assert_allclose(strongest(link), [127.5, 63.75], rtol=0, atol=0.51)
 
@@ -103,7 +103,7 @@ def test_a_drive_ends_a_round(clock) -> None:
 
 def test_autd3_boards_repeat_the_newest_frames_themselves() -> None:
     drives = moving(4)
-    with at.Emission(at.AUTD3Link([at.Pose.identity()]), ramp=0.0) as emission:
+    with at.Emission(at.AUTD3Link([at.Pose.identity()]), cap=1.0, ramp=0.0) as emission:
         for turn in (1.0, 1j):
             emission.cycle(Sequence(turn * drives, 800.0))
             for index in (0, 3):
@@ -119,7 +119,7 @@ def test_autd3_boards_repeat_the_newest_frames_themselves() -> None:
 def test_the_force_of_a_modulated_drive_follows_a_cosine_in_the_firmware() -> None:
     """200 Hz in 20 frames at 4 kHz; the board holds round(255 √(1 − d (1 − cos)/2)) of each element."""
     link = at.AUTD3Link([at.Pose.identity()])
-    with at.Emission(link, ramp=0.0) as emission:
+    with at.Emission(link, cap=1.0, ramp=0.0) as emission:
         played = emission.modulate(tone(), 0.1, AmplitudeModulation(200.0, depth=0.8))
         frames = [link.played(index) for index in range(20)]
     assert (played.rate, played.frames, played.dropped) == (4000.0, 400, 0)
@@ -137,10 +137,38 @@ def test_boards_without_amplitudes_modulate_the_number_of_elements(
     link = RecordingLink("sonicsurface")
     player = clock.player(link)
     envelope = AmplitudeModulation(frequency).envelope(count)
-    player.play(tone(256).amplitudes[None], envelope, 80.0)
+    player.play(tone(256).amplitudes[None], envelope, 80.0, 1.0)
     clock.run(player, 0.2)
     elements = np.array([int(frame.amplitude.sum()) for frame in link.frames])
     np.testing.assert_allclose(elements, 256 * np.resize(envelope, 16), rtol=0, atol=2)
+
+
+@pytest.mark.parametrize("moves", [False, True])
+def test_without_a_cap_a_head_gets_110_db_at_most(moves) -> None:
+    link = RecordingLink()
+    with at.Emission(link, ramp=0.0) as emission:
+        if moves:
+            emission.play(Sequence(moving(4), 100.0), 0.1)
+        else:
+            emission.send(tone())
+    played = np.stack([frame.drive().amplitudes for frame in link.frames])
+    board = link.codec.board
+    head = at.drives.HeadLevel(played, board.positions, link.levels, 732.7)
+    assert 107.0 < head.full < 110.0
+
+
+@pytest.mark.parametrize(
+    ("link", "elements", "code"),
+    [
+        (RecordingLink("sonicsurface"), 256, "out_of_range"),
+        (RecordingLink("autd3", 2), 498, "key_missing"),
+    ],
+    ids=["no levels of amplitude", "unknown poses"],
+)
+def test_without_a_cap_boards_whose_level_cannot_be_kept_stay_silent(link, elements, code) -> None:
+    with at.Emission(link) as emission, raises_code(code):
+        emission.send(tone(elements))
+    assert all(frame.silent for frame in link.frames)
 
 
 @pytest.mark.parametrize(
@@ -173,7 +201,10 @@ def test_drives_that_do_not_fit_are_rejected_and_silent() -> None:
             with raises_code(code):
                 work()
     assert all(frame.silent for frame in link.frames)
-    with at.Emission(RecordingLink("sonicsurface")) as emission, raises_code("out_of_range"):
+    with (
+        at.Emission(RecordingLink("sonicsurface"), cap=1.0) as emission,
+        raises_code("out_of_range"),
+    ):
         emission.modulate(tone(256), 0.1)
 
 

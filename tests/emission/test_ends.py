@@ -60,7 +60,7 @@ def test_however_the_process_ends_fifty_times(link: str, tmp_path: Path) -> None
 SCRIPT = """
 import os, sys, numpy as np, airtact as at
 from airtact.emission import RecordingLink
-with at.Emission(RecordingLink(), ramp=0.0, log=sys.argv[-1]) as emission:
+with at.Emission(RecordingLink(), cap=1.0, ramp=0.0, log=sys.argv[-1]) as emission:
     emission.send(at.Drive(np.ones(249, dtype=complex)))
     assert emission.process != os.getpid()
 """

@@ -18,7 +18,7 @@ from faults import raises_code
 
 def test_a_file_holds_what_was_sent_and_nothing_else(tmp_path) -> None:
     link = FileLink(tmp_path / "frames.npz")
-    with at.Emission(link) as emission:
+    with at.Emission(link, cap=1.0) as emission:
         emission.send(tone())
         emission.hold(3600.0)
     assert at.quantise(at.load_drive(link.path)).same_as(at.quantise(tone()))
@@ -28,7 +28,7 @@ def test_a_file_holds_what_was_sent_and_nothing_else(tmp_path) -> None:
 def test_two_thousand_frames_are_two_thousand_frames_on_a_busy_machine(tmp_path) -> None:
     """Played as fast as the disk takes them: none is left out, however late it is."""
     frames = np.exp(2j * np.pi * np.arange(2000)[:, None] / 256) * tone(12).amplitudes
-    with at.Emission(FileLink(tmp_path / "frames.h5", "nano16")) as emission:
+    with at.Emission(FileLink(tmp_path / "frames.h5", "nano16"), cap=1.0) as emission:
         played = emission.play(Sequence(frames, 1.0), seconds=2000.0)
     assert (played.rate, played.frames, played.dropped) == (1.0, 2000, 0)
     back = at.load_drive(tmp_path / "frames.h5")
@@ -51,7 +51,7 @@ def test_a_file_may_take_longer_to_write_than_boards_may_take_to_answer(
             super()._end()
 
     monkeypatch.setattr(link_process, "ANSWER_TIMEOUT", 0.05)
-    with at.Emission(Slow(tmp_path / "frames.npz")) as emission:
+    with at.Emission(Slow(tmp_path / "frames.npz"), cap=1.0) as emission:
         emission.send(tone())
     assert (tmp_path / "frames.npz").exists()
 

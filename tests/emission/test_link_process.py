@@ -43,7 +43,7 @@ def test_another_process_silences_the_boards_when_the_link_process_is_lost(
 
 
 def test_a_lost_link_process_is_reported_where_nothing_is_called_any_more() -> None:
-    emission = at.Emission(RecordingLink(), ramp=0.0).__enter__()
+    emission = at.Emission(RecordingLink(), cap=1.0, ramp=0.0).__enter__()
     emission.send(tone())
     os.kill(emission.process, signal.SIGKILL)
     with pytest.raises(LinkFailed) as lost:
@@ -78,7 +78,7 @@ def test_a_link_process_that_nobody_can_end_by_asking_stays_until_its_feeder_lea
 HOLDER = """
 import sys, time, numpy as np, airtact as at
 from airtact.emission import SerialLink
-with at.Emission(SerialLink(sys.argv[1])) as emission:
+with at.Emission(SerialLink(sys.argv[1]), cap=1.0) as emission:
     print("open", flush=True)
     sys.stdin.read()
 """
@@ -94,7 +94,7 @@ def test_a_board_that_another_process_uses_is_not_opened_and_free_once_that_is_k
             assert first.stdout.readline() == "open\n"
             with (
                 raises_code("link_in_use", wire.port),
-                at.Emission(SerialLink(wire.port)),
+                at.Emission(SerialLink(wire.port), cap=1.0),
             ):
                 pytest.fail("the block must not begin")
             first.kill()
@@ -106,7 +106,7 @@ def test_a_link_that_cannot_be_elsewhere_is_here_and_says_so() -> None:
         pass
 
     link = Local()
-    emission = at.Emission(link, ramp=0.0)
+    emission = at.Emission(link, cap=1.0, ramp=0.0)
     with pytest.warns(UserWarning, match="go on emitting"):
         emission.__enter__()
     assert emission.process is None
@@ -130,7 +130,7 @@ def test_boards_that_modulate_themselves_go_on_while_drives_change() -> None:
     """The firmware's model holds the envelope; new drives change the gains alone, and silence ends it."""
     modulation = AmplitudeModulation(200.0, depth=0.8)
     drives = [tone(), tone(loudness=0.5)]
-    with at.Emission(Audit(), ramp=0.0) as emission:
+    with at.Emission(Audit(), cap=1.0, ramp=0.0) as emission:
         emission.set_modulation(modulation)
         for drive in drives:
             emission.send(drive)
@@ -199,7 +199,7 @@ def test_the_newest_drive_rises_where_nothing_waits_for_the_ramp(monkeypatch) ->
 
 def test_stop_is_silence_at_once_and_for_good() -> None:
     link = RecordingLink()
-    with at.Emission(link, ramp=0.0) as emission:
+    with at.Emission(link, cap=1.0, ramp=0.0) as emission:
         emission.send(tone())
         emission.stop()
         assert link.frames[-1].silent

@@ -137,7 +137,7 @@ def test_a_verification_reads_as_sentences(beside_a_ball) -> None:
     )
     assert "at the head at most 104.3 dB SPL. This is no safety assessment" in with_head
     assert "sound presses with" in with_head
-    assert at.evaluation.sound_pressure_level(np.zeros(1)).tolist() == [-np.inf]
+    assert at.drives.sound_pressure_level(np.zeros(1)).tolist() == [-np.inf]
 
 
 def test_what_cannot_be_verified_raises() -> None:

@@ -131,6 +131,17 @@ def test_the_cap_limits_every_element(example_scene, clock):
     assert loudness(output).max() == pytest.approx(0.25)
 
 
+def test_without_a_cap_a_head_gets_110_db_at_most(example_scene, clock):
+    output = Kept(clock)
+    output.levels = at.transducers.Levels.even()
+    followed(example_scene, clock, reaching_recording()[:30], output)
+    loudest = output.sent[int(loudness(output).argmax())][None]
+    scene = example_scene
+    wavenumber = scene.wavenumber.real
+    head = at.drives.HeadLevel(loudest, scene.array.positions, output.levels, wavenumber)
+    assert 107.0 < head.full < 112.0
+
+
 def test_the_emergency_stop_ends_the_sound_for_good(example_scene, clock, tmp_path):
     session = at.live.SessionWriter(tmp_path / "session.h5", example_scene)
     output = Kept(clock, stop_after=5)

@@ -25,7 +25,7 @@ def opened_page(browser, address):
     )
     page.on("pageerror", lambda fault: page.faults.append(str(fault)))
     page.goto(address)
-    page.get_by_text("drives a second").first.wait_for()
+    page.get_by_text("drives per second").first.wait_for()
     return page
 
 
@@ -55,8 +55,8 @@ def test_what_is_set_on_the_page_reaches_the_loop(browser) -> None:
         page, at = opened_page(browser, loop.page.address), loop.page
         page.get_by_text("playing", exact=True).wait_for()
         until(lambda: colours(page) > 200, "a picture of the hand")
-        slider(page, "gap [mm]").press("ArrowRight")
-        until(lambda: at.controls.offset == pytest.approx(1.1e-3), "a wider gap")
+        slider(page, "offset [mm]").press("ArrowRight")
+        until(lambda: at.controls.offset == pytest.approx(1.1e-3), "a larger offset")
         slider(page, "level cap [%]").press("Home")
         until(lambda: at.controls.cap == 0.0, "a lower cap")
         page.get_by_label("ignore the hand").click()
@@ -104,7 +104,7 @@ DRAWN = """() => {
 def test_the_page_shows_the_sound_with_the_hand_in_its_place(browser) -> None:
     with Loop() as loop:
         page = opened_page(browser, loop.page.address)
-        page.get_by_text("with the hand in its place").wait_for()
+        page.get_by_text("with the hand as it was").wait_for()
         page.close()
 
 

@@ -62,9 +62,9 @@ def emit(
     With --link file the frames are written to the file --out, at full scale and without asking: a
     drive once, a modulated drive for one period, a sequence for one round, or for --seconds.
     """
+    from airtact.drives.head_level import NO_SAFETY_ASSESSMENT
     from airtact.emission.links import link_to
     from airtact.errors import counted, positive
-    from airtact.evaluation.head_level import NO_SAFETY_ASSESSMENT
     from airtact.setup import safe_emission
 
     if seconds is not None:

@@ -136,7 +136,7 @@ def live(
     with progress() as report_step:
         report_step("reading the scene")
         from airtact.drives.frame import check_cap
-        from airtact.evaluation.head_level import MAX_HEAD_LEVEL, NO_SAFETY_ASSESSMENT
+        from airtact.drives.head_level import MAX_HEAD_LEVEL, NO_SAFETY_ASSESSMENT
         from airtact.files.atomic import writable_folder
         from airtact.live.session import FILE
 

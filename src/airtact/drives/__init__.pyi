@@ -2,6 +2,9 @@ from .drive_file import DriveFile as DriveFile
 from .frame import Frame as Frame
 from .gerchberg_saxton import gs_pat as gs_pat
 from .gradient_descent import gradient as gradient
+from .head_level import MAX_HEAD_LEVEL as MAX_HEAD_LEVEL
+from .head_level import HeadLevel as HeadLevel
+from .head_level import sound_pressure_level as sound_pressure_level
 from .linear_methods import inverse_filter as inverse_filter
 from .linear_methods import least_peak as least_peak
 from .linear_methods import phase_conjugate as phase_conjugate

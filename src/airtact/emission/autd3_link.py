@@ -72,7 +72,7 @@ class AUTD3Link(Link):
                 code="key_missing",
             )
         self.name = through
-        self.poses: list[Pose] = list(poses)
+        self.poses = poses
         self.address: str | None = address
         self.sound_speed: float | None = sound_speed
         # SciPy's import takes longer than a link process takes to start: convert rotations here.
@@ -156,7 +156,7 @@ class AUTD3Link(Link):
         self._library = pyautd3 = _library()
         devices = [
             pyautd3.AUTD3(pos=1e3 * pose.translation, rot=rotation)
-            for pose, rotation in zip(self.poses, self._rotations, strict=True)
+            for pose, rotation in zip(self.poses or (), self._rotations, strict=True)
         ]
         self._lost = None
         self._controller = pyautd3.Controller.open(devices, self._way())

@@ -17,6 +17,7 @@ from jaxtyping import Float64
 from airtact.drives.frame import Frame
 from airtact.emission.codecs import Codec, codec_of
 from airtact.errors import InvalidInput, counted, of_kind, positive
+from airtact.geometry.pose import Pose
 from airtact.transducers.levels import Levels
 
 
@@ -48,6 +49,7 @@ class Link(ABC):
     codec : messages of its boards.
     name : name in commands.
     boards, elements : number of boards, and of elements on all of them.
+    poses : of the boards, from the board's frame to the array's; None where they are not known.
     plays_itself : whether boards repeat an uploaded sequence and modulate the amplitude themselves,
         or need every frame in time.
     real_time : whether a frame is emitted when it is sent, so that frames must be sent at their
@@ -74,6 +76,8 @@ class Link(ABC):
             )
         self.elements = boards * len(self.codec.board)
         self.boards = boards
+        # The level around a single board does not depend on its pose.
+        self.poses: Sequence[Pose] | None = [Pose.identity()] if boards == 1 else None
         self.last: Frame | None = None
         self.sent = 0
         self._open = False

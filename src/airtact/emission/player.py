@@ -15,9 +15,8 @@ from airtact.emission.link import Link, LinkFailed
 
 @dataclass(frozen=True)
 class Settings:
-    """Cap, ramp [s], patience of the watchdog [s], log file, and whether an emission resumes."""
+    """Ramp [s], patience of the watchdog [s], log file, and whether an emission resumes."""
 
-    cap: float
     ramp: float
     patience: float
     log: Path | None
@@ -83,6 +82,7 @@ class Player:
         drives: Complex128[np.ndarray, "drives elements"],
         factors: Float64[np.ndarray, "frames"],
         rate: float,
+        cap: float,
         written: int = 0,
     ) -> tuple[Frame, float, float]:
         """Repeat drives, or one drive at several factors, from now on.
@@ -94,6 +94,7 @@ class Player:
         ----------
         drives, factors : a frame plays the next drive, times its factor.
         rate : frames a second; 0 for a single drive.
+        cap : largest amplitude of an element, a share of full scale.
         written : number of frames that a link without a clock gets; 0 for the one that is due.
 
         Returns
@@ -102,7 +103,7 @@ class Player:
         """
         self._feed()
         link = self.link
-        self._share = share_under_cap(drives, link.levels, self._settings.cap)
+        self._share = share_under_cap(drives, link.levels, cap)
         items = []
         for index, factor in enumerate(factors.tolist()):
             drive = drives[index % len(drives)]

@@ -1,8 +1,6 @@
 from .comparison import HELD_EQUAL as HELD_EQUAL
 from .comparison import Comparison as Comparison
 from .field import drive_sources as drive_sources
-from .head_level import MAX_HEAD_LEVEL as MAX_HEAD_LEVEL
-from .head_level import sound_pressure_level as sound_pressure_level
 from .held_out import HeldOut as HeldOut
 from .held_out import ShiftMap as ShiftMap
 from .metrics import Evaluation as Evaluation

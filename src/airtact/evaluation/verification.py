@@ -11,11 +11,11 @@ from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.problem import RadiatedField, Solver
 from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive, quantise
+from airtact.drives.head_level import NO_SAFETY_ASSESSMENT, sound_pressure_level
 from airtact.drives.reach import check_foci
 from airtact.drives.transfer import TransferMatrix, transfer_matrix
 from airtact.errors import Vector, counted, in_mm, of_kind, one_line, points_of, span
 from airtact.evaluation.field import radiate_drives
-from airtact.evaluation.head_level import NO_SAFETY_ASSESSMENT, sound_pressure_level
 from airtact.evaluation.metrics import Evaluation
 from airtact.evaluation.radiation import RadiationMap, radiation_of
 from airtact.evaluation.tactile_thresholds import sensation

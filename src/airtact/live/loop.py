@@ -11,6 +11,7 @@ from jaxtyping import Complex128
 from threadpoolctl import threadpool_limits
 
 from airtact.drives.frame import check_cap
+from airtact.drives.head_level import HeadLevel
 from airtact.emission.link import LinkFailed
 from airtact.errors import InvalidInput
 from airtact.hands.hand import Hand
@@ -63,11 +64,11 @@ class Status:
         """Write the status in one line, of under 80 columns while it plays and nothing is late."""
         parts = [self.state]
         if self.rate:
-            parts += [f"{self.rate:.0f} drives/s", f"age {1e3 * self.age:.0f} ms"]
+            parts += [f"{self.rate:.0f} drives/s", f"latency {1e3 * self.age:.0f} ms"]
             late = [LATE[name][1].format(1e3 * seconds) for name, seconds in self.late.items()]
             parts.append(f"late: {', '.join(late)}" if late else "nothing late")
         if np.isfinite(self.kept):
-            parts.append(f"{self.kept:.0%} of attainable expected")
+            parts.append(f"{self.kept:.0%} of attainable pressure")
         return ", ".join(parts)
 
 
@@ -144,7 +145,7 @@ def follow(
     seconds: float | None = None,
     session: SessionWriter | None = None,
     latency: float = 0.0,
-    cap: float = 1.0,
+    cap: float | None = None,
     controls: Controls | None = None,
     page: PageProcess | None = None,
     report: Callable[[Status], None] = lambda status: None,
@@ -162,7 +163,8 @@ def follow(
     session : records the run.
     latency : least time from the picture to the frame's arrival, for trackers with their own clock
         [s].
-    cap : largest amplitude of an element, a share of full scale.
+    cap : largest amplitude of an element, a share of full scale. By default the one that keeps a
+        head 0.5 m off the array to 110 dB SPL, computed for the first drive; 1 without boards.
     controls : initial settings; those of the page replace them.
     page : shows every moment, and changes the controls.
     report : called twice a second with the status.
@@ -179,7 +181,8 @@ def follow(
         If the boards fail; those that answer are silent.
     """
     duration = checked_seconds(seconds)
-    cap = check_cap(cap)
+    if cap is not None:
+        check_cap(cap)
     clock = FrameClock(latency)
     with ExitStack() as closing:
         closing.callback(maker.close)
@@ -207,7 +210,7 @@ class _Loop:
     output: Output
     clock: FrameClock
     session: SessionWriter | None
-    cap: float
+    cap: float | None
     controls: Controls
     page: PageProcess | None
     gain: Gain = field(default_factory=Gain)
@@ -377,6 +380,8 @@ class _Loop:
             self.output.beat()
             return
         state = "playing" if on else "silent" if share == 0.0 else "fading"
+        if self.cap is None:
+            self.cap = self._safe_cap(self.moment.amplitudes)
         cap = min(self.cap, self.controls.cap)
         amplitudes = share * capped(self.moment.amplitudes, cap)
         made = time.monotonic()
@@ -397,6 +402,18 @@ class _Loop:
             }
             self.played.append(played)
             self.duration += 0.1 * (sent - now - self.duration)
+
+    def _safe_cap(self, amplitudes: Amplitudes) -> float:
+        """Return the cap that keeps a head under the limit; 1 without boards."""
+        if self.output.levels is None:
+            return 1.0
+        return HeadLevel(
+            amplitudes[None],
+            self.scene.array.positions,
+            self.output.levels,
+            self.scene.wavenumber.real,
+            self.scene.array.element.sensitivity,
+        ).safe_cap()
 
     def _send(self, amplitudes: Amplitudes, share: float, cap: float) -> None:
         """Send the drive, or its frames where foci move, at a share of their amplitude."""

@@ -8,6 +8,7 @@ from airtact.drives.sequence import Sequence
 from airtact.emission.emission import Emission
 from airtact.emission.link import Link, LinkFailed
 from airtact.live.scene import Amplitudes, Frames
+from airtact.transducers.levels import Levels
 from airtact.transducers.modulation import AmplitudeModulation
 
 
@@ -18,12 +19,14 @@ class Output:
     ----------
     words : where drives go.
     stopped : whether the emergency stop was pressed, after which nothing is emitted.
+    levels : amplitudes and phases of the boards; None without boards.
     share : of the newest drive's amplitude that was emitted when it was sent; less than 1 while the
         sound rises.
     """
 
     words: str = "no boards"
     stopped: bool = False
+    levels: Levels | None = None
     share: float = 1.0
 
     def __enter__(self) -> "Output":
@@ -52,6 +55,8 @@ class Output:
 class Boards(Output):
     """Boards behind a link; the sound rises over 0.2 s from the first drive after a silence.
 
+    Drives are sent as they are: the loop has capped them.
+
     Parameters
     ----------
     link : the way to the boards.
@@ -59,7 +64,8 @@ class Boards(Output):
     """
 
     def __init__(self, link: Link, log: Path | None = None) -> None:
-        self._emission = Emission(link, log=log, resumes=True)
+        self._emission = Emission(link, cap=1.0, log=log, resumes=True)
+        self.levels = link.levels
         self.words = f"{link.devices} through {link.name}"
 
     def __enter__(self) -> "Boards":

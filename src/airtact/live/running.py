@@ -44,7 +44,7 @@ def run(
     folder: Path,
     seconds: float | None = None,
     latency: float = 0.0,
-    cap: float = 1.0,
+    cap: float | None = None,
     ignore_hand: bool = False,
     page: tuple[int, str] | None = None,
     report_step: Progress = no_progress,
@@ -61,7 +61,8 @@ def run(
     seconds : duration; to the end of a recording, or until Ctrl-C, by default.
     latency : least time from the picture to the frame's arrival, for trackers with their own clock
         [s].
-    cap : largest amplitude of an element, a share of full scale.
+    cap : largest amplitude of an element, a share of full scale; a safe one by default, see
+        ``follow``.
     ignore_hand : whether drives are made from distances alone.
     page : port and host of the page; no page by default.
     report_step, report : called with each step of the start, and twice a second with the status.

@@ -4,29 +4,24 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Complex128, Float64
+from jaxtyping import Float64
 
 from airtact.acoustics.medium import air
 from airtact.drives.drive import Drive
 from airtact.drives.drive_file import DriveFile, read_drive_file
-from airtact.drives.frame import Frame, frame_at, share_under_cap
+from airtact.drives.frame import frame_at, share_under_cap
+from airtact.drives.head_level import MAX_HEAD_LEVEL, HeadLevel
 from airtact.drives.sequence import Sequence
 from airtact.drives.transfer import TransferMatrix, rounding_error
 from airtact.emission.codecs import codec_of
 from airtact.emission.emission import Emission, Played, frames_of_period
 from airtact.emission.link import Link
 from airtact.errors import InvalidInput, about
-from airtact.evaluation.head_level import (
-    MAX_HEAD_LEVEL,
-    pressures_around,
-    sound_pressure_level,
-)
 from airtact.evaluation.tactile_thresholds import CONSTANT_FORCE_NOTE, sensation
 from airtact.geometry.pose import Pose
 from airtact.timing import Progress, no_progress
 from airtact.transducers.boards import Board, board_named, boards_needed, poses_of_boards
 from airtact.transducers.element import DEFAULT_SENSITIVITY
-from airtact.transducers.levels import Levels
 from airtact.transducers.modulation import AmplitudeModulation
 
 # Frequency that all boards play [Hz]
@@ -162,23 +157,21 @@ def plan(
                 "which is not modulated further: leave the modulation out.",
                 code="options_clash",
             )
-        wavenumber = 2 * np.pi * FREQUENCY / sound_speed_of(stored)
         poses = tuple(poses_of_boards(kind, stored.positions, stored.normals))
-    modulation = (modulation or stored.modulation) if rate is None and not constant else None
-    # The level is evaluated in open air around the array: where the head is, is not known.
-    head = Head(stored, kind, modulation, wavenumber)
-    full, _ = head.levels(1.0)
-    limited = cap is None and full > MAX_HEAD_LEVEL
+        modulation = (modulation or stored.modulation) if rate is None and not constant else None
+        # The level is evaluated in open air around the array, as the head's position is not known.
+        head = _head_level(stored, kind, modulation)
+    limited = cap is None and head.full > MAX_HEAD_LEVEL
     if cap is None:
-        cap = head.cap_under_limit(full)
-    peak, average = head.levels(cap)
+        cap = head.safe_cap()
+    peak, average = head.at(cap)
     if not np.isfinite(peak):
         raise InvalidInput(
             f"at a cap of {cap:g} all elements round to level 0, so nothing would be emitted: give "
             "a larger cap.",
             code="all_zero",
         )
-    rounding, focus = head.at_foci(cap)
+    rounding, focus = _at_foci(stored, head, cap)
     return Plan(
         stored=stored,
         board=kind,
@@ -187,7 +180,7 @@ def plan(
         rounding=rounding,
         peak=peak,
         average=average,
-        full=full,
+        full=head.full,
         focus=focus,
         cap=cap,
         limited=limited,
@@ -199,107 +192,56 @@ def safe_cap(stored: DriveFile, board: str) -> tuple[float, float]:
 
     Raise "out_of_range" for boards that cannot be turned down so far.
     """
-    head = Head(
-        stored,
-        board_named(board),
-        stored.modulation,
+    head = _head_level(stored, board_named(board), stored.modulation)
+    return head.safe_cap(), head.full
+
+
+def _head_level(
+    stored: DriveFile, board: Board, modulation: AmplitudeModulation | None
+) -> HeadLevel:
+    assert stored.positions is not None
+    factors = (1.0,)
+    if modulation is not None:
+        count, _ = frames_of_period(modulation.frequency, np.inf)
+        factors = tuple(modulation.envelope(count).tolist())
+    return HeadLevel(
+        stored.drives,
+        stored.positions,
+        codec_of(board).levels,
         2 * np.pi * FREQUENCY / sound_speed_of(stored),
+        DEFAULT_SENSITIVITY if stored.sensitivity is None else stored.sensitivity,
+        factors,
     )
-    full, _ = head.levels(1.0)
-    return head.cap_under_limit(full), full
 
 
-@dataclass(frozen=True, eq=False)
-class Head:
-    """The level at a head around an array, by the cap on the amplitudes of frames."""
-
-    stored: DriveFile
-    board: Board
-    modulation: AmplitudeModulation | None
-    wavenumber: float
-
-    @property
-    def levels_of_board(self) -> Levels:
-        """Amplitudes and phases of the boards."""
-        return codec_of(self.board).levels
-
-    @property
-    def strongest(self) -> Complex128[np.ndarray, "frames elements"]:
-        """The 32 most powerful frames of a sequence."""
-        # They set the level around the array, and evaluating thousands would take minutes.
-        drives = self.stored.drives
-        return drives[np.argsort(-np.linalg.norm(drives, axis=1), kind="stable")[:32]]
-
-    def frames(self, cap: float) -> list[Frame]:
-        """Return the frames that are played, of a sequence the most powerful ones."""
-        levels = self.levels_of_board
-        share = share_under_cap(self.stored.drives, levels, cap)
-        if self.modulation is not None:
-            count, _ = frames_of_period(self.modulation.frequency, np.inf)
-            factors = self.modulation.envelope(count)
-            return [frame_at(self.stored.drives[0], levels, share * f) for f in factors]
-        return [frame_at(row, levels, share) for row in self.strongest]
-
-    def levels(self, cap: float) -> tuple[float, float]:
-        """Return the peak and the average level [dB]."""
-        stored = self.stored
-        assert stored.positions is not None
-        played = np.stack([frame.drive().amplitudes for frame in self.frames(cap)])
-        sensitivity = stored.sensitivity
-        if sensitivity is None:
-            sensitivity = DEFAULT_SENSITIVITY
-        peak, average = sound_pressure_level(
-            np.array(pressures_around(stored.positions, played, sensitivity, self.wavenumber))
-        )
-        return float(peak), float(average)
-
-    def cap_under_limit(self, full: float) -> float:
-        """Return the largest cap whose peak level is under the limit."""
-        if full <= MAX_HEAD_LEVEL:
-            return 1.0
-        if not self.levels_of_board.phase_only:
-            # The level follows the amplitude, except for rounding to the board's levels.
-            largest = min(1.0, float(np.abs(self.stored.drives).max()))
-            cap = largest * 10.0 ** ((MAX_HEAD_LEVEL - full) / 20.0)
-            for _ in range(10):
-                cap = float(f"{0.9 * cap:.2g}")
-                peak, _ = self.levels(cap)
-                if np.isfinite(peak) and peak <= MAX_HEAD_LEVEL:
-                    return cap
-        raise InvalidInput(
-            f"{self.board.title} boards cannot be turned down to {MAX_HEAD_LEVEL:g} dB at a head "
-            f"0.5 m off the array, and at full scale it gets up to {full:.0f} dB: give "
-            "--full-scale, or a share such as --cap 0.3.",
-            code="out_of_range",
-        )
-
-    def at_foci(self, cap: float) -> tuple[Float64[np.ndarray, "foci"] | None, float | None]:
-        """Return the worst change at each focus by rounding, and the weakest pressure [Pa]."""
-        stored = self.stored
-        levels = self.levels_of_board
-        drives = self.strongest
-        if stored.matrix is None or stored.matrix.shape[1] != drives.shape[1]:
-            return None, None
-        transfer = TransferMatrix(stored.matrix, np.nan, stored.foci)
-        share = share_under_cap(stored.drives, levels, cap)
-        changes = []
-        for row in drives:
-            frame = frame_at(row, levels, share)
-            if not frame.silent:
-                exact = Drive(row if levels.phase_only else share * row)
-                pressures = np.abs(transfer.pressure(exact))
-                # A frame of a sequence is made for some of the foci; what it leaves at the others
-                # may change by any factor.
-                meant = pressures > 0.1 * pressures.max()
-                changes.append(np.where(meant, rounding_error(transfer, exact, frame), 0.0))
-        if not changes:
-            return None, None
-        changes = np.array(changes)
-        worst = changes[np.abs(changes).argmax(axis=0), np.arange(changes.shape[1])]
-        frames = [frame_at(row, levels, share).drive() for row in stored.drives]
-        pressures = np.array([np.abs(transfer.pressure(drive)) for drive in frames])
-        foci = len(stored.matrix) if stored.foci is None else len(stored.foci)
-        return worst, float(pressures[:, :foci].max(axis=0).min())
+def _at_foci(
+    stored: DriveFile, head: HeadLevel, cap: float
+) -> tuple[Float64[np.ndarray, "foci"] | None, float | None]:
+    """Return the worst change at each focus by rounding, and the weakest pressure [Pa]."""
+    levels = head.levels
+    drives = head.strongest
+    if stored.matrix is None or stored.matrix.shape[1] != drives.shape[1]:
+        return None, None
+    transfer = TransferMatrix(stored.matrix, np.nan, stored.foci)
+    share = share_under_cap(stored.drives, levels, cap)
+    changes = []
+    for row in drives:
+        frame = frame_at(row, levels, share)
+        if not frame.silent:
+            exact = Drive(row if levels.phase_only else share * row)
+            pressures = np.abs(transfer.pressure(exact))
+            # A frame of a sequence is made for some of the foci; what it leaves at the others
+            # may change by any factor.
+            meant = pressures > 0.1 * pressures.max()
+            changes.append(np.where(meant, rounding_error(transfer, exact, frame), 0.0))
+    if not changes:
+        return None, None
+    changes = np.array(changes)
+    worst = changes[np.abs(changes).argmax(axis=0), np.arange(changes.shape[1])]
+    frames = [frame_at(row, levels, share).drive() for row in stored.drives]
+    pressures = np.array([np.abs(transfer.pressure(drive)) for drive in frames])
+    foci = len(stored.matrix) if stored.foci is None else len(stored.foci)
+    return worst, float(pressures[:, :foci].max(axis=0).min())
 
 
 def sound_speed_of(stored: DriveFile) -> float:

@@ -36,16 +36,16 @@ CURVE_SECONDS = 10.0
 
 CURVES = (
     ("age of the frame in the air [ms]", "#1971c2", 150.0),
-    ("drives a second", "#2f9e44", 150.0),
-    ("kept of the attainable pressure, expected [%]", "#e8590c", 110.0),
+    ("drives per second", "#2f9e44", 150.0),
+    ("expected pressure, of the attainable [%]", "#e8590c", 110.0),
 )
 """Title, colour and upper limit of each curve."""
 
 RULES: dict[Rule, str] = {
-    "distances": "distances alone, without the hand",
-    "phalanges": "last phalanges solved",
-    "hand": "whole hand solved",
-    "carried": "whole hand solved, carried along",
+    "distances": "focused by distances, without the hand",
+    "phalanges": "solved: the last phalanges",
+    "hand": "solved: the whole hand",
+    "carried": "solved: the whole hand, moved with its bones",
 }
 
 STATES: dict[State, tuple[str, str]] = {
@@ -112,7 +112,7 @@ class Panel:
         gui.main_panel.dock_right()
         gui.main_panel.set_width(width)
         panel = gui.add_panel()
-        with panel.add_tab("What the loop does"):
+        with panel.add_tab("Status"):
             self._status = gui.add_html('<div class="live">starting</div>')
             words = f"Curves of the last {CURVE_SECONDS:g} s, time in s:"
             gui.add_html(f'<div class="live"><small>{words}</small></div>')
@@ -156,7 +156,7 @@ class Panel:
 
     def _add_stops(self) -> None:
         gui = self._server.gui
-        hint = "silence at once and for good; the key Escape does it too"
+        hint = "silences at once and for good; also the key Escape"
         emergency = gui.add_button("EMERGENCY STOP", color="red", hint=hint)
         self._style.content = STYLE.format(emergency=emergency._impl.uuid)
         start = gui.add_button("Start", color="green", icon=viser.Icon.PLAYER_PLAY)
@@ -192,11 +192,11 @@ class Panel:
         if scene.moving is not None:
             modulation = scene.moving.words
         elif scene.modulation is not None:
-            modulation = f"the amplitude swings at {scene.modulation.frequency:g} Hz"
+            modulation = f"the amplitude varies at {scene.modulation.frequency:g} Hz"
         else:
             modulation = "the scene has none"
         constant = scene.modulation is None and scene.moving is None
-        hint = "drives from distances alone, to feel the difference"
+        hint = "focus by distances only, to feel the difference"
         _on_change(
             gui.add_checkbox("ignore the hand", first.ignore_hand, hint=hint),
             lambda value: self._set(ignore_hand=value),
@@ -205,9 +205,9 @@ class Panel:
             gui.add_checkbox("modulated", first.modulated, disabled=constant, hint=modulation),
             lambda value: self._set(modulated=value),
         )
-        hint = "of the foci from the skin"
+        hint = "distance of the foci from the skin"
         _on_change(
-            gui.add_slider("gap [mm]", 0.0, 20.0, 0.1, offset, hint=hint),
+            gui.add_slider("offset [mm]", 0.0, 20.0, 0.1, offset, hint=hint),
             lambda value: self._set(offset=1e-3 * value),
         )
         hint = "largest amplitude of an element"
@@ -215,7 +215,7 @@ class Panel:
             gui.add_slider("level cap [%]", 0, 100, 1, round(100 * first.cap), hint=hint),
             lambda value: self._set(cap=value / 100),
         )
-        hint = "that makes the drives; robust: for the uncertainty of the prediction"
+        hint = "makes the drives; the robust ones allow for the uncertainty of the prediction"
         chosen = first.method or scene.method
         _on_change(
             gui.add_dropdown("method", list(METHODS), initial_value=chosen, hint=hint),
@@ -238,7 +238,7 @@ class Panel:
             gui.add_dropdown("slice across", ("x", "y", "z"), initial_value="y"),
             lambda value: self._show(across=value),
         )
-        hint = "from the middle of the foci, along that axis"
+        hint = "from the centre of the foci along that axis"
         _on_change(
             gui.add_slider("slice at [mm]", -60, 60, 1, 0, hint=hint),
             lambda value: self._show(offset=1e-3 * value),
@@ -280,11 +280,11 @@ def status_html(moment: Moment, scene: LiveScene, rate: float, age: float) -> st
     kept = np.nan if moment.kept is None else 100 * moment.kept
     solved = np.nan if moment.shape_age is None else 1e3 * moment.shape_age
     rows = [
-        ("drives a second", _number(rate, "")),
+        ("drives per second", _number(rate, "")),
         ("age of the frame in the air", _number(age, " ms")),
-        ("age of the solution", _number(solved, " ms")),
-        ("kept at the weakest focus", _number(kept, " %")),
-        ("elements' mean amplitude", _number(100 * float(np.abs(moment.amplitudes).mean()), " %")),
+        ("age of the solved hand", _number(solved, " ms")),
+        ("expected, of the attainable", _number(kept, " %")),
+        ("mean amplitude of the elements", _number(100 * np.abs(moment.amplitudes).mean(), " %")),
     ]
     facts = "".join(f"<tr><td>{name}</td><td>{value}</td></tr>" for name, value in rows)
     foci = ""
@@ -293,8 +293,11 @@ def status_html(moment: Moment, scene: LiveScene, rate: float, age: float) -> st
         foci += f"<tr><td>{escape(place)}</td><td>{pressure}</td></tr>"
     return (
         f'<div class="live"><div class="state" style="--light: {light}">{words}</div>'
-        f"{RULES[moment.rule]}<table>{facts}</table><br>"
-        f"<table><tr><th>focus</th><th>gets, peak</th></tr>{foci}</table></div>"
+        f"{RULES[moment.rule]}<table>{facts}</table>"
+        "<small>The solved hand is the pose for which scattering was solved; a drive uses the "
+        "solution of the most similar pose, which may be old. Expected: pressure at the weakest "
+        "focus, relative to a drive solved for the hand as it is now.</small><br>"
+        f"<table><tr><th>focus</th><th>peak pressure</th></tr>{foci}</table></div>"
     )
 
 
@@ -310,11 +313,11 @@ def legend_html(look: Look, sound: Sound | None, largest: float) -> str:
         array = _bar(AMPLITUDES, "0", "amplitude of the elements", "100 %")
     end = f"≥ {largest:,.0f} Pa" if largest > 1.0 else "-"
     pressure = _bar(PRESSURES, "0", "pressure, peak", end)
-    words = "silent, or not solved yet."
+    words = "silent, or not solved yet"
     if sound is not None:
         age = time.monotonic() - sound.time
-        words = f"all the sound, with the hand in its place as it was {age:.1f} s ago."
-    return f'<div class="live">{array}{pressure}<small>Skin and slice: {words}</small></div>'
+        words = f"pressure with the hand as it was {age:.1f} s ago"
+    return f'<div class="live">{array}{pressure}<small>Skin and slice: {words}.</small></div>'
 
 
 def _bar(colours: UInt8[np.ndarray, "steps 3"], low: str, name: str, high: str) -> str:
