@@ -8,14 +8,12 @@ from airtact.acoustics.planes import before_planes, with_images
 from airtact.acoustics.scene import Scene, check_sources
 from airtact.acoustics.solvers.arrays import (
     ComplexPairs,
-    Gradients,
     Mask,
     Points,
     Pressures,
     SourcePoints,
     Vectors,
 )
-from airtact.acoustics.solvers.open_air import open_air_gradient, velocity_of
 from airtact.acoustics.solvers.problem import (
     PLANES,
     RadiatedField,
@@ -72,11 +70,6 @@ class OpenAirField(RadiatedField):
             scattered[on] = np.nan
         scattered[~self._valid(points)] = np.nan
         return scattered
-
-    def _velocity(self, points: Vectors) -> Gradients:
-        gradient = open_air_gradient(points, self._emitting, self.scene.wavenumber)
-        gradient[~self._valid(points)] = np.nan
-        return velocity_of(gradient, self.scene.frequency, self.scene.medium.density)
 
     def _valid(self, points: Vectors) -> Mask:
         return before_planes(self.scene.planes, points)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float64
 
-from airtact.acoustics.scene import Scene
+from airtact.acoustics.scene import Obstacle, Scene
 from airtact.acoustics.solvers.arrays import (
     Gradients,
     Mask,
@@ -17,8 +17,9 @@ from airtact.acoustics.solvers.arrays import (
     Pressures,
     Vectors,
 )
-from airtact.acoustics.solvers.open_air import differences, monopole_pressure, velocity_of
+from airtact.acoustics.solvers.open_air import differences, monopole_pressure
 from airtact.acoustics.sources import Monopoles, check_off_sources
+from airtact.acoustics.target_points import outward
 from airtact.errors import counted, in_short, one_line, points_of
 from airtact.timing import Progress
 
@@ -27,9 +28,6 @@ PLANES = "rigid_planes"
 
 # Setting of a report: number of reflecting boards, if there are any
 BOARDS = "reflecting_boards"
-
-# Step of the differences of a field without a closed form [λ]
-DIFFERENCE = 1.0 / 40.0
 
 
 @dataclass(frozen=True)
@@ -188,11 +186,51 @@ class RadiatedField(ABC):
     def velocity(self, points: Points) -> Gradients:
         """Particle velocity v = ∇p/(iωρ) [m/s] along x, y and z, of each excitation.
 
-        On a sound-hard surface it is tangential; NaN where not ``valid``. Fields without a closed
-        form are differenced over 1/40 of a wavelength, which gives NaN where the difference reaches
-        into a body. Errors as of ``at``.
+        It is the central difference of ``at`` over 1/40 of a wavelength, or less near a surface.
+        Points within 1/200 of a wavelength of a surface count as on it: the velocity there is the
+        tangential one, plus that into an impedance. NaN where not ``valid``, and on the surface of
+        a filled body. Errors as of ``at``.
         """
-        return self._velocity(self._receivers(points))
+        points = self._receivers(points)
+        scene = self.scene
+        density = np.full(len(points), scene.medium.density)
+        height = np.full(len(points), np.inf)
+        nearest = np.zeros(len(points), dtype=np.int64)
+        for index, obstacle in enumerate(scene.obstacles):
+            depth = obstacle.surface.depth(points)
+            nearest[np.abs(depth) < height] = index
+            height = np.minimum(height, np.abs(depth))
+            if obstacle.medium is not None:
+                density[depth > 0.0] = obstacle.medium.density
+        on_surface = height < scene.wavelength / 200.0
+        step = np.minimum(scene.wavelength / 40.0, 0.4 * height)
+        gradient = differences(self._mirrored_at, points, np.where(on_surface, 1.0, step))
+        gradient[on_surface] = np.nan
+        for index, obstacle in enumerate(scene.obstacles):
+            touching = on_surface & (nearest == index)
+            if obstacle.medium is None and touching.any():
+                gradient[touching] = self._surface_gradient(obstacle, points[touching])
+        gradient[~self._valid(points)] = np.nan
+        # ρ ∂v/∂t = −∇p, and e^{−iωt}
+        return gradient / (2j * np.pi * scene.frequency * density[:, None, None])
+
+    def _mirrored_at(self, points: Vectors) -> Pressures:
+        """Pressure at points, of which those behind a rigid plane are mirrored to its front."""
+        for plane in self.scene.planes:
+            behind = plane.height(points) < 0.0
+            points = np.where(behind[:, None], plane.image(points), points)
+        return self._at(points)
+
+    def _surface_gradient(self, obstacle: Obstacle, points: Vectors) -> Gradients:
+        """∇p on the surface of a body [Pa/m]: along it, and along the normal by its impedance."""
+        project = obstacle.surface.shape.project
+        # The pressure at the nearest surface point has no slope across the surface.
+        step = np.full(len(points), self.scene.wavelength / 40.0)
+        gradient = differences(lambda shifted: self._at(project(shifted)), project(points), step)
+        if obstacle.ratio is not None:
+            slope = -1j * self.scene.wavenumber / obstacle.ratio * self._at(project(points))
+            gradient += outward(obstacle.surface.depth, points)[:, :, None] * slope[:, None]
+        return gradient
 
     @abstractmethod
     def _at(self, points: Vectors) -> Pressures:
@@ -204,11 +242,6 @@ class RadiatedField(ABC):
     @abstractmethod
     def _valid(self, points: Vectors) -> Mask:
         """Whether the field exists at checked points, as ``valid``."""
-
-    def _velocity(self, points: Vectors) -> Gradients:
-        step = np.full(len(points), DIFFERENCE * self.scene.wavelength)
-        gradient = differences(self.at, points, step)
-        return velocity_of(gradient, self.scene.frequency, self.scene.medium.density)
 
     def _receivers(self, points: Points) -> Vectors:
         """Check points at which a total pressure, infinite on a source, is evaluated."""

@@ -240,7 +240,7 @@ def test_velocity_is_that_of_the_series(name):
     positions = {"on": ways * 0.005000001, "beside": ways * 0.0062, "away": ways * 0.011}
     if name in ("water", "light gas"):
         positions["inside"] = ways * 0.0035
-        positions["on"] = ways * 0.00502
+        positions["on"] = ways * 0.0051
     for where, points in positions.items():
         found, true = field.velocity(points), exact.velocity(points)
         off = np.linalg.norm(found - true, axis=(0, 1)) / np.linalg.norm(true, axis=(0, 1))

@@ -13,7 +13,7 @@ from jaxtyping import Bool
 
 from airtact import _kernels
 from airtact.acoustics.scene import Scene
-from airtact.acoustics.solvers.arrays import Gradients, Mask, Points, Pressures, Vectors
+from airtact.acoustics.solvers.arrays import Mask, Points, Pressures, Vectors
 from airtact.acoustics.solvers.bem.field import BoundaryField
 from airtact.acoustics.solvers.problem import RadiatedField, SolveReport, SurfaceField
 from airtact.acoustics.sources import Monopoles
@@ -51,11 +51,6 @@ class BoardField(RadiatedField):
         pressure = self.around.at(points)
         pressure[self.boards.depth(points) >= -self.reach] = np.nan
         return pressure
-
-    def _velocity(self, points: Vectors) -> Gradients:
-        velocity = self.around.velocity(points)
-        velocity[self.boards.depth(points) >= -self.reach] = np.nan
-        return velocity
 
     def report_at(self, points: Points) -> SolveReport:
         """Return the report with the error around the bodies estimated at points, if larger."""

@@ -5,12 +5,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Complex128, Float64, Int64
+from jaxtyping import Bool, Complex128, Float64
 from scipy.spatial import KDTree
 
 from airtact.acoustics.planes import Plane, before_planes, with_images
 from airtact.acoustics.solvers.arrays import (
-    Gradients,
     Mask,
     NodeValues,
     Points,
@@ -19,7 +18,6 @@ from airtact.acoustics.solvers.arrays import (
 )
 from airtact.acoustics.solvers.bem.layer_potentials import (
     Located,
-    find_contacts,
     locate,
     near_surface,
     project_contacts,
@@ -30,19 +28,15 @@ from airtact.acoustics.solvers.bem.solutions import (
     DirectSolution,
     TransposedSolution,
     incident_pressure,
-    surface_gradient,
 )
 from airtact.acoustics.solvers.bem.target_cells import Cells, cells_of
-from airtact.acoustics.solvers.open_air import differences, velocity_of
 from airtact.acoustics.solvers.problem import (
-    DIFFERENCE,
     RadiatedField,
     SolveReport,
     SurfaceField,
 )
 from airtact.acoustics.sources import STANDS_ON, Monopoles, nearest_source
 from airtact.errors import InvalidInput, in_mm, points_of
-from airtact.geometry.mesh.quadratic_triangles import points_at
 
 # A reflected panel needs corners 0 and 2 exchanged for its normal to be outward. Corner 1 stays,
 # and with it the three nodes that share a second collocation point.
@@ -323,63 +317,3 @@ class BoundaryField(RadiatedField):
             estimated_error=float(np.fmax(error, self.report.estimated_error)),
             warnings=warnings,
         )
-
-    def _velocity(self, points: Vectors) -> Gradients:
-        # On the surface it is the tangential gradient of the direct solution and, along the normal,
-        # the pressure over the impedance. Near the surface it is the difference of the direct
-        # solution's pressure; within 1/60 of a wavelength both are blended. Elsewhere it is the
-        # gradient of the transposed solution in closed form.
-        located = locate(self.scene, self._mirrored.nodes, points, self._mirrored.near_rule)
-        gradient = np.full((len(points), 3, self.excitations), np.nan, dtype=np.complex128)
-        between = located.outside & located.near
-        away = located.outside & ~located.near
-        close, gradient_close = self._gradient_at_surface(points, np.flatnonzero(located.outside))
-        gradient[close] = gradient_close
-        # points at the surface are done; two kinds are left
-        between[close] = False
-        away[close] = False
-        gradient[between] = self._gradient_near(points[between])
-        if self.density is None:
-            gradient[away] = self._gradient_near(points[away])
-        else:
-            gradient[away] = self.transposed.gradient(points[away])
-        return velocity_of(gradient, self.scene.frequency, self.scene.medium.density)
-
-    def _gradient_near(self, points: Points) -> Gradients:
-        """∇p by differences [Pa/m], at points near the surface and outside it."""
-        if not len(points):
-            return np.empty((0, 3, self.excitations), dtype=np.complex128)
-        step = np.minimum(DIFFERENCE * self.scene.wavelength, 0.4 * -self.scene.depth(points))
-        return differences(self.direct.near, points, step)
-
-    def _gradient_at_surface(
-        self, points: Vectors, outside: Int64[np.ndarray, "outside"]
-    ) -> tuple[Int64[np.ndarray, "close"], Complex128[np.ndarray, "close 3 excitations"]]:
-        """Points outside within 1/60 of a wavelength of the surface, and ∇p there [Pa/m].
-
-        Differences of the pressure are too noisy there.
-        """
-        nodes = self._mirrored.nodes
-        blend_height = self.scene.wavelength / 60.0
-        contacts = find_contacts(nodes, points[outside], blend_height)
-        target = outside[contacts.target]
-        if not len(target):
-            return target, np.empty((0, 3, self.excitations), dtype=np.complex128)
-        panel = contacts.panel
-        closest, normals = points_at(nodes.quadratic_triangles[panel], contacts.reference)
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        # blend from the surface (0) to the least height of differences (1)
-        touching = contacts.distance < nodes.contact[panel]
-        height = np.where(touching, 0.0, contacts.distance / blend_height)
-        gradient = surface_gradient(nodes, panel, contacts.reference, self.direct_at)
-        yielding = nodes.admittance[panel] != 0
-        if yielding.any():
-            # an impedance prescribes the normal slope: ∂p/∂n = −(ikρc/Z) p
-            rates = -1j * self.scene.wavenumber * nodes.admittance[panel[yielding], None]
-            rises = rates * self.direct_at(closest[yielding])
-            gradient[yielding] += normals[yielding, :, None] * rises[:, None]
-        off = height > 0.0
-        weight = height[off, None, None]
-        lifted = self._gradient_near(closest[off] + blend_height * normals[off])
-        gradient[off] = (1.0 - weight) * gradient[off] + weight * lifted
-        return target, gradient

@@ -218,10 +218,10 @@ def double_layer_transposed(
     return total
 
 
-def find_contacts(nodes: Nodes, points: Points, within: float = 0.0) -> NearPairs:
-    """Find the points that touch the surface or are nearer than ``within`` [m], and their panel."""
+def find_contacts(nodes: Nodes, points: Points) -> NearPairs:
+    """Find the points that touch the surface, each with its nearest panel."""
     near = integrate_near(nodes, points, 1.1, 0j, (1, 1))  # only distances are of interest
-    touching = np.flatnonzero(near.distance < np.maximum(nodes.contact[near.panel], within))
+    touching = np.flatnonzero(near.distance < nodes.contact[near.panel])
     # keep each point once, with the panel that is nearest
     nearest_first = touching[np.argsort(near.distance[touching], kind="stable")]
     target, first = np.unique(near.target[nearest_first], return_index=True)

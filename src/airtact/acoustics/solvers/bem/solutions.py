@@ -6,16 +6,14 @@ that radiates the scattered field. By reciprocity it is accurate away from the b
 source touches one of them.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Complex128, Float64, Int64
+from jaxtyping import Complex128, Float64
 
 from airtact import _kernels
 from airtact.acoustics.solvers.arrays import (
-    Gradients,
     Mask,
     NodeValues,
     Points,
@@ -26,10 +24,10 @@ from airtact.acoustics.solvers.bem.layer_potentials import double_layer_pressure
 from airtact.acoustics.solvers.bem.operator import DualSurface
 from airtact.acoustics.solvers.bem.quadrature import Nodes, near_lists, place_nodes
 from airtact.acoustics.solvers.bem.target_cells import Cells, monopole_layer
-from airtact.acoustics.solvers.open_air import monopole_pressure, open_air_gradient
+from airtact.acoustics.solvers.open_air import monopole_pressure
 from airtact.acoustics.sources import Monopoles, nearest_source
 from airtact.errors import in_short
-from airtact.geometry.mesh.quadratic_triangles import cut, shape_functions, shape_gradients
+from airtact.geometry.mesh.quadratic_triangles import cut
 
 # Nodes, and the pressure at them [Pa]
 NodalPressure = tuple[Nodes, NodeValues]
@@ -184,12 +182,6 @@ class TransposedSolution:
             scattered += incident_pressure(points, images, self.surface, cells)
         return scattered
 
-    def gradient(self, points: Points) -> Gradients:
-        """∇p of the total pressure [Pa/m] at points away from the surface, in closed form."""
-        positions = np.concatenate([self.emitted.positions, self.scattering.positions])
-        strengths = np.concatenate([self.emitted.strengths, self.scattering.strengths])
-        return open_air_gradient(points, Monopoles(positions, strengths), self.surface.wavenumber)
-
 
 def incident_pressure(
     points: Points, sources: Monopoles, surface: DualSurface, cells: Cells | None = None
@@ -213,59 +205,3 @@ def incident_pressure(
             points[group], sources.positions, sources.strengths, surface.wavenumber, precision
         )
     return out
-
-
-_POWERS = [(u, v) for u in range(4) for v in range(4 - u)]
-# (10, 2) reference coordinates of the samples that a cubic interpolates
-_SAMPLES = np.array(_POWERS) / 3.0
-
-# (10, 10) coefficients: column j is the cubic that is 1 at sample j and 0 at the others
-_CUBIC = np.linalg.inv(
-    np.stack([_SAMPLES[:, 0] ** a * _SAMPLES[:, 1] ** b for a, b in _POWERS], axis=1)
-)
-
-
-def surface_gradient(
-    nodes: Nodes,
-    panel: Int64[np.ndarray, "points"],
-    reference: Float64[np.ndarray, "points 2"],
-    pressure: Callable[
-        [Float64[np.ndarray, "samples 3"]], Complex128[np.ndarray, "samples excitations"]
-    ],
-) -> Gradients:
-    """Tangential gradient of the pressure [Pa/m], from a cubic through ten samples on a panel.
-
-    Parameters
-    ----------
-    nodes : the panels.
-    panel, reference : panel and reference coordinates of each point.
-    pressure : returns the pressure [Pa] at samples on the panels.
-    """
-    size = 0.3  # of the triangle of samples over the panel; shrunk to the point, it stays inside
-    gradients = []
-    for first in range(0, len(panel), 2048):  # bounds the memory
-        block = slice(first, first + 2048)
-        triangles = nodes.quadratic_triangles[panel[block]]
-        point = reference[block]
-        references = (1.0 - size) * point[:, None] + size * _SAMPLES
-        shape = shape_functions(references.reshape(-1, 2)).reshape(len(triangles), -1, 6)
-        samples = np.einsum("tkn,tnd->tkd", shape, triangles).reshape(-1, 3)
-        sampled = pressure(samples).reshape(len(triangles), len(_SAMPLES), -1)
-        # the point has the same reference coordinates in the shrunken triangle as in the panel
-        u, v = point.T
-        along_u = np.stack([a * u ** max(a - 1, 0) * v**b for a, b in _POWERS], axis=1)
-        along_v = np.stack([b * u**a * v ** max(b - 1, 0) for a, b in _POWERS], axis=1)
-        rises = np.stack(
-            [
-                np.einsum("tk,tks->ts", along @ _CUBIC, sampled) / size
-                for along in (along_u, along_v)
-            ],
-            axis=1,
-        )
-        tangents = np.stack(
-            [np.einsum("tn,tnd->td", slope, triangles) for slope in shape_gradients(point)], axis=1
-        )
-        # slopes along the reference coordinates become a tangential vector
-        metric = np.linalg.inv(tangents @ tangents.transpose(0, 2, 1))
-        gradients.append(np.einsum("tad,tab,tbs->tds", tangents, metric, rises))
-    return np.concatenate(gradients)

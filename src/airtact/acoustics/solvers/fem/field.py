@@ -5,7 +5,7 @@ From the tetrahedra beside the bodies, from a surface integral elsewhere.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,6 @@ from airtact import _kernels
 from airtact.acoustics.scene import CONTACT, Scene
 from airtact.acoustics.solvers.arrays import (
     Coefficients,
-    Gradients,
     Indices,
     Lengths,
     Mask,
@@ -30,13 +29,9 @@ from airtact.acoustics.solvers.fem.symmetry import TOLERANCE, images, parities, 
 from airtact.acoustics.solvers.fem.system import System
 from airtact.acoustics.solvers.fem.weak_form import QuadraturePoints
 from airtact.acoustics.solvers.open_air import (
-    differences,
     monopole_pressure,
-    open_air_gradient,
-    velocity_of,
 )
 from airtact.acoustics.solvers.problem import (
-    DIFFERENCE,
     RadiatedField,
     SurfaceField,
 )
@@ -96,22 +91,6 @@ class Solution:
         for sign, column, function in self._functions(image):
             pressure[:, column] += sign * np.asarray(function(mapped)).ravel()
         return pressure
-
-    def gradients(self, points: Points) -> Gradients:
-        """Gradient of the total pressure at points (P, 3) [λ] in the box."""
-        ngsolve = ngsolve_library()
-        folded, image = self.system.folded(points)
-        mapped = self.system.mesh_points(*self.system.holding(folded))
-        gradients = np.zeros((len(points), 3, self.outer.strengths.shape[1]), dtype=np.complex128)
-        for sign, column, function in self._functions(image):
-            gradient = np.asarray(ngsolve.grad(function)(mapped)).reshape(-1, 3)
-            gradients[:, :, column] += sign[:, None] * gradient
-        # A mirrored point has the mirrored vector.
-        gradients *= self.system.axis_signs(image)[:, :, None]
-        if len(self.outer.positions):
-            waves = Monopoles(self.outer.positions, self.outer.strengths)
-            gradients += open_air_gradient(points, waves, self.system.wavenumber)
-        return gradients
 
     def _functions(self, image: Indices) -> Iterator[tuple[Lengths, int, Any]]:
         """Yield sign at each image, excitation and NGSolve's function of each part.
@@ -272,7 +251,7 @@ class FiniteField(RadiatedField):
             nearest = self.scene.obstacles[int(np.argmax(depths))]
             if nearest.boundary == "filled":
                 continue
-            image = 2 * self.system.nearest_on_surface(source.positions)[0] - source.positions
+            image = 2 * self.system.nearest_on_surface(source.positions) - source.positions
             depth = float(nearest.surface.depth(image * length)[0])
             if depth > -0.9 * max(depths) - TOLERANCE * length:
                 mirrored.append(PointSources(image, source.strengths))
@@ -306,54 +285,26 @@ class FiniteField(RadiatedField):
             pressure[close] = np.where(np.isfinite(scattered), scattered, np.nan)
         return pressure
 
-    def _velocity(self, points: Vectors) -> Gradients:
-        # Beside the bodies, on their surfaces and in them it is the gradient of the finite
-        # elements: along the surface where that is sound-hard, and on either side of a filled
-        # body's. Elsewhere the surface integral is differentiated.
-        close, away = self._close_and_away(points)
-        length = self.scene.wavelength
-        gradients = np.full((len(points), 3, self.excitations), np.nan, dtype=np.complex128)
-        density = np.full(len(points), self.scene.medium.density)
-        for obstacle in self.scene.obstacles:
-            if obstacle.medium is not None:
-                density[obstacle.surface.depth(points) > 0.0] = obstacle.medium.density
-        if close.any():
-            gradients[close] = self._scattering.gradients(points[close] / length) / length**2
-            hard = close & _touching(self.scene, points, ("sound_hard",), CONTACT)
-            # On a hard surface what is left along the normal is error.
-            normals = self.system.nearest_on_surface(points[hard] / length)[1]
-            along_normal = np.einsum("pd,pds->ps", normals, gradients[hard])
-            gradients[hard] -= normals[:, :, None] * along_normal[:, None]
-        if away.any():
-            step = np.full(int(away.sum()), DIFFERENCE * length)
-            gradients[away] = differences(partial(self._total_away, fine=True), points[away], step)
-        return velocity_of(gradients, self.scene.frequency, density)
-
     def _close_and_away(self, points: Points) -> tuple[Mask, Mask]:
         """Find valid points beside the bodies, and other valid ones."""
         valid = self._valid(points)
         near = beside(self.scene, points)
         return valid & near, valid & ~near
 
-    def _total_away(self, points: Points, fine: bool = False) -> Pressures:
+    def _total_away(self, points: Points) -> Pressures:
         length = self.scene.wavelength
         free_field = self._scaled.pressure(points / length, self.system.wavenumber) / length
-        return self._scattered_away(points, fine) + free_field
+        return self._scattered_away(points) + free_field
 
-    def _scattered_away(self, points: Points, fine: bool = False) -> Pressures:
-        """Scattered pressure at points off the bodies.
-
-        Few quadrature points are used where those suffice, unless ``fine``.
-        """
+    def _scattered_away(self, points: Points) -> Pressures:
+        """Scattered pressure at points off the bodies."""
         length = self.scene.wavelength
-        clear = np.zeros(len(points), dtype=bool)
-        if not fine:
-            clear = self.scene.depth(points) < -length  # a wavelength off, few points suffice
-        pressure = np.zeros((len(points), self.sources.strengths.shape[1]), dtype=np.complex128)
-        if clear.any():
-            pressure[clear] = self.from_afar.scattered(points[clear] / length, True) / length
-        if not clear.all():
-            pressure[~clear] = self.from_afar.scattered(points[~clear] / length, False) / length
+        pressure = self.nowhere(points)
+        clear = self.scene.depth(points) < -length  # few quadrature points suffice there
+        for group, coarse in ((clear, True), (~clear, False)):
+            if group.any():
+                scaled = points[group] / length
+                pressure[group] = self.from_afar.scattered(scaled, coarse) / length
         return pressure
 
 

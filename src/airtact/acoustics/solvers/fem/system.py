@@ -170,13 +170,6 @@ class System:
             image = 2 * image + beyond
         return folded, image
 
-    def axis_signs(self, image: Indices) -> Vectors:
-        """Signs that turn a vector at folded points into that at the points themselves."""
-        axis_signs = np.ones((len(image), 3))
-        for bit, mirror in enumerate(reversed(self.mirrors)):
-            axis_signs[:, mirror.axis] = 1.0 - 2.0 * (image >> bit & 1)
-        return axis_signs
-
     def holding(self, points: Points) -> tuple[Indices, Barycentric]:
         """Tetrahedron of each folded point [λ] and its coordinates there.
 
@@ -193,15 +186,13 @@ class System:
             )
         return number, weights
 
-    def nearest_on_surface(self, points: Points) -> tuple[Vectors, Vectors]:
-        """Nearest points (P, 3) [λ] of the meshed surfaces, and the unit normals there."""
+    def nearest_on_surface(self, points: Points) -> Vectors:
+        """Nearest points (P, 3) [λ] of the meshed surfaces."""
         folded, image = self.folded(points)
         panel, reference, _ = self.panels.closest(folded)
-        nearest, normals = points_at(self.panels.quadratic_triangles[panel], reference)[:2]
+        nearest, _ = points_at(self.panels.quadratic_triangles[panel], reference)
         # The nearest point of the whole surface is the image of that of the meshed part.
-        nearest = np.stack(images(self.mirrors, nearest))[image, np.arange(len(image))]
-        normals = normals * self.axis_signs(image)
-        return nearest, normals / np.linalg.norm(normals, axis=1, keepdims=True)
+        return np.stack(images(self.mirrors, nearest))[image, np.arange(len(image))]
 
     def mesh_points(self, number: Indices, weights: Barycentric) -> Shaped[np.ndarray, "points"]:
         """Barycentric coordinates in tetrahedra as NGSolve's points."""

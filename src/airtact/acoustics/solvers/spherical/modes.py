@@ -18,7 +18,7 @@ rest of the tail is taken by summation by parts (Yennie, Ravenhall & Wilson, Phy
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise, repeat
+from itertools import repeat
 
 import numpy as np
 from jaxtyping import Complex128, Float64
@@ -28,7 +28,6 @@ from airtact.acoustics.solvers.spherical.radial_functions import (
     image_sums,
     legendre_polynomials,
     outgoing_derivatives,
-    outgoing_quotients,
     outgoing_ratios,
     regular_derivatives,
     regular_ratios,
@@ -165,84 +164,6 @@ class SphereModes:
                 code="not_converged",
             )
         return pressure
-
-    def gradient(
-        self,
-        inside: bool,
-        radii: Lengths,
-        source_radii: Float64[np.ndarray, "sources"],
-        versine: Pairs,
-    ) -> tuple[ComplexPairs, ComplexPairs]:
-        """Differentiate the pressure that ``scattered`` gives, term by term.
-
-        Returns
-        -------
-        (P, N) ∂p/∂r and (1/r) ∂p/∂cos γ [Pa/m].
-
-        Raises
-        ------
-        NotConverged
-            If 4000 terms do not suffice: both a point and a source are within about 0.3 % of the
-            radius from the surface.
-        """
-        radii = np.maximum(radii, 1e-6 * self.radius)  # the centre has no direction
-        outward = np.zeros(versine.shape, dtype=np.complex128)
-        along = np.zeros(versine.shape, dtype=np.complex128)
-        angular = np.zeros_like(versine)
-        before = np.zeros_like(versine)
-        waves = zip(
-            self.terms(inside),
-            self._radial(inside, radii),
-            outgoing_ratios(self.wavenumber * source_radii, self.size),
-            legendre_polynomials(versine),
-            strict=False,
-        )
-        small = 0
-        for order, (term, (wave, derivative), source_wave, polynomial) in enumerate(waves):
-            # dP_n/dx = x dP_(n−1)/dx + n P_(n−1)
-            angular = (1.0 - versine) * angular + order * before
-            before = polynomial
-            outward_term = term * derivative[:, None] * source_wave * polynomial
-            along_term = term * (wave / radii)[:, None] * source_wave * angular
-            outward = outward + outward_term
-            along = along + along_term
-            negligible_size = 1e-11 * (np.abs(outward) + np.abs(along) + np.finfo(float).tiny)
-            negligible = np.all(np.abs(outward_term) + np.abs(along_term) <= negligible_size)
-            small = small + 1 if order >= self.first_safe_order() and negligible else 0
-            if small == 4:  # one small term is not enough: a polynomial may vanish by chance
-                return outward, along
-            if order == 4000:
-                break
-        raise NotConverged(
-            f"the gradient of the series of a sphere of radius {1e3 * self.radius:g} mm did not "
-            f"converge in 4000 terms at a point {1e3 * (float(radii.min()) - self.radius):.2g} mm "
-            f"and a source {1e3 * (float(source_radii.min()) - self.radius):.2g} mm off the "
-            "surface; move one of them away from it.",
-            code="not_converged",
-        )
-
-    def _radial(
-        self, inside: bool, radii: Lengths
-    ) -> Iterator[tuple[Complex128[np.ndarray, "points"], Complex128[np.ndarray, "points"]]]:
-        """Yield the radial function of every order and its derivative [1/m].
-
-        With R_n(r) = h_n(kr)/h_n(ka), dR_n/dr = (n/r) R_n − k [h_(n+1)(ka)/h_n(ka)] R_(n+1) (DLMF
-        10.51.2), and alike for j_n inside a fluid sphere.
-        """
-        if inside and self.inner_wavenumber is not None:
-            wavenumber = self.inner_wavenumber
-            size = wavenumber * self.radius
-            ratios = regular_ratios(wavenumber * radii, size)
-            # j_(n+1)/j_n at the surface, from the logarithmic derivatives n/z - j_(n+1)/j_n
-            derivatives = enumerate(regular_derivatives(size))
-            quotients = (order / size - derivative for order, derivative in derivatives)
-        else:
-            wavenumber = self.wavenumber
-            ratios = outgoing_ratios(wavenumber * radii, self.size)
-            quotients = outgoing_quotients(self.size)
-        pairs = zip(quotients, pairwise(ratios), strict=False)
-        for order, (quotient, (wave, following)) in enumerate(pairs):
-            yield wave, order / radii * wave - wavenumber * quotient * following
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,7 +25,6 @@ from airtact import _kernels
 from airtact.acoustics.planes import before_planes, images_in, with_images
 from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.arrays import (
-    Gradients,
     Indices,
     Lengths,
     Mask,
@@ -144,9 +143,6 @@ class MultipoleField(RadiatedField):
         out[away] = self.spheres.at(points[away] - self.spheres.centre, self.scene.wavenumber)
         out[~away] = self.solved.scattered_at(points[~away])
         return out
-
-    def _velocity(self, points: Vectors) -> Gradients:
-        return self.solved.velocity(points)
 
     def error_at(self, points: Points) -> Float64[np.ndarray, "excitations"]:
         """Relative error of each excitation, estimated when the expansion was made."""

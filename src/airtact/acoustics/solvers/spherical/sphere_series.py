@@ -10,7 +10,6 @@ from scipy.spatial.distance import cdist
 
 from airtact.acoustics.scene import CONTACT, Obstacle, Scene, check_sources
 from airtact.acoustics.solvers.arrays import (
-    Gradients,
     Indices,
     Lengths,
     Mask,
@@ -21,7 +20,6 @@ from airtact.acoustics.solvers.arrays import (
     Vectors,
 )
 from airtact.acoustics.solvers.free_field import open_air_pressure, unit_monopoles
-from airtact.acoustics.solvers.open_air import open_air_gradient, velocity_of
 from airtact.acoustics.solvers.problem import (
     RadiatedField,
     Solver,
@@ -117,19 +115,6 @@ class SphereField(RadiatedField):
             )
         return pressure
 
-    def _velocity(self, points: Vectors) -> Gradients:
-        gradient = np.full((len(points), 3, self.excitations), np.nan + 0j)
-        density = np.full(len(points), self.scene.medium.density)
-        inside = self._inside(points)
-        outside = ~inside
-        gradient[outside] = open_air_gradient(points[outside], self.sources, self.scene.wavenumber)
-        gradient[outside] += self._scattered_gradient(points[outside], inside=False)
-        filling = self.scene.obstacles[0].medium
-        if filling is not None:
-            gradient[inside] = self._scattered_gradient(points[inside], inside=True)
-            density[inside] = filling.density
-        return velocity_of(gradient, self.scene.frequency, density)
-
     def _inside(self, points: Points) -> Mask:
         """Whether points lie deeper than rounding under the surface."""
         return np.linalg.norm(points - self.centre, axis=1) < self.modes.radius - CONTACT
@@ -159,21 +144,6 @@ class SphereField(RadiatedField):
             )
             pressure[block.index] = unit @ self.sources.strengths
         return pressure
-
-    def _scattered_gradient(self, points: Points, inside: bool) -> Gradients:
-        """Gradient of the series for points on one side of the surface [Pa/m]."""
-        gradient = np.zeros((len(points), 3, self.excitations), dtype=np.complex128)
-        for block in self._blocks(points, inside, np.arange(len(points))):
-            outward, along = self.modes.gradient(
-                inside, block.radii, block.source_radii, block.versine
-            )
-            # cos γ grows by (source direction - cos γ · point direction)/r
-            for axis in range(3):
-                direction = block.directions[:, None, axis]
-                beside = block.source_directions[:, axis] - (1.0 - block.versine) * direction
-                unit = outward * direction + along * beside
-                gradient[block.index, axis] = unit @ self.sources.strengths
-        return gradient
 
     def _blocks(self, points: Points, inside: bool, order: Indices) -> Iterator[_Block]:
         """Yield points in blocks of ``PAIRS_PER_BLOCK``."""
