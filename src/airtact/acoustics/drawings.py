@@ -149,7 +149,6 @@ def _strokes_of(drawing: bytes | str, name: str) -> Strokes:
 
 
 def _corners(line: Any) -> Float64[np.ndarray, "corners 2"]:
-    """Corners of one subpath: the ends of its straight parts, and 64 points of each curve."""
     import svgelements
 
     corners = [np.empty((0, 2))]
@@ -229,7 +228,6 @@ def _check_curves(numbers: int, name: str) -> None:
 def _laid_out(
     strokes: Strokes, name: str, spacing: float, centre: Vector, normal: Vector, up: Vector | None
 ) -> Points:
-    """Place strokes in a plane around a point, and points along them."""
     if not strokes:
         raise InvalidInput(f"{name} has no strokes: there is nothing to feel.", code="empty")
     right, upwards, _ = frame_of(normal, up)

@@ -184,7 +184,6 @@ class Scene:
         object.__setattr__(self, "planes", planes_of(self.planes, surfaces))
 
     def _check_units(self) -> None:
-        """Raise where a size, position or absorption is probably in another unit."""
         extent = max((obstacle.surface.extent for obstacle in self.obstacles), default=np.inf)
         if extent < self.wavelength / 50.0:  # smaller bodies do not change the field
             raise InvalidInput(
@@ -253,7 +252,6 @@ def _obstacles_of(obstacles: Sequence[Obstacle]) -> tuple[Obstacle, ...]:
 
 
 def _check_off_boards(obstacles: Sequence[Obstacle]) -> None:
-    """Raise where a body overlaps a reflecting board or is nearer than ``NEAREST`` to it."""
     boards = [obstacle for obstacle in obstacles if obstacle.board]
     for index, obstacle in enumerate(obstacles):
         for board in boards:

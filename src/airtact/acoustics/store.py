@@ -235,7 +235,6 @@ class Stored(Solver):
         return field
 
     def _keep(self, path: Path, key: str, field: RadiatedField, scene: Scene) -> None:
-        """Write an entry, and delete the oldest-used ones; raise where it cannot be kept."""
         if field.scene is not scene:
             # An entry is read with the scene that is asked for, so it cannot hold another one.
             raise InvalidInput("its scene is another one, without boards.", code="not_supported")

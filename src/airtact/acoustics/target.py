@@ -184,7 +184,6 @@ def _counted_suppression(count: int) -> str:
 
 
 def _per_focus(wanted: Wanted, foci: int, what: str, unit: str) -> Num[np.ndarray, "foci"]:
-    """Check what is wanted, and expand it to one number per focus."""
     if np.iscomplexobj(wanted):
         numbers = complex_numbers(np.asarray(wanted), f"{what}s")
     else:
@@ -212,7 +211,6 @@ def _per_focus(wanted: Wanted, foci: int, what: str, unit: str) -> Num[np.ndarra
 def _check_suppressed_foci(
     foci: Float64[np.ndarray, "foci 3"], suppressed: Float64[np.ndarray, "suppressed 3"]
 ) -> None:
-    """Raise where a suppression point is nearer than 1 µm to a focus."""
     # One pressure cannot be both strong and zero.
     distance = cdist(foci, suppressed)
     if distance.min(initial=np.inf) < 1e-6:

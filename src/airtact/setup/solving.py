@@ -12,7 +12,7 @@ from jaxtyping import Float64
 
 import airtact as at
 from airtact.acoustics.scene import Scene
-from airtact.acoustics.solvers.bem.solver import OF_THE_DIRECT, SETTINGS, BoundaryElement
+from airtact.acoustics.solvers.bem.solver import BFLOAT16_ACCURACY, OF_THE_DIRECT, BoundaryElement
 from airtact.acoustics.solvers.free_field import FreeField
 from airtact.acoustics.solvers.problem import RadiatedField, Solver, SolveReport
 from airtact.acoustics.sources import Monopoles
@@ -240,5 +240,5 @@ def memory_of_a_solve(unknowns: float, accuracy: float) -> float:
     # The matrix is mostly low-rank, so memory grows far slower than the square of the unknowns.
     # The power law fits 10 solves of the examples, 2,244 to 23,058 unknowns, within 20 %. With the
     # matrix in single precision instead of bfloat16 it takes 1.9 times as much.
-    per_unknown = 193.0 if accuracy >= SETTINGS.bfloat16 else 1.9 * 193.0
+    per_unknown = 193.0 if accuracy >= BFLOAT16_ACCURACY else 1.9 * 193.0
     return 1.2e8 + per_unknown * unknowns**1.434

@@ -9,18 +9,16 @@ from jaxtyping import Float64, Int64, Real
 from airtact.errors import InvalidInput, counted, fixed, in_short
 from airtact.geometry.pose import Pose, nearest_motion
 
+# Radius of the piston with the pattern of Nippon Ceramic's T4010A1 at 40 kHz [m]. Its case has a
+# radius of 5 mm. It is 6 dB down at 50 degrees off the axis, as the maker's curve is, which the
+# AUTD3 SDK holds as a table (its ``T4010A1``: 0.708, 0.501 and 0.355 of the axis at 40, 50 and 60
+# degrees; the piston has 0.62, 0.49 and 0.38).
 NICERA_RADIUS = 4.0e-3
-"""Radius of the piston with the pattern of Nippon Ceramic's T4010A1 at 40 kHz [m].
 
-Its case has a radius of 5 mm. It is 6 dB down at 50 degrees off the axis, as the maker's curve is,
-which the AUTD3 SDK holds as a table (its ``T4010A1``: 0.708, 0.501 and 0.355 of the axis at 40, 50
-and 60 degrees; the piston has 0.62, 0.49 and 0.38)."""
-
+# Radius of the piston for Murata's MA40S4S at 40 kHz, in a case of 4.95 mm radius [m]. It is 6 dB
+# down at 42 degrees off the axis; the data sheet gives 80 degrees from side to side. Others of this
+# size, such as those of boards built from kits, are near it.
 MURATA_RADIUS = 4.5e-3
-"""Radius of the piston for Murata's MA40S4S at 40 kHz, in a case of 4.95 mm radius [m].
-
-It is 6 dB down at 42 degrees off the axis; the data sheet gives 80 degrees from side to side.
-Others of this size, such as those of boards built from kits, are near it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -283,5 +281,5 @@ def _openmpd() -> Board:
     )
 
 
+# The boards by name, in the order in which they are listed.
 BOARDS = {board.name: board for board in (_autd3(), _sonicsurface(), _nano16(), _openmpd())}
-"""The boards by name, in the order in which they are listed."""

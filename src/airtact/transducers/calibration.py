@@ -13,11 +13,11 @@ from airtact.files.text_table import read_text_table
 from airtact.geometry.pose import Pose
 from airtact.transducers.layout import PhasedArray
 
+# Columns of the table: index from 0, amplitude over the nominal one, phase lag [rad].
 COLUMNS = ("element", "gain", "phase")
-"""Columns of the table: index from 0, amplitude over the nominal one, phase lag [rad]."""
 
+# Further columns, all or none: deviation from the position [m], and turn of the face [rad].
 MOTION = ("x", "y", "z", "turn_x", "turn_y", "turn_z")
-"""Further columns, all or none: deviation from the position [m], and turn of the face [rad]."""
 
 
 def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, "elements"]:

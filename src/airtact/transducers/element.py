@@ -15,17 +15,14 @@ from airtact.errors import (
     real_numbers,
 )
 
+# Peak pressure of one transducer at full scale, 1 m away on its axis [Pa·m]. AUTD3's constant, 3.10
+# Pa rms at 1 m (the transducer amplitude of its SDK), times √2. Uncalibrated: other sources differ
+# by a factor of 2, so give the measured value of your own device where pascals matter.
 DEFAULT_SENSITIVITY = 4.38
-"""Peak pressure of one transducer at full scale, 1 m away on its axis [Pa·m].
 
-AUTD3's constant, 3.10 Pa rms at 1 m (the transducer amplitude of its SDK), times √2. Uncalibrated:
-other sources differ by a factor of 2, so give the measured value of your own device where pascals
-matter."""
-
+# Largest product of wavenumber and radius, by number of points. Up to there the points keep the far
+# pattern of a piston to 1.5e-3.
 MAX_PISTON_SIZE = {12: 3.5, 19: 4.8}
-"""Largest product of wavenumber and radius, by number of points.
-
-Up to there the points keep the far pattern of a piston to 1.5e-3."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,7 +236,6 @@ def _degree_9() -> tuple[Float64[np.ndarray, "19 3"], Float64[np.ndarray, "19"]]
 
 
 def _ring(distance: float, count: int, start: float) -> Float64[np.ndarray, "points 3"]:
-    """Return points at equal angles from a first one, around the centre."""
     angles = start + 2.0 * np.pi / count * np.arange(count)
     return distance * np.stack([np.cos(angles), np.sin(angles), np.zeros(count)], axis=1)
 

@@ -26,8 +26,8 @@ from airtact.geometry.pose import Pose
 from airtact.transducers.boards import MURATA_RADIUS, Board, board_named
 from airtact.transducers.element import Element, monopole, piston
 
+# Largest extent of an array [m].
 MAX_ARRAY_EXTENT = 10.0
-"""Largest extent of an array [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,7 +232,6 @@ def _as_many(
     positions: Float64[np.ndarray, "elements 3"],
     name: str,
 ) -> Float64[np.ndarray, "elements 3"]:
-    """Return one direction for each element; raise for another number of them."""
     vectors = real_numbers(directions, f"element {name}s")
     if vectors.shape != positions.shape:
         raise InvalidInput(
@@ -243,7 +242,6 @@ def _as_many(
 
 
 def _unit(vectors: Real[np.ndarray, "elements 3"], name: str) -> Float64[np.ndarray, "elements 3"]:
-    """Return unit vectors; raise where one is zero or not finite."""
     lengths = np.sqrt(np.einsum("ed,ed->e", vectors, vectors, dtype=np.float64))
     bad = ~np.isfinite(lengths) | (lengths < 1e-12)
     if bad.any():
@@ -258,7 +256,6 @@ def _unit(vectors: Real[np.ndarray, "elements 3"], name: str) -> Float64[np.ndar
 def _across(
     vectors: Float64[np.ndarray, "elements 3"], normals: Float64[np.ndarray, "elements 3"]
 ) -> Float64[np.ndarray, "elements 3"]:
-    """Project each vector to the plane across its normal."""
     return vectors - np.einsum("ed,ed->e", vectors, normals)[:, None] * normals
 
 
@@ -317,7 +314,6 @@ def autd3_board(pose: Pose | None = None, element: Element | None = None) -> Pha
 
 
 def _centred(board: Board, element: Element | None) -> PhasedArray:
-    """Place a board with the middle of its transducers and its outline at the origin."""
     middle = (board.positions.min(axis=0) + board.positions.max(axis=0)) / 2
     return _flat(board, element).moved(Pose(np.eye(3), -middle))
 

@@ -7,8 +7,8 @@ from jaxtyping import Complex, Float64, Int64, Real, UInt8
 
 from airtact.errors import InvalidInput, in_short, real_numbers
 
+# Largest magnitude of a drive: full scale, with an allowance for rounding.
 FULL_SCALE = 1.0 + 1e-9
-"""Largest magnitude of a drive: full scale, with an allowance for rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,5 +117,5 @@ def _check_count(levels: int, name: str) -> int:
     return int(levels)
 
 
+# 256 amplitudes and 256 phases, as the paper's array and AUTD3 have them.
 EIGHT_BITS = Levels.even(256, 256)
-"""256 amplitudes and 256 phases, as the paper's array and AUTD3 have them."""

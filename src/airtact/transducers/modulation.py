@@ -7,8 +7,8 @@ from jaxtyping import Float64
 
 from airtact.errors import InvalidInput, number, positive
 
+# Frequency of amplitude modulation [Hz].
 DEFAULT_FREQUENCY = 200.0
-"""Frequency of amplitude modulation [Hz]."""
 
 
 @dataclass(frozen=True)

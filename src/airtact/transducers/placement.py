@@ -16,11 +16,11 @@ from airtact.transducers.element import check_pattern
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.plates import flush, strength_in
 
+# Largest distance of an element from a focus or the nearest body [m].
 MAX_ELEMENT_DISTANCE = 10.0
-"""Largest distance of an element from a focus or the nearest body [m]."""
 
+# Distance of something behind each face [m].
 Depths = Float64[np.ndarray, "elements"]
-"""Distance of something behind each face [m]."""
 
 
 def check_placement(
@@ -166,7 +166,6 @@ def planes_behind(scene: Scene, array: PhasedArray) -> tuple[Plane, ...]:
 
 
 def _check_outside_bodies(scene: Scene, array: PhasedArray) -> None:
-    """Raise where the centre or a face point of an element is in a body."""
     depth = scene.depth(array.positions)
     # An array in millimetres is metres away from everything.
     if scene.obstacles:
@@ -217,14 +216,15 @@ def check_reach(array: PhasedArray, foci: Real[np.ndarray, "foci 3"]) -> None:
 
 
 def _check_behind(array: PhasedArray, behind: Depths, subject: str) -> None:
-    """Raise where something is behind a face."""
     faces = np.flatnonzero(behind > CONTACT)
     if not len(faces):
         return
+    kind = kind_of_array(array.positions, array.normals)
+    board = f" of board {faces[0] // len(kind[0])}" if kind and len(kind[1]) > 1 else ""
     raise InvalidInput(
-        f"{subject} behind the faces of {counted(len(faces), 'element', 'elements')}, first "
-        f"element {faces[0]} by {behind[faces[0]] * 1e3:.3g} mm: they radiate forwards only, so "
-        "move it before them.",
+        f"{subject} behind the faces of {counted(len(faces), 'element', 'elements')}, which "
+        f"radiate forwards only: {behind[faces[0]] * 1e3:.3g} mm behind element "
+        f"{faces[0]}{board}. Turn that board, or move one of the two.",
         code="behind_faces",
     )
 

@@ -13,12 +13,10 @@ from airtact.geometry.surface import Surface
 from airtact.transducers.boards import Board, kind_of_array
 from airtact.transducers.layout import PhasedArray
 
+# Distance from the faces of the transducers to the back of a board [m]. No maker states it for a
+# whole board: it is the 7.1 mm of a transducer's case (Murata, data sheet of the MA40S4S) on 1.6 mm
+# of laminate, the usual thickness of a circuit board. What is on the back is left out.
 THICKNESS = 8.7e-3
-"""Distance from the faces of the transducers to the back of a board [m].
-
-No maker states it for a whole board: it is the 7.1 mm of a transducer's case (Murata, data sheet of
-the MA40S4S) on
-1.6 mm of laminate, the usual thickness of a circuit board. What is on the back is left out."""
 
 
 def reflecting_boards(array: PhasedArray, thickness: float = THICKNESS) -> tuple[Obstacle, ...]:

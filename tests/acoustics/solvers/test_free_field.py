@@ -20,17 +20,6 @@ def test_monopoles_add_up_and_decay():
     np.testing.assert_allclose(pressure, [[first, 2.0 * first + 1j * second]], rtol=1e-12)
 
 
-def test_many_points_are_done_in_blocks(monkeypatch):
-    monkeypatch.setattr("airtact.acoustics.solvers.free_field.MAX_PAIRS", 7)
-    points = np.random.default_rng(1).uniform(-1.0, 1.0, (11, 3))
-    sources = at.Monopoles(np.random.default_rng(2).uniform(2.0, 3.0, (3, 3)), np.eye(3))
-    field = at.FreeField().radiate(at.Scene(AIR, []), sources)
-    distance = np.linalg.norm(points[:, None] - sources.positions, axis=2)
-    np.testing.assert_allclose(
-        field.at(points), np.exp(1j * AIR.wavenumber(40e3) * distance) / distance, rtol=1e-12
-    )
-
-
 def test_the_field_is_everywhere_but_on_sources_and_has_no_surface():
     source = at.Monopoles(np.ones((1, 3)), np.ones(1))
     field = at.FreeField().radiate(at.Scene(AIR, []), source)

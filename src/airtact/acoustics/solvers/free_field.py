@@ -4,14 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from airtact.acoustics.planes import before_planes, with_images
+from airtact.acoustics.planes import before_planes
 from airtact.acoustics.scene import Scene, check_sources
 from airtact.acoustics.solvers.arrays import (
-    ComplexPairs,
     Mask,
-    Points,
     Pressures,
-    SourcePoints,
     Vectors,
 )
 from airtact.acoustics.solvers.problem import (
@@ -24,27 +21,6 @@ from airtact.acoustics.solvers.problem import (
 from airtact.acoustics.sources import STANDS_ON, Monopoles, nearest_source
 from airtact.errors import InvalidInput, counted
 
-# Pairs of points and sources that are evaluated at once
-MAX_PAIRS = 1 << 20
-
-
-def unit_monopoles(points: Points, positions: SourcePoints, wavenumber: complex) -> ComplexPairs:
-    """Pressure e^{ikr}/r of monopoles of 1 Pa·m in open air [Pa]; no point may be on a monopole."""
-    distance = np.sqrt(np.sum((points[:, None, :] - positions[None, :, :]) ** 2, axis=-1))
-    return np.exp(1j * wavenumber * distance) / distance
-
-
-def open_air_pressure(points: Points, sources: Monopoles, wavenumber: complex) -> Pressures:
-    """Pressure of ``sources`` in open air [Pa] of each excitation at points (P, 3) [m]."""
-    rows = max(1, MAX_PAIRS // max(1, len(sources.positions)))
-    pressure = np.zeros((len(points), sources.strengths.shape[1]), dtype=np.complex128)
-    for first in range(0, len(points), rows):
-        block = slice(first, first + rows)
-        pressure[block] = (
-            unit_monopoles(points[block], sources.positions, wavenumber) @ sources.strengths
-        )
-    return pressure
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class OpenAirField(RadiatedField):
@@ -56,7 +32,9 @@ class OpenAirField(RadiatedField):
         return SurfaceField.empty(self.sources)
 
     def _at(self, points: Vectors) -> Pressures:
-        pressure = open_air_pressure(points, self._emitting, self.scene.wavenumber)
+        pressure = self._incident(points)
+        for plane in self.scene.planes:
+            pressure += self._incident(plane.image(points))
         pressure[~self._valid(points)] = np.nan
         return pressure
 
@@ -66,17 +44,13 @@ class OpenAirField(RadiatedField):
         for plane in self.scene.planes:
             images = Monopoles(plane.image(self.sources.positions), self.sources.strengths)
             on = nearest_source(points, images, STANDS_ON)[0] < STANDS_ON
-            scattered[~on] += open_air_pressure(points[~on], images, self.scene.wavenumber)
+            scattered[~on] += self._incident(plane.image(points[~on]))
             scattered[on] = np.nan
         scattered[~self._valid(points)] = np.nan
         return scattered
 
     def _valid(self, points: Vectors) -> Mask:
         return before_planes(self.scene.planes, points)
-
-    @property
-    def _emitting(self) -> Monopoles:
-        return with_images(self.scene.planes, self.sources)
 
 
 @dataclass(frozen=True)

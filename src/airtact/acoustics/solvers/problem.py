@@ -244,7 +244,6 @@ class RadiatedField(ABC):
         """Whether the field exists at checked points, as ``valid``."""
 
     def _receivers(self, points: Points) -> Vectors:
-        """Check points at which a total pressure, infinite on a source, is evaluated."""
         points = points_of(points, "points", least=0)
         check_off_sources(points, self.sources)
         return points

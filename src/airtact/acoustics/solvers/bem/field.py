@@ -177,7 +177,6 @@ class BoundaryField(RadiatedField):
         return out
 
     def _evaluated(self, points: Vectors, total: bool) -> Pressures:
-        """Total or scattered pressure [Pa]; NaN inside the bodies."""
         located = locate(self.scene, self._mirrored.nodes, points, self._mirrored.near_rule)
         out = self.nowhere(points)
         near = located.outside & located.near

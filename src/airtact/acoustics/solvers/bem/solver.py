@@ -71,56 +71,14 @@ CITATIONS = (
 OF_THE_DIRECT = "the pressure at points (direct solution)"
 
 
-@dataclass(frozen=True)
-class Settings:
-    """Numbers of the method that were tuned together. Tables go from coarse to fine accuracies.
+# Least accuracy at which the matrix is stored in bfloat16, which changes the field by a thousandth
+BFLOAT16_ACCURACY = 0.003
 
-    Attributes
-    ----------
-    drives : at this accuracy or a coarser one, a solution without an estimate serves drives only.
-    preview : at this accuracy or a coarser one, panels are integrated coarsely.
-    bfloat16 : at this accuracy or a coarser one, the matrix is stored in bfloat16, which changes
-        the field by a thousandth.
-    panels_around : least accuracy, and panels that then go around a round body.
-    panels_around_for_drives : the same for drives only.
-    residuals : least accuracy, and residual to stop at over the accuracy, without an estimate.
-    residual_among_boards : factor of the residual among reflecting boards, which reflect the
-        remaining sound back and forth.
-    iterations, iterations_among_boards : iterations after which a solve is given up; sound dies
-        out slowly between boards that face each other.
-    solution_error : error of the solution of the equations over the accuracy, where a cavity makes
-        them ill-conditioned.
-    low_rank_error : error of the low-rank blocks over the accuracy.
-    low_rank_before_plane : factor of that error before a plane, where the gap between a body and
-        its image has more sound.
-    skeleton_error : error of skeletons over the accuracy; far from the bodies it is less.
-    skeleton_reach : least distance from a factorised body at which its skeletons are used [λ].
-    yielding_nodes : nodes of a scene with an impedance over those without: the pressure on it bends
-        more.
-    yielding_admittance : |ρc/Z| up to which a surface takes no more nodes than a sound-hard one.
-    board_probes : panels of boards before which the error is estimated, at most.
-    """
+# Least accuracy of a preview, whose panels are integrated coarsely
+PREVIEW_ACCURACY = 0.02
 
-    drives: float = 0.06
-    preview: float = 0.02
-    bfloat16: float = 0.003
-    panels_around: tuple[tuple[float, int], ...] = ((0.025, 7), (0.02, 8), (0.0125, 9), (0.0, 11))
-    panels_around_for_drives: int = 6
-    residuals: tuple[tuple[float, float], ...] = ((0.06, 0.8), (0.04, 0.5), (0.0, 0.4))
-    residual_among_boards: float = 0.1
-    iterations: int = 120
-    iterations_among_boards: int = 600
-    solution_error: float = 0.5
-    low_rank_error: float = 0.2
-    low_rank_before_plane: float = 0.2
-    skeleton_error: float = 0.5
-    skeleton_reach: float = 0.7
-    yielding_nodes: float = 1.28
-    yielding_admittance: float = 0.1
-    board_probes: int = 512
-
-
-SETTINGS = Settings()
+# Error of the low-rank blocks over the accuracy
+LOW_RANK_ERROR = 0.2
 
 # One of the two equations that a solve is made of
 Equation = Literal["transposed", "direct"]
@@ -174,7 +132,6 @@ class BoundaryElement(Solver):
     progress: Progress | None = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Check the settings."""
         for name, share in (("accuracy", self.accuracy), ("enough", self.wanted)):
             number(share, name, "parts of 1")
             if not 1e-4 <= share <= 0.3:
@@ -296,10 +253,10 @@ class BoundaryElement(Solver):
             if by_elimination:
                 check_memory(count, store, 2 * blocks_of(count) ** 2)  # with its factors
             elif self.precision == "float32":
-                if self.accuracy >= SETTINGS.bfloat16:
+                if self.accuracy >= BFLOAT16_ACCURACY:
                     store = "bfloat16"
-                before_plane = SETTINGS.low_rank_before_plane if scene.planes else 1.0
-                error = SETTINGS.low_rank_error * self.accuracy * before_plane
+                # The gap between a body and its image has more sound.
+                error = LOW_RANK_ERROR * self.accuracy * (0.2 if scene.planes else 1.0)
             matrices = [assemble(surface, store, error, plane) for plane in (None, *scene.planes)]
 
         solved: dict[Equation, GmresResult] = {}
@@ -392,7 +349,7 @@ class BoundaryElement(Solver):
         if len(points):
             check_outside(scene, points, "refined")
         clock = Clock(self.progress)
-        wanted = SETTINGS.skeleton_error * self.accuracy
+        goal = 0.5 * self.accuracy  # for the error of the skeletons; far from the bodies it is less
         with clock.step("panels", "covering the bodies with panels"):
             panels = self._panels(scene, points)
         bodies = []
@@ -410,18 +367,17 @@ class BoundaryElement(Solver):
                 # four copies: the matrix, its factors, right-hand sides and solutions
                 check_memory(count, self.precision, 4 * blocks_of(count) ** 2)
                 surface = self._surface(nodes, scene, [obstacle])
-                reach = SETTINGS.skeleton_reach * scene.wavelength
-                bodies.append(reduced_body(surface, reach, wanted))
+                bodies.append(reduced_body(surface, 0.7 * scene.wavelength, goal))
         tolerance = 0.1 * self.accuracy
         report = self._report(
             scene, panels, [body.surface.nodes for body in bodies], tolerance, clock
         )
         inaccurate = [
-            f"the skeletons of body {index} are {100 * body.error:.1f} % off, and "
-            f"{100 * wanted:.1f} % was wanted: a narrow cavity, or precision 'float32' for so fine "
-            "an accuracy"
+            f"the skeletons of body {index} have an error of {100 * body.error:.1f} %, more than "
+            f"{100 * goal:.1f} %: the body has a narrow cavity, or precision 'float32' does not "
+            "suffice for the accuracy"
             for index, body in enumerate(bodies)
-            if body.error > 1.5 * wanted
+            if body.error > 1.5 * goal
         ]
         report = replace(
             report,
@@ -456,13 +412,12 @@ class BoundaryElement(Solver):
             admittance=surface.nodes.admittance,
             wavenumber=surface.wavenumber,
             near_rule=surface.near_rule,
-            low_rank_error=SETTINGS.low_rank_error * self.accuracy,
+            low_rank_error=LOW_RANK_ERROR * self.accuracy,
         )
 
     def _report(
         self, scene: Scene, panels: Panels, nodes: Sequence[Nodes], tolerance: float, clock: Clock
     ) -> SolveReport:
-        """Report what a solve and a factorisation have in common."""
         settings = {
             "accuracy": self.accuracy,
             "precision": self.precision,
@@ -516,18 +471,18 @@ class BoundaryElement(Solver):
                 total += matrix.times(vectors, transposed)
             return total
 
-        boards = bool(scene.boards)
+        # A cavity makes the equations ill-conditioned, so the error of the solution counts too.
+        # Sound dies out slowly between boards that face each other.
         result = gmres(
             product,
             right_sides,
             tolerance,
-            SETTINGS.solution_error * self.accuracy,
-            SETTINGS.iterations_among_boards if boards else SETTINGS.iterations,
+            error=0.5 * self.accuracy,
+            most_iterations=600 if scene.boards else 120,
         )
         return replace(result, solution=result.solution.astype(np.complex128) * size[:, None])
 
     def _surface(self, nodes: Nodes, scene: Scene, obstacles: Sequence[Obstacle]) -> DualSurface:
-        """Place the second collocation points, and choose how near panels are integrated."""
         # closed forms know how thick they are; only elsewhere is the thickness measured
         thickness = np.empty(len(nodes.points))
         for index, obstacle in enumerate(obstacles):
@@ -537,19 +492,19 @@ class BoundaryElement(Solver):
             )
         if self.precision == "float64":
             near_rule = NearRule(2.5, (6, 6))
-        elif self.accuracy >= SETTINGS.preview:
+        elif self.accuracy >= PREVIEW_ACCURACY:
             near_rule = NearRule(1.1, (3, 3))
         else:
             near_rule = NearRule(1.6, (4, 4))
         return dual_surface(nodes, scene.wavenumber, near_rule, self.precision, thickness)
 
     def _panels(self, scene: Scene, refined: Points) -> Panels:
-        """Cover the bodies with panels, smaller ones near the refined points."""
         smallest = self._smallest_edge(scene)
-        # a panel may turn by a part of a full circle
-        around = _at_accuracy(SETTINGS.panels_around, self.accuracy)
-        if not self.estimate and self.accuracy >= SETTINGS.drives:
-            around = SETTINGS.panels_around_for_drives
+        # panels around a round body
+        table = ((0.025, 7), (0.02, 8), (0.0125, 9), (0.0, 11))
+        around = next(panels for least, panels in table if self.accuracy >= least)
+        if not self.estimate and self.accuracy >= 0.06:
+            around = 6  # enough for drives
         return panels_of(
             [obstacle.surface.shape for obstacle in scene.obstacles],
             edge=2 * smallest,
@@ -568,30 +523,26 @@ class BoundaryElement(Solver):
 
     def _smallest_edge(self, scene: Scene) -> float:
         """Edge below which no panel is refined for a source, half of the others' [m]."""
-        yielding = np.abs(admittances(scene)).max(initial=0.0) > SETTINGS.yielding_admittance
-        nodes = SETTINGS.yielding_nodes if yielding else 1.0
-        return 0.5 * self.panel_edge(scene.wavelength) / math.sqrt(nodes)
+        # The pressure on a yielding surface bends more, which takes 1.28 times as many nodes.
+        yielding = np.abs(admittances(scene)).max(initial=0.0) > 0.1
+        return 0.5 * self.panel_edge(scene.wavelength) / math.sqrt(1.28 if yielding else 1.0)
 
     def _tolerance(self, scene: Scene) -> float:
-        """Relative residual to stop at."""
         if self.precision == "float64":
             tolerance = min(0.1 * self.accuracy, 1e-8)
         elif not self.estimate:  # for receivers far away only
-            tolerance = self.accuracy * _at_accuracy(SETTINGS.residuals, self.accuracy)
-        elif self.accuracy >= SETTINGS.preview:
+            tolerance = self.accuracy * (
+                0.8 if self.accuracy >= 0.06 else 0.5 if self.accuracy >= 0.04 else 0.4
+            )
+        elif self.accuracy >= PREVIEW_ACCURACY:
             tolerance = min(0.3 * self.accuracy, 0.01)
         else:
             tolerance = max(0.1 * self.accuracy, 2e-6)
-        return tolerance * (SETTINGS.residual_among_boards if scene.boards else 1.0)
-
-
-def _at_accuracy(table: Sequence[tuple[float, float]], accuracy: float) -> float:
-    """Return the value of the first entry whose least accuracy is reached."""
-    return next(value for threshold, value in table if accuracy >= threshold)
+        # Reflecting boards reflect the remaining sound back and forth.
+        return tolerance * (0.1 if scene.boards else 1.0)
 
 
 def _in_block_order(panels: Panels) -> Panels:
-    """Sort panels so that those of a block of the matrix lie together."""
     centres = np.einsum("tsd->td", panels.quadratic_triangles[:, :3]) / 3  # faster than np.mean
     order = block_order(centres)
     return replace(
@@ -624,7 +575,7 @@ def _probes(scene: Scene, nodes: Nodes, reach: float) -> Float64[np.ndarray, "pr
     if not scene.boards:
         return surrounding_points(scene, nodes.points)
     panels = np.flatnonzero(np.isin(nodes.body[::6], scene.boards))
-    panels = panels[:: math.ceil(len(panels) / SETTINGS.board_probes)]
+    panels = panels[:: math.ceil(len(panels) / 512)]
     # two radii off, because the monopoles of the transposed solution act one by one nearer
     before = nodes.centres[panels] + 2.0 * nodes.radii[panels, None] * nodes.normals[6 * panels]
     return before[(scene.depth(before) < 0.0) & ~near_surface(nodes, before, reach)]

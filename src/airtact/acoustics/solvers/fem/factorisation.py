@@ -69,7 +69,6 @@ class Factor(ABC):
         return solution
 
     def _times(self, matrix: Any, vectors: Coefficients) -> Coefficients:
-        """Product of one of NGSolve's matrices with each column."""
         products = np.empty_like(vectors)
         vector = self.form.mat.CreateColVector()
         product = vector.CreateVector()

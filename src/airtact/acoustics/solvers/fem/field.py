@@ -286,7 +286,6 @@ class FiniteField(RadiatedField):
         return pressure
 
     def _close_and_away(self, points: Points) -> tuple[Mask, Mask]:
-        """Find valid points beside the bodies, and other valid ones."""
         valid = self._valid(points)
         near = beside(self.scene, points)
         return valid & near, valid & ~near
@@ -297,7 +296,6 @@ class FiniteField(RadiatedField):
         return self._scattered_away(points) + free_field
 
     def _scattered_away(self, points: Points) -> Pressures:
-        """Scattered pressure at points off the bodies."""
         length = self.scene.wavelength
         pressure = self.nowhere(points)
         clear = self.scene.depth(points) < -length  # few quadrature points suffice there
@@ -348,7 +346,6 @@ def _scaled(scene: Scene, sources: Monopoles) -> PointSources:
 
 
 def _touching(scene: Scene, points: Points, boundaries: Sequence[str], gap: float) -> Mask:
-    """Whether points are less than a gap [m] off bodies of some kinds, or in them."""
     touching = np.zeros(len(points), dtype=np.bool_)
     for obstacle in scene.obstacles:
         if obstacle.boundary in boundaries:

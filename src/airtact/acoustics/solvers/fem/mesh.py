@@ -412,7 +412,6 @@ def _loop(
 def _straight(
     mesh: NetgenMesh,
 ) -> tuple[Float64[np.ndarray, "vertices 3"], Int64[np.ndarray, "tetrahedra 4"]]:
-    """Vertices and corners of the tetrahedra of a mesh of Netgen's."""
     corners = mesh.Elements3D().NumPy()["nodes"][:, :4].astype(np.int64) - 1
     return np.array(mesh.Coordinates(), dtype=np.float64), corners
 

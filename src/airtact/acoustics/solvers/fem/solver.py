@@ -169,7 +169,6 @@ class FiniteElement(Solver):
 
 
 def _box(scene: Scene, mirrors: tuple[Mirror, ...]) -> Box:
-    """Box round the bodies, which ends at the mirrors."""
     shapes = [obstacle.surface.shape for obstacle in scene.obstacles]
     points = np.concatenate([shape.extreme_points() for shape in shapes])
     low = points.min(axis=0) - MARGIN * scene.wavelength

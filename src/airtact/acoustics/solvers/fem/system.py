@@ -259,7 +259,6 @@ def assembled(
 
 
 def _bend(mesh: CurvedMesh, tetrahedra: Tetrahedra) -> None:
-    """Bend the tetrahedra beside the bodies by a quadratic deformation."""
     ngsolve = ngsolve_library()
     deformation = ngsolve.GridFunction(ngsolve.VectorH1(mesh, order=2))
     plain = ngsolve.H1(mesh, order=2)

@@ -153,7 +153,7 @@ class MultipoleField(RadiatedField):
         emitting = with_images(planes, self.sources)
         offsets = images_in(planes, points) - self.spheres.centre
         scattered = self.spheres.at(offsets, self.scene.wavenumber)
-        scattered = scattered.reshape(1 + len(planes), len(points), -1).sum(axis=0)
+        scattered = scattered.reshape(1 + len(planes), len(points), self.excitations).sum(axis=0)
         return scattered + monopole_pressure(
             points, emitting.positions, emitting.strengths, self.scene.wavenumber, "float64"
         )

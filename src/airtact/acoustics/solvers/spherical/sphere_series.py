@@ -1,6 +1,5 @@
 """One sphere in closed form: sound-hard, with an impedance, or filled with a fluid."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,16 +9,12 @@ from scipy.spatial.distance import cdist
 
 from airtact.acoustics.scene import CONTACT, Obstacle, Scene, check_sources
 from airtact.acoustics.solvers.arrays import (
-    Indices,
     Lengths,
     Mask,
-    Pairs,
     Points,
     Pressures,
-    SourcePoints,
     Vectors,
 )
-from airtact.acoustics.solvers.free_field import open_air_pressure, unit_monopoles
 from airtact.acoustics.solvers.problem import (
     RadiatedField,
     Solver,
@@ -43,28 +38,12 @@ _CITATIONS = (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class _Block:
-    """Some points in polar coordinates about the sphere, with the sources.
-
-    ``index`` are the numbers of the points, ``versine`` is 1 - cos γ of every point and source.
-    """
-
-    index: Indices
-    radii: Lengths
-    directions: Vectors
-    source_radii: Float64[np.ndarray, "sources"]
-    source_directions: SourcePoints
-    versine: Pairs
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class SphereField(RadiatedField):
     """The field of monopoles around one sphere, and inside it if it is filled.
 
-    It is right to 1e-8 of the open-air pressures. ``NotConverged`` is raised at a point within
-    micrometres of a source that touches the surface, and by ``velocity`` where a point and a source
-    are both within about 0.3 % of the radius from the surface. ``centre`` is the sphere's [m].
+    Its error is 1e-8 of the open-air pressures. ``NotConverged`` is raised at a point within
+    micrometres of a source that touches the surface. ``centre`` is the sphere's [m].
     """
 
     modes: SphereModes
@@ -93,7 +72,7 @@ class SphereField(RadiatedField):
         pressure = self.nowhere(points)
         inside = self._inside(points)
         outside = np.flatnonzero(~inside)
-        pressure[outside] = open_air_pressure(points[outside], self.sources, self.scene.wavenumber)
+        pressure[outside] = self._incident(points[outside])
         pressure[outside] += self._scattered(points[outside], inside=False)
         if self.modes.inner_wavenumber is not None:
             pressure[inside] = self._scattered(points[inside], inside=True)
@@ -110,70 +89,49 @@ class SphereField(RadiatedField):
         if self.modes.inner_wavenumber is not None:
             # Inside a fluid the series is the total pressure.
             total = self._scattered(points[inside], inside=True)
-            pressure[inside] = total - open_air_pressure(
-                points[inside], self.sources, self.scene.wavenumber
-            )
+            pressure[inside] = total - self._incident(points[inside])
         return pressure
 
     def _inside(self, points: Points) -> Mask:
-        """Whether points lie deeper than rounding under the surface."""
+        # Points on the surface stay outside despite rounding.
         return np.linalg.norm(points - self.centre, axis=1) < self.modes.radius - CONTACT
 
     def _scattered(self, points: Points, inside: bool, alone: bool = False) -> Pressures:
-        """Sum the series on one side of the surface, in blocks that need about as many terms.
+        """Sum the series at points on one side of the surface.
 
-        It is right to ``ACCURACY`` of the open-air pressure; or, ``alone``, of that at the distance
+        The error is ``ACCURACY`` of the open-air pressure; or, ``alone``, of that at the distance
         of the image too, which is finite at the source itself.
         """
         pressure = np.zeros((len(points), self.excitations), dtype=np.complex128)
-        order = np.argsort(KDTree(self.sources.positions).query(points)[0])
-        for block in self._blocks(points, inside, order):
-            if alone:
-                # The image is as far below the surface as the source is above it.
-                heights = block.radii[:, None] + block.source_radii - 2.0 * self.modes.radius
-                distance = cdist(points[block.index], self.sources.positions)
-                distance = np.maximum(distance, heights)
-                scale = np.exp(-self.scene.wavenumber.imag * distance) / distance
-            else:
-                waves = unit_monopoles(
-                    points[block.index], self.sources.positions, self.scene.wavenumber
-                )
-                scale = np.abs(waves)
-            unit = self.modes.scattered(
-                inside, block.radii, block.source_radii, block.versine, scale
-            )
-            pressure[block.index] = unit @ self.sources.strengths
-        return pressure
-
-    def _blocks(self, points: Points, inside: bool, order: Indices) -> Iterator[_Block]:
-        """Yield points in blocks of ``PAIRS_PER_BLOCK``."""
         radii, directions = self._polar(points)
         source_radii, source_directions = self._polar(self.sources.positions)
         # Rounding may put what is on the surface a little below it.
         source_radii = np.maximum(source_radii, self.modes.radius)
         if not inside:
             radii = np.maximum(radii, self.modes.radius)
+        # Points of a block take about as many terms, and as many as fit the cache.
+        order = np.argsort(KDTree(self.sources.positions).query(points)[0])
         rows = max(1, PAIRS_PER_BLOCK // len(self.sources.positions))
         for first in range(0, len(points), rows):
             index = order[first : first + rows]
+            distance = cdist(points[index], self.sources.positions)
+            if alone:
+                # The image is as far below the surface as the source is above it.
+                heights = radii[index, None] + source_radii - 2.0 * self.modes.radius
+                distance = np.maximum(distance, heights)
+            scale = np.exp(-self.scene.wavenumber.imag * distance) / distance
             # Half the square of the chord keeps the digits of 1 - cos γ at small angles.
-            apart = directions[index, None, :] - source_directions
-            yield _Block(
-                index=index,
-                radii=radii[index],
-                directions=directions[index],
-                source_radii=source_radii,
-                source_directions=source_directions,
-                versine=0.5 * np.sum(apart**2, axis=-1),
-            )
+            versine = 0.5 * cdist(directions[index], source_directions, "sqeuclidean")
+            unit = self.modes.scattered(inside, radii[index], source_radii, versine, scale)
+            pressure[index] = unit @ self.sources.strengths
+        return pressure
 
     def _polar(self, points: Points) -> tuple[Lengths, Vectors]:
-        """Distances from the centre and unit directions; the centre itself gets the direction z."""
         offset = points - self.centre
         radius = np.linalg.norm(offset, axis=1)
         at_centre = radius == 0.0
         direction = offset / np.where(at_centre, 1.0, radius)[:, None]
-        direction[at_centre] = (0.0, 0.0, 1.0)
+        direction[at_centre] = (0.0, 0.0, 1.0)  # any direction serves
         return radius, direction
 
 

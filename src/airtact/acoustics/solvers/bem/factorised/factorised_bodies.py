@@ -216,7 +216,6 @@ class FactorisedField(RadiatedField):
     def _pressure(
         self, points: Vectors, positions: SourcePoints, strengths: Strengths
     ) -> Pressures:
-        """Pressure [Pa] of the skeletons and of some monopoles in open air."""
         valid = self._valid(points)
         inside = points if valid.all() else points[valid]
         wavenumber = self.scene.wavenumber
@@ -355,7 +354,6 @@ class FactorisedBodies(Solver):
 
     @cached_property
     def _at_rest(self) -> Coupling | None:
-        """The bodies as they were factorised."""
         return Coupling.of([PlacedBody(body, Pose.identity()) for body in self.bodies])
 
     def _coupling(self, scene: Scene) -> Coupling | None:

@@ -280,7 +280,6 @@ def _proxies(nodes: Nodes, tree: KDTree, reach: float) -> Proxies:
 def _direct_sides(
     surface: DualSurface, proxies: Proxies, strengths: Num[np.ndarray, "proxies columns"]
 ) -> Complex128[np.ndarray, "nodes columns"]:
-    """Right-hand sides of the direct equation for the proxies as sources."""
     points = surface.nodes.points
     sharing = _kernels.sharing
     kind = np.complex64 if surface.precision == "float32" else np.complex128
@@ -298,7 +297,6 @@ def _direct_sides(
 def _open_air(
     points: Float64[np.ndarray, "points 3"], proxies: Proxies, wavenumber: complex
 ) -> Complex128[np.ndarray, "points proxies"]:
-    """Pressure e^{ikr}/r of each proxy."""
     distance = cdist(points, proxies)
     return np.exp(1j * wavenumber * distance) / distance
 
@@ -306,7 +304,6 @@ def _open_air(
 def _transposed_sides(
     surface: DualSurface, proxies: Proxies, strengths: Num[np.ndarray, "proxies columns"]
 ) -> Complex128[np.ndarray, "nodes columns"]:
-    """Right-hand sides of the transposed equation for the proxies as sources."""
     return double_layer_transposed(
         proxies,
         surface.nodes,
