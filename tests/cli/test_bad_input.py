@@ -57,7 +57,7 @@ MESHES = {
     "self-crossing": (ply(*torus_mesh(0.015, 0.02)), "mesh_faulty", "pairs of triangles"),
     "NaN": (box(with_nan), "not_finite", "1 vertex"),
     "index": (box(with_index), "out_of_range", "99"),
-    "millimetres": (box(lambda v, t: (1000 * v, t)), "too_many", "20 m", "2 m", "millimetres"),
+    "millimetres": (box(lambda v, t: (1000 * v, t)), "not_in_metres", "0.001 for millimetres"),
     "tiny": (box(lambda v, t: (v / 1000, t)), "out_of_range", "0.02 mm", "0.5 mm", "millimetres"),
     "no triangles": (ply(FLAT, np.zeros((0, 3), dtype=int)), "empty", "no triangles"),
     "no file of its kind": ("not a mesh at all", "file_unreadable", "mesh.ply"),

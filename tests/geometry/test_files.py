@@ -63,7 +63,7 @@ def test_nodes_of_a_scene_are_placed_and_joined(tmp_path):
 
 def test_a_file_in_millimetres_is_rejected_until_it_is_scaled(tmp_path):
     path = written(tmp_path / "box.stl", box((0, 0, 0), (20, 30, 40)))
-    with raises_code("too_many", "40 m", "2 m"):
+    with raises_code("not_in_metres", "0.001 for millimetres"):
         at.load_surface(path)
     assert at.load_surface(path, scale=1e-3).volume == pytest.approx(24e-6, rel=1e-6)
 
@@ -148,3 +148,18 @@ def test_a_point_cloud_holds_no_triangles(tmp_path):
         at.load_surface(path)
     assert "cloud.ply" in str(caught.value)
     assert caught.value.code in ("empty", "file_unreadable")
+
+
+@pytest.mark.parametrize(("unit", "metres"), [("mm", 1e-3), ("cm", 1e-2), ("inch", 0.0254)])
+def test_a_file_in_another_unit_names_the_scales_that_fit(tmp_path, unit, metres):
+    ball = trimesh.creation.icosphere(2, radius=8e-3 / metres)
+    ball.export(tmp_path / "ball.stl")
+    with raises_code("not_in_metres", f"{metres:g} for"):
+        at.load_surface(tmp_path / "ball.stl")
+    surface = at.load_surface(tmp_path / "ball.stl", scale=metres)
+    assert np.ptp(surface.vertices, axis=0) == pytest.approx(16e-3, rel=0.05)
+
+
+def test_a_wide_body_is_taken_where_its_scale_is_given(tmp_path):
+    trimesh.creation.box((0.6, 0.6, 0.1)).export(tmp_path / "box.stl")
+    assert at.load_surface(tmp_path / "box.stl", scale=1.0).volume == pytest.approx(0.036)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from airtact.errors import about, counted, fixed, of_kind, positive
+from airtact.errors import InvalidInput, about, counted, fixed, of_kind, positive
 from airtact.files.meshes import read_mesh
 from airtact.geometry.checks import check_not_crossed
 from airtact.geometry.mesh.repair import repaired
@@ -18,7 +18,7 @@ from airtact.timing import Progress, no_progress
 
 def load_surface(
     path: str | Path,
-    scale: float = 1.0,
+    scale: float | None = None,
     largest_hole: float = 2e-3,
     sharp_degrees: float = SHARP_DEGREES,
     *,
@@ -35,7 +35,8 @@ def load_surface(
     Parameters
     ----------
     path : an STL, PLY, OBJ or GLB file.
-    scale : metres per unit of the file: 1e-3 for a file in millimetres.
+    scale : metres per unit of the file: 1e-3 for a file in millimetres. Metres unless given; a body
+        wider than 0.5 m then needs ``scale=1.0``.
     largest_hole : width of the widest hole that is filled [m], 0 for none.
     sharp_degrees : edges whose triangles turn by more than this stay sharp; the rest of the surface
         is curved.
@@ -49,14 +50,16 @@ def load_surface(
     """
     of_kind(path, str | Path, "the path of a surface", "the name of a file")
     path = Path(path)
-    scale = positive(scale, "scale", "m per unit of the file")
+    unit = 1.0 if scale is None else positive(scale, "scale", "m per unit of the file")
     report_step = progress or no_progress
     report_step(f"reading {path.name}")
     vertices, triangles = read_mesh(path)
     with about(path.name):
+        if scale is None:
+            _check_unit(float(np.ptp(vertices, axis=0).max()))
         report_step(f"repairing {counted(len(triangles), 'triangle', 'triangles')}")
         with np.errstate(over="ignore"):  # infinite vertices are rejected by the repair
-            scaled = vertices * scale
+            scaled = vertices * unit
         sound = repaired(scaled, triangles, largest_hole)
         report_step("curving the surface")
         mesh = QuadraticMesh(fixed(sound.vertices), sound.triangles, sharp_degrees=sharp_degrees)
@@ -70,3 +73,20 @@ def load_surface(
         report_step("looking for crossings")
         check_not_crossed(surface)
         return surface
+
+
+def _check_unit(extent: float) -> None:
+    """Raise "not_in_metres" for an extent [units of the file] that is too wide in metres."""
+    if not 0.5 < extent < np.inf:
+        return
+    units = {"millimetres": 1e-3, "centimetres": 1e-2, "inches": 0.0254}
+    sizes = {name: 1e3 * unit * extent for name, unit in units.items()}
+    listed = ", ".join(f"{size:.3g} mm in {name}" for name, size in sizes.items())
+    # Fingers, hands and boards.
+    likely = [f"{units[name]:g} for {name}" for name, size in sizes.items() if 5 <= size <= 300]
+    advice = f"such as {' or '.join(likely)}, " if likely else ""
+    raise InvalidInput(
+        f"the body is {extent:.3g} wide in the units of the file: {listed}. Give its scale, "
+        f"{advice}or 1.0 where it really is in metres.",
+        code="not_in_metres",
+    )
