@@ -418,6 +418,17 @@ def sides_in_mm(points: Real[np.ndarray, "points 3"]) -> str:
     return " x ".join(f"{round(side, 1) + 0.0:g}" for side in 1e3 * np.ptp(points, axis=0)) + " mm"
 
 
+def as_sentence(words: str) -> str:
+    """Begin words with a capital letter and end them with a full stop.
+
+    Examples
+    --------
+    >>> as_sentence("the solver is slow"), as_sentence("Is it?")
+    ('The solver is slow.', 'Is it?')
+    """
+    return words[:1].upper() + words[1:] + ("" if words.endswith((".", "!", "?")) else ".")
+
+
 def span(values: Iterable[float], unit: str, form: str = ".4g") -> str:
     """Write the range of some values with their unit, or the one value that all have.
 

@@ -7,7 +7,8 @@ import pytest
 
 import airtact as at
 from airtact.evaluation.comparison import compare
-from airtact.evaluation.headline import beyond_linear, body_word, headline, pascals, shortfalls
+from airtact.evaluation.headline import body_word, headline, shortfalls
+from airtact.evaluation.metrics import beyond_linear, pascals
 
 SCENE = at.Scene(at.Medium(343.1, 1.293), [])
 ARRAY = at.flat_boards(1, 1)

@@ -82,6 +82,13 @@ def test_discs_have_the_colour_of_phase_and_amplitude():
         np.testing.assert_allclose(placed - placed[0], 1e3 * (face.seen - face.seen[0]), atol=1e-9)
 
 
+def test_a_uniform_amplitude_is_not_drawn():
+    array = ARRAYS["flat"]
+    figure = draw_phases(array.positions, array.normals, np.exp(1j * np.arange(996.0)))
+    labels = [axes.get_xlabel() for axes in figure.axes]
+    assert labels == ["x [mm]", "phase [rad]"]
+
+
 def test_spacing_is_the_pitch():
     assert spacing(at.autd3_board().positions) == pytest.approx(10.16e-3)
     assert spacing(np.zeros((1, 3))) == 10e-3

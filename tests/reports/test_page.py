@@ -39,6 +39,14 @@ def test_a_page_needs_no_other_file(page) -> None:
     assert page.startswith("<!DOCTYPE html>")
 
 
+def test_columns_have_units(tmp_path) -> None:
+    rows = [{"hand.gap": gap, "weakest_Pa": 1e3, "error": ""} for gap in (0.01, 0.02)]
+    write_sweep_page(tmp_path / "sweep.html", Swept("", "", ("hand.gap",), rows))
+    page = (tmp_path / "sweep.html").read_text(encoding="utf-8")
+    for cell in (">hand.gap [mm]</th>", ">20</th>", ">weakest [Pa]</th>"):
+        assert cell in page
+
+
 def test_a_value_that_a_template_misses_is_an_error(tmp_path) -> None:
     with pytest.raises(UndefinedError, match="'title' is undefined"):
         write_page(tmp_path / "page.html", "page.html.j2")

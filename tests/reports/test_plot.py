@@ -91,7 +91,7 @@ def test_phases_of_one_board_stand_where_its_transducers_do() -> None:
     np.testing.assert_allclose(
         np.ptp(discs.get_offsets(), axis=0), 1e3 * np.ptp(board.positions, axis=0)[:2]
     )
-    assert bar_of(axes).get_title(loc="right") == "phase [rad]"
+    assert bar_of(axes).get_xlabel() == "phase [rad]"
     colour = matplotlib.colormaps["twilight"]((np.angle(amplitudes) + np.pi) / (2 * np.pi))
     assert {tuple(row) for row in np.round(discs.get_facecolor(), 6)} == {
         tuple(row) for row in np.round(colour, 6)

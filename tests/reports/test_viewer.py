@@ -107,9 +107,10 @@ def test_the_values_under_the_pointer_are_those_of_the_field(report, rendered, v
     report.mouse.move(ring["x"] + ring["width"] / 2, ring["y"] + ring["height"] / 2)
     words = report.inner_text("output")
     assert run.setup.foci[0] in words
-    assert "asked: 900 Pa" in words
+    assert "requested: 900 Pa" in words
     assert f"object-aware: {run.pressures[0]:,.0f} Pa" in words
     report.uncheck("[name=surfaces]")
+    report.click("text=the foci")
     box = report.locator(".stage").bounding_box()
     shown = []
     for share in np.linspace(0.3, 0.7, 30):
@@ -198,7 +199,7 @@ def test_the_first_slice_hides_no_focus(view):
     foci = view.points + np.outer([0.0, 4e-3], view.slices.axes[2])
     seen = replace(view, setup=replace(view.setup, target=at.Target(foci)))
     facts = json.loads(viewer_values(seen)["facts"])
-    towards = towards_viewer(*np.degrees(facts["seen"]))
+    towards = towards_viewer(*np.degrees(facts["views"]["first"]["seen"]))
     normal = np.array(facts["slices"]["axes"][2])
     corner = facts["slices"]["corner"][2]
     height = corner + facts["slices"]["start"][2] * facts["slices"]["steps"][2]

@@ -198,6 +198,21 @@ def test_the_page_has_the_numbers(result, page):
         assert number in page
 
 
+def test_plots_of_a_rendering_show_the_drive_as_it_is_emitted(result, exact):
+    evaluation = result.evaluation
+    points = np.array([[0.0, 0.0, 0.02], [0.01, 0.0, 0.015]])
+    np.testing.assert_allclose(evaluation.magnitudes, result.pressures, rtol=1e-6)
+    np.testing.assert_allclose(evaluation.field.at(points)[:, 0], exact(points), rtol=0.05)
+    surface = result.verification.field.on_surface.pressure[:, 0]
+    np.testing.assert_allclose(
+        evaluation.field.on_surface.pressure[:, 0], result.drive.peak * surface
+    )
+    image = at.plot.field(result, most=2e3).images[0]
+    assert image.norm.vmax == 2e3
+    shown = np.ma.compressed(np.ma.asarray(image.get_array()))
+    assert shown.max() == pytest.approx(result.pressures.max(), rel=0.2)
+
+
 def test_below_full_scale_the_remark_has_the_share_of_the_bound(result):
     bound = at.upper_bound(result.transfer, result.setup.target)
     times = 1.0 / bound.reached(result.transfer, result.setup.target, result.drive)

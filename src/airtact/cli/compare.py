@@ -84,6 +84,9 @@ def _table(result: "MethodComparison") -> "Table":
     table = plain_table(*columns)
     # Methods differ in energy, so shares of the bound are compared at full scale.
     table.title = "Pressure at the foci; of the bound: at full scale, over what no drive exceeds"
+    equal = len(result.equally_good)
+    if equal > 1:
+        table.caption = f"The first {equal} are equal within {result.tolerance:.1%}."
     for contender in result.ranked:
         seconds = contender.seconds
         row = [

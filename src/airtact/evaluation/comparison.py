@@ -11,9 +11,9 @@ from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.problem import RadiatedField, Solver, SolveReport
 from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive, check_drive
-from airtact.errors import InvalidInput, counted, of_kind, one_line
+from airtact.errors import InvalidInput, as_sentence, counted, of_kind, one_line
 from airtact.evaluation.field import radiate_drives
-from airtact.evaluation.metrics import not_modelled
+from airtact.evaluation.metrics import beyond_linear, not_modelled
 from airtact.timing import Progress
 from airtact.transducers.layout import PhasedArray
 
@@ -126,10 +126,6 @@ class Comparison:
             )
         return pressures / pressures[0]
 
-    def squared_ratios(self, held_equal: str) -> Float64[np.ndarray, "drives foci"]:
-        """(D, F) pressure squared over that of the first drive, as ``ratios``."""
-        return self.ratios(held_equal) ** 2
-
     def weakest(self, held_equal: str) -> Float64[np.ndarray, "drives"]:
         """(D,) pressure of each drive at its weakest focus [Pa], under one normalisation.
 
@@ -190,7 +186,7 @@ class Comparison:
             *(f"{held_equal}: {meaning}" for held_equal, meaning in HELD_EQUAL.items()),
             f"peak pressures by {report.solver}, estimated error {report.estimated_error:.2g}. "
             f"{not_modelled(report)}",
-            *report.warnings,
+            *map(as_sentence, [*beyond_linear(self.pressures["equal peak"]), *report.warnings]),
         ]
 
     def _weakest_rows(self) -> list[list[str]]:

@@ -1,4 +1,4 @@
-"""The first sentences of a run: pressure at the weakest focus, and requests not reached."""
+"""First sentences of a result: the pressure at the weakest focus, and missed requests."""
 
 from collections.abc import Sequence
 
@@ -8,6 +8,7 @@ from jaxtyping import Float64
 from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive
 from airtact.evaluation.comparison import Comparison
+from airtact.evaluation.metrics import pascals
 
 
 def body_word(bodies: Sequence[str]) -> str:
@@ -90,25 +91,6 @@ def shortfalls(
         return ()
     full = ": the transducers are at full scale" if drive.is_full_scale else ""
     return (f"Asked and not reached: {', '.join(short)}{full}.",)
-
-
-def beyond_linear(reached: Float64[np.ndarray, "foci"]) -> tuple[str, ...]:
-    """Warn where the strongest of some foci [Pa] is too strong for the linear model."""
-    limit = 5e3  # a Mach number above 3 %
-    strongest = float(reached.max())
-    if strongest <= limit:
-        return ()
-    return (
-        f"the computation is linear: above some {pascals(limit)} real air steepens the wave, and a "
-        f"real focus is weaker than the {pascals(strongest)} computed.",
-    )
-
-
-def pascals(pressure: float) -> str:
-    """Write a pressure with three digits, in kPa from 1 kPa on."""
-    if pressure < 1e3:
-        return f"{pressure:.3g} Pa"
-    return f"{pressure / 1e3:.{max(0, 2 - int(np.log10(pressure / 1e3)))}f} kPa"
 
 
 def _counted(comparison: Comparison, held_equal: str) -> Float64[np.ndarray, "drives counted"]:

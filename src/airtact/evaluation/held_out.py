@@ -11,7 +11,7 @@ from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive
 from airtact.drives.transfer_ensemble import TransferEnsemble, matrices_at
 from airtact.errors import InvalidInput, in_short
-from airtact.evaluation.headline import pascals
+from airtact.evaluation.metrics import pascals
 from airtact.evaluation.windows import Window
 from airtact.geometry.pose import Pose
 from airtact.transducers.layout import PhasedArray

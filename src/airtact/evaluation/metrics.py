@@ -10,7 +10,7 @@ from airtact.acoustics.solvers.problem import BOARDS, PLANES, RadiatedField, Sol
 from airtact.acoustics.target import Target
 from airtact.drives.drive import Drive
 from airtact.drives.reach import fraction
-from airtact.errors import counted, of_kind, one_line
+from airtact.errors import as_sentence, counted, of_kind, one_line
 from airtact.evaluation.field import radiate_drives
 from airtact.timing import Progress
 from airtact.transducers.layout import PhasedArray
@@ -40,6 +40,25 @@ def not_modelled(report: SolveReport) -> str:
             "not reflect, and the elements' sensitivity is not calibrated."
         )
     return NOT_MODELLED
+
+
+def pascals(pressure: float) -> str:
+    """Write a pressure with three digits, in kPa from 1 kPa on."""
+    if pressure < 1e3:
+        return f"{pressure:.3g} Pa"
+    return f"{pressure / 1e3:.{max(0, 2 - int(np.log10(pressure / 1e3)))}f} kPa"
+
+
+def beyond_linear(reached: Float64[np.ndarray, "*foci"]) -> tuple[str, ...]:
+    """Warn where the strongest of some pressures [Pa] is too large for the linear model."""
+    limit = 5e3  # the particle velocity is then 3 % of the speed of sound
+    strongest = float(reached.max())
+    if strongest <= limit:
+        return ()
+    return (
+        f"the computation is linear, but above about {pascals(limit)} the wave steepens in real "
+        f"air: a real focus is weaker than the computed {pascals(strongest)}.",
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +152,8 @@ class Evaluation:
         for index, x, y, z, pressure, asked, share in self._rows():
             lines.append(f"{index:>5}{x:>9} {y:>9} {z:>9} {pressure:>15} {asked:>12} {share:>8}")
         lines.append(f"{', '.join(self._summary('.1f'))}, uniformity {self.uniformity:.3f}")
-        return "\n".join([*lines, self._source(), *self.report.warnings])
+        warnings = [*beyond_linear(self.magnitudes), *self.report.warnings]
+        return "\n".join([*lines, self._source(), *map(as_sentence, warnings)])
 
     def _source(self) -> str:
         report = self.report

@@ -98,13 +98,24 @@ def draw_phases(
     normals: Real[np.ndarray, "elements 3"],
     amplitudes: Complex[np.ndarray, "elements"],
 ) -> Figure:
-    """Draw phase and amplitude of every transducer as discs at their positions [m]."""
-    rows, columns, width, height = _panels(positions, normals, 2)
-    size = columns * (width + 1.5), rows * (height + 1.2) - 0.6 * (rows == 1)
+    """Draw the phase of every transducer as a disc at its position [m], and its amplitude.
+
+    A uniform amplitude is not drawn: see ``is_uniform``.
+    """
+    shown = ("phase",) if is_uniform(amplitudes) else ("phase", "amplitude")
+    rows, columns, width, height = _panels(positions, normals, len(shown))
+    size = columns * (width + 0.9), rows * (height + 1.4)
     figure = Figure(figsize=size, layout="constrained")
-    for axes, show in zip(figure.subplots(rows, columns), ("phase", "amplitude"), strict=True):
+    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axes, show in zip(panels, shown, strict=True):
         draw_faces(axes, positions, normals, amplitudes, show)
     return figure
+
+
+def is_uniform(amplitudes: Complex[np.ndarray, "elements"]) -> bool:
+    """Whether all elements have the same amplitude, to half a per cent."""
+    magnitudes = np.abs(amplitudes)
+    return bool(np.ptp(magnitudes) <= 5e-3 * magnitudes.max())
 
 
 def _panels(
@@ -177,13 +188,10 @@ def draw_faces(
         values = np.abs(amplitudes)
         scale = ScalarMappable(Normalize(0, values.max()), "viridis")
         label = "amplitude [of full scale]"
-    if _lay_out(axes, positions, normals, scale.to_rgba(values)) == 1:
-        bar = axes.figure.colorbar(scale, ax=axes, pad=0.02, aspect=25)
-        # Above the bar: beside it, it would read as the label of the next axes.
-        bar.ax.set_title(label, fontsize=9, loc="right")
-    else:
-        place: dict[str, Any] = {"location": "bottom", "pad": 0.02, "aspect": 60}
-        bar = axes.figure.colorbar(scale, ax=axes, label=label, **place)
+    faces = _lay_out(axes, positions, normals, scale.to_rgba(values))
+    # Below the axes: beside them the label would read as that of the next axes.
+    place: dict[str, Any] = {"location": "bottom", "pad": 0.02, "aspect": 60 if faces > 1 else 30}
+    bar = axes.figure.colorbar(scale, ax=axes, label=label, **place)
     if show == "phase":
         _tick_phases(bar)
 

@@ -29,7 +29,7 @@ def write_methods_page(
         window = plane_of_scene(setup.scene, setup.target.points)
         pressures = dict(zip(emitted, contest.field.at(window.points).T, strict=True))
         cut = Cut(window, pressures, solid_depth(setup.scene, window.points))
-    with clock.step("scene in space", "computing the fields in the scene to turn"):
+    with clock.step("3-D scene", "computing the fields in the 3-D scene"):
         as_emitted = "the levels that they emit"
         view = scene_view(setup, contest.field, emitted, [1.0] * len(emitted), window, as_emitted)
     progress("drawing the page")
@@ -45,12 +45,9 @@ def write_methods_page(
         drives=counted(len(contest.contenders), "drive", "drives"),
         foci=counted(len(setup.foci), "focus", "foci"),
         facts=[
-            (best.name, "gives its worst focus most"),
-            (_digits(contest.worst(best)), f"{unit} at that focus"),
-            (
-                f"{contest.of_the_bound(best):.0%}",
-                "of a bound that no drive exceeds, at full scale",
-            ),
+            (best.name, _standing(contest)),
+            (_digits(contest.worst(best)), f"{unit} at the weakest focus"),
+            (f"{contest.of_the_bound(best):.0%}", "of the upper bound, at full scale"),
             (f"{1e3 * best.seconds:.3g} ms", "to make that drive"),
         ],
         warnings=contest.warnings,
@@ -64,6 +61,14 @@ def write_methods_page(
         space=viewer_values(view, (contest.contenders.index(best), len(emitted) - 1)),
     )
     return (page,)
+
+
+def _standing(contest: MethodComparison) -> str:
+    """Describe how the best method compares with the others."""
+    others = [one.name for one in contest.equally_good if one is not contest.best]
+    if not others:
+        return "gives the weakest focus most"
+    return f"and {', '.join(others)} are best, equal within {contest.tolerance:.1%}"
 
 
 def _digits(pressure: float) -> str:
@@ -91,41 +96,47 @@ def _tables(contest: MethodComparison, unit: str) -> dict[str, Any]:
         if contender.kept is not None:
             row.append(f"{contender.kept:,.0f}")
         rows.append(row)
-    header = ["method", f"worst focus [{unit}]", "at full scale, of the bound"]
+    header = ["method", f"weakest focus [{unit}]", "of the bound, at full scale"]
     header += ["mean [Pa]", "weakest / strongest", "energy", "rounding", "time [ms]"]
     if len(contest.setup.target.suppression_points):
         header.append("suppression points [dB]")
     if contest.contenders[0].kept is not None:
-        header.append("9 of 10 times, with what is in doubt [Pa]")
+        header.append("9 of 10 times, with the uncertainty [Pa]")
     return {
         "header": header,
         "rows": rows,
         "focus_header": ["peak pressure [Pa]", *foci],
         "focus_rows": [
             [contender.name, *(f"{pressure:,.0f}" for pressure in contender.pressures)]
-            for contender in contest.contenders
+            for contender in contest.ranked
         ],
     }
 
 
 def _pictures(contest: MethodComparison, unit: str, cut: Cut, peak: float) -> dict[str, Any]:
-    names = [contender.name for contender in contest.contenders]
-    shares = np.array([contest.of_the_bound(contender) for contender in contest.contenders])
+    names = [contender.name for contender in contest.ranked]
+    shares = np.array([contest.of_the_bound(contender) for contender in contest.ranked])
     strengths = shares * contest.bound
     bars = picture(
-        draw_bars(names, strengths, contest.bound, f"worst focus at full scale [{unit}]"),
-        "What the worst focus gets by each method with its strongest transducer at full scale, "
-        "against the bound.",
-        f"Bars of the pressure at the worst focus for each method, from {_digits(strengths.min())} "
+        draw_bars(names, strengths, contest.bound, f"weakest focus at full scale [{unit}]"),
+        "Pressure at the weakest focus by each method with its strongest transducer at full scale, "
+        "and the upper bound.",
+        f"Bars of the pressure at the weakest focus for each method, {_digits(strengths.min())} "
         f"to {_digits(strengths.max())}, and a line at the bound of {_digits(contest.bound)}",
     )
+    # Equally good methods give nearly the same field, so one picture serves them.
+    equal = contest.equally_good
+    drawn = [one for one in contest.ranked if one is contest.best or one not in equal]
+    others = ", ".join(one.name for one in equal if one is not contest.best)
     fields = [
         picture(
-            draw_field(cut, contender.name, peak, contest.setup.target.points),
-            contender.name,
+            draw_field(cut, contender.name, peak, contest.setup.target.points, contest.setup.foci),
+            f"{contender.name} (nearly the same: {others})"
+            if contender is contest.best and others
+            else contender.name,
             f"Map of pressure by {contender.name}: {contender.pressures.min():,.0f} to "
             f"{contender.pressures.max():,.0f} Pa at the foci",
         )
-        for contender in contest.ranked
+        for contender in drawn
     ]
     return {"bars": bars, "fields": fields}

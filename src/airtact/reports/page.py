@@ -1,4 +1,4 @@
-"""Self-contained HTML pages from the templates, with embedded pictures and scripts."""
+"""Self-contained HTML pages from templates, with embedded pictures and scripts."""
 
 import base64
 import io
@@ -13,12 +13,13 @@ from matplotlib.figure import Figure
 from matplotlib.image import imsave
 from PIL import Image
 
+from airtact.errors import as_sentence
 from airtact.files.atomic import whole_file
 
 TEMPLATES = Environment(
     loader=FileSystemLoader(Path(__file__).parent / "templates"),
     autoescape=True,
-    # A value that is missing is an error, not empty text.
+    # A missing value raises an error instead of becoming empty text.
     undefined=StrictUndefined,
     trim_blocks=True,
     lstrip_blocks=True,
@@ -28,14 +29,20 @@ PIXELS = 1.35
 """Pixels of a picture per pixel of the page, for screens with high resolution."""
 
 
+TEMPLATES.filters["sentence"] = as_sentence
+
+
 def write_page(path: Path, template: str, **values: object) -> None:
-    """Fill a template with values, of which texts are escaped; the file appears once complete."""
+    """Fill a template with values and write the file, which appears once it is complete.
+
+    Texts are escaped.
+    """
     with whole_file(path) as partial:
         partial.write_text(TEMPLATES.get_template(template).render(values), "utf-8")
 
 
 def picture(figure: Figure, caption: str, alternative: str, wide: bool = False) -> Markup:
-    """Embed a figure as WebP; a narrow screen scrolls a wide one instead of shrinking it."""
+    """Embed a figure as WebP. A narrow screen scrolls a wide figure instead of shrinking it."""
     buffer = io.BytesIO()
     pixels = pixels_of(figure)
     # A quality of 90 % keeps letters clean.
@@ -47,7 +54,7 @@ def picture(figure: Figure, caption: str, alternative: str, wide: bool = False) 
 
 
 def pixels_of(figure: Figure) -> UInt8[np.ndarray, "rows columns 4"]:
-    """Draw a figure and cut off its empty margins, which are wide around 3-D axes."""
+    """Draw a figure and crop its empty margins, which are wide around 3-D axes."""
     figure.set_dpi(96 * PIXELS)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
@@ -62,6 +69,6 @@ def pixels_of(figure: Figure) -> UInt8[np.ndarray, "rows columns 4"]:
 
 
 def write_picture(path: Path, figure: Figure) -> None:
-    """Draw a figure into a PNG file, which appears only once it is complete."""
+    """Draw a figure into a PNG file, which appears once it is complete."""
     with whole_file(path) as partial:
         imsave(partial, pixels_of(figure), format="png")

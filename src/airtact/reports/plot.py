@@ -23,15 +23,18 @@ from airtact.reports.array_figures import draw_faces, draw_in_space, view_of
 from airtact.reports.field_figure import Cut, draw_difference, draw_field, solid_depth
 from airtact.reports.plots import draw_foci
 from airtact.reports.solids import broad_view, space_axes
+from airtact.setup.rendering import Rendering
 from airtact.transducers.layout import PhasedArray
 
 __all__ = ["field", "pads", "phases", "scene"]
 
 Plane = Literal["xy", "xz", "yz"]
 
+FieldResult = Evaluation | Comparison | RadiatedField
+
 
 def field(
-    result: Evaluation | Comparison | RadiatedField,
+    result: FieldResult | Rendering,
     target: Target | None = None,
     *,
     drive: str | int = 0,
@@ -45,7 +48,8 @@ def field(
 
     Parameters
     ----------
-    result : from ``evaluate`` or ``compare``, or a solver's field.
+    result : from ``render``, ``focus``, ``evaluate`` or ``compare``, or a solver's field. A
+        rendering is drawn at the amplitudes of its drive.
     target : the foci; needed for a solver's field unless it is that of beacons.
     drive : name of a drive of a comparison, or index of an excitation of a solver's field.
     over : name of a second drive of a comparison; plots the level of ``drive`` over it [dB].
@@ -64,15 +68,15 @@ def field(
     InvalidInput
         If there are no foci, a name or index is unknown, or ``over`` has no comparison.
     """
-    _check_result(result, Evaluation | Comparison | RadiatedField)
-    field_of_result = result if isinstance(result, RadiatedField) else result.field
+    plotted: FieldResult = _checked_result(result, FieldResult)
+    field_of_result = plotted if isinstance(plotted, RadiatedField) else plotted.field
     if field_of_result is None:
         raise InvalidInput(
             "this evaluation has no field; pass the object that evaluate() returned.", code="empty"
         )
     scene = field_of_result.scene
-    foci = _foci(result, target)
-    column = _column(result, drive)
+    foci = _foci(plotted, target)
+    column = _column(plotted, drive)
     if plane is None:
         window = plane_of_scene(scene, foci)
     elif plane in ("xy", "xz", "yz"):
@@ -88,13 +92,13 @@ def field(
     pressures = field_of_result.at(window.points)
     shown = {str(drive): pressures[:, column]}
     if over is not None:
-        if not isinstance(result, Comparison):
+        if not isinstance(plotted, Comparison):
             raise InvalidInput(
                 "only drives of a comparison can be shown over each other; pass the object that "
                 "compare() returned.",
                 code="options_clash",
             )
-        shown[over] = pressures[:, result.column(over)]
+        shown[over] = pressures[:, plotted.column(over)]
     cut = Cut(window, shown, solid_depth(scene, window.points))
     if most is None:
         most = float(np.nanmax([np.abs(values) for values in shown.values()]))
@@ -192,13 +196,16 @@ def scene(
 
 
 def pads(
-    result: Evaluation | Comparison, *, held_equal: str = "equal peak", ax: Axes | None = None
+    result: Evaluation | Comparison | Rendering,
+    *,
+    held_equal: str = "equal peak",
+    ax: Axes | None = None,
 ) -> Axes:
-    """Plot the pressure at each focus as bars, one for each drive, and the asked pressures.
+    """Plot the pressure at each focus as bars, one for each drive, and the requested pressures.
 
     Parameters
     ----------
-    result : from ``evaluate`` or ``compare``.
+    result : from ``render``, ``focus``, ``evaluate`` or ``compare``.
     held_equal : normalisation of a comparison, one of ``evaluation.HELD_EQUAL``.
     ax : axes to draw into; by default those of a new figure.
 
@@ -207,19 +214,22 @@ def pads(
     InvalidInput
         If the normalisation is not known.
     """
-    _check_result(result, Evaluation | Comparison)
+    plotted: Evaluation | Comparison = _checked_result(result, Evaluation | Comparison)
     axes = _axes(ax)
-    if isinstance(result, Comparison):
-        pressures = dict(zip(result.names, result.under(held_equal), strict=True))
+    if isinstance(plotted, Comparison):
+        pressures = dict(zip(plotted.names, plotted.under(held_equal), strict=True))
         draw_foci(axes, pressures, None)
         axes.set_title(held_equal)
     else:
-        draw_foci(axes, {"": result.magnitudes}, result.target.pressures)
+        draw_foci(axes, {"": plotted.magnitudes}, plotted.target.pressures)
     return axes
 
 
-def _check_result(result: Any, kinds: Any) -> None:
-    of_kind(result, kinds, "the plotted result", "the object that evaluate() or compare() returned")
+def _checked_result(result: Any, kinds: Any) -> Any:
+    """Return the result to plot, which is the evaluation of a rendering."""
+    if isinstance(result, Rendering):
+        result = result.evaluation
+    return of_kind(result, kinds, "the plotted result", "what render() or evaluate() returned")
 
 
 def _axes(ax: Axes | None) -> Axes:
@@ -230,7 +240,7 @@ def _axes(ax: Axes | None) -> Axes:
     return pyplot.subplots(layout="constrained")[1]
 
 
-def _foci(result: Evaluation | Comparison | RadiatedField, target: Target | None) -> np.ndarray:
+def _foci(result: FieldResult, target: Target | None) -> np.ndarray:
     if target is not None:
         return of_kind(target, Target, "the target", "Target(points, pressures)").points
     if not isinstance(result, RadiatedField):
@@ -241,7 +251,7 @@ def _foci(result: Evaluation | Comparison | RadiatedField, target: Target | None
     raise InvalidInput(f"a field of {count} has no foci: give the target.", code="empty")
 
 
-def _column(result: Evaluation | Comparison | RadiatedField, drive: str | int) -> int:
+def _column(result: FieldResult, drive: str | int) -> int:
     if isinstance(result, Comparison):
         return result.column(result.names[drive] if isinstance(drive, int) else drive)
     count = 1 if isinstance(result, Evaluation) else result.sources.strengths.shape[1]

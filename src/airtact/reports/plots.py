@@ -29,12 +29,12 @@ COLOURS_OF_DRIVES = (BAR, "#e69f00", "#56b4e9", "#009e73", "#cc79a7", "#0072b2",
 def draw_bars(
     names: Sequence[str], heights: Float64[np.ndarray, "names"], bound: float, label: str
 ) -> Figure:
-    """Draw one bar for each name, the longest on top, and a line at the bound.
+    """Draw one bar for each name, the first on top, and a line at the bound.
 
     The label names the quantity and its unit.
     """
-    # barh draws from the bottom, so the longest is last.
-    order = np.argsort(heights)
+    # barh draws from the bottom.
+    order = np.arange(len(names))[::-1]
     figure = Figure(figsize=(8.0, 0.34 * len(names) + 1.2), layout="constrained")
     axes = figure.subplots()
     bars = axes.barh([names[index] for index in order], heights[order], color=BAR, height=0.62)

@@ -9,13 +9,13 @@ from markupsafe import Markup
 
 from airtact.acoustics.solvers.problem import SolveReport
 from airtact.acoustics.target_points import outward
+from airtact.drives.reach import fraction
 from airtact.drives.transfer_ensemble import TransferEnsemble
 from airtact.errors import counted, in_mm
 from airtact.evaluation.comparison import HELD_EQUAL
-from airtact.evaluation.headline import pascals
-from airtact.evaluation.metrics import not_modelled
+from airtact.evaluation.metrics import not_modelled, pascals
 from airtact.evaluation.windows import Window, box_around, close_up, plane_of_scene
-from airtact.reports.array_figures import draw_phases, draw_scene
+from airtact.reports.array_figures import draw_phases, draw_scene, is_uniform
 from airtact.reports.field_figure import (
     FAINT,
     Cut,
@@ -26,7 +26,13 @@ from airtact.reports.field_figure import (
 )
 from airtact.reports.page import picture, write_page
 from airtact.reports.plots import draw_shares, draw_shifts
-from airtact.reports.viewer import SceneView, scene_view, viewer_alternative, viewer_values
+from airtact.reports.viewer import (
+    SceneView,
+    off_one_plane,
+    scene_view,
+    viewer_alternative,
+    viewer_values,
+)
 from airtact.setup.exports import write_field
 from airtact.setup.rendering import Rendering
 from airtact.setup.setup import Setup
@@ -68,27 +74,25 @@ def write_run_page(run: Rendering, folder: Path, progress: Progress) -> tuple[Pa
 
 
 def fields_of(run: Rendering, clock: Clock) -> tuple[list[Cut], SceneView]:
-    """Evaluate the fields on the page of a rendering, all drives at the energy of the first."""
+    """Evaluate the fields in the pictures of a rendering, all drives at the energy of the first."""
     setup = run.setup
     scales = [drive.factor_to_match(run.drive) for drive in run.drives.values()]
     plane = plane_of_scene(setup.scene, setup.target.points)
     with clock.step("cuts", "computing the field in the pictures"):
         cuts = [_cut(run, window, scales) for window in _windows(setup, plane)]
-    with clock.step("scene in space", "computing the field in the scene to turn"):
+    with clock.step("3-D scene", "computing the field in the 3-D scene"):
         field = run.verification.field
         view = scene_view(setup, field, run.drives, scales, plane, "equal energy")
     return cuts, view
 
 
 def _windows(setup: Setup, plane: Window) -> list[Window]:
-    """Return the plane through the foci, or one across each focus where it cannot show them all."""
-    foci = setup.target.points
-    scene = setup.scene
-    # A plane fits two foci exactly.
-    if len(foci) < 3 or not scene.obstacles:
+    """Return the plane through the foci, or one across each focus if no plane contains them."""
+    if not off_one_plane(setup):
         return [plane]
-    pairs = zip(foci, outward(scene.depth, foci), strict=True)
-    return [close_up(focus, normal, scene.wavelength) for focus, normal in pairs]
+    foci = setup.target.points
+    pairs = zip(foci, outward(setup.scene.depth, foci), strict=True)
+    return [close_up(focus, normal, setup.scene.wavelength) for focus, normal in pairs]
 
 
 def _cut(run: Rendering, window: Window, scales: Sequence[float]) -> Cut:
@@ -111,25 +115,15 @@ def _error(run: Rendering, cuts: Sequence[Cut]) -> float:
 
 def _summary(run: Rendering) -> dict[str, Any]:
     solve = sum(run.seconds[step] for step in ("beacons", "transfer", "drive"))
-    bodies = run.setup.bodies
-    surroundings = "in open air"
-    if bodies:
-        names = " and ".join(part for part in (", ".join(bodies[:-1]), bodies[-1]) if part)
-        scatter = "scatters" if len(bodies) == 1 else "scatter"
-        surroundings = f"beside {names}, which {scatter} the sound"
     return {
         "transducers": _transducers(run),
         "frequency": f"{run.setup.scene.frequency / 1e3:g} kHz",
         "foci": counted(len(run.setup.foci), "focus", "foci"),
-        "stand": "stands" if len(run.setup.foci) == 1 else "stand",
-        "where": surroundings,
+        "bodies": " and ".join(run.setup.bodies),
         "facts": [
-            (f"{pascals(run.pressures.min())}", "at the weakest focus"),
+            (pascals(run.pressures.min()), "at the weakest focus"),
             (f"{solve:.2f} s", "to solve and make the drive"),
-            (
-                _percent(run.verification.report.estimated_error),
-                "estimated error of these pressures",
-            ),
+            (_percent(run.estimated_error), "estimated error of these pressures"),
         ],
         # Several steps may give the same warning.
         "warnings": list(dict.fromkeys(run.warnings)),
@@ -146,15 +140,19 @@ def _pictures(run: Rendering, view: SceneView) -> dict[str, Any]:
     rounded = np.abs(run.transfer.pressure(run.frame.drive()))[: len(run.setup.foci)]
     rounding = float(np.max(np.abs(rounded / exact - 1)))
     levels = run.frame.levels
+    uniform = is_uniform(run.drive.amplitudes)
+    shown = "Phase" if uniform else "Phase and amplitude"
+    amplitude = f" All amplitudes are {run.drive.peak:.2f} of full scale." if uniform else ""
+    figure = draw_phases(array.positions, array.normals, run.drive.amplitudes)
     phases = picture(
-        draw_phases(array.positions, array.normals, run.drive.amplitudes),
-        f"Phase and amplitude, of full scale, of each transducer by {run.method}, each face as "
-        "seen from the side to which it radiates, in the order in which a viewer inside who turns "
-        "right sees them (compare Fig. 5 of the paper). Phases are those of Re[u e^(−iωt)]. "
-        f"Rounding to {len(levels.amplitudes)} levels of amplitude and {levels.phases} of phase "
-        f"(drive.csv) changes the pressure at the foci by {rounding:.2%} at most.",
-        f"Phases and amplitudes of all {_transducers(run)}, face by face",
-        wide=True,
+        figure,
+        f"{shown} of each transducer by {run.method}, in Re[u e^(−iωt)].{amplitude} Each face is "
+        "drawn as seen from the side to which it radiates, from left to right as a viewer inside "
+        "who turns right sees them (compare Fig. 5 of the paper). Rounding to "
+        f"{len(levels.amplitudes)} levels of amplitude and {levels.phases} of phase (drive.csv) "
+        f"changes the pressure at the foci by {rounding:.2%} at most.",
+        f"{shown} of {_transducers(run)}, face by face",
+        wide=bool(figure.get_figwidth() > 7.0),
     )
     bodies = [obstacle.surface for obstacle in run.setup.scene.obstacles]
     still = picture(
@@ -166,8 +164,8 @@ def _pictures(run: Rendering, view: SceneView) -> dict[str, Any]:
             run.setup.target.points,
             run.setup.scene.planes,
         ),
-        "Transducers coloured by phase, bodies in grey, foci in orange. Transducers that face away "
-        "from the viewer are faint rings.",
+        "Transducers are coloured by phase, bodies are grey, foci orange. Transducers that face "
+        "away from the viewer are faint rings.",
         viewer_alternative(view),
     )
     return {"phases": phases, "still": still, "doubt": _doubt(run)}
@@ -261,54 +259,48 @@ def _fields(run: Rendering, cuts: Sequence[Cut], view: SceneView) -> list[Markup
 
 
 def _foci(run: Rendering) -> dict[str, Any]:
-    depths = -1e3 * run.setup.scene.depth(run.setup.target.points)
+    scene = run.setup.scene
+    points = run.setup.target.points
     asked = run.setup.target.pressures
-    rows = []
-    for index, (name, point, got) in enumerate(
-        zip(run.setup.foci, 1e3 * run.setup.target.points, run.pressures, strict=True)
-    ):
-        target = ["as strong as possible", "–"]
-        if asked is not None:
-            share = f"{got / asked[index]:.1%}" if asked[index] > 0 else "–"
-            target = [_pascal(asked[index]), share]
-        position = [f"{number:.2f}" for number in (*point, depths[index])]
-        rows.append([name, *position, *target, _pascal(got), _kilopascal_squared(got)])
+    header = ["focus", "x [mm]", "y [mm]", "z [mm]", "distance from the surface [mm]", "p [Pa]"]
+    columns = [
+        run.setup.foci,
+        *([f"{value:.2f}" for value in axis] for axis in 1e3 * points.T),
+        [f"{-1e3 * depth:.2f}" if scene.obstacles else "–" for depth in scene.depth(points)],
+        [_pascal(pressure) for pressure in run.pressures],
+    ]
+    if asked is not None:
+        shares = fraction(run.pressures, run.setup.target)
+        header += ["requested [Pa]", "reached"]
+        columns.append([_pascal(pressure) for pressure in asked])
+        columns.append(["–" if np.isnan(share) else f"{share:.1%}" for share in shares])
     return {
-        "focus_header": [
-            "focus",
-            *("x [mm]", "y [mm]", "z [mm]"),
-            "off the surface [mm]",
-            "asked [Pa]",
-            "reached",
-            "p [Pa]",
-            "p² [kPa²]",
-        ],
-        "focus_rows": rows,
+        "focus_header": header,
+        "focus_rows": list(zip(*columns, strict=True)),
         "amplitude": f"{run.drive.peak:.2f}",
-        "comparisons": [
-            (f"{held_equal.capitalize()}: {meaning}", *_comparison(run, held_equal))
-            for held_equal, meaning in HELD_EQUAL.items()
-            if run.setup.bodies
-        ],
+        "comparison_header": ["focus", *(f"{name} [Pa]" for name in run.drives), "ratio"],
+        "comparisons": _comparisons(run) if run.setup.bodies else [],
     }
 
 
-def _comparison(run: Rendering, held_equal: str) -> tuple[list[str], list[list[str]]]:
-    """Header and rows of the pressures at each focus under both drives, and their ratio."""
-    pressures = run.verification.pressures[held_equal]
-    ratios = run.verification.ratios(held_equal)
-    rows = []
-    for index, name in enumerate(run.setup.foci):
-        first, second = pressures[:, index]
-        squares = (_kilopascal_squared(first), _kilopascal_squared(second))
-        with np.errstate(divide="ignore"):  # the second drive may give the focus no pressure
-            times = 1.0 / ratios[1, index]
-        rows.append(
-            [name, _pascal(first), _pascal(second), f"{times:.3f}", *squares, f"{times**2:.3f}"]
+def _comparisons(run: Rendering) -> list[tuple[str, list[tuple[str, ...]]]]:
+    """List a caption and rows of the pressures under both drives, once where they are equal."""
+    tables: dict[tuple[tuple[str, ...], ...], list[str]] = {}
+    for held_equal, pressures in run.verification.pressures.items():
+        rows = []
+        for name, (first, second) in zip(run.setup.foci, pressures.T, strict=True):
+            ratio = f"{first / second:.3f}" if second > 0.0 else "–"
+            rows.append((name, _pascal(first), _pascal(second), ratio))
+        tables.setdefault(tuple(rows), []).append(held_equal)
+    return [
+        (
+            "; ".join(f"{name.capitalize()}: {HELD_EQUAL[name]}" for name in names)
+            if len(tables) > 1
+            else "At equal peak, at equal energy and with phases alone the pressures are the same.",
+            list(rows),
         )
-    pressure = [f"p {name} [Pa]" for name in run.verification.names]
-    squared = [f"p² {name} [kPa²]" for name in run.verification.names]
-    return ["focus", *pressure, "times p", *squared, "times p²"], rows
+        for rows, names in tables.items()
+    ]
 
 
 def _how(run: Rendering, seconds: Mapping[str, float]) -> dict[str, Any]:
@@ -341,7 +333,10 @@ def _how(run: Rendering, seconds: Mapping[str, float]) -> dict[str, Any]:
                 *(f"{report.iterations}, {report.residual:.1e}" for report in reports),
             ],
             ["estimated error", *(_percent(report.estimated_error) for report in reports)],
-            ["panels off the triangles given", *(_off_triangles(report) for report in reports)],
+            [
+                "distance of the panels from the given triangles",
+                *(_off_triangles(report) for report in reports),
+            ],
             [
                 "seconds",
                 *(
@@ -403,10 +398,3 @@ def _percent(share: float) -> str:
 def _rounded(pressure: float) -> str:
     # The error of the computation leaves three digits.
     return f"{float(f'{pressure:.3g}'):,g}"
-
-
-def _kilopascal_squared(pressure: float) -> str:
-    square = (pressure / 1e3) ** 2
-    return (
-        f"{square:.3f}" if square < 10 else f"{square:.1f}" if square < 1000 else f"{square:,.0f}"
-    )

@@ -21,10 +21,12 @@ from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
 from airtact.acoustics.solvers.problem import RadiatedField
+from airtact.acoustics.target_points import outward
 from airtact.drives.drive import Drive
 from airtact.errors import counted
 from airtact.evaluation.slices import Slices, SurfacePressure, slices_around, surface_pressure
 from airtact.evaluation.windows import Window
+from airtact.geometry.mesh.quadratic_triangles import unit
 from airtact.reports.array_figures import spacing, unfold
 from airtact.reports.field_figure import COLOURS
 from airtact.reports.solids import sheet_of, towards_viewer
@@ -80,6 +82,11 @@ class SceneView:
         return [sheet_of(plane, everything) for plane in self.setup.scene.planes]
 
 
+def off_one_plane(setup: Setup) -> bool:
+    """Whether the foci are on bodies and too many for one plane: a plane contains two exactly."""
+    return len(setup.foci) > 2 and bool(setup.scene.obstacles)
+
+
 def scene_view(
     setup: Setup,
     field: RadiatedField,
@@ -116,9 +123,7 @@ def scene_view(
     )
 
 
-def viewer_values(
-    view: SceneView, chosen: tuple[int, int] = (0, 1)
-) -> dict[str, str | list[str] | list[int]]:
+def viewer_values(view: SceneView, chosen: tuple[int, int] = (0, 1)) -> dict[str, Any]:
     """Return the values of a template; the ``chosen`` drives are compared first."""
     facts, numbers = _facts(view)
     return {
@@ -133,6 +138,8 @@ def viewer_values(
         "alternative": viewer_alternative(view),
         "caption": _caption(view),
         "axes": [2, 1, 0] if view.slices.any_axis else [2],
+        # A slice far from some of the foci would hide parts of the bodies.
+        "sliced": not off_one_plane(view.setup),
     }
 
 
@@ -196,7 +203,7 @@ def _facts(view: SceneView) -> tuple[dict[str, Any], bytes]:
         places[name] = [values.dtype.name, len(data), values.size]
         data += values.tobytes()
     array = view.setup.array
-    asked = ["as strong as possible"] * len(view.setup.foci)
+    asked = [""] * len(view.setup.foci)
     if view.setup.target.pressures is not None:
         asked = [f"{pressure:,.0f} Pa" for pressure in view.setup.target.pressures]
     faces = unfold(array.positions, array.normals)
@@ -219,7 +226,8 @@ def _facts(view: SceneView) -> tuple[dict[str, Any], bytes]:
         "paths": [[_rounded(1e3 * point) for point in path] for path in paths_of(view.setup)],
         "sheets": [[_rounded(1e3 * corner) for corner in sheet] for sheet in view.sheets],
         "slices": _planes(view),
-        **_views(view),
+        "views": _views(view),
+        "backs": not _surrounds(view),
     }
     return facts, bytes(data)
 
@@ -259,7 +267,7 @@ def _planes(view: SceneView) -> dict[str, Any]:
     counts = slices.depth.shape[::-1]
     focus = (view.points.mean(axis=0) - slices.corner) @ slices.axes.T / slices.steps
     # The slice goes through the focus farthest from the viewer, or it would hide other foci.
-    seen = towards_viewer(*_side(slices.axes[2], view.setup.array.normals))
+    seen = _first_direction(view)
     heights = ((view.points - slices.corner) @ slices.axes[2]) / slices.steps[2]
     # The axis may point towards the viewer or away.
     focus[2] = heights.min() if slices.axes[2] @ seen > 0.0 else heights.max()
@@ -275,30 +283,70 @@ def _planes(view: SceneView) -> dict[str, Any]:
 
 
 def _views(view: SceneView) -> dict[str, Any]:
-    """Directions, centres and extents of the first view and of the view of everything."""
+    """Return the centre, radius [mm] and direction of the first view, the foci and the array."""
     slices = view.slices
     spans = slices.steps * (np.array(slices.depth.shape[::-1]) - 1)
     middle = slices.corner + (spans / 2.0) @ slices.axes
-    everything = np.concatenate([view.solid, *view.sheets])
-    lowest = everything.min(axis=0)
-    highest = everything.max(axis=0)
     path_reaches = [
         1.2 * np.linalg.norm(path - middle, axis=1).max() for path in paths_of(view.setup)
     ]
-    azimuth, elevation = _side(slices.axes[2], view.setup.array.normals)
+    close = max([0.54 * float(np.linalg.norm(spans[:2])), *path_reaches])
+    towards = towards_viewer(*_side(slices.axes[2], view.setup.array.normals))
+    first = _first_direction(view)
     # A rigid plane that would be seen from behind mirrors the view.
-    front = towards_viewer(azimuth, elevation)
+    front = first
     for plane in view.setup.scene.planes:
         front = front - 2.0 * min(0.0, float(front @ plane.normal)) * plane.normal
-    front_elevation = np.arcsin(np.clip(front[2], -1.0, 1.0))
+    array = _framed(np.concatenate([view.solid, *view.sheets]), front)
+    views = {"first": array, "array": array, "foci": (middle, close, towards)}
+    if _surrounds(view) and view.surfaces is not None:
+        views["first"] = _framed(np.concatenate([view.surfaces.vertices, view.points]), first)
     return {
-        "middle": _rounded(1e3 * (lowest + highest) / 2.0),
-        "reach": 0.55e3 * float(np.linalg.norm(highest - lowest)),
-        "focus": _rounded(1e3 * middle),
-        "close": 1e3 * float(max([0.54 * np.linalg.norm(spans[:2]), *path_reaches])),
-        "seen": np.radians([azimuth, elevation]).tolist(),
-        "seen_whole": [float(np.arctan2(front[1], front[0])), float(front_elevation)],
+        name: {
+            "middle": _rounded(1e3 * centre),
+            "reach": 1e3 * float(radius),
+            "seen": [float(np.arctan2(seen[1], seen[0])), float(np.arcsin(seen[2]))],
+        }
+        for name, (centre, radius, seen) in views.items()
     }
+
+
+def _framed(
+    points: Float64[np.ndarray, "points 3"], seen: Float64[np.ndarray, "3"]
+) -> tuple[Float64[np.ndarray, "3"], float, Float64[np.ndarray, "3"]]:
+    """Return the centre and radius [m] of the view that shows points from a direction."""
+    across = unit(np.cross([0.0, 0.0, 1.0], seen))
+    axes = np.stack([across, np.cross(seen, across), seen])
+    projected = points @ axes.T
+    middle = (projected.min(axis=0) + projected.max(axis=0)) / 2.0
+    right, up, near = (projected - middle).T
+    # The camera sees 15 degrees to either side of the centre; nearer points need a larger distance.
+    half = np.radians(15.0)
+    distance = np.max(near + np.maximum(np.abs(right), np.abs(up)) / np.tan(half))
+    return middle @ axes, 1.06 * float(distance * np.sin(half)), seen
+
+
+def _surrounds(view: SceneView) -> bool:
+    """Whether the array surrounds the foci, so that its near side would hide them."""
+    return bool(np.linalg.norm(view.setup.array.normals.mean(axis=0)) < 0.3)
+
+
+def _first_direction(view: SceneView) -> Float64[np.ndarray, "3"]:
+    """Direction from which the skin at the foci, the array and the slice are seen."""
+    scene = view.setup.scene
+    radiated = view.setup.array.normals.mean(axis=0)
+    if _surrounds(view):
+        return towards_viewer(*_side(view.slices.axes[2], view.setup.array.normals))
+    facing = outward(scene.depth, view.points).mean(axis=0) if scene.obstacles else radiated
+    if np.linalg.norm(facing) < 0.3:
+        facing = -radiated
+    facing = unit(facing)
+    # From aside, since the array is in front of the skin and would be behind the viewer.
+    normal = view.slices.axes[2] * np.sign(view.slices.axes[2] @ [0.3, -1.0, 0.2])
+    candidates = (normal, np.cross([0.0, 0.0, 1.0], facing), np.array([0.0, -1.0, 0.0]))
+    across = (axis - axis @ facing * facing for axis in candidates)
+    aside = unit(next(axis for axis in across if np.linalg.norm(axis) > 0.5))
+    return unit(0.6 * facing + 0.75 * aside + [0.0, 0.0, 0.2])
 
 
 def _side(

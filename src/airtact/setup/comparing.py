@@ -20,6 +20,7 @@ from airtact.errors import InvalidInput, one_line
 from airtact.evaluation.comparison import Comparison
 from airtact.evaluation.comparison import compare as compare_drives
 from airtact.evaluation.field import radiate_drives
+from airtact.evaluation.metrics import beyond_linear
 from airtact.files.atomic import whole_file, writable_folder
 from airtact.setup.rendering import save_drive
 from airtact.setup.sentences import reach_cautions
@@ -117,14 +118,35 @@ class MethodComparison:
         return self.field.report
 
     @property
+    def tolerance(self) -> float:
+        """Relative difference below which two methods count as equal: the error, at least 1 %."""
+        return max(self.report.estimated_error, 0.01)
+
+    @property
+    def equally_good(self) -> list[Contender]:
+        """The methods whose weakest focus at full scale is the best within ``tolerance``."""
+        largest = max(map(self.of_the_bound, self.contenders))
+        return [
+            contender
+            for contender in self.contenders
+            if self.of_the_bound(contender) >= (1.0 - self.tolerance) * largest
+        ]
+
+    @property
     def best(self) -> Contender:
-        """The method whose worst focus gets most at full scale."""
-        return max(self.contenders, key=self.of_the_bound)
+        """The method whose weakest focus gets most at full scale; the default among equals."""
+        return self.ranked[0]
 
     @property
     def ranked(self) -> list[Contender]:
-        """The contenders, best first."""
-        return sorted(self.contenders, key=self.of_the_bound, reverse=True)
+        """The contenders, best first; among equally good ones the default method is first."""
+        equal = self.equally_good
+
+        def rank(contender: Contender) -> tuple[bool, bool, float]:
+            default = contender in equal and contender.name == self.default
+            return contender not in equal, not default, -self.of_the_bound(contender)
+
+        return sorted(self.contenders, key=rank)
 
     def worst(self, contender: Contender) -> float:
         """Return the least pressure over weight, over the foci that ask for any [Pa]."""
@@ -295,6 +317,7 @@ def _compare_methods(setup: Setup, store: Path | None, clock: Clock) -> MethodCo
         warnings=[
             *reach_cautions(setup),
             *warnings,
+            *beyond_linear(at_foci),
             *named(field.report.warnings, setup.bodies),
         ],
         transfer=transfer,

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import msgspec
@@ -21,7 +22,9 @@ from airtact.drives.transfer import TransferMatrix
 from airtact.errors import Vector, of_kind, one_line
 from airtact.evaluation.comparison import Comparison
 from airtact.evaluation.comparison import compare as compare_drives
-from airtact.evaluation.headline import beyond_linear, body_word, headline, shortfalls
+from airtact.evaluation.field import field_of_drive
+from airtact.evaluation.headline import body_word, headline, shortfalls
+from airtact.evaluation.metrics import Evaluation, beyond_linear
 from airtact.files.atomic import writable_folder
 from airtact.setup.sentences import (
     disagreement,
@@ -109,6 +112,14 @@ class Rendering:
     def estimated_error(self) -> float:
         """Relative error of the pressures, as the verification solve estimates it."""
         return self.verification.report.estimated_error
+
+    @cached_property
+    def evaluation(self) -> Evaluation:
+        """The drive as it is emitted: its pressures and field, as ``evaluate`` returns them."""
+        comparison = self.verification
+        field = field_of_drive(comparison.field, 0, self.drive.peak)
+        pressures = field.at(self.setup.target.points)[:, 0]
+        return Evaluation(self.setup.target, pressures, comparison.report, field)
 
     @property
     def control_pressures(self) -> Float64[np.ndarray, "foci"] | None:

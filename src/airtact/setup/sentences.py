@@ -10,7 +10,7 @@ from airtact.drives.max_min import upper_bound
 from airtact.drives.reach import MIN_FOCUS_DISTANCE, nearest_foci
 from airtact.drives.transfer import TransferMatrix
 from airtact.errors import counted, in_mm
-from airtact.evaluation.headline import pascals
+from airtact.evaluation.metrics import pascals
 from airtact.evaluation.tactile_thresholds import sensation
 from airtact.setup.setup import Setup
 from airtact.transducers.modulation import AmplitudeModulation

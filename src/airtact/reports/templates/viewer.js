@@ -40,7 +40,7 @@ const SLICE = {
     }`,
 };
 
-// Discs that fade into the paper instead of being transparent, which many of them would make slow.
+// Discs that fade into the paper. Transparent ones would be slow.
 const DISCS = {
   vertexShader: `
     varying vec3 colour;
@@ -52,7 +52,7 @@ const DISCS = {
     uniform vec3 paper;
     uniform float strength;
     varying vec3 colour;
-    void main() { gl_FragColor = vec4(mix(paper, colour, strength), 1.0); }`,
+    void main() { gl_FragColor = vec4(mix(paper, colour, gl_FrontFacing ? strength : 0.5 * strength), 1.0); }`,
 };
 
 const SURFACE = {
@@ -105,7 +105,7 @@ class Viewer {
     this.scene = new THREE.Scene();
     this.build();
     this.overlay = new Overlay(root.querySelector("svg"), facts, this.camera);
-    const limits = [0.5 * facts.close, 12 * facts.reach];
+    const limits = [0.5 * facts.views.foci.reach, 12 * facts.views.array.reach];
     this.turning = new Turning(this.canvas, this.camera, ...limits, () => this.draw());
     this.connect();
   }
@@ -197,7 +197,8 @@ class Viewer {
   discs() {
     const [positions, normals] = [this.array("positions"), this.array("normals")];
     const uniforms = { paper: { value: new THREE.Color() }, strength: { value: 1 } };
-    const material = new THREE.ShaderMaterial({ uniforms, ...DISCS });
+    const side = this.facts.backs ? THREE.DoubleSide : THREE.FrontSide; // backs of a box would hide the bodies
+    const material = new THREE.ShaderMaterial({ uniforms, side, ...DISCS });
     const circle = new THREE.CircleGeometry(this.facts.radius, 16);
     const discs = new THREE.InstancedMesh(circle, material, positions.length / 3);
     const turned = new THREE.Object3D();
@@ -282,9 +283,8 @@ class Viewer {
   }
 
   look(name) {
-    const { middle, reach, focus, close, seen, seen_whole } = this.facts;
-    if (name === "array") this.turning.look(middle, reach, seen_whole);
-    else this.turning.look(focus, close, seen);
+    const { middle, reach, seen } = this.facts.views[name];
+    this.turning.look(middle, reach, seen);
   }
 
   draw() {
@@ -302,10 +302,11 @@ class Viewer {
     const ratio = Math.min(devicePixelRatio, 2) * this.fine;
     if (ratio !== this.renderer.getPixelRatio()) this.renderer.setPixelRatio(ratio); // it makes all buffers anew
     turning.place();
-    const far = Math.min(1, Math.max(0, (turning.distance - 3 * facts.close) / facts.reach));
+    const { first, array } = facts.views;
+    const far = facts.backs ? 1 : Math.min(1, Math.max(0, (turning.distance - 5 * first.reach) / array.reach));
     const { paper, strength } = this.elements.material.uniforms;
     paper.value.set(getComputedStyle(this.root).getPropertyValue("--paper").trim());
-    strength.value = 0.4 + 0.6 * far; // close up they are but the background
+    strength.value = 0.3 + 0.7 * far; // close up they are the background
     this.surface.material.clippingPlanes = this.cutting();
     this.renderer.render(this.scene, this.camera);
     const { shown, emitted, largest } = this;
@@ -395,7 +396,7 @@ class Viewer {
   viewer.choose();
   viewer.moveSlice();
   viewer.fit();
-  viewer.look("foci");
+  viewer.look("first");
   new ResizeObserver(() => viewer.fit()).observe(viewer.canvas.parentElement);
   requestAnimationFrame(() => (viewer.root.dataset.firstPicture = performance.now().toFixed(0)));
 })().catch((fault) => {

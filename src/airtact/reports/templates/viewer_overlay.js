@@ -77,7 +77,7 @@ class Overlay {
 
   ringFoci() {
     const few = this.facts.foci.length <= MOST_NAMES;
-    const [middle] = this.seen(new THREE.Vector3(...this.facts.focus));
+    const [middle] = this.seen(new THREE.Vector3(...this.facts.views.foci.middle));
     for (const { name, position } of this.facts.foci) {
       const [x, y] = this.seen(new THREE.Vector3(...position));
       const ring = { cx: x, cy: y, r: few ? 9 : 3, fill: "none" };

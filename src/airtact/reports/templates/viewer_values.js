@@ -32,7 +32,8 @@ class Values {
       const point = new THREE.Vector3(...focus.position);
       const [fromX, fromY] = overlay.seen(point);
       if (Math.hypot(fromX - x, fromY - y) > 9) continue;
-      return [`focus ${focus.name} at ${this.place(point)}`, `asked: ${focus.asked}`, ...this.each(focus.got)];
+      const asked = focus.asked ? [`requested: ${focus.asked}`] : [];
+      return [`focus ${focus.name} at ${this.place(point)}`, ...asked, ...this.each(focus.got)];
     }
     this.ray.setFromCamera({ x: (2 * x) / box.width - 1, y: 1 - (2 * y) / box.height }, camera);
     const drawn = [surface, slice, elements].filter((one) => one.visible);
@@ -44,14 +45,14 @@ class Values {
     return hit.object === surface ? this.onSurface(hit) : this.inAir(hit.point);
   }
 
-  // Whether what was hit is drawn: not cut away, and no disc seen from behind.
+  // Whether what was hit is drawn: not cut away, and no hidden back of a disc.
   stands({ object, point, instanceId }) {
     const { surface, elements } = this.viewer;
     const planes = surface.material.clippingPlanes;
     if (object === surface) return planes.every((plane) => plane.distanceToPoint(point) >= -0.01);
     if (object !== elements) return true;
     const normal = new THREE.Vector3().fromArray(this.viewer.array("normals"), 3 * instanceId);
-    return normal.dot(this.ray.ray.direction) < 0;
+    return this.viewer.facts.backs || normal.dot(this.ray.ray.direction) < 0;
   }
 
   place(point) {
