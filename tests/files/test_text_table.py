@@ -34,8 +34,6 @@ def test_names_may_stand_in_the_last_comment_and_numbers_be_complex(tmp_path) ->
         ("", "file_unreadable"),
         ("1,2\n", "file_unreadable"),
         ("x;y\n1;2\n", "unknown_format"),
-        ("x\ty\tz\n1\t2\t3\n", "unknown_format"),
-        ("% x y z\n1 2 3\n", "unknown_format"),
         ("x,y,X\n1,2,3\n", "given_twice"),
         ("y\n1\n", "data_missing"),
         ("x,y\n1,2\n\n1\n", "wrong_shape"),
@@ -61,3 +59,9 @@ def test_files_that_are_missing_or_not_text_are_rejected(tmp_path) -> None:
     (tmp_path / "bytes.csv").write_bytes(b"x,y\xff")
     with raises_code("file_unreadable"):
         read_text_table(tmp_path / "bytes.csv")
+
+
+@pytest.mark.parametrize("text", ["x\ty\tz\n1\t2\t3\n", "% x y z\n1 2 3\n", "x y z\n1  2 3\n"])
+def test_spaces_and_tabs_stand_between_cells_too(tmp_path, text) -> None:
+    table = table_of(tmp_path, text)
+    assert [table.numbers(name).tolist() for name in "xyz"] == [[1.0], [2.0], [3.0]]

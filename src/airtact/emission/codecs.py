@@ -123,4 +123,9 @@ def codec_of(board: Board | str) -> Codec:
     on_off = Levels(np.array([0.0, 1.0]), phases=kind.phases)
     if kind.name == "nano16":
         return Codec(kind, on_off, _nano16, baud=115_200, echo=b"\x10\x00")
-    return Codec(kind, on_off, _sonicsurface, baud=230_400)
+    if kind.name == "sonicsurface":
+        return Codec(kind, on_off, _sonicsurface, baud=230_400)
+    raise InvalidInput(
+        f"the messages of {kind.name} boards are not known here; add them to codec_of.",
+        code="not_supported",
+    )

@@ -1,7 +1,8 @@
 """Tables in text files: columns by name, numbers in cells, and the line in every error."""
 
 import csv
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,13 +20,15 @@ MAX_CELLS = 4_000_000
 class TextTable:
     """Cells of a file, not yet read as numbers.
 
-    Names of columns are in small letters; lines of rows count from 1.
+    Names of columns are in small letters; lines of rows count from 1. ``comments`` are the lines
+    that begin with % or #, without that sign.
     """
 
     file: str
     names: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     lines: tuple[int, ...]
+    comments: tuple[str, ...] = ()
 
     __repr__ = in_short
 
@@ -38,6 +41,16 @@ class TextTable:
                 f"has {', '.join(self.names)}.",
                 code="data_missing",
             )
+
+    def without_nan(self) -> "TextTable":
+        """Return the table without the rows in which a cell is NaN."""
+        finite = [
+            index
+            for index, cells in enumerate(self.rows)
+            if not any(cell.lower().startswith("nan") for cell in cells)
+        ]
+        rows = tuple(self.rows[index] for index in finite)
+        return replace(self, rows=rows, lines=tuple(self.lines[index] for index in finite))
 
     def numbers(self, name: str) -> Float64[np.ndarray, "rows"]:
         """Read a column as real numbers.
@@ -75,7 +88,7 @@ class TextTable:
 
 
 def read_text_table(path: Path) -> TextTable:
-    """Read a file of cells between commas.
+    """Read a file of cells between commas, or between spaces as COMSOL writes .txt files.
 
     The first line that is no comment names the columns; where it holds numbers already, the last
     comment before it does, as COMSOL writes it.
@@ -83,6 +96,8 @@ def read_text_table(path: Path) -> TextTable:
     file = path.name
     header = ""
     header_in_comment = True
+    comments = []
+    spaced = False
     rows = []
     lines = []
     count = 0
@@ -90,8 +105,9 @@ def read_text_table(path: Path) -> TextTable:
         if not text.strip():
             continue
         if text.lstrip().startswith(("%", "#")):
+            comments.append(text.lstrip().lstrip("%# "))
             if header_in_comment and not rows:
-                header = text.lstrip().lstrip("%# ")
+                header = comments[-1]
             continue
         _check_separators(file, line, text)
         cells = _cells(file, line, text)
@@ -105,6 +121,8 @@ def read_text_table(path: Path) -> TextTable:
             header = text
             header_in_comment = False
         else:
+            # Names may have commas where the cells of the rows are between spaces.
+            spaced = header_in_comment and "," not in text
             rows.append(cells)
             lines.append(line)
     if not header:
@@ -113,7 +131,11 @@ def read_text_table(path: Path) -> TextTable:
             "its columns.",
             code="file_unreadable",
         )
-    names = tuple(name.lower() for name in _cells(file, 1, header))
+    names = [name.lower() for name in _cells(file, 1, header, spaced)]
+    # COMSOL writes the commas of "p (Pa) @ freq=40000, gap=10" without quotation marks.
+    for index in range(len(names) - 1, 0, -1):
+        if rows and len(names) > len(rows[0]) and "@" not in names[index] and "=" in names[index]:
+            names[index - 1 : index + 1] = [f"{names[index - 1]}, {names[index]}"]
     for name in names:
         if names.count(name) > 1:
             raise InvalidInput(
@@ -127,20 +149,24 @@ def read_text_table(path: Path) -> TextTable:
                 f"{counted(len(names), 'column', 'columns')}, {', '.join(names)}.",
                 code="wrong_shape",
             )
-    return TextTable(file, names, tuple(rows), tuple(lines))
+    return TextTable(file, tuple(names), tuple(rows), tuple(lines), tuple(comments))
 
 
 def _check_separators(file: str, line: int, text: str) -> None:
     """Raise where a line has what some programs write between cells in place of commas."""
-    for separator, name in ((";", "semicolons"), ("\t", "tabs"), (" ", "spaces")):
-        if separator in text.strip() and "," not in text:
-            raise InvalidInput(
-                f"line {line} of {file} has no commas but {name}; put commas between cells.",
-                code="unknown_format",
-            )
+    if ";" in text and "," not in text:
+        raise InvalidInput(
+            f"line {line} of {file} has no commas but semicolons; put commas between cells.",
+            code="unknown_format",
+        )
 
 
-def _cells(file: str, line: int, text: str) -> tuple[str, ...]:
+def _cells(file: str, line: int, text: str, spaced: bool = False) -> tuple[str, ...]:
+    if spaced and "@" in text:
+        # Single spaces are part of a name such as "p (Pa) @ freq=40000", which begins a column.
+        return tuple(re.split(r"\t+|\s{2,}|\s+(?=\S+ \(\S*\) @ )", text.strip()))
+    if spaced or "," not in text:
+        return tuple(text.split())
     try:
         cells = tuple(cell.strip() for cell in next(csv.reader([text], skipinitialspace=True)))
     except csv.Error as error:

@@ -122,9 +122,10 @@ def test_samples_that_do_not_fit_are_rejected(nodes, pressures, code):
         ("x,y,z,p_imag\n0,0,1,2", "data_missing"),
         ("x,y,z,p\n0,0,1", "wrong_shape"),
         ("x,y,z,p\n0,0,1,loud", "file_unreadable"),
-        ("% x,y,z,p\n0,0,1,NaN", "file_unreadable"),
+        ("% x,y,z,p\n0,0,1,NaN", "all_zero"),
+        ("% x,y,z,acpr.Lp_t (dB)\n0,0,1,120", "does_not_match"),
+        ("% x,y,z,p (Pa) @ freq=25000,q (Pa) @ freq=30000\n0,0,1,1,2", "does_not_match"),
         ("x,y,z,p\n0,0,1+2i,3", "file_unreadable"),
-        ("% x y z p\n0 0 1 2", "unknown_format"),
         ("x,y,z,p\n0,0,1,0\n0,1,1,0i\n1,0,1,0\n0,0,2,0", "all_zero"),
         ("x,y,z,p,q\n0,0,1,1,1\n0,1,1,1,1\n1,0,1,1,1\n1,1,1,1,1", "misplaced"),
         ("1,2,3,4", "file_unreadable"),
@@ -142,3 +143,28 @@ def test_a_missing_file_and_a_sign_of_time_that_is_none_are_rejected(tmp_path):
         at.acoustics.load_samples(tmp_path / "none.csv", SCENE, SOURCES, "e^{-iωt}")
     with raises_code("unknown_name"):
         at.acoustics.load_samples(tmp_path / "none.csv", SCENE, SOURCES, "plus")
+
+
+@pytest.mark.parametrize("spaced", [False, True])
+def test_exports_of_comsol_are_read_as_they_come(tmp_path, spaced):
+    """The unit of length in the comments, NaN in solids, other frequencies, commas in names."""
+    names = [f"p_t (Pa) @ freq={f}, gap={gap}" for f in (40000, 40400) for gap in (1, 2)]
+    lines = ["% Model,ball.mph", "% Length unit,mm"]
+    lines.append("% " + ("   " if spaced else ",").join(["X", "Y", "Z", *names]))
+    pressures = EXACT.at(NODES).conj()
+    for node, row in zip(NODES * 1e3, pressures, strict=True):
+        numbers = [
+            f"{value.real:.12g}{value.imag:+.12g}i" for value in (*row, 2 * row[0], 9.0 + 0j)
+        ]
+        lines.append(("  " if spaced else ",").join([*(f"{x:.12g}" for x in node), *numbers]))
+    lines.append(("  " if spaced else ",").join(["0", "0", "0", *["NaN"] * 4]))
+    path = tmp_path / "export.txt"
+    path.write_text("\n".join(lines))
+    sampled = at.acoustics.load_samples(path, SCENE, SOURCES, "e^{+jωt}")
+    np.testing.assert_allclose(sampled.at(INNER), EXACT.at(INNER), rtol=0.05)
+    assert f"1 of {len(NODES) + 1} rows" in sampled.report.warnings[-1]
+    with raises_code("does_not_match"):
+        at.acoustics.load_samples(path, SCENE, SOURCES, "e^{+jωt}", scale=1.0)
+    with raises_code("sizes_differ"):
+        single = at.Monopoles(SOURCES.positions[:1], np.ones((1, 1)))
+        at.acoustics.load_samples(path, SCENE, single, "e^{+jωt}")

@@ -1,6 +1,7 @@
 """A field computed elsewhere: nodes and complex pressures, interpolated between the nodes."""
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -20,11 +21,12 @@ from airtact.errors import (
     check_choice,
     check_finite,
     complex_numbers,
+    counted,
     in_mm,
     points_of,
     positive,
 )
-from airtact.files.text_table import read_text_table
+from airtact.files.text_table import TextTable, read_text_table
 
 TimeSign = Literal["e^{-iωt}", "e^{+jωt}"]
 
@@ -154,13 +156,18 @@ class SampledField(RadiatedField):
 
 
 def load_samples(
-    path: str | Path, scene: Scene, sources: Monopoles, time_sign: TimeSign, scale: float = 1.0
+    path: str | Path,
+    scene: Scene,
+    sources: Monopoles,
+    time_sign: TimeSign,
+    scale: float | None = None,
 ) -> SampledField:
     """Load a field that another program computed, from a table in text.
 
     The file has the columns x, y, z, and for each excitation a column of complex numbers such as
     ``0.5-1.2i``, or two named ``..._real`` and ``..._imag``; lines that begin with % or # are
-    comments, the last of which may name the columns, as COMSOL writes them.
+    comments, the last of which may name the columns, as COMSOL writes them. Rows with NaN, which
+    COMSOL writes in solids, are left out. Of several frequencies that of the scene is taken.
 
     Parameters
     ----------
@@ -168,7 +175,8 @@ def load_samples(
     scene : what was computed.
     sources : the monopoles that emit it, one excitation for each pressure column.
     time_sign : "e^{-iωt}" as here, or "e^{+jωt}" as COMSOL, whose pressures are conjugated.
-    scale : metres per unit of the file's lengths.
+    scale : metres per unit of the file's lengths; by default that of its comment "Length unit", or
+        1.
 
     Raises
     ------
@@ -178,11 +186,17 @@ def load_samples(
     """
     path = Path(path)
     check_choice(time_sign, "time_sign", ("e^{-iωt}", "e^{+jωt}"))
-    scale = positive(scale, "the scale of the samples", "metres per unit")
     table = read_text_table(path)
+    with about(path.name):
+        scale = _scale_of(table, scale)
+    rows = len(table.rows)
+    table = table.without_nan()
+    left_out = rows - len(table.rows)
     table.require("x", "y", "z")
     nodes = np.stack([table.numbers(name) for name in "xyz"], axis=1)
     names = [name for name in table.names if name not in ("x", "y", "z")]
+    with about(path.name):
+        names = _of_frequency(names, scene.frequency)
     columns = {name: table.complex_numbers(name) for name in names}
     with about(path.name):
         pressures = _excitations(columns)
@@ -191,12 +205,66 @@ def load_samples(
                 f"all {pressures.size} pressures are 0; export a field that is not.",
                 code="all_zero",
             )
+        wanted = sources.strengths.shape[1]
+        if pressures.shape[1] != wanted:
+            raise InvalidInput(
+                f"it has {counted(pressures.shape[1], 'pressure', 'pressures')} per row "
+                f"({'; '.join(names)}), and the sources have "
+                f"{counted(wanted, 'excitation', 'excitations')}; keep one for each.",
+                code="sizes_differ",
+            )
         if time_sign == "e^{+jωt}":
             pressures = np.conj(pressures)
         sampled = SampledField(scene, sources, scale * nodes, pressures)
         warnings = _check_sign(sampled, time_sign)
+        if left_out:
+            warnings += (
+                f"{left_out} of {rows} rows of {path.name} have no number (NaN), as in solids, and "
+                "are left out.",
+            )
         object.__setattr__(sampled, "report", replace(sampled.report, warnings=warnings))
     return sampled
+
+
+def _scale_of(table: TextTable, scale: float | None) -> float:
+    """Return metres per unit of a file's lengths, as given or as its comments state."""
+    if scale is not None:
+        scale = positive(scale, "the scale of the samples", "metres per unit")
+    units = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "in": 0.0254}
+    for comment in table.comments:
+        words = comment.replace(",", " ").split()
+        if words[:2] == ["Length", "unit"] and words[-1] in units:
+            stated = units[words[-1]]
+            if scale is not None and abs(scale / stated - 1.0) > 1e-3:
+                raise InvalidInput(
+                    f"its length unit is {words[-1]}, and the scale given is {scale:g}; leave the "
+                    f"scale out, or give {stated:g}.",
+                    code="does_not_match",
+                )
+            return stated
+    return 1.0 if scale is None else scale
+
+
+def _of_frequency(names: Sequence[str], frequency: float) -> list[str]:
+    """Return the columns of pressures at the scene's frequency; refuse levels in decibels."""
+    for name in names:
+        if "(db)" in name:
+            raise InvalidInput(
+                f"the column {name} is a level in dB without a phase; export the complex pressure, "
+                "in COMSOL acpr.p_t.",
+                code="does_not_match",
+            )
+    frequencies = {name: re.search(r"freq=([0-9.e+-]+)", name) for name in names}
+    stated = {name: float(found[1]) for name, found in frequencies.items() if found}
+    chosen = [name for name in names if abs(stated.get(name, frequency) - frequency) < 0.5]
+    if names and not chosen:
+        listed = ", ".join(f"{value:g} Hz" for value in sorted(set(stated.values())))
+        raise InvalidInput(
+            f"its pressures are for {listed}, and the scene is at {frequency:g} Hz; export that "
+            "frequency.",
+            code="does_not_match",
+        )
+    return chosen
 
 
 def _excitations(
