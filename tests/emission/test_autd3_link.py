@@ -63,12 +63,6 @@ def test_every_byte_comes_back_from_the_firmware(link: at.AUTD3Link) -> None:
         assert differ == 0
 
 
-def test_every_level_comes_back_from_the_firmware(link: at.AUTD3Link) -> None:
-    levels = (np.arange(996) % 256).astype(np.uint8)
-    link.send(Frame(levels, levels[::-1].copy()))
-    assert link.played().same_as(Frame(levels, levels[::-1].copy()))
-
-
 def test_the_firmware_plays_pressure_in_proportion_to_the_level(link: at.AUTD3Link) -> None:
     """Pulses of w of 512 ticks have the first harmonic sin(πw/512), and 8 bits of width leave 0.3 % of full scale."""
     table = np.array(

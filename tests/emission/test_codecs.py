@@ -1,6 +1,5 @@
 """Messages of boards, heard by models of their firmware: exact, and with our sense of phase."""
 
-import jaxtyping
 import numpy as np
 import pytest
 
@@ -12,7 +11,6 @@ from airtact.transducers.boards import board_named
 from airtact.transducers.layout import surrounding_box
 from airtact.transducers.levels import Levels
 from emission.receivers import Nano16, OpenMPD, SonicSurface, TwoSonicSurfaces, first_harmonic
-from faults import raises_code
 
 RECEIVERS = {"sonicsurface": SonicSurface, "nano16": Nano16, "openmpd": OpenMPD}
 
@@ -126,38 +124,3 @@ def test_rounding_costs_what_it_may() -> None:
     # Playing all as loud as the loudest loses what time reversal knew of distances: never more than
     # it had.
     assert np.all(rounding_error(transfer, drive, at.quantise(drive, five_bits)) < 0.0)
-
-
-NANO = codec_of("nano16").levels
-ONES = np.ones(3, dtype=np.uint8)
-
-
-@pytest.mark.parametrize(
-    ("make", "code"),
-    [
-        (lambda: Levels(np.array([0.0]), 32), "out_of_range"),
-        (lambda: Levels(np.array([0.0, 0.5]), 32), "out_of_range"),
-        (
-            lambda: Levels(np.array([0.0, 1.0]), 300),
-            "out_of_range",
-        ),
-        (lambda: Levels(np.array([0.0, 1.0]), 4.5), "out_of_range"),
-        (lambda: rounding_error(*focus(), 3), "wrong_kind"),
-        (lambda: Frame(2 * ONES, 0 * ONES, NANO), "out_of_range"),
-        (
-            lambda: Frame(ONES, 16 * ONES, NANO),
-            "out_of_range",
-        ),
-        (
-            lambda: rounding_error(*focus(), at.quantise(at.Drive(np.zeros(996, complex)))),
-            "all_zero",
-        ),
-        (lambda: at.quantise(at.Drive(np.ones(3, complex)), 32), "wrong_kind"),
-    ],
-)
-def test_levels_that_cannot_be_are_rejected(
-    make, code: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)  # as it is outside the tests
-    with raises_code(code):
-        make()

@@ -176,7 +176,7 @@ class Loop:
         moments = [playing(self.scene, step / 30) for step in range(31)]
         number = 0
         while not self._ended.wait(1 / 60):
-            at_rest = self.page.stopped or not self.page.controls.playing
+            at_rest = self.pressed.is_set() or not self.page.controls.playing
             silent = silent_moment(self.scene, 0.0, 0.0)
             self.page.show(silent if at_rest else moments[number % len(moments)])
             number += 1

@@ -9,7 +9,7 @@ import pytest
 import airtact as at
 from airtact.acoustics.solvers.open_air import monopole_pressure
 from airtact.hands.kinematics import turned
-from airtact.live.drives.bending import BendingHand, ElementSubset, bones_of
+from airtact.live.drives.bending import BendingHand, bones_of
 from airtact.live.drives.factors import HandFactors, OpenAir, solved
 from airtact.live.drives.maker import solved_for
 from airtact.live.drives.solver_process import Request, SolverProcess
@@ -110,16 +110,6 @@ def test_what_comes_by_way_of_bones_is_added_up_with_the_phase_of_its_path(scene
     phases = scene.medium.wavenumber(scene.frequency).real * longer
     expected = found.straight[:, None] + np.sum(found.waves * np.exp(1j * phases), axis=0)
     np.testing.assert_allclose(found.at(scene, later), expected, atol=1e-3 * np.abs(expected).max())
-
-
-@pytest.mark.parametrize("array", [at.flat_boards(2, 2), at.surrounding_box()])
-def test_what_varies_slowly_over_an_array_follows_from_some_elements(array):
-    some = ElementSubset.of(array.positions, len(array) // 4)
-    waves = np.exp(1j * np.array([[20.0, -30.0, 10.0], [0.0, 25.0, 25.0]]) @ array.positions.T)
-    found = some.interpolated(waves[:, some.chosen].astype(np.complex64))
-    assert found.shape == waves.shape
-    np.testing.assert_allclose(found[:, some.chosen], waves[:, some.chosen], atol=1e-5)
-    assert np.linalg.norm(found - waves) < 0.1 * np.linalg.norm(waves)
 
 
 def test_whole_hands_are_carried_where_foci_are_many(scene):

@@ -5,7 +5,7 @@ import pytest
 
 import airtact as at
 from airtact.live.drives.factors import OpenAir
-from airtact.live.drives.maker import HandAware, displaced, off_by, robust_drive
+from airtact.live.drives.maker import HandAware, off_by, robust_drive
 from airtact.live.scene import LiveScene, pose_hand
 from references.motions import pinch_pose, still
 
@@ -47,19 +47,6 @@ def test_a_robust_drive_keeps_more_where_foci_are_off(scene, foci, phases, metho
     assert lowest_tenth(scene, foci, off, made) > gain * lowest_tenth(scene, foci, off, usual)
     assert np.abs(made).max() == pytest.approx(1.0)
     assert np.abs(made).min() > 0.999 or not phases
-
-
-def test_displaced_rows_are_those_of_displaced_foci(scene, foci):
-    open_air = OpenAir(scene)
-    samples = displaced(scene, open_air.rows(foci), foci, 1e-3)
-    np.testing.assert_allclose(
-        samples[:8] * samples[8:], np.tile(samples[:1] * samples[8:9], (8, 1, 1)), rtol=1e-3
-    )
-    assert samples.shape == (16, 2, len(scene.array))
-    from airtact.live.drives.maker import _deviations
-
-    exact = open_air.rows(foci + 1e-3 * _deviations(2)[3])
-    assert np.linalg.norm(samples[3] - exact) < 0.05 * np.linalg.norm(exact)
 
 
 def test_sure_foci_get_the_strongest_drive(scene, foci):

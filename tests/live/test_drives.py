@@ -8,7 +8,6 @@ import pytest
 
 import airtact as at
 from airtact.live.drives.factors import HandFactors, OpenAir, RigidParts, solved
-from airtact.live.drives.library import Library, expected_kept
 from airtact.live.drives.solver_process import Request, SolverProcess
 from airtact.live.scene import gap_change, pose_hand, turn
 from live.live_scenes import Ready, correlations
@@ -107,16 +106,6 @@ def test_a_lost_hand_is_silent(board, joints):
             maker.take(seen(joints))
 
 
-def test_poses_that_are_alike_are_kept_once(board, joints, phalanges):
-    library = Library("phalanges", board)
-    for _ in range(3):
-        library.add(phalanges)
-    assert len(library) == 1
-    found = library.best(pose_hand(board, joints))[1]
-    assert found is not None
-    np.testing.assert_array_equal(found.factors, phalanges.factors)
-
-
 def test_the_process_solves_says_what_it_cannot_and_ends(board, joints):
     process = SolverProcess(board, "phalanges")
     crossed = joints.copy()
@@ -138,18 +127,6 @@ def test_the_process_solves_says_what_it_cannot_and_ends(board, joints):
     finally:
         process.close()
     assert not process._worker.alive
-
-
-def test_distances_are_expected_to_keep_more_where_noise_has_spoiled_a_whole_hand():
-    at_once, far = np.zeros(1), np.full(1, 5e-3)
-
-    def kept(part, noise: float, gap=at_once) -> float:
-        return float(expected_kept(part, gap, at_once, noise, 6)[0])
-
-    for noise, better in ((0.0, True), (0.2e-3, True), (0.6e-3, False), (1e-3, False)):
-        assert (kept("carried", noise) > kept("distances", noise)) == better
-    assert kept("carried", 0.0, far) > kept("distances", 0.0)
-    assert kept("phalanges", 1e-3) > kept("distances", 1e-3)
 
 
 def test_solvers_rest_while_noise_spoils_all_that_they_find(board, joints):

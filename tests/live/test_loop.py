@@ -25,14 +25,6 @@ def loudness(output: Kept) -> np.ndarray:
     return np.abs(output.sent).max(axis=1)
 
 
-def test_the_example_is_what_it_is_said_to_be():
-    frames = at.hands.load_recording(at.example("reaching.jsonl")).frames
-    assert at.example("reaching.jsonl").stat().st_size < 300_000
-    for frame, made in zip(frames[::40], reaching_recording()[::40], strict=True):
-        assert frame.time == pytest.approx(made.time)
-        np.testing.assert_allclose(frame.landmarks, made.landmarks, atol=2e-6)
-
-
 def test_sound_follows_a_hand_and_the_session_holds_what_was_done(example_scene, clock, tmp_path):
     scene, frames = example_scene, reaching_recording()[:60]
     writer = at.live.SessionWriter(tmp_path / "session.h5", scene)

@@ -7,7 +7,7 @@ import pytest
 
 import airtact as at
 from airtact.live.drives.factors import OpenAir, solved
-from airtact.live.drives.moving import Rounds, aligned, moving_points, turned_towards
+from airtact.live.drives.moving import Rounds, aligned, moving_points
 from airtact.live.scene import pose_hand
 from faults import raises_code
 from live.live_scenes import Kept, Ready, Scheduled
@@ -59,16 +59,6 @@ def test_paths_are_those_of_the_scene_and_ride_with_the_hand(setup, scene, joint
         moved, pose.apply(here.reshape(-1, 3)).reshape(here.shape), atol=1e-9
     )
     assert scene.moving.rate == pytest.approx(50.0 * 12, rel=0.01)
-
-
-def test_rows_are_carried_on_to_the_displaced_foci(scene, joints):
-    posed, open_air = pose_hand(scene, joints), OpenAir(scene)
-    points = moving_points(scene.moving, posed).reshape(-1, 3)
-    carried, exact = (
-        Rounds(scene, scene.moving, open_air.rows)._rows(posed, points),
-        open_air.rows(points),
-    )
-    assert np.linalg.norm(carried - exact) < 0.05 * np.linalg.norm(exact)
 
 
 def test_each_focus_gets_its_sound_where_it_is(scene, joints, phalanges):
@@ -148,12 +138,6 @@ def test_frames_unlike_their_neighbours_keep_the_phase_that_they_had():
     before = np.exp(2j * np.pi * random.random((12, 249)))
     turned = np.exp(2j * np.pi * random.random((12, 1)))
     assert largest_step(aligned(before * turned, before), before) < 0.3
-
-
-def test_a_drive_is_turned_towards_the_one_before():
-    before = np.exp(2j * np.pi * np.random.default_rng(0).random(50))
-    np.testing.assert_allclose(turned_towards(before * np.exp(2.0j), before), before)
-    np.testing.assert_allclose(turned_towards(before, np.zeros(50, complex)), before)
 
 
 def test_the_loop_leads_foci_and_the_page_holds_them_still(setup, scene, clock):

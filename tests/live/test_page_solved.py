@@ -11,12 +11,10 @@ from airtact.live.drives.factors import OpenAir, part_of, solved
 from airtact.live.page.sound import (
     SLICE_POINTS,
     SLICE_SIZE,
-    SLICE_ZOOM,
     Section,
     SoundProcess,
     SoundRequest,
     SoundSolver,
-    enlarged,
 )
 from airtact.live.page.view import MovingSkin
 from airtact.live.scene import LiveScene, pose_hand
@@ -52,14 +50,6 @@ def test_a_slice_begins_at_the_upper_left(across, along, up, normal) -> None:
         points[SLICE_POINTS - 1], centre + half * np.array(along) + half * np.array(up), atol=1e-12
     )
     assert np.linalg.det(section.axes) == pytest.approx(1.0)
-
-
-def test_a_plane_wave_is_as_strong_between_the_points_of_a_slice() -> None:
-    points = Section(np.zeros(3), "y", 0.0).points()
-    wave = np.exp(1j * 732.0 * (points @ [0.6, 0.0, 0.8]))
-    magnitude = enlarged(wave)
-    assert magnitude.shape == (SLICE_ZOOM * SLICE_POINTS, SLICE_ZOOM * SLICE_POINTS)
-    assert np.abs(magnitude[4:-4, 4:-4] - 1.0).max() < 0.1
 
 
 def test_a_focus_gets_what_a_beacon_there_sends_to_the_array() -> None:

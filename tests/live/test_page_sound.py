@@ -35,12 +35,6 @@ def test_elements_as_points_give_the_field_of_whole_ones_near_the_foci(board) ->
         assert np.abs(found - exact).max() < error * most
 
 
-def test_nothing_is_radiated_behind_the_faces(board) -> None:
-    scene, moment = board
-    behind = scene.array.positions.mean(axis=0) - 0.1 * scene.array.normals.mean(axis=0)
-    assert not direct_sound(scene, behind[None], moment.amplitudes).any()
-
-
 def test_the_skin_stays_closed_on_the_body_while_fingers_open() -> None:
     motion = Pinching(5)
     skin = MovingSkin(motion.radii)

@@ -1,4 +1,4 @@
-"""Into the world: the messages of boards, the links that carry them, and stopping safely."""
+"""Emission of drives: messages of boards, the links that carry them, and safe silence."""
 
 import lazy_loader
 

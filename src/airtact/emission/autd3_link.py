@@ -17,15 +17,15 @@ from airtact.geometry.pose import Pose
 from airtact.transducers.levels import EIGHT_BITS
 from airtact.transducers.modulation import check_rate
 
+# Ways to the boards.
 THROUGH = ("audit", "ethercrab", "twincat", "remote", "simulator")
-"""Ways to the boards."""
 
+# Periods of sound a second; a sequence's rate must divide it.
 PERIODS = 40_000
-"""Periods of sound a second; a sequence's rate must divide it."""
 
 INTENSITY_FADE = 250
+# Default times over which the silencer spreads a change of intensity and of phase [µs].
 PHASE_FADE = 1000
-"""Default times over which the silencer spreads a change of intensity and of phase [µs]."""
 
 
 class AUTD3Link(Link):
@@ -33,8 +33,8 @@ class AUTD3Link(Link):
 
     The silencer of a board spreads changes of intensity over 0.25 ms and of phase over 1 ms, which
     avoids audible noise; a sequence with shorter frames shortens these times to one frame. Drives
-    hold all phases, so the frames do not depend on pyautd3's speed of sound. It is set for
-    simulators, which show a field of their own.
+    contain all phases, so the frames do not depend on pyautd3's speed of sound, which is set for
+    simulators only.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class AUTD3Link(Link):
         super().check_sequence(frames, rate)
         if not 2 <= frames <= 1024:
             raise InvalidInput(
-                f"an AUTD3 board keeps 2 to 1024 frames, not {frames}.", code="sizes_differ"
+                f"an AUTD3 board stores 2 to 1024 frames, not {frames}.", code="sizes_differ"
             )
         # The board counts the periods of a frame in 16 bits.
         check_rate(rate, PERIODS, 0xFFFF, "AUTD3")
@@ -119,7 +119,7 @@ class AUTD3Link(Link):
             return self._elsewhere("played", index)
         if self.name != "audit":
             raise InvalidInput(
-                f"the {self.boards} boards behind {self.name} cannot be read: only audit can.",
+                f"the {self.boards} boards behind {self.name} cannot be read; only audit can.",
                 code="not_supported",
             )
         model = self._controller.link()
@@ -198,7 +198,7 @@ class AUTD3Link(Link):
         return remote.Remote(address) if self.name == "remote" else simulator.Simulator(address)
 
     def _note(self, board: int, status: object) -> None:
-        """Keep EtherCAT's report of a board for the next frame; called from another thread."""
+        """Store EtherCAT's report of a board for the next frame; called from another thread."""
         self._lost = f"board {board}: {status}"
 
     def _transmit(self, frame: Frame) -> None:
@@ -236,7 +236,7 @@ class AUTD3Link(Link):
     def _silence(self) -> None:
         self._modulating = False
         self._smoothed = None
-        # First silence, which the boards acknowledge; only then may the silencer be slow again.
+        # The boards acknowledge silence before the silencer may become slow again.
         self._sender.send((self._library.Static(), self._library.Null()))
         self._sender.send(self._silencer(INTENSITY_FADE, PHASE_FADE))
 
@@ -302,7 +302,7 @@ def _gain_of(words: UInt16[np.ndarray, "boards elements"]) -> Any:
     entry_point: Any = NativeMethods().gain_custom
 
     class TableGain(Gain):
-        """A gain that looks up."""
+        """Gain that reads the words of a table."""
 
         def __init__(self) -> None:
             self.words = np.ascontiguousarray(words)
@@ -319,6 +319,4 @@ def _gain_of(words: UInt16[np.ndarray, "boards elements"]) -> Any:
 
 
 class _Words(ctypes.Structure):
-    """The context of ``word_of_element``: a table, and the number of elements of a board."""
-
     _fields_ = (("words", ctypes.c_void_p), ("elements_of_a_board", ctypes.c_int64))

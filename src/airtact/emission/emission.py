@@ -1,4 +1,4 @@
-"""Safe emission: a ramp, a cap, a watchdog, and silence however it ends."""
+"""Safe emission: a ramp, a cap, a watchdog, and silence at every end."""
 
 import atexit
 import signal
@@ -43,14 +43,14 @@ class Played:
 
 
 class Emission:
-    """Sound from boards, silenced however it ends.
+    """Emission of drives by boards, which ends in silence in every case.
 
-    Use it as ``with Emission(link) as emission:``. A process of its own opens the link, raises the
-    sound over a ramp and sends a confirmed frame of zeros: when the block is left, when this
-    process is gone for whatever reason, and when half a second passes without ``send``, ``hold``,
-    ``play``, ``cycle``, ``modulate``, ``set_modulation``, ``silence`` or ``beat``. Nothing can be
-    sent after that, except where calls came too late and the emission ``resumes``. SIGINT, SIGTERM
-    and SIGHUP in the main thread leave the block by ``KeyboardInterrupt`` or ``SystemExit``.
+    Use it as ``with Emission(link) as emission:``. A separate process opens the link and raises the
+    sound over a ramp. It sends a confirmed frame of zeros when the block is left, when this process
+    ends for any reason, and when half a second passes without ``send``, ``hold``, ``play``,
+    ``cycle``, ``modulate``, ``set_modulation``, ``silence`` or ``beat``. Nothing can be sent after
+    that, unless the emission ``resumes`` after late calls. SIGINT, SIGTERM and SIGHUP in the main
+    thread leave the block by ``KeyboardInterrupt`` or ``SystemExit``.
 
     If the link process itself is killed, the next call raises ``LinkFailed``, and another process
     opens the link and silences the boards. A link whose class is defined in the script itself, or
@@ -59,7 +59,7 @@ class Emission:
 
     Parameters
     ----------
-    link : the way to the boards, opened and closed here.
+    link : to the boards; it is opened and closed here.
     cap : largest amplitude of an element, a share of full scale; drives above it are scaled down.
         By default each drive gets the cap that keeps a head 0.5 m off the array to 110 dB SPL in
         open air, which takes about 50 ms for 1,000 elements. A cap of 1 is full scale.
@@ -67,8 +67,8 @@ class Emission:
     patience : time that boards emit without a call [s].
     log : file to which the link process writes one line per event: the time on the system's
         monotonic clock (``time.monotonic``) [s], and the event.
-    resumes : whether boards that were silenced because no call came take the next drive, over the
-        ramp.
+    resumes : whether the next drive is played, over the ramp, after the boards were silenced
+        because no call came.
 
     Attributes
     ----------
@@ -117,7 +117,7 @@ class Emission:
         )
         self._inside = 0
         self._signal: int | None = None
-        self._over = "it was not begun"
+        self._over = "it has not begun"
         self._link_process: LinkProcess | None = None
         self._handlers: dict[int, Any] = {}
 
@@ -174,7 +174,7 @@ class Emission:
         atexit.unregister(self._end)
         failed: LinkFailed | None = None
         try:
-            process.ask("finish", "it was ended")
+            process.ask("finish", "it has ended")
             self.link.collect()
         except LinkFailed as error:
             failed = error
@@ -182,7 +182,7 @@ class Emission:
             self._link_process = None
             self.link._elsewhere = None
             try:
-                self._over = process.close() or "it was ended"
+                self._over = process.close() or "it has ended"
             except LinkFailed as error:
                 self._over = "the link process was lost"
                 # Where silence was confirmed, an error on closing adds nothing, unless the link
@@ -292,10 +292,10 @@ class Emission:
         return self._played(drive.amplitudes[None], envelope, rate, seconds)
 
     def set_modulation(self, modulation: AmplitudeModulation | None) -> None:
-        """Modulate the amplitude of all that ``send`` plays from now on, or stop that.
+        """Modulate the amplitude of all drives sent from now on; None ends the modulation.
 
-        The modulation goes on without a jump while drives change. AUTD3 boards play it themselves;
-        other boards are sent the newest drive for each of its frames.
+        The modulation continues without a jump while drives change. AUTD3 boards play it
+        themselves; other boards get the newest drive for each of its frames.
 
         Raises
         ------
@@ -313,7 +313,7 @@ class Emission:
         Parameters
         ----------
         fade : duration [s].
-        wait : whether to return only when it is over.
+        wait : whether to wait for its end.
 
         Raises
         ------
@@ -380,7 +380,6 @@ class Emission:
         self.link.check_sequence(len(sequence), sequence.rate)
 
     def _safe_cap(self, drives: Complex128[np.ndarray, "drives elements"]) -> float:
-        """Return the cap that keeps a head under the limit, around the boards of the link."""
         self.beat()
         link = self.link
         if link.poses is None:
@@ -432,7 +431,6 @@ class Emission:
         return Played(sent / (time.monotonic() - begun), sent, dropped)
 
     def _outlast(self, left: float) -> None:
-        """Wait until a ramp is over, which still takes ``left`` [s]."""
         while left > 0.0:
             time.sleep(min(left, self._pause))
             left = self._ask("beat")
@@ -442,7 +440,7 @@ class Emission:
         return min(self._settings.patience / 5.0, 0.05)
 
     def _ask(self, name: str, *arguments: Any) -> Any:
-        """Have the link's player do something; no signal can interrupt it."""
+        """Call a method of the link's player; no signal can interrupt the call."""
         with self._shielded():
             if self._link_process is None:
                 raise self.link.emission_over(self._over)
@@ -483,14 +481,14 @@ class Emission:
             self._obey()
 
     def _obey(self) -> None:
-        """Act on a signal, now that nothing is being sent; a signal ends the main thread only."""
+        """Act on a signal while nothing is being sent; a signal ends the main thread only."""
         if self._signal is None or threading.current_thread() is not threading.main_thread():
             return
         kind = self._signal
         self._signal = None
         if self._link_process is not None:
             with self._shielded():
-                self._link_process.ask("finish", f"of the signal {signal.Signals(kind).name}")
+                self._link_process.ask("finish", f"it got the signal {signal.Signals(kind).name}")
         if kind == signal.SIGINT:
             raise KeyboardInterrupt
         # The exit status of shells for a process that a signal ended.

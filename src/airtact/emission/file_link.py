@@ -1,4 +1,4 @@
-"""A link that writes a file: for boards without a link here, and to inspect the frames."""
+"""A link that writes frames to a file, to inspect them or for boards without a link."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,8 +19,8 @@ from airtact.emission.link import Link
 from airtact.errors import InvalidInput, about, of_kind
 from airtact.files.atomic import written
 
+# Endings of files: those of drives, and the bytes for the boards.
 ENDINGS = (*DRIVE_ENDINGS, ".bin")
-"""Kinds of files: those of drives, and the bytes that the boards are sent."""
 
 
 def load_drive(path: str | Path, *, rate: float | None = None) -> Drive | Drives:
@@ -54,10 +54,10 @@ def load_drive(path: str | Path, *, rate: float | None = None) -> Drive | Drives
 
 
 class FileLink(Link):
-    """Writes all frames that it is sent to a file when it is closed.
+    """Link that writes its frames to a file when it is closed.
 
-    It has no clock: a sequence is written completely with its rate, as fast as the disk takes it,
-    without a ramp and without the silence at the end. ``load_drive`` reads all but ``.bin``.
+    It has no clock: a sequence is written completely with its rate, as fast as possible, without a
+    ramp and without the silence at the end. ``load_drive`` reads all but ``.bin``.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ class FileLink(Link):
     def _begin(self) -> None:
         if not self.path.parent.is_dir():
             raise InvalidInput(
-                f"there is no folder {self.path.parent} for {self.path.name}: make it first.",
+                f"there is no folder {self.path.parent} for {self.path.name}: create it first.",
                 code="not_writable",
             )
         self._frames = []

@@ -1,4 +1,4 @@
-"""What every link to boards does, and the link that only records."""
+"""Base class of the links to boards, and a link that records frames."""
 
 import hashlib
 import os
@@ -22,7 +22,7 @@ from airtact.transducers.levels import Levels
 
 
 class LinkFailed(RuntimeError):  # noqa: N818 (reads as what it is in a traceback)
-    """A link failed while it was open; the message says what was sent last.
+    """Failure of an open link; the message describes what was sent last.
 
     Attributes
     ----------
@@ -39,10 +39,10 @@ class LinkFailed(RuntimeError):  # noqa: N818 (reads as what it is in a tracebac
 
 
 class Link(ABC):
-    """A way to boards of one kind: open it, send frames or play a sequence, stop, close.
+    """Connection to boards of one kind: open it, send frames or play a sequence, stop, close.
 
-    A link sends every frame as it is. Use ``Emission``, which makes it safe: ramp, cap, watchdog
-    and silence at the end.
+    A link sends every frame unchanged. ``Emission`` makes it safe: ramp, cap, watchdog, and silence
+    at the end.
 
     Attributes
     ----------
@@ -158,7 +158,7 @@ class Link(ABC):
         """
         if not self.plays_itself:
             raise InvalidInput(
-                f"{self.codec.board.name} boards keep no sequences: send frame by frame.",
+                f"{self.codec.board.name} boards store no sequences: send frame by frame.",
                 code="not_supported",
             )
         # Before anything is sent: boards must not keep half of a sequence.
@@ -182,8 +182,8 @@ class Link(ABC):
             raise InvalidInput(f"a sequence needs at least 1 frame, not {frames}.", code="empty")
         if positive(rate, "the rate of a sequence", "frames/s") > self.fastest:
             raise InvalidInput(
-                f"{rate:g} frames/s are more than the {self.name} link carries to {self.devices}: "
-                f"the nearest is {np.floor(self.fastest):g} frames/s.",
+                f"{rate:g} frames/s exceed the {np.floor(self.fastest):g} frames/s that the "
+                f"{self.name} link to {self.devices} can carry: give a lower rate.",
                 code="out_of_range",
             )
 
@@ -197,7 +197,7 @@ class Link(ABC):
             )
 
     def stop(self) -> None:
-        """Silence the boards; boards that can confirm it.
+        """Silence the boards and have them confirm it, where they can.
 
         Raises
         ------
@@ -246,7 +246,7 @@ class Link(ABC):
         """
 
     def collect(self) -> None:  # noqa: B027 (most links keep nothing)
-        """Fetch what the link keeps in another process, before that process ends."""
+        """Fetch the link's data from its process before that process ends."""
 
     def zero(self) -> Frame:
         """Return the frame in which all elements are off."""
@@ -254,7 +254,7 @@ class Link(ABC):
         return Frame(nothing, nothing, self.levels)
 
     def _resource(self) -> str | None:
-        """Return the name of what one process at a time may use, such as a port, or None."""
+        """Return the name of a resource for one process at a time, such as a port, or None."""
         return None
 
     def _unlock(self) -> None:
@@ -322,13 +322,13 @@ class Link(ABC):
     def emission_over(self, why: str) -> LinkFailed:
         """Return the error of a call after the end of an emission."""
         return LinkFailed(
-            f"the emission is over because {why}, after {self.sent} frames, and nothing was sent.",
+            f"nothing was sent, because the emission is over: {why} ({self.sent} frames sent).",
             code="emission_over",
         )
 
 
 class RecordingLink(Link):
-    """Records the frames that it is sent, for tests and trials.
+    """Link that records its frames, for tests and trials.
 
     Attributes
     ----------
@@ -383,7 +383,7 @@ class RecordingLink(Link):
 
 
 def lock_boards(resource: str) -> int | None:
-    """Reserve the way to boards until the returned file is closed; None where there are no locks.
+    """Lock a resource until the returned file is closed; return None on systems without locks.
 
     Raises
     ------
@@ -410,6 +410,7 @@ def lock_boards(resource: str) -> int | None:
             if time.monotonic() > end:
                 os.close(file)
                 raise InvalidInput(
-                    f"{resource} is in use by another process: end it first.", code="link_in_use"
+                    f"{resource} is in use by another process: end that process first.",
+                    code="link_in_use",
                 ) from None
             time.sleep(0.02)

@@ -1,8 +1,8 @@
-"""The process that holds a link, and its feeder's side, which starts it and replaces it if lost.
+"""The process that holds a link, and its owner's side, which starts it and replaces it if lost.
 
-The process plays for its feeder, and silences the boards without it. Nothing that ends the feeder
+The process plays for its owner, and silences the boards without it. Nothing that ends the owner
 ends this process before the boards are silent. It has a session of its own, ignores every signal
-that it can, and notices at once when the feeder's end of the connection closes or the feeder is
+that it can, and notices at once when the owner's end of the connection closes or the owner is
 gone.
 """
 
@@ -26,14 +26,14 @@ from airtact.emission.link import Link, LinkFailed
 from airtact.emission.player import Player, Settings
 from airtact.errors import InvalidInput
 
+# Time that a link process may take to answer before it is ended [s].
 ANSWER_TIMEOUT = 30.0
-"""Time that a link process may take to answer before it is ended [s]."""
 
+# Time that a link process may take to open its link before it is ended [s].
 OPENING_TIMEOUT = 120.0
-"""Time that a link process may take to open its link before it is ended [s]."""
 
+# Time that a link process may take to end once its link is closed [s].
 ENDING_TIMEOUT = 5.0
-"""Time that a link process may take to end once its link is closed [s]."""
 
 
 class Channel:
@@ -56,7 +56,7 @@ class Channel:
     def send(self, message: tuple[object, ...]) -> None:
         """Send objects that can be pickled; raise OSError if the other side does not take them."""
         data = pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL)
-        # A feeder that does not read must not keep the player from the watchdog.
+        # A owner that does not read must not keep the player from the watchdog.
         self._socket.settimeout(self._patience)
         self._socket.sendall(self.LENGTH.pack(len(data)) + data)
 
@@ -140,26 +140,23 @@ class LinkProcess:
             thread.start()
         sent_link = link if reason is None else None
         try:
-            self._exchange("open", (sent_link, settings), OPENING_TIMEOUT)
+            self.ask("open", sent_link, settings, seconds=OPENING_TIMEOUT)
         except BaseException:
             self.end()
             raise
         if self._child is not None:
-            # A thread: the boards must fall silent even while the feeder computes.
+            # A thread: the boards must fall silent even while the owner computes.
             self._watcher = threading.Thread(target=self._watch, name="link watcher", daemon=True)
             self._watcher.start()
 
-    def ask(self, name: str, *arguments: object) -> object:
-        """Call a method of the link's player and return its answer.
+    def ask(self, name: str, *arguments: object, seconds: float = ANSWER_TIMEOUT) -> Any:
+        """Call a method of the link's player and return its answer, within a time [s].
 
         Raises
         ------
         InvalidInput, LinkFailed
             The errors of the link; "link_process_lost" if its process is gone.
         """
-        return self._exchange(name, arguments, ANSWER_TIMEOUT)
-
-    def _exchange(self, name: str, arguments: tuple[object, ...], seconds: float) -> Any:
         with self._lock:
             if self._lost is not None:
                 raise self._lost_error()
@@ -203,7 +200,7 @@ class LinkProcess:
 
     def _lost_error(self) -> LinkFailed:
         who = "thread" if self._child is None else f"process {self._child.pid}"
-        then = "it was not open yet" if self._watcher is None else "another one silences the boards"
+        then = "it had not opened" if self._watcher is None else "another one silences the boards"
         return LinkFailed(
             f"the link's {who} {self._lost}, after {self._link.sent} frames; {then}.",
             code="link_process_lost",
@@ -239,7 +236,7 @@ class LinkProcess:
         """
         try:
             self._closing = True
-            return self._exchange("close", (), ANSWER_TIMEOUT)
+            return self.ask("close")
         except LinkFailed as error:
             # The watcher has another process silence the boards: wait for its result.
             if error.code == "link_process_lost" and self._watcher is not None:
@@ -266,7 +263,7 @@ def why_here(link: Link) -> str | None:
     if os.name != "posix":
         return f"link processes need a POSIX system, and this is {sys.platform}"
     if not sys.executable:
-        return "this Python does not know its own interpreter"
+        return "the path of the Python interpreter is not known"
     if type(link).__module__ == "__main__":
         return f"{type(link).__name__} is defined in the script itself: put it into a module"
     # Only a link that can be pickled can be sent to another process.
@@ -278,7 +275,6 @@ def why_here(link: Link) -> str | None:
 
 
 def _start(end: socket.socket) -> "subprocess.Popen[bytes]":
-    """Start a process that serves one end of a connection."""
     module = "airtact.emission.link_process"
     # The process finds the same modules as this one, and signals to this session do not reach it.
     paths = os.pathsep.join(os.path.abspath(path) for path in sys.path)
@@ -304,7 +300,7 @@ def _start(end: socket.socket) -> "subprocess.Popen[bytes]":
 def serve(
     channel: Channel, gone: Callable[[], bool] = lambda: False, here: Link | None = None
 ) -> None:
-    """Play a link, ``here`` or from the first message, until its feeder closes it or is gone."""
+    """Play a link, ``here`` or from the first message, until its owner closes it or is gone."""
     player: Player | None = None
     try:
         while not gone():
@@ -329,7 +325,7 @@ def serve(
                     return
             if player is not None:
                 player.step()
-    except (EOFError, OSError):  # the feeder is gone: silence the boards below
+    except (EOFError, OSError):  # the owner is gone: silence the boards below
         pass
     finally:
         if player is not None:
@@ -346,8 +342,7 @@ def _carried(error: BaseException) -> BaseException:
 
 
 def _end(player: Player) -> None:
-    """Silence the boards without a feeder, and close the link."""
-    # No feeder is left to report to, so silence that is not confirmed is tried again for 5 s.
+    # No owner is left to report to, so silence that is not confirmed is tried again for 5 s.
     for _ in range(50):
         try:
             player.finish("its process was gone")
@@ -359,7 +354,7 @@ def _end(player: Player) -> None:
 
 
 def main() -> None:
-    """Serve the feeder whose connection and process number are the arguments."""
+    """Serve the owner whose connection and process number are the arguments."""
     # Children that a library starts must be waited for, and faults of the machine must not repeat
     # for ever.
     needed = {
@@ -373,8 +368,8 @@ def main() -> None:
     for kind in signal.valid_signals() - needed:
         with suppress(OSError, ValueError):
             signal.signal(kind, signal.SIG_IGN)
-    feeder = int(sys.argv[2])
-    serve(Channel(socket.socket(fileno=int(sys.argv[1]))), lambda: os.getppid() != feeder)
+    owner = int(sys.argv[2])
+    serve(Channel(socket.socket(fileno=int(sys.argv[1]))), lambda: os.getppid() != owner)
 
 
 if __name__ == "__main__":

@@ -13,8 +13,8 @@ from airtact.errors import InvalidInput
 from airtact.geometry.pose import Pose
 from airtact.transducers.boards import BOARDS
 
+# Setting of a link: network address (interface, AMS net id, host:port), serial port or file.
 Setting = Literal["address", "port", "out"]
-"""Setting of a link: network address (interface, AMS net id, host:port), serial port or file."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +48,7 @@ def _autd3(name: str) -> LinkKind:
     )
 
 
+# All links, in the order of lists.
 LINKS = (
     *(_autd3(name) for name in THROUGH),
     LinkKind(
@@ -65,7 +66,6 @@ LINKS = (
         "frames.npz",
     ),
 )
-"""All links, in the order of lists."""
 
 
 def links_of(board: str) -> Sequence[str]:

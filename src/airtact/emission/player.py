@@ -48,10 +48,10 @@ class Player:
         self.link = link
         self.over: str | None = None
         self._settings = settings
-        self._failure: LinkFailed | None = None  # of the silence
-        self._trouble: Exception | None = None  # of a step
+        self._failure: LinkFailed | None = None  # to silence the boards
+        self._trouble: Exception | None = None  # in a step
         self._log: TextIO | None = None
-        # What is played: each frame with its drive and the factor on it; of a single drive, one.
+        # What is played: (drive, factor, frame) of each frame; a single drive is one frame.
         self._sound: Cycle | None = None
         self._strongest: tuple[np.ndarray, float, Frame] | None = None
         self._modulation: Cycle | None = None
@@ -149,7 +149,7 @@ class Player:
         return self._dropped
 
     def modulate(self, envelope: Float64[np.ndarray, "frames"] | None, rate: float) -> None:
-        """Vary the amplitude of all that is sent from now on, or stop that."""
+        """Modulate the amplitude from now on; None ends that."""
         self._feed()
         if self.link.plays_itself:
             self.link.modulate(envelope, rate)
@@ -209,9 +209,9 @@ class Player:
         return max(self._next_step - time.monotonic() + self._pause * (steps - 1), 1e-3)
 
     def wait(self) -> float:
-        """Return how long nothing is due [s]."""
+        """Return the time until something is due [s]."""
         now = time.monotonic()
-        # At least 20 times a second, to notice a feeder that is gone.
+        # At least 20 times a second, to notice a owner that is gone.
         due = [now + 0.05]
         if self._emitting:
             due.append(self._fed + self._settings.patience)
@@ -289,7 +289,7 @@ class Player:
             self._show()
 
     def _show(self) -> None:
-        """Send what is to be heard at the present gain, where no later frame does it."""
+        """Send the sound at the present gain, unless a later frame will."""
         sound = self._sound
         if sound is not None and sound.rate and self.link.plays_itself and self._gain == 1.0:
             self._upload([item[2] for item in sound.items], sound.rate)
@@ -297,7 +297,6 @@ class Player:
             self._transmit(self._now())
 
     def _now(self) -> Frame:
-        """Return the frame that is due, at the present gain and modulation."""
         assert self._sound is not None
         assert self._strongest is not None
         now = time.monotonic()

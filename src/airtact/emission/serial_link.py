@@ -12,11 +12,11 @@ from airtact.drives.frame import Frame
 from airtact.emission.link import Link
 from airtact.errors import InvalidInput, extra, of_kind
 
+# Time that a board may take to accept a frame or to answer it [s].
 PATIENCE = 0.5
-"""Time that a board may take to accept a frame or to answer it [s]."""
 
+# Number of times that a frame without an answer is sent.
 TRIES = 3
-"""Number of times that a frame without an answer is sent."""
 
 
 def serial_ports() -> list[str]:
@@ -150,8 +150,8 @@ class SerialLink(Link):
             )
         if number == 13:
             return (
-                f"you may not open the port {self.port} (error 13): join the group that owns it, "
-                "often dialout."
+                f"permission to open the port {self.port} is denied (error 13): join the group "
+                "that owns it, often dialout."
             )
         ports = ", ".join(serial_ports()) or "none"
         return f"the port {self.port} cannot be opened (error {number or 0}); ports: {ports}."

@@ -1,4 +1,4 @@
-"""The live loop: newest frame in, newest drive out. Nothing queues; what is not safe fades out."""
+"""The live loop: it turns the newest frame into a drive, and fades to silence if that is unsafe."""
 
 import time
 from collections import Counter, deque
@@ -25,20 +25,20 @@ from airtact.live.scene import Amplitudes, LiveScene, foci_on
 from airtact.live.session import SessionWriter
 from airtact.live.sources import FrameClock, HandSource, checked_seconds
 
+# Shortest time between the beginnings of two drives [s].
 MIN_INTERVAL = 1.0 / 120.0
-"""Shortest time between the beginnings of two drives [s]."""
 
+# Time between two reports of the status [s].
 REPORT_INTERVAL = 0.5
-"""Time between two reports of the status [s]."""
 
+# Median times above which a part of the loop is late [s], and how the status says so: age of the
+# newest frame when a drive is begun, the age of the newest solved hand when the drive is in the
+# air, and the time that the link takes to accept a drive.
 LATE = {
     "frames": (0.05, "frames {:.0f} ms old"),
     "solver": (0.1, "solver {:.0f} ms behind"),
     "link": (0.01, "link {:.0f} ms a drive"),
 }
-"""Median times above which a part of the loop is late [s], and how the status says so: age of the
-newest frame when a drive is begun, the age of the newest solved hand when the drive is in the air,
-and the time that the link takes to accept a drive."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Status:
 
     Attributes
     ----------
-    state : what it does, and why where it is silent.
+    state : state of the loop, with the reason for silence.
     rate : drives per second.
     age : median time from the newest frame to the sound in the air [s]; NaN without drives.
     kept : median expected share of the attainable pressure; NaN where it is not known.
@@ -61,7 +61,7 @@ class Status:
     late: dict[str, float]
 
     def __str__(self) -> str:
-        """Write the status in one line, of under 80 columns while it plays and nothing is late."""
+        """Status in one line, under 80 columns while it plays and nothing is late."""
         parts = [self.state]
         if self.rate:
             parts += [f"{self.rate:.0f} drives/s", f"latency {1e3 * self.age:.0f} ms"]
@@ -79,7 +79,7 @@ class Followed:
     Attributes
     ----------
     seconds : duration.
-    frames : good frames of the hand that were taken.
+    frames : number of good frames of the hand.
     drives : drives that reached the link, silence included.
     rate : drives per second while there was sound; 0 without sound.
     age, oldest : time from the newest frame to the sound in the air, median and 95th percentile
@@ -116,23 +116,23 @@ class Followed:
             ("drives", f"{self.drives:,}, {self.rate:.0f}/s while there was sound"),
         ]
         if np.isfinite(self.age):
-            oldest = f"95 of 100 under {1e3 * self.oldest:.1f} ms"
-            facts.append(("frame to drive", f"95 of 100 within {1e3 * self.delay:.1f} ms"))
-            facts.append(("age in the air", f"{1e3 * self.age:.1f} ms, {oldest}"))
+            oldest = f"95 % under {1e3 * self.oldest:.1f} ms"
+            facts.append(("frame to drive", f"95 % within {1e3 * self.delay:.1f} ms"))
+            facts.append(("latency to the sound", f"{1e3 * self.age:.1f} ms, {oldest}"))
         if np.isfinite(self.kept):
             facts.append(("pressure expected", f"{self.kept:.0%} of the attainable"))
         if self.faded:
             reasons = [f"{count} x {reason}" for reason, count in self.faded.items()]
             facts.append(("faded", ", ".join(reasons)))
         if self.state != "playing":
-            facts.append(("at the end", self.state))
+            facts.append(("final state", self.state))
         if self.dropped:
             facts.append(("not recorded", f"{self.dropped} rows: the disk was too slow"))
         return facts
 
     def record(self) -> dict[str, float | str | dict[str, int] | None]:
-        """Return all values by their names, for JSON; None where a number is not known."""
-        # Only a number that is not known differs from itself.
+        """Return all values by name for JSON, with None for unknown numbers."""
+        # NaN differs from itself.
         return {name: value if value == value else None for name, value in asdict(self).items()}
 
 
@@ -158,7 +158,7 @@ def follow(
     hands : source of the frames; it is begun and closed here, as ``maker`` and ``session`` are
         closed.
     maker : makes the drives.
-    output : where they go; nowhere by default.
+    output : receives the drives; by default they are not emitted.
     seconds : duration; until the frames end by default.
     session : records the run.
     latency : least time from the picture to the frame's arrival, for trackers with their own clock
@@ -203,7 +203,7 @@ def capped(
 
 @dataclass(eq=False)
 class _Loop:
-    """The loop between two passes."""
+    """State of the loop."""
 
     scene: LiveScene
     maker: DriveMaker
@@ -218,7 +218,7 @@ class _Loop:
     # Times by the frames' clock and by that of the computer, from which the next is due.
     arrivals: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=16))
     answered: float = -np.inf  # time in the newest frame that a drive was made with
-    fault: str | None = "waiting for a hand"  # why it must be silent
+    fault: str | None = "waiting for a hand"  # reason for silence
     last_good: float = -np.inf  # when the last good frame was taken
     begun: float = 0.0  # when the last drive was begun
     duration: float = MIN_INTERVAL / 2.0  # of making and sending a drive, running mean
@@ -236,7 +236,6 @@ class _Loop:
 
     @property
     def silent(self) -> bool:
-        """Whether nothing is emitted."""
         return self.gain.share == 0.0
 
     def run(self, hands: HandSource, duration: float, report: Callable[[Status], None]) -> Followed:
@@ -261,7 +260,7 @@ class _Loop:
         return self.summary(seconds, health, status.state)
 
     def arrived(self, frame: HandFrame, now: float) -> None:
-        """Note a frame as it comes, in the thread that received it."""
+        """Note the arrival of a frame; called by the thread that received it."""
         if frame.side != self.scene.side:
             return
         self.clock.saw(frame.time, now)
@@ -296,7 +295,7 @@ class _Loop:
         return begin
 
     def advance(self, frame: HandFrame | None) -> None:
-        """Take a frame, if one came, and emit what is right now."""
+        """Take a frame, if there is one, and emit the drive that is due."""
         if frame is not None:
             self._take(frame)
         if self.output.stopped:
@@ -318,7 +317,7 @@ class _Loop:
                 raise
 
     def _end_for_good(self, state: State, why: str) -> None:
-        """Note that the output is silent already, by the emergency stop or by Ctrl-C."""
+        """Record that the emergency stop or Ctrl-C has silenced the output."""
         before = self.gain.share
         self.gain = Gain()
         self.fault = why
@@ -342,9 +341,7 @@ class _Loop:
         side = self.scene.side
         if frame.side != side:
             if self.fault is not None and self.last_good == -np.inf:
-                self.fault = (
-                    f"waiting for the {side} hand: these are frames of the {frame.side} one"
-                )
+                self.fault = f"waiting for the {side} hand: the frames are of the {frame.side} one"
             return
         # A faulty frame silences at once; only missing frames have MAX_FRAME_AGE.
         hand = hand_of(frame, self.scene)
@@ -363,7 +360,7 @@ class _Loop:
         self.frames += 1
 
     def _emit(self, now: float, on: bool) -> None:
-        """Emit the newest drive, or the last safe one more quietly while the sound fades."""
+        """Emit the newest drive, or fade the last safe one."""
         self.begun = now
         if on:
             moment = self._made(now)
@@ -404,7 +401,6 @@ class _Loop:
             self.duration += 0.1 * (sent - now - self.duration)
 
     def _safe_cap(self, amplitudes: Amplitudes) -> float:
-        """Return the cap that keeps a head under the limit; 1 without boards."""
         if self.output.levels is None:
             return 1.0
         return HeadLevel(
@@ -416,7 +412,6 @@ class _Loop:
         ).safe_cap()
 
     def _send(self, amplitudes: Amplitudes, share: float, cap: float) -> None:
-        """Send the drive, or its frames where foci move, at a share of their amplitude."""
         moving = self.scene.moving
         frames = None if self.moment is None else self.moment.frames
         if moving is not None and frames is not None and self.controls.modulated and share > 0.0:
@@ -428,14 +423,13 @@ class _Loop:
         self.output.send(amplitudes)
 
     def _made(self, now: float) -> Moment | None:
-        """Make a drive; None where none can be made for that hand."""
         try:
             return self.maker.make(self.clock.time(now) + self.duration, self.controls)
         except InvalidInput:
             return None
 
     def _fault_of(self, moment: Moment | None) -> str | None:
-        """Return why a drive must not be emitted, in a few words, or None."""
+        """Return in a few words why a drive must not be emitted, or None."""
         if moment is not None and moment.joints is not None and moment.foci is not None:
             return self.workspace.fault(moment.joints, moment.foci)
         # No prediction: the hand of the newest frame shows whether it left the workspace.
@@ -462,7 +456,6 @@ class _Loop:
                     break
 
     def status(self) -> Status:
-        """Return the status over the last second."""
         now = time.monotonic()
         span = 2.0 * REPORT_INTERVAL
         recent = [played for played in self.played if now - played["sent"] <= span]
@@ -482,7 +475,6 @@ class _Loop:
         )
 
     def summary(self, seconds: float, health: StreamHealth, state: str) -> Followed:
-        """Return the summary of a run."""
         ages = [played["age"] for played in self.played] or [np.nan]
         rate = 0.0
         if len(self.played) > 1:
@@ -505,6 +497,5 @@ class _Loop:
 
 
 def _median(values: Sequence[float]) -> float:
-    """Return the median of the values that are not NaN; NaN without any."""
     finite = [value for value in values if np.isfinite(value)]
     return float(np.median(finite)) if finite else np.nan

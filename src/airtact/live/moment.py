@@ -1,4 +1,4 @@
-"""One drive of the live loop, what controls it, and the interface of drive makers."""
+"""A drive of the live loop, its controls, and the interface of drive makers."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -11,13 +11,13 @@ from airtact.errors import in_short
 from airtact.hands.tracking.frame import HandFrame
 from airtact.live.scene import Amplitudes, Foci, Frames, Joints, LiveScene
 
+# Basis of a drive: distances, without the hand; a solution of the last phalanges or of the whole
+# hand; or a solution of the whole hand in an earlier pose, moved with its bones.
 Rule = Literal["distances", "phalanges", "hand", "carried"]
-"""Basis of a drive: distances alone; a solution of the last phalanges or of the whole hand; or a
-solution of the whole hand in an earlier pose, carried along with its bones."""
 
+# State of the loop: it waits for a hand, plays, fades after a hand was lost, is silent, or was
+# stopped for good.
 State = Literal["waiting", "playing", "fading", "silent", "stopped"]
-"""State of the loop: it waits for a hand, plays, fades after a hand was lost, is silent, or was
-stopped for good."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,11 +69,11 @@ def silent_moment(
 
 @dataclass(frozen=True)
 class Controls:
-    """Settings that the page, or a program, changes while the loop runs.
+    """Settings that the page or a program changes while the loop runs.
 
     Attributes
     ----------
-    ignore_hand : whether drives are made from distances alone.
+    ignore_hand : whether drives are focused by distances, without the hand.
     method : name of the method that makes the drives; None for the scene's.
     cap : largest amplitude of an element, a share of full scale.
     offset : of all foci from the skin [m]; None for the scene's.
@@ -90,7 +90,7 @@ class Controls:
 
 
 class DriveMaker(ABC):
-    """Makes drives for a moving hand; ``take`` and ``make`` return at once."""
+    """Maker of drives for a moving hand; ``take`` and ``make`` must return at once."""
 
     @abstractmethod
     def take(self, frame: HandFrame) -> None:
@@ -100,5 +100,5 @@ class DriveMaker(ABC):
     def make(self, time: float, controls: Controls) -> Moment:
         """Make the drive for sound that is in the air at a time of the tracker's clock [s]."""
 
-    def close(self) -> None:  # noqa: B027 (a maker without processes has nothing to end)
-        """End what runs beside the loop."""
+    def close(self) -> None:  # noqa: B027 (some makers have none)
+        """End the processes of the maker."""

@@ -13,7 +13,9 @@ from airtact.transducers.modulation import AmplitudeModulation
 
 
 class Output:
-    """Takes drives; use it in a ``with`` block, which ends in silence. This class emits nothing.
+    """Receiver of drives, for use in a ``with`` block, which ends in silence.
+
+    This class emits nothing; subclasses raise ``LinkFailed`` if their boards fail.
 
     Attributes
     ----------
@@ -36,19 +38,19 @@ class Output:
         """End in silence."""
 
     def send(self, amplitudes: Amplitudes) -> None:
-        """Emit a drive from now on; return when it reached the link."""
+        """Emit a drive from now on; return once it has reached the link."""
 
     def cycle(self, frames: Frames, rate: float) -> None:
         """Emit frames in turn at a rate [1/s]; they continue at the current place in the round."""
 
     def beat(self) -> None:
-        """Keep what is emitted, or the silence."""
+        """Keep playing, or keep silent."""
 
     def modulate(self, modulation: AmplitudeModulation | None) -> None:
         """Modulate the amplitude of all that is sent from now on."""
 
     def stop(self) -> None:
-        """Silence at once and for good: the emergency stop, which any thread may call."""
+        """Emergency stop: silence at once and for good. Any thread may call it."""
         self.stopped = True
 
 
@@ -73,29 +75,28 @@ class Boards(Output):
         return self
 
     def __exit__(self, *fault: Any) -> None:
-        """End in silence, also after a fault."""
         self._emission.__exit__(*fault)
 
     def send(self, amplitudes: Amplitudes) -> None:
-        """Send a drive; raises ``LinkFailed``."""
+        """Send a drive."""
         self._emission.send(Drive(amplitudes), wait=False)
         self.share = self._emission.share
 
     def cycle(self, frames: Frames, rate: float) -> None:
-        """Send frames that are played in turn; raises ``LinkFailed`` or ``InvalidInput``."""
+        """Send frames that are played in turn."""
         self._emission.cycle(Sequence(frames, rate), wait=False)
         self.share = self._emission.share
 
     def beat(self) -> None:
-        """Feed the watchdog; raises ``LinkFailed``."""
+        """Feed the watchdog."""
         self._emission.beat()
 
     def modulate(self, modulation: AmplitudeModulation | None) -> None:
-        """Let the boards modulate the amplitude at their own rate; raises ``LinkFailed``."""
+        """Have the boards modulate the amplitude at their own rate."""
         self._emission.set_modulation(modulation)
 
     def stop(self) -> None:
-        """Send the zero frame now; raises ``LinkFailed`` where that fails."""
+        """Send the zero frame now."""
         # First, so that nothing is sent from now on even where the link is not open yet.
         self.stopped = True
         try:

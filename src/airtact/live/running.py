@@ -32,8 +32,8 @@ from airtact.setup.examples import example, file_or_example
 from airtact.setup.setup import Setup
 from airtact.timing import Progress, no_progress
 
+# Default ports that trackers send to.
 PORTS = {"websocket": 8765, "osc": 9000}
-"""Default ports that trackers send to."""
 
 
 def run(
@@ -63,7 +63,7 @@ def run(
         [s].
     cap : largest amplitude of an element, a share of full scale; a safe one by default, see
         ``follow``.
-    ignore_hand : whether drives are made from distances alone.
+    ignore_hand : whether drives are focused by distances, without the hand.
     page : port and host of the page; no page by default.
     report_step, report : called with each step of the start, and twice a second with the status.
 
@@ -84,7 +84,7 @@ def run(
         if page is not None:
             report_step("starting the page")
             port, host = page
-            # Only where the hand comes from the page is there one to drag.
+            # The page only has a hand to drag if the frames come from it.
             joints = setup.hands[0].joints if type(hands) is HandSource else None
             shown = PageProcess(scene, port, host, joints, hands.stream, controls, output.stop)
             closing.enter_context(shown)
@@ -148,7 +148,8 @@ def record(
         hands.close()
     if not frames:
         raise InvalidInput(
-            f"no frame was received ({hands.words}; {stream.health}): does the tracker send there?",
+            f"no frame was received ({hands.words}; {stream.health}): check where the tracker "
+            "sends its frames.",
             code="empty",
         )
     save_recording(file, frames)
@@ -163,7 +164,7 @@ def hands_from(setup: Setup, source: str | None, folder: Path) -> HandSource:
     setup : its tracker pose moves the frames of recordings and trackers to the scene.
     source : a recording, a session or its folder, "websocket" or "osc", with ":PORT" for another
         port and 0 for a free one; "page" for the hand on the page; by default an example motion,
-        again and again.
+        repeated.
     folder : where the session of the run is written, which cannot be its source.
 
     Raises
@@ -194,7 +195,7 @@ def hands_from(setup: Setup, source: str | None, folder: Path) -> HandSource:
 
 
 def _received(source: str, setup: Setup | None, every: bool = False) -> ReceivedHands | None:
-    """Open the socket that a source names; None where it names none."""
+    """Open the socket that a source names, if any."""
     kind, colon, port = source.partition(":")
     if kind not in PORTS:
         return None
@@ -234,7 +235,7 @@ def output_to(
         return Output()
     if link is None or board is None:
         raise InvalidInput(
-            "--board and --link go together: give both, or none.", code="key_missing"
+            "--board and --link go together: give both or neither.", code="key_missing"
         )
     if setup.board != board:
         raise InvalidInput(

@@ -1,4 +1,4 @@
-"""Reasons for silence (a hand lost, stale, out of reach or through the array), and the fade."""
+"""Checks that decide on silence (hand lost, out of reach or through the array), and the fade."""
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -10,16 +10,16 @@ from airtact.hands.tracking.frame import HandFrame
 from airtact.live.scene import Foci, Joints, LiveScene, hand_in
 from airtact.transducers.placement import check_reach
 
+# Largest time without a good frame before the hand counts as lost [s].
 MAX_FRAME_AGE = 0.15
-"""Largest time without a good frame before the hand counts as lost [s]."""
 
+# Duration of a fade from full amplitude to silence and back [s].
 FADE = 0.085
-"""Duration of a fade from full amplitude to silence and back [s]."""
 # With the time to notice that the hand is lost, silence comes within 0.1 s of the event.
 
 
 class Workspace:
-    """The region before an array in which a hand may get sound."""
+    """The region in front of an array in which a hand may get sound."""
 
     def __init__(self, scene: LiveScene) -> None:
         self._scene = scene
@@ -27,7 +27,7 @@ class Workspace:
         self._radius = float(scene.array.element.reach)
 
     def fault(self, joints: Joints, foci: Foci) -> str | None:
-        """Return why a hand with these foci must not get sound, in a few words, or None."""
+        """Return in a few words why a hand with these foci must not get sound, or None."""
         distances, _ = self._elements.query(foci)
         if float(distances.max()) > 0.6:  # farther from every element: the hand has left [m]
             return f"left the workspace: a focus is {distances.max():.2g} m from the array"
@@ -55,7 +55,7 @@ class Workspace:
 
 
 def hand_of(frame: HandFrame, scene: LiveScene) -> Hand | str:
-    """Return the hand of a frame, or why there is none, in a few words."""
+    """Return the hand of a frame, or in a few words why there is none."""
     if frame.lost:
         return "lost"
     if frame.landmarks is None:
@@ -67,7 +67,7 @@ def hand_of(frame: HandFrame, scene: LiveScene) -> Hand | str:
 
 
 class Gain:
-    """Share of the amplitude that the loop asks of the output; it moves at ``FADE``."""
+    """Share of the amplitude that the loop sends; it rises and falls within ``FADE``."""
 
     def __init__(self) -> None:
         self.share: float = 0.0

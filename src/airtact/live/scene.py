@@ -1,8 +1,8 @@
-"""The scene of the live loop: what stays fixed, and a hand in it with the foci that it carries.
+"""The fixed part of a live scene, and a hand in a pose with the foci on it.
 
-The effect of a hand on the sound at a focus depends on where the bones of all foci stand relative
-to each other, and much less on where the hand stands as a whole. The first is measured by the
-``gap_change`` of two poses, the second by their ``turn``.
+The effect of a hand on the sound at a focus depends on the relative positions of the bones of all
+foci, and much less on the pose of the whole hand. ``gap_change`` measures the first difference
+between two poses, ``turn`` the second.
 """
 
 from collections.abc import Sequence
@@ -29,8 +29,8 @@ Joints = Float64[np.ndarray, "25 3"]
 Foci = Float64[np.ndarray, "foci 3"]
 Amplitudes = Complex128[np.ndarray, "elements"]
 Frames = Complex128[np.ndarray, "frames elements"]
+# Pressure at each focus per unit drive of each element and each image [Pa].
 Rows = Complex128[np.ndarray, "foci sources"]
-"""Pressure at each focus per unit drive of each element and each image [Pa]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +112,7 @@ class WithImages:
 
 @dataclass(frozen=True, eq=False)
 class LiveScene:
-    """What stays fixed while the hand moves.
+    """The part of a scene that is fixed while the hand moves.
 
     Attributes
     ----------
@@ -274,7 +274,7 @@ def foci_on(hand: Hand, scene: LiveScene, offset: float | None = None) -> Foci:
 
 @dataclass(frozen=True, eq=False)
 class PosedHand:
-    """A hand in one pose, with the foci that it carries.
+    """A hand in one pose, with its foci.
 
     Attributes
     ----------

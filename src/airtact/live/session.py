@@ -28,8 +28,8 @@ from airtact.transducers.element import Element
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.modulation import AmplitudeModulation
 
+# Name of the file in the folder of a session.
 FILE = "session.h5"
-"""Name of the file in the folder of a session."""
 
 # The file stores rules and states by their index.
 RULES: tuple[Rule, ...] = get_args(Rule)
@@ -45,7 +45,7 @@ class Session:
     scene : the fixed part of the scene.
     text : the scene file.
     amplitudes : (N, E) of N drives, share of full scale.
-    time_in_air : (N,) when each reached the link, on the clock of the frames [s].
+    time_in_air : (N,) time at which each reached the link, on the clock of the frames [s].
     drive_frame_time : (N,) time in the newest frame that each used [s].
     rules, states : (N,) basis of each drive, and state of the loop.
     kept : (N,) expected share of the attainable pressure; NaN where it is not known.
@@ -151,7 +151,7 @@ class SessionWriter:
         fault = self._process.communicate()[1]
         if self._process.returncode:
             reason = fault.decode(errors="replace").strip().rpartition("\n")[2]
-            raise OSError(None, f"it was not written to its end: {reason}", str(self.path))
+            raise OSError(None, f"the file is incomplete: {reason}", str(self.path))
 
     def _take(self, group: str, row: dict[str, Any]) -> None:
         if len(self._rows) >= 4096:  # half a minute of drives: the disk is too slow
@@ -196,7 +196,6 @@ class SessionWriter:
 
 
 def _header(scene: LiveScene, text: str) -> dict[str, Any]:
-    """Return the first message to the writer: the scene, and the empty columns."""
     array = scene.array
     element = array.element
     attributes: dict[str, Any] = {

@@ -1,4 +1,4 @@
-"""Where hands come from (a recording, trackers by socket, the page), and the tracker's clock."""
+"""Sources of hands (a recording, trackers by socket, the page), and the tracker's clock."""
 
 import time
 from collections import deque
@@ -16,27 +16,26 @@ from airtact.hands.tracking.receivers import OscReceiver, WebSocketReceiver
 from airtact.hands.tracking.recordings import Recording
 from airtact.hands.tracking.stream import HandStream
 
+# Largest time from a tracker's picture to the arrival of its frame [s].
 MAX_LATENCY = 0.5
-"""Largest time from a tracker's picture to the arrival of its frame [s]."""
 
+# Clocks of trackers may run faster or slower than ours by this share.
 DRIFT = 1e-3
-"""Clocks of trackers may run faster or slower than ours by this share."""
 
+# Takes a frame and the time of its arrival, by ``time.monotonic`` [s].
 OnFrame = Callable[[HandFrame, float], None]
-"""Takes a frame and the time of its arrival, by ``time.monotonic`` [s]."""
 
 
 class HandSource:
-    """Hands on frames, in the frame of the scene, from ``begin`` to ``close``.
+    """Source of frames of a hand, in the scene's frame, from ``begin`` to ``close``.
 
-    Whoever has frames feeds ``stream``, such as the page for a hand that is dragged there.
+    Other code may feed ``stream``, such as the page for a hand that is dragged there.
 
     Parameters
     ----------
-    words : where the frames come from.
+    words : origin of the frames, in a few words.
     tracker : pose of the tracker, from its frame to the scene's.
-    every : whether frames that were overtaken while they waited are used as well, as a recording
-        needs them.
+    every : whether to use frames that newer ones overtook, as for a recording.
 
     Attributes
     ----------
@@ -89,7 +88,7 @@ class _MovedStream(HandStream):
 
 
 class RecordedHands(HandSource):
-    """A recording, each frame delivered at its own time.
+    """Source that plays a recording, each frame at its own time.
 
     Parameters
     ----------
@@ -110,12 +109,12 @@ class RecordedHands(HandSource):
                 "a single frame cannot be played in a loop: give a recording of two or more.",
                 code="too_few",
             )
-        super().__init__(f"{len(self.frames)} recorded frames{', again and again' if loop else ''}")
+        super().__init__(f"{len(self.frames)} recorded frames{', repeated' if loop else ''}")
         self._closed = Event()
         self._thread = Thread(target=self._play, name="airtact recording", daemon=True)
 
     def begin(self, on_frame: OnFrame) -> HandStream:
-        """Begin with the first frame at once."""
+        """Play the first frame at once."""
         stream = super().begin(on_frame)
         self._thread.start()
         return stream
@@ -136,7 +135,7 @@ class RecordedHands(HandSource):
         self.ended = True
 
     def _repeated(self) -> Iterator[HandFrame]:
-        """Yield the frames over and over, with times and sequence numbers that go on."""
+        """Yield the frames repeatedly, with times and sequence numbers that continue."""
         frames = self.frames
         times = np.array([frame.time for frame in frames])
         # The first frame of a round follows the last one of the previous at the usual interval.
@@ -154,15 +153,14 @@ class RecordedHands(HandSource):
 
 
 class ReceivedHands(HandSource):
-    """Trackers that send frames to a socket of this computer, which is open from now on.
+    """Source that receives frames from trackers, at a socket that opens at once.
 
     Parameters
     ----------
     kind : "websocket" or "osc".
     port : port to listen at; 0 takes a free one.
     tracker : pose of the tracker, from its frame to the scene's.
-    every : whether frames that were overtaken while they waited are used as well, as a recording
-        needs them.
+    every : whether to use frames that newer ones overtook, as for a recording.
 
     Raises
     ------
@@ -176,7 +174,7 @@ class ReceivedHands(HandSource):
         receivers = {"websocket": WebSocketReceiver, "osc": OscReceiver}
         if kind not in receivers:
             raise InvalidInput(
-                f"{kind!r} is no kind of socket: give websocket or osc.", code="unknown_name"
+                f"{kind!r} is not a kind of socket: give websocket or osc.", code="unknown_name"
             )
         super().__init__(kind, tracker, every)
         self._receiver = receivers[kind](self.stream, port)

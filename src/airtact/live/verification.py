@@ -68,8 +68,8 @@ def hand_at(session: Session, time: float) -> Joints:
     after = int(np.searchsorted(times, time))
     if not 0 < after < len(times):
         raise InvalidInput(
-            f"no frame with a hand before and after {time:.4g} s is in the session, so the hand of "
-            "that time is not known.",
+            f"the session has no frames with a hand both before and after {time:.4g} s, so its "
+            "joints at that time are unknown.",
             code="out_of_range",
         )
     share = (time - times[after - 1]) / (times[after] - times[after - 1])
@@ -130,7 +130,7 @@ def verify_session(
         kept.append(share / float(attainable))
     if not indices:
         raise InvalidInput(
-            f"none of the {len(playing)} drives that play has a hand at its time: record a longer "
+            f"none of the {len(playing)} drives with sound has a hand at its time: record a longer "
             "session.",
             code="empty",
         )

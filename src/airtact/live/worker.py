@@ -1,4 +1,4 @@
-"""Processes beside the loop: each works on the newest message, and sends messages back."""
+"""Processes beside the loop, which work on the newest message and send messages back."""
 
 import os
 import pickle
@@ -12,7 +12,7 @@ from typing import IO, Any, cast
 
 
 class Mailbox:
-    """The newest message; it takes the place of the one before.
+    """Holder of the newest message, which replaces the one before.
 
     Attributes
     ----------

@@ -1,13 +1,13 @@
-"""The whole hand, solved on panels that bend with it, and its sound carried to the pose of now.
+"""Solutions of a whole hand on panels that bend with it, carried to the present pose.
 
-A whole hand takes some 0.2 s to solve, and its factors (see ``factors``) are out of date after 20
-ms: the phase of sound that is scattered by a neighbouring finger changes with every millimetre. The
-strength of the sources that the solution puts on the skin, relative to the sound that the beacon
-sends straight there, hardly changes: it is a smooth function of position on each bone. So the
-sources are moved with their bones, their phases follow the paths from the focus, and they radiate
-to the array from where they are now. This takes 20 ms, after which a solution of 0.1 s ago is about
-right. In the milliseconds until the next time, the sources of each bone are taken together, and the
-phase of what they radiate follows the path through their centre.
+A whole hand takes about 0.2 s to solve. Its factors (see ``factors``) are outdated after 20 ms,
+because the phase of the sound that a neighbouring finger scatters changes with every millimetre.
+The strengths of the sources on the skin, relative to the direct sound of the beacon, hardly change:
+they are smooth functions of the position on each bone. The sources are therefore moved with their
+bones, their phases follow the paths from the focus, and they radiate from their present positions.
+This takes 20 ms and makes a solution of 0.1 s ago about right. Until the next such step, the
+sources of each bone are combined, and the phase of their sound follows the path through their
+centre.
 """
 
 from collections.abc import Sequence
@@ -31,16 +31,18 @@ from airtact.hands.body import FREE, OWNER, PARTS
 from airtact.hands.hand import Hand
 from airtact.hands.joints import CHAINS, cross
 from airtact.hands.kinematics import bending_axis
+from airtact.hands.shape import hull_weights
 from airtact.live.drives.factors import ACCURACY, Factors, HandFactors, part_of
+from airtact.live.drives.moving import phasors
 from airtact.live.scene import Foci, Joints, LiveScene, PosedHand, gap_change, pose_hand
 
+# Share of the elements that a panel must face. Leaving out the others halves the unknowns and costs
+# 0.01 of the pressure.
 MIN_SEEN = 0.5
-"""Share of the elements that a panel must face."""
-# Leaving out the others halves the unknowns, for 0.01 of the pressure.
 
 Points = Float64[np.ndarray, "points 3"]
+# How much each bone moves each point.
 Weights = Float64[np.ndarray, "points hulls"]
-"""How much each bone moves each point."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,17 +82,7 @@ def bones_of(hand: Hand) -> Bones:
     )
 
 
-def _weights(hand: Hand, points: Points) -> Weights:
-    """Return how much each bone moves points on the skin: near a joint both bones do."""
-    away = hand.shape.hulls.each(points)
-    # Over 3 mm the skin passes from one bone to the next.
-    weights = np.exp((away.min(axis=1, keepdims=True) - away) / 3e-3)
-    weights[weights < 1e-3] = 0.0
-    return weights / weights.sum(axis=1, keepdims=True)
-
-
 def _moved(points: Points, weights: Weights, before: Bones, now: Bones) -> Points:
-    """Move points with the bones that carry them."""
     turns, shifts = before.motions_to(now)
     return np.einsum("pj,pjk->pk", points, np.tensordot(weights, turns, 1)) + weights @ shifts
 
@@ -134,7 +126,7 @@ class ElementSubset:
 
 @dataclass(frozen=True, eq=False)
 class SkinSources:
-    """The sources on the skin by which a solution of a hand represents the beacons at its foci.
+    """Sources on the skin in a solution of a hand, for beacons at its foci.
 
     Attributes
     ----------
@@ -143,7 +135,7 @@ class SkinSources:
     points : (N, 3) of the sources [m].
     weights : (N, H) how much each bone moves them.
     strengths : (N, F) [Pa·m].
-    straight : (F,) strengths of the beacons: 2 where one touches the skin.
+    straight : (F,) strengths of the beacons; 2 for a beacon on the skin.
     """
 
     time: float
@@ -159,7 +151,7 @@ class SkinSources:
     ) -> "CarriedFactors":
         """Carry the sources to another pose, at a time [s].
 
-        The sound by way of each bone is evaluated at a subset of the elements only.
+        The sound that each bone scatters is evaluated at a subset of the elements only.
         """
         wavenumber = scene.wavenumber
         bones = bones_of(posed.hand)
@@ -167,7 +159,7 @@ class SkinSources:
         elements = scene.with_images.array.positions[subset.chosen]
         detour = _distances(points, posed.foci) - _distances(self.points, self.posed.foci)
         # The strength follows the path from the focus to the source, the wave that from there on.
-        strengths = self.strengths * _phasors(wavenumber.real * detour)
+        strengths = self.strengths * phasors(wavenumber.real * detour)
         beacons = np.eye(len(posed.foci), dtype=np.complex128)
         straight = monopole_pressure(elements, posed.foci, beacons, wavenumber, "float32")
         waves = np.zeros((len(PARTS), *straight.T.shape), dtype=np.complex64)
@@ -183,12 +175,12 @@ class SkinSources:
             of_bone = slice(first, last)
             total = power[of_bone].sum(axis=0)
             centres[part] = power[of_bone].T @ points[of_bone] / total[:, None]
-            by_way = monopole_pressure(
+            scattered = monopole_pressure(
                 elements, points[of_bone], strengths[of_bone], wavenumber, "float32"
             )
-            waves[part] = (by_way / straight).T
+            waves[part] = (scattered / straight).T
         # Without the phase of the path through the centre the waves vary slowly over the array.
-        waves *= _phasors(-wavenumber.real * detours(centres, posed.foci, elements))
+        waves *= phasors(-wavenumber.real * detours(centres, posed.foci, elements))
         waves = subset.interpolated(waves)
         # Share that is lost when carried far, fitted to 32 pairs of poses of an open hand whose
         # fingers wave, with foci at its palm and all fingertips: at most 0.17, over 5 mm of change.
@@ -210,15 +202,15 @@ class SkinSources:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CarriedFactors(HandFactors):
-    """Factors by the bone that scatters the sound.
+    """Factors, split by the bone that scatters the sound.
 
     Attributes
     ----------
-    straight : (F,) the part of ``factors`` that comes straight from the focus.
+    straight : (F,) the part of ``factors`` that comes directly from the focus.
     bones : of the pose.
     centres : (H, F, 3) centre of the sources of each bone for each focus [m].
-    waves : (H, F, R) the part of ``factors`` that comes by way of each bone, without the phase of
-        the detour through the centre of its sources.
+    waves : (H, F, R) the part of ``factors`` that each bone scatters, without the phase of the
+        detour through the centre of its sources.
     """
 
     straight: Float64[np.ndarray, "foci"]
@@ -229,7 +221,7 @@ class CarriedFactors(HandFactors):
     __repr__ = in_short
 
     def at(self, scene: LiveScene, posed: PosedHand) -> Factors:
-        """Return the factors for a nearby pose: each bone takes the centre of its sources along."""
+        """Return the factors for a nearby pose; the centres move with their bones."""
         # Rotations are applied from the right, as points are rows.
         turns, shifts = self.bones.motions_to(bones_of(posed.hand))
         centres = self.centres @ turns + shifts[:, None]
@@ -260,15 +252,6 @@ def detours(
     return begun[..., None] + through.reshape(*begun.shape, -1) - straight
 
 
-def _phasors(phases: Float[np.ndarray, "*any"]) -> Complex64[np.ndarray, "*any"]:
-    """Return e^{iφ} in single precision, in a third of the time of a complex exponential."""
-    phases = phases.astype(np.float32, copy=False)
-    phasors = np.empty(phases.shape, dtype=np.complex64)
-    np.cos(phases, out=phasors.real)
-    np.sin(phases, out=phasors.imag)
-    return phasors
-
-
 def _distances(
     points: Float[np.ndarray, "points 3"], targets: Float[np.ndarray, "targets 3"]
 ) -> Float[np.ndarray, "points targets"]:
@@ -281,7 +264,7 @@ def _distances(
 
 
 class BendingPanels:
-    """Panels of a whole hand that were made for one pose and bend to others.
+    """Panels of a whole hand, meshed in one pose and bent to others.
 
     Parameters
     ----------
@@ -312,8 +295,8 @@ class BendingPanels:
         self._panels = panels.facing(scene.with_images.array.positions, min_seen)
         self._bones = bones_of(hand)
         corners = self._panels.corners.reshape(-1, 3)
-        self._corner_weights = _weights(hand, corners)
-        self._inside_weights = _weights(hand, self._panels.inside)
+        self._corner_weights = hull_weights(hand.shape.hulls, corners)
+        self._inside_weights = hull_weights(hand.shape.hulls, self._panels.inside)
         # Six sources on each panel move as its corners do on average; then come the inner ones.
         panel_weights = self._corner_weights.reshape(-1, 6, len(PARTS)).mean(axis=1)
         self._source_weights = np.concatenate(
@@ -342,7 +325,6 @@ class BendingPanels:
         return self._panels.received(corners, inside, sources, residual)
 
     def _bent(self, posed: PosedHand) -> tuple[Bones, QuadraticTriangles, Points]:
-        """Bend the panels and their inner points to another pose."""
         bones = bones_of(posed.hand)
         corners = _moved(
             self._panels.corners.reshape(-1, 3), self._corner_weights, self._bones, bones
@@ -357,7 +339,7 @@ class BendingPanels:
 
 
 class BendingHand:
-    """Solves a whole hand in one pose after the other, and carries the solutions to other poses.
+    """Solver of a whole hand in successive poses, which carries the solutions to other poses.
 
     ``solved`` and ``carried`` may run in two threads.
 

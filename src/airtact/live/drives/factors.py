@@ -36,8 +36,8 @@ from airtact.live.scene import (
     pose_hand,
 )
 
+# Relative error of the solutions; a smaller one improves the pressure by less than 0.01.
 ACCURACY = 0.06
-"""Relative error of the solutions; a smaller one improves the pressure by less than 0.01."""
 
 Factors = Complex64[np.ndarray, "foci sources"]
 
@@ -107,7 +107,7 @@ def rigid_part(hand: Hand, place: str) -> Surface:
     renumbered = Hulls(hulls.balls[balls[missing:]], parts, hulls.blend, hulls.apart)
     return _surface(
         renumbered, 3e-3
-    )  # triangles small enough to see soon that two bodies are apart [m]
+    )  # small triangles [m], so that separate bodies are recognised early
 
 
 def _selected(hulls: Hulls, chosen: list[int]) -> Hulls:
@@ -208,7 +208,7 @@ class RigidParts:
         """Solve another pose; parameters and errors are those of ``solved``."""
         scene = self._scene
         posed = pose_hand(scene, joints)
-        # Running mean of the lengths of the bones, of which ``outgrown`` is judged.
+        # Running mean of the lengths of the bones, for ``outgrown``.
         self._lengths += 0.02 * (_bone_lengths(scene, joints) - self._lengths)
         # Each body moves with the axes of its bone and the focus before it.
         turns = np.swapaxes(posed.frames, 1, 2) @ self._reference.frames
@@ -221,7 +221,7 @@ class RigidParts:
 
     @property
     def outgrown(self) -> bool:
-        """Whether the bones have differed from the bodies for a while, as those of another hand."""
+        """Whether the bones have differed from the bodies for long, as for another hand."""
         change = self._lengths - _bone_lengths(self._scene, self._reference.hand.joints)
         return bool(np.abs(change).max() > 1.5e-3)
 
@@ -234,7 +234,7 @@ class RigidParts:
 
 
 class PartSolver:
-    """Solves parts of a hand, last phalanges as rigid bodies where they do not touch.
+    """Solver of parts of a hand; last phalanges are rigid bodies unless they touch.
 
     Parameters
     ----------
@@ -256,7 +256,6 @@ class PartSolver:
 
 
 def _bone_lengths(scene: LiveScene, joints: Joints) -> Float64[np.ndarray, "foci"]:
-    """Return the length of the bone of each place [m]."""
     ends = np.array([bone_of(place) for place in scene.places])
     return np.linalg.norm(joints[ends[:, 1]] - joints[ends[:, 0]], axis=1)
 

@@ -1,7 +1,7 @@
-"""Library of solutions, and the choice of the one that is expected to keep the most pressure now.
+"""Library of solutions, and the choice of the best one for the present pose.
 
-A solution is as good as its pose is similar to the pose of now, however old it is: a hand that
-pinches again returns to poses that were solved before.
+The value of a solution depends on how similar its pose is to the present one, not on its age: a
+hand that pinches again returns to poses that were solved before.
 """
 
 from collections.abc import Iterable
@@ -14,19 +14,19 @@ from airtact.live.drives.factors import HandFactors
 from airtact.live.moment import Rule
 from airtact.live.scene import LiveScene, PosedHand, gap_change, turn
 
+# A value for each pose that was solved.
 Poses = Float64[np.ndarray, "poses"]
-"""A value for each pose that was solved."""
 
 
 @dataclass(frozen=True)
 class Share:
-    """Share of the attainable pressure that a drive keeps, by how well the solved pose fits.
+    """Share of the attainable pressure that a drive gives, by the fit of the solved pose.
 
     Attributes
     ----------
-    same : where the pose is the one that was solved.
-    different : where it is quite different.
-    spoiled : where the tracker's noise has spoiled the solved pose.
+    same : if the present pose is the solved one.
+    different : if it is very different.
+    spoiled : if the tracker's noise has spoiled the solved pose.
     """
 
     same: float
@@ -34,20 +34,20 @@ class Share:
     spoiled: float
 
 
+# Fitted shares, see ``expected_kept``.
 SHARES: dict[Rule, Share] = {
     "distances": Share(0.55, 0.55, 0.55),
     "phalanges": Share(0.93, 0.7, 0.7),
     "hand": Share(0.98, 0.66, 0.66),
     "carried": Share(0.94, 0.7, 0.48),
 }
-"""Fitted shares, see ``expected_kept``."""
 
 
+# Number of foci that the shares are fitted to.
 FITTED_FOCI = 2
-"""Number of foci that the shares are fitted to."""
 
+# Change of the gaps between the foci's bones at which a solution loses most of its benefit [m].
 GAP_SCALE = 1.0e-3
-"""Change of the gaps between the foci's bones at which a solution loses most of its benefit [m]."""
 
 
 def expected_kept(
@@ -104,7 +104,7 @@ def unlike(gap: Poses, turned: Poses, foci: int = FITTED_FOCI) -> Poses:
 
 
 def worth_solving(parts: Iterable[Rule], noise: float, foci: int) -> bool:
-    """Return whether a fresh solution of any of these parts should keep more than distances do.
+    """Return whether a fresh solution of any of these parts should be better than distances.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def worth_solving(parts: Iterable[Rule], noise: float, foci: int) -> bool:
 
 
 class Library:
-    """The solutions of a part; new poses replace the oldest.
+    """Solutions of a part in several poses; new poses replace the oldest.
 
     Parameters
     ----------
@@ -142,11 +142,8 @@ class Library:
         self._factors = np.full((self._capacity, points, sources), 0, dtype=np.complex64)
         self._oldest = 0
 
-    def __len__(self) -> int:
-        return len(self._solutions)
-
     def add(self, solution: HandFactors) -> None:
-        """Keep a solution in place of one for nearly the same pose, or of the oldest if full."""
+        """Store a solution in place of one for nearly the same pose, or of the oldest if full."""
         if not self._solutions:
             self._distances = np.empty((self._capacity, *solution.distances.shape))
             self._directions = np.empty((self._capacity, *solution.directions.shape))
@@ -168,7 +165,7 @@ class Library:
         self._directions[index] = solution.directions
 
     def best(self, posed: PosedHand, noise: float = 0.0) -> tuple[float, HandFactors | None]:
-        """Return the share that the best solution for a pose should keep, and that solution.
+        """Return the share that is expected of the best solution for a pose, and that solution.
 
         Parameters
         ----------
@@ -190,7 +187,6 @@ class Library:
         distances: Float64[np.ndarray, "pairs"],
         directions: Float64[np.ndarray, "foci samples 3"],
     ) -> tuple[Poses, Poses]:
-        """Return how much the pose of each solution differs from a pose."""
         count = len(self._solutions)
         gap = gap_change(self._distances[:count], distances)
         return gap, turn(self._directions[:count], directions)

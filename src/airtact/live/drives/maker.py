@@ -1,4 +1,4 @@
-"""Drives for a moving hand from the newest pose and the best solution at hand."""
+"""Drives for a moving hand, from the newest pose and the best available solution."""
 
 import time as clock
 from collections.abc import Sequence
@@ -19,29 +19,29 @@ from airtact.hands.tracking.frame import HandFrame
 from airtact.hands.tracking.prediction import AGILITY, Predictor
 from airtact.live.drives.factors import OpenAir
 from airtact.live.drives.library import Library, expected_kept, worth_solving
-from airtact.live.drives.moving import Rounds, turned_towards
+from airtact.live.drives.moving import Rounds, phasors, turned_towards
 from airtact.live.drives.solver_process import Request, SolverProcess
 from airtact.live.moment import Controls, DriveMaker, Moment, Rule, silent_moment
 from airtact.live.scene import Amplitudes, Foci, Joints, LiveScene, Rows, pose_hand
 
 
 def solved_for(scene: LiveScene) -> list[Rule]:
-    """Return what is solved, each by a process: phalanges and hand, or carried hands."""
+    """Return the parts to solve, each in a process: phalanges and hand, or carried hands."""
     # With three foci, or one at the palm, the sound of the other fingers and the palm matters.
     many = len(scene.places) >= 3 or "palm" in scene.places
     return ["carried"] if many and scene.moving is None else ["phalanges", "hand"]
 
 
 class HandAware(DriveMaker):
-    """Makes drives that account for the hand.
+    """Maker of drives that account for the hand.
 
-    The transfer matrix of now is the open-air matrix of now times the factors of one solution: the
-    one, of all that were kept, that is expected to keep most of the attainable pressure. Where
-    open air alone is expected to keep more, it is used. Where noise lets no solution keep more, the
-    solvers rest. Frames are smoothed and predicted by a Kalman filter.
+    The transfer matrix is the open-air matrix of the present pose times the factors of one stored
+    solution: the one that is expected to give most of the attainable pressure. If open air alone is
+    expected to give more, it is used. While noise makes all solutions useless, the solvers rest.
+    Frames are smoothed and predicted by a Kalman filter.
 
     The method ``"best"`` is ``weighted_gerchberg_saxton`` here, which takes less than a millisecond
-    and ends within a hundredth of it. "robust" and "robust_phase_only" are best for 16 samples of
+    and comes within 1 % of it. "robust" and "robust_phase_only" are best for 16 samples of
     where the foci may be, by the uncertainty of the prediction (8 samples with over 3 foci).
 
     Parameters
@@ -50,8 +50,8 @@ class HandAware(DriveMaker):
     noise : standard deviation of each coordinate of the tracker's landmarks [m]; estimated from the
         frames by default.
     agility : how suddenly joints change their velocity, see ``Predictor`` [m²/s³].
-    solvers : solve hands; by default the processes of ``solved_for``. Without any, drives are made
-        from distances alone.
+    solvers : solve hands; by default the processes of ``solved_for``. Without any, drives are
+        focused by distances.
 
     Attributes
     ----------
@@ -123,11 +123,10 @@ class HandAware(DriveMaker):
 
     @property
     def _solving(self) -> bool:
-        """Whether the solvers are asked; they rest where noise spoils their solutions."""
+        """Whether the solvers work; they rest while noise spoils their solutions."""
         return worth_solving(self._parts, self._predictor.noise, len(self._scene.places))
 
     def _collect(self) -> None:
-        """Take the new solutions of the solvers into the libraries."""
         for solver in self._solvers:
             for solution in solver.solutions():
                 if isinstance(solution, str):
@@ -139,7 +138,6 @@ class HandAware(DriveMaker):
                 self._libraries[solution.part].add(solution)
 
     def _drive(self, time: float, frame_time: float, joints: Joints, controls: Controls) -> Moment:
-        """Make the drive for a hand, with the solution that is expected to keep most, if any."""
         posed = pose_hand(self._scene, joints, controls.offset)
         # Open air competes with the best solution of each library.
         noise = self._predictor.noise
@@ -155,7 +153,7 @@ class HandAware(DriveMaker):
         if solution is not None:
             rows = rows * solution.at(self._scene, posed)
         method = controls.method or self._scene.method
-        # A jump of the global phase would click at the link, though no focus feels it.
+        # A jump of the global phase would click at the link, without an effect at the foci.
         amplitudes = turned_towards(self._made(method, rows, posed.foci, time), self._previous)
         self._previous = amplitudes
         frames = None
@@ -178,7 +176,6 @@ class HandAware(DriveMaker):
         )
 
     def _made(self, name: str, rows: Rows, foci: Foci, time: float) -> Amplitudes:
-        """Make the amplitudes by a method; robust ones use the uncertainty of the prediction."""
         if name in FOR_SAMPLES:
             spread = self._predictor.spread(time)
             return robust_drive(self._scene, rows, foci, spread, name == "robust_phase_only")
@@ -244,10 +241,7 @@ def displaced(
     delay = np.einsum(
         "sfd,fed->sfe", shifts.astype(np.float32), directions.astype(np.float32), optimize=True
     )
-    phasors = np.empty(delay.shape, dtype=np.complex64)
-    phasors.real = np.cos(delay)
-    phasors.imag = np.sin(delay)
-    return rows * phasors
+    return rows * phasors(delay)
 
 
 @cache

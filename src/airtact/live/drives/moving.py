@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Complex64, Complex128, Float32, Float64
+from jaxtyping import Complex64, Complex128, Float, Float32, Float64
 
 from airtact.acoustics.target import Target
 from airtact.drives.gerchberg_saxton import SINGLE, alternating_projections, phase
@@ -81,10 +81,7 @@ class Rounds:
         before = self._distances(posed.foci.astype(np.float32))[places]
         after = self._distances(points.astype(np.float32))
         delay = self._wavenumber * (after - before)
-        shifted = np.empty(delay.shape, dtype=np.complex64)
-        shifted.real = np.cos(delay)
-        shifted.imag = np.sin(delay)
-        return self._open_air(posed.foci)[places] * (before / after * shifted)
+        return self._open_air(posed.foci)[places] * (before / after * phasors(delay))
 
     def _distances(
         self, points: Float32[np.ndarray, "points 3"]
@@ -106,6 +103,15 @@ class Rounds:
         phases, _, drives = alternating_projections(rows, sets, np.ones(sets.shape), start, 10)
         self._phases = phases.astype(np.complex128)
         return (SINGLE * drives).astype(np.complex128)
+
+
+def phasors(phases: Float[np.ndarray, "*any"]) -> Complex64[np.ndarray, "*any"]:
+    """Return e^{iφ} in single precision, in a third of the time of a complex exponential."""
+    phases = phases.astype(np.float32, copy=False)
+    values = np.empty(phases.shape, dtype=np.complex64)
+    np.cos(phases, out=values.real)
+    np.sin(phases, out=values.imag)
+    return values
 
 
 def aligned(frames: Frames, previous: Frames | None) -> Frames:

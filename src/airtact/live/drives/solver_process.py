@@ -1,4 +1,4 @@
-"""A process that solves the newest hand over and over, while the loop goes on."""
+"""A process that repeatedly solves the newest hand while the loop runs."""
 
 import os
 import time
@@ -17,11 +17,11 @@ from airtact.live.scene import Joints, LiveScene
 from airtact.live.worker import Mailbox, Worker
 from airtact.timing import give_way
 
+# Older requests are not solved [s]: the hand is lost, or the loop stalls.
 MAX_REQUEST_AGE = 0.3
-"""Older requests are not solved [s]: the hand is lost, or the loop stalls."""
 
+# Pause after a hand that could not be solved [s].
 RETRY_PAUSE = 0.02
-"""Pause after a hand that could not be solved [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ class Request:
 
 
 class SolverProcess:
-    """Solves a part of the newest hand in a process of its own, of low priority.
+    """Process of low priority that solves a part of the newest hand.
 
     All methods return at once.
 
@@ -71,7 +71,7 @@ class SolverProcess:
         self._worker.put(request)
 
     def solutions(self) -> list[HandFactors | str]:
-        """Return solutions since the last call, and messages of what could not be solved."""
+        """Return the solutions since the last call, and the messages of failed ones."""
         answers = [self._solutions.popleft() for _ in range(len(self._solutions))]
         return [answer for answer in answers if answer is not None]
 
@@ -83,7 +83,7 @@ class SolverProcess:
 def solve_hands(
     mailbox: Mailbox, send: Callable[[HandFactors | str], None], scene: LiveScene, part: Rule
 ) -> None:
-    """Solve a part of the newest hand in the mailbox over and over, until the mailbox ends."""
+    """Solve a part of the newest hand in the mailbox repeatedly, until the mailbox ends."""
     # Phalanges and carried sound are needed at once; a whole hand takes its time.
     give_way(15 if part == "hand" else 5)
     if part != "carried":
@@ -109,7 +109,7 @@ def _answer(
     solve: Callable[[Joints, float], HandFactors | None],
     interval: float = 0.0,
 ) -> None:
-    """Answer the newest request over and over, at least an interval apart [s], until the end."""
+    """Answer the newest request repeatedly, at least an interval apart [s], until the end."""
     seconds = 0.02  # mean solving time: a guess before any was measured
     while (request := mailbox.look(MAX_REQUEST_AGE)) is not None:
         begun = time.monotonic()

@@ -1,9 +1,9 @@
-// Makes a page that a processor draws cheap: viser's page runs this once, when it has connected.
+// Makes drawing cheap on computers without a graphics card. The page of viser runs this once, after connecting.
 //
 // Without it viser draws at full speed for 250 ms after each update, and computes light for each pixel. Here an update is
 // about one picture, and the corners of array and hand have the colours of points that are sent beside them and never seen.
-// Foci are seen through the hand.
-// What is not found stays as viser made it.
+// Foci are visible through the hand.
+// Parts that are not found stay unchanged.
 (() => {
   const viewer = window.__viserMutable;
   const drawing = () => viewer.scene?.__r3f?.root?.getState();

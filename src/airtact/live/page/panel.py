@@ -28,18 +28,18 @@ from airtact.live.page.view import AMPLITUDES, PHASES, PRESSURES, STEPS, Look, V
 from airtact.live.scene import Joints, LiveScene
 from airtact.live.worker import Mailbox
 
+# Sends a message to the loop.
 Send = Callable[[Message], None]
-"""Sends a message to the loop."""
 
+# Time span of the curves [s].
 CURVE_SECONDS = 10.0
-"""Time span of the curves [s]."""
 
+# Title, colour and upper limit of each curve.
 CURVES = (
     ("age of the frame in the air [ms]", "#1971c2", 150.0),
     ("drives per second", "#2f9e44", 150.0),
     ("expected pressure, of the attainable [%]", "#e8590c", 110.0),
 )
-"""Title, colour and upper limit of each curve."""
 
 RULES: dict[Rule, str] = {
     "distances": "focused by distances, without the hand",
@@ -48,6 +48,7 @@ RULES: dict[Rule, str] = {
     "carried": "solved: the whole hand, moved with its bones",
 }
 
+# Words and colour of each state.
 STATES: dict[State, tuple[str, str]] = {
     "waiting": ("waiting for a hand", "#868e96"),
     "playing": ("playing", "#2f9e44"),
@@ -55,7 +56,6 @@ STATES: dict[State, tuple[str, str]] = {
     "silent": ("silent", "#868e96"),
     "stopped": ("stopped for good", "#c92a2a"),
 }
-"""Words and colour of each state."""
 
 STYLE = """<style>
 [id="{emergency}"] {{ height: 4.2em !important; font-size: 1.05em; font-weight: 700;
@@ -261,7 +261,6 @@ class Panel:
 
 
 def _on_change(handle: Any, take: Callable[[Any], None]) -> None:
-    """Hand on the value of a control whenever it changes."""
     handle.on_update(lambda _: take(handle.value))
 
 
@@ -321,7 +320,6 @@ def legend_html(look: Look, sound: Sound | None, largest: float) -> str:
 
 
 def _bar(colours: UInt8[np.ndarray, "steps 3"], low: str, name: str, high: str) -> str:
-    """Draw a bar of colours with the meaning of its ends."""
     stops = ", ".join(to_hex(colours[step] / 255) for step in range(0, STEPS, STEPS // 12))
     ends = f'<div class="ends"><span>{low}</span><span>{name}</span><span>{high}</span></div>'
     return f'<div class="bar" style="background: linear-gradient(to right, {stops})"></div>{ends}'

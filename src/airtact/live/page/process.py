@@ -1,4 +1,4 @@
-"""The page as the loop sees it: a process that gets the newest moment and returns settings."""
+"""The process of the page, which gets the newest moment and returns settings."""
 
 from collections.abc import Callable
 from queue import Empty, SimpleQueue
@@ -11,18 +11,18 @@ from airtact.live.scene import Joints, LiveScene
 from airtact.live.worker import Mailbox, Worker
 from airtact.timing import give_way
 
+# Default port of the page.
 PORT = 8940
-"""Default port of the page."""
 
+# Message of the page when its emergency stop is pressed.
 EMERGENCY = "emergency"
-"""Message of the page when its emergency stop is pressed."""
 
+# The page first sends its address or an error, then ``EMERGENCY``, settings and frames.
 Message = str | InvalidInput | Controls | HandFrame
-"""What the page sends: first its address or what is wrong; then ``EMERGENCY``, settings, frames."""
 
 
 class PageProcess:
-    """Serves the page from another process of lower priority; the loop never waits for it.
+    """Process of lower priority that serves the page; the loop never waits for it.
 
     Use it in a ``with`` block. Only the newest moment goes to the page, from a thread of its own,
     so that a page that stalls, or ten that are open, cost the loop nothing. If the process dies,
@@ -43,7 +43,6 @@ class PageProcess:
     Attributes
     ----------
     controls : newest settings of the page.
-    stopped : whether the emergency stop was pressed.
     address : URL of the page.
 
     Raises
@@ -65,7 +64,6 @@ class PageProcess:
         self._stream = stream
         self._on_emergency = on_emergency
         self.controls: Controls = controls or Controls()
-        self.stopped: bool = False
         self._drives = 0
         self._answers: SimpleQueue[Message | None] = SimpleQueue()
         # The page is painted 13 times a second.
@@ -109,14 +107,12 @@ class PageProcess:
         self._worker.close()
 
     def _received(self, message: Message | None) -> None:
-        """Take what comes back: settings, frames of the dragged hand, and the emergency stop."""
         if isinstance(message, Controls):
             self.controls = message
         elif isinstance(message, HandFrame):
             if self._stream is not None:
                 self._stream.feed(message)
         elif message == EMERGENCY:
-            self.stopped = True
             self._on_emergency()
         else:
             self._answers.put(message)

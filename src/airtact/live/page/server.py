@@ -21,8 +21,8 @@ from websockets.http11 import Request, Response
 
 from airtact.errors import InvalidInput
 
+# Names of this computer under which a page without a token is served.
 HERE = ("127.0.0.1", "localhost")
-"""Names of this computer under which a page without a token is served."""
 
 
 @dataclass(frozen=True)

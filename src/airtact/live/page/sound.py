@@ -1,4 +1,4 @@
-"""The sound that the page shows on the skin and in a slice, solved with the hand in its place.
+"""The pressure that the page shows on the skin and in a slice, with scattering by the hand.
 
 The whole hand is solved for the newest drive, on panels that bend with it, in a process of low
 priority. This takes the better part of a second, so the page states the age of the result.
@@ -24,14 +24,14 @@ from airtact.live.scene import Amplitudes, Foci, Joints, LiveScene, pose_hand
 from airtact.live.worker import Mailbox, Worker
 from airtact.timing import give_way
 
+# Side of a slice [m].
 SLICE_SIZE = 0.12
-"""Side of a slice [m]."""
 
+# Points along a side of a slice, a quarter of a wavelength apart at 40 kHz.
 SLICE_POINTS = 56
-"""Points along a side of a slice, a quarter of a wavelength apart at 40 kHz."""
 
+# Pixels per point of a slice along each side.
 SLICE_ZOOM = 2
-"""Pixels per point of a slice along each side."""
 
 Axis = Literal["x", "y", "z"]
 Points = Float64[np.ndarray, "points 3"]
@@ -100,7 +100,7 @@ def element_sources(scene: LiveScene, amplitudes: Amplitudes, middle: Vector) ->
 
 @dataclass(frozen=True, eq=False)
 class SoundRequest:
-    """A moment whose sound is to be solved.
+    """A moment whose pressure is to be solved.
 
     Attributes
     ----------
@@ -122,7 +122,7 @@ class SoundRequest:
 
 @dataclass(frozen=True, eq=False)
 class Sound:
-    """The sound of a moment.
+    """The pressure of a moment.
 
     Attributes
     ----------
@@ -139,7 +139,7 @@ class Sound:
 
 
 class SoundSolver:
-    """Solves the sound of one hand after another.
+    """Solver of the pressure around successive hands.
 
     Parameters
     ----------
@@ -189,7 +189,7 @@ def _field_around(
 
 
 class SoundProcess:
-    """Solves the sound of one moment after another in a process; ``ask`` returns at once.
+    """Process that solves the pressure of successive moments; ``ask`` returns at once.
 
     Parameters
     ----------
@@ -206,7 +206,7 @@ class SoundProcess:
         self._worker = Worker(_solve_sounds, (scene,), self._received, pause=0.2)
 
     def ask(self, request: SoundRequest) -> None:
-        """Request a solution; the newest request is solved."""
+        """Request a solution; a newer request replaces an older one."""
         self._worker.put(request)
 
     def close(self) -> None:
@@ -218,7 +218,6 @@ class SoundProcess:
 
 
 def _solve_sounds(mailbox: Mailbox, send: Callable[[Sound], None], scene: LiveScene) -> None:
-    """Solve the sound of the newest request over and over, if it can be solved."""
     give_way(8)  # between the priorities of the loop's own solvers
     solver = SoundSolver(scene)
     while (request := mailbox.take()) is not None:

@@ -1,4 +1,4 @@
-"""What the page shows in three dimensions: array, hand, foci and a slice of the field."""
+"""The 3-D view of the page: array, hand, foci and a slice of the field."""
 
 import time
 from dataclasses import dataclass
@@ -30,11 +30,11 @@ from airtact.live.scene import Amplitudes, Foci, Joints, LiveScene
 from airtact.reports.array_figures import spacing, view_of
 from airtact.reports.solids import SHEET, sheet_of, towards_viewer
 
+# Colours of a colour map.
 STEPS = 256
-"""Colours of a colour map."""
 
+# Corners of an element's disc; few, as a software renderer slows down with each.
 CORNERS = 6
-"""Corners of an element's disc; few, as a software renderer slows down with each."""
 
 SKIN_COLOUR = (205, 180, 165)
 
@@ -55,7 +55,7 @@ AMPLITUDES = colour_map("viridis")
 
 @dataclass(frozen=True)
 class Look:
-    """What the page is set to show.
+    """Settings of the view.
 
     Attributes
     ----------
@@ -148,7 +148,7 @@ class View:
     def _sound_of(
         self, moment: Moment, joints: Joints, foci: Foci, vertices: Vertices, look: Look
     ) -> Sound | None:
-        """Request the sound of a moment, and return the newest one that is under 20 s old."""
+        """Request the pressure of a moment, and return the newest result if under 20 s old."""
         section = Section(self._middle, look.across, look.offset)
         now = time.monotonic()
         self._solving.ask(SoundRequest(now, joints, foci, moment.amplitudes, vertices, section))
@@ -163,7 +163,6 @@ class View:
         normals: Vertices,
         pressures: Float64[np.ndarray, "vertices"] | None,
     ) -> None:
-        """Show the hand with the pressure on it."""
         colours = np.broadcast_to(np.array(SKIN_COLOUR, dtype=np.uint8), vertices.shape)
         if pressures is not None:
             colours = self._coloured(pressures)
@@ -181,7 +180,7 @@ class View:
 
     def _show_slice(self, sound: Sound) -> None:
         pressures = enlarged(sound.field)
-        # Clear where there is little sound, so that what stands behind it stays visible.
+        # Transparent at low pressures, so that objects behind the slice stay visible.
         opaque = 255 * np.clip(0.1 + 3.0 * pressures / self.largest, 0.0, 0.95)
         self._slice.image = np.dstack([self._coloured(pressures), opaque.astype(np.uint8)])
         self._slice.position = sound.section.middle
@@ -219,18 +218,12 @@ class View:
         camera.far = 20.0
 
     def _add_array(self) -> viser.PointCloudHandle:
-        """Add a disc for each element, and return the points that carry the colours."""
         array = self._scene.array
         angles = 2.0 * np.pi * np.arange(CORNERS) / CORNERS
         radius = 0.46 * spacing(array.positions)  # discs of neighbours do not touch
-        # Any two axes across the normal do.
-        nearly_up = np.abs(array.normals[:, 2:]) >= 0.9
-        helper = np.where(nearly_up, [[1.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]])
-        along = np.cross(helper, array.normals)
-        along = along / np.linalg.norm(along, axis=1, keepdims=True)
-        across = np.cross(array.normals, along)
+        across = np.cross(array.normals, array.tangents)
         rim = (
-            np.cos(angles)[None, :, None] * along[:, None]
+            np.cos(angles)[None, :, None] * array.tangents[:, None]
             + np.sin(angles)[None, :, None] * across[:, None]
         )
         vertices = (array.positions[:, None] + radius * rim).reshape(-1, 3)
@@ -241,7 +234,6 @@ class View:
         return self._add_coloured("/array", vertices, faces.reshape(-1, 3), colours)[1]
 
     def _add_planes(self) -> None:
-        """Add each rigid plane as a translucent sheet under array and hand."""
         for index, plane in enumerate(self._scene.planes):
             points = np.vstack([self._scene.array.positions, self._middle])
             self._server.scene.add_mesh_simple(
