@@ -126,7 +126,7 @@ def test_the_process_solves_says_what_it_cannot_and_ends(board, joints):
         assert wait_for(HandFactors, joints).factors.shape == (2, len(board.array))
     finally:
         process.close()
-    assert not process._worker.alive
+    assert process._worker.process.poll() is not None
 
 
 def test_solvers_rest_while_noise_spoils_all_that_they_find(board, joints):

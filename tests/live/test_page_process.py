@@ -17,7 +17,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from airtact.live.moment import silent_moment
 from airtact.live.page.process import PageProcess
-from airtact.live.page.server import Guard, start_server
+from airtact.live.page.server import path_within, start_server
 from faults import raises_code
 from live.live_scenes import Loop, one_board
 
@@ -104,7 +104,7 @@ def test_only_this_computer_is_served_unless_asked_for(address) -> None:
     ],
 )
 def test_the_guard_knows_the_names_of_this_computer(path, host, origin, behind) -> None:
-    assert Guard(None).path_within(path, host, origin) == behind
+    assert path_within(path, host, origin, token=None) == behind
 
 
 def test_a_taken_port_is_named() -> None:
@@ -135,7 +135,7 @@ def test_a_page_that_reads_nothing_leaves_the_others_in_time() -> None:
         received = 0
         while received < 20_000_000:  # more than the sockets hold
             received += sum(len(page.recv(timeout=120)) for page in others)
-        assert loop.page.alive
+        assert loop.page._worker.process.poll() is None
         for page in [*others, stalled]:
             page.close()
 
@@ -152,13 +152,13 @@ def test_the_loop_outlives_a_page_that_stalls_and_is_killed() -> None:
         for _ in range(100):
             page.show(longer)
             time.sleep(0.001)
-        assert page.alive
+        assert page._worker.process.poll() is None
         page._worker.process.kill()
         until = time.monotonic() + 120.0
-        while page.alive and time.monotonic() < until:
+        while page._worker.process.poll() is None and time.monotonic() < until:
             page.show(longer)
             time.sleep(0.05)
-        assert not page.alive
+        assert page._worker.process.poll() is not None
         page.show(longer)
 
 

@@ -8,7 +8,7 @@ import pytest
 import airtact as at
 from airtact.live.drives.factors import OpenAir, solved
 from airtact.live.safety import Workspace
-from airtact.live.scene import LiveScene, WithImages, foci_on
+from airtact.live.scene import LiveScene, foci_on
 from live.live_scenes import Ready, direct_sound, one_board, open_pinch
 from references.motions import pinch_pose
 
@@ -137,21 +137,3 @@ def test_a_hand_through_the_table_gets_no_sound() -> None:
     assert workspace.fault(JOINTS, foci) is None
     deeper = JOINTS - [0.0, 0.0, 0.06]
     assert "through the plane: " in str(workspace.fault(deeper, foci))
-
-
-def test_images_are_only_of_elements_off_the_plane() -> None:
-    array = at.autd3_board(at.Pose(np.eye(3), TABLE.point))
-    both = WithImages.of(array, [TABLE])
-    assert len(both.array) == len(array)
-    assert (both.strengths == 1.0).all()  # its sensitivity is that in a board
-    points = at.PhasedArray(array.positions)
-    assert (WithImages.of(points, [TABLE]).strengths == 2.0).all()
-    standing = WithImages.of(OVER.array, [TABLE])
-    assert len(standing.array) == 2 * len(OVER.array)
-    np.testing.assert_allclose(
-        TABLE.height(standing.array.positions[249:]), -TABLE.height(OVER.array.positions)
-    )
-    plain = WithImages.of(OVER.array, [])
-    assert plain.array is OVER.array
-    rows = np.ones((2, 249), dtype=complex)
-    assert plain.folded(rows) is rows

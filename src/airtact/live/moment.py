@@ -58,13 +58,10 @@ class Moment:
     __repr__ = in_short
 
 
-def silent_moment(
-    scene: LiveScene, time: float, frame_time: float, state: State = "waiting"
-) -> Moment:
+def silent_moment(scene: LiveScene, time: float, frame_time: float) -> Moment:
     """Return a moment without a hand and without sound."""
-    return Moment(
-        time, frame_time, None, None, np.zeros(len(scene.array), np.complex128), state=state
-    )
+    silence = np.zeros(len(scene.array), np.complex128)
+    return Moment(time, frame_time, None, None, silence, state="waiting")
 
 
 @dataclass(frozen=True)

@@ -102,11 +102,6 @@ class Worker:
         """Hand over the newest message."""
         self._mailbox.put(message)
 
-    @property
-    def alive(self) -> bool:
-        """Whether the process runs."""
-        return self.process.poll() is None
-
     def close(self) -> None:
         """End the process."""
         self._mailbox.end()

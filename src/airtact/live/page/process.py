@@ -92,11 +92,6 @@ class PageProcess:
     def __exit__(self, *fault: object) -> None:
         self.close()
 
-    @property
-    def alive(self) -> bool:
-        """Whether the page is being served."""
-        return self._worker.alive
-
     def show(self, moment: Moment) -> None:
         """Show a moment, unless a newer one comes first; call it at every pass of the loop."""
         self._drives += 1

@@ -1,16 +1,16 @@
-"""The server of the page: viser behind a check of every request. Only the page imports this.
+"""The server of the page: viser, with a check of every request. Only the page imports this.
 
 viser serves any client, takes another port if one is taken, and opens a tunnel to the
 internet when a page asks for it. Here it gets a socket that is bound already, and every request is
-checked first: a page of another site in the same browser reveals itself by its ``Origin``, or, if
-it uses its own name for this computer, by its ``Host``.
+checked first. A page of another site in the same browser is recognised by its ``Origin``, or by its
+``Host`` if it uses another name for this computer.
 """
 
 import secrets
 import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from http import HTTPStatus
 from typing import Any
 
@@ -25,35 +25,25 @@ from airtact.errors import InvalidInput
 HERE = ("127.0.0.1", "localhost")
 
 
-@dataclass(frozen=True)
-class Guard:
-    """Decides which requests are served.
+def path_within(path: str, host: str, origin: str | None, token: str | None) -> str | None:
+    """Return the path behind the token, or None if the request must be rejected.
 
-    Attributes
+    Parameters
     ----------
+    path : requested path, such as ``"/"``.
+    host : name and port by which this server was addressed.
+    origin : of the page that sends the request, such as ``"http://127.0.0.1:8940"``; None for
+        programs other than browsers.
     token : first part of the path of every address; None for pages on this computer only.
     """
-
-    token: str | None
-
-    def path_within(self, path: str, host: str, origin: str | None) -> str | None:
-        """Return the path behind the token, or None if the request is rejected.
-
-        Parameters
-        ----------
-        path : requested path, such as ``"/"``.
-        host : name and port by which this server was addressed.
-        origin : of the page that sends the request, such as ``"http://127.0.0.1:8940"``; None for
-            programs that are no browser.
-        """
-        if origin is not None and origin not in (f"http://{host}", f"https://{host}"):
-            return None
-        if self.token is None:
-            return path if host.rpartition(":")[0] in HERE or host in HERE else None
-        first, _, rest = path.lstrip("/").partition("/")
-        # Constant-time comparison: the time must not reveal the token.
-        valid = secrets.compare_digest(first.partition("?")[0].encode(), self.token.encode())
-        return f"/{rest}" if valid else None
+    if origin is not None and origin not in (f"http://{host}", f"https://{host}"):
+        return None
+    if token is None:
+        return path if host.rpartition(":")[0] in HERE or host in HERE else None
+    first, _, rest = path.lstrip("/").partition("/")
+    # Constant-time comparison: the time must not reveal the token.
+    valid = secrets.compare_digest(first.partition("?")[0].encode(), token.encode())
+    return f"/{rest}" if valid else None
 
 
 def start_server(port: int, host: str) -> tuple[viser.ViserServer, str]:
@@ -67,8 +57,8 @@ def start_server(port: int, host: str) -> tuple[viser.ViserServer, str]:
     """
     bound = _bound_socket(port, host)
     port = bound.getsockname()[1]
-    guard = Guard(None if host in HERE else secrets.token_urlsafe(24))
-    with _guarding(bound, guard) as served:
+    token = None if host in HERE else secrets.token_urlsafe(24)
+    with _guarding(bound, token) as served:
         server = viser.ViserServer(host=host, port=port, verbose=False)
     if not served:
         server.stop()
@@ -81,7 +71,7 @@ def start_server(port: int, host: str) -> tuple[viser.ViserServer, str]:
     for message in (_messages.ShareUrlRequest, _messages.ShareUrlDisconnect):
         server._websock_server.unregister_handler(message)
     name = socket.gethostname() if host in ("0.0.0.0", "") else host
-    path = "" if guard.token is None else f"{guard.token}/"
+    path = "" if token is None else f"{token}/"
     return server, f"http://{name}:{port}/{path}"
 
 
@@ -107,8 +97,8 @@ def _bound_socket(port: int, host: str) -> socket.socket:
 
 
 @contextmanager
-def _guarding(bound: socket.socket, guard: Guard) -> Iterator[list[bool]]:
-    """Make the server that viser starts inside use a socket and a guard; yield whether it did."""
+def _guarding(bound: socket.socket, token: str | None) -> Iterator[list[bool]]:
+    """Give viser's server a socket and a check of requests; yield whether viser used them."""
     # viser has no public way to pass either, so the function that it calls is replaced meanwhile.
     serve = websocket_server.serve
     served = []
@@ -117,7 +107,7 @@ def _guarding(bound: socket.socket, guard: Guard) -> Iterator[list[bool]]:
         handler: Any, host: str, port: int, *, process_request: Any, **settings: Any
     ) -> Any:
         served.append(True)
-        check = _checked(process_request, guard)
+        check = _checked(process_request, token)
         return serve(handler, sock=bound, process_request=check, **settings)
 
     websocket_server.serve = guarded
@@ -128,11 +118,11 @@ def _guarding(bound: socket.socket, guard: Guard) -> Iterator[list[bool]]:
 
 
 def _checked(
-    answer: Callable[[Any, Request], Response | None], guard: Guard
+    answer: Callable[[Any, Request], Response | None], token: str | None
 ) -> Callable[[Any, Request], Any]:
     def check(connection: Any, request: Request) -> Response | None:
         host = request.headers.get("Host", "")
-        path = guard.path_within(request.path, host, request.headers.get("Origin"))
+        path = path_within(request.path, host, request.headers.get("Origin"), token)
         if path is None:
             return connection.respond(
                 HTTPStatus.FORBIDDEN,
