@@ -4,9 +4,16 @@ import numpy as np
 import pytest
 
 import airtact as at
+from airtact import _kernels
 from airtact.acoustics.solvers.bem.layer_potentials import NearRule, double_layer_pressure
 from airtact.acoustics.solvers.bem.operator import assemble, dual_surface
-from airtact.acoustics.solvers.bem.quadrature import Nodes, integrate_near, place_nodes
+from airtact.acoustics.solvers.bem.quadrature import (
+    NODAL,
+    Nodes,
+    near_lists,
+    near_quadrature,
+    place_nodes,
+)
 from airtact.acoustics.solvers.gmres import gmres
 from references import relative_columns
 from worlds import (
@@ -124,8 +131,12 @@ def single_layer(
     distance = np.linalg.norm(points[:, None] - nodes.points, axis=2)
     distance[distance < 1e-9] = 1.0  # a node's own panel is near, so its entry is replaced
     rows = nodes.weights / (4 * np.pi * distance) * np.exp(1j * wavenumber * distance)
-    near = integrate_near(nodes, points, 2.5, wavenumber, (8, 8), single_layer=True)
-    rows[near.target[:, None], 6 * near.panel[:, None] + np.arange(6)] = near.values
+    first, panel = near_lists(nodes, points, 2.5 * nodes.radii)
+    target = np.repeat(np.arange(len(points)), np.diff(first))
+    moments, _, _ = _kernels.near_integrals(
+        True, points, target, panel, nodes.panels, wavenumber, near_quadrature(8, 8)
+    )
+    rows[target[:, None], 6 * panel[:, None] + np.arange(6)] = moments @ NODAL
     return rows @ density
 
 

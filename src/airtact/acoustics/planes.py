@@ -1,6 +1,6 @@
 """Rigid planes, such as a table or a wall.
 
-What sound does before one follows from images behind it.
+The field in front of a plane follows from image sources behind it.
 """
 
 from collections.abc import Iterable, Sequence
@@ -15,19 +15,17 @@ from airtact.geometry.checks import NEAREST
 from airtact.geometry.pose import Pose
 from airtact.geometry.surface import Surface
 
-# Points up to this deep behind a plane count as on it [m]
+# Points up to this distance behind a plane count as on it [m]
 ON_PLANE = 1e-9
 
-# Air between a body and a plane at least [m]: the body and its image are then as far apart as two
+# Smallest distance of a body from a plane [m]: the body and its image are then as far apart as two
 # bodies must be
 MIN_GAP = 0.5 * NEAREST
 
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """A rigid plane without end.
-
-    Sound is on the side that its normal points to. ``plane`` makes it.
+    """An infinite rigid plane, made by ``plane``; sound is on the side of its normal.
 
     Attributes
     ----------
@@ -44,7 +42,7 @@ class Plane:
         )
 
     def height(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
-        """Distance of points (P, 3) [m] before the plane [m], negative behind it."""
+        """Distance of points (P, 3) [m] in front of the plane [m], negative behind it."""
         return (points - self.point) @ self.normal
 
     def image(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points 3"]:
@@ -56,12 +54,9 @@ class Plane:
         return Plane(fixed(motion.apply(self.point)), fixed(motion.rotate(self.normal)))
 
     def kept_by(self, motion: Pose) -> bool:
-        """Whether a rigid motion brings the plane onto itself.
+        """Whether a rigid motion maps the plane onto itself, as shifts along it do.
 
-        Shifts along the plane and turns about its normal do.
-
-        After such a motion of the bodies a field solved before the plane still holds for them and
-        the plane, which has stayed where it was.
+        A field solved in front of the plane remains valid after such a motion of the bodies.
         """
         turned = motion.rotate(self.normal[None])[0]
         height = self.height(motion.apply(self.point[None]))[0]
@@ -71,18 +66,16 @@ class Plane:
 def plane(point: Vector, normal: Vector, ratio: complex | float | None = None) -> Plane:
     """Make a rigid plane, such as a table or a wall.
 
-    On it ∂p/∂n = 0, and all sound is before it.
-
-    The image of each source and body in the plane makes the field exactly. A point source on the
-    plane radiates twice the pressure that it has in open air. A transducer that is flush in it
-    keeps its stated sensitivity, which is that of a transducer in a board.
+    ∂p/∂n = 0 on the plane, and all sound is in front of it. The images of sources and bodies in the
+    plane give the exact field. A point source on the plane radiates twice its open-air pressure. A
+    transducer flush in it keeps its sensitivity, which is stated for a transducer in a board.
 
     Parameters
     ----------
     point : (3,) any point of the plane [m].
-    normal : (3,) direction towards the side where the sound is; its length does not matter.
-    ratio : None. A plane with an impedance Z/(ρc) is rejected: its image is exact for plane waves
-        only.
+    normal : (3,) direction to the side of the sound, of any length.
+    ratio : None. A plane with an impedance Z/(ρc) is rejected, because images are exact for rigid
+        planes only.
 
     Raises
     ------
@@ -105,31 +98,29 @@ def plane(point: Vector, normal: Vector, ratio: complex | float | None = None) -
         )
     if ratio is not None:
         raise InvalidInput(
-            f"a plane of impedance ratio {ratio} is not solved, rigid ones are; leave ratio out.",
+            f"a plane of impedance ratio {ratio} is not supported; leave ratio out for a rigid "
+            "plane.",
             code="not_supported",
         )
     return Plane(point, fixed(normal / length))
 
 
 def planes_of(planes: Sequence[Plane], surfaces: Sequence[Surface]) -> tuple[Plane, ...]:
-    """Return the planes of a scene, at most one.
-
-    Raise where a body touches it or reaches behind it.
-    """
+    """Check the planes of a scene: at most one, which no body touches or crosses."""
     if isinstance(planes, Plane) or not isinstance(planes, Iterable):
         raise InvalidInput(
-            f"the planes of a scene are a {type(planes).__name__}; put it into a list: [plane].",
+            f"the planes of a scene must be a list such as [plane], not a {type(planes).__name__}.",
             code="wrong_kind",
         )
     planes = tuple(planes)
     for index, plane in enumerate(planes):
         of_kind(plane, Plane, f"plane {index}", "plane(point, normal)")
     if len(planes) > 1:
-        # The images between parallel planes fall off only as one over their number, so that their
-        # sum does not converge; planes that cross make a corner, which has other images.
+        # The sum over the images between parallel planes does not converge; planes that cross make
+        # a corner, which has other images.
         raise InvalidInput(
-            f"the scene has {len(planes)} planes, but only one can be solved; leave out those that "
-            "are farther from the foci.",
+            f"the scene has {len(planes)} planes, but at most one is supported; leave out those "
+            "far from the foci.",
             code="too_many",
         )
     for plane in planes:
@@ -137,11 +128,11 @@ def planes_of(planes: Sequence[Plane], surfaces: Sequence[Surface]) -> tuple[Pla
             nearest = surface.shape.farthest(-plane.normal)
             gap = float(plane.height(nearest[None])[0])
             if gap < MIN_GAP * (1.0 - 1e-6):
-                side = "behind" if gap < 0.0 else "before"
+                side = "behind" if gap < 0.0 else "in front of"
                 raise InvalidInput(
                     f"body {index} reaches {1e3 * abs(gap):.3g} mm {side} the plane at "
-                    f"{in_mm(nearest)}, but it must stay {1e3 * MIN_GAP:g} mm or more before it: "
-                    "move it away, or turn the normal of the plane.",
+                    f"{in_mm(nearest)}, but it must be at least {1e3 * MIN_GAP:g} mm in front of "
+                    "it: move it away, or reverse the normal of the plane.",
                     nearest,
                     code="bodies_overlap",
                 )
@@ -156,10 +147,7 @@ def images_in(
 
 
 def with_images(planes: Sequence[Plane], sources: Monopoles) -> Monopoles:
-    """Return sources and their images in the plane, which emit with them.
-
-    Without planes the sources themselves are returned.
-    """
+    """Return sources and their images in the plane, if there is one."""
     if not planes:
         return sources
     strengths = np.tile(sources.strengths, (1 + len(planes), 1))
@@ -169,7 +157,7 @@ def with_images(planes: Sequence[Plane], sources: Monopoles) -> Monopoles:
 def before_planes(
     planes: Sequence[Plane], points: Real[np.ndarray, "points 3"]
 ) -> Bool[np.ndarray, "points"]:
-    """Whether points (P, 3) [m] are on or before all planes."""
+    """Whether points (P, 3) [m] are on or in front of all planes."""
     before = np.ones(len(points), dtype=np.bool_)
     for plane in planes:
         before &= plane.height(points) >= -ON_PLANE
@@ -177,21 +165,18 @@ def before_planes(
 
 
 def check_before_planes(
-    planes: Sequence[Plane], points: Real[np.ndarray, "points 3"], what: str
+    planes: Sequence[Plane], points: Real[np.ndarray, "points 3"], name: str
 ) -> None:
-    """Raise "behind_plane" where one of the points (P, 3) [m] is behind a plane.
-
-    ``what`` names one point.
-    """
+    """Raise "behind_plane" where one of the points (P, 3) [m] is behind a plane."""
     for plane in planes:
         height = plane.height(points)
         behind = np.flatnonzero(height < -ON_PLANE)
         if len(behind):
             deepest = int(height.argmin())
             raise InvalidInput(
-                f"{len(behind)} of {len(points)} {what} points behind the plane: {what} {deepest} "
-                f"at {in_mm(points[deepest])} by {-1e3 * height[deepest]:.3g} mm; move it to the "
-                "front, or turn the normal of the plane.",
+                f"{len(behind)} of {len(points)} {name} points are behind the plane: {name} "
+                f"{deepest} at {in_mm(points[deepest])} by {-1e3 * height[deepest]:.3g} mm; move "
+                "it to the front, or reverse the normal of the plane.",
                 points[deepest],
                 code="behind_plane",
             )

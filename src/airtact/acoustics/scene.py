@@ -43,8 +43,8 @@ class Obstacle:
         ``"filled"`` (another fluid).
     ratio : Z/(ρc) of an impedance, else None.
     medium : fluid inside a filled body, else None.
-    board : whether it is boards of the array, with elements in its face; ``reflecting_boards``
-        makes those.
+    board : whether the body consists of boards of the array, with elements in their faces, as
+        ``reflecting_boards`` builds them.
     """
 
     surface: Surface
@@ -55,7 +55,7 @@ class Obstacle:
 
     @property
     def kind(self) -> str:
-        """Its boundary in words."""
+        """The boundary in words."""
         return "reflecting-board" if self.board else self.boundary.replace("_", "-")
 
     def __repr__(self) -> str:
@@ -74,17 +74,18 @@ class Obstacle:
         ) != (self.boundary == "filled"):
             raise InvalidInput(
                 f"an obstacle of boundary {self.boundary} has ratio {self.ratio} and medium "
-                f"{self.medium}, but an impedance takes a ratio, a filled one a medium, and none "
-                "takes both.",
+                f"{self.medium}; only an impedance takes a ratio, only a filled body a medium.",
                 code="options_clash",
             )
         if self.medium is not None:
-            of_kind(self.medium, Medium, "what fills an obstacle", "Medium(sound_speed, density)")
+            of_kind(
+                self.medium, Medium, "the filling of an obstacle", "Medium(sound_speed, density)"
+            )
         if self.ratio is None:
             return
         if not isinstance(self.ratio, complex | float | int | np.number):
             raise InvalidInput(
-                f"the impedance ratio is {self.ratio!r}, but it must be one number, Z/(ρc).",
+                f"the impedance ratio is {self.ratio!r}, but it must be a number, Z/(ρc).",
                 code="not_a_number",
             )
         ratio = complex(self.ratio)
@@ -121,7 +122,7 @@ def impedance(surface: Surface, ratio: complex | float) -> Obstacle:
 
 
 def filled(surface: Surface, medium: Medium) -> Obstacle:
-    """Build a body from its closed surface and another fluid inside, which sound enters."""
+    """Build a body from its closed surface and the fluid that fills it, which sound enters."""
     return Obstacle(surface, "filled", medium=medium)
 
 
@@ -134,15 +135,15 @@ class Scene:
     medium : fluid around the bodies.
     obstacles : the bodies, which do not touch; none for a free field.
     frequency : [Hz], 1 kHz to 1 MHz.
-    planes : a rigid plane such as a table, see ``plane``; none for air without end.
+    planes : a rigid plane such as a table, see ``plane``; none for open air.
 
     Raises
     ------
     InvalidInput
-        When the frequency is outside its range or so low that every body is under 1/50 of a
-        wavelength, a body is over 10 m from the origin, the absorption exceeds 1 Np per wavelength,
-        a surface crosses itself, two bodies overlap, a body touches a plane or reaches behind it,
-        there are several planes, or something is of the wrong kind.
+        The frequency is outside its range, or so low that every body is under 1/50 of a wavelength;
+        a body is over 10 m from the origin; the absorption exceeds 1 Np per wavelength; a surface
+        intersects itself; two bodies overlap; a body touches or crosses a plane; there are several
+        planes; or an argument has the wrong type.
 
     Examples
     --------
@@ -193,11 +194,11 @@ class Scene:
                 code="out_of_range",
             )
         for index, obstacle in enumerate(self.obstacles):
-            # One vertex shows it: a body in millimetres is far beyond this.
+            # One vertex suffices: a body in millimetres is far beyond this.
             distance = math.hypot(*obstacle.surface.vertices[obstacle.surface.triangles[0, 0]])
             if distance > 10.0:
                 raise InvalidInput(
-                    f"body {index} stands {distance:.4g} m from the origin, more than 10 m: is it "
+                    f"body {index} is {distance:.4g} m from the origin, more than 10 m: is it "
                     "in millimetres? Give metres.",
                     code="out_of_range",
                 )
@@ -241,8 +242,8 @@ class Scene:
 def _obstacles_of(obstacles: Sequence[Obstacle]) -> tuple[Obstacle, ...]:
     if isinstance(obstacles, Obstacle | Surface) or not isinstance(obstacles, Iterable):
         raise InvalidInput(
-            f"the obstacles of a scene are a {type(obstacles).__name__}, but they must be a list, "
-            "empty or such as [sound_hard(surface)].",
+            "the obstacles of a scene must be a list such as [sound_hard(surface)], not a "
+            f"{type(obstacles).__name__}.",
             code="wrong_kind",
         )
     obstacles = tuple(obstacles)
@@ -257,38 +258,38 @@ def _check_off_boards(obstacles: Sequence[Obstacle]) -> None:
         for board in boards:
             if obstacle.board:
                 continue
-            # Less rounding, so that a body at this very distance passes.
+            # Rounding must not reject a body at exactly this distance.
             contact = approach(obstacle.surface, board.surface, NEAREST * (1.0 - 1e-9))
             if contact is not None:
-                gap = "cuts into"
+                gap = "intersects"
                 if contact.gap > CONTACT:
-                    gap = f"is {1e3 * contact.gap:.3g} mm off"
+                    gap = f"is {1e3 * contact.gap:.3g} mm from"
                 raise InvalidInput(
                     f"body {index} {gap} a reflecting board at {in_mm(contact.position)}, but it "
-                    f"must stay {1e3 * NEAREST:g} mm or more off it: move the body or the array.",
+                    f"must be at least {1e3 * NEAREST:g} mm away: move the body or the array.",
                     contact.position,
                     code="bodies_overlap",
                 )
 
 
 def admittances(scene: Scene) -> Complex128[np.ndarray, "bodies"]:
-    """Return ρc/Z of the surface of each body, 0 where it is no impedance."""
+    """Return ρc/Z of the surface of each body, 0 for other boundaries."""
     ratios = [obstacle.ratio for obstacle in scene.obstacles]
     return np.array([0.0 if ratio is None else 1.0 / ratio for ratio in ratios], np.complex128)
 
 
-def check_outside(scene: Scene, points: Real[np.ndarray, "points 3"], what: str) -> None:
+def check_outside(scene: Scene, points: Real[np.ndarray, "points 3"], name: str) -> None:
     """Raise "inside_body" or "behind_plane" where points lie in a body or behind a plane.
 
-    ``what`` names one point: "focus", "transducer".
+    ``name`` is that of a point: "focus", "transducer".
     """
-    points = points_of(points, f"{what} points")
-    check_not_inside(scene.depth(points), points, what)
-    check_before_planes(scene.planes, points, what)
+    points = points_of(points, f"{name} points")
+    check_not_inside(scene.depth(points), points, name)
+    check_before_planes(scene.planes, points, name)
 
 
 def check_not_inside(
-    depth: Float64[np.ndarray, "points"], points: Float64[np.ndarray, "points 3"], what: str
+    depth: Float64[np.ndarray, "points"], points: Float64[np.ndarray, "points 3"], name: str
 ) -> None:
     """Raise "inside_body" where points lie deeper in a body than ``CONTACT``."""
     count = int((depth > CONTACT).sum())
@@ -296,7 +297,7 @@ def check_not_inside(
         deepest = int(depth.argmax())
         count_note = f", the deepest of {count}" if count > 1 else ""
         raise InvalidInput(
-            f"{what} {deepest} at {in_mm(points[deepest])} is {depth[deepest] * 1e3:.3g} mm inside "
+            f"{name} {deepest} at {in_mm(points[deepest])} is {depth[deepest] * 1e3:.3g} mm inside "
             f"a body{count_note}; move it out or the body away.",
             points[deepest],
             code="inside_body",
@@ -304,12 +305,10 @@ def check_not_inside(
 
 
 def check_sources(scene: Scene, sources: Monopoles, planes: bool = False) -> None:
-    """Raise where a solver cannot radiate the sources.
+    """Raise where the sources are of the wrong type, inside a body or behind a plane.
 
-    They are of a wrong kind, inside a body or behind a plane.
-
-    The sentence calls the sources of ``Target.beacons`` foci. ``planes`` says that the solver knows
-    planes.
+    The error calls the sources of ``Target.beacons`` foci. ``planes`` is whether the solver
+    supports planes.
     """
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
     beacons = (
@@ -321,23 +320,23 @@ def check_sources(scene: Scene, sources: Monopoles, planes: bool = False) -> Non
     check_outside(scene, sources.positions, "focus" if isinstance(sources, Beacons) else "source")
 
 
-def check_no_planes(scene: Scene, who: str) -> None:
-    """Raise where the scene has planes or the array's boards, which ``who`` does not know."""
+def check_no_planes(scene: Scene, solver: str) -> None:
+    """Raise where the scene has planes or reflecting boards, which ``solver`` does not support."""
     if scene.planes:
         raise InvalidInput(
-            f"the scene has {counted(len(scene.planes), 'plane', 'planes')}, which {who} does not "
-            "take: leave the planes out, or solve with BoundaryElement, or FreeField where there "
-            "is no body.",
+            f"the scene has {counted(len(scene.planes), 'plane', 'planes')}, which {solver} does "
+            "not support: leave the planes out, or solve with BoundaryElement, or FreeField where "
+            "there is no body.",
             code="not_supported",
         )
-    check_no_boards(scene, who)
+    check_no_boards(scene, solver)
 
 
-def check_no_boards(scene: Scene, who: str) -> None:
-    """Raise where the scene has the array's boards, which ``who`` does not know."""
+def check_no_boards(scene: Scene, solver: str) -> None:
+    """Raise where the scene has reflecting boards, which ``solver`` does not support."""
     if scene.boards:
         raise InvalidInput(
             f"the scene has {counted(len(scene.boards), 'body', 'bodies')} of reflecting boards, "
-            f"which {who} does not take: leave them out, or solve with BoundaryElement.",
+            f"which {solver} does not support: leave them out, or solve with BoundaryElement.",
             code="not_supported",
         )

@@ -9,13 +9,13 @@ from scipy.spatial.distance import cdist
 
 from airtact.errors import InvalidInput, check_finite, complex_numbers, in_short, points_of
 
-# A point nearer to a source than this stands on it [m]
+# Points nearer to a source than this are at the source [m]
 STANDS_ON = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class Monopoles:
-    """N point sources with S independent excitations: one solve per excitation.
+    """N point sources with S independent excitations, which a solver solves separately.
 
     A monopole of strength s alone in open air gives p = s e^{ikr}/r.
 
@@ -28,7 +28,7 @@ class Monopoles:
     Raises
     ------
     InvalidInput
-        No points or excitations, NaN or infinity, or shapes that do not match.
+        There are no points or excitations, a number is NaN or infinite, or shapes do not match.
 
     Examples
     --------
@@ -79,8 +79,8 @@ def check_off_sources(points: Real[np.ndarray, "points 3"], sources: Monopoles) 
     if len(near):
         first = int(near[0])
         raise InvalidInput(
-            f"point {first} stands on source {int(source[first])} ({1e3 * distance[first]:g} mm "
-            "away), where the pressure is infinite; move it off.",
+            f"point {first} is {1e3 * distance[first]:g} mm from source {int(source[first])}, "
+            "where the pressure is infinite; move it away.",
             code="misplaced",
         )
 
@@ -88,14 +88,14 @@ def check_off_sources(points: Real[np.ndarray, "points 3"], sources: Monopoles) 
 def nearest_source(
     points: Real[np.ndarray, "points 3"], sources: Monopoles, within: float
 ) -> tuple[Float64[np.ndarray, "points"], Int64[np.ndarray, "points"]]:
-    """Distance [m] and number of the nearest source of each point, where within reach.
+    """Distance [m] and index of the nearest source of each point.
 
-    Elsewhere either may be anything farther.
+    Where no source is within reach, the distance is larger and the index arbitrary.
     """
     columns = np.ascontiguousarray(points.T)  # many times quicker than a minimum over three columns
     low = columns.min(axis=1, initial=np.inf) - within
     high = columns.max(axis=1, initial=-np.inf) + within
-    # Most points are far from all sources; the box around them leaves few sources to look at.
+    # Most points are far from all sources; the box around them contains few sources.
     inside = np.flatnonzero(((sources.positions >= low) & (sources.positions <= high)).all(axis=1))
     if not len(inside) or not len(points):
         return np.full(len(points), np.inf), np.zeros(len(points), dtype=np.int64)

@@ -1,7 +1,4 @@
-"""What a person is to feel.
-
-Foci in the obstacles' frame, the pressures wanted there, and points to suppress.
-"""
+"""Targets: foci with their pressures, and points of suppressed pressure."""
 
 from dataclasses import dataclass
 from typing import cast
@@ -25,15 +22,16 @@ from airtact.errors import (
     span,
 )
 
-# The value wanted at each focus: (F,) numbers, or one for all
-Wanted = Num[np.ndarray, "foci"] | complex | float | int
+# Required values at the foci: (F,) numbers, or one number for all
+PerFocus = Num[np.ndarray, "foci"] | complex | float | int
 
 
 @dataclass(frozen=True, eq=False)
 class Beacons(Monopoles):
     """The virtual sources of a target.
 
-    The first ``foci`` stand at foci, the others, unrefined, at suppression points.
+    The first ``foci`` sources are at foci, the others at suppression points, whose panels are not
+    refined.
     """
 
     foci: int = 0
@@ -50,16 +48,16 @@ class Beacons(Monopoles):
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """Foci and suppression points, fixed in the obstacles' frame so that they move with the hand.
+    """Foci and suppression points in the obstacles' frame, which move with the hand.
 
     Attributes
     ----------
     points : (F, 3) foci in the obstacles' frame [m].
-    pressures : (F,) peak pressures asked for [Pa], or None to make the foci as strong as possible.
-    shares : (F,) relative pressures asked for, as strong as the array allows, or None. Without
-        pressures and shares all foci count equally.
-    phases : (F,) phases asked for [rad] if complex numbers are given, or None if the method chooses
-        them.
+    pressures : (F,) required peak pressures [Pa]; None makes the foci as strong as possible.
+    shares : (F,) relative pressures, as strong as the array allows, or None. Without pressures and
+        shares all foci count equally.
+    phases : (F,) required phases [rad], from complex pressures or shares; None if the method
+        chooses them.
     suppression_points : (Q, 3) points where the pressure is suppressed [m], none by default.
 
     Examples
@@ -94,31 +92,30 @@ class Target:
     def __init__(
         self,
         points: Real[np.ndarray, "foci 3"] | Vector,
-        pressures: Wanted | None = None,
+        pressures: PerFocus | None = None,
         *,
-        shares: Wanted | None = None,
+        shares: PerFocus | None = None,
         suppression_points: Real[np.ndarray, "suppressed 3"] | None = None,
     ) -> None:
-        """Check the points, and expand what is wanted to one number per focus.
+        """Check the points, and expand pressures or shares to one number per focus.
 
         Parameters
         ----------
         points : (F, 3) [m], or (3,) for one focus.
         pressures : (F,) peak pressures [Pa], one number for all foci, or None. Complex numbers fix
             the phases too, real ones leave them to the method.
-        shares : the same in proportion only; give one of the two, or none for equal foci.
+        shares : relative pressures in the same form; give at most one of the two.
         suppression_points : (Q, 3) where the pressure is suppressed [m].
 
         Raises
         ------
         InvalidInput
-            No points, NaN or infinity, a point over 2 m from the origin, a negative number, none
-            above zero, not one per focus, pressures together with shares, or a suppression point
-            nearer than 1 µm to a focus; or the points are a position and a normal, as
-            ``hand.place`` gives them.
+            There are no points, a number is NaN, infinite or negative, a point is over 2 m from
+            the origin, no number is above zero, their count is wrong, both pressures and shares are
+            given, a suppression point is within 1 µm of a focus, or the points are a position and a
+            normal, as ``hand.place`` returns them.
         """
         _check_no_normal(points)
-        # One point alone is a target of one focus.
         if len(points) == 3 and all(np.ndim(coordinate) == 0 for coordinate in points):
             points = np.asarray(points)[None]
         foci = points_of(cast("np.ndarray", points), "target points")
@@ -133,38 +130,38 @@ class Target:
                 "a target has both pressures and shares; give pressures in pascal, or shares.",
                 code="options_clash",
             )
-        wanted = None
+        values = None
         if pressures is not None:
-            wanted = _per_focus(pressures, len(foci), "target pressure", " Pa")
+            values = _per_focus(pressures, len(foci), "target pressure", " Pa")
         elif shares is not None:
-            wanted = _per_focus(shares, len(foci), "target share", "")
-        magnitudes = None if wanted is None else fixed(np.abs(wanted))
-        values = {
+            values = _per_focus(shares, len(foci), "target share", "")
+        magnitudes = None if values is None else fixed(np.abs(values))
+        attributes = {
             "points": foci,
             "suppression_points": suppressed,
             "pressures": None if pressures is None else magnitudes,
             "shares": None if shares is None else magnitudes,
             # real numbers leave the phases to the method
-            "phases": None if wanted is None or np.isrealobj(wanted) else fixed(np.angle(wanted)),
+            "phases": None if values is None or np.isrealobj(values) else fixed(np.angle(values)),
         }
-        for name, value in values.items():
+        for name, value in attributes.items():
             object.__setattr__(self, name, value)
 
     @property
     def weights(self) -> Float64[np.ndarray, "foci"]:
-        """(F,) weight of each focus: pressures wanted [Pa], or shares, or 1 for all."""
+        """(F,) weight of each focus: its required pressure [Pa], its share, or 1."""
         if self.pressures is not None:
             return self.pressures
         return np.ones(len(self.points)) if self.shares is None else self.shares
 
     @property
     def wanted(self) -> Complex128[np.ndarray, "foci"]:
-        """(F,) weights with the phases wanted, 0 where they are left to the method."""
+        """(F,) weights with the required phases, or phase 0 where the method chooses it."""
         phases = 0.0 if self.phases is None else self.phases
         return self.weights * np.exp(1j * np.asarray(phases))
 
     def beacons(self, suppression: bool = False) -> Monopoles:
-        """One virtual source of 1 Pa·m at every focus, each its own excitation.
+        """Virtual sources of 1 Pa·m at the foci, each its own excitation.
 
         The strengths are the identity (F, F).
 
@@ -183,11 +180,11 @@ def _counted_suppression(count: int) -> str:
     return counted(count, "suppression point", "suppression points") if count else ""
 
 
-def _per_focus(wanted: Wanted, foci: int, what: str, unit: str) -> Num[np.ndarray, "foci"]:
-    if np.iscomplexobj(wanted):
-        numbers = complex_numbers(np.asarray(wanted), f"{what}s")
+def _per_focus(values: PerFocus, foci: int, what: str, unit: str) -> Num[np.ndarray, "foci"]:
+    if np.iscomplexobj(values):
+        numbers = complex_numbers(np.asarray(values), f"{what}s")
     else:
-        numbers = real_numbers(np.asarray(wanted), f"{what}s")
+        numbers = real_numbers(np.asarray(values), f"{what}s")
     check_finite(numbers, f"{what}s")
     if numbers.ndim != 0 and numbers.shape != (foci,):
         raise InvalidInput(
@@ -203,7 +200,7 @@ def _per_focus(wanted: Wanted, foci: int, what: str, unit: str) -> Num[np.ndarra
         )
     if np.abs(numbers).max() == 0.0:
         raise InvalidInput(
-            f"every {what} is 0{unit}; ask at least one focus for more.", code="empty"
+            f"every {what} is 0{unit}; give at least one focus a larger one.", code="empty"
         )
     return np.broadcast_to(numbers, (foci,))
 
@@ -217,7 +214,8 @@ def _check_suppressed_foci(
         index, point = np.unravel_index(distance.argmin(), distance.shape)
         raise InvalidInput(
             f"suppression point {point} is {1e3 * distance.min():.2g} mm from focus {index} at "
-            f"{in_mm(foci[index])}, so both cannot hold; leave it out of the suppression zone.",
+            f"{in_mm(foci[index])}; the pressure there cannot be both strong and zero. Leave it "
+            "out.",
             foci[index],
             code="misplaced",
         )
@@ -232,17 +230,14 @@ def _check_no_normal(points: Real[np.ndarray, "foci 3"] | Vector) -> None:
         and abs(np.linalg.norm(points[1]) - 1.0) < 1e-6
     ):
         raise InvalidInput(
-            "the target points are a position and its unit normal, as hand.place gives them. Give "
-            "the position, or a focus before it: point + 0.5e-3 * normal.",
+            "the target points are a position and its unit normal, as hand.place returns them. "
+            "Give the position alone, or a focus above the skin: hand.focus(place).",
             code="misplaced",
         )
 
 
 def _check_near_origin(points: Float64[np.ndarray, "points 3"], what: str) -> None:
-    """Raise where a point is farther than 2 m, the largest body, from the origin.
-
-    The point is probably in millimetres.
-    """
+    """Raise where a point is over 2 m, the largest body, from the origin."""
     distance = np.linalg.norm(points, axis=1)
     if distance.max(initial=0.0) > 2.0:
         worst = int(distance.argmax())

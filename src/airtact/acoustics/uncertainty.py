@@ -6,27 +6,26 @@ import numpy as np
 
 from airtact.errors import InvalidInput, Vector, between, one_line, point_of
 
-# Angles above zero and below this were probably meant in radians [degree]; they move nothing that
-# counts
+# Smaller angles above zero are probably in radians [degree]
 SMALLEST_ANGLE = 0.1
 
 _MILLIMETRES = "is it in millimetres? Give metres."
 
-# Largest value of each deviation, its unit, and what is said beyond it.
+# Largest value of each deviation, its unit, and the hint of the error beyond it
 _LIMITS = {
     "position": (0.1, "m", _MILLIMETRES),
-    "rotation": (90.0, "degrees", "a hand is known better than that."),
+    "rotation": (90.0, "degrees", "hands are located more accurately."),
     "own_position": (0.1, "m", _MILLIMETRES),
-    "own_rotation": (90.0, "degrees", "a hand is known better than that."),
+    "own_rotation": (90.0, "degrees", "hands are located more accurately."),
     "along_skin": (0.1, "m", _MILLIMETRES),
     "age": (1.0, "s", "is it in milliseconds? Give seconds."),
-    "temperature": (10.0, "K", "the air of a room is known better than that."),
+    "temperature": (10.0, "K", "the temperature of a room is known better."),
     "humidity": (0.5, "parts of 1", "5 per cent is humidity=0.05."),
     "gain": (0.5, "parts of 1", "5 per cent is gain=0.05."),
-    "phase": (90.0, "degrees", "a drive is worth nothing then."),
+    "phase": (90.0, "degrees", "no drive focuses with such phases."),
     "dead": (0.9, "parts of 1", "10 per cent is dead=0.1."),
     "board_position": (0.1, "m", _MILLIMETRES),
-    "board_rotation": (90.0, "degrees", "boards are known better than that."),
+    "board_rotation": (90.0, "degrees", "boards are located more accurately."),
 }
 
 
@@ -38,12 +37,12 @@ class Uncertainty:
 
     Attributes
     ----------
-    position : of the hand as a whole, each of x, y and z [m].
+    position : of the hand, along each of x, y and z [m].
     rotation : of a turn of the hand about a random axis through the middle of the foci [degree].
-    own_position, own_rotation : the same of each body by itself, or of the bone that carries a
-        focus; a body turns about the middle of its own foci [m, degree].
+    own_position, own_rotation : of each body separately, or of the bone that carries a focus; a
+        body turns about the middle of its own foci [m, degree].
     along_skin : of each focus on its body, in each of two directions along the surface [m].
-    age : of the time for which the pose holds [s]; the hand is then off by that times its velocity.
+    age : of the time since the pose was measured [s]; the hand moves at its velocity meanwhile.
     velocity : (3,) of the hand in the obstacles' frame [m/s]; not a deviation.
     temperature : of the air [K].
     humidity : relative humidity of the air, in parts of 1.
@@ -57,7 +56,7 @@ class Uncertainty:
     ------
     InvalidInput
         "not_a_number"; "out_of_range": a number is negative, not finite or larger than makes sense
-        in its unit, or an angle is between 0 and 0.1 degrees, which was probably meant in radians.
+        in its unit, or an angle is between 0 and 0.1 degrees, which is probably in radians.
 
     Examples
     --------
@@ -111,8 +110,3 @@ class Uncertainty:
         # The hand is off by its way since the pose was measured.
         late = self.age * np.linalg.norm(self.velocity)
         return float(np.sqrt(self.position**2 + self.own_position**2 + late**2))
-
-    @property
-    def none(self) -> bool:
-        """Whether nothing is uncertain."""
-        return not any(getattr(self, name) for name in _LIMITS)

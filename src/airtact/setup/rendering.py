@@ -13,7 +13,7 @@ import airtact as at
 from airtact.acoustics.medium import Medium
 from airtact.acoustics.scene import Scene
 from airtact.acoustics.solvers.problem import SolveReport
-from airtact.acoustics.target import Target, Wanted
+from airtact.acoustics.target import PerFocus, Target
 from airtact.drives.drive import Drive, quantise
 from airtact.drives.drive_file import SEQUENCE_FILE
 from airtact.drives.frame import Frame
@@ -171,7 +171,7 @@ def focus(
     points: Real[np.ndarray, "foci 3"] | Vector,
     hand: "at.Hand | at.Surface | None" = None,
     *,
-    pressures: Wanted | None = None,
+    pressures: PerFocus | None = None,
     medium: Medium | None = None,
 ) -> Rendering:
     """Focus an array on points, in open air or with a hand or another rigid body there.

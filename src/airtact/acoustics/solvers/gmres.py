@@ -1,7 +1,7 @@
-"""GMRES for several right-hand sides at once: each iteration passes over the matrix once for all.
+"""GMRES for several right-hand sides, which share each pass over the matrix.
 
 Each right-hand side has its own Krylov space (Saad & Schultz, SIAM J. Sci. Stat. Comput. 7 (1986)
-856). SciPy's solver takes one right-hand side, and most of the time goes into reading the matrix.
+856). SciPy's solver takes one right-hand side, and reading the matrix takes most of the time.
 """
 
 import math
@@ -46,8 +46,8 @@ def gmres(
     right_sides : each b, as a row.
     tolerance : relative residual that all right-hand sides must reach.
     error : relative error of the solution at which to stop, about. An ill-conditioned A, as for
-        sound in a cavity, leaves a large error at a small residual; iterations go on then.
-    most_iterations : iterations after which the solve is given up.
+        sound in a cavity, leaves a large error at a small residual, and needs more iterations.
+    most_iterations : largest number of iterations.
 
     Raises
     ------
@@ -96,9 +96,9 @@ def gmres(
                 solution += weight[:, None] * vectors
             return GmresResult(solution * scale, residuals, step)
     raise NotConverged(
-        f"GMRES stopped at a relative residual of {np.max(residuals):.1e} (wanted {tolerance:.0e}) "
-        f"after {most_iterations} iterations; likely a gap or a body is much thinner than a panel: "
-        "ask for a smaller accuracy, or move the bodies apart.",
+        f"GMRES reached a relative residual of {np.max(residuals):.1e} in {most_iterations} "
+        f"iterations, not {tolerance:.0e}: a gap or a body is probably much thinner than a panel. "
+        "Use a smaller accuracy, or move the bodies apart.",
         code="not_converged",
     )
 
@@ -109,23 +109,17 @@ def _settled(
     residuals: Float64[np.ndarray, "sides"],
     error: float,
 ) -> bool:
-    """Whether all solutions are right to about ``error``, or A is well-conditioned.
+    """Whether all solutions have an error of about ``error``, or A is well-conditioned.
 
-    The relative error is at most the residual over the least singular value of A. That of GMRES's
-    triangle stands for it; one over the norm of the triangle's inverse is quicker to compute and
-    never larger, so it is tried first.
+    The relative error is at most the residual over the least singular value of A. GMRES's triangle
+    has about the same least singular value.
     """
     if math.isinf(error):
         return True
-
-    def small(size: Float64[np.ndarray, "sides"]) -> bool:
-        # without cavities the error is 1.3 to 2.7 times the residual: 3 is well-conditioned
-        return bool(((residuals <= error * size) | (3.0 * size >= 1.0)).all())
-
-    length = np.linalg.norm(spaces.weights[:, :steps], axis=1)
-    if small(length / np.sqrt(np.where(spaces.squares > 0, spaces.squares, np.inf))):
-        return True
     column, row = np.tril_indices(steps)
-    triangles = np.zeros((len(length), steps, steps), dtype=np.complex128)
+    triangles = np.zeros((len(residuals), steps, steps), dtype=np.complex128)
     triangles[:, row, column] = spaces.triangles[:, : len(row)]
-    return small(np.linalg.svd(triangles, compute_uv=False)[:, -1] * length)
+    least = np.linalg.svd(triangles, compute_uv=False)[:, -1]
+    size = least * np.linalg.norm(spaces.weights[:, :steps], axis=1)
+    # Without cavities the error is 1.3 to 2.7 times the residual: 3 is well-conditioned.
+    return bool(((residuals <= error * size) | (3.0 * size >= 1.0)).all())

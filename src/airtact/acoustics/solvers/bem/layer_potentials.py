@@ -12,7 +12,7 @@ angle of the bodies, which separates points inside from points outside.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Complex128
+from jaxtyping import Complex128, Float64, Int64
 from scipy.sparse import csr_array
 
 from airtact import _kernels
@@ -29,14 +29,17 @@ from airtact.acoustics.solvers.arrays import (
 from airtact.acoustics.solvers.bem.quadrature import (
     CONTACT_REACH,
     NODAL,
-    NearPairs,
     Nodes,
-    integrate_near,
     near_lists,
     near_quadrature,
 )
 from airtact.acoustics.solvers.bem.target_cells import Cells
 from airtact.geometry.mesh.quadratic_triangles import shape_functions
+
+# Indices of the points that touch a panel, the panel of each, and its reference coordinates there
+Contacts = tuple[
+    Int64[np.ndarray, "contacts"], Int64[np.ndarray, "contacts"], Float64[np.ndarray, "contacts 2"]
+]
 
 
 @dataclass(frozen=True)
@@ -170,7 +173,8 @@ def _near_groups(
         lists = np.append(first[:-1][near], first[-1]), panel
         rows = near_rows(nodes, points[near], wavenumber, near_rule, precision, least, lists)
         return [(near, rows)]
-    largest = nodes.contact[find_contacts(nodes, points[on]).panel].max(initial=0.0)
+    _, touched, _ = find_contacts(nodes, points[on])
+    largest = nodes.contact[touched].max(initial=0.0)
     widened = replace(nodes, contact=nodes.contact + largest)
     return [
         (group, near_rows(panels, points[group], wavenumber, near_rule, precision, least))
@@ -218,28 +222,29 @@ def double_layer_transposed(
     return total
 
 
-def find_contacts(nodes: Nodes, points: Points) -> NearPairs:
+def find_contacts(nodes: Nodes, points: Points) -> Contacts:
     """Find the points that touch the surface, each with its nearest panel."""
-    near = integrate_near(nodes, points, 1.1, 0j, (1, 1))  # only distances are of interest
-    touching = np.flatnonzero(near.distance < nodes.contact[near.panel])
-    # keep each point once, with the panel that is nearest
-    nearest_first = touching[np.argsort(near.distance[touching], kind="stable")]
-    target, first = np.unique(near.target[nearest_first], return_index=True)
-    pair = nearest_first[first]
-    return NearPairs(
-        target, near.panel[pair], near.values[pair], near.distance[pair], near.reference[pair]
+    first, panel = near_lists(nodes, points, 1.1 * nodes.radii)
+    target = np.repeat(np.arange(len(points)), np.diff(first))
+    # The integrals are of no interest, so one Gauss point will do.
+    _, distance, reference = _kernels.near_integrals(
+        False, points, target, panel, nodes.panels, wavenumber=0j, quadrature=near_quadrature(1, 1)
     )
+    touching = np.flatnonzero(distance < nodes.contact[panel])
+    nearest_first = touching[np.argsort(distance[touching], kind="stable")]
+    _, unique = np.unique(target[nearest_first], return_index=True)
+    pair = nearest_first[unique]
+    return target[pair], panel[pair], reference[pair]
 
 
 def project_contacts(nodes: Nodes, points: Points) -> tuple[Vectors, Mask]:
     """Project points that touch the surface onto their panel; also return which those are."""
     points = np.array(points, dtype=np.float64)
-    contacts = find_contacts(nodes, points)
+    target, panel, reference = find_contacts(nodes, points)
     contact = np.zeros(len(points), dtype=bool)
-    contact[contacts.target] = True
-    points[contacts.target] = np.einsum(
-        "en,end->ed", shape_functions(contacts.reference), nodes.quadratic_triangles[contacts.panel]
-    )
+    contact[target] = True
+    shape = shape_functions(reference)
+    points[target] = np.einsum("en,end->ed", shape, nodes.quadratic_triangles[panel])
     return points, contact
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 
 import numpy as np
-from jaxtyping import Complex128, Float64, Int64
+from jaxtyping import Float64, Int64
 
 from airtact import _kernels
 from airtact.acoustics.solvers.arrays import (
@@ -167,53 +167,6 @@ def near_lists(nodes: Nodes, points: Points, limits: PanelLengths) -> NearLists:
     """
     first, panel = _kernels.near_pairs(points, nodes.centres, limits)
     return first.view(np.int64), panel.view(np.int64)  # NumPy has two names for this type
-
-
-@dataclass(frozen=True, eq=False)
-class NearPairs:
-    """Integrals ∫ kernel(x, y) L_j(y) dS over panels near points x, L_j as in ``NODAL``.
-
-    Attributes
-    ----------
-    target, panel : indices of point and panel of each pair.
-    values : the integrals of the six quadratics.
-    distance : from the point to the panel [m].
-    reference : reference coordinates of the closest point of the panel.
-    """
-
-    target: Int64[np.ndarray, "pairs"]
-    panel: Int64[np.ndarray, "pairs"]
-    values: Complex128[np.ndarray, "pairs 6"]
-    distance: Float64[np.ndarray, "pairs"]
-    reference: Float64[np.ndarray, "pairs 2"]
-
-
-def integrate_near(
-    nodes: Nodes,
-    points: Points,
-    reach: float,
-    wavenumber: complex,
-    gauss_points: tuple[int, int],
-    single_layer: bool = False,
-) -> NearPairs:
-    """Integrate the double (or single) layer of e^{ikr}/(4πr) over panels near points.
-
-    Panels are near whose centre is within ``reach`` of their radii. A point nearer to a panel than
-    its contact length counts as lying on it. ``gauss_points`` along the angle and the radius are
-    what the integrals begin with; the sinh stretching adds more close to a panel.
-    """
-    first, panel = near_lists(nodes, points, reach * nodes.radii)
-    target = np.repeat(np.arange(len(points)), np.diff(first))
-    moments, distance, reference = _kernels.near_integrals(
-        single_layer,
-        points,
-        target,
-        panel,
-        nodes.panels,
-        wavenumber=complex(wavenumber),
-        quadrature=near_quadrature(*gauss_points),
-    )
-    return NearPairs(target, panel, moments @ NODAL, distance, reference)
 
 
 def thickness(
