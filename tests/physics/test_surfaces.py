@@ -98,7 +98,7 @@ def test_panels_far_off_the_triangles_are_reported():
         report = at.BoundaryElement(accuracy=0.1).radiate(scene, source).report
         off = report.farthest_off_triangles
         assert off > 2e-3 if curved else off < 1e-9
-        assert any("off the triangles" in warning for warning in report.warnings) == curved
+        assert bool(report.warnings) == curved
 
 
 @pytest.mark.slow

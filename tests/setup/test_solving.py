@@ -133,9 +133,9 @@ def test_the_verification_warns_against_what_the_scene_asks() -> None:
     setup = at.read_scene(SCENES / "ball.toml")
     solver = verification_solver(setup)
     assert isinstance(solver, BoundaryElement)
-    assert solver.accuracy < setup.accuracy == solver.wanted
+    assert solver.accuracy < setup.accuracy == solver.max_error
     field = solver.radiate(setup.scene, setup.target.beacons())
-    assert field.wanted == setup.accuracy
+    assert field.max_error == setup.accuracy
     point = setup.target.points[0] + [0.0, 0.0, -1e-3]
     assert field.report_at(point[None]).warnings == field.report.warnings
     assert "3.3e-10" in replace(field, wanted=1e-9).report_at(point[None]).warnings[-1]

@@ -17,7 +17,7 @@ from airtact.files.bounded import bytes_of
 # Largest size of an SVG drawing [bytes]; the reader's time grows with the square of the size
 MAX_DRAWING_BYTES = 500_000
 
-# Largest number of straight and curved parts of a drawing, each counted as often as it is used
+# Largest number of straight and curved parts of a drawing, counted for each use
 MAX_CURVES = 5_000
 
 # Lines from corner to corner in a plane, x to the right and y up
@@ -32,23 +32,21 @@ def text(
     normal: Vector = (0.0, 0.0, 1.0),
     up: Vector | None = None,
 ) -> Points:
-    """Points (F, 3) [m] of writing in single strokes.
-
-    The strokes are the centre lines of letters (A. V. Hershey's fonts, 1967).
+    """Points (F, 3) [m] of text in single strokes, the centre lines of Hershey's letters (1967).
 
     Parameters
     ----------
-    words : what is written, in ASCII.
+    words : text in ASCII.
     height : of a capital letter [m].
     spacing : largest distance of neighbours along a stroke [m].
-    centre : (3,) middle of the writing [m].
-    normal : (3,) direction from which it is read.
+    centre : (3,) middle of the text [m].
+    normal : (3,) direction to the reader.
     up : (3,) direction of the letters' tops; None for y, or z where the normal is nearly y.
 
     Raises
     ------
     InvalidInput
-        If there is nothing to write, a letter is not in the font, or as ``polyline``.
+        If the text is empty or a letter is not in the font, or as for ``polyline``.
 
     Examples
     --------
@@ -66,7 +64,7 @@ def text(
                 code="unknown_name",
             )
     font = HersheyFonts()
-    # Strokes without serifs: skin feels the stroke, not the outline of a letter.
+    # sans serif, in single strokes rather than outlines
     font.load_default_font("futural")
     font.normalize_rendering(1.0)  # otherwise y would run down
     strokes = [np.array(stroke, dtype=np.float64) for stroke in font.strokes_for_text(words)]
@@ -85,9 +83,7 @@ def svg_path(
     normal: Vector = (0.0, 0.0, 1.0),
     up: Vector | None = None,
 ) -> Points:
-    """Points (F, 3) [m] of the lines of an SVG drawing.
-
-    Paths, polygons, circles and so on are drawn, with their transforms.
+    """Points (F, 3) [m] of the lines of an SVG drawing: paths, polygons, circles, transforms.
 
     Parameters
     ----------
@@ -95,13 +91,13 @@ def svg_path(
     width : of the whole drawing [m], or its height where it has no width.
     spacing : largest distance of neighbours along a line [m].
     centre : (3,) middle of the drawing [m].
-    normal : (3,) direction from which it is seen.
+    normal : (3,) direction to the viewer.
     up : (3,) direction of its top; None for y, or z where the normal is nearly y.
 
     Raises
     ------
     InvalidInput
-        If the file cannot be read or is not SVG, it holds no lines or too many, or as ``polyline``.
+        If the file cannot be read or is not SVG, has no lines or too many, or as for ``polyline``.
     """
     width = positive(width, "the width of the drawing", "m")
     spacing = positive(spacing, "the spacing", "m")
@@ -118,14 +114,14 @@ def svg_path(
     farthest = np.abs(corners).max(initial=0.0)
     if not farthest <= LARGEST_NUMBER:
         raise InvalidInput(
-            f"{name} has a line at {farthest:.3g}, but lines lie within {LARGEST_NUMBER:g} units.",
+            f"{name} has a line at {farthest:.3g}, beyond {LARGEST_NUMBER:g} units; scale it down.",
             code="out_of_range",
         )
     extent = np.ptp(corners, axis=0) if len(corners) else np.zeros(2)
     # An upright line has no width.
     size = extent[0] if extent[0] > 0.0 else extent[1]
     if size < SMALLEST_NUMBER:
-        raise InvalidInput(f"{name} holds no lines longer than 0.", code="empty")
+        raise InvalidInput(f"{name} has no lines longer than 0.", code="empty")
     upright = [stroke * [width / size, -width / size] for stroke in strokes]  # y runs down in SVG
     return _laid_out(upright, name, spacing, centre, normal, up)
 
@@ -161,31 +157,27 @@ def _corners(line: Any) -> Float64[np.ndarray, "corners 2"]:
 
 
 def _checked_drawing(drawing: bytes, name: str) -> bytes:
-    """Count what an SVG file holds before a reader expands it.
+    """Check the size of an SVG file before the reader expands it, and drop its style sheets.
 
-    Parts that are used again count again.
-
-    Returns the file without style sheets, for which the reader takes minutes and which move no
-    line.
+    The reader takes minutes for style sheets, which move no line.
     """
     try:
         root = ElementTree.fromstring(drawing)
     except (ElementTree.ParseError, ValueError, LookupError) as error:
         raise InvalidInput(f"{name} is not SVG: {error}.", code="file_unreadable") from None
-    # An element that is used a thousand times is read as a thousand elements.
+    # An element used a thousand times is expanded to a thousand elements.
     by_id = {element.attrib.get("id"): element for element in root.iter()}
     counts: dict[ElementTree.Element, int] = {}
 
     def count(element: ElementTree.Element, level: int) -> int:
-        """Numbers in an element and all that it holds and uses."""
-        if level > 64:  # also the way out of an element that uses itself
+        if level > 64:  # also where an element uses itself
             raise InvalidInput(
                 f"{name} nests or uses elements more than 64 levels deep; flatten it.",
                 code="file_too_large",
             )
         if element not in counts:
             attributes = dict(element.attrib)
-            if len(attributes) > 100:  # which the reader copies into all that is inside
+            if len(attributes) > 100:  # the reader copies them into all children
                 raise InvalidInput(
                     f"{name} has an element of over 100 attributes.", code="too_many"
                 )
@@ -194,8 +186,7 @@ def _checked_drawing(drawing: bytes, name: str) -> bytes:
             inside = list(element)
             if element.tag.rpartition("}")[2] == "use" and link[1:] in by_id:
                 inside.append(by_id[link[1:]])
-            # An element costs the reader about as much as one curve of six numbers, even if it is
-            # empty.
+            # Even an empty element costs the reader as much as a curve of six numbers.
             total = 6 + sum(_numbers_in(value) for value in attributes.values())
             total += _letters_in(attributes.get("d", ""))
             counts[element] = total + sum(count(part, level + 1) for part in inside)
@@ -220,7 +211,7 @@ def _check_curves(numbers: int, name: str) -> None:
     """Raise where a drawing has too many curves: six numbers, or one element, count as one."""
     if numbers // 6 > MAX_CURVES:
         raise InvalidInput(
-            f"{name} has some {numbers // 6:,} curves, more than {MAX_CURVES:,}; simplify it.",
+            f"{name} has about {numbers // 6:,} curves, more than {MAX_CURVES:,}; simplify it.",
             code="too_many",
         )
 
@@ -229,7 +220,7 @@ def _laid_out(
     strokes: Strokes, name: str, spacing: float, centre: Vector, normal: Vector, up: Vector | None
 ) -> Points:
     if not strokes:
-        raise InvalidInput(f"{name} has no strokes: there is nothing to feel.", code="empty")
+        raise InvalidInput(f"{name} has no strokes.", code="empty")
     right, upwards, _ = frame_of(normal, up)
     corners = np.concatenate(strokes)
     middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))

@@ -1,7 +1,7 @@
-"""Stored: a solver that reads from a folder what it has solved before.
+"""``Stored``: a solver that caches its fields in a folder.
 
-An entry is a checksum and a NumPy archive: the field's dataclasses as a tree in JSON, and its
-arrays. Scene and sources are not stored: the caller has them.
+An entry is a checksum and a NumPy archive with the field's dataclasses as a JSON tree and its
+arrays. Scene and sources are not stored, because the caller has them.
 """
 
 import hashlib
@@ -32,15 +32,14 @@ SUFFIX = ".field"
 
 
 def name_of(*values: object) -> str:
-    """Name values and the airtact that computes with them, to the last bit: 40 hexadecimal digits.
+    """Hash values and airtact's code to 40 hexadecimal digits.
 
-    Every field of their dataclasses counts, except those that take no part in comparisons
-    (``field(compare=False)``: caches and callbacks).
+    All fields of dataclasses count, except caches and callbacks (``field(compare=False)``).
 
     Raises
     ------
     InvalidInput
-        Something has no known bytes, such as a solver that is no dataclass.
+        A value cannot be hashed, such as a solver that is no dataclass.
     """
     arrays: list[np.ndarray] = []
     tree = json.dumps([_tree(value, arrays, {}) for value in values], sort_keys=True)
@@ -55,14 +54,14 @@ def name_of(*values: object) -> str:
 def program(package: Path = Path(errors.__file__).parent) -> str:
     """Digest of the Python files and compiled kernels of airtact."""
     digest = hashlib.blake2b(digest_size=20)
-    # A change of the program may change its numbers, so fields of another one are not found.
+    # Another version of airtact may compute other numbers.
     for file in [*sorted(package.rglob("*.py")), Path(str(_kernels.__file__))]:
         digest.update(file.name.encode() + hashlib.blake2b(file.read_bytes()).digest())
     return digest.hexdigest()
 
 
 def packed(field: RadiatedField, key: str) -> bytes:
-    """Pack a field into the bytes of its entry; raise "wrong_kind" for a library's objects."""
+    """Pack a field into the bytes of its entry; raise "wrong_kind" for objects of libraries."""
     arrays: list[np.ndarray] = []
     tree = _tree(field, arrays, {id(field.scene): "scene", id(field.sources): "sources"})
     stream = io.BytesIO()
@@ -72,7 +71,7 @@ def packed(field: RadiatedField, key: str) -> bytes:
 
 
 def unpacked(content: bytes, key: str, scene: Scene, sources: Monopoles) -> RadiatedField | None:
-    """Restore a field; None for changed bytes or another key."""
+    """Restore a field; None if its bytes were changed or the key differs."""
     archive = content[64:]
     if content[:64] != _checksum(key, archive):
         return None
@@ -83,7 +82,7 @@ def unpacked(content: bytes, key: str, scene: Scene, sources: Monopoles) -> Radi
         for array in arrays:
             array.flags.writeable = False
         field = _value(tree, arrays, {"scene": scene, "sources": sources})
-    except Exception:  # the checksum fits, but another program wrote the file
+    except Exception:  # another program wrote the file with a valid checksum
         return None
     return field if isinstance(field, RadiatedField) else None
 
@@ -103,7 +102,7 @@ def _tree(value: object, arrays: list[np.ndarray], references: Mapping[int, str]
     if isinstance(value, complex):
         return {"complex": [value.real, value.imag]}
     if isinstance(value, np.ndarray) and value.dtype.kind in "biufc":
-        # JSON has no arrays: each is stored beside the tree, which has its number.
+        # JSON has no arrays: the tree has the index of each.
         arrays.append(value)
         return {"array": len(arrays) - 1}
     if isinstance(value, tuple | list):
@@ -119,7 +118,7 @@ def _tree(value: object, arrays: list[np.ndarray], references: Mapping[int, str]
         }
         return {"module": kind.__module__, "class": kind.__qualname__, "fields": parts}
     raise InvalidInput(
-        f"a {kind.__qualname__} is no number, text, array or dataclass of these.",
+        f"a {kind.__qualname__} cannot be stored: it is no number, text, array or dataclass.",
         code="wrong_kind",
     )
 
@@ -142,7 +141,7 @@ def _value(tree: Any, arrays: list[np.ndarray], references: Mapping[str, object]
         case {"table": table}:
             return restored(table)
         case {"module": str(module), "class": name, "fields": table}:
-            # Only dataclasses of airtact are made again, whatever the file names.
+            # Only dataclasses of airtact are made, whatever a damaged file names.
             if not module.startswith("airtact."):
                 raise ValueError(module)
             kind: Any = getattr(importlib.import_module(module), name)
@@ -153,27 +152,26 @@ def _value(tree: Any, arrays: list[np.ndarray], references: Mapping[str, object]
 
 
 class Stored(Solver):
-    """A solver that keeps its fields in a folder and reads them again.
+    """A solver that stores its fields in a folder and reads them again.
 
-    A field is found again by everything that determines it, to the last bit: every vertex and
-    mid-edge point, boundary, medium, frequency, source, setting of the solver, and airtact itself.
-    An entry is written whole or not at all, even if another process writes too or this one is
-    killed; a damaged one is noticed by its checksum and solved again. When the folder exceeds
-    ``most_bytes``, the entries that were unused for longest are deleted. A field that cannot be
-    stored, such as one of finite elements, is still solved, and its report's warnings give the
-    reason. Code outside airtact does not count: after a change to a solver of your own, use another
-    folder.
+    The key of a field includes everything that determines it, to the last bit: vertices and
+    mid-edge points, boundaries, medium, frequency, sources, settings of the solver, and airtact's
+    code. An entry is written completely or not at all, even if several processes write or one is
+    killed. A damaged entry is detected by its checksum and solved again. When the folder exceeds
+    ``most_bytes``, the least recently used entries are deleted. A field that cannot be stored, such
+    as one of finite elements, is still solved; the warnings of its report give the reason. Code
+    outside airtact is not part of the key: after changing your own solver, use another folder.
 
     Parameters
     ----------
-    solver : solves what is not stored.
-    folder : of the files; made if it does not exist. Any number of processes may share it.
+    solver : solver of fields that are not stored.
+    folder : folder of the files, created if missing. Any number of processes may share it.
     most_bytes : largest size of the folder.
 
     Raises
     ------
     InvalidInput
-        Something of the wrong kind, or a bound below 1 byte.
+        An argument has the wrong type, or ``most_bytes`` is below 1.
 
     Examples
     --------
@@ -206,13 +204,13 @@ class Stored(Solver):
         self.most_bytes = int(most_bytes)
 
     def reporting(self, progress: Progress | None) -> "Stored":
-        """Return the store with a callback that gets the words of each step of its solver."""
+        """Return the store with a callback that gets the name of each step of its solver."""
         return Stored(self.solver.reporting(progress), self.folder, self.most_bytes)
 
     def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
-        """Field of the monopoles, from the folder, or solved; errors as of the solver.
+        """Field of the monopoles, read from the folder or solved; errors as of the solver.
 
-        A field from the folder has ``store`` as the only step in its report's ``seconds``.
+        A stored field has ``store`` as the only step in its report's ``seconds``.
         """
         begun = time.perf_counter()
         try:
@@ -236,19 +234,20 @@ class Stored(Solver):
 
     def _keep(self, path: Path, key: str, field: RadiatedField, scene: Scene) -> None:
         if field.scene is not scene:
-            # An entry is read with the scene that is asked for, so it cannot hold another one.
-            raise InvalidInput("its scene is another one, without boards.", code="not_supported")
+            # An entry is read with the scene of its key.
+            raise InvalidInput("its scene has no boards.", code="not_supported")
         content = packed(field, key)
         if len(content) > self.most_bytes:
             raise InvalidInput(
-                f"it takes {len(content)} bytes; {self.folder} may hold {self.most_bytes}.",
+                f"it takes {len(content)} bytes, and {self.folder} is limited to "
+                f"{self.most_bytes}.",
                 code="too_many",
             )
         self.folder.mkdir(parents=True, exist_ok=True)
         with whole_file(path) as partial:
             partial.write_bytes(content)
         entries = []
-        # Half-written files of killed processes count too.
+        # Partial files of killed processes count too.
         for entry in self.folder.glob(f"*{SUFFIX}*"):
             with suppress(FileNotFoundError):  # another process may delete it at the same time
                 state = entry.stat()

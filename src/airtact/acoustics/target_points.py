@@ -1,7 +1,7 @@
 """Shapes as points for a ``Target``: lines, circles, spheres, surfaces of bodies.
 
-Points lie at most a spacing apart along a line. Foci nearer than half a wavelength to each other
-blur into one, so a quarter to a half of a wavelength (2 to 4 mm at 40 kHz) draws an unbroken line.
+The spacing is the largest distance of neighbours along a line. Foci within half a wavelength merge,
+so a quarter to a half of a wavelength (2 to 4 mm at 40 kHz) gives an unbroken line.
 """
 
 from collections.abc import Callable
@@ -32,7 +32,7 @@ MAX_OFFSET = 0.02
 
 
 def segment(start: Vector, end: Vector, spacing: float) -> Points:
-    """Points (F, 3) [m] of a straight line, evenly spaced, both ends among them.
+    """Points (F, 3) [m] of a straight line, evenly spaced, with both ends.
 
     Parameters
     ----------
@@ -42,8 +42,7 @@ def segment(start: Vector, end: Vector, spacing: float) -> Points:
     Raises
     ------
     InvalidInput
-        If the two ends are one point, a number is not finite, or there would be more than 4096
-        points.
+        If both ends coincide, a number is not finite, or there would be more than 4096 points.
 
     Examples
     --------
@@ -67,7 +66,7 @@ def polyline(
     Raises
     ------
     InvalidInput
-        As ``segment``, or fewer than two corners.
+        As for ``segment``, or there are fewer than two corners.
     """
     corners = points_of(corners, "corners of a polyline")
     minimum = 3 if closed else 2
@@ -85,8 +84,7 @@ def polyline(
     lengths = np.linalg.norm(steps, axis=1)
     if lengths.min() == 0.0:
         raise InvalidInput(
-            f"line {int(lengths.argmin())} of a polyline has no length: its two ends are one "
-            "point.",
+            f"line {int(lengths.argmin())} of a polyline has no length: its ends coincide.",
             code="all_zero",
         )
     # Rounding must not add a point where the spacing divides the length.
@@ -147,7 +145,7 @@ def sphere_shell(centre: Vector, radius: float, spacing: float) -> Points:
     Raises
     ------
     InvalidInput
-        As ``circle``.
+        As for ``circle``.
 
     Examples
     --------
@@ -156,7 +154,7 @@ def sphere_shell(centre: Vector, radius: float, spacing: float) -> Points:
     """
     radius = positive(radius, "the radius", "m")
     spacing = positive(spacing, "the spacing", "m")
-    # in a hexagonal lattice each point has √3/2 of the square of the spacing to itself
+    # in a hexagonal lattice each point takes an area of √3/2 times the square of the spacing
     count = max(4.0, np.ceil(4.0 * np.pi * radius**2 / (np.sqrt(0.75) * spacing**2)))
     check_count(count, spacing)
     index = np.arange(int(count)) + 0.5
@@ -171,9 +169,9 @@ def sphere_shell(centre: Vector, radius: float, spacing: float) -> Points:
 def surface_points(
     surface: Surface, spacing: float, facing: Vector | None = None, within: float = 90.0
 ) -> Points:
-    """Points (Q, 3) [m] on the exact surface of a body, or on its side that faces a direction.
+    """Points (Q, 3) [m] on the surface of a body, or on its side that faces a direction.
 
-    They make a suppression zone.
+    They define a suppression zone.
 
     Parameters
     ----------
@@ -186,7 +184,7 @@ def surface_points(
     ------
     InvalidInput
         If the spacing is not above zero or gives more than 4096 points, or no part of the surface
-        faces there.
+        faces that direction.
     """
     of_kind(surface, Surface, "the surface", "one Surface, such as pinch().surfaces[0]")
     spacing = positive(spacing, "the spacing", "m")
@@ -207,14 +205,14 @@ def surface_points(
             f"{np.asarray(facing).tolist()}.",
             code="empty",
         )
-    # Thinned points are farther apart on average than the least distance that is kept.
+    # After thinning, points are farther apart on average than their smallest distance.
     return spaced_apart(surface.shape.project(centres), 0.85 * spacing)
 
 
 def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Points:
-    """Project points to a surface and shift them (P, 3) [m] off it along the normal.
+    """Project points (P, 3) [m] to a surface and shift them along the normal.
 
-    This brings a drawing onto the hand.
+    It moves a drawing onto the hand.
 
     Parameters
     ----------
@@ -226,7 +224,7 @@ def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Po
     ------
     InvalidInput
         If the offset is negative or over 20 mm, or a shifted point is nearer to the surface than
-        half of it, as in a crevice (which one).
+        half the offset, as in a crevice.
 
     Examples
     --------
@@ -262,7 +260,7 @@ def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Po
 
 
 def spaced_apart(points: Points, spacing: float) -> Float64[np.ndarray, "kept 3"]:
-    """Leave out points that are nearer than ``spacing`` [m] to one before them that stays."""
+    """Leave out points within ``spacing`` [m] of an earlier point that is not left out."""
     remaining = []
     dropped = np.zeros(len(points), dtype=bool)
     tree = KDTree(points)
@@ -318,13 +316,10 @@ def outward(
     depth: Callable[[Float64[np.ndarray, "positions 3"]], Float64[np.ndarray, "positions"]],
     points: Real[np.ndarray, "points 3"],
 ) -> Float64[np.ndarray, "points 3"]:
-    """Find unit directions (P, 3) in which ``Surface.depth`` or ``Scene.depth`` falls fastest.
-
-    The direction is z where it is level.
-    """
+    """Find unit directions (P, 3) in which ``Surface.depth`` or ``Scene.depth`` falls fastest."""
     step = 1e-4  # [m]
     shifts = step * np.concatenate([np.eye(3), -np.eye(3)])
-    # Central differences: the depth has no gradient of its own.
+    # central differences; the direction is z where the depth is constant
     around = depth((points[:, None] + shifts).reshape(-1, 3)).reshape(-1, 6)
     gradients = around[:, 3:] - around[:, :3]
     length = np.linalg.norm(gradients, axis=1, keepdims=True)

@@ -101,6 +101,7 @@ class Capsule(Shape):
         along = np.clip(local[:, 2], -self.length / 2.0, self.length / 2.0)
         out = local.copy()
         out[:, 2] -= along
+        out[~out.any(axis=1), 0] = 1.0  # a point on the axis has no direction of its own
         out *= (radius / np.sqrt(np.einsum("pd,pd->p", out, out)))[:, None]
         out[:, 2] += along
         return out

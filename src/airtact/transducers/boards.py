@@ -1,4 +1,4 @@
-"""Boards as data: the positions of their transducers, and their channels in a message."""
+"""Kinds of boards: positions of their transducers, and channels in a message."""
 
 from contextlib import suppress
 from dataclasses import dataclass
@@ -23,24 +23,24 @@ MURATA_RADIUS = 4.5e-3
 
 @dataclass(frozen=True, eq=False)
 class Board:
-    """One kind of board in its own frame, where it lies in the plane z = 0 and radiates to +z.
+    """One kind of board. In its frame it lies in the plane z = 0 and radiates to +z.
 
     Attributes
     ----------
-    name : its name in commands and scene files.
-    title : its name in print.
-    positions : (E, 3) centres of its transducers in the order of elements [m].
-    channels : (E,) index of each element in the board's message, counted from 0.
-    message_length : number of channels of the message; more than E where some have no transducer.
+    name : name in commands and scene files.
+    title : name in print.
+    positions : (E, 3) centres of the transducers in the order of elements [m].
+    channels : (E,) index of each element in the board's message, from 0.
+    message_length : number of channels of the message, of which some may have no transducer.
     outline : width (along x) and height (along y) of the board [m]; None where it is unknown or
         differs.
     placed : whether the board fixes the positions of its transducers; else ``positions`` are an
         example.
     max_boards : largest number of boards on one link.
     amplitudes, phases : number of levels of each.
-    transducer : its kind of transducer.
-    radius : of the piston that has the pattern of that transducer [m], see ``piston``.
-    source : documents of its layout and its message.
+    transducer : kind of transducer.
+    radius : radius of the piston with the pattern of that transducer [m], see ``piston``.
+    source : documents of layout and message.
     """
 
     name: str
@@ -69,7 +69,7 @@ def board_named(name: str) -> Board:
     Raises
     ------
     InvalidInput
-        If there is no such board; the sentence lists those that there are.
+        There is no such board.
 
     Examples
     --------
@@ -78,19 +78,19 @@ def board_named(name: str) -> Board:
     """
     if name not in BOARDS:
         raise InvalidInput(
-            f"{name!r} is none of the boards: there is {', '.join(BOARDS)}.",
+            f"there is no board {name!r}; the boards are {', '.join(BOARDS)}.",
             code="unknown_name",
         )
     return BOARDS[name]
 
 
 def boards_needed(board: Board, elements: int) -> int:
-    """Count the boards that a number of elements fills.
+    """Count the boards for a number of elements.
 
     Raises
     ------
     InvalidInput
-        "sizes_differ": they do not fill whole boards; "too_many": more than one link takes.
+        "sizes_differ": they are not a multiple of a board's; "too_many": more than one link takes.
     """
     count = _whole_boards(board, elements)
     if count > board.max_boards:
@@ -149,7 +149,7 @@ def poses_of_boards(
     Raises
     ------
     InvalidInput
-        If the elements do not fill whole boards, or are not laid out like them.
+        If the elements are not a multiple of a board's, or are not laid out like boards.
     """
     board = board_named(board) if isinstance(board, str) else board
     count = _whole_boards(board, len(positions))
@@ -165,8 +165,8 @@ def _board_pose(
     positions: Real[np.ndarray, "elements 3"],
     normals: Real[np.ndarray, "elements 3"],
 ) -> Pose:
-    # Points on both sides of the board keep the fit from turning it over, which a mirrored order of
-    # its elements would look like.
+    # Points on both sides of the board prevent the fit from turning it over, which would hide a
+    # mirrored order of elements.
     up = 0.1 * np.array([0.0, 0.0, 1.0])
     nominal = np.concatenate([board.positions + up, board.positions - up])
     actual = np.concatenate([positions + 0.1 * normals, positions - 0.1 * normals])
@@ -178,8 +178,8 @@ def _board_pose(
         first = index * len(board)
         raise InvalidInput(
             f"elements {first} to {first + len(board) - 1} are not laid out like board {index} of "
-            f"{board.name}: element {first + worst} is {off[worst] * 1e3:.3g} mm off its position "
-            f"and normals lean by up to {np.degrees(lean.max()):.3g} degrees; make the drive for "
+            f"{board.name}: element {first + worst} is {off[worst] * 1e3:.3g} mm from its position "
+            f"and normals differ by up to {np.degrees(lean.max()):.3g} degrees; make the drive for "
             "that board's layout.",
             code="wrong_kind",
         )

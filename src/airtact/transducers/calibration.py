@@ -1,4 +1,4 @@
-"""The gain of each transducer and its deviation from its position, in a table."""
+"""Tables of the gain of each transducer and of its deviation from its position."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -30,7 +30,7 @@ def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, 
     Parameters
     ----------
     path : the file.
-    elements : how many elements the array has.
+    elements : number of elements of the array.
 
     Returns
     -------
@@ -60,7 +60,7 @@ def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, 
                 )
             if element in lines:
                 raise InvalidInput(
-                    f"element {element} was given in line {lines[element]} already.",
+                    f"element {element} is in line {lines[element]} already.",
                     code="given_twice",
                 )
             if not 0.0 <= gain <= 10.0:  # a larger one is probably in per cent
@@ -78,29 +78,30 @@ def calibrated_by(path: str | Path, array: PhasedArray) -> PhasedArray:
 
     Parameters
     ----------
-    path : file as of ``load_calibration``. Its further columns x, y, z [m] say how far an element
-        stands off its position, and turn_x, turn_y, turn_z [rad], the vector of a turn, how its
-        face is turned there, in the array's frame; 0 for elements that are not listed.
+    path : file as for ``load_calibration``. Further columns are the displacement of an element x,
+        y, z [m] and the rotation vector of its face turn_x, turn_y, turn_z [rad], in the array's
+        frame; both are 0 for elements that are not listed.
     array : the nominal array.
 
     Raises
     ------
     InvalidInput
-        As ``load_calibration``; "out_of_range": an element is off by 0.1 m or half a turn, or more.
+        As for ``load_calibration``; "out_of_range": an element is off by 0.1 m or half a turn, or
+        more.
     """
     gains = load_calibration(path, len(array))
     table = read_text_table(Path(path))
     if not any(name in table.names for name in MOTION):
         return array.calibrated(gains)
     for column in MOTION:
-        # Half a turn or 0.1 m is no deviation but another unit.
+        # Larger values are probably in another unit.
         limit, unit = (np.pi, "rad") if column.startswith("turn") else (0.1, "m")
         values = np.abs(table.numbers(column))
         if values.max(initial=0.0) >= limit:
             row = int(values.argmax())
             raise InvalidInput(
                 f"line {table.lines[row]} of {Path(path).name} has {values[row]:g} {unit} for "
-                f"{column}, and {limit:.3g} is too far: give metres and radians.",
+                f"{column}, which must be below {limit:.3g}: give metres and radians.",
                 code="out_of_range",
             )
     # Elements that are not listed keep their place.
@@ -129,12 +130,12 @@ def save_calibration(
     Raises
     ------
     InvalidInput
-        "unknown_format" for another one than .csv, "not_writable".
+        "unknown_format": the file is not .csv; "not_writable".
     """
     path = Path(of_kind(path, str | Path, "the calibration", "the path of a .csv file"))
     if path.suffix.lower() != ".csv":
         raise InvalidInput(
-            f"{path.name} is no calibration: its ending must be .csv.", code="unknown_format"
+            f"a calibration must be a .csv file, not {path.name}.", code="unknown_format"
         )
     pairs = zip(deviations, array.positions, strict=True)
     shifts = np.stack([pose.apply(point) - point for pose, point in pairs])

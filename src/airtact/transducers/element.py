@@ -15,13 +15,13 @@ from airtact.errors import (
     real_numbers,
 )
 
-# Peak pressure of one transducer at full scale, 1 m away on its axis [Pa·m]. AUTD3's constant, 3.10
-# Pa rms at 1 m (the transducer amplitude of its SDK), times √2. Uncalibrated: other sources differ
-# by a factor of 2, so give the measured value of your own device where pascals matter.
+# Peak pressure of one transducer at full scale, 1 m away on its axis [Pa·m]: √2 times 3.10 Pa rms,
+# the amplitude in AUTD3's SDK. It is uncalibrated, and other sources differ by a factor of 2:
+# measure your own device where pascals matter.
 DEFAULT_SENSITIVITY = 4.38
 
-# Largest product of wavenumber and radius, by number of points. Up to there the points keep the far
-# pattern of a piston to 1.5e-3.
+# Largest product of wavenumber and radius by number of points, for an error of the far pattern of
+# 1.5e-3
 MAX_PISTON_SIZE = {12: 3.5, 19: 4.8}
 
 
@@ -34,10 +34,10 @@ class Element:
     Attributes
     ----------
     points : (Q, 3) points of the face relative to the element's position [m].
-    weights : (Q,) contribution of each point to the pressure; they add up to 1.
+    weights : (Q,) contribution of each point to the pressure; their sum is 1.
     sensitivity : peak pressure at full scale, 1 m away on the axis [Pa·m]; uncalibrated by default.
-    directional : whether the element radiates to the half space in front of its face only; then
-        foci and bodies must be in front of it.
+    directional : whether the element radiates only to the half space in front of its face, where
+        foci and bodies must be.
     radius : radius of the face [m]; 0 for a point.
 
     Raises
@@ -66,8 +66,8 @@ class Element:
         weights = real_numbers(self.weights, "face weights")
         if weights.shape != (len(points),):
             raise InvalidInput(
-                f"an element of {counted(len(points), 'face point', 'face points')} needs as many "
-                f"weights, not {weights.shape}.",
+                f"the weights have shape {weights.shape}, but the element has "
+                f"{counted(len(points), 'face point', 'face points')}.",
                 code="wrong_shape",
             )
         if not abs(weights.sum() - 1.0) < 1e-9:
@@ -79,10 +79,10 @@ class Element:
         radius = number(self.radius, "the radius of an element", "m")
         if not 0.0 <= radius < np.inf:
             raise InvalidInput(
-                f"the radius of an element cannot be {radius:g} m: give 0 or a length in metres.",
+                f"the radius of an element is {radius:g} m: give 0 or a length in metres.",
                 code="out_of_range",
             )
-        # The checked values replace those given, past the frozen dataclass.
+        # ``vars`` bypasses the frozen dataclass.
         vars(self).update(points=points, weights=weights, sensitivity=sensitivity, radius=radius)
 
     @property
@@ -95,11 +95,11 @@ class Element:
 
     @property
     def reach(self) -> float:
-        """Distance of the farthest face point from the element's position [m]."""
+        """Largest distance of a face point from the element's position [m]."""
         return float(np.linalg.norm(self.points, axis=1).max())
 
     def pattern_in_words(self, wavenumber: float) -> str:
-        """Describe where the element radiates to, at a wavenumber k [rad/m].
+        """Describe the directivity at a wavenumber k [rad/m].
 
         >>> piston(4.0e-3).pattern_in_words(732.5)
         'pistons of 4 mm radius (-6 dB at 49 degrees), nothing behind them'
@@ -140,7 +140,7 @@ class Element:
 
 
 def monopole(sensitivity: float = DEFAULT_SENSITIVITY) -> Element:
-    """Build a transducer that radiates alike in all directions (section 4.1 of the paper).
+    """Build a transducer that radiates equally in all directions (section 4.1 of the paper).
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def monopole(sensitivity: float = DEFAULT_SENSITIVITY) -> Element:
 
 
 def piston(radius: float, sensitivity: float = DEFAULT_SENSITIVITY, points: int = 19) -> Element:
-    """Build a disc that moves as one, with the far pattern 2 J₁(x)/x, x = ka sin θ.
+    """Build a rigid disc with the far pattern 2 J₁(x)/x, x = ka sin θ.
 
     The pattern is that of Kinsler, Frey, Coppens and Sanders, Fundamentals of Acoustics (4th
     edition), section 7.4.
@@ -195,7 +195,7 @@ def piston(radius: float, sensitivity: float = DEFAULT_SENSITIVITY, points: int 
     radius = positive(radius, "the radius of a piston", "m")
     if radius > 0.1:
         raise InvalidInput(
-            f"a piston of {radius:g} m radius is no transducer: is it in millimetres? Give metres, "
+            f"the radius of a piston is {radius:g} m: is it in millimetres? Give metres, "
             "such as 4.5e-3.",
             code="out_of_range",
         )

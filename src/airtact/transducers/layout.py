@@ -26,7 +26,7 @@ from airtact.geometry.pose import Pose
 from airtact.transducers.boards import MURATA_RADIUS, Board, board_named
 from airtact.transducers.element import Element, monopole, piston
 
-# Largest extent of an array [m].
+# Largest extent of an array [m]
 MAX_ARRAY_EXTENT = 10.0
 
 
@@ -38,12 +38,12 @@ class PhasedArray:
     ----------
     positions : (E, 3) centres of the elements' faces [m].
     normals : (E, 3) directions in which they radiate; stored as unit vectors.
-    element : kind of transducer at every position. Unless given, a piston of 4.5 mm radius, which
-        radiates forwards only; a monopole where no normals are given either.
-    tangents : (E, 3) direction of each element's own x axis, which the points of its face turn
-        with; stored as unit vectors. Chosen across the normal where not given.
+    element : kind of transducer at every position. By default a piston of 4.5 mm radius, which
+        radiates forwards only, or a monopole if no normals are given.
+    tangents : (E, 3) direction of each element's x axis, which orients the points of its face;
+        stored as unit vectors. By default any direction across the normal.
     gains : (E,) factor of amplitude and phase of each element relative to a nominal one, in the
-        phasor Re[p e^{−iωt}]: 1 where not given, 0 for a dead element. See ``calibrated``.
+        phasor Re[p e^{−iωt}]: 1 by default, 0 for a dead element. See ``calibrated``.
 
     Raises
     ------
@@ -87,7 +87,7 @@ class PhasedArray:
                 code="out_of_range",
             )
         if element is None:
-            # Transducers of unknown make are taken for Murata's, the usual ones.
+            # Murata's transducers are the usual ones.
             element = monopole() if normals is None else piston(MURATA_RADIUS, points=12)
         if normals is None:
             normals = np.tile([0.0, 0.0, 1.0], (len(positions), 1))
@@ -122,7 +122,7 @@ class PhasedArray:
                 code="all_zero",
             )
         gains.flags.writeable = False
-        # Past the frozen dataclass. Tangents off by rounding are brought back across the normals.
+        # ``vars`` bypasses the frozen dataclass. Tangents become exactly perpendicular.
         vars(self).update(
             positions=positions,
             normals=normals,
@@ -144,8 +144,8 @@ class PhasedArray:
     def moved(self, pose: Pose) -> "PhasedArray":
         """Move the array rigidly: positions x become pose.apply(x), and the faces turn with it."""
         of_kind(pose, Pose, "the motion of an array", "Pose(rotation, translation)")
-        # A rigid motion preserves all that was checked, and a moving hand needs many motions a
-        # second. Directions are made unit again, so that rounding does not add up over them.
+        # A rigid motion needs no new checks, and a moving hand needs many motions per second.
+        # Directions are normalised, so that rounding does not accumulate.
         moved = object.__new__(PhasedArray)
         normals = _unit(pose.rotate(self.normals), "normal")
         tangents = _unit(_across(pose.rotate(self.tangents), normals), "tangent")
@@ -159,7 +159,7 @@ class PhasedArray:
         return moved
 
     def facing(self, point: Vector, direction: Vector, distance: float) -> "PhasedArray":
-        """Move the array to a distance from a point, so that it radiates towards it.
+        """Move the array to a distance from a point, so that it radiates towards the point.
 
         Parameters
         ----------
@@ -170,8 +170,8 @@ class PhasedArray:
         Raises
         ------
         InvalidInput
-            If the elements radiate to all sides, so that the array has no front, the direction is
-            zero, or the distance is not above zero.
+            The elements radiate to all sides, so that the array has no front; the direction is
+            zero; or the distance is not above zero.
 
         Examples
         --------
@@ -188,12 +188,12 @@ class PhasedArray:
         if np.linalg.norm(front) < 0.3:
             raise InvalidInput(
                 f"the normals of {counted(len(self), 'element', 'elements')} point to all sides, "
-                "so the array has no front: move it by moved(pose).",
+                "so the array has no front; use moved(pose).",
                 code="misplaced",
             )
         front = front / np.linalg.norm(front)
         turned = self.moved(Pose.between(front, -outward))
-        middle = point_of(point, "the point that an array faces") + distance * outward
+        middle = point_of(point, "the point in front of an array") + distance * outward
         return turned.moved(Pose(np.eye(3), middle - turned.positions.mean(axis=0)))
 
     def calibrated(self, gains: Num[np.ndarray, "gains"]) -> "PhasedArray":
@@ -262,13 +262,13 @@ def _across(
 def board_array(
     board: str = "autd3", poses: Sequence[Pose] | None = None, element: Element | None = None
 ) -> PhasedArray:
-    """Place boards of one kind, which ``airtact boards`` lists.
+    """Place boards of one kind; ``airtact boards`` lists the kinds.
 
     Parameters
     ----------
     board : name of the kind, such as "autd3".
-    poses : pose of each board: maps the board's frame, in which it radiates to +z, to the array's.
-        One board at the origin unless given.
+    poses : pose of each board, from the board's frame, in which it radiates to +z, to the array's.
+        By default one board at the origin.
     element : kind of transducer; the board's own piston unless given, see ``Board.radius``.
 
     Raises
@@ -294,7 +294,7 @@ def _flat(board: Board, element: Element | None) -> PhasedArray:
 
 
 def autd3_board(pose: Pose | None = None, element: Element | None = None) -> PhasedArray:
-    """Place the 249 transducers of one AUTD3 board, in its own order (read in the AUTD3 SDK).
+    """Place the 249 transducers of one AUTD3 board, in the order of the AUTD3 SDK.
 
     A grid of 18 (x) by 14 (y) cells, 10.16 mm apart; the cells (1, 1), (2, 1) and (16, 1) are
     empty. The index runs along x fastest. The origin is transducer 0; the board radiates along +z.
@@ -325,22 +325,21 @@ def surrounding_box(element: Element | None = None, board: str | None = None) ->
     mm, y = +70 mm and y = -70 mm, in that order, each a board centred on its face and radiating
     inwards, in the board's own order. The board's x axis (18 elements) runs along +z on every face,
     so its y axis (14 elements) runs along +y, -y, -x and +x: each face is the first one turned
-    about z. A real board is 151.4 mm wide where this box is 140 mm, so it would pass its
-    neighbours' faces by 5.7 mm at each corner; ``board="autd3"`` closes a box that real boards fit.
+    about z. A real board is 151.4 mm wide, but this box is 140 mm: boards would extend 5.7 mm
+    beyond their neighbours at each corner. ``board="autd3"`` makes a box that real boards fit.
 
     Parameters
     ----------
     element : kind of transducer; the board's own piston unless given. The paper takes
         ``monopole()`` (its section 4.1).
-    board : name of a real board to close the box with: the faces then stand half its height from
-        the centre, so that thin boards touch along their long edges (75.7 mm and 151.4 mm across
-        for "autd3"). The paper's if not given.
+    board : name of a real board: the faces are then half its height from the centre, so that thin
+        boards touch along their long edges (75.7 mm from the centre for "autd3"). By default the
+        paper's box.
 
     Raises
     ------
     InvalidInput
-        "unknown_name": there is no such board, or its outline is not known, as for nano16 and
-        openmpd.
+        "unknown_name": there is no such board, or its outline is unknown (nano16, openmpd).
 
     Examples
     --------
@@ -350,7 +349,7 @@ def surrounding_box(element: Element | None = None, board: str | None = None) ->
     kind = board_named("autd3" if board is None else board)
     if kind.outline is None:
         raise InvalidInput(
-            f"the outline of {kind.name} is not known, so no box can be closed.",
+            f"the outline of {kind.name} is unknown, so its boards cannot form a box.",
             code="unknown_name",
         )
     distance = 70e-3 if board is None else kind.outline[1] / 2
@@ -421,15 +420,15 @@ def join(arrays: Sequence[PhasedArray]) -> PhasedArray:
     InvalidInput
         If there is no array, or the elements differ.
     """
-    of_kind(arrays, list | tuple, "what is joined", "a list of arrays")
+    of_kind(arrays, list | tuple, "the arrays to join", "a list of arrays")
     if len(arrays) == 0:
-        raise InvalidInput("joining needs at least one array.", code="empty")
+        raise InvalidInput("there is no array to join.", code="empty")
     for index, array in enumerate(arrays):
         of_kind(array, PhasedArray, f"array {index}", "such as autd3_board(pose)")
         if not array.element.same_as(arrays[0].element):
             raise InvalidInput(
-                f"array {index} has another element than array 0: only equal elements can be "
-                "joined.",
+                f"the element of array {index} differs from that of array 0; only arrays of one "
+                "element can be joined.",
                 code="sizes_differ",
             )
     return PhasedArray(

@@ -18,7 +18,7 @@ class Levels:
     Attributes
     ----------
     amplitudes : (A,) share of full scale that each level of amplitude gives, rising from 0 to 1; A
-        is 2 to 256. Two levels are a board that can only switch an element on and off.
+        is 2 to 256. A board with two levels only switches elements on and off.
     phases : number of levels of phase, 2 to 256; level k is k/phases of a turn.
 
     Raises
@@ -42,7 +42,7 @@ class Levels:
         amplitudes = real_numbers(self.amplitudes, "levels of amplitude")
         if amplitudes.ndim != 1:
             raise InvalidInput(
-                f"levels of amplitude are a row of shares, not of shape {amplitudes.shape}.",
+                f"levels of amplitude have shape {amplitudes.shape}, but must be one row.",
                 code="out_of_range",
             )
         _check_count(len(amplitudes), "amplitude")
@@ -78,7 +78,7 @@ class Levels:
 
     @property
     def phase_only(self) -> bool:
-        """Whether the board can only switch an element off or emit at full scale."""
+        """Whether the board only switches elements off or to full scale."""
         return len(self.amplitudes) == 2
 
     def same_as(self, levels: "Levels") -> bool:
@@ -88,11 +88,11 @@ class Levels:
     def nearest(self, shares: Real[np.ndarray, "*elements"]) -> Int64[np.ndarray, "*elements"]:
         """Find the nearest level to each share of full scale.
 
-        Boards with two levels switch on every element above a thousandth of full scale.
+        Boards with two levels switch on each element above a thousandth of full scale.
         """
         if self.phase_only:
             return (shares > 1e-3).astype(np.int64)
-        # Between two middles a level is the nearest one; a share in a middle rounds up.
+        # A share halfway between two levels rounds up.
         middles = (self.amplitudes[1:] + self.amplitudes[:-1]) / 2
         return np.searchsorted(middles, shares, side="right").astype(np.int64)
 
@@ -102,7 +102,7 @@ class Levels:
         """Round complex drives to levels of amplitude and phase; off elements get phase level 0."""
         amplitude = self.nearest(np.abs(drives))
         turns = np.rint(np.angle(drives) * (self.phases / (2.0 * np.pi))).astype(np.int64)
-        # A phase level for silent elements would only make equal frames differ.
+        # Silent elements get one phase, so that equal frames compare equal.
         phase = np.where(amplitude > 0, turns % self.phases, 0)
         return amplitude.astype(np.uint8), phase.astype(np.uint8)
 

@@ -13,7 +13,7 @@ DEFAULT_FREQUENCY = 200.0
 
 @dataclass(frozen=True)
 class AmplitudeModulation:
-    """A common amplitude of all elements under which the force at every focus follows a cosine.
+    """A common amplitude of all elements, so that the force at each focus follows a cosine.
 
     Skin hardly feels a constant force. It is most sensitive to vibration at 200 to 300 Hz (S. J.
     Bolanowski et al., J. Acoust. Soc. Am. 84, 1680, 1988).

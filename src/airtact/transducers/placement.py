@@ -1,7 +1,4 @@
-"""The placement of an array in a scene, and the pressure that it reaches in open air.
-
-No element is in a body, and nothing behind a face.
-"""
+"""Checks of the placement of an array in a scene, and bounds of its open-air pressure."""
 
 import numpy as np
 from jaxtyping import Bool, Float64, Real
@@ -19,25 +16,25 @@ from airtact.transducers.plates import flush, strength_in
 # Largest distance of an element from a focus or the nearest body [m].
 MAX_ELEMENT_DISTANCE = 10.0
 
-# Distance of something behind each face [m].
+# Distance of a point or body behind each face [m]
 Depths = Float64[np.ndarray, "elements"]
 
 
 def check_placement(
     scene: Scene, array: PhasedArray, foci: Real[np.ndarray, "foci 3"] | None = None
 ) -> None:
-    """Raise where an array cannot be at its place in a scene.
+    """Check the placement of an array in a scene.
 
-    Foci (F, 3) must be in front of directional elements. So must bodies, except where the scene has
-    the array's boards, which shade them.
+    Foci (F, 3) must be in front of directional elements, and so must bodies, except in scenes with
+    reflecting boards, which shade them.
 
     Raises
     ------
     InvalidInput
-        "bodies_overlap": two elements are nearer than the radius of their faces; "bodies_overlap",
-        "inside_body": an element reaches into a body; "behind_plane": or behind a
+        "bodies_overlap": two elements are nearer than the radius of their faces; "bodies_overlap"
+        or "inside_body": an element reaches into a body; "behind_plane": an element is behind a
         plane; "behind_faces": a focus or a body, or its image in a plane, is behind the face of a
-        directional element; "not_supported": an element is not in the face of the array's boards;
+        directional element; "not_supported": an element is not in the face of a reflecting board;
         "not_in_metres", "out_of_range", "wrong_kind".
     """
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
@@ -55,8 +52,8 @@ def check_placement(
     for plane in planes_behind(scene, array):
         height = 1e3 * float(plane.height(array.positions).min())
         raise InvalidInput(
-            f"the plane lies {height:.3g} mm behind the elements, which radiate forwards only: it "
-            "gets no sound and changes nothing; leave it out.",
+            f"the plane is {height:.3g} mm behind the elements, which radiate forwards only. It "
+            "receives no sound: leave it out.",
             code="behind_faces",
         )
     for index, obstacle in enumerate(scene.obstacles):
@@ -66,7 +63,7 @@ def check_placement(
 
 
 def check_apart(array: PhasedArray) -> None:
-    """Raise where two elements overlap: a board placed twice would double the pressure."""
+    """Raise where two elements overlap, because a board placed twice would double the pressure."""
     if len(array) < 2:
         return
     distances, neighbours = map(np.asarray, KDTree(array.positions).query(array.positions, k=2))
@@ -80,7 +77,7 @@ def check_apart(array: PhasedArray) -> None:
     raise InvalidInput(
         f"elements {first} and {second} are {1e3 * distance:.3g} mm apart at "
         f"{in_mm(array.positions[first])}, and {overlapping} of {len(array)} overlap another one: "
-        "is a board or a list placed twice? Move one of them.",
+        "is a board or a list included twice? Move or remove one of them.",
         array.positions[first],
         code="bodies_overlap",
     )
@@ -122,13 +119,13 @@ def _check_body(
     subject: str,
     elements: Bool[np.ndarray, "elements"] | None = None,
 ) -> None:
-    """Raise where a body reaches behind the face of an element, or of the chosen ones."""
+    """Raise where a body reaches behind the face of an element, or of the selected elements."""
     middle = vertices.mean(axis=0)
     radius = np.sqrt(np.max(np.sum((vertices - middle) ** 2, axis=1)))
-    # The usual case by a bounding sphere: hulls of fine meshes are slow.
+    # A bounding sphere settles the usual case, because hulls of fine meshes are slow.
     if _height(array, middle[None]).min() > radius:
         return
-    # Of all vertices those of the hull are the farthest behind a face.
+    # The farthest vertices behind a face belong to the convex hull.
     behind = -_height(array, vertices[ConvexHull(vertices).vertices]).min(axis=0)
     _check_behind(array, behind if elements is None else np.where(elements, behind, 0.0), subject)
 
@@ -136,25 +133,20 @@ def _check_body(
 def _check_images(
     plane: Plane, scene: Scene, array: PhasedArray, foci: Real[np.ndarray, "foci 3"] | None
 ) -> None:
-    """Raise where the image of a body or a focus is behind a face.
-
-    The image of the element would radiate backwards there.
-    """
+    """Raise where the image of a body or focus in a plane is behind a face."""
+    # The image of the element would radiate backwards.
     radiating = ~flush(plane, array)
     if foci is not None:
         for index, height in enumerate(_height(array, plane.image(foci))):
             behind = np.where(radiating, -height, 0.0)
-            _check_behind(array, behind, f"the image of focus {index} in the plane stands")
+            _check_behind(array, behind, f"the image of focus {index} in the plane is")
     for index, obstacle in enumerate(scene.obstacles):
         image = plane.image(obstacle.surface.corners.reshape(-1, 3))
         _check_body(array, image, f"the image of body {index} in the plane reaches", radiating)
 
 
 def planes_behind(scene: Scene, array: PhasedArray) -> tuple[Plane, ...]:
-    """Return the planes behind all faces of an array that radiates forwards only.
-
-    A table under boards that lie on it gets none of their sound.
-    """
+    """Return the planes behind all faces of a directional array, such as a table under boards."""
     if scene.boards or not array.element.directional:
         return ()
     return tuple(
@@ -201,18 +193,14 @@ def _check_metres(distances: Depths, place: str) -> None:
 
 
 def check_reach(array: PhasedArray, foci: Real[np.ndarray, "foci 3"]) -> None:
-    """Raise where a focus (F, 3) cannot be served.
-
-    It raises "not_in_metres" for a focus over 10 m from an element, and "behind_faces" for one
-    behind the face of a directional element.
-    """
+    """Raise where a focus (F, 3) is over 10 m away, or behind the face of a directional element."""
     for index, focus in enumerate(foci):
         offsets = array.positions - focus
         _check_metres(np.sqrt(np.einsum("ed,ed->e", offsets, offsets)), f"focus {index}")
     if array.element.directional:
         behind = -_height(array, foci)
         worst = int(np.argmax(behind.max(axis=1)))
-        _check_behind(array, behind[worst], f"focus {worst} stands")
+        _check_behind(array, behind[worst], f"focus {worst} is")
 
 
 def _check_behind(array: PhasedArray, behind: Depths, subject: str) -> None:
@@ -220,11 +208,11 @@ def _check_behind(array: PhasedArray, behind: Depths, subject: str) -> None:
     if not len(faces):
         return
     kind = kind_of_array(array.positions, array.normals)
-    board = f" of board {faces[0] // len(kind[0])}" if kind and len(kind[1]) > 1 else ""
+    board = f"board {faces[0] // len(kind[0])}" if kind and len(kind[1]) > 1 else "the array"
     raise InvalidInput(
         f"{subject} behind the faces of {counted(len(faces), 'element', 'elements')}, which "
         f"radiate forwards only: {behind[faces[0]] * 1e3:.3g} mm behind element "
-        f"{faces[0]}{board}. Turn that board, or move one of the two.",
+        f"{faces[0]}. Turn or move {board}.",
         code="behind_faces",
     )
 
@@ -241,8 +229,8 @@ def open_air_bound(
 ) -> Float64[np.ndarray, "points"]:
     """Return the peak pressure at points with all elements at full scale and in phase.
 
-    Σ_e |g_e| sensitivity |Σ_j w_j e^{ikr}/r| over the elements e in front of which the point is: no
-    drive brings more to it without bodies.
+    It is Σ_e |g_e| sensitivity |Σ_j w_j e^{ikr}/r| over the elements e with the point in front of
+    them. No drive gives more pressure without bodies.
 
     Parameters
     ----------
@@ -273,8 +261,8 @@ def open_air_bound(
 
 
 def strongest_open_air(array: PhasedArray, wavenumber: float) -> float:
-    """Return the largest ``open_air_bound`` of points before the faces and among them [Pa]."""
-    # Points before the middle of the array and before some 15 elements, 30 mm off any element.
+    """Return the largest ``open_air_bound`` of points in front of the array [Pa]."""
+    # Points in front of the middle and of about 15 elements, at least 30 mm from any element.
     chosen = slice(None, None, max(1, len(array) // 15))
     middle = array.positions.mean(axis=0)
     axis = array.normals.mean(axis=0)
@@ -282,7 +270,7 @@ def strongest_open_air(array: PhasedArray, wavenumber: float) -> float:
     for distance in (0.05, 0.1, 0.2):
         points.append(middle + distance * axis)
         points.extend(array.positions[chosen] + distance * array.normals[chosen])
-    # Nearer points would show a single element, not the array.
+    # At nearer points a single element dominates.
     clear = [
         point for point in points if np.linalg.norm(array.positions - point, axis=1).min() > 30e-3
     ]

@@ -13,18 +13,18 @@ from airtact.geometry.surface import Surface
 from airtact.transducers.boards import Board, kind_of_array
 from airtact.transducers.layout import PhasedArray
 
-# Distance from the faces of the transducers to the back of a board [m]. No maker states it for a
-# whole board: it is the 7.1 mm of a transducer's case (Murata, data sheet of the MA40S4S) on 1.6 mm
-# of laminate, the usual thickness of a circuit board. What is on the back is left out.
+# Distance from the faces of the transducers to the back of a board [m]. No maker states it: a case
+# is 7.1 mm high (Murata, data sheet of the MA40S4S), and a circuit board is usually 1.6 mm thick.
+# Parts on the back are left out.
 THICKNESS = 8.7e-3
 
 
 def reflecting_boards(array: PhasedArray, thickness: float = THICKNESS) -> tuple[Obstacle, ...]:
     """Build the boards of an array as rigid bodies that reflect.
 
-    Each board is a closed box of its maker's outline under the faces of its transducers, which are
-    pistons in its front. Boards that touch or overlap are one body. Give the bodies to the scene
-    together with all others; the array must then stand where it stood when they were made.
+    Each board is a closed box with the maker's outline, and its transducers are pistons in its
+    front face. Boards that touch or overlap are one body. Add the bodies to the obstacles of the
+    scene, and do not move the array afterwards.
 
     Parameters
     ----------
@@ -34,8 +34,8 @@ def reflecting_boards(array: PhasedArray, thickness: float = THICKNESS) -> tuple
     Raises
     ------
     InvalidInput
-        "wrong_kind": the array does not consist of one kind of board; "unknown_name": of boards
-        whose outline the maker does not state; "out_of_range".
+        "wrong_kind": the array does not consist of one kind of board; "unknown_name": the maker
+        states no outline; "out_of_range".
 
     Examples
     --------
@@ -52,18 +52,18 @@ def reflecting_boards(array: PhasedArray, thickness: float = THICKNESS) -> tuple
     boards = kind_of_array(array.positions, array.normals)
     if boards is None:
         raise InvalidInput(
-            "the elements are not laid out like boards of one kind, so no board reflects: give an "
-            "array of boards, or the bodies behind the elements as obstacles.",
+            "the elements are not laid out like boards of one kind. Give an array of boards, or "
+            "the bodies behind the elements as obstacles.",
             code="wrong_kind",
         )
     board, poses = boards
     if board.outline is None:
         raise InvalidInput(
             f"boards of {board.name} cannot reflect, because the maker does not state their "
-            "outline: give the plates as obstacles.",
+            "outline. Give the plates as obstacles.",
             code="unknown_name",
         )
-    # Boards within 0.5 mm are one body, with the seam between them filled: none fits better.
+    # Boards within 0.5 mm are one body, with the seam between them filled.
     plates = [_plate(board, pose, thickness) for pose in poses]
     grown = [_plate(board, pose, thickness, 0.25e-3) for pose in poses]
     wide = [_plate(board, pose, thickness, thickness) for pose in poses]
@@ -74,7 +74,7 @@ def reflecting_boards(array: PhasedArray, thickness: float = THICKNESS) -> tuple
             seams.append(wide[first] ^ wide[second] ^ hull)
     union = Manifold.batch_boolean([*plates, *seams], OpType.Add)
     assert union.status() == Error.NoError  # boxes
-    # Steps of up to 1 µm in the faces are levelled.
+    # removes steps of up to 1 µm in the faces
     surfaces = []
     for part in union.as_original().simplify(1e-6).decompose():
         mesh = part.to_mesh64()
@@ -86,7 +86,7 @@ def reflecting_boards(array: PhasedArray, thickness: float = THICKNESS) -> tuple
 
 
 def flush(plane: Plane, array: PhasedArray) -> Bool[np.ndarray, "elements"]:
-    """Return which elements are part of a plane: in it, and radiating along its normal."""
+    """Return which elements are flush in a plane: in it, and radiating along its normal."""
     parallel = array.normals @ plane.normal > 1.0 - 1e-9
     return parallel & (np.abs(plane.height(array.positions)) < CONTACT)
 
@@ -94,9 +94,8 @@ def flush(plane: Plane, array: PhasedArray) -> Bool[np.ndarray, "elements"]:
 def strength_in(scene: Scene, array: PhasedArray) -> Float64[np.ndarray, "elements"]:
     """Return the factor of the strength of each element in a scene.
 
-    It is 1 in the open, and a half in reflecting boards and for directional elements that are flush
-    in a plane: a rigid face mirrors a source, so the stated sensitivity, which is that of a
-    transducer in its board, would count twice.
+    It is 1 in the open, and 1/2 in reflecting boards and for directional elements flush in a plane:
+    a rigid face doubles a source, but the sensitivity is already that of a transducer in a board.
 
     Raises
     ------
@@ -117,9 +116,9 @@ def strength_in(scene: Scene, array: PhasedArray) -> Float64[np.ndarray, "elemen
     if wrong:
         worst = int(off.argmax())
         raise InvalidInput(
-            f"{wrong} of {len(array)} elements are off the scene's reflecting boards, element "
-            f"{worst} at {in_mm(array.positions[worst])} by {1e3 * off[worst]:.3g} mm: make the "
-            "boards of the array at its place by reflecting_boards(array), and solve again.",
+            f"{wrong} of {len(array)} elements are not in the scene's reflecting boards: element "
+            f"{worst} at {in_mm(array.positions[worst])} is {1e3 * off[worst]:.3g} mm away. Build "
+            "the boards from this array by reflecting_boards(array), and solve again.",
             array.positions[worst],
             code="not_supported",
         )
@@ -127,7 +126,7 @@ def strength_in(scene: Scene, array: PhasedArray) -> Float64[np.ndarray, "elemen
 
 
 def _plate(board: Board, pose: Pose, thickness: float, margin: float = 0.0):
-    """Make the box of one board, larger than its outline by a margin [m] all round."""
+    """Make the box of one board, larger than its outline by a margin [m] on all sides."""
     from manifold3d import Manifold
 
     middle = 0.5 * (board.positions.min(axis=0) + board.positions.max(axis=0))

@@ -32,7 +32,7 @@ BOARDS = "reflecting_boards"
 
 @dataclass(frozen=True)
 class SolveReport:
-    """How a field was solved, so that a reader can trust or repeat it.
+    """How a field was solved: method, errors, time and settings.
 
     Attributes
     ----------
@@ -46,10 +46,10 @@ class SolveReport:
         surfaces.
     seconds : wall time by step [s].
     settings : the solver's settings.
-    warnings : sentences that a reader of the result must see.
+    warnings : sentences for the reader of the result.
     citations : sources of the method.
     farthest_off_triangles, mean_off_triangles : largest and mean distance of the panels from the
-        triangles of the given surface, of the worst body [m]; 0 for primitives.
+        triangles of the surface, of the worst body [m]; 0 for primitives.
     """
 
     solver: str
@@ -142,35 +142,31 @@ class RadiatedField(ABC):
 
     @property
     def scattering_sources(self) -> Monopoles | None:
-        """Monopoles that radiate the scattered pressure away from the bodies, if known."""
+        """Monopoles that radiate the scattered pressure away from the bodies, or None."""
         return None
 
     @property
     def without_images(self) -> "RadiatedField | None":
-        """The field that sources and bodies radiate without their images in a plane, if known.
-
-        It is the field itself where the scene has no plane.
-        """
+        """The field without the images of sources and bodies in a plane; None where unknown."""
         return None if self.scene.planes else self
 
-    # The methods that take points check them here, once; what a solver knows is in those with an
-    # underscore.
+    # Public methods check their points once; solvers implement the methods with an underscore.
     def at(self, points: Points) -> Pressures:
         """Total pressure [Pa] of each excitation at points (P, 3) [m]; NaN where not ``valid``.
 
         Raises
         ------
         InvalidInput
-            A point is NaN or infinite, the shape is another, or a point stands on a source.
+            A point is NaN or infinite, the shape is wrong, or a point is at a source.
         """
         return self._at(self._receivers(points))
 
     def scattered_at(self, points: Points) -> Pressures:
-        """Scattered pressure [Pa]: the total pressure less that of the sources alone in open air.
+        """Scattered pressure [Pa]: the total pressure minus the sources' pressure in open air.
 
-        It is finite at the sources' own positions, where ``at`` is infinite; NaN where not
-        ``valid``, and at a source that touches a body. Where a solver does not compute it itself,
-        the open-air pressure is subtracted from ``at``, which needs points off the sources.
+        It is finite at the sources, where ``at`` is infinite, and NaN where not ``valid`` and at a
+        source that touches a body. Some solvers subtract the open-air pressure from ``at`` and
+        raise at the sources.
 
         Raises
         ------
@@ -186,10 +182,10 @@ class RadiatedField(ABC):
     def velocity(self, points: Points) -> Gradients:
         """Particle velocity v = ∇p/(iωρ) [m/s] along x, y and z, of each excitation.
 
-        It is the central difference of ``at`` over 1/40 of a wavelength, or less near a surface.
-        Points within 1/200 of a wavelength of a surface count as on it: the velocity there is the
-        tangential one, plus that into an impedance. NaN where not ``valid``, and on the surface of
-        a filled body. Errors as of ``at``.
+        It is computed by central differences of ``at`` over 1/40 of a wavelength, or less near a
+        surface. Points within 1/200 of a wavelength of a surface count as on it: there it is the
+        tangential velocity, plus the velocity into an impedance. It is NaN where not ``valid``, and
+        on the surface of a filled body. Errors as of ``at``.
         """
         points = self._receivers(points)
         scene = self.scene
@@ -259,7 +255,7 @@ class RadiatedField(ABC):
         )
 
     def nowhere(self, points: Points) -> Pressures:
-        """NaN for each point and excitation, to be filled where the field exists."""
+        """NaN for each point and excitation."""
         return np.full((len(points), self.excitations), np.nan, dtype=np.complex128)
 
     def error_at(self, points: Points) -> Float64[np.ndarray, "excitations"]:
@@ -267,10 +263,7 @@ class RadiatedField(ABC):
         return np.full(self.excitations, self.report.estimated_error)
 
     def report_at(self, points: Points) -> SolveReport:
-        """Return the report with the error estimated at points [m], where it is the larger one.
-
-        A warning names the worst point where the error exceeds the accuracy that is wanted.
-        """
+        """Return the report with the error at points [m], if larger, and a warning if too large."""
         points_of(points, "points", least=0)
         return self.report
 
@@ -299,9 +292,9 @@ class Solver(ABC):
         """Solve the scene for the monopoles, for all their excitations at once."""
 
     def reporting(self, progress: Progress | None) -> "Solver":
-        """Return the solver with a callback, such as ``print``, for the words of each step.
+        """Return the solver with a callback, such as ``print``, that gets the name of each step.
 
-        Solvers in closed form have no steps and return themselves, as does every solver for None.
+        Solvers in closed form have no steps and return themselves.
         """
         if progress is None or not hasattr(self, "progress"):
             return self

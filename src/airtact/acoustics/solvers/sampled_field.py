@@ -30,18 +30,18 @@ from airtact.files.text_table import TextTable, read_text_table
 
 TimeSign = Literal["e^{-iωt}", "e^{+jωt}"]
 
-# Nodes nearer to each other than this are one [m]
+# Nodes nearer to each other than this coincide [m]
 SAME_NODE = 1e-9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SampledField(RadiatedField):
-    """A field given by its pressure at nodes, interpolated between them; NaN outside their hull.
+    """A field interpolated from its pressure at nodes; NaN outside their convex hull.
 
-    The nodes are joined to tetrahedra (Delaunay's). Inside one the field interpolates p·r·e^{-ikr}
-    linearly, with r the distance from the source nearest to its middle, because the phase of
-    e^{ikr}/r varies far faster than the rest. The tetrahedra fill the hull of the nodes, bodies
-    included: do not use points inside a body. The error is not estimated (NaN).
+    A Delaunay triangulation joins the nodes to tetrahedra. Inside each the field interpolates
+    p·r·e^{-ikr} linearly, where r is the distance from the nearest source, because the phase of
+    e^{ikr}/r varies far faster than the rest. The tetrahedra also fill the bodies: do not use
+    points inside them. The error is not estimated (NaN).
 
     Attributes
     ----------
@@ -54,8 +54,8 @@ class SampledField(RadiatedField):
     Raises
     ------
     InvalidInput
-        Shapes that do not match, NaN or infinity, fewer than four nodes, repeated ones, or nodes in
-        one plane.
+        Shapes do not match, a number is NaN or infinite, there are fewer than four nodes, two nodes
+        coincide, or all nodes lie in one plane.
     """
 
     report: SolveReport = field(init=False)
@@ -71,8 +71,8 @@ class SampledField(RadiatedField):
         excitations = self.sources.strengths.shape[1]
         if pressures.shape != (len(nodes), excitations):
             raise InvalidInput(
-                f"the pressures have shape {pressures.shape}, but {len(nodes)} nodes and sources "
-                f"of {excitations} excitations ask for ({len(nodes)}, {excitations}).",
+                f"the pressures have shape {pressures.shape}, but {len(nodes)} nodes and "
+                f"{excitations} excitations need ({len(nodes)}, {excitations}).",
                 code="wrong_shape",
             )
         check_finite(pressures, "pressures")
@@ -117,7 +117,7 @@ class SampledField(RadiatedField):
 
     @property
     def on_surface(self) -> SurfaceField:
-        """Arrays of length 0: the nodes do not show where the surfaces of the bodies are."""
+        """Arrays of length 0, because the surfaces of the bodies are unknown."""
         return SurfaceField.empty(self.sources)
 
     def _valid(self, points: Vectors) -> Mask:
@@ -146,7 +146,7 @@ class SampledField(RadiatedField):
             emitting = self.sources.positions[strengths != 0]
             if len(emitting):
                 source = emitting[KDTree(emitting).query(nodes.mean(axis=1))[1]]
-                # What is interpolated varies slowly; the wave is put back at the point.
+                # Without its wave the pressure varies slowly, so it can be interpolated.
                 at_nodes = np.linalg.norm(nodes - source[:, None], axis=2)
                 at_point = np.linalg.norm(points[inside] - source, axis=1)[:, None]
                 phase = self.scene.wavenumber * (at_point - at_nodes)
@@ -162,27 +162,27 @@ def load_samples(
     time_sign: TimeSign,
     scale: float | None = None,
 ) -> SampledField:
-    """Load a field that another program computed, from a table in text.
+    """Load a field of another program from a text table.
 
     The file has the columns x, y, z, and for each excitation a column of complex numbers such as
-    ``0.5-1.2i``, or two named ``..._real`` and ``..._imag``; lines that begin with % or # are
-    comments, the last of which may name the columns, as COMSOL writes them. Rows with NaN, which
-    COMSOL writes in solids, are left out. Of several frequencies that of the scene is taken.
+    ``0.5-1.2i``, or two columns named ``..._real`` and ``..._imag``. Lines that begin with % or #
+    are comments; the last one may name the columns, as in COMSOL's files. Rows with NaN, which
+    COMSOL writes in solids, are left out. Of several frequencies that of the scene is used.
 
     Parameters
     ----------
     path : the file.
-    scene : what was computed.
+    scene : the scene of that field.
     sources : the monopoles that emit it, one excitation for each pressure column.
-    time_sign : "e^{-iωt}" as here, or "e^{+jωt}" as COMSOL, whose pressures are conjugated.
+    time_sign : "e^{-iωt}" as in airtact, or "e^{+jωt}" as in COMSOL, which conjugates pressures.
     scale : metres per unit of the file's lengths; by default that of its comment "Length unit", or
         1.
 
     Raises
     ------
     InvalidInput
-        The file cannot be read, columns are missing, nodes repeated or in one plane, numbers NaN or
-        pressures all 0, or the phases beside the sources contradict ``time_sign``.
+        The file cannot be read, columns are missing, nodes coincide or lie in one plane, numbers
+        are NaN, all pressures are 0, or the phases near the sources contradict ``time_sign``.
     """
     path = Path(path)
     check_choice(time_sign, "time_sign", ("e^{-iωt}", "e^{+jωt}"))
@@ -202,7 +202,7 @@ def load_samples(
         pressures = _excitations(columns)
         if not pressures.any():
             raise InvalidInput(
-                f"all {pressures.size} pressures are 0; export a field that is not.",
+                f"all {pressures.size} pressures are 0; export a field with sound.",
                 code="all_zero",
             )
         wanted = sources.strengths.shape[1]
@@ -270,23 +270,23 @@ def _of_frequency(names: Sequence[str], frequency: float) -> list[str]:
 def _excitations(
     columns: Mapping[str, Complex128[np.ndarray, "nodes"]],
 ) -> Complex128[np.ndarray, "nodes excitations"]:
-    """Join real and imaginary columns; the others are complex by themselves."""
+    """Join real and imaginary columns; other columns are complex."""
     excitations = []
     for name, values in columns.items():
         stem, _, part = name.rpartition("_")
         if part == "imag" and f"{stem}_real" in columns:
-            continue  # joined with its real half
+            continue  # joined with its real part
         if part in ("real", "imag"):
             imaginary = f"{stem}_imag"
             if part == "imag" or imaginary not in columns:
                 raise InvalidInput(
-                    f"it has a column {name} without its other half.", code="data_missing"
+                    f"column {name} has no matching _real or _imag column.", code="data_missing"
                 )
             values = np.real(values) + 1j * np.real(columns[imaginary])
         excitations.append(values)
     if not excitations:
         raise InvalidInput(
-            "it has no columns of pressure; name them pressure, or pressure_real and "
+            "the table has no columns of pressure; name them pressure, or pressure_real and "
             "pressure_imag.",
             code="data_missing",
         )
@@ -294,25 +294,23 @@ def _excitations(
 
 
 def _check_sign(sampled: SampledField, time_sign: str) -> tuple[str, ...]:
-    """Check that the phase grows away from the sources; warn where it cannot be seen.
-
-    Around a source in open air all fits are 1 or near 0; around sources on bodies 0.57 to 1 and up
-    to 0.16. The other sign is believed where it fits 1.5 times as well, and to 0.4 at least.
-    """
+    """Check that the phase grows away from the sources; warn if it fits neither sign."""
+    # Around a source in open air the fits are 1 and near 0; around sources on bodies 0.57 to 1 and
+    # up to 0.16.
     stated, opposite = _fits(sampled)
     if opposite > max(1.5 * stated, 0.4):
         raise InvalidInput(
-            f"time_sign is {time_sign}, but round the sources the pressures fit the other one "
-            f"{opposite / stated:.2g} times better; state the other sign, or check where the "
-            "sources stand and what a unit of length is.",
+            f"time_sign is {time_sign}, but around the sources the pressures fit the other sign "
+            f"{opposite / stated:.2g} times better; give the other sign, or check the positions of "
+            "the sources and the unit of length.",
             code="does_not_match",
         )
     if stated > 0.4:
         return ()
     return (
-        f"round the sources the pressures fit neither sign of time ({stated:.2g} and "
-        f"{opposite:.2g} of 1): is the scale, the frequency, the medium or where the sources stand "
-        "another?",
+        f"around the sources the pressures fit neither time sign ({stated:.2g} and "
+        f"{opposite:.2g} of 1): check the scale, the frequency, the medium and the positions of "
+        "the sources.",
     )
 
 
@@ -331,7 +329,7 @@ def _fits(sampled: SampledField) -> Float64[np.ndarray, "2"]:
             near = (distance <= reach) & (distance > SAME_NODE)
             level = pressures[near, column] * distance[near]
             phase = np.exp(1j * sampled.scene.wavenumber.real * distance[near])
-            # The sum adds up in step only where the phase runs as that of the wave.
+            # The sum is large only where the phase follows that of the wave.
             fits += np.abs([np.vdot(phase, level), np.vdot(phase.conj(), level)])
             total += np.abs(level).sum()
     return fits / total if total else fits

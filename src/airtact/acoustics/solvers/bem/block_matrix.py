@@ -1,7 +1,7 @@
-"""A matrix in blocks of 32 panels: near blocks entry by entry, far ones as low-rank products.
+"""A matrix in blocks of 32 panels: near blocks entry by entry, far blocks as low-rank products.
 
-The panels are sorted so that those of a block lie together. Far from each other, two blocks of
-panels interact smoothly, and few terms (column vector times row vector) approximate their block.
+The panels are sorted so that those of a block are close together. Distant blocks of panels interact
+smoothly, so a few terms (column vector times row vector) approximate the matrix between them.
 """
 
 from collections.abc import Sequence
@@ -157,7 +157,7 @@ def check_memory(count: int, store: Store, blocks: int, factors: int = 0) -> Non
     if size > ALWAYS_FREE and size > 0.9 * (available := available_memory()):
         raise InvalidInput(
             f"{count} unknowns need {size / 2**30:.1f} GiB for the matrix, but "
-            f"{available / 2**30:.1f} GiB of memory are free; ask for less accuracy or leave out "
+            f"{available / 2**30:.1f} GiB of memory are free; use a coarser accuracy or leave out "
             "distant bodies.",
             code="too_little_memory",
         )

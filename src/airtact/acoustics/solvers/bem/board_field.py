@@ -1,9 +1,9 @@
 """The field of elements in reflecting boards, around the other bodies.
 
-The pressure beside elements in a face varies faster than panels resolve, so the direct solution is
-of no use there. The transposed one is: its monopoles on the boards radiate the boards' reflections.
-Together with the elements they are the sources of a second, small solve around the other bodies,
-which is accurate on and near their surfaces too.
+The pressure near elements in a face varies faster than panels resolve, so the direct solution fails
+there. The monopoles of the transposed solution on the boards radiate the boards' reflections.
+Together with the elements they are the sources of a second, smaller solve around the other bodies,
+which is also accurate on and near their surfaces.
 """
 
 from dataclasses import dataclass, replace
@@ -32,7 +32,7 @@ class BoardField(RadiatedField):
     scene : the other bodies.
     boards : the boards alone.
     around : field of elements and boards as sources.
-    reach : distance from a board below which the field is not known [m].
+    reach : distance from a board below which the field is unknown [m].
     """
 
     boards: Scene

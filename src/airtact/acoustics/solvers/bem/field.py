@@ -1,4 +1,4 @@
-"""The field around bodies that ``BoundaryElement`` returns: which solution serves where."""
+"""The field around bodies that ``BoundaryElement`` returns, and its estimated error."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -80,23 +80,22 @@ def values_with_images(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BoundaryField(RadiatedField):
-    """The field of some monopoles around bodies, as ``BoundaryElement`` solved it.
+    """The field of monopoles around bodies, solved by ``BoundaryElement``.
 
-    On and near the surface the pressure is the direct solution's. Elsewhere it is the transposed
-    one's for excitations with a source near the surface, and the mean of both for the others, which
-    makes the field reciprocal. Many points close together, such as those of a picture, are
-    evaluated in cells, which costs 4 % of the accuracy; excitations without a source near the
-    surface are then the direct solution's everywhere. The velocity on the surface was 1.5 % off on
-    a sphere of 10 mm at accuracy 0.01, 6 % on one of 6 mm. ``InvalidInput`` is raised on and near
-    the surface where the direct solution was not solved for (``estimate=False``).
+    The direct solution gives the pressure on and near the surface. Elsewhere the transposed
+    solution gives it for excitations with a source near the surface, and the mean of both solutions
+    for the others, which makes the field reciprocal. Many points close together, such as those of a
+    picture, are evaluated in cells, with an additional error of 4 % of the accuracy; the direct
+    solution then serves all excitations without a source near the surface. ``InvalidInput`` is
+    raised on and near the surface where the direct equation was not solved (``estimate=False``).
 
     Attributes
     ----------
     surface : collocation points of the bodies, without their images in a plane.
     pressure : the direct solution, the pressure at the nodes [Pa]; None if not solved for.
     density, factors : the transposed solution; None if not solved for, and 2 for sources on a body.
-    accuracy : relative error that the solver aimed at.
-    wanted : relative error above which a warning is given.
+    accuracy : target of the relative error.
+    max_error : relative error above which the report has a warning.
     """
 
     surface: DualSurface
@@ -104,15 +103,15 @@ class BoundaryField(RadiatedField):
     density: NodeValues | None
     factors: Float64[np.ndarray, "sources"]
     accuracy: float
-    wanted: float
+    max_error: float
 
     @cached_property
     def direct(self) -> DirectSolution:
         """The direct solution; raise ``InvalidInput`` if it was not solved for."""
         if self.pressure is None:
             raise InvalidInput(
-                "the pressure on and near the surface was not solved for (estimate = False), which "
-                "is enough for a transfer matrix only; solve with estimate = True.",
+                "this solution has no pressure on and near the surface, because estimate is False; "
+                "solve with estimate = True.",
                 code="not_supported",
             )
         pressure = values_with_images(self.pressure, self.scene.planes)
@@ -241,17 +240,17 @@ class BoundaryField(RadiatedField):
     def error_at(self, points: Points) -> Float64[np.ndarray, "excitations"]:
         """Relative error of the direct solution over points, for each excitation.
 
-        It is the difference of both solutions, plus 15 % of the accuracy as far as the pressure is
-        scattered, because errors of panels and quadrature that both share do not show in it.
-        Points on or near the surface are moved off it by a panel's radius where there is room: the
-        transposed solution is accurate only there. NaN without a direct solution.
+        It is the difference of both solutions, plus 15 % of the accuracy times the scattered
+        pressure for the errors of panels and quadrature that both share. Points on or near the
+        surface are moved away by a panel's radius where there is room, because the transposed
+        solution is accurate only there. NaN without a direct solution.
         """
         squares, size = self._errors(points_of(points, "points"))
         size = np.linalg.norm(size, axis=0)
         return np.sqrt(squares.sum(axis=0)) / np.where(size > 0, size, 1)
 
     def _errors(self, points: Vectors) -> tuple[Float64[np.ndarray, "points excitations"], ...]:
-        """Squared error [Pa²], and pressure [Pa], both off the surface; NaN if not known."""
+        """Squared error [Pa²] and pressure [Pa], both away from the surface; NaN if unknown."""
         if self.pressure is None or self.density is None:
             unknown = np.full((len(points), self.excitations), np.nan)
             return unknown, unknown
@@ -264,7 +263,7 @@ class BoundaryField(RadiatedField):
         return squares, np.abs(transposed)
 
     def _lifted(self, points: Vectors) -> Vectors:
-        """Move points near the surface off it by a panel's radius, where that meets no other."""
+        """Move points near the surface away by a panel's radius, where no other surface is near."""
         nodes = self._mirrored.nodes
         near = np.flatnonzero(near_surface(nodes, points, self._mirrored.near_rule.reach))
         if not len(near):
@@ -281,10 +280,9 @@ class BoundaryField(RadiatedField):
     def report_at(self, points: Points) -> SolveReport:
         """Return the report with the worst error estimated at points [m], if that is larger.
 
-        Points inside bodies are left out. The error is over the pressure at the point, or over a
-        tenth of that at the strongest point. A warning names the worst point where the error
-        exceeds the accuracy that is wanted. Without a direct solution, or without points, it is the
-        plain report.
+        Points inside bodies are left out. The error is relative to the pressure at the point, or to
+        a tenth of that at the strongest point. A warning names the worst point where the error
+        exceeds ``max_error``. Without a direct solution or points the report is unchanged.
         """
         points = points_of(points, "points", least=0)
         outside = (self.scene.depth(points) <= 0.0) & before_planes(self.scene.planes, points)
@@ -292,24 +290,24 @@ class BoundaryField(RadiatedField):
         if self.pressure is None or self.density is None or not len(points):
             return self.report
         squares, _ = self._errors(points)
-        # Over the pressure at the point itself, which in a shadow is far below that beside it. A
-        # point that gets nearly nothing beside a strong one matters less.
+        # Relative to the pressure at the point, which in a shadow is far below that next to it. A
+        # point with almost no pressure matters less than a strong one.
         pressure = self._at(points)
-        # Near the surface, refined panels give a better pressure than plain ones. In a shadow, both
-        # are far off where panels are too large; the better one by about half of what they differ.
+        # Near the surface, refined panels give a better pressure than plain ones. In a shadow both
+        # are inaccurate if panels are too large; the better one by about half their difference.
         squares = squares + np.abs(0.5 * (pressure - self.direct_at(points))) ** 2
         pressure = np.abs(pressure)
         size = np.maximum(pressure, 0.1 * pressure.max(axis=0))
         errors = (np.sqrt(squares) / np.where(size > 0, size, 1)).max(axis=1)
         error = float(errors.max())
         warnings = self.report.warnings
-        if error > 1.2 * self.wanted:
+        if error > 1.2 * self.max_error:
             warnings = (
                 *warnings,
-                f"at {in_mm(points[errors.argmax()])} and the points beside it the pressure is "
-                f"estimated to be {100 * error:.1f} % off, and {100 * self.wanted:.1f} % was "
-                "asked: points in a shadow, a narrow gap or a cavity need a smaller accuracy, such "
-                f"as {self.wanted / 3:.2g}.",
+                f"near {in_mm(points[errors.argmax()])} the pressure has an estimated error of "
+                f"{100 * error:.1f} %, more than {100 * self.max_error:.1f} %: points in a shadow, "
+                "a narrow gap or a cavity need a smaller accuracy, such as "
+                f"{self.max_error / 3:.2g}.",
             )
         return replace(
             self.report,

@@ -1,7 +1,7 @@
-"""Panels of a deforming body. They are meshed once; the caller supplies moved corners and points.
+"""Panels of a deforming body, which are meshed once; the caller supplies moved corners.
 
-Covering a body with panels takes as long as filling its matrix. A body that bends smoothly, as a
-hand does, can keep its panels.
+Meshing a body takes as long as filling its matrix, and the panels of a body that bends smoothly,
+such as a hand, remain good.
 """
 
 from dataclasses import dataclass, replace
@@ -66,13 +66,13 @@ class MovingPanels:
         # a panel faces a point that is before its plane
         height = np.einsum("pd,pd->p", normals, nodes.centres)
         seen = np.einsum("pd,qd->pq", normals, points) > height[:, None]
-        kept = seen.mean(axis=1) >= share
+        facing = seen.mean(axis=1) >= share
         return replace(
             self,
-            corners=self.corners[kept],
-            inside=self.inside[np.repeat(kept, 2)],
-            deviation=self.deviation[kept],
-            admittance=self.admittance[kept],
+            corners=self.corners[facing],
+            inside=self.inside[np.repeat(facing, 2)],
+            deviation=self.deviation[facing],
+            admittance=self.admittance[facing],
         )
 
     def radiated(

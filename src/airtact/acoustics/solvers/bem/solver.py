@@ -67,7 +67,7 @@ CITATIONS = (
     "Y. Saad, M. H. Schultz, SIAM J. Sci. Stat. Comput. 7 (1986) 856: GMRES",
 )
 
-# Beginning of the warning about the direct solution, which no drive is made from
+# Beginning of the warning about the direct solution, which drives do not depend on
 OF_THE_DIRECT = "the pressure at points (direct solution)"
 
 
@@ -96,23 +96,23 @@ class BoundaryElement(Solver):
 
     Attributes
     ----------
-    accuracy : relative error to aim at away from the surfaces (0.01 is 1 %). It sets the size of
-        the panels; 0.03 suits a preview.
+    accuracy : target of the relative error away from the surfaces (0.01 is 1 %). It sets the size
+        of the panels; 0.03 suits a preview.
     precision : "float32" or "float64", of the iteration and the matrix; with "float32" and an
         accuracy of 0.003 or more the matrix is stored in bfloat16.
     estimate : whether to solve both equations. Without it a solve takes about half the time and the
-        estimated error is NaN. The transposed equation alone is solved then, enough for a transfer
-        matrix, and the field raises ``InvalidInput`` on and near the surfaces; for elements in
-        reflecting boards it is the direct equation. From an accuracy of 0.06 on such a solution
-        serves drives only: they correlate to 0.995 with the exact ones, while pressures were up to
-        8 % off.
-    enough : relative error above which a warning is given; the accuracy unless given.
-    progress : callback that gets the words of each step as it begins, such as ``print``.
+        estimated error is NaN. Only the transposed equation is solved, which suffices for a
+        transfer matrix, and the field raises ``InvalidInput`` on and near the surfaces. Scenes with
+        reflecting boards solve the direct equation instead. At an accuracy of 0.06 or coarser the
+        solution is for drives only: they correlate to 0.995 with the exact ones, while pressures
+        had errors up to 8 %.
+    enough : relative error above which the report has a warning; by default the accuracy.
+    progress : callback that gets the name of each step as it begins, such as ``print``.
 
     Raises
     ------
     InvalidInput
-        If accuracy or enough is not between 0.0001 and 0.3, or the precision is unknown.
+        If ``accuracy`` or ``enough`` is not between 0.0001 and 0.3, or the precision is unknown.
 
     Examples
     --------
@@ -132,7 +132,7 @@ class BoundaryElement(Solver):
     progress: Progress | None = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
-        for name, share in (("accuracy", self.accuracy), ("enough", self.wanted)):
+        for name, share in (("accuracy", self.accuracy), ("enough", self.max_error)):
             number(share, name, "parts of 1")
             if not 1e-4 <= share <= 0.3:
                 raise InvalidInput(
@@ -146,8 +146,8 @@ class BoundaryElement(Solver):
             )
 
     @property
-    def wanted(self) -> float:
-        """Relative error above which a warning is given."""
+    def max_error(self) -> float:
+        """Relative error above which the report has a warning."""
         return self.accuracy if self.enough is None else self.enough
 
     @property
@@ -302,7 +302,7 @@ class BoundaryElement(Solver):
             density=values.get("transposed"),
             factors=factors,
             accuracy=self.accuracy,
-            wanted=self.wanted,
+            max_error=self.max_error,
         )
         if len(equations) == 1:
             return solved_field
@@ -310,11 +310,11 @@ class BoundaryElement(Solver):
             probes = _probes(scene, nodes, surface.near_rule.reach)
             estimate = float(solved_field.error_at(probes).max())
         report = replace(report, estimated_error=estimate)
-        if estimate > 1.5 * self.wanted:
+        if estimate > 1.5 * self.max_error:
             warning = (
-                f"{OF_THE_DIRECT} is estimated to be {100 * estimate:.1f} % off, and "
-                f"{100 * self.wanted:.1f} % was asked: uneven triangles, a narrow gap, or a source "
-                "on the surface; a transfer matrix is more accurate then"
+                f"{OF_THE_DIRECT} has an estimated error of {100 * estimate:.1f} %, more than "
+                f"{100 * self.max_error:.1f} %. Causes are uneven triangles, a narrow gap, or a "
+                "source on the surface. A transfer matrix is more accurate."
             )
             report = replace(report, warnings=(warning, *report.warnings))
         return replace(solved_field, report=report)
@@ -322,17 +322,17 @@ class BoundaryElement(Solver):
     def factorised(
         self, scene: Scene, refined: Points | None = None
     ) -> "at.acoustics.FactorisedBodies":
-        """Factorise each body once: a solver for these bodies, for any sources and rigid motions.
+        """Factorise each body once: a solver for these bodies, any sources and rigid motions.
 
-        It solves for a new pose of two fingers, or other foci, in a small part of the time of
+        It solves for a new pose of two fingers, or for other foci, in a fraction of the time of
         ``radiate``. The field is known away from the bodies only, as without an estimate. The
-        factorisation takes as long as some tens of solves, 2 s for two fingers of 1,100 unknowns
-        each, and grows as the cube of a body's unknowns: minutes for a hand of 8,000.
+        factorisation takes as long as tens of solves: 2 s for two fingers of 1,100 unknowns each.
+        The time grows as the cube of a body's unknowns, to minutes for a hand of 8,000.
 
         Parameters
         ----------
         scene : bodies, sound-hard or of an impedance.
-        refined : (P, 3) points [m], such as the foci to come, beside which the panels are smaller.
+        refined : (P, 3) points [m], such as later foci, near which the panels are smaller.
 
         Raises
         ------
@@ -430,10 +430,10 @@ class BoundaryElement(Solver):
         count = sum(len(part.points) for part in nodes)
         area = float(sum(part.weights.sum() for part in nodes))
         coarse = [
-            f"the panels of body {body} lie up to {1e3 * farthest:.2g} mm ({1e3 * mean:.2g} mm in "
-            "the mean) off the triangles that it was given as, more than 1/20 of the wavelength: "
-            "these are coarse for a curved surface; give a mesh with shorter edges, or "
-            "sharp_degrees = 0 for a faceted body"
+            f"the panels of body {body} deviate from its triangles by up to "
+            f"{1e3 * farthest:.2g} mm ({1e3 * mean:.2g} mm on average), more than 1/20 of the "
+            "wavelength. The triangles are too coarse for a curved surface: give a mesh with "
+            "shorter edges, or sharp_degrees = 0 for a faceted body."
             for body, (farthest, mean) in enumerate(
                 zip(panels.farthest, panels.mean_distance, strict=True)
             )

@@ -1,7 +1,4 @@
-"""Factorises the sparse complex symmetric matrix of finite elements.
-
-MKL's Pardiso, or NGSolve's sparse Cholesky.
-"""
+"""Factorise the sparse complex symmetric matrix of finite elements by Pardiso or NGSolve."""
 
 import ctypes
 import importlib.metadata
@@ -25,10 +22,10 @@ from airtact.acoustics.solvers.fem.mesh import Box
 from airtact.acoustics.solvers.memory import available_memory
 from airtact.errors import InvalidInput, NotConverged
 
-# Refinements that make up for single precision; two or three are usually enough
+# Largest number of refinements for single precision; two or three usually suffice
 MAX_REFINEMENTS = 12
 
-# Up to this order a residual of 1e-3 will do: the error of the elements is far larger
+# Up to this order a residual of 1e-3 suffices: the error of the elements is far larger
 COARSE_ORDER = 5
 
 
@@ -54,15 +51,14 @@ class Factor(ABC):
         with many_threads():
             for number in range(right.shape[1]):
                 column.FV().NumPy()[:] = right[:, number]
-                # Static condensation: what drives the inside of tetrahedra moves to the unknowns
-                # that they share ...
+                # Static condensation moves the loads inside tetrahedra to shared unknowns ...
                 column.data += form.harmonic_extension_trans * column
                 solution[:, number] = column.FV().NumPy()
             shared = self.solve_shared(solution)
             for number in range(right.shape[1]):
                 inner.FV().NumPy()[:] = solution[:, number]
                 column.FV().NumPy()[:] = shared[:, number]
-                # ... and the inside follows from those afterwards.
+                # ... and computes the unknowns inside from those.
                 column.data += form.harmonic_extension * column
                 column.data += form.inner_solve * inner
                 solution[:, number] = column.FV().NumPy()
@@ -128,7 +124,7 @@ class Pardiso(Factor):
         weakref.finalize(self, self._call, -1)
 
     def solve_shared(self, right: Coefficients) -> Coefficients:
-        """Solve, and solve again for the residual; raise ``NotConverged`` where that stalls."""
+        """Solve, and refine until the residual is small; raise ``NotConverged`` if it stalls."""
         residual = np.where(self.free[:, None], right, 0)
         size = _norms(residual)
         solution = np.zeros_like(residual)
@@ -138,7 +134,7 @@ class Pardiso(Factor):
             scale = np.abs(residual).max() or 1.0
             step = self._solved_once(residual / scale)
             change = np.where(self.free[:, None], self._times(self.form.mat, step), 0)
-            # A change at right angles to all earlier ones never undoes what they gained.
+            # An orthogonal change does not undo the gain of earlier ones.
             for earlier, its_change in directions:
                 part = (its_change.conj() * change).sum(axis=0)
                 step = step - part * earlier
@@ -156,7 +152,7 @@ class Pardiso(Factor):
         raise NotConverged(
             f"Pardiso leaves a residual of {worst:.2g} of the right-hand side after "
             f"{MAX_REFINEMENTS} refinements, more than {self._residual:.2g}: the matrix is nearly "
-            "singular; take factorisation 'sparsecholesky'.",
+            "singular; use factorisation 'sparsecholesky'.",
             code="not_converged",
         )
 
@@ -249,8 +245,8 @@ def chosen_method(method: str) -> str:
         return "pardiso" if installed else "sparsecholesky"
     if method == "pardiso" and not installed:
         raise InvalidInput(
-            "the factorisation 'pardiso' was asked for, but the package mkl is not installed; pip "
-            "install 'airtact[mkl]', or take 'sparsecholesky'.",
+            "factorisation 'pardiso' needs the package mkl: pip install 'airtact[mkl]', or use "
+            "'sparsecholesky'.",
             code="extra_missing",
         )
     return method
@@ -280,10 +276,10 @@ def check_memory(
     free = available_memory()
     if size > 0.9 * free:
         raise InvalidInput(
-            f"finite elements of order {order} need some {unknowns:.2g} unknowns and "
+            f"finite elements of order {order} need about {unknowns:.2g} unknowns and "
             f"{size / 2**30:.1f} GiB for a box of "
             f"{(box.high - box.low).prod() / wavelength**3:.0f} cubic wavelengths, but "
-            f"{free / 2**30:.1f} GiB of memory are free; take BoundaryElement, a lower order for a "
+            f"{free / 2**30:.1f} GiB of memory are free; use BoundaryElement, a lower order for a "
             "preview, or fewer bodies.",
             code="too_little_memory",
         )

@@ -1,7 +1,4 @@
-"""The field that finite elements solved.
-
-From the tetrahedra beside the bodies, from a surface integral elsewhere.
-"""
+"""The field of finite elements: in tetrahedra near the bodies, by a surface integral elsewhere."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -38,13 +35,13 @@ from airtact.acoustics.solvers.problem import (
 from airtact.acoustics.sources import Monopoles
 from airtact.errors import in_mm
 
-# Distance from a filled body up to which a source is a point load for its own surroundings too [λ]
+# Distance from a filled body up to which a source is a point load near the body too [λ]
 TOUCHING = 0.04
 
 
 @dataclass(frozen=True, eq=False)
 class PointSources:
-    """Some monopoles, or none: positions [λ] and the strengths of e^{ikr}/r."""
+    """Monopoles, possibly none: positions [λ] and strengths of e^{ikr}/r."""
 
     positions: SourcePoints
     strengths: Strengths
@@ -69,12 +66,12 @@ class PointSources:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Solution:
-    """Pressure in the box: the free field of some monopoles plus finite elements.
+    """Pressure in the box: the free field of monopoles plus finite elements.
 
     Attributes
     ----------
     system : what was solved.
-    outer : the monopoles whose free field is added.
+    outer : monopoles whose free field is added.
     parts : of each parity that is not negligible, the (unknowns, S) finite elements on the mirrors'
         positive side.
     """
@@ -169,7 +166,7 @@ def solve(system: System, outer: PointSources, inner: PointSources) -> Solution:
         for row, parity in enumerate(every):
             sign = signs(parity)[image[source]]
             right[row] += sign / len(every) * load[:, None] * strengths
-    # Monopoles on a mirror make nothing that is odd about it: no factorisation is spent on that.
+    # Monopoles on a mirror have no odd part about it, so that part needs no factorisation.
     negligible = 1e-10 * np.linalg.norm(right)
     parts = {
         parity: system.factor(parity).solve(side)
@@ -181,13 +178,13 @@ def solve(system: System, outer: PointSources, inner: PointSources) -> Solution:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FiniteField(RadiatedField):
-    """The field of some monopoles by ``FiniteElement``.
+    """The field of monopoles by ``FiniteElement``.
 
     A source within 0.04 wavelengths of a filled body touches it.
 
     Attributes
     ----------
-    from_afar : the solution with the sources beside the bodies as point loads: right away from the
+    from_afar : solution with the sources near the bodies as point loads, accurate away from the
         bodies.
     """
 
@@ -210,16 +207,16 @@ class FiniteField(RadiatedField):
         mirrors = self.system.mirrors
         pressure = np.concatenate(self._scattering.at_nodes(nodes)) / length
         points = np.concatenate(images(mirrors, nodes.points)) * length
-        # Mirrors turn normals too, so their tips are mirrored.
+        # Mirrors reverse normals too, so their tips are mirrored.
         tips = np.concatenate(images(mirrors, nodes.points + nodes.normals)) * length
         areas = np.tile(nodes.areas, 2 ** len(mirrors)) * length**2
         return SurfaceField(points, (tips - points) / length, areas, pressure)
 
     @cached_property
     def _scattering(self) -> Solution:
-        """Solution that is right beside the bodies.
+        """Solution that is accurate near the bodies.
 
-        It is solved for the scattered pressure of all sources that touch no filled body.
+        It solves for the scattered pressure of all sources that touch no filled body.
         """
         if not beside(self.scene, self.sources.positions).any():
             return self.from_afar
@@ -234,12 +231,10 @@ class FiniteField(RadiatedField):
 
     @cached_property
     def _images(self) -> list[PointSources]:
-        """Images of the sources beside bodies that sound does not enter.
+        """Images of the sources near bodies that sound does not enter.
 
-        What is left to solve for is smooth there.
-
-        An image stands as deep in the nearest body as meshed as its source stands off it; where the
-        body is too thin to hold it, there is none.
+        The rest of the pressure is smooth there. An image is as deep in the nearest body as its
+        source is above it; bodies that are too thin have none.
         """
         length = self.scene.wavelength
         near = beside(self.scene, self.sources.positions) & ~self._touching_filled
@@ -281,7 +276,7 @@ class FiniteField(RadiatedField):
             pressure[away] = self._scattered_away(points[away])
         if close.any():
             scattered = self._at(points[close]) - self._incident(points[close])
-            # Not known at a source there, where both are infinite.
+            # unknown at a source there, where both are infinite
             pressure[close] = np.where(np.isfinite(scattered), scattered, np.nan)
         return pressure
 
@@ -312,10 +307,9 @@ def beside(scene: Scene, points: Points) -> Mask:
 
 
 def solved_from_afar(system: System, scene: Scene, sources: Monopoles) -> Solution:
-    """Solve with the sources beside the bodies as point loads.
+    """Solve with the sources near the bodies as point loads.
 
-    Away from the bodies this is as right as the pressure of a far source is beside them, by
-    reciprocity.
+    By reciprocity this is as accurate away from the bodies as a far source's pressure near them.
     """
     near = beside(scene, sources.positions)
     scaled = _scaled(scene, sources)
@@ -323,10 +317,7 @@ def solved_from_afar(system: System, scene: Scene, sources: Monopoles) -> Soluti
 
 
 def touching_warnings(scene: Scene, sources: Monopoles) -> tuple[str, ...]:
-    """Warn of sources that touch bodies that are not sound-hard.
-
-    Right beside them the pressure is rough.
-    """
+    """Warn of sources that touch impedance or filled bodies, near which the pressure is rough."""
     gap = TOUCHING * scene.wavelength
     touching = _touching(scene, sources.positions, ("impedance", "filled"), gap)
     if not touching.any():
@@ -335,8 +326,8 @@ def touching_warnings(scene: Scene, sources: Monopoles) -> tuple[str, ...]:
     return (
         f"{touching.sum()} of {len(sources.positions)} sources touch impedance or filled bodies, "
         f"the first at {in_mm(first)}: within {1e3 * 0.5 * scene.wavelength:.3g} mm of such a "
-        "source the pressure beside the bodies is 4 to 50 % off (elsewhere it is not); move "
-        f"sources {1e3 * gap:.2g} mm off the body to evaluate it there.",
+        "source the pressure near the bodies has an error of 4 to 50 %. To evaluate it there, move "
+        f"sources {1e3 * gap:.2g} mm away from the body.",
     )
 
 

@@ -1,4 +1,4 @@
-"""Netgen and NGSolve: imported when needed, silenced, and kept to the threads of this process."""
+"""Import Netgen and NGSolve when needed, silence them, and set their threads."""
 
 import os
 import signal
@@ -13,7 +13,7 @@ from typing import Any
 from airtact.acoustics.solvers.memory import processor_count
 from airtact.errors import extra
 
-# Neither library has types; these names say what an object is.
+# Neither library has types; these names describe their objects.
 NetgenMesh = Any  # Netgen's Mesh
 CurvedMesh = Any  # NGSolve's Mesh
 FiniteSpace = Any  # NGSolve's H1
@@ -55,10 +55,7 @@ def many_threads() -> Iterator[None]:
 
 @contextmanager
 def heeding_interrupts() -> Iterator[None]:
-    """Let Ctrl-C raise ``KeyboardInterrupt`` again.
-
-    After meshing, Netgen lets it end the process.
-    """
+    """Restore Ctrl-C after meshing, when Netgen would end the process."""
     try:
         yield
     finally:
@@ -69,7 +66,7 @@ def heeding_interrupts() -> Iterator[None]:
 
 @contextmanager
 def muted() -> Iterator[None]:
-    """Drop what compiled code prints: Netgen prints failures, which are looked for afterwards."""
+    """Suppress the output of compiled code: Netgen prints failures, which are detected later."""
     sys.stdout.flush()
     sys.stderr.flush()
     saved = [os.dup(1), os.dup(2)]

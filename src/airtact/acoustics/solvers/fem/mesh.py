@@ -1,8 +1,8 @@
-"""Tetrahedra in a box round the bodies and in the perfectly matched layer round the box, by Netgen.
+"""Tetrahedra by Netgen, in a box around the bodies and in the perfectly matched layer around it.
 
-Netgen meshes the flat faces; the bodies' own triangles are added to them, and the tetrahedra beside
-the bodies are curved by a deformation. Lengths are in wavelengths here, so that no tolerance of
-Netgen's depends on the frequency.
+Netgen meshes the flat faces, to which the triangles of the bodies are added. A deformation curves
+the tetrahedra next to the bodies. Lengths are in wavelengths, so that Netgen's tolerances do not
+depend on the frequency.
 """
 
 from collections.abc import Sequence
@@ -27,13 +27,13 @@ from airtact.acoustics.solvers.fem.surface_mesh import SurfaceMesh, surface_mesh
 from airtact.acoustics.solvers.fem.symmetry import Mirror
 from airtact.errors import InvalidInput, in_mm
 
-# How fast Netgen's edges may grow
+# Netgen's limit of the growth of edges
 GRADING = 0.9
 
 # Fraction of its straight volume that a curved tetrahedron must keep everywhere
 MIN_STRETCH = 0.02
 
-# Points nearer to each other than this are one [λ]
+# Points nearer to each other than this coincide [λ]
 SAME_POINT = 1e-6
 
 AIR = 1
@@ -45,7 +45,7 @@ BODY = 3
 # Corners of the six edges of a tetrahedron
 EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 
-# Smallest barycentric coordinate of a point that is inside a tetrahedron for certain
+# Smallest barycentric coordinate of a point inside a tetrahedron, with rounding
 INSIDE = -1e-7
 
 
@@ -55,9 +55,9 @@ class Box:
 
     Attributes
     ----------
-    low, high : (3,) corners of the air [m]; on a mirror the box ends there.
-    layer : thickness of the perfectly matched layer round it, on the sides that are no mirrors [m].
-    mirrors : planes at which the lower side of the box lies.
+    low, high : (3,) corners of the air [m]; the box ends at mirrors.
+    layer : thickness of the perfectly matched layer around it, except at mirrors [m].
+    mirrors : planes of the lower sides of the box.
     """
 
     low: Float64[np.ndarray, "3"]
@@ -106,12 +106,10 @@ class Tetrahedra:
         return (along[:, :3] - along[:, 3:]).transpose(0, 2, 1)
 
     def smallest_stretch(self) -> tuple[float, int]:
-        """Smallest ratio of a volume element to that of the straight tetrahedron, and where.
+        """Smallest ratio of a volume element to that of the straight tetrahedron, and its index.
 
-        0 or less is folded.
-
-        It is sampled 15 % of the way in from the corners and midpoints: between two faces on a
-        smooth surface the ratio is 0, which does no harm.
+        A tetrahedron with a ratio of 0 or less is folded. Samples lie 15 % inwards from corners and
+        midpoints, because between two faces on a smooth surface the ratio is 0 without harm.
         """
         midpoints = 0.5 * (np.eye(4)[EDGES[:, 0]] + np.eye(4)[EDGES[:, 1]])
         samples = 0.85 * np.concatenate([np.eye(4), midpoints]) + 0.15 / 4
@@ -126,8 +124,8 @@ class Tetrahedra:
     def holding(self, points: Points) -> tuple[Indices, Barycentric]:
         """Tetrahedron of each point (P, 3) [λ], -1 for none, and barycentric coordinates.
 
-        The tetrahedra with the nearest centres are tried, more and more of them for the points that
-        are still outside all.
+        The tetrahedra with the nearest centres are tried first, then more for the points that are
+        outside all of them.
         """
         best = np.full(len(points), -1, dtype=np.int64)
         weights = np.zeros((len(points), 4))
@@ -151,8 +149,8 @@ class Tetrahedra:
                 weights[chosen] = candidate[deeper]
                 depth[chosen] = smallest[deeper]
             tried = count
-        # The meshed surface lies micrometres off the true one, so a point beside a tetrahedron
-        # belongs to it.
+        # The meshed surface deviates by micrometres from the true one, so a point next to a
+        # tetrahedron belongs to it.
         best[depth < -0.05] = -1
         return best, weights
 
@@ -177,29 +175,29 @@ class Tetrahedra:
 def meshed(
     scene: Scene, box: Box, elements_per_wavelength: float
 ) -> tuple[NetgenMesh, SurfaceMesh, Tetrahedra]:
-    """Mesh the air in a box round the bodies, the filled bodies, and the perfectly matched layer.
+    """Mesh the air in a box around the bodies, the filled bodies, and the perfectly matched layer.
 
     Netgen's mesh and the curved tetrahedra are in wavelengths.
 
     Raises
     ------
     InvalidInput
-        When a body cannot be meshed: which, and where.
+        A body cannot be meshed.
     """
     shapes = [obstacle.surface.shape for obstacle in scene.obstacles]
     filled = [obstacle.boundary == "filled" for obstacle in scene.obstacles]
     size = 1 / elements_per_wavelength
     fault = None
-    # Smaller triangles on the surfaces until Netgen fills the box and no tetrahedron is folded.
+    # Retry with smaller triangles until Netgen fills the box and no tetrahedron is folded.
     for shrinking in (0.8, 0.5, 0.3):
         edge = shrinking * size * scene.wavelength
         surface = surface_mesh(shapes, edge, box.mirrors)
         sides = surface.vertices[surface.triangles]
         lengths = np.linalg.norm(sides - np.roll(sides, 1, axis=1), axis=2)
         if lengths.min() < SAME_POINT * scene.wavelength:
-            # Two vertices on one point of two mirrors, at which Netgen crashes.
+            # Netgen crashes on two vertices that coincide at two mirrors.
             fault = InvalidInput(
-                f"triangles of {1e3 * edge:.3g} mm collapse where mirrors cut a body; ask for more "
+                f"triangles of {1e3 * edge:.3g} mm collapse where mirrors cut a body; increase "
                 "elements_per_wavelength.",
                 code="mesh_faulty",
             )
@@ -208,9 +206,9 @@ def meshed(
             mesh = _tetrahedra(surface, box, filled, scene.wavelength, size)
         if not _fills_box(mesh, box, surface, filled, scene.wavelength):
             fault = InvalidInput(
-                "Netgen cannot fill the box round the bodies with tetrahedra on triangles of "
-                f"{1e3 * edge:.3g} mm: a body is too thin, or two are too near each other; ask for "
-                "more elements_per_wavelength, or take BoundaryElement.",
+                "Netgen cannot fill the box around the bodies with tetrahedra on triangles of "
+                f"{1e3 * edge:.3g} mm: a body is too thin, or two are too near each other; "
+                "increase elements_per_wavelength, or use BoundaryElement.",
                 code="mesh_faulty",
             )
             continue
@@ -222,8 +220,8 @@ def meshed(
         depths = [obstacle.surface.depth(position[None])[0] for obstacle in scene.obstacles]
         fault = InvalidInput(
             f"body {int(np.argmax(depths))} bends too much for tetrahedra of {1e3 * edge:.3g} mm "
-            f"at {in_mm(position)}: one is folded; ask for more elements_per_wavelength, or smooth "
-            "the body there.",
+            f"at {in_mm(position)}: one is folded; increase elements_per_wavelength, or smooth the "
+            "body there.",
             position,
             code="mesh_faulty",
         )
@@ -234,9 +232,7 @@ def meshed(
 def _tetrahedra(
     surface: SurfaceMesh, box: Box, filled: Sequence[bool], wavelength: float, size: float
 ) -> NetgenMesh:
-    """Fill a box with tetrahedra of edges up to ``size`` [λ].
-
-    The result is Netgen's mesh in wavelengths, before it is curved.
+    """Fill a box with straight tetrahedra of edges up to ``size`` [λ], as Netgen's mesh.
 
     The boundaries are named ``surface0``, ``surface1`` ... for the bodies and ``wall0``, ``wall2``,
     ``wall4`` for mirrors across x, y, z; the materials ``air``, ``layer`` and ``body0``, ``body1``
@@ -245,7 +241,7 @@ def _tetrahedra(
     meshing, _ = netgen_libraries()
     vertices, flat, regions = _flat_faces(surface, box, filled, wavelength, size)
     added = surface.vertices / wavelength
-    # Along a cut both meshes have the same vertices, which must be one.
+    # Along a cut both meshes have the same vertices, which must be merged.
     distance, nearest = KDTree(vertices).query(added)
     same = distance < SAME_POINT
     number = np.where(same, nearest, len(vertices) + np.cumsum(~same) - 1)
@@ -270,7 +266,7 @@ def _tetrahedra(
     for body, inside in enumerate(filled):
         if inside:
             mesh.SetMaterial(BODY + body, f"body{body}")
-    # In filled bodies, tetrahedra would reach twice the edge wanted with faster growth.
+    # In filled bodies, tetrahedra would reach twice the edge with faster growth.
     mesh.GenerateVolumeMesh(maxh=size, grading=0.3 if any(filled) else GRADING)
     return mesh
 
@@ -282,10 +278,9 @@ def _flat_faces(
     Int64[np.ndarray, "triangles 3"],
     Int64[np.ndarray, "triangles 3"],
 ]:
-    """Mesh the faces of box, layer and mirrors, less the cuts of hollow bodies.
+    """Mesh the faces of box, layer and mirrors, without the cuts of hollow bodies.
 
-    Returns vertices [λ], triangles turned outwards, and the materials on both sides and the face's
-    number of each triangle.
+    Return vertices [λ], outward triangles, and for each triangle both materials and its face.
     """
     meshing, occ = netgen_libraries()
     low = box.low / wavelength
@@ -320,7 +315,7 @@ def _flat_faces(
         faces.append(_named(inner, AIR, 0, 0, mirror.axis))
     glued = occ.Glue(faces)
     if cut_middles:
-        # Netgen would split the edges along the cuts, which the body's triangles have unsplit.
+        # Netgen must not split the edges along the cuts, which the triangles of bodies share.
         cuts = KDTree(np.concatenate(cut_middles))
         for edge in glued.edges:
             if cuts.query([edge.center.x, edge.center.y, edge.center.z])[0] < SAME_POINT:
@@ -335,7 +330,7 @@ def _flat_faces(
     inside, outside, side, axis = np.array(names, dtype=np.int64)[elements["index"] - 1].T
     corners = vertices[triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    # Netgen turns the faces either way.
+    # Netgen orients the faces either way.
     wrong = (normals[np.arange(len(axis)), axis] > 0) != (side == 1)
     triangles[wrong] = triangles[wrong][:, ::-1]
     return vertices, triangles, np.stack([inside, outside, 2 * axis + side], axis=1)
@@ -386,10 +381,7 @@ def _outlines(surface: SurfaceMesh, mirror: Mirror) -> list[Int64[np.ndarray, "v
 def _loop(
     chain: Real[np.ndarray, "vertices 3"], mirror: Mirror, mirrors: Sequence[Mirror]
 ) -> Float64[np.ndarray, "corners 3"]:
-    """Close a chain that ends at other mirrors.
-
-    A closed chain ends where it began; that vertex is left out.
-    """
+    """Close a chain that ends at other mirrors, without the repeated vertex of a closed chain."""
     if np.array_equal(chain[0], chain[-1]):
         return chain[:-1]
     first, last = (
@@ -417,13 +409,13 @@ def _straight(
 
 
 def _curved(mesh: NetgenMesh, surface: SurfaceMesh, wavelength: float) -> Tetrahedra:
-    """Tetrahedra of a mesh of Netgen's, bent to the surfaces of the bodies beside them."""
+    """Tetrahedra of Netgen's mesh, bent to the surfaces of the bodies."""
     vertices, corners = _straight(mesh)
     on_surface = np.asarray(KDTree(vertices).query(surface.vertices / wavelength)[1])
     triangles = on_surface[surface.triangles]
     ends = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
     ends = np.sort(ends, axis=1)
-    # An edge is known by its two vertices, written as one number.
+    # The key of an edge is one number of its two vertices.
     keys, first = np.unique(ends[:, 0] * len(vertices) + ends[:, 1], return_index=True)
     straight = 0.5 * (vertices[ends[first, 0]] + vertices[ends[first, 1]])
     bend = surface.middles.reshape(-1, 3)[first] / wavelength - straight
@@ -437,7 +429,7 @@ def _curved(mesh: NetgenMesh, surface: SurfaceMesh, wavelength: float) -> Tetrah
 def _fills_box(
     mesh: NetgenMesh, box: Box, surface: SurfaceMesh, filled: Sequence[bool], wavelength: float
 ) -> bool:
-    """Whether tetrahedra fill the box but for the bodies that no sound enters."""
+    """Whether tetrahedra fill the box, except bodies that no sound enters."""
     vertices, corners = _straight(mesh)
     if not len(corners):
         return False
@@ -446,7 +438,7 @@ def _fills_box(
     expected = float((box.outer_high - box.outer_low).prod())
     hollow = ~np.array(filled)[surface.body]
     if hollow.any():
-        # Seen from a point on all mirrors, the cuts there count nothing.
+        # Relative to a point on all mirrors, cuts there add no volume.
         flat = surface.vertices[surface.triangles[hollow]] - box.low
         expected -= float(np.linalg.det(flat).sum()) / 6
     return bool(abs(volume / expected - 1) < 1e-6)

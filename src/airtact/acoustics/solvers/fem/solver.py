@@ -1,4 +1,4 @@
-"""FiniteElement: the paper's equation (8) in a box round the bodies, on NGSolve."""
+"""FiniteElement: the paper's equation (8) in a box around the bodies, on NGSolve."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -33,23 +33,23 @@ MARGIN = 0.3
 class FiniteElement(Solver):
     """Finite elements for sound-hard, impedance and filled bodies, with absorption.
 
-    Curved tetrahedra of high order fill a tight box round the bodies, a perfectly matched layer
-    (PML) round it absorbs what leaves, and the pressure outside follows from that on the bodies by
+    Curved tetrahedra of high order fill a tight box around the bodies, a perfectly matched layer
+    (PML) around it absorbs what leaves, and the pressure outside follows from that on the bodies by
     the surface integral of Kirchhoff and Helmholtz. The paper's pinch without symmetry has 170,000
     unknowns; a solve takes 7 s with the package ``mkl`` (``pip install 'airtact[mkl]'``,
     recommended) and 27 s without it, on two cores.
 
     Attributes
     ----------
-    order : polynomial order of tetrahedra as large as asked for, 1 to 10. Larger and smaller ones
-        get higher and lower orders, which halves the cost for the same accuracy, but not below
-        order 4 or 1.5 elements per wavelength.
-    elements_per_wavelength : wavelength over the edge of the tetrahedra.
+    order : polynomial order of tetrahedra of the nominal edge, 1 to 10. Larger and smaller ones get
+        higher and lower orders, which halves the cost for the same accuracy, except below order 4
+        or 1.5 elements per wavelength.
+    elements_per_wavelength : wavelength over the nominal edge of the tetrahedra.
     symmetry : axes across which the scene is mirror symmetric, such as ``("x", "y")``, through the
-        middle of the bodies; "found" takes all that there are. Sources need not be symmetric.
-    factorisation : "pardiso", MKL's, in single precision and refined in double; "sparsecholesky",
-        NGSolve's own; "found" takes "pardiso" where the package ``mkl`` is installed, else
-        "sparsecholesky".
+        middle of the bodies; "found" uses all symmetries. Sources need not be symmetric.
+    factorisation : "pardiso" of MKL, in single precision with refinement in double;
+        "sparsecholesky" of NGSolve; "found" uses "pardiso" if the package ``mkl`` is installed,
+        else "sparsecholesky".
     progress : callback that gets the name of each step as it begins.
 
     Raises
@@ -93,10 +93,10 @@ class FiniteElement(Solver):
 
     @classmethod
     def reaching(cls, accuracy: float) -> "FiniteElement":
-        """Choose the order that reaches an accuracy: 4 for 3 % or more, 5 down to 0.5 %, else 6.
+        """Choose the order for an accuracy: 4 for 3 % or more, 5 down to 0.5 %, else 6.
 
-        ``accuracy`` is the relative error wanted away from the surface, 0.001 to 0.3; others raise
-        ``InvalidInput``.
+        ``accuracy`` is the target of the relative error away from the surface, 0.001 to 0.3; other
+        values raise ``InvalidInput``.
         """
         between(accuracy, 1e-3, 0.3, "accuracy", "", "0.01 is 1 %.")
         return cls(order=4 if accuracy >= 0.03 else 5 if accuracy >= 0.005 else 6)
@@ -107,8 +107,8 @@ class FiniteElement(Solver):
         Raises
         ------
         InvalidInput
-            No bodies, a source inside a body, symmetry that is not there, a body that cannot be
-            meshed, or too little memory.
+            There are no bodies, a source is inside a body, the bodies are not symmetric as stated,
+            a body cannot be meshed, or memory is insufficient.
         """
         check_sources(scene, sources)
         return self.factorised(scene).radiate(scene, sources)
@@ -119,7 +119,7 @@ class FiniteElement(Solver):
         Raises
         ------
         InvalidInput
-            As ``radiate``.
+            As for ``radiate``.
         """
         of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
         check_no_planes(scene, "FiniteElement")
@@ -129,14 +129,13 @@ class FiniteElement(Solver):
             )
         method = chosen_method(self.factorisation)
         clock = Clock(self.progress)
-        # Each mirror halves the unknowns; sources that are not symmetric take a factor for each
-        # parity.
+        # Each mirror halves the unknowns; asymmetric sources take a factor for each parity.
         mirrors = mirrors_of(scene, None if self.symmetry == "found" else tuple(self.symmetry))
         box = _box(scene, mirrors)
         check_memory(box, scene.wavelength, self.order, self.elements_per_wavelength, method)
         with clock.step("meshing"):
             mesh, surface, tetrahedra = meshed(scene, box, self.elements_per_wavelength)
-        # On coarser meshes and at lower orders no order can be spared.
+        # On coarser meshes and at lower orders, orders cannot be reduced.
         grades = self.order >= 4 and self.elements_per_wavelength >= 1.5
         with clock.step("assembling"):
             system = assembled(
@@ -180,16 +179,14 @@ def _box(scene: Scene, mirrors: tuple[Mirror, ...]) -> Box:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FactorisedScene(Solver):
-    """A scene that is meshed and assembled, and factorised as far as was needed.
-
-    It solves for any sources.
+    """A solver for any sources in one scene, which is meshed, assembled and factorised.
 
     Attributes
     ----------
-    settings : of the solver that made it.
+    settings : settings of the solver that made it.
     system : the assembled system.
-    report : how it was made, before any excitation was solved.
-    clock : time taken by step.
+    report : report before any excitation is solved.
+    clock : time of each step.
     """
 
     scene: Scene
@@ -204,11 +201,11 @@ class FactorisedScene(Solver):
         Raises
         ------
         InvalidInput
-            Another scene, or as ``FiniteElement.radiate``.
+            The scene is another one, or as for ``FiniteElement.radiate``.
         """
         if scene is not self.scene:
             raise InvalidInput(
-                "this was factorised for another scene; factorise the given one too.",
+                "this solver was factorised for another scene; factorise this scene.",
                 code="not_supported",
             )
         check_sources(scene, sources)

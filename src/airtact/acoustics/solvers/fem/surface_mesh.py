@@ -1,7 +1,7 @@
 """Curved triangles over the bodies' surfaces that meet corner to corner.
 
-Where a mirror plane cuts a body, the triangles follow the cut, and only those on its positive side
-are kept.
+Where a mirror plane cuts a body, the triangles follow the cut, and those on its negative side are
+dropped.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ from airtact.geometry.mesh.edge_limits import bend_sizes, strip_sizes
 from airtact.geometry.mesh.remeshing import RidgedMesh, remeshed
 from airtact.geometry.shape import Shape
 
-# Longest edge over the edge of the equilateral triangles wanted
+# Longest edge over the nominal edge
 MAX_EDGE_RATIO = 1.5
 
 # Edge along a bend over the one along which it turns by one radian
@@ -50,10 +50,7 @@ class SurfaceMesh:
 
 
 def surface_mesh(shapes: Sequence[Shape], edge: float, mirrors: Sequence[Mirror]) -> SurfaceMesh:
-    """Cover the surfaces of some bodies; raise ``InvalidInput`` when MMG cannot.
-
-    ``edge`` is that of the equilateral triangle as large as those wanted [m].
-    """
+    """Cover the surfaces of bodies with triangles of a nominal edge [m]; raise if MMG cannot."""
     rough = [shape.coarse_meshes(MAX_EDGE_RATIO * edge) for shape in shapes]
     vertices, triangles, middles, body = [], [], [], []
     count = 0
@@ -123,7 +120,7 @@ def _on_the_surface(
     on_ridge = np.isin(np.arange(count), ridges)
     held = np.zeros((count, len(mirrors)), dtype=bool)
     for column, mirror in enumerate(mirrors):
-        # MMG leaves the ends of a cut off the mirror by up to an eighth of an edge.
+        # MMG moves the ends of a cut away from the mirror by up to an eighth of an edge.
         off = np.abs(flat.vertices[:, mirror.axis] - mirror.position)
         held[:, column] = (off < 0.12 * edge) & on_ridge
     sharp = ridges[~(held[ridges[:, 0]] & held[ridges[:, 1]]).any(axis=1)]
@@ -147,7 +144,7 @@ def _projected(
     held: Bool[np.ndarray, "points mirrors"],
     mirrors: Sequence[Mirror],
 ) -> Vectors:
-    """Nearest points of the surface, on sharp edges and mirrors where those are asked for."""
+    """Nearest points of the surface, on its sharp edges, or on mirrors, as marked."""
     points = _put_on(points, held, mirrors)
     projected = shape.project(points)
     if on_sharp.any():
@@ -165,12 +162,12 @@ def _put_on(
 
 
 def _with_cut(mesh: RidgedMesh, mirror: Mirror) -> RidgedMesh:
-    """Cut the triangles of a mesh along a plane; the cut becomes a sharp edge, which MMG keeps."""
+    """Cut the triangles of a mesh along a plane; MMG preserves the cut as a sharp edge."""
     corners = mesh.vertices[mesh.triangles]
     mean_edge = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).mean()
     vertices = np.array(mesh.vertices)
     side = vertices[:, mirror.axis] - mirror.position
-    near = np.abs(side) < 0.2 * mean_edge  # cut there, they would leave slivers
+    near = np.abs(side) < 0.2 * mean_edge  # a cut beside a vertex would leave slivers
     vertices[near, mirror.axis] = mirror.position
     side[near] = 0.0
     if side.min() >= 0 or side.max() <= 0:

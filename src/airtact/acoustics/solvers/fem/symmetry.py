@@ -1,4 +1,4 @@
-"""Mirror planes of a scene, and pressures as sums of parts that are even or odd about them."""
+"""Mirror planes of a scene, and the even and odd parts of a pressure about them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -32,13 +32,13 @@ class Mirror:
 
 
 def mirrors_of(scene: Scene, axes: Sequence[str] | None) -> tuple[Mirror, ...]:
-    """Planes through the middle of the bodies that the scene is symmetric about.
+    """Planes of symmetry of a scene, through the middle of the bodies.
 
-    ``axes`` are those of the planes to take, None for all that the scene is symmetric about; raise
-    "does_not_match" where it is not symmetric about one of ``axes``.
+    None takes all symmetries, ``axes`` those across the named axes; a missing one raises
+    "does_not_match".
     """
     shapes = [obstacle.surface.shape for obstacle in scene.obstacles]
-    # The bodies alone decide: any source is a sum of even and odd parts.
+    # Sources do not matter: any source is a sum of even and odd parts.
     corners = np.concatenate([shape.extreme_points() for shape in shapes])
     middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
     tolerance = TOLERANCE * scene.wavelength
@@ -51,24 +51,17 @@ def mirrors_of(scene: Scene, axes: Sequence[str] | None) -> tuple[Mirror, ...]:
         if off <= tolerance:
             mirrors.append(mirror)
         elif axes is not None:
-            why = "bodies of different kinds face each other"
-            if np.isfinite(off):
-                why = (
-                    f"the bodies are {1e3 * off:.3g} mm off it, more than {1e3 * tolerance:.2g} mm"
-                )
             raise InvalidInput(
-                f"symmetry about the plane {name} = {1e3 * mirror.position:.4g} mm was asked for, "
-                f"but {why}; leave {name!r} out of symmetry.",
+                f"the bodies deviate by {1e3 * off:.3g} mm from symmetry about the plane {name} = "
+                f"{1e3 * mirror.position:.4g} mm (inf if boundaries differ); leave {name!r} out of "
+                "symmetry.",
                 code="does_not_match",
             )
     return tuple(mirrors)
 
 
 def images(mirrors: Sequence[Mirror], points: Points) -> list[Vectors]:
-    """Points (P, 3) reflected by every choice of the mirrors.
-
-    1, 2, 4 or 8 sets, in the order of ``parities``.
-    """
+    """Points (P, 3) reflected by each subset of the mirrors, in the order of ``parities``."""
     sets = []
     for choice in parities(mirrors):
         image = np.array(points, dtype=np.float64)
@@ -90,10 +83,7 @@ def signs(parity: Sequence[int]) -> Float64[np.ndarray, "images"]:
 
 
 def _asymmetry(scene: Scene, mirror: Mirror) -> float:
-    """Largest distance of mirrored surfaces from the surfaces [m].
-
-    It is infinite where bodies of different kinds face each other.
-    """
+    """Largest distance of mirrored surfaces from the surfaces [m]; inf if boundaries differ."""
     largest = 0.0
     for obstacle in scene.obstacles:
         image = mirror.image(obstacle.surface.quadratic_triangles.reshape(-1, 3))

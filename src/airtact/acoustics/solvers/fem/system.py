@@ -1,7 +1,4 @@
-"""The assembled equation of a scene on curved tetrahedra.
-
-A system has the factorised matrix and makes right-hand sides.
-"""
+"""The assembled equation of a scene on curved tetrahedra, its factors and right-hand sides."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -64,7 +61,7 @@ class System:
     coarse_surface : fewer quadrature points on the surfaces, enough for receivers a wavelength off.
     weights : (3, bodies) w_d, w_s and w_v of the weak form.
     method : "pardiso" or "sparsecholesky", which factorises the matrix.
-    factors : a factor for each parity that an excitation had so far.
+    factors : a factor for each parity excited so far.
     """
 
     scene: Scene
@@ -89,10 +86,7 @@ class System:
 
     @property
     def wavenumber(self) -> complex:
-        """Wavenumber times the wavelength.
-
-        2π, and the absorption in a wavelength as its imaginary part.
-        """
+        """Wavenumber times the wavelength: 2π, plus i times the absorption in a wavelength."""
         return complex(self.scene.wavenumber * self.scene.wavelength)
 
     @cached_property
@@ -101,9 +95,9 @@ class System:
         return {parity: self._free(parity, shared=False) for parity in parities(self.mirrors)}
 
     def _free(self, parity: Sequence[int], shared: bool) -> Bool[np.ndarray, "unknowns"]:
-        """Of one parity: 0 on the mirrors that it is odd about.
+        """Unknowns of one parity, which is 0 on the mirrors that it is odd about.
 
-        Where ``shared``, only those unknowns count that tetrahedra share.
+        ``shared`` selects those that tetrahedra share.
         """
         dofs = self.space.FreeDofs(shared)
         free = type(dofs)(dofs)  # a copy
@@ -114,7 +108,7 @@ class System:
 
     def factor(self, parity: tuple[int, ...]) -> Factor:
         """Factorised matrix for a parity, made when it is first needed."""
-        # A factor takes most of the time and memory; many sources excite one parity only.
+        # A factor takes most of the time and memory, and many sources excite one parity only.
         if parity not in self.factors:
             free = self._free(parity, shared=True)
             self.factors[parity] = factorised(self.form, free, self.order, self.method)
@@ -157,16 +151,13 @@ class System:
         return load
 
     def folded(self, points: Points) -> tuple[Vectors, Indices]:
-        """Mirror points to the positive side of all mirrors.
-
-        The number of the image that each came from is returned too.
-        """
+        """Mirror points to the positive side of all mirrors; also return the image numbers."""
         folded = np.array(points, dtype=np.float64)
         image = np.zeros(len(points), dtype=np.int64)
         for mirror in self.mirrors:
             beyond = folded[:, mirror.axis] < mirror.position
             folded[beyond] = mirror.image(folded[beyond])
-            # The bits of the number say at which mirrors, the first one highest, as in `parities`.
+            # The bits of the index are the mirrors, the first one highest, as in `parities`.
             image = 2 * image + beyond
         return folded, image
 
@@ -180,8 +171,8 @@ class System:
         if len(lost):
             raise InvalidInput(
                 f"{len(lost)} of {len(points)} points lie in no tetrahedron, the first at "
-                f"{in_mm(points[lost[0]] * self.scene.wavelength)}; ask for more "
-                "elements_per_wavelength, which follow the surface more closely.",
+                f"{in_mm(points[lost[0]] * self.scene.wavelength)}; increase "
+                "elements_per_wavelength, so that tetrahedra follow the surface more closely.",
                 code="misplaced",
             )
         return number, weights
@@ -277,13 +268,12 @@ def _bend(mesh: CurvedMesh, tetrahedra: Tetrahedra) -> None:
     mesh.SetDeformation(deformation)
 
 
-# Orders are at most this much above the one asked for
+# Largest difference of an order above the nominal one
 MAX_ABOVE = 4
 
 
-# Netgen's tetrahedra are up to three times larger and smaller than asked. With one order everywhere
-# the largest make the error and the smallest the cost; with an order of its own, each contributes
-# equally to both.
+# Netgen's tetrahedra are up to three times larger and smaller than the nominal size. With one order
+# everywhere the largest determine the error and the smallest the cost; graded orders balance both.
 def longest_served(order: int, size: float, ease: float = 1.0) -> Float64[np.ndarray, "orders"]:
     """Longest edges [λ] that orders 1, 2 ... serve as well as one order serves a given edge.
 
@@ -305,7 +295,7 @@ def grade_orders(
     size: float,
     surface: Real[np.ndarray, "nodes 3"],
 ) -> None:
-    """Give edges, faces and tetrahedra the orders that their lengths ask for.
+    """Give edges, faces and tetrahedra the orders that their lengths need.
 
     An edge of ``size`` [λ] gets ``order``; ``surface`` are points all over the surfaces [λ].
     """
@@ -335,8 +325,8 @@ def grade_orders(
     for kind, edges in edges_of.items():
         longest = lengths[edges].max(axis=1)
         middle = middles[edges].mean(axis=1)
-        # Little of the error in the layer and far from the surfaces comes back: three times as much
-        # is allowed there.
+        # Errors in the layer and far from the surfaces hardly return: three times the error is
+        # allowed there.
         in_layer = ((middle < low) | (middle > high)).any(axis=1)
         eased = in_layer | (near.query(middle)[0] > 0.5)
         orders = np.where(

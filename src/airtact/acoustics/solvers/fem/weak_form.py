@@ -1,4 +1,4 @@
-"""The Helmholtz equation in its weak form, and what the boundaries add to its right-hand sides.
+"""The Helmholtz equation in its weak form, and the right-hand sides of its boundaries.
 
 The paper's equation (8), divided by the density of the air and 4π, in wavelengths: find p with
 
@@ -13,10 +13,10 @@ and by the symmetry of the form L_y(p) is also the scattered pressure, times 4π
 pressure p makes at y (Kirchhoff and Helmholtz): n points out of the body, w_d = 1 − w, w_s =
 ik/ratio, w_v = −w (k² − k_body²).
 
-In the perfectly matched layer (PML) round the box, which absorbs outgoing sound without reflecting
+In the perfectly matched layer (PML) around the box, which absorbs outgoing sound without reflecting
 it, the coordinates are complex, so that a wave decays along them: J.-P. Berenger, J. Comput. Phys.
 114 (1994) 185; F. Collino, P. Monk, SIAM J. Sci. Comput. 19 (1998) 2061. Its terms are written out,
-since NGSolve's own layer takes twice as long.
+because NGSolve's own layer takes twice as long.
 """
 
 from dataclasses import dataclass
@@ -173,7 +173,7 @@ def quadrature(mesh: CurvedMesh, space: FiniteSpace, kind: str, order: int) -> Q
     matrix = csr_array(
         (np.real(entries), columns, row_starts), shape=(integral.mat.height, integral.mat.width)
     )
-    # The matrix has columns for the points of all elements; those of the region are wanted.
+    # The matrix has columns for the points of all elements; select those of the region.
     mapped = mesh.MapToAllElements(rules, region)
     per_element = len(mapped) // len(np.unique(mapped["nr"]))
     within = np.tile(np.arange(per_element), len(mapped) // per_element)

@@ -1,6 +1,4 @@
-"""One sphere in the field of point sources.
-
-The separated series, summed to a given accuracy at any distance.
+"""The separated series of one sphere in the field of point sources, at any distance.
 
 With γ the angle between point and source, z = ka and h_n the outgoing spherical Hankel function,
 the scattered pressure of a monopole e^{ikR}/R at radius r0 >= a is Σ t_n [h_n(kr)/h_n(z)]
@@ -97,9 +95,9 @@ class SphereModes:
                 )
 
     def images(self, inside: bool) -> tuple[complex, complex]:
-        """Strengths (A, B) of t_n or u_n = A - B/(n + 1) + O(1/n²) [1/m].
+        """Strengths (A, B) of the static point and line images [1/m].
 
-        They are those of the static point and line images.
+        t_n or u_n = A - B/(n + 1) + O(1/n²).
         """
         if self.inner_wavenumber is None:
             return complex(1.0 / self.radius), (
@@ -125,12 +123,10 @@ class SphereModes:
         versine: Pairs,
         scale: Pairs,
     ) -> ComplexPairs:
-        """Scattered pressure of unit monopoles outside, or total pressure inside a fluid sphere.
+        """Scattered pressure [Pa] of unit monopoles outside, or total pressure in a fluid sphere.
 
-        (P, N) [Pa].
-
-        ``versine`` is 1 - cos γ of every point and source, ``scale`` the pressure [Pa] that
-        ``ACCURACY`` is of. The points are all ``inside`` the sphere or all outside.
+        ``versine`` is 1 - cos γ of each point and source; the error is ``ACCURACY`` times
+        ``scale`` [Pa]. The points are all ``inside`` the sphere or all outside.
 
         Raises
         ------
@@ -159,8 +155,8 @@ class SphereModes:
             raise NotConverged(
                 f"the series of a sphere of radius {1e3 * self.radius:g} mm did not reach "
                 f"{ACCURACY:g} within {_MAX_TERMS} terms at a point "
-                f"{1e3 / float(np.max(scale)):.3g} mm from a source; keep points further from "
-                "sources that touch the surface.",
+                f"{1e3 / float(np.max(scale)):.3g} mm from a source; move points away from sources "
+                "that touch the surface.",
                 code="not_converged",
             )
         return pressure
@@ -184,10 +180,7 @@ class _Tail:
         source_radii: Float64[np.ndarray, "sources"],
         versine: Pairs,
     ) -> "_Tail":
-        """Take x = a²/(r r0) outside and r/r0 inside.
-
-        The waves' quotients of order n go over to scale·x^n.
-        """
+        """Take x = a²/(r r0) outside and r/r0 inside: waves of high order n approach scale·x^n."""
         scale = np.broadcast_to((modes.radius / source_radii)[None, :], versine.shape)
         if inside:
             ratio = radii[:, None] / source_radii
@@ -203,11 +196,11 @@ class _Tail:
         return self.scale * (self.images[0] * point - self.images[1] * line)
 
     def beyond(self, partial: ComplexPairs, recent: list[_Term], order: int) -> ComplexPairs:
-        """Whole sum from the partial sum up to order + 2, by two summations by parts.
+        """Complete sum from the partial sum up to order + 2, by two summations by parts.
 
         Multiplying a Legendre series of terms d_n by q = 1 - 2x cos γ + x² gives the series of (1 +
         x²) d_n - 2x [α_(n-1) d_(n-1) + β_(n+1) d_(n+1)], smaller by 1/n² for smooth d_n/x^n, with
-        α_n = (n+1)/(2n+1) and β_n = n/(2n+1); what the cut at ``order`` leaves over is known
+        α_n = (n+1)/(2n+1) and β_n = n/(2n+1); the remainder of the cut at ``order`` is known
         exactly.
         """
         (before, _), (here, legendre), (after, legendre_after), (last, legendre_last) = recent
@@ -244,9 +237,9 @@ def _summed(
     first_check: int,
     tolerance: Pairs,
 ) -> ComplexPairs | None:
-    """Add terms until two estimates of the whole, a quarter more terms apart, agree.
+    """Add terms until two estimates of the complete sum agree; None if they never do.
 
-    Return None if they never do.
+    The second estimate takes a quarter more terms.
     """
     check = first_check
     last_estimate = None

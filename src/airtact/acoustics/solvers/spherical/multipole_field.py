@@ -1,6 +1,4 @@
-"""The scattered field as a multipole expansion.
-
-Evaluated around the bodies without another sum over their surfaces.
+"""The scattered field as a multipole expansion, evaluated without sums over the surfaces.
 
 Outside the smallest ball around the bodies the scattered pressure is Σ a_nm h_n(kr) Y_nm, and
 orders far beyond k times the radius of the ball are negligible. The coefficients are found on one
@@ -9,9 +7,8 @@ interpolated between their points: along the angles as a Fourier series by a ker
 (A. H. Barnett, J. Magland, L. af Klinteberg, SIAM J. Sci. Comput. 41 (2019) C479), along 1/r by
 Chebyshev polynomials.
 
-Before a rigid plane what the bodies alone radiate is expanded, u: with what their images radiate
-the scattered pressure at x is u(x) + u(x*), x* being the image of x, besides that of the sources'
-images.
+In front of a rigid plane the field u of the bodies alone is expanded. With that of their images the
+scattered pressure at x is u(x) + u(x*), x* being the image of x, plus that of the sources' images.
 """
 
 from dataclasses import dataclass, replace
@@ -40,11 +37,10 @@ from airtact.acoustics.solvers.spherical.radial_functions import outgoing_shapes
 from airtact.errors import InvalidInput, in_short, of_kind
 from airtact.timing import Clock, Progress
 
-# Gap between the bodies and the smallest sphere, in wavelengths: nearer, some solutions are not
-# valid
+# Gap between the bodies and the smallest sphere [λ]: some solutions are invalid nearer
 MARGIN = 1.0
 
-# Points along each angle that one value is interpolated from
+# Points along each angle of an interpolated value
 SPREAD = 5
 
 
@@ -96,13 +92,11 @@ class InterpolationSpheres:
 class MultipoleField(RadiatedField):
     """A solved field whose scattered part is a multipole expansion.
 
-    ``multipole_expansion`` makes it. Nearer to the bodies than the smallest sphere, and for the
-    velocity, it is the field as it was solved.
+    ``multipole_expansion`` makes it. Inside the smallest sphere it is the original field.
 
     Attributes
     ----------
-    solved : the field itself, which serves nearer to the bodies than the smallest interpolation
-        sphere.
+    solved : the original field, used inside the smallest interpolation sphere.
     report : of the solve, with the error of the expansion.
     errors : (S,) relative error of each excitation, of the solution and the expansion together.
     """
@@ -113,7 +107,7 @@ class MultipoleField(RadiatedField):
 
     @property
     def on_surface(self) -> SurfaceField:
-        """Pressure on the surfaces of the bodies, as it was solved."""
+        """Pressure on the surfaces of the bodies, of the original field."""
         return self.solved.on_surface
 
     @property
@@ -159,10 +153,7 @@ class MultipoleField(RadiatedField):
         )
 
     def _expanded(self, points: Vectors) -> Mask:
-        """Whether the expansion serves points (P, 3).
-
-        They lie before the planes, and they and their images outside the spheres.
-        """
+        """Whether points (P, 3) are in front of planes, and with their images off the spheres."""
         planes = self.scene.planes
         offsets = images_in(planes, points) - self.spheres.centre
         outside = np.einsum("pd,pd->p", offsets, offsets) >= self.spheres.radius**2
@@ -174,14 +165,14 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
     """Expand the scattered part of a field in outgoing waves, for a hand that moves rigidly.
 
     Evaluation then takes the same short time whatever the number of unknowns: a transfer matrix of
-    996 elements after a rigid motion in about 2 ms. Points inside the ball around the bodies (plus
-    a wavelength) are evaluated as before. Over a plane that stands still one solve serves the
-    motions that keep it (``Plane.kept_by``).
+    996 elements after a rigid motion in about 2 ms. Points within a wavelength of the ball around
+    the bodies are evaluated as before. In front of a fixed plane one solve serves the motions that
+    map the plane onto itself (``Plane.kept_by``).
 
     Parameters
     ----------
     field : field of any solver, in a scene with bodies.
-    progress : called with the words of each step as it begins.
+    progress : callback that gets the name of each step as it begins.
 
     Returns
     -------
@@ -191,7 +182,7 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
     Raises
     ------
     InvalidInput
-        If there are no bodies, or the field is not known all around them.
+        If there are no bodies, or the field is not known everywhere around them.
 
     Examples
     --------
@@ -208,15 +199,15 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
     scene = field.scene
     if not scene.obstacles:
         raise InvalidInput(
-            "the scene of the field has no obstacles, so nothing is scattered; evaluate it as it "
-            "is.",
+            "the scene of the field has no obstacles, so nothing is scattered; evaluate the field "
+            "itself.",
             code="empty",
         )
     alone = field.without_images
     if alone is None:
         raise InvalidInput(
-            f"a field by {field.report.solver} before a plane is not known without the images of "
-            "its bodies; solve with BoundaryElement.",
+            f"a field by {field.report.solver} in front of a plane is not known without the images "
+            "of its bodies; solve with BoundaryElement.",
             code="not_supported",
         )
     clock = Clock(progress)
@@ -249,8 +240,8 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
     warnings = report.warnings
     if worst > 1e-3:
         warnings += (
-            f"the multipole expansion is {100 * worst:.2g} % off, in addition to the error of the "
-            "solution",
+            f"the multipole expansion has an error of {100 * worst:.2g} %, in addition to that of "
+            "the solution",
         )
     report = replace(
         report,
@@ -268,7 +259,7 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
 def ball_of(scene: Scene) -> tuple[Float64[np.ndarray, "3"], float]:
     """Centre and radius of a ball around the bodies, hardly larger than the smallest [m].
 
-    The centre steps towards the farthest point by less and less (M. Bădoiu, K. L. Clarkson, SODA
+    The centre moves towards the farthest point in decreasing steps (M. Bădoiu, K. L. Clarkson, SODA
     (2003) 801).
     """
     corners = np.concatenate(
@@ -317,7 +308,7 @@ def _coefficients(
     if unknown:
         raise InvalidInput(
             f"the field is not known at {unknown} of {len(points)} points {1e3 * radius:.3g} mm "
-            "from the middle of the bodies; give one that is known all around them.",
+            "from the middle of the bodies; give one that is known everywhere around them.",
             code="data_missing",
         )
     scattered = scattered.reshape(order + 1, 2 * order + 1, -1)
@@ -373,10 +364,9 @@ def _window(angles: Lengths, step: float) -> tuple[Indices, Float32[np.ndarray, 
 
 
 def _kernel(off: Float64[np.ndarray, "*shape"]) -> Float64[np.ndarray, "*shape"]:
-    """Weight of a grid point by how many steps off it is.
+    """Weight exp(β √(1 - x²)) of a grid point at a distance in steps.
 
-    It is exp(β √(1 - x²)) with the sharpness β for tables with twice the points that the expansion
-    needs.
+    The sharpness β is for tables with twice the points that the expansion needs.
     """
     root = np.sqrt(np.maximum(1 - (2 * off / SPREAD) ** 2, 0))
     return np.exp(2.3 * SPREAD * (root - 1))

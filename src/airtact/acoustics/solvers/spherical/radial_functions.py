@@ -36,10 +36,7 @@ def outgoing_ratios(
 def outgoing_shapes(
     arguments: Complex[np.ndarray, "arguments"], reference: complex
 ) -> Iterator[Complex128[np.ndarray, "arguments"]]:
-    """Yield h_n(z)/h_n(z0) over h_0(z)/h_0(z0) for n = 0, 1, 2 ....
-
-    ``outgoing_ratios`` without the carrier wave.
-    """
+    """Yield h_n(z)/h_n(z0) over h_0(z)/h_0(z0): ``outgoing_ratios`` without the carrier wave."""
     shape = np.ones(len(arguments), dtype=np.complex128)
     quotient = 1.0 / arguments - 1j
     for order, reference_quotient in enumerate(outgoing_quotients(reference), start=1):
@@ -54,9 +51,7 @@ def regular_quotients(
 ) -> Complex128[np.ndarray, "orders arguments"]:
     """Quotients j_n(z)/j_(n-1)(z) for n = first ... last by downward recurrence.
 
-    (last - first + 1, M).
-
-    z may be zero; where j_(n-1) vanishes the quotient is about 1e30 instead of infinite.
+    z may be zero. Where j_(n-1) vanishes the quotient is about 1e30 instead of infinite.
     """
     largest = float(np.max(np.abs(arguments), initial=0.0))
     # Above the turning point |z| each step down shrinks the error of the start by (j_n/j_(n-1))² or
@@ -141,12 +136,10 @@ def legendre_polynomials(
 def image_sums(
     ratio: Float64[np.ndarray, "*shape"], versine: Float64[np.ndarray, "*shape"]
 ) -> tuple[Float64[np.ndarray, "*shape"], Float64[np.ndarray, "*shape"]]:
-    """Sum Σ x^n P_n(cos γ) and Σ x^n P_n(cos γ)/(n + 1) in closed form.
+    """Sum Σ x^n P_n(cos γ) and Σ x^n P_n(cos γ)/(n + 1), of a point and a line of images.
 
-    They belong to a point and a line of images (DLMF 18.12.11).
-
-    They are 1/√(1 - 2x cos γ + x²) and its mean over [0, x], for x in [0, 1] but not both x = 1 and
-    γ = 0.
+    They are 1/√(1 - 2x cos γ + x²) and its mean over [0, x] (DLMF 18.12.11), for x in [0, 1] but
+    not both x = 1 and γ = 0.
     """
     cosine = 1.0 - versine
     distance = np.sqrt((1.0 - ratio) ** 2 + 2.0 * ratio * versine)

@@ -139,8 +139,7 @@ class SphereField(RadiatedField):
 class SphereSeries(Solver):
     """One sphere by separation of variables: the exact reference for other solvers.
 
-    The sphere is a capsule of length 0, sound-hard, with an impedance, or filled; the sources are
-    outside it, at any distance, or on its surface.
+    The sphere is sound-hard, has an impedance, or is filled. Sources are outside it or on it.
     """
 
     def radiate(self, scene: Scene, sources: Monopoles) -> SphereField:
@@ -149,8 +148,7 @@ class SphereSeries(Solver):
         Raises
         ------
         InvalidInput
-            If the scene is not one sphere, a source lies inside it, or one of the two is of another
-            kind.
+            The scene is not one sphere, a source is inside it, or an argument has the wrong type.
         """
         check_sources(scene, sources)
         clock = Clock()
@@ -172,7 +170,7 @@ def _only_sphere(scene: Scene) -> tuple[Obstacle, Capsule]:
     count = len(scene.obstacles)
     if count != 1:
         raise InvalidInput(
-            f"SphereSeries solves for exactly one sphere, and the scene has {count} obstacles.",
+            f"SphereSeries solves for one sphere, and the scene has {count} obstacles.",
             code="not_supported",
         )
     obstacle = scene.obstacles[0]
@@ -181,7 +179,7 @@ def _only_sphere(scene: Scene) -> tuple[Obstacle, Capsule]:
         kind = "a capsule" if isinstance(shape, Capsule) else "a mesh"
         raise InvalidInput(
             f"SphereSeries solves for exact spheres only, and the obstacle is {kind}; make it with "
-            "sphere(radius, edge, centre), or take BoundaryElement.",
+            "sphere(radius, edge, centre), or use BoundaryElement.",
             code="not_supported",
         )
     return obstacle, shape

@@ -1,7 +1,7 @@
 """Bodies factorised one by one, for foci that change and bodies that move rigidly.
 
-Each body is reduced once (``reduced_body``). Where the bodies stand, their skeletons scatter each
-other's field, and radiate the field around them.
+Each body is reduced once (``reduced_body``). The skeletons of the placed bodies scatter the fields
+of each other and radiate the field around them.
 """
 
 from collections.abc import Iterator, Sequence
@@ -167,7 +167,7 @@ class Coupling:
 
     @cached_property
     def parts(self) -> list[slice]:
-        """Where the densities of each body stand among those of all."""
+        """Slice of each body among the densities of all."""
         ends = np.cumsum([len(body.reduced.rows) for body in self.placed]).tolist()
         return [slice(begin, end) for begin, end in pairwise([0, *ends])]
 
@@ -190,8 +190,8 @@ class FactorisedField(RadiatedField):
     def on_surface(self) -> SurfaceField:
         """Raise InvalidInput: the reduced scattering does not give the pressure on the surfaces."""
         raise InvalidInput(
-            "the pressure on the surface of factorised bodies is not solved for; solve the scene "
-            "with BoundaryElement.",
+            "factorised bodies have no pressure on their surfaces; solve the scene with "
+            "BoundaryElement.",
             code="not_supported",
         )
 
@@ -259,7 +259,7 @@ class FactorisedBodies(Solver):
     ----------
     scene : the bodies as they were factorised.
     bodies : their reductions.
-    whole : solver that takes over where two bodies come too near.
+    fallback : solver of scenes where two bodies are too near each other.
     tolerance : relative residual of the iteration over the bodies.
     smallest : edge below which no panel was refined [m].
     report : how the bodies were factorised.
@@ -267,7 +267,7 @@ class FactorisedBodies(Solver):
 
     scene: Scene
     bodies: tuple[ReducedBody, ...]
-    whole: Solver
+    fallback: Solver
     tolerance: float
     smallest: float
     report: SolveReport
@@ -282,7 +282,7 @@ class FactorisedBodies(Solver):
 
         The scene has the same bodies, each of them moved rigidly or not, in the same medium at the
         same frequency. The monopoles are outside the bodies or on their surfaces. Where two bodies
-        are nearer to each other than the skeletons' reach, ``whole`` solves the scene.
+        are nearer to each other than the skeletons' reach, ``fallback`` solves the scene.
 
         Raises
         ------
@@ -296,7 +296,7 @@ class FactorisedBodies(Solver):
         with clock.step("bodies"):
             coupling = self._coupling(scene)
             if coupling is None:
-                return self.whole.radiate(scene, sources)
+                return self.fallback.radiate(scene, sources)
             placed = coupling.placed
             sources, factors = _projected(scene, placed, sources)
             strengths = factors[:, None] * sources.strengths
@@ -339,7 +339,7 @@ class FactorisedBodies(Solver):
                 yield (
                     f"source {source} is {1e3 * distance[source]:.2g} mm from a node of body "
                     f"{index}, where panels are {1e3 * edges[source]:.2g} mm long: its error may "
-                    "exceed the accuracy asked for; factorise the bodies with that point in refined"
+                    "exceed the accuracy. Factorise the bodies with that point in refined."
                 )
 
     @cached_property

@@ -66,8 +66,8 @@ class RoundedMatrix:
 Matrix = Complex[np.ndarray, "_ _"] | RoundedMatrix
 
 
-def rounded(matrix: Complex[np.ndarray, "rows columns"], wanted: float) -> Matrix:
-    """Round a single-precision matrix, if that costs at most a fifth of the error wanted."""
+def rounded(matrix: Complex[np.ndarray, "rows columns"], goal: float) -> Matrix:
+    """Round a single-precision matrix, if that costs at most a fifth of the error ``goal``."""
     if matrix.dtype != np.complex64:
         return matrix
     parts = np.ascontiguousarray(matrix).view(np.float32).reshape(*matrix.shape, 2)
@@ -75,7 +75,7 @@ def rounded(matrix: Complex[np.ndarray, "rows columns"], wanted: float) -> Matri
     scales[scales < np.finfo(np.float32).tiny] = 1.0
     candidate = RoundedMatrix(np.rint(parts / scales[:, None, None]).astype(np.int16), scales)
     off = np.linalg.norm(candidate.as_complex() - matrix)
-    return candidate if off <= 0.2 * wanted * np.linalg.norm(matrix) else matrix
+    return candidate if off <= 0.2 * goal * np.linalg.norm(matrix) else matrix
 
 
 def product(
@@ -163,13 +163,13 @@ class ReducedBody:
         )
 
 
-def reduced_body(surface: DualSurface, reach: float, wanted: float) -> ReducedBody:
+def reduced_body(surface: DualSurface, reach: float, goal: float) -> ReducedBody:
     """Invert a body's own matrix and find its skeletons.
 
     Parameters
     ----------
     reach : distance from all nodes beyond which the skeletons serve [m].
-    wanted : relative error of the scattering to aim at.
+    goal : target of the relative error of the scattering.
     """
     tree = KDTree(surface.nodes.points)
     proxies = _proxies(surface.nodes, tree, reach)
@@ -180,7 +180,7 @@ def reduced_body(surface: DualSurface, reach: float, wanted: float) -> ReducedBo
     # 12 random combinations of the proxies for each square wavelength of surface to begin with
     area = float(surface.nodes.weights.sum()) * (surface.wavenumber.real / (2 * np.pi)) ** 2
     count = min(math.ceil(12 * (area + 4)), len(proxies))
-    tolerance = 0.3 * wanted
+    tolerance = 0.3 * goal
     trials = 0
     while True:
         rows, of_rows = _skeleton(_direct_sides, surface, proxies, count, tolerance)
@@ -188,12 +188,12 @@ def reduced_body(surface: DualSurface, reach: float, wanted: float) -> ReducedBo
         # solve for the skeleton of the rows only: a few columns instead of all nodes
         exact = scipy.linalg.lu_solve(factors, of_rows.T.astype(kind), check_finite=False)
         full = np.ascontiguousarray(exact.T)
-        scattering = rounded(full @ of_columns.T.astype(kind), wanted)
-        solved = rounded(full, wanted)
+        scattering = rounded(full @ of_columns.T.astype(kind), goal)
+        solved = rounded(full, goal)
         error = error_of(rows, columns, solved, scattering)
         trials += 1
-        if error <= wanted or trials == 4:
-            far = _far_monopoles(surface, tree, rows, 0.5 * wanted, kind)
+        if error <= goal or trials == 4:
+            far = _far_monopoles(surface, tree, rows, 0.5 * goal, kind)
             error = max(error, far.error)
             return ReducedBody(surface, reach, rows, columns, solved, scattering, error, tree, far)
         tolerance *= 0.4
