@@ -236,7 +236,6 @@ def _laid_out(
 
 
 def _along(corners: Float64[np.ndarray, "corners 3"], spacing: float) -> Points:
-    """Place points evenly along a stroke, and at its ends and sharp corners."""
     steps = np.diff(corners, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
     moving = lengths > 0.0

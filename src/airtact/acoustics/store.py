@@ -92,7 +92,6 @@ def _checksum(key: str, archive: bytes) -> bytes:
 
 
 def _tree(value: object, arrays: list[np.ndarray], references: Mapping[int, str]) -> Any:
-    """Describe a value in JSON; append its arrays to a list."""
     if id(value) in references:
         return {"reference": references[id(value)]}
     if isinstance(value, np.generic):
@@ -124,7 +123,6 @@ def _tree(value: object, arrays: list[np.ndarray], references: Mapping[int, str]
 
 
 def _value(tree: Any, arrays: list[np.ndarray], references: Mapping[str, object]) -> Any:
-    """Restore the value that a tree describes."""
 
     def restored(table: Mapping[str, Any]) -> dict[str, Any]:
         return {key: _value(item, arrays, references) for key, item in table.items()}

@@ -237,7 +237,6 @@ def _check_no_normal(points: Real[np.ndarray, "foci 3"] | Vector) -> None:
 
 
 def _check_near_origin(points: Float64[np.ndarray, "points 3"], what: str) -> None:
-    """Raise where a point is over 2 m, the largest body, from the origin."""
     distance = np.linalg.norm(points, axis=1)
     if distance.max(initial=0.0) > 2.0:
         worst = int(distance.argmax())

@@ -119,7 +119,6 @@ def _check_body(
     subject: str,
     elements: Bool[np.ndarray, "elements"] | None = None,
 ) -> None:
-    """Raise where a body reaches behind the face of an element, or of the selected elements."""
     middle = vertices.mean(axis=0)
     radius = np.sqrt(np.max(np.sum((vertices - middle) ** 2, axis=1)))
     # A bounding sphere settles the usual case, because hulls of fine meshes are slow.

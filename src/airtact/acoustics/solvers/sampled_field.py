@@ -270,7 +270,6 @@ def _of_frequency(names: Sequence[str], frequency: float) -> list[str]:
 def _excitations(
     columns: Mapping[str, Complex128[np.ndarray, "nodes"]],
 ) -> Complex128[np.ndarray, "nodes excitations"]:
-    """Join real and imaginary columns; other columns are complex."""
     excitations = []
     for name, values in columns.items():
         stem, _, part = name.rpartition("_")

@@ -65,6 +65,8 @@ CITATIONS = (
     "P. R. Johnston, D. Elliott, Int. J. Numer. Meth. Engng 62 (2005) 564: sinh transformation of "
     "near integrals",
     "Y. Saad, M. H. Schultz, SIAM J. Sci. Stat. Comput. 7 (1986) 856: GMRES",
+    "M. Bebendorf, S. Rjasanow, Computing 70 (2003) 1: adaptive cross approximation of collocation "
+    "matrices",
 )
 
 # Beginning of the warning about the direct solution, which drives do not depend on
@@ -278,17 +280,11 @@ class BoundaryElement(Solver):
                 else:
                     solved[equation] = self._iterate(scene, matrices, right, transposed, tolerance)
 
-        citations = CITATIONS
-        if matrices[0].far.column.size:
-            citations += (
-                "M. Bebendorf, S. Rjasanow, Computing 70 (2003) 1: adaptive cross approximation of "
-                "collocation matrices",
-            )
         report = replace(
             self._report(scene, panels, [nodes], tolerance, clock),
             residual=float(max(result.residuals.max() for result in solved.values())),
             iterations=max(result.iterations for result in solved.values()),
-            citations=citations,
+            citations=CITATIONS,
         )
         values = {
             equation: result.solution.astype(np.complex128).T for equation, result in solved.items()

@@ -1,9 +1,8 @@
 """The field of finite elements: in tetrahedra near the bodies, by a surface integral elsewhere."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Complex128
@@ -12,8 +11,6 @@ from airtact import _kernels
 from airtact.acoustics.scene import CONTACT, Scene
 from airtact.acoustics.solvers.arrays import (
     Coefficients,
-    Indices,
-    Lengths,
     Mask,
     Points,
     Pressures,
@@ -85,22 +82,15 @@ class Solution:
         folded, image = self.system.folded(points)
         mapped = self.system.mesh_points(*self.system.holding(folded))
         pressure = self.outer.pressure(points, self.system.wavenumber)
-        for sign, column, function in self._functions(image):
-            pressure[:, column] += sign * np.asarray(function(mapped)).ravel()
-        return pressure
-
-    def _functions(self, image: Indices) -> Iterator[tuple[Lengths, int, Any]]:
-        """Yield sign at each image, excitation and NGSolve's function of each part.
-
-        The next function replaces the one before it.
-        """
+        if not len(points):
+            return pressure
         function = ngsolve_library().GridFunction(self.system.space)
-        if not len(image):
-            return
         for parity, part in self.parts.items():
             for column in range(part.shape[1]):
                 function.vec.FV().NumPy()[:] = part[:, column]
-                yield signs(parity)[image], column, function
+                values = np.asarray(function(mapped)).ravel()
+                pressure[:, column] += signs(parity)[image] * values
+        return pressure
 
     def scattered(self, points: Points, clear: bool = False) -> Pressures:
         """Scattered pressure at points (P, 3) [λ] off the bodies, by the surface integral.
@@ -266,7 +256,7 @@ class FiniteField(RadiatedField):
         if close.any():
             pressure[close] = self._scattering.total(points[close] / length) / length
         if away.any():
-            pressure[away] = self._total_away(points[away])
+            pressure[away] = self._scattered_away(points[away]) + self._incident(points[away])
         return pressure
 
     def _scattered_at(self, points: Vectors) -> Pressures:
@@ -284,11 +274,6 @@ class FiniteField(RadiatedField):
         valid = self._valid(points)
         near = beside(self.scene, points)
         return valid & near, valid & ~near
-
-    def _total_away(self, points: Points) -> Pressures:
-        length = self.scene.wavelength
-        free_field = self._scaled.pressure(points / length, self.system.wavenumber) / length
-        return self._scattered_away(points) + free_field
 
     def _scattered_away(self, points: Points) -> Pressures:
         length = self.scene.wavelength

@@ -409,7 +409,6 @@ def _straight(
 
 
 def _curved(mesh: NetgenMesh, surface: SurfaceMesh, wavelength: float) -> Tetrahedra:
-    """Tetrahedra of Netgen's mesh, bent to the surfaces of the bodies."""
     vertices, corners = _straight(mesh)
     on_surface = np.asarray(KDTree(vertices).query(surface.vertices / wavelength)[1])
     triangles = on_surface[surface.triangles]

@@ -10,7 +10,7 @@ from airtact.acoustics.scene import Scene, check_no_planes, check_sources
 from airtact.acoustics.solvers.fem.factorisation import check_memory, chosen_method
 from airtact.acoustics.solvers.fem.field import FiniteField, solved_from_afar, touching_warnings
 from airtact.acoustics.solvers.fem.mesh import Box, meshed
-from airtact.acoustics.solvers.fem.symmetry import AXES, Mirror, mirrors_of
+from airtact.acoustics.solvers.fem.symmetry import AXES, mirrors_of
 from airtact.acoustics.solvers.fem.system import System, assembled
 from airtact.acoustics.solvers.fem.weak_form import LAYER_THICKNESS
 from airtact.acoustics.solvers.problem import Solver, SolveReport
@@ -131,7 +131,13 @@ class FiniteElement(Solver):
         clock = Clock(self.progress)
         # Each mirror halves the unknowns; asymmetric sources take a factor for each parity.
         mirrors = mirrors_of(scene, None if self.symmetry == "found" else tuple(self.symmetry))
-        box = _box(scene, mirrors)
+        shapes = [obstacle.surface.shape for obstacle in scene.obstacles]
+        points = np.concatenate([shape.extreme_points() for shape in shapes])
+        low = points.min(axis=0) - MARGIN * scene.wavelength
+        high = points.max(axis=0) + MARGIN * scene.wavelength
+        for mirror in mirrors:
+            low[mirror.axis] = mirror.position
+        box = Box(low, high, LAYER_THICKNESS * scene.wavelength, mirrors)
         check_memory(box, scene.wavelength, self.order, self.elements_per_wavelength, method)
         with clock.step("meshing"):
             mesh, surface, tetrahedra = meshed(scene, box, self.elements_per_wavelength)
@@ -165,16 +171,6 @@ class FiniteElement(Solver):
             citations=CITATIONS,
         )
         return FactorisedScene(scene, self, system, report, clock)
-
-
-def _box(scene: Scene, mirrors: tuple[Mirror, ...]) -> Box:
-    shapes = [obstacle.surface.shape for obstacle in scene.obstacles]
-    points = np.concatenate([shape.extreme_points() for shape in shapes])
-    low = points.min(axis=0) - MARGIN * scene.wavelength
-    high = points.max(axis=0) + MARGIN * scene.wavelength
-    for mirror in mirrors:
-        low[mirror.axis] = mirror.position
-    return Box(low, high, LAYER_THICKNESS * scene.wavelength, mirrors)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -114,7 +114,6 @@ def _covered(
 def _on_the_surface(
     shape: Shape, flat: RidgedMesh, edge: float, mirrors: Sequence[Mirror]
 ) -> tuple[Float64[np.ndarray, "vertices 3"], Float64[np.ndarray, "triangles 3 3"]]:
-    """Vertices and mid-edge points on the true surface."""
     count = len(flat.vertices)
     ridges = np.sort(flat.ridges, axis=1)
     on_ridge = np.isin(np.arange(count), ridges)

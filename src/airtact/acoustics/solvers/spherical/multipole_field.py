@@ -214,14 +214,17 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
     with clock.step("expansion", "expanding the field in outgoing waves"):
         centre, radius = ball_of(scene)
         reach = radius * scene.wavenumber.real
-        spheres = interpolation_spheres(
-            alone,
-            centre,
-            radius + MARGIN * scene.wavelength,
-            # Enough for an error of 3e-4 with a source on the surface.
-            order=int(np.ceil(reach + 3.6 * np.cbrt(reach))) + 2,
-            count=int(np.ceil(0.3 * reach)) + 5,
-        )
+        # enough orders for an error of 3e-4 with a source on the surface
+        order = int(np.ceil(reach + 3.6 * np.cbrt(reach))) + 2
+        count = int(np.ceil(0.3 * reach)) + 5
+        smallest = radius + MARGIN * scene.wavelength
+        strengths = _coefficients(alone, centre, smallest, order)
+        # Radii from the sphere to infinity, where the field over its carrier wave is smooth in 1/r
+        shrinkings = 0.5 - 0.5 * np.cos(np.pi * (np.arange(count) + 0.5) / count)
+        arguments = smallest / shrinkings * scene.wavenumber
+        shapes = outgoing_shapes(arguments, smallest * scene.wavenumber)
+        radial = np.stack([next(shapes) for _ in range(order + 1)])
+        spheres = InterpolationSpheres(centre, smallest, order, _table(strengths, radial))
     with clock.step("expansion", "comparing it with the field"):
         # Random points, because a grid could fall on that of the table; from the smallest sphere to
         # twenty times as far away.
@@ -271,22 +274,6 @@ def ball_of(scene: Scene) -> tuple[Float64[np.ndarray, "3"], float]:
         farthest = corners[np.linalg.norm(corners - centre, axis=1).argmax()]
         centre = centre + (farthest - centre) / step
     return centre, float(np.linalg.norm(corners - centre, axis=1).max())
-
-
-def interpolation_spheres(
-    field: RadiatedField, centre: Float64[np.ndarray, "3"], radius: float, order: int, count: int
-) -> InterpolationSpheres:
-    """Tabulate the field on spheres from one around all bodies to infinity.
-
-    Raises "data_missing" where the field is not known on all of the sphere.
-    """
-    strengths = _coefficients(field, centre, radius, order)
-    # Points in radius/r from the sphere to infinity, where the field over its carrier is smooth.
-    shrinkings = 0.5 - 0.5 * np.cos(np.pi * (np.arange(count) + 0.5) / count)
-    wavenumber = field.scene.wavenumber
-    shapes = outgoing_shapes(radius / shrinkings * wavenumber, radius * wavenumber)
-    radial = np.stack([next(shapes) for _ in range(order + 1)])
-    return InterpolationSpheres(centre, radius, order, _table(strengths, radial))
 
 
 def _coefficients(

@@ -49,11 +49,6 @@ class RoundedMatrix:
     __repr__ = in_short
 
     @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
-        return self.numbers.shape[0], self.numbers.shape[1]
-
-    @property
     def dtype(self) -> np.dtype:
         """Precision of its products."""
         return np.dtype(np.complex64)
