@@ -74,18 +74,6 @@ def test_speed_and_density_are_those_of_iec_61094_2():
     assert medium.density == pytest.approx(1.1860848, abs=6e-8)
 
 
-def test_a_wave_decays_by_its_absorption():
-    after_one_metre = abs(pow(math.e, 1j * air(20.0, 0.5, 40e3).wavenumber(40e3)))
-    assert -20 * math.log10(after_one_metre) == pytest.approx(1.32, abs=0.005)
-
-
-def test_wavelength_and_wavenumber_are_those_of_the_paper():
-    # Inoue, Makino, Shinoda (2014): 343.1 m/s at 40 kHz, a wavelength of 8.58 mm.
-    medium = Medium(sound_speed=343.1, density=1.293)
-    assert medium.wavelength(40e3) == pytest.approx(8.58e-3, abs=5e-6)
-    assert medium.wavenumber(40e3) == pytest.approx(2 * math.pi / 8.5775e-3, rel=1e-12)
-
-
 @pytest.mark.parametrize(
     "numbers",
     [

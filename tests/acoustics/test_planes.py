@@ -127,16 +127,3 @@ def test_open_air_before_a_plane_has_images():
     assert np.isclose(there[0, 0], pressure[0, 0], rtol=1e-12)
     assert "rigid plane" in not_modelled(field.report)
     assert not_modelled(at.FreeField().radiate(at.Scene(AIR, []), sources).report) == NOT_MODELLED
-
-
-def test_boards_flush_in_a_table_reach_the_pressure_that_they_reach_alone():
-    """The control without bodies keeps the plane, and a drive is evaluated with it."""
-    target, array = at.Target(np.array([[0.08, 0.06, 0.15]])), at.flat_boards(1, 1)
-    alone, before = (
-        at.open_air_matrix(one, array, target) for one in (at.Scene(AIR, []), scene(ball(0.03)))
-    )
-    assert np.allclose(before.matrix, alone.matrix, rtol=1e-9)
-    drive = at.time_reversal(before, target)
-    found = at.evaluate(scene(), array, drive, target, solver=at.FreeField())
-    assert found.magnitudes[0] == pytest.approx(abs(before.pressure(drive)[0]), rel=1e-9)
-    assert not_modelled(found.report) in str(found)

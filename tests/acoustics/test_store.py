@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.acoustics.store import SUFFIX, name_of, program, unpacked
+from airtact.acoustics.store import SUFFIX, name_of, unpacked
 from airtact.cli import main
 from airtact.setup.solving import solve_foci
 from airtact.timing import Clock
@@ -139,13 +139,6 @@ def test_whatever_determines_a_field_gives_it_another_name() -> None:
     assert name_of(SOLVER, ball(), at.Monopoles(AWAY.copy(), np.ones(1))) == names["closed form"]
     telling = at.FiniteElement(order=3, progress=print)  # progress determines nothing
     assert name_of(telling, SCENE, SOURCE) == names["order"]
-
-
-def test_the_program_is_named_by_its_files(tmp_path: Path) -> None:
-    (tmp_path / "one.py").write_text("1")
-    before = program(tmp_path)
-    (tmp_path / "one.py").write_text("2")
-    assert program.__wrapped__(tmp_path) != before
 
 
 def test_a_damaged_entry_is_solved_again(tmp_path: Path) -> None:

@@ -11,7 +11,6 @@ from airtact.acoustics.target_points import (
     onto_surface,
     polyline,
     segment,
-    spaced_apart,
     sphere_shell,
     surface_points,
 )
@@ -77,12 +76,6 @@ def test_surface_points_are_neither_dense_nor_sparse():
     points = surface_points(at.sphere(0.01, edge=3e-3), 2.5e-3)
     assert KDTree(points).query(points, k=2)[0][:, 1].min() > 0.8 * 2.5e-3
     assert KDTree(points).query(sphere_shell((0, 0, 0), 0.01, 0.7e-3))[0].max() < 1.2 * 2.5e-3
-
-
-def test_thinning_keeps_the_first():
-    points = np.array([[0.0, 0, 0], [1e-3, 0, 0], [3e-3, 0, 0]])
-    np.testing.assert_array_equal(spaced_apart(points, 2e-3), points[[0, 2]])
-    np.testing.assert_array_equal(spaced_apart(points, 1e-3), points)
 
 
 def test_a_plane_is_seen_upright():

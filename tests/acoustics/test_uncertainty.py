@@ -13,11 +13,6 @@ DEVIATIONS = [
 ]
 
 
-def test_nothing_is_in_doubt_unless_given() -> None:
-    assert at.Uncertainty().none
-    assert not at.Uncertainty(dead=0.1).none
-
-
 @pytest.mark.parametrize(
     ("name", "value"),
     [

@@ -121,12 +121,3 @@ def test_open_air_scatters_nothing():
     assert np.array_equal(field.scattered_at(SOURCES.positions), np.zeros((3, 3)))
     with raises_code("not_finite"):
         field.scattered_at(np.array([[np.nan, 0, 0]]))
-
-
-def test_a_field_that_knows_no_better_subtracts_the_incident_pressure():
-    field = solved("series")
-    np.testing.assert_allclose(
-        at.acoustics.RadiatedField._scattered_at(field, POINTS),
-        field.scattered_at(POINTS),
-        rtol=1e-5,
-    )

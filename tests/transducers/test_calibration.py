@@ -75,14 +75,6 @@ def test_bad_tables_are_rejected(tmp_path, text: str, code: str) -> None:
         at.transducers.load_calibration(tmp_path / "gains.csv", 12)
 
 
-def test_a_table_that_cannot_be_read_is_rejected(tmp_path) -> None:
-    with raises_code("file_missing"):
-        at.transducers.load_calibration(tmp_path / "gains.csv", 12)
-    (tmp_path / "gains.csv").write_bytes(b"element,gain,phase\n\xff\n")
-    with raises_code("file_unreadable"):
-        at.transducers.load_calibration(tmp_path / "gains.csv", 12)
-
-
 @pytest.mark.usefixtures("as_outside_the_tests")
 @pytest.mark.parametrize(
     ("gains", "code"),

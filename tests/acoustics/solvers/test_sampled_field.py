@@ -137,14 +137,6 @@ def test_files_that_cannot_be_read_are_rejected(tmp_path, text, code):
         at.acoustics.load_samples(tmp_path / "field.csv", SCENE, SOURCES, "e^{-iωt}")
 
 
-@pytest.mark.usefixtures("as_outside_the_tests")
-def test_a_missing_file_and_a_sign_of_time_that_is_none_are_rejected(tmp_path):
-    with raises_code("file_missing"):
-        at.acoustics.load_samples(tmp_path / "none.csv", SCENE, SOURCES, "e^{-iωt}")
-    with raises_code("unknown_name"):
-        at.acoustics.load_samples(tmp_path / "none.csv", SCENE, SOURCES, "plus")
-
-
 @pytest.mark.parametrize("spaced", [False, True])
 def test_exports_of_comsol_are_read_as_they_come(tmp_path, spaced):
     """The unit of length in the comments, NaN in solids, other frequencies, commas in names."""

@@ -75,8 +75,8 @@ def test_tips_a_narrow_gap_apart_are_as_accurate_as_asked_beside_and_in_the_gap(
 def test_a_report_at_points_in_a_cavity_names_the_place_that_is_less_accurate_than_asked() -> None:
     field = solved([axisymmetric.shell(0.015, 0.002, 40.0)], SOURCE, 0.03)
     strict = replace(
-        field, accuracy=0.002, wanted=0.002
-    )  # as if so much had been asked of the same panels
+        field, accuracy=0.002, max_error=0.002
+    )  # as if the panels had been made for this accuracy
     report = strict.report_at(np.array([[0.0, 0.0, 0.002], [0.003, 0.0, -0.004]]))
     assert report.estimated_error > field.report.estimated_error
-    assert any("0.2 % was asked" in warning and "mm" in warning for warning in report.warnings)
+    assert any("more than 0.2 %" in warning and "mm" in warning for warning in report.warnings)

@@ -120,7 +120,7 @@ def test_fluid_sphere_joins_pressure_and_velocity(inner, off):
 
 @pytest.mark.parametrize("boundary", ["sound_hard", "impedance", "filled"])
 @pytest.mark.parametrize("ka", [0.3, 7.3, 45.0])
-def test_source_and_listener_change_places(boundary, ka):
+def test_source_and_receiver_change_places(boundary, ka):
     surface = ball(centre=CENTRE)
     obstacle = {
         "sound_hard": at.sound_hard(surface),
@@ -138,15 +138,15 @@ def test_source_and_listener_change_places(boundary, ka):
     assert np.abs(matrix - matrix.T).max() < 1e-8 * np.abs(matrix).max()
 
 
-def power_given_and_heard(obstacle, ka, height):
+def emitted_and_received_power(obstacle, ka, height):
     """Power of a unit monopole, times 2ρω: 4π Im p at itself, and k ∮|p|²r²dΩ far away."""
     field = radiate(obstacle, [[0.0, 0.0, height]], frequency=frequency_of(ka))
     near, far = field.at(np.array([[0.0, 1e-5, height], [0.0, 2e-5, height]]))[:, 0].imag
-    given = 4.0 * np.pi * (4.0 * near - far) / 3.0  # Im p is smooth and even about the source
+    emitted = 4.0 * np.pi * (4.0 * near - far) / 3.0  # Im p is smooth and even about the source
     cosine, weight = np.polynomial.legendre.leggauss(40 + int(8 * ka * height / 0.01))
     far = 1e4 * np.stack([np.sqrt(1.0 - cosine**2), 0.0 * cosine, cosine], axis=1)
     intensity = np.abs(field.at(far)[:, 0]) ** 2 * 1e8
-    return given, field.scene.wavenumber.real * 2.0 * np.pi * np.sum(weight * intensity)
+    return emitted, field.scene.wavenumber.real * 2.0 * np.pi * np.sum(weight * intensity)
 
 
 @pytest.mark.parametrize(
@@ -155,13 +155,13 @@ def power_given_and_heard(obstacle, ka, height):
 def test_lossless_spheres_keep_the_power(ka, height):
     """The optical theorem for a point source: what is drawn from the source arrives far away."""
     for obstacle in (at.sound_hard(ball()), at.filled(ball(), WATER), at.impedance(ball(), 1.5j)):
-        given, heard = power_given_and_heard(obstacle, ka, height)
-        assert heard == pytest.approx(given, rel=1e-6)
+        emitted, received = emitted_and_received_power(obstacle, ka, height)
+        assert received == pytest.approx(emitted, rel=1e-6)
 
 
 def test_a_lossy_sphere_swallows_power_and_a_stiff_one_is_sound_hard():
-    given, heard = power_given_and_heard(at.impedance(ball(), 1.0 + 0j), 7.3, 0.012)
-    assert 0.2 * given < heard < 0.9 * given
+    emitted, received = emitted_and_received_power(at.impedance(ball(), 1.0 + 0j), 7.3, 0.012)
+    assert 0.2 * emitted < received < 0.9 * emitted
     points = np.vstack([0.01 * directions(4, 0), 0.06 * directions(4, 1)])
     stiff, hard = (
         radiate(body, [0.0, 0.0, 0.0103]).at(points)

@@ -70,12 +70,6 @@ def test_a_focus_on_the_surface_radiates_with_its_image(factorised):
     assert relative(factorised.radiate(hard(*BALLS), beacons(touching)).at(AROUND), exact) < 0.01
 
 
-def test_double_precision_agrees_too():
-    solver = at.BoundaryElement(accuracy=0.01, precision="float64")
-    found = solver.factorised(hard(*BALLS)).radiate(hard(*BALLS), beacons()).at(AROUND)
-    assert relative(found, solver.radiate(hard(*BALLS), beacons()).at(AROUND)) < 0.01
-
-
 def test_the_report_has_the_error_of_the_skeletons(factorised):
     report = factorised.radiate(hard(*BALLS), beacons()).report
     assert 0 < report.settings["skeleton_error"] < 0.01
