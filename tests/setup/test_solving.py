@@ -138,7 +138,7 @@ def test_the_verification_warns_against_what_the_scene_asks() -> None:
     assert field.max_error == setup.accuracy
     point = setup.target.points[0] + [0.0, 0.0, -1e-3]
     assert field.report_at(point[None]).warnings == field.report.warnings
-    assert "3.3e-10" in replace(field, wanted=1e-9).report_at(point[None]).warnings[-1]
+    assert "3.3e-10" in replace(field, max_error=1e-9).report_at(point[None]).warnings[-1]
 
 
 @pytest.mark.parametrize("radius", [0.01, 0.5])
