@@ -180,27 +180,27 @@ def _counted_suppression(count: int) -> str:
     return counted(count, "suppression point", "suppression points") if count else ""
 
 
-def _per_focus(values: PerFocus, foci: int, what: str, unit: str) -> Num[np.ndarray, "foci"]:
+def _per_focus(values: PerFocus, foci: int, name: str, unit: str) -> Num[np.ndarray, "foci"]:
     if np.iscomplexobj(values):
-        numbers = complex_numbers(np.asarray(values), f"{what}s")
+        numbers = complex_numbers(np.asarray(values), f"{name}s")
     else:
-        numbers = real_numbers(np.asarray(values), f"{what}s")
-    check_finite(numbers, f"{what}s")
+        numbers = real_numbers(np.asarray(values), f"{name}s")
+    check_finite(numbers, f"{name}s")
     if numbers.ndim != 0 and numbers.shape != (foci,):
         raise InvalidInput(
-            f"{what}s have shape {numbers.shape}, but the target has "
+            f"{name}s have shape {numbers.shape}, but the target has "
             f"{counted(foci, 'focus', 'foci')}; give one number or ({foci},).",
             code="wrong_shape",
         )
     if not np.iscomplexobj(numbers) and numbers.min() < 0.0:
         raise InvalidInput(
-            f"a {what} is {numbers.min():g}{unit}, but it must not be negative; a complex number "
+            f"a {name} is {numbers.min():g}{unit}, but it must not be negative; a complex number "
             "gives a phase.",
             code="out_of_range",
         )
     if np.abs(numbers).max() == 0.0:
         raise InvalidInput(
-            f"every {what} is 0{unit}; give at least one focus a larger one.", code="empty"
+            f"every {name} is 0{unit}; give at least one focus a larger one.", code="empty"
         )
     return np.broadcast_to(numbers, (foci,))
 
@@ -236,12 +236,12 @@ def _check_no_normal(points: Real[np.ndarray, "foci 3"] | Vector) -> None:
         )
 
 
-def _check_near_origin(points: Float64[np.ndarray, "points 3"], what: str) -> None:
+def _check_near_origin(points: Float64[np.ndarray, "points 3"], name: str) -> None:
     distance = np.linalg.norm(points, axis=1)
     if distance.max(initial=0.0) > 2.0:
         worst = int(distance.argmax())
         raise InvalidInput(
-            f"{what} {worst} at {in_mm(points[worst])} is {distance[worst]:.4g} m from the origin "
+            f"{name} {worst} at {in_mm(points[worst])} is {distance[worst]:.4g} m from the origin "
             "of the obstacles' frame, more than 2 m: is this in millimetres? Give metres.",
             points[worst],
             code="out_of_range",

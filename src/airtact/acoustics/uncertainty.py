@@ -90,11 +90,11 @@ class Uncertainty:
 
     def __post_init__(self) -> None:
         for name, (largest, unit, slip) in _LIMITS.items():
-            what = f"the uncertainty of {name.replace('_', ' ')}"
-            value = between(getattr(self, name), 0.0, largest, what, unit, slip)
+            words = f"the uncertainty of {name.replace('_', ' ')}"
+            value = between(getattr(self, name), 0.0, largest, words, unit, slip)
             if unit == "degrees" and 0.0 < value < SMALLEST_ANGLE:
                 raise InvalidInput(
-                    f"{what} is {value:g} degrees: is it in radians? Give degrees, "
+                    f"{words} is {value:g} degrees: is it in radians? Give degrees, "
                     f"np.degrees({value:g}) = {np.degrees(value):.2g}, or 0.",
                     code="out_of_range",
                 )

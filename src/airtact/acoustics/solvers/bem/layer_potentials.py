@@ -84,13 +84,13 @@ def near_rows(
     wavenumber: complex,
     near_rule: NearRule,
     precision: str,
-    least: float = 0.0,
+    min_distance: float = 0.0,
     lists: NearLists | None = None,
 ) -> NearRows:
     """Compute the corrections that near panels add to the plain sums.
 
-    The plain sums leave out nodes nearer than ``least`` [m]. In float32 no point may touch a panel
-    at its edge. ``lists`` are the near panels, if they have been listed before.
+    The plain sums leave out nodes nearer than ``min_distance`` [m]. In float32 no point may touch
+    a panel at its edge. ``lists`` are the near panels, if they have been listed before.
     """
     if lists is None:
         lists = near_lists(nodes, points, near_rule.reach * nodes.radii)
@@ -101,7 +101,7 @@ def near_rows(
         panels=nodes.panels,
         layer=nodes.layer(wavenumber),
         nodal=NODAL,
-        least=least,
+        least=min_distance,
         quadrature=near_quadrature(*near_rule.gauss_points),
         precision=precision,
     )
@@ -130,19 +130,22 @@ def double_layer_pressure(
     """
     layer = nodes.layer(wavenumber)
     if cells is None:
-        # float32 does not resolve the position of a node nearer than ``least``; the plain sum may
-        # leave such nodes out if their panels are all near ones
-        least = 1e-3 * float(np.abs(nodes.points - nodes.points.mean(axis=0)).max())
-        if precision != "float32" or least >= 0.5 * (near_rule.reach - 1) * nodes.radii.min():
-            least = 0.0
+        # float32 does not resolve the position of a node nearer than ``min_distance``; the plain
+        # sum may leave such nodes out if their panels are all near ones
+        min_distance = 1e-3 * float(np.abs(nodes.points - nodes.points.mean(axis=0)).max())
+        reach = 0.5 * (near_rule.reach - 1) * nodes.radii.min()
+        if precision != "float32" or min_distance >= reach:
+            min_distance = 0.0
             precision = "float64"
-        out = _kernels.apply_double_layer(points, layer, pressure, least, precision)
+        out = _kernels.apply_double_layer(points, layer, pressure, min_distance, precision)
         near_precision = precision if nodal else "float64"
     else:
-        least = 0.05 * float(nodes.radii.min())
-        out = cells.sums(layer, pressure, least)
+        min_distance = 0.05 * float(nodes.radii.min())
+        out = cells.sums(layer, pressure, min_distance)
         near_precision = precision if nodal else "float32"
-    groups = _near_groups(nodes, points, contact, wavenumber, near_rule, near_precision, least)
+    groups = _near_groups(
+        nodes, points, contact, wavenumber, near_rule, near_precision, min_distance
+    )
     for group, rows in groups:
         out[group] += rows.sparse(len(nodes.points)) @ pressure
     return out
@@ -155,7 +158,7 @@ def _near_groups(
     wavenumber: complex,
     near_rule: NearRule,
     precision: str,
-    least: float = 0.0,
+    min_distance: float = 0.0,
 ) -> list[tuple[Mask, NearRows]]:
     """Near rows of points off the panels, and of those on a panel, whose contacts reach farther.
 
@@ -171,13 +174,13 @@ def _near_groups(
     if not on.any():
         # points without near panels take no entries, so their bounds can be dropped
         lists = np.append(first[:-1][near], first[-1]), panel
-        rows = near_rows(nodes, points[near], wavenumber, near_rule, precision, least, lists)
+        rows = near_rows(nodes, points[near], wavenumber, near_rule, precision, min_distance, lists)
         return [(near, rows)]
     _, touched, _ = find_contacts(nodes, points[on])
     largest = nodes.contact[touched].max(initial=0.0)
     widened = replace(nodes, contact=nodes.contact + largest)
     return [
-        (group, near_rows(panels, points[group], wavenumber, near_rule, precision, least))
+        (group, near_rows(panels, points[group], wavenumber, near_rule, precision, min_distance))
         for group, panels in ((near & ~on, nodes), (on, widened))
         if group.any()
     ]

@@ -42,9 +42,9 @@ def _degree_four_rule() -> tuple[Float64[np.ndarray, "6 2"], Float64[np.ndarray,
     return np.array(points)[neighbours], np.array(weights)[neighbours]
 
 
-# Distance from the true surface beyond which nothing touches a panel [its contact length]
+# Largest distance of a point that touches a panel from the true surface, from which the panel
+# deviates by less than 2/3 of its contact length [contact lengths]
 CONTACT_REACH = 2.0
-# A panel deviates from the true surface by less than 2/3 of its contact length.
 
 RULE_POINTS, RULE_WEIGHTS = _degree_four_rule()
 
@@ -74,7 +74,7 @@ class Nodes:
     weights : area that each node represents [m²].
     body : index of each node's obstacle.
     quadratic_triangles : corners and edge midpoints of the panels [m].
-    contact : distance below which a point counts as lying on a panel [m].
+    contact : distance below which a point touches a panel [m].
     centres, radii : centre of each panel, and the distance of its farthest corner or midpoint [m].
     admittance : ρc/Z of each panel, 0 for a sound-hard one.
     """
@@ -107,7 +107,7 @@ class Nodes:
         return _kernels.Panels(self.quadratic_triangles, self.contact)
 
     def single_layer(self, wavenumber: complex) -> SingleLayer:
-        """ikρc/Z times area [m]: −∂p/∂n over p, times area; no numbers if all panels are hard."""
+        """ikρc/Z times area [m], which is −∂p/∂n over p times area; empty if all are hard."""
         if not self.admittance.any():
             return np.empty(0, dtype=np.complex128)
         return 1j * wavenumber * np.repeat(self.admittance, 6) * self.weights
@@ -163,25 +163,29 @@ def near_quadrature(angular: int, radial: int) -> _kernels.NearQuadrature:
 def near_lists(nodes: Nodes, points: Points, limits: PanelLengths) -> NearLists:
     """List the panels whose centre is nearer to each point than the panel's limit [m].
 
-    Those of point i are ``panel[first[i]:first[i + 1]]``.
+    Those of point i are ``panel[first[i] : first[i + 1]]``.
     """
     first, panel = _kernels.near_pairs(points, nodes.centres, limits)
     return first.view(np.int64), panel.view(np.int64)  # NumPy has two names for this type
 
 
 def thickness(
-    nodes: Nodes, largest: float, least: Float64[np.ndarray, "nodes"] | None = None
+    nodes: Nodes, largest: float, lower_bound: Float64[np.ndarray, "nodes"] | None = None
 ) -> Float64[np.ndarray, "nodes"]:
     """Diameter of the largest ball inside the body that touches the surface at each node [m].
 
-    It is at most ``largest``. Nodes whose lower bound ``least`` reaches that are skipped.
+    It is at most ``largest``. Nodes whose ``lower_bound`` reaches that are skipped.
 
-    The ball shrinks until it meets no other node, then until the closest point of the panels to
+    The ball shrinks until it contains no other node, then until the closest point of the panels to
     its centre lies on it, because a panel may enter it between nodes (J. Ma, S. W. Bae, S. Choi,
     The Visual Computer 28, 7 (2012)).
     """
     diameter = np.full(len(nodes.points), float(largest))
-    unknown = np.arange(len(nodes.points)) if least is None else np.flatnonzero(least < largest)
+    unknown = (
+        np.arange(len(nodes.points))
+        if lower_bound is None
+        else np.flatnonzero(lower_bound < largest)
+    )
     if not len(unknown):
         return diameter
     from airtact.geometry.mesh.panel_tree import panel_tree

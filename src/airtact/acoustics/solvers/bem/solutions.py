@@ -59,8 +59,8 @@ class DirectSolution:
         points : positions [m]; those on the surface were projected onto it.
         contact : which points are on the surface, where the integral equation gives twice the
             incident pressure plus the double layer.
-        on_surface : pressure on the surface, if not the one at the plain nodes.
-        cells : the points sorted into cells, if that pays.
+        on_surface : nodes and pressure on the surface; by default those of the solution.
+        cells : the points sorted into cells, if that is faster.
         nodal : whether all points are on panels and away from their edges.
         """
         nodes, pressure = on_surface or (self.surface.nodes, self.pressure)
@@ -103,7 +103,7 @@ class DirectSolution:
         near_points = np.repeat(points, np.diff(first), axis=0)
         offset = nodes.points.reshape(-1, 6, 3)[panel] - near_points[:, None]
         height = np.einsum("nsd,nsd->ns", offset, nodes.normals.reshape(-1, 6, 3)[panel])
-        # a flat sound-hard panel has no double layer at points of its plane
+        # a flat sound-hard panel has no double layer in its plane
         in_plane = (np.abs(height).max(axis=1) < 1e-9) & (nodes.admittance[panel] == 0)
         close = np.zeros(len(nodes.centres), dtype=bool)
         close[panel[~in_plane]] = True
@@ -186,7 +186,7 @@ class TransposedSolution:
 def incident_pressure(
     points: Points, sources: Monopoles, surface: DualSurface, cells: Cells | None = None
 ) -> Pressures:
-    """Pressure of the sources alone [Pa]; in float32, if that is the precision, beyond 1 λ."""
+    """Pressure of the sources alone [Pa]; beyond 1 λ in the working precision."""
     if cells is not None:
         layer = monopole_layer(sources.positions, surface.wavenumber)
         pressure = cells.sums(layer, sources.strengths)

@@ -18,7 +18,7 @@ from airtact.errors import in_short
 # Relative error, points along each edge of a cell's grid, near distance from its corners [λ]
 GRIDS = ((1e-3, 8, 0.3), (2e-5, 10, 0.6))
 
-# Grid points over points above which cells do not pay
+# Largest number of grid points per point at which cells are faster
 MAX_GRID_SHARE = 0.5
 
 
@@ -60,19 +60,19 @@ class Cells:
         self,
         layer: _kernels.Layer,
         strengths: Complex[np.ndarray, "sources excitations"],
-        least: float = 0.0,
+        min_distance: float = 0.0,
     ) -> Complex128[np.ndarray, "points excitations"]:
         """Sum a double layer or monopoles at the points, in their original order.
 
         The sums are in float32 with each cell's centre as origin. A double layer leaves out nodes
-        nearer than ``least`` [m].
+        nearer than ``min_distance`` [m].
         """
         cells = len(self.centres)
         at_points = _kernels.Cells(self.points, self.first, self.centres, self.reach)
-        near = _kernels.apply_in_cells(at_points, True, layer, strengths, least)
+        near = _kernels.apply_in_cells(at_points, True, layer, strengths, min_distance)
         bounds = len(self.grids) // cells * np.arange(cells + 1)
         at_grids = _kernels.Cells(self.grids, bounds, self.centres, self.reach)
-        smooth = _kernels.apply_in_cells(at_grids, False, layer, strengths, least)
+        smooth = _kernels.apply_in_cells(at_grids, False, layer, strengths, min_distance)
         # the far part is smooth in a cell: interpolate it
         cell = np.repeat(np.arange(cells), np.diff(self.first))
         _, b, c = (part.shape[1] for part in self.weights)
@@ -85,7 +85,7 @@ class Cells:
 
 
 def cells_of(points: Points, wavelength: float, error: float) -> Cells | None:
-    """Sort points [m] into cells for sums to a relative error; None where that does not pay."""
+    """Sort points [m] into cells for sums to a relative error; None if cells are slower."""
     grids = [(order, beyond) for left, order, beyond in GRIDS if left <= error]
     if not grids or len(points) < grids[0][0] ** 2 / MAX_GRID_SHARE:
         return None
