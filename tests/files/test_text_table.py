@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from airtact.errors import InvalidInput
 from airtact.files.text_table import read_text_table
 from faults import raises_code
 
@@ -46,19 +45,6 @@ def test_names_may_stand_in_the_last_comment_and_numbers_be_complex(tmp_path) ->
 def test_what_is_not_a_table_is_rejected(tmp_path, text: str, code: str) -> None:
     with raises_code(code):
         table_of(tmp_path, text).numbers("x")
-
-
-def test_a_fault_names_its_line(tmp_path) -> None:
-    with pytest.raises(InvalidInput, match="line 4"):
-        table_of(tmp_path, "x,y\n1,2\n\n1\n")
-
-
-def test_files_that_are_missing_or_not_text_are_rejected(tmp_path) -> None:
-    with raises_code("file_missing"):
-        read_text_table(tmp_path / "none.csv")
-    (tmp_path / "bytes.csv").write_bytes(b"x,y\xff")
-    with raises_code("file_unreadable"):
-        read_text_table(tmp_path / "bytes.csv")
 
 
 @pytest.mark.parametrize("text", ["x\ty\tz\n1\t2\t3\n", "% x y z\n1 2 3\n", "x y z\n1  2 3\n"])

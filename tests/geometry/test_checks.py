@@ -125,13 +125,6 @@ def test_bodies_apart_pass(bodies):
     check_apart(bodies)
 
 
-def test_the_third_body_is_looked_at_too():
-    far = [ball(0.02 * i, 0.0, 0.0, 0.005) for i in range(3)]
-    check_apart(far)
-    with raises_code("bodies_overlap", "bodies 1 and 3"):
-        check_apart([*far, ball(0.02, 0.009, 0.0, 0.005)])
-
-
 def test_a_hand_and_a_rod(hand_file):
     hand = at.load_surface(hand_file)
     palm = hand.vertices.mean(axis=0)

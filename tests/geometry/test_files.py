@@ -129,27 +129,6 @@ def test_files_of_no_surface_are_named(tmp_path, name, code):
         at.load_surface(tmp_path / name)
 
 
-@pytest.mark.parametrize("suffix", [".stl", ".ply", ".obj", ".glb"])
-@pytest.mark.parametrize("content", [b"", b"\x00\x01 this is no mesh \xff" * 9])
-def test_damaged_files_are_rejected(tmp_path, suffix, content):
-    path = tmp_path / f"damaged{suffix}"
-    path.write_bytes(content)
-    with pytest.raises(at.InvalidInput) as caught:
-        at.load_surface(path)
-    assert caught.value.code in ("file_unreadable", "empty")
-    assert f"damaged{suffix}" in str(caught.value)
-
-
-def test_a_point_cloud_holds_no_triangles(tmp_path):
-    path = written(
-        tmp_path / "cloud.ply", trimesh.PointCloud(np.random.default_rng(0).random((50, 3)))
-    )
-    with pytest.raises(at.InvalidInput) as caught:
-        at.load_surface(path)
-    assert "cloud.ply" in str(caught.value)
-    assert caught.value.code in ("empty", "file_unreadable")
-
-
 @pytest.mark.parametrize(("unit", "metres"), [("mm", 1e-3), ("cm", 1e-2), ("inch", 0.0254)])
 def test_a_file_in_another_unit_names_the_scales_that_fit(tmp_path, unit, metres):
     ball = trimesh.creation.icosphere(2, radius=8e-3 / metres)

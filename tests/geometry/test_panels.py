@@ -141,21 +141,6 @@ def test_panels_are_finer_beside_points_and_facing_bodies_only():
     assert np.array_equal(np.unique(panels.body), [0, 1])
 
 
-def test_panels_of_a_mesh_are_finer_beside_a_point():
-    ball = surface_of(trimesh.creation.icosphere(4, radius=0.01))
-    point = np.array([[0.0, 0.0, 0.0105]])
-    panels = ball.panelled(5e-3, beside=point)
-    near = np.linalg.norm(panels.quadratic_triangles.mean(axis=1) - point, axis=1) < 1.5e-3
-    assert longest_edges(panels.quadratic_triangles[near]).max() < 3.1e-3
-    assert len(panels.quadratic_triangles) < 1.5 * len(ball.panelled(5e-3).quadratic_triangles)
-
-
-def test_deviation_is_the_distance_from_the_true_surface():
-    coarse, fine = (at.sphere(0.008, 0.004).panelled(edge) for edge in (6e-3, 2e-3))
-    assert 1e-6 < coarse.deviation.max() < 5e-5
-    assert fine.deviation.max() < 0.1 * coarse.deviation.max()
-
-
 @pytest.mark.parametrize("edge", [0.0, -1.0, np.nan])
 def test_an_edge_is_above_zero(edge):
     with raises_code("out_of_range", f"{edge:g} m"):

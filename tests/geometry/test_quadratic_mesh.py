@@ -9,7 +9,7 @@ from airtact.geometry.mesh.panel_tree import panel_tree
 from airtact.geometry.mesh.quadratic_triangles import cut, points_at, shape_functions
 from airtact.geometry.mesh_shape import MeshShape
 from airtact.geometry.quadratic_mesh import QuadraticMesh
-from geometry.mesh.meshes import box_mesh, flat_mesh
+from geometry.mesh.meshes import flat_mesh
 
 
 def bumpy() -> at.Surface:
@@ -65,19 +65,6 @@ def test_points_off_the_surface_along_its_normal_are_that_deep(rng, step):
         assert depth.max() < step + 1e-12
         assert depth.min() > 0.5 * step
         assert np.median(depth) == pytest.approx(step, abs=1e-12)
-
-
-def test_depth_and_closest_points_move_with_the_body(rng):
-    body = bumpy()
-    pose = at.Pose.turn((3, 2, 1), 1.1, translation=(0.1, -0.2, 0.3))
-    points = rng.normal(scale=0.01, size=(50, 3))
-    there = body.moved(pose)
-    assert there.depth(pose.apply(points)) == pytest.approx(body.depth(points), abs=1e-15)
-    assert there.shape.project(pose.apply(points)) == pytest.approx(
-        pose.apply(body.shape.project(points)), abs=1e-15
-    )
-    assert there.area == body.area
-    assert there.volume == body.volume
 
 
 def test_sharp_edges_are_found_and_projected_on():
@@ -153,7 +140,3 @@ def test_points_just_off_edges_and_corners_of_a_concave_body_have_the_right_side
         & (z < 0.01)
     )
     assert np.array_equal(depth > 0, inside)
-
-
-def test_no_points_have_no_depth():
-    assert flat_mesh(*box_mesh()).depth(np.zeros((0, 3))).shape == (0,)

@@ -11,7 +11,7 @@ import airtact as at
 from airtact.geometry.primitives import Capsule
 from airtact.geometry.surface import rigid_motion
 from faults import raises_code
-from geometry.mesh.meshes import box_mesh, torus_mesh
+from geometry.mesh.meshes import box_mesh
 
 number = st.floats(-1.0, 1.0, allow_subnormal=False)
 vector = st.tuples(number, number, number)
@@ -100,15 +100,6 @@ def test_the_motion_between_two_places_of_a_body_is_known_and_is_that_of_its_ver
         motion, off = rigid_motion(here, now)
         assert off < 1e-12
         assert np.allclose(motion.apply(here.vertices), there.vertices, rtol=0, atol=1e-12)
-
-
-def test_moving_a_flat_surface_keeps_what_was_found_about_it():
-    crossing = at.Surface(*torus_mesh(0.01, 0.015))
-    there = at.Pose.turn((1, 1, 0), 0.4, (0.3, 0.0, 0.0))
-    fresh = at.Surface(there.apply(crossing.vertices), crossing.triangles)
-    assert np.array_equal(crossing.moved(there).crossings, fresh.crossings)
-    assert len(crossing.crossings) > 0
-    assert np.array_equal(crossing.moved(there).crossings, crossing.crossings)
 
 
 def test_a_surface_is_a_locked_copy(box):
@@ -237,12 +228,3 @@ def test_midpoints_far_off_their_edges_are_rejected():
     with raises_code("mesh_faulty", " 11 mm", "0.55") as caught:
         at.Surface(vertices, triangles, middles)
     assert caught.value.position == pytest.approx([0.01, 0.0, -0.011])
-
-
-def test_a_primitive_that_is_another_shape_is_rejected():
-    ball = at.sphere(0.01, 0.004)
-    with raises_code("not_supported", " 10 mm") as caught:
-        at.Surface(2.0 * ball.vertices, ball.triangles, primitive=ball.primitive)
-    assert np.linalg.norm(caught.value.position) == pytest.approx(0.02)
-    same = at.Surface(ball.vertices, ball.triangles, primitive=ball.primitive)
-    assert same.primitive is ball.primitive

@@ -41,15 +41,6 @@ def test_files_that_are_no_clouds_are_rejected(
         load_cloud(tmp_path / name)
 
 
-def test_a_cloud_that_does_not_exist_or_is_flat_is_rejected(tmp_path: Path) -> None:
-    np.save(tmp_path / "flat.npy", POINTS[:, :2])
-
-    with raises_code("file_missing", "none.ply"):
-        load_cloud(tmp_path / "none.ply")
-    with raises_code("wrong_shape", "flat.npy"):
-        load_cloud(tmp_path / "flat.npy")
-
-
 def test_landmarks_are_read_with_their_side(tmp_path: Path) -> None:
     points, side = load_landmarks(HANDS / "seen_hand.json")
     swapped = json.loads((HANDS / "seen_hand.json").read_text(encoding="utf-8"))

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import airtact as at
-from airtact.acoustics.store import name_of
 from airtact.geometry.checks import check_surface
 from airtact.geometry.mesh.quadratic_triangles import enclosed_volume
 from airtact.hands.joints import CHAINS, TRACKED, side_evidence
@@ -204,38 +203,12 @@ def test_what_was_asked_of_a_frame_changes_no_later_one():
     )  # it does follow
 
 
-def test_hands_of_one_fingerprint_have_one_mesh_and_those_of_two_do_not():
-    gaps = np.array([0.012, 0.016])
-    one, twin = sequence(gaps)[1], sequence(gaps)[1]
-    one.shape.skin(5e-3)
-    alone = at.hand_from_joints(one.joints, one.radii, side=one.side)
-
-    def name(hand: at.Hand) -> str:
-        scene = at.Scene(at.Medium(343.1, 1.293), [at.sound_hard(hand.surface)])
-        return name_of(
-            at.BoundaryElement(), scene, at.Monopoles(np.array([[0.0, 0.0, 0.3]]), np.ones(1))
-        )
-
-    assert name(one) == name(twin)
-    assert np.array_equal(one.shape.panels(6e-3), twin.shape.panels(6e-3))
-    assert np.array_equal(one.surface.vertices, alone.surface.vertices)
-    assert not np.array_equal(one.shape.panels(6e-3), alone.shape.panels(6e-3))
-    assert name(one) != name(alone)
-
-
 def test_a_long_sequence_keeps_few_frames_and_little_history():
     opening = np.linspace(0.012, 0.045, 12)
     hands = sequence(np.concatenate([opening, opening[::-1]] * 3))
     assert max(hand.shape.keyframes for hand in hands) <= MAX_KEYFRAMES + 1
     assert all(hand.shape.follows is not None for hand in hands[1:12])
     assert np.abs(hands[-1].shape.depth(hands[-1].shape.skin(7e-3).vertices)).max() < 30e-6
-
-
-def test_a_mesh_that_was_handed_out_cannot_be_written_to(opened):
-    mesh = opened.shape.skin(6e-3)
-    hulls = opened.shape.hulls
-    for array in (mesh.vertices, mesh.triangles, mesh.sizes, hulls.balls, hulls.parts):
-        assert not array.flags.writeable
 
 
 # --- bad input --------------------------------------------------------------------------------

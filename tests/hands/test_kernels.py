@@ -121,12 +121,6 @@ def test_points_behind_a_ball_have_the_distance_of_its_front_or_its_rim():
         )
 
 
-def test_points_that_are_nan_have_no_gap():
-    distance, by_balls, _ = gaps(np.full((1, 3), np.nan), BALLS, PARTS)
-    assert np.isnan(distance[0])
-    assert np.abs(by_balls).max() == 0.0
-
-
 def test_blending_is_the_smooth_minimum():
     random = np.random.default_rng(3)
     blend = np.triu(random.uniform(0, 0.012, (6, 6)) * (random.random((6, 6)) < 0.7), 1)
@@ -150,13 +144,6 @@ def test_blending_is_the_smooth_minimum():
     assert np.mean(found.distance < each.min(axis=1) - 1e-5) > 0.03  # creases there are
     assert np.abs(found.distance - expected).max() < 1e-7
     assert np.array_equal(each[np.arange(len(points)), found.nearest], each.min(axis=1))
-
-
-def test_the_gradient_leads_onto_the_skin():
-    hulls = Hulls(BALLS, PARTS, 8e-3 * (1 - np.eye(6)), np.zeros((6, 6)))
-    points = random_points(3000, 4)
-    points = points[np.abs(hulls.look(points).distance) < 2e-3]
-    assert np.abs(hulls.look(hulls.project(points)).distance).max() < 1e-9
 
 
 def test_what_stands_apart_is_carved_out_and_seen():
@@ -185,15 +172,6 @@ def test_a_rod_is_covered_evenly_and_holds_its_volume():
     )
 
 
-def test_even_triangles_are_about_as_large_as_asked():
-    balls = np.array([[0, 0, 0, 0.02], [0.001, 0, 0, 0.02]])
-    ball = Hulls.unblended(balls, np.array([[0, 1, -1]]))
-    for edge in (2e-3, 5e-3, 9e-3):
-        skin = even_skin(ball, edge)
-        area = 4 * np.pi * 0.02**2 + 2 * np.pi * 0.02 * 0.001
-        assert np.sqrt(area / len(skin.triangles) * 4 / np.sqrt(3)) == pytest.approx(edge, rel=0.2)
-
-
 def test_sizes_grow_no_faster_than_the_way_over_edges_from_the_smallest():
     x, y = (index.ravel() for index in np.meshgrid(np.arange(12.0), np.arange(9.0)))
     vertices = np.column_stack([x, y, np.random.default_rng(5).uniform(0, 1, len(x))])
@@ -206,36 +184,3 @@ def test_sizes_grow_no_faster_than_the_way_over_edges_from_the_smallest():
     sizes = asked.copy()
     _kernels.grade_sizes(vertices, triangles, 0.35, 30, sizes)
     assert sizes == pytest.approx((asked + 0.35 * ways).min(axis=1))
-
-
-POINT = np.zeros((1, 3))
-ABSENT = np.array([[0, 9, -1]])
-TABLE = np.zeros((1, 1))
-TRIANGLES = np.array([[0, 1, 7], *[[0, 0, 0]] * 5])
-PASS = (np.array([3, 1]), False, 1.0, 0.5)
-STEPS = (TABLE, TABLE, 0, 12, 2e-3, 1e-9, 5e-4, 24)
-
-
-@pytest.mark.parametrize(
-    ("call", "fault"),
-    [
-        (lambda: _kernels.hull_distances(POINT, BALLS, ABSENT), "ball that does not exist"),
-        (lambda: gaps(POINT, BALLS, ABSENT), "ball that does not exist"),
-        (lambda: gaps(POINT, BALLS, np.zeros((0, 3), dtype=np.int64)), "there is no hull"),
-        (
-            lambda: _kernels.even_pass(np.zeros((3, 3)), np.ones(3), TRIANGLES, *PASS),
-            "vertex that does not exist",
-        ),
-        (
-            lambda: _kernels.grade_sizes(np.zeros((3, 3)), TRIANGLES, 0.3, 1, np.ones(3)),
-            "vertex that does not exist",
-        ),
-        (
-            lambda: _kernels.project_on_hulls(POINT, BALLS, ABSENT, *STEPS),
-            "ball that does not exist",
-        ),
-    ],
-)
-def test_hulls_of_balls_that_do_not_exist_are_rejected(call, fault):
-    with pytest.raises(IndexError, match=fault):
-        call()

@@ -47,11 +47,6 @@ def test_foci_stand_off_the_pads_into_the_gap():
     check_outside(scene, hand.foci(0.0), "focus")
 
 
-def test_the_edge_is_the_longest_of_the_triangles():
-    for surface in at.pinch(edge=1.5e-3).surfaces:
-        assert surface.edge_lengths.max() <= 1.5e-3
-
-
 @pytest.mark.parametrize("gap", [0.0, -0.01, math.nan, 12])
 def test_a_gap_is_above_zero_and_in_metres(gap):
     with raises_code("out_of_range", f"{gap:g} m"):

@@ -92,7 +92,6 @@ def test_files_that_are_none_are_rejected(tmp_path) -> None:
 
 
 def test_codes_are_at_full_scale_and_independent() -> None:
-    assert np.array_equal(at.sensing.single_codes(3), np.eye(3))
     whole = at.sensing.hadamard_codes(5)
     assert whole.shape == (5, 8)
     assert np.array_equal(whole @ whole.T, 8 * np.eye(5))

@@ -42,13 +42,6 @@ def test_between_the_values_the_matrix_is_that_of_a_solve() -> None:
     assert 1e-4 < made.error < 0.02
 
 
-def test_the_derivative_is_that_of_the_interpolation() -> None:
-    made = family()
-    step = 1e-6
-    differences = (made.at(12.7e-3 + step).matrix - made.at(12.7e-3 - step).matrix) / (2 * step)
-    assert relative(made.derivative(12.7e-3).matrix, differences) < 1e-6
-
-
 def test_pose_and_gap_are_found_together() -> None:
     found = at.locate(measured(13.6e-3), family(), BOX, off_by(TRUE, 1e-3, np.radians(2), seed=0))
     position, angle = errors(found.pose)

@@ -41,7 +41,6 @@ def main(path: str, messages: BinaryIO) -> None:
 
 
 def _append(file: Any, name: str, rows: Any) -> None:
-    """Append rows to a dataset, which begins with the first."""
     if name not in file:
         row = rows.itemsize * math.prod(rows.shape[1:])
         chunks = (max(1, min(2**18 // row, 4096)), *rows.shape[1:])

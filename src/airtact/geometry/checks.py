@@ -1,6 +1,6 @@
-"""Checks of bodies: surfaces that cross themselves or are too thin, bodies that overlap.
+"""Checks of bodies: self-intersections, thin parts, and bodies that overlap.
 
-Distances are those of the true, curved surfaces, found at points on them.
+Distances are measured at points of the true, curved surfaces.
 """
 
 from collections.abc import Sequence
@@ -28,21 +28,18 @@ from airtact.geometry.mesh.topology import shells
 from airtact.geometry.primitives import Capsule, nearest_on_segments
 from airtact.geometry.surface import Body, Surface
 
-# Distance below which bodies touch [m].
-TOUCH = 1e-9
-
 # Smallest distance of two bodies [m]: panels cannot resolve less air between them.
 NEAREST = 0.3e-3
 
 # Smallest thickness of a body [m].
 THINNEST = 0.5e-3
 
-# Surfaces never change, so one that passed is not checked again, wherever it moves.
+# Bodies that passed; surfaces are immutable, so a moved body is not checked again.
 _PASSED: WeakSet[Body] = WeakSet()
 
 
 def check_surface(surface: Surface) -> None:
-    """Check that a surface does not cross itself, has no nested pieces, and is thick enough."""
+    """Check that a surface has no self-intersections, nested pieces or thin parts."""
     if surface.body not in _PASSED:
         check_not_crossed(surface)
         part = thin_part(surface)
@@ -58,7 +55,7 @@ def check_surface(surface: Surface) -> None:
 
 
 def check_not_crossed(surface: Surface) -> None:
-    """Check that a surface neither crosses nor touches itself, and has no piece inside another."""
+    """Check that a surface does not cross or touch itself and has no piece inside another."""
     pairs = surface.crossings
     if len(pairs):
         first, second = pairs[0]
@@ -75,7 +72,7 @@ def check_not_crossed(surface: Surface) -> None:
         inner, outer, depth, where = nested
         raise InvalidInput(
             f"closed piece {inner} of {shells(surface.triangles).max() + 1} lies inside piece "
-            f"{outer}, {depth * 1e3:.3g} mm deep near {in_mm(where)}: no sound gets there, so "
+            f"{outer}, {depth * 1e3:.3g} mm deep near {in_mm(where)}; sound does not reach it, so "
             "remove it.",
             where,
             code="mesh_faulty",
@@ -86,10 +83,10 @@ def thin_part(surface: Surface) -> tuple[float, Vector3] | None:
     """Find a part of a body thinner than ``THINNEST``: its thickness [m] and its position (3,) [m].
 
     The thickness at a point is the diameter of the largest inner ball that touches the surface
-    there and reaches surface of the opposite direction, to 20 degrees, so the edges of wedges are
-    thick enough. It is measured at points 0.25 mm apart, or more on large bodies. A part counts if
-    the body is not thick enough anywhere within ``THINNEST``: smaller bumps, ribs and necks pass.
-    A tenth less passes too, because meshes are rough, or coarse on round bodies.
+    there and touches the opposite surface, antiparallel within 20 degrees. Edges of wedges
+    therefore pass. The points are 0.25 mm apart, farther on large bodies. A part is thin if no
+    point within ``THINNEST`` of it is thick enough, so small bumps, ribs and necks pass. The limit
+    is reduced by a tenth, because meshes may be rough or coarse.
     """
     shape = surface.shape
     if shape.least_thickness >= THINNEST * (1.0 - 1e-9):
@@ -97,7 +94,7 @@ def thin_part(surface: Surface) -> tuple[float, Vector3] | None:
     if shape.thinnest > 0.0:
         return shape.thinnest, surface.vertices.mean(axis=0)
     panels = surface.quadratic_triangles
-    # Points are spread over each panel by its area, after the R2 sequence of M. Roberts (2018).
+    # The points of each panel are an R2 sequence (M. Roberts, 2018).
     spacing = max(0.5 * THINNEST, np.sqrt(surface.area / 20_000))
     count = 1 + (panel_areas(panels) / spacing**2).astype(np.int64)
     number = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
@@ -112,7 +109,7 @@ def thin_part(surface: Surface) -> tuple[float, Vector3] | None:
     normals = normals[thin]
     diameter = np.full(len(touch), limit)
     facing = normals.copy()
-    # Balls shrink until nothing cuts them off (J. Ma, S. W. Bae, S. Choi, "3D medial axis point
+    # Shrink each ball until it lies inside (J. Ma, S. W. Bae, S. Choi, "3D medial axis point
     # approximation using nearest neighbors and the normal field", Visual Computer 28, 7 (2012)).
     for _ in range(4):
         centres = touch - 0.5 * diameter[:, None] * normals
@@ -126,7 +123,7 @@ def thin_part(surface: Surface) -> tuple[float, Vector3] | None:
         diameter[cut_off] = np.divide(square, height, out=np.zeros(len(square)), where=height > 0.0)
     centres = touch - 0.5 * diameter[:, None] * normals
     opposed = np.einsum("ni,ni->n", facing, normals) < -np.cos(np.radians(20.0))
-    # A ball that touches beside an edge may leave the body there: 0.9 of its radius suffices.
+    # Beside an edge a ball may protrude from the body: 0.9 of its radius suffices.
     inside = shape.depth(centres) >= 0.9 * 0.5 * diameter
     thin = np.flatnonzero(inside & opposed)
     thin = thin[:: 1 + len(thin) // 2000]
@@ -138,7 +135,7 @@ def thin_part(surface: Surface) -> tuple[float, Vector3] | None:
 
 
 def _stands_alone(surface: Surface, centres: PointVectors) -> Bool[np.ndarray, "points"]:
-    """Whether the body is not thick enough anywhere within ``THINNEST`` of points."""
+    """Whether the body is too thin everywhere within ``THINNEST`` of points."""
     directions = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3), axis=3).reshape(-1, 3)
     shares = np.array([0.4, 0.7, 1.0])
     around = THINNEST * (shares[:, None, None] * unit(directions)).reshape(-1, 3)
@@ -160,46 +157,49 @@ class Approach(NamedTuple):
 
 
 def check_apart(surfaces: Sequence[Surface]) -> None:
-    """Check that no bodies overlap, touch or come nearer than ``NEAREST``."""
+    """Check that bodies are at least ``NEAREST`` apart."""
     for i, j in combinations(range(len(surfaces)), 2):
         near = approach(surfaces[i], surfaces[j], NEAREST * (1.0 - 1e-9))
         if near is None:
             continue
         where = in_mm(near.position)
-        if near.gap <= TOUCH:
+        if near.gap <= 1e-9:
             fault = f"overlap or touch: {max(-near.gap, 0.0) * 1e3:.3g} mm deep near {where}"
         else:
             apart = f"{near.gap * 1e3:.3g} mm apart near {where}"
             fault = f"are {apart}, nearer than {NEAREST * 1e3:g} mm"
         raise InvalidInput(
             f"bodies {i} and {j} {fault}; move them apart, or merge them: "
-            "airtact.geometry.merged([one, two]), in a scene file merge_bodies = true.",
+            "airtact.geometry.merged([first, second]), or merge_bodies = true in a scene file.",
             near.position,
             code="bodies_overlap",
         )
 
 
 def approach(first: Surface, second: Surface, within: float = np.inf) -> Approach | None:
-    """Distance of the true surfaces of two bodies; None if it is ``within`` [m] or more."""
+    """Distance of the true surfaces of two bodies; None if it is at least ``within`` [m]."""
     if isinstance(first.shape, Capsule) and isinstance(second.shape, Capsule):
-        nearest = _between_capsules(first.shape, second.shape)
-        return nearest if nearest.gap < within else None
+        on_first, on_second = nearest_on_segments(first.shape.axis, second.shape.axis)
+        across = on_second - on_first
+        gap = float(np.linalg.norm(across)) - first.shape.radius - second.shape.radius
+        middle = on_first + (first.shape.radius + gap / 2.0) * unit(across)
+        return Approach(gap, middle) if gap < within else None
     if isinstance(first.shape, Capsule):
-        first, second = second, first  # the depth in a capsule is quick
+        first, second = second, first  # the depth in a capsule is fast
     low = np.maximum(first.vertices.min(axis=0), second.vertices.min(axis=0))
     high = np.minimum(first.vertices.max(axis=0), second.vertices.max(axis=0))
     # The curved surface lies off the triangles by at most half an edge.
     bulge = 0.5 * float(first.edge_lengths.max() + second.edge_lengths.max())
     if np.linalg.norm(np.maximum(low - high, 0.0)) >= within + bulge:
         return None
-    # The second may lie wholly in the first, or reach it with a vertex.
+    # Vertices of the second body may lie in the first.
     points = second.vertices[_near_box(second.vertices, first.vertices, within + bulge)]
     nearest = None
     if len(points):
         gaps = -first.shape.depth(points)
         if gaps.min() < within:
             nearest = Approach(float(gaps.min()), points[gaps.argmin()])
-    # Panels of the first that may come nearer are cut until nodes are 0.1 mm apart.
+    # Panels of the first body that may be nearer are cut until their nodes are 0.1 mm apart.
     panels = first.quadratic_triangles
     panels = panels[_near_box(panels[:, 0], second.vertices, within + 3.0 * bulge)]
     while len(panels):
@@ -210,9 +210,9 @@ def approach(first: Surface, second: Surface, within: float = np.inf) -> Approac
         lowest = gaps.reshape(-1, 6).min(axis=1)
         longest = longest_edges(panels)
         chosen = np.flatnonzero((lowest - 0.5 * longest < within) & (longest > 0.2e-3))
-        if nearest is not None:  # the nearest few show roughly where the bodies are nearest
+        if nearest is not None:  # a few of the nearest panels suffice
             chosen = chosen[np.argsort(lowest[chosen])[:256]]
-        elif len(chosen) > 10_000:  # wide parallel faces, just far enough apart
+        elif len(chosen) > 10_000:  # wide parallel faces that are just far enough apart
             return None
         panels = panels[chosen]
         panels = cut(panels, np.full(len(panels), 2))[0]
@@ -220,13 +220,6 @@ def approach(first: Surface, second: Surface, within: float = np.inf) -> Approac
 
 
 def _near_box(points: Points, around: Vertices, reach: float) -> Bool[np.ndarray, "points"]:
-    """Whether points are within reach [m] of the upright box around others."""
     low = around.min(axis=0) - reach
     high = around.max(axis=0) + reach
     return ((points >= low) & (points <= high)).all(axis=1)
-
-
-def _between_capsules(first: Capsule, second: Capsule) -> Approach:
-    on_first, on_second = nearest_on_segments(first.axis, second.axis)
-    gap = float(np.linalg.norm(on_second - on_first)) - first.radius - second.radius
-    return Approach(gap, on_first + (first.radius + gap / 2.0) * unit(on_second - on_first))

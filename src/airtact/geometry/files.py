@@ -27,26 +27,26 @@ def load_surface(
     """Read a closed surface from a file, and repair its damage.
 
     The nodes of a scene graph are placed by their transforms and joined. Vertices at the same
-    position are merged despite other textures or normals. ``repairs`` of the surface lists what was
-    repaired (see ``airtact.geometry.mesh.repair.repaired``). Files of up to 100 MB and 250,000
-    triangles are read, which takes up to some 10 s and 1 GB. Other files are read from the same
-    folder only, materials and pictures never.
+    position are merged even if their textures or normals differ. The attribute ``repairs`` of the
+    surface lists the repairs (see ``airtact.geometry.mesh.repair.repaired``). The largest file has
+    100 MB and 250,000 triangles, which takes about 10 s and 1 GB. Files that a glTF file names must
+    be in the same folder. Materials and pictures are not read.
 
     Parameters
     ----------
     path : an STL, PLY, OBJ or GLB file.
-    scale : metres per unit of the file: 1e-3 for a file in millimetres. Metres unless given; a body
-        wider than 0.5 m then needs ``scale=1.0``.
-    largest_hole : width of the widest hole that is filled [m], 0 for none.
-    sharp_degrees : edges whose triangles turn by more than this stay sharp; the rest of the surface
-        is curved.
-    progress : called with a description of each step as it begins.
+    scale : metres per unit of the file, such as 1e-3 for a file in millimetres; 1 by default. A
+        body wider than 0.5 m needs an explicit ``scale=1.0``.
+    largest_hole : width of the widest hole that is filled [m]; 0 to fill none.
+    sharp_degrees : angle between neighbouring triangles above which their edge remains sharp; the
+        rest of the surface is curved.
+    progress : called with a description of each step when it begins.
 
     Raises
     ------
     InvalidInput
-        If the file is missing, unreadable, beyond those limits or without triangles, or the surface
-        crosses itself or has another fault that cannot be repaired.
+        If the file is missing, unreadable, too large or without triangles, or if the surface has
+        self-intersections or damage that cannot be repaired.
     """
     of_kind(path, str | Path, "the path of a surface", "the name of a file")
     path = Path(path)
@@ -70,7 +70,7 @@ def load_surface(
             repairs=sound.notes,
             _known_shape=MeshShape(mesh, Pose.identity()),
         )
-        report_step("looking for crossings")
+        report_step("checking for self-intersections")
         check_not_crossed(surface)
         return surface
 

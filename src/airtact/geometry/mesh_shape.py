@@ -52,26 +52,21 @@ class MeshShape(Shape):
 
     @property
     def extent(self) -> float:
-        """Largest side of the axis-aligned box around its triangles at rest [m]."""
         return float(np.ptp(self.mesh.vertices[self.mesh.triangles].reshape(-1, 3), axis=0).max())
 
     @property
     def area(self) -> float:
-        """Area of the surface [m²]."""
         return self.mesh.area
 
     @property
     def volume(self) -> float:
-        """Enclosed volume [m³]."""
         return self.mesh.volume
 
     @property
     def crossings(self) -> IndexPairs:
-        """Pairs of flat triangles (K, 2) that cross or touch beyond their shared corners."""
         return self.mesh.crossings
 
     def nested_piece(self) -> tuple[int, int, float, Vector3] | None:
-        """Find a closed piece inside another: both indices, its depth [m] and a point (3,) [m]."""
         points = np.array([piece.vertices[piece.triangles[0, 0]] for piece in self.mesh.pieces])
         if len(points) == 1:
             return None
@@ -89,27 +84,21 @@ class MeshShape(Shape):
         return self.pose.apply(self.mesh.quadratic_triangles)
 
     def edge_middles(self, corners: EdgeVectors) -> EdgeVectors:
-        """Points over the middles of edges 01, 12, 20 of its triangles (T, 3, 3) [m]."""
         return self.quadratic_triangles[:, 3:]
 
     def depth(self, points: Points) -> PointLengths:
-        """Distance to the surface [m] of points (P, 3) [m], positive inside."""
         return self.mesh.depth(self.pose.inverse().apply(points))
 
     def project(self, points: Points) -> PointVectors:
-        """Nearest points of the surface (P, 3) [m] to points (P, 3) [m]."""
         return self.pose.apply(self.mesh.project(self.pose.inverse().apply(points)))
 
     def project_on_sharp_edges(self, points: Points) -> PointVectors:
-        """Nearest points of the sharp edges (P, 3) [m] to points (P, 3) [m]."""
         return self.pose.apply(self.mesh.project_on_sharp_edges(self.pose.inverse().apply(points)))
 
     def fitted(self, panels: QuadraticTriangles) -> QuadraticTriangles:
-        """Fit panels (P, 6, 3) so that the surface lies evenly on both sides of each [m]."""
         return self.pose.apply(self.mesh.fitted(self.pose.inverse().apply(panels)))
 
     def off_triangles(self, points: Points) -> PointLengths:
-        """Distance of points (P, 3) [m] from the flat triangles that define the surface [m]."""
         return self.mesh.flat_tree.closest(self.pose.inverse().apply(points))[2]
 
     def panels(self, edge: float, bend: float = BEND, away: float = math.inf) -> QuadraticTriangles:
@@ -124,11 +113,9 @@ class MeshShape(Shape):
         return self.pose.apply(self.cached[edge, away])
 
     def extreme_points(self) -> PointVectors:
-        """Nodes (P, 3) of all panels [m]."""
         return self.quadratic_triangles.reshape(-1, 3)
 
     def coarse_meshes(self, edge: float) -> list[RidgedMesh]:
-        """Triangles to start remeshing from, with edges up to ``edge`` [m] unless sharp."""
         meshes = []
         for piece in self.mesh.pieces:
             split = piece.with_short_edges(edge)
@@ -137,7 +124,6 @@ class MeshShape(Shape):
         return meshes
 
     def moved(self, pose: Pose) -> "MeshShape":
-        """Move it rigidly."""
         return replace(self, pose=pose @ self.pose)
 
 
@@ -195,7 +181,6 @@ def _new_panels(mesh: QuadraticMesh, edge: float, away: float) -> QuadraticTrian
 
 
 def _on_surface(mesh: QuadraticMesh, new: RidgedMesh, edge: float) -> QuadraticTriangles:
-    """Bring new triangles onto the surface."""
     corners = mesh.project(new.vertices)
     on_ridge = np.unique(new.ridges)
     if len(on_ridge):

@@ -200,7 +200,6 @@ def _allowed_by_own_surface(
 
 
 def _are_flat(panels: QuadraticTriangles) -> Bool[np.ndarray, "panels"]:
-    """Whether the mid-edge points of panels lie in the plane of their corners."""
     normals = unit(np.cross(panels[:, 1] - panels[:, 0], panels[:, 2] - panels[:, 0]))
     off = np.einsum("pmd,pd->pm", panels[:, 3:] - panels[:, :1], normals)
     return np.abs(off).max(axis=1) < 0.002 * longest_edges(panels)
@@ -247,7 +246,6 @@ class _Face:
 
 
 def _facing_faces(bodies: Sequence[Pieces]) -> list[_Face]:
-    """Flat faces of bodies that face one another."""
     if not bodies:
         return []
     panels = np.concatenate(bodies)

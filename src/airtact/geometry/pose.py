@@ -45,7 +45,6 @@ class Pose:
     __repr__ = in_short
 
     def __post_init__(self) -> None:
-        """Check both arrays and make them read-only."""
         rotation = real_numbers(self.rotation, "the pose's rotation")
         translation = real_numbers(self.translation, "the pose's translation")
         if rotation.shape != (3, 3) or translation.shape != (3,):

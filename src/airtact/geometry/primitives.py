@@ -50,7 +50,6 @@ class Capsule(Shape):
     __repr__ = in_short
 
     def __post_init__(self) -> None:
-        """Check the two lengths."""
         object.__setattr__(self, "radius", positive(self.radius, "radius", "m"))
         length = number(self.length, "the length of a capsule's axis", "m")
         if not math.isfinite(length) or length < 0.0:
@@ -62,22 +61,18 @@ class Capsule(Shape):
 
     @property
     def extent(self) -> float:
-        """Largest distance between two of its points [m]."""
         return self.length + 2.0 * self.radius
 
     @property
     def area(self) -> float:
-        """Area of the surface [m²]."""
         return 2.0 * math.pi * self.radius * self.extent
 
     @property
     def volume(self) -> float:
-        """Enclosed volume [m³]."""
         return math.pi * self.radius**2 * (self.length + 4.0 / 3.0 * self.radius)
 
     @property
     def thinnest(self) -> float:
-        """Diameter of the largest inner ball that touches the surface, uniform [m]."""
         return 2.0 * self.radius
 
     @property
@@ -87,13 +82,11 @@ class Capsule(Shape):
         return self.pose.apply(np.array([[0.0, 0.0, -half], [0.0, 0.0, half]]))
 
     def depth(self, points: Points) -> PointLengths:
-        """Distance to the surface [m] of points (P, 3) [m], positive inside."""
         x, y, z = self.pose.inverse().apply(points).T
         beyond = np.maximum(np.abs(z) - self.length / 2.0, 0.0)
         return self.radius - np.sqrt(x * x + y * y + beyond * beyond)
 
     def project(self, points: Points) -> PointVectors:
-        """Nearest points of the surface (P, 3) [m] to points (P, 3) off the axis [m]."""
         return self.pose.apply(self._around_axis(self.pose.inverse().apply(points), self.radius))
 
     def _around_axis(self, local: PointVectors, radius: float) -> PointVectors:
@@ -107,20 +100,16 @@ class Capsule(Shape):
         return out
 
     def moved(self, pose: Pose) -> "Capsule":
-        """Move it rigidly."""
         return Capsule(self.radius, self.length, pose @ self.pose)
 
     def extreme_points(self) -> PointVectors:
-        """Points (12, 3) [m] on the axis-aligned boxes around the two caps."""
         reach = self.radius * np.concatenate([np.eye(3), -np.eye(3)])
         return (self.axis[:, None] + reach).reshape(-1, 3)
 
     def farthest(self, direction: Vector3) -> Vector3:
-        """Point of the body (3,) that lies farthest along a unit direction [m]."""
         return self.axis[(self.axis @ direction).argmax()] + self.radius * direction
 
     def coarse_meshes(self, edge: float) -> list[RidgedMesh]:
-        """Triangles to start remeshing from, with edges of at most ``edge`` / 3 [m]."""
         surface = self.mesh(min(edge / 3.0, 0.5 * self.radius))
         no_ridges = np.empty((0, 2), dtype=np.int64)
         return [RidgedMesh(np.array(surface.vertices), np.array(surface.triangles), no_ridges)]
@@ -308,7 +297,6 @@ def _mesh(rings: int, around: int, length: float) -> tuple[Vertices, Triangles]:
 
 @lru_cache(maxsize=16)
 def _triangles(rings: int, around: int, bands: int) -> Triangles:
-    """Read-only triangles of ``_mesh``."""
     cap, triangles = _cap(rings, around)
     above = len(cap) - around
     last = above + bands * around
@@ -339,7 +327,6 @@ def _triangle_count(rings: int, around: int, length: float) -> int:
 
 @cache
 def _inner_points(rings: int, around: int) -> int:
-    """Count the points of a cap between its pole and its last ring."""
     return sum(_ring_points(ring, rings, around) for ring in range(1, rings))
 
 

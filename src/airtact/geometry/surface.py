@@ -56,12 +56,12 @@ class Surface:
     ----------
     vertices : (V, 3) [m].
     triangles : (T, 3) vertex indices.
-    midpoints : (T, 3, 3) points of the true surface over the middles of edges 01, 12, 20 [m], which
-        curve the panels; None to curve them by the normals of the triangles around each vertex.
-    primitive : the exact shape that the triangles follow, or None.
-    sharp_degrees : edges whose triangles turn by more than this stay sharp; 0 leaves all triangles
-        flat.
-    repairs : a sentence for each kind of damage that was repaired before.
+    midpoints : (T, 3, 3) points of the true surface over the middles of edges 01, 12, 20 [m]; None
+        to curve the panels by the normals of the triangles around each vertex.
+    primitive : the exact shape that the triangles approximate, or None.
+    sharp_degrees : angle between neighbouring triangles above which their edge remains sharp; 0
+        for flat triangles.
+    repairs : a sentence for each kind of damage that was repaired.
     shape : the true surface: the exact shape, or the curved triangles.
 
     Raises
@@ -69,7 +69,7 @@ class Surface:
     InvalidInput
         For wrong shapes, NaN or infinity, indices out of range, an extent over 2 m or under 0.5
         mm, degenerate triangles, an open or inside-out mesh, and midpoints that neighbours do not
-        share. (A ``Scene`` looks for crossings of the surface with itself.)
+        share. Self-intersections are checked by ``Scene``.
 
     Examples
     --------
@@ -85,13 +85,12 @@ class Surface:
     primitive: Shape | None = None
     sharp_degrees: float = SHARP_DEGREES
     repairs: tuple[str, ...] = ()
-    # The shape of triangles that are known to be sound, moved or repaired: they are not checked.
+    # The shape of triangles that were checked before they were moved, or repaired.
     _known_shape: InitVar[Shape | None] = None
     shape: Shape = field(init=False, repr=False, compare=False)
 
     def __post_init__(self, _known_shape: Shape | None) -> None:
-        """Check everything that is quick to check and keep read-only copies."""
-        slip = "edges turn by no other angles."
+        slip = "it is the angle between two triangles."
         between(self.sharp_degrees, 0.0, 180.0, "sharp_degrees", "degrees", slip)
         if _known_shape is None:
             self._check()
@@ -118,8 +117,6 @@ class Surface:
             midpoints = real_numbers(self.midpoints, "surface midpoints")
             _check_midpoints(midpoints, corners, twins)
             object.__setattr__(self, "midpoints", midpoints)
-        if self.primitive is not None:
-            _check_primitive(self.primitive, corners)
 
     def __repr__(self) -> str:
         kind = ""
@@ -174,16 +171,15 @@ class Surface:
 
     @property
     def crossings(self) -> IndexPairs:
-        """Pairs of triangles (K, 2) that cross or touch beyond what they share as neighbours."""
+        """Pairs of triangles (K, 2) that meet elsewhere than in a common corner or edge."""
         return self.shape.crossings
 
-    def panelled(self, edge: float, beside: Points | None = None) -> Panels:
+    def panelled(self, edge: float) -> Panels:
         """Cover the surface with curved quadratic (six-node) panels, as the solvers do.
 
         Parameters
         ----------
-        edge : edge of equilateral triangles as large as the panels wanted [m].
-        beside : (P, 3) points beside which panels are smaller, down to half of that edge [m].
+        edge : edge of an equilateral triangle of the area of a panel [m].
 
         Raises
         ------
@@ -191,10 +187,7 @@ class Surface:
             If the edge is not above zero, or the surface cannot be meshed again.
         """
         edge = positive(edge, "edge", "m")
-        near = np.empty((0, 3))
-        if beside is not None:
-            near = points_of(beside, "points beside which panels are cut", 0)
-        return panels_of([self.shape], edge, near, smallest=0.5 * edge)
+        return panels_of([self.shape], edge, np.empty((0, 3)), smallest=0.5 * edge)
 
     def depth(self, points: Points) -> PointLengths:
         """Depth of points (P, 3) [m] under the true surface [m]; negative outside.
@@ -212,7 +205,7 @@ class Surface:
             vertices=fixed(pose.apply(self.vertices)),
             midpoints=None if self.midpoints is None else fixed(pose.apply(self.midpoints)),
             primitive=None if self.primitive is None else shape,
-            _known_shape=shape,  # a rigid motion keeps all that was checked
+            _known_shape=shape,  # a rigid motion does not invalidate the checks
         )
         object.__setattr__(moved, "body", self.body)
         object.__setattr__(moved, "pose", pose @ self.pose)
@@ -220,10 +213,10 @@ class Surface:
 
 
 def rigid_motion(before: Surface, after: Surface) -> tuple[Pose, float]:
-    """Rigid motion that brings a surface closest to another of the same triangles.
+    """Rigid motion from one surface to another with the same triangles.
 
-    Returns the motion in least squares, and the largest remaining distance of a vertex or edge
-    middle [m]: infinite if the triangles differ or are curved in another way.
+    Returns the least-squares motion and the largest remaining distance of a vertex or edge midpoint
+    [m]; infinity if the triangles or their curvature rules differ.
     """
     if before is after:
         return Pose.identity(), 0.0
@@ -245,7 +238,6 @@ def rigid_motion(before: Surface, after: Surface) -> tuple[Pose, float]:
 
 
 def _triangles_of(triangles: np.ndarray) -> Triangles:
-    """Return triangles as read-only int64; raise ``InvalidInput`` for other shapes and types."""
     try:
         array = np.asarray(triangles)
     except ValueError:
@@ -261,26 +253,12 @@ def _triangles_of(triangles: np.ndarray) -> Triangles:
         )
     if not np.issubdtype(array.dtype, np.integer):
         raise InvalidInput(
-            f"surface triangles are of type {array.dtype}, but vertex indices are integers.",
+            f"surface triangles have type {array.dtype}, but vertex indices are integers.",
             code="not_a_number",
         )
     indices = np.array(array, dtype=np.int64, order="C")
     indices.flags.writeable = False
     return indices
-
-
-def _check_primitive(primitive: Shape, corners: EdgeVectors) -> None:
-    """Check that the corners lie on the exact shape."""
-    points = corners.reshape(-1, 3)
-    off = np.abs(primitive.depth(points))
-    worst = int(off.argmax())
-    if off[worst] > 1e-6 * primitive.extent:
-        raise InvalidInput(
-            f"a corner of triangle {worst // 3} lies {off[worst] * 1e3:.3g} mm off the exact shape "
-            "of the surface; leave the primitive out or take its own mesh.",
-            points[worst],
-            code="not_supported",
-        )
 
 
 def _check_midpoints(midpoints: np.ndarray, corners: EdgeVectors, twins: Twins) -> None:
@@ -300,7 +278,7 @@ def _check_midpoints(midpoints: np.ndarray, corners: EdgeVectors, twins: Twins) 
         have = counted(len(parted) // 2, "edge has a midpoint", "edges have midpoints")
         raise InvalidInput(
             f"{have} that the two triangles do not share, the first near {in_mm(where)}, "
-            f"{gap[parted[0]] * 1e3:.3g} mm apart; the curved surface would be open there.",
+            f"{gap[parted[0]] * 1e3:.3g} mm apart; give both triangles the same midpoint.",
             where,
             code="mesh_faulty",
         )
@@ -310,8 +288,8 @@ def _check_midpoints(midpoints: np.ndarray, corners: EdgeVectors, twins: Twins) 
         triangle, edge = np.unravel_index(bulge.argmax(), bulge.shape)
         raise InvalidInput(
             f"a midpoint of triangle {triangle} lies {away[triangle, edge] * 1e3:.3g} mm off the "
-            f"middle of its edge, {bulge.max():.3g} of the edge's length; at most half is allowed, "
-            "so use smaller triangles.",
+            f"middle of its edge, {bulge.max():.3g} of the edge's length (limit 0.5); use "
+            "smaller triangles.",
             midpoints[triangle, edge],
             code="mesh_faulty",
         )

@@ -134,7 +134,6 @@ def _links(
 
 
 def _bridge(first: Surface, second: Surface, near: Approach, gap: float) -> FlatMesh:
-    """Mesh of the balls that fill the air between two bodies."""
     with extra("mesh", "merging bodies needs scikit-image"):
         from skimage.measure import marching_cubes
 

@@ -77,7 +77,6 @@ def load_landmarks(path: Path) -> tuple[Float64[np.ndarray, "joints 3"], Side | 
 
 
 def _read_pose(path: Path) -> Pose:
-    """Read a JSON file, and raise where it holds no pose."""
     try:
         pose = msgspec.json.decode(text_of(path, 1_000_000), type=Pose)
     # Deep nesting must not end in a traceback.
@@ -163,7 +162,6 @@ def load_cloud(path: Path) -> Points:
 
 
 def _points_in_text(path: Path) -> Points:
-    """Read the first three numbers of each line, between spaces or commas."""
     text = text_of(path).replace(",", " ")
     try:
         with warnings.catch_warnings():

@@ -77,20 +77,16 @@ def gap_of(joints: Joints, radii: Radii, fingers: tuple[int, int]) -> float:
     """Gap between the skins of two fingers' last phalanges [m], negative where they overlap."""
     first, second = (int(np.flatnonzero(finger == OWNER)[-1]) for finger in fingers)
     balls = np.column_stack([joints, radii])
+    start, end = balls[PARTS[first, :2]]
     target = Hulls.unblended(balls, PARTS[second : second + 1])
-    low = 0.0
-    high = 1.0
-    gap = math.inf
+    shares = np.array([0.0, 1.0])
+    gaps = np.full(1, math.inf)
     for _ in range(5):
-        shares = np.linspace(low, high, 13)[:, None]
-        spheres = (1.0 - shares) * balls[PARTS[first, 0]] + shares * balls[PARTS[first, 1]]
+        shares = np.linspace(shares[0], shares[-1], 13)
+        spheres = start + shares[:, None] * (end - start)
         gaps = target.each(spheres[:, :3])[:, 0] - spheres[:, 3]
-        best = int(gaps.argmin())
-        gap = float(gaps[best])
-        step = (high - low) / 12.0
-        low = max(shares[best, 0] - step, 0.0)
-        high = min(shares[best, 0] + step, 1.0)
-    return gap
+        shares = shares[max(gaps.argmin() - 1, 0) : gaps.argmin() + 2]
+    return float(gaps.min())
 
 
 def opened(joints: Joints, radii: Radii, side: str, pair: tuple[int, int], gap: float) -> Joints:

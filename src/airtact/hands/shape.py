@@ -73,7 +73,6 @@ class HandShape(Shape):
 
     @property
     def extent(self) -> float:
-        """Largest side of the axis-aligned box round it at rest [m]."""
         # Hulls lie within the box around their balls.
         centres = self.hulls.balls[:, :3]
         radii = self.hulls.balls[:, 3:]
@@ -81,12 +80,10 @@ class HandShape(Shape):
 
     @property
     def area(self) -> float:
-        """Area of the skin [m²]."""
         return float(panel_areas(self._measured_panels).sum())
 
     @property
     def volume(self) -> float:
-        """Enclosed volume [m³]."""
         return enclosed_volume(self._measured_panels)
 
     @cached_property
@@ -118,11 +115,9 @@ class HandShape(Shape):
         return np.where(fits, largest, smallest)
 
     def depth(self, points: Real[np.ndarray, "points 3"]) -> PerPoint:
-        """Distance to the skin [m] of points (P, 3) [m], positive inside."""
         return -self.hulls.look(self.pose.inverse().apply(points)).distance
 
     def project(self, points: Real[np.ndarray, "points 3"]) -> Points:
-        """Project points (P, 3) [m] near the skin onto it."""
         return self.pose.apply(self.hulls.project(self.pose.inverse().apply(points)))
 
     def panels(self, edge: float, bend: float = BEND, away: float = math.inf) -> QuadraticTriangles:
@@ -130,13 +125,11 @@ class HandShape(Shape):
         return self.pose.apply(curved_panels(self.hulls, self.skin(edge)))
 
     def extreme_points(self) -> Points:
-        """Points (P, 3) [m] on the boxes round the balls that the hulls are made of."""
         balls = self.hulls.balls
         reach = balls[:, 3, None, None] * np.concatenate([np.eye(3), -np.eye(3)])
         return (self.pose.apply(balls[:, :3])[:, None] + reach).reshape(-1, 3)
 
     def coarse_meshes(self, edge: float) -> list[RidgedMesh]:
-        """Triangles to start a mesh from, with edges of about ``edge`` / 3 [m]."""
         skin = self.skin(edge / 3.0)
         no_ridges = np.empty((0, 2), dtype=np.int64)
         return [RidgedMesh(self.pose.apply(skin.vertices), skin.triangles, no_ridges)]
@@ -152,7 +145,6 @@ class HandShape(Shape):
         return self.meshes[edge]
 
     def moved(self, pose: Pose) -> "HandShape":
-        """Move it rigidly by a pose."""
         return replace(self, pose=pose @ self.pose)
 
 

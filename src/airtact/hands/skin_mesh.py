@@ -10,14 +10,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float64, Int64
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from airtact import _kernels
 from airtact.errors import extra, fixed
 from airtact.geometry.mesh.quadratic_triangles import smallest_angles, with_middles
-from airtact.geometry.mesh.topology import cone_volumes, edge_keys
+from airtact.geometry.mesh.topology import components, cone_volumes, edge_keys
 from airtact.geometry.panels import LARGEST_TO_GAP
 from airtact.hands.body import Hulls
 from airtact.hands.joints import Points
@@ -226,12 +224,10 @@ def _marching_cubes(hulls: Hulls, step: float, level: float) -> HandMesh:
     vertices = vertices.astype(np.float64) + low
     triangles = triangles.astype(np.int64)
     first, second, third = triangles.T
-    links = (np.r_[first, second], np.r_[second, third])
-    graph = coo_array((np.ones(2 * len(first), dtype=bool), links), shape=(len(vertices),) * 2)
-    count, piece = connected_components(graph, directed=False)
-    if count > 1:
+    piece = components(np.r_[first, second], np.r_[second, third], len(vertices))
+    if piece.max() > 0:
         # No sound reaches hollows inside the body, whose volume is negative.
-        volume = np.bincount(piece[first], cone_volumes(vertices[triangles]), count)
+        volume = np.bincount(piece[first], cone_volumes(vertices[triangles]))
         used = volume[piece] > (2.0 * step) ** 3
         new_index = np.cumsum(used) - 1
         triangles = new_index[triangles[used[first]]]

@@ -261,7 +261,6 @@ def _checked_path(path: str | Path) -> Path:
 def _table(
     values: Num[np.ndarray, "rows columns"], name: str
 ) -> Complex128[np.ndarray, "rows columns"]:
-    """Return finite numbers (rows, transmissions)."""
     table = complex_numbers(values, name)
     if table.ndim != 2:
         raise InvalidInput(
@@ -296,7 +295,6 @@ def _checked_valid(
 def _checked_receivers(
     receivers: Integer[np.ndarray, "receivers"] | None, elements: int, rows: int
 ) -> Receivers:
-    """Return the number of the element of each row of pressures."""
     numbers = np.arange(elements) if receivers is None else np.asarray(receivers)
     if numbers.ndim != 1 or numbers.dtype.kind not in "iu":
         raise InvalidInput(
@@ -310,7 +308,12 @@ def _checked_receivers(
             "give one for each.",
             code="sizes_differ",
         )
-    check_numbers(numbers, elements, "receiver")
+    wrong = numbers[(numbers < 0) | (numbers >= elements)]
+    if len(wrong):
+        raise InvalidInput(
+            f"receiver {wrong[0]} does not exist: elements are 0 to {elements - 1}.",
+            code="out_of_range",
+        )
     values, counts = np.unique(numbers, return_counts=True)
     if counts.max() > 1:
         raise InvalidInput(
@@ -318,13 +321,3 @@ def _checked_receivers(
             code="given_twice",
         )
     return numbers.astype(np.int64)
-
-
-def check_numbers(numbers: Integer[np.ndarray, "numbers"], elements: int, name: str) -> None:
-    """Raise "out_of_range" where no element has a number."""
-    wrong = numbers[(numbers < 0) | (numbers >= elements)]
-    if len(wrong):
-        raise InvalidInput(
-            f"{name} {wrong[0]} does not exist: elements are 0 to {elements - 1}.",
-            code="out_of_range",
-        )

@@ -43,8 +43,6 @@ Unknowns = Float64[np.ndarray, "unknowns"]
 
 Squares = Float64[np.ndarray, "unknowns unknowns"]
 
-NONE = np.zeros(0, dtype=np.int64)
-
 
 @dataclass(frozen=True, eq=False)
 class Located:
@@ -351,7 +349,6 @@ class _Fit:
 
 
 def _parts(pressures: Received) -> Float64[np.ndarray, "parts"]:
-    """Real and imaginary parts, one after the other."""
     return pressures.astype(np.complex128, order="C").reshape(-1).view(np.float64)
 
 

@@ -491,7 +491,6 @@ def _dead(alone: Pairs, pairs: CountedPairs, noise: float) -> Int64[np.ndarray, 
 def _check_linked(
     alone: Pairs, pairs: CountedPairs, boards: int, noise: float, dead: Int64[np.ndarray, "dead"]
 ) -> None:
-    """Raise "misplaced" or "signal_unusable"."""
     by_boards = pairs.reshape(boards, -1, boards, len(pairs) // boards).any(axis=(1, 3))
     # The power of I + links has a non-zero entry for each board that a path leads to.
     paths = np.linalg.matrix_power(np.eye(boards) + by_boards + by_boards.T, boards)

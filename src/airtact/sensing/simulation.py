@@ -15,17 +15,6 @@ from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_placement
 
 
-def single_codes(elements: int) -> Codes:
-    """One element alone in each of E transmissions, (E, E): the identity.
-
-    Raises
-    ------
-    InvalidInput
-        "out_of_range": of elements.
-    """
-    return np.eye(_count(elements, "elements"), dtype=np.complex128)
-
-
 def hadamard_codes(elements: int, transmissions: int | None = None) -> Codes:
     """Signs from the rows of a Hadamard matrix; all elements emit in every transmission.
 
@@ -174,7 +163,6 @@ def simulate_echoes(
 
 
 def _solved_echoes(solver: Solver, scene: Scene, array: PhasedArray, codes: Codes) -> Codes:
-    """Scattered pressure that each element receives [Pa], by a solve for each code."""
     check_no_planes(scene, "a simulation of echoes")
     faces = array.face_points.reshape(-1, 3)
     weights = array.element.weights

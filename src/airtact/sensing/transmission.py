@@ -72,7 +72,6 @@ def transmission(
 
 
 def _summed(pairs: Complex128[np.ndarray, "points sources"], count: int, emitters: int) -> Pairs:
-    """Sum over the face points of each receiver and each emitter."""
     return pairs.reshape(-1, count, emitters, count).sum(axis=(1, 3))
 
 

@@ -11,7 +11,7 @@ import airtact as at
 from airtact.geometry.mesh.topology import edge_twins
 from airtact.hands import FittedHand, HandAnatomy
 from airtact.hands.fitting.fit import with_offset
-from airtact.hands.fitting.priors import SIZE_LENGTHS, SIZE_RADII, SPANS, population_prior
+from airtact.hands.fitting.priors import SIZE_RADII, SPANS
 from airtact.hands.joints import FINGERS, TRACKED
 from faults import raises_code
 from geometry.mesh.meshes import flat_mesh
@@ -162,14 +162,6 @@ def test_a_forearm_is_left_out(cloud, true_hand, landmarks) -> None:
     assert mean_error(fitted, true_hand) < 2.5e-3
 
 
-def test_radii_of_the_population_grow_more_slowly_than_bones(landmarks: np.ndarray) -> None:
-    small = population_prior(landmarks)
-    large = population_prior(1.2 * landmarks)
-
-    np.testing.assert_allclose(np.exp(large.mean - small.mean)[SIZE_LENGTHS], 1.2)
-    assert np.all(np.exp(large.mean - small.mean)[SIZE_RADII] < 1.15)
-
-
 # --- the skin ---------------------------------------------------------------------------------
 
 
@@ -213,14 +205,6 @@ def test_skin_moves_as_far_as_points_are_off_and_stays_where_there_are_none(hand
     away = KDTree(points).query(skin.vertices)[0] > 12.5e-3
     assert away.any()
     assert np.abs(look.distance[away]).max() < 1e-6
-
-
-def test_points_far_off_are_not_followed(hand: at.Hand) -> None:
-    hulls = hand.shape.hulls
-    far = points_off(hand, 4e-3)
-    far = far[hulls.look(far).distance > 3.15e-3]  # in creases they are near other parts
-    for points, limit in ((far, 1e-6), (points_off(hand, 2.5e-3), 1.515e-3)):
-        assert np.abs(hulls.look(with_offset(hulls, points).vertices).distance).max() < limit
 
 
 # --- bad input --------------------------------------------------------------------------------

@@ -4,18 +4,15 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 import airtact as at
 from airtact.hands.body import Hulls
-from airtact.hands.fitting.fit import cell_means
 from airtact.hands.fitting.gauss_newton import skin_residuals
 from airtact.hands.fitting.priors import (
     JOINTS,
     SIZES,
     bend_rules,
     bending_axes,
-    landmark_pull,
     length_rules,
     usual_last_bones,
 )
@@ -124,47 +121,6 @@ def test_derivatives_of_rules_are_exact() -> None:
         )
 
 
-def test_landmarks_pull_as_their_cost_falls() -> None:
-    random = np.random.default_rng(2)
-    off, spread = random.normal(scale=12e-3, size=(25, 3)), random.uniform(4e-3, 20e-3, 25)
-
-    gradient = by_differences(lambda x: np.array([landmark_pull(x, spread)[1]]), off)[0]
-
-    np.testing.assert_allclose(
-        2.0 * (landmark_pull(off, spread)[0][:, None] ** 2 * off).ravel(),
-        gradient,
-        rtol=1e-6,
-        atol=1e-2,
-    )
-
-
-def test_a_hand_at_rest_breaks_no_rule_and_fingers_bent_backwards_do() -> None:
-    joints, _ = example("relaxed")
-    at_rest, backwards = (
-        bend_rules(joints, axes, usual_last_bones(joints, axes)).residuals
-        for axes in (bending_axes(joints, "left"), bending_axes(joints, "right"))
-    )
-    assert np.abs(at_rest[:28]).max() == 0.0  # bends backwards and too far
-    assert np.abs(at_rest[-12:]).max() < 1.0  # last bones are near where they usually point
-    assert np.abs(backwards[:-12]).max() > 3.0
-
-
-def test_last_bones_turn_by_two_thirds_of_what_middle_joints_do() -> None:
-    joints, _ = example("relaxed")
-    axes = bending_axes(joints, "left")
-    chain = list(CHAINS[2])
-    first = joints[chain[2]] - joints[chain[1]]
-    axes[2] = np.cross(first, [0.3, 0.5, 0.8])
-    axes[2] /= np.linalg.norm(axes[2])
-    for place, degrees in ((3, 60.0), (4, 60.0 + 40.0)):
-        bone = Rotation.from_rotvec(np.radians(degrees) * axes[2]).apply(
-            0.02 * first / np.linalg.norm(first)
-        )
-        joints[chain[place]] = joints[chain[place - 1]] + bone
-
-    np.testing.assert_allclose(usual_last_bones(joints, axes)[1], bone / 0.02, atol=1e-12)
-
-
 def test_rough_landmarks_are_untangled_by_how_far_knuckles_and_tips_are_apart() -> None:
     joints, _ = example("relaxed")
     lengths = np.linalg.norm(np.diff(joints[np.array(BONES)], axis=1)[:, 0], axis=1)
@@ -207,16 +163,3 @@ def test_what_reaches_out_of_the_silhouette_is_found_with_its_derivatives() -> N
     np.testing.assert_allclose(
         2.0 * residuals @ by_balls, whole, rtol=0.02, atol=0.02 * np.abs(whole).max()
     )
-
-
-def test_cell_means_average_neighbours_and_drop_lonely_points() -> None:
-    random = np.random.default_rng(0)
-    plate = np.column_stack(
-        [random.uniform(0.0, 0.1, (20_000, 2)), random.normal(scale=0.5e-3, size=20_000)]
-    )
-
-    kept = cell_means(np.vstack([plate, np.array([[0.05, 0.05, 0.2]])]))
-
-    assert 400 < len(kept) < 1500
-    assert np.abs(kept[:, 2]).max() < 2e-3
-    assert kept[:, 2].std() < 0.3e-3

@@ -14,12 +14,11 @@ from airtact.hands.tracking.messages import (
     ADDRESS,
     from_json,
     from_osc,
-    side_of_osc,
     to_json,
     to_osc,
 )
 from faults import raises_code
-from references.motions import JOINTS, RADII, mirrored, still
+from references.motions import JOINTS, RADII, still
 
 CLOUD = JOINTS + 1e-3 * np.random.default_rng(1).normal(size=JOINTS.shape)
 HALF = np.where(np.arange(25)[:, None] < 7, np.nan, JOINTS)
@@ -157,15 +156,6 @@ def test_other_addresses_of_osc_are_passed_over():
     assert from_osc(OscMessageBuilder("/lights").build().dgram) == []
 
 
-def test_the_side_of_a_packet_is_read_from_its_head():
-    for frame in (still(3), mirrored(3), at.hands.HandFrame(1.0, "right", 5)):
-        assert side_of_osc(to_osc(frame)) == frame.side
-    assert side_of_osc(osc((1.5, "f"), ("right", "s"), (3, "i"))) == "right"
-    bundle = b"#bundle\0" + bytes(8)
-    for packet in (b"", b"noise", bundle, to_osc(still(3))[:30], b"/airtact/hand\0\0\0,ds"):
-        assert side_of_osc(packet) is None
-
-
 # --- fuzzed messages --------------------------------------------------------------------------
 
 
@@ -180,35 +170,3 @@ def read_or_fault(read, message):
 def test_no_bytes_break_the_readers(raw):
     read_or_fault(from_json, raw)
     read_or_fault(from_osc, raw)
-
-
-ANY_VALUE = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
-    lambda inner: (
-        st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=3), inner, max_size=3)
-    ),
-    max_leaves=12,
-)
-
-
-@given(st.sampled_from(["time", "side", "sequence", "landmarks", "cloud"]), ANY_VALUE)
-def test_no_value_of_a_key_breaks_the_reader(key, value):
-    message = {"time": 1.0, "side": "left", "sequence": 2, key: value}
-    frame = read_or_fault(from_json, json.dumps(message, allow_nan=True).encode())
-    assert frame is None or np.isfinite(frame.time)
-
-
-OSC_ARGUMENTS = st.lists(
-    st.none()
-    | st.booleans()
-    | st.integers(-(2**31), 2**31 - 1)
-    | st.floats(width=32)
-    | st.text(max_size=5)
-    | st.binary(min_size=1, max_size=30),
-    max_size=70,
-)
-
-
-@given(OSC_ARGUMENTS)
-def test_no_arguments_of_osc_break_the_reader(arguments):
-    read_or_fault(from_osc, osc(*arguments))

@@ -152,39 +152,6 @@ def test_a_slow_reader_gets_the_latest(receiver, stream):
     assert stream.wait(0.0) is None
 
 
-def test_waiting_packets_of_osc_are_read_from_the_newest(osc, stream):
-    used = []
-    begun = threading.Event()
-    released = threading.Event()
-
-    def note(frame):
-        used.append(frame.sequence)
-        begun.set()
-        assert released.wait(PATIENCE)
-
-    stream._on_frame = note
-    try:
-        for index in range(20):
-            osc(at.hands.to_osc(still(index)))
-            assert begun.wait(PATIENCE)
-    finally:
-        released.set()
-    until(lambda: stream.health.received == 20)
-    assert used == [0, 19]
-    assert stream.health.overtaken == 18
-
-
-def test_every_frame_is_used_where_they_are_recorded():
-    used = []
-    stream = at.hands.HandStream(silence=10 * PATIENCE, on_frame=used.append, every=True)
-    with WebSocketReceiver(stream) as receiver:
-        with tracker_of(receiver) as tracker:
-            for index in range(300):
-                tracker.send(at.hands.to_json(still(index)))
-        until(lambda: stream.health.used == 300)
-    assert [frame.sequence for frame in used] == list(range(300))
-
-
 def test_closing_ends_all_connections_and_threads(stream):
     before = threading.active_count()
     receiver = WebSocketReceiver(stream)

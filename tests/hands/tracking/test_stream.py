@@ -150,35 +150,27 @@ def test_a_slow_reader_gets_the_latest_of_each_hand(clock):
     assert stream.wait(0.0) is None
 
 
-@pytest.mark.parametrize("form", ["json", "osc"])
-def test_of_waiting_messages_the_newest_good_one_of_each_hand_is_used(form, clock):
+def test_the_newest_good_frame_of_each_hand_is_used(clock):
     used = []
     stream = HandStream(on_frame=used.append, clock=clock)
-    write = at.hands.to_json if form == "json" else at.hands.to_osc
-    feed = stream.feed_waiting if form == "json" else stream.feed_waiting_osc
-    waiting = [write(still(index)) for index in range(8)]
-    waiting += [write(mirrored(index)) for index in range(3)]
-    if form == "json":
-        waiting += [b"rubbish", write(still(8))[:200], write(still(8)).replace(b"left", b"right")]
-        faults = {"unreadable": 2, "mirrored": 1}
-    else:
-        waiting += [b"noise", write(still(8))[:200], write(still(9)).replace(b",dsh", b",dxh")]
-        faults = {"unreadable": 3}
-    feed(waiting)
+    waiting = [at.hands.to_json(still(index)) for index in range(8)]
+    waiting += [at.hands.to_json(mirrored(index)) for index in range(3)]
+    next_frame = at.hands.to_json(still(8))
+    waiting += [b"rubbish", next_frame[:200], next_frame.replace(b"left", b"right")]
+    stream.feed_waiting(waiting)
     assert [(frame.side, frame.sequence) for frame in used] == [("left", 7), ("right", 2)]
     assert stream.health.received == len(waiting)
-    assert counted(stream) == {"overtaken": 7 + 2} | faults
-    feed([write(still(index)) for index in (8, 9, 12)])  # 10 and 11 never came
+    assert counted(stream) == {"overtaken": 7 + 2, "unreadable": 2, "mirrored": 1}
+    stream.feed_waiting([at.hands.to_json(still(index)) for index in (8, 9, 12)])
     assert stream.latest("left").sequence == 12
-    assert counted(stream)["skipped"] == 2
+    assert counted(stream)["skipped"] == 2  # 10 and 11 never came
 
 
 def test_every_waiting_message_is_used_for_a_recording():
     used = []
     stream = HandStream(on_frame=used.append, every=True)
     stream.feed_waiting([at.hands.to_json(still(index)) for index in range(5)])
-    stream.feed_waiting_osc([at.hands.to_osc(still(index)) for index in range(5, 9)])
-    assert [frame.sequence for frame in used] == list(range(9))
+    assert [frame.sequence for frame in used] == list(range(5))
     assert stream.health.overtaken == 0
 
 

@@ -14,16 +14,16 @@ VertexSizes = Float64[np.ndarray, "vertices"]
 # Indices of the three vertices of each triangle.
 Triangles = Int64[np.ndarray, "triangles 3"]
 
-# The same, in another number than those passed in.
+# Triangles of a result whose number differs from that of the arguments.
 NewTriangles = Int64[np.ndarray, "_ 3"]
 
 # Positions of the corners of each triangle [m].
 Corners = Real[np.ndarray, "triangles 3 3"]
 
-# The result of ``edge_twins``: for each edge 01, 12, 20 the same edge of the neighbour.
+# Index of the same edge in the neighbour, for each edge 01, 12, 20; see ``edge_twins``.
 Twins = Int64[np.ndarray, "triangles 3"]
 
-# Whether each of the edges 01, 12, 20 belongs to a set.
+# Whether each of the edges 01, 12, 20 is in a set.
 EdgeMask = Bool[np.ndarray, "triangles 3"]
 
 # A vector for each edge or corner of each triangle.

@@ -53,7 +53,6 @@ def self_crossings(corners: Corners, triangles: Triangles) -> IndexPairs:
 def _same_corners(
     triangles: Triangles, first: Int64[np.ndarray, "pairs"], second: Int64[np.ndarray, "pairs"]
 ) -> Bool[np.ndarray, "pairs 3 3"]:
-    """Whether each corner of the first triangle of a pair is each corner of the second."""
     return triangles[first][:, :, None] == triangles[second][:, None, :]
 
 
@@ -83,7 +82,6 @@ def _pierces(segments: PairedSegments, corners: PairedCorners, tolerance: float)
 
 
 def _strangers_meet(first: PairedCorners, second: PairedCorners, tolerance: float) -> PairMask:
-    """Whether triangles without a common corner meet: an edge of one meets the other."""
     meet = np.zeros(len(first), dtype=bool)
     for edge in _EDGES:
         meet |= _pierces(first[:, edge], second, tolerance)
@@ -94,7 +92,6 @@ def _strangers_meet(first: PairedCorners, second: PairedCorners, tolerance: floa
 def _corner_neighbours_meet(
     first: PairedCorners, second: PairedCorners, tolerance: float
 ) -> PairMask:
-    """Whether triangles that share their first corner meet at an edge opposite it."""
     return _pierces(first[:, 1:], second, tolerance) | _pierces(second[:, 1:], first, tolerance)
 
 

@@ -1,9 +1,9 @@
-"""Repairs damaged triangle meshes, and rejects those whose damage is ambiguous.
+"""Repair of damaged triangle meshes; meshes with ambiguous damage are rejected.
 
-Each step leaves a sound mesh unchanged, and notes what it repaired in one sentence with a count and
-the position of the first place. The order matters: vertices are merged before triangles are
-compared, holes are filled in consistently oriented meshes, slivers are removed from closed ones.
-Source of the kinds of damage and of the order: M. Attene, M. Campen, L. Kobbelt, "Polygon mesh
+Each step leaves an intact mesh unchanged, and notes its repairs in one sentence with a count and
+the position of the first. The order matters: vertices are merged before triangles are compared,
+holes are filled in consistently oriented meshes, slivers are removed from closed ones. Source of
+the kinds of damage and of the order: M. Attene, M. Campen, L. Kobbelt, "Polygon mesh
 repairing: an application perspective", ACM Computing Surveys 45(2), 2013, sections 2 and 3.
 """
 
@@ -62,27 +62,27 @@ def repaired(
 ) -> RepairedMesh:
     """Repair a damaged triangle mesh.
 
-    Repaired are:
+    The repairs are:
 
-    - vertices that no triangle uses, or within a micrometre of another;
-    - triangles that repeat another or have no area, needles and caps;
-    - triangles and pieces of the wrong orientation;
-    - holes of up to ``largest_hole`` [m], which get flat lids, and cracks of up to 5 micrometres.
+    - Unused vertices are removed. Vertices within a micrometre of each other are merged.
+    - Duplicate triangles are removed. Triangles without area are merged with their neighbours.
+    - Triangles and pieces of the wrong orientation are reversed.
+    - Holes of up to ``largest_hole`` [m] get flat lids. Cracks of up to 5 micrometres are closed.
 
     Raises
     ------
     InvalidInput
         With the position, for indices out of range, NaN in a used vertex, an extent over 2 m or
-        under 0.5 mm, edges of more than two triangles, one-sided surfaces, other holes, parts that
-        touch in one vertex, and triangles or pieces that stay flat. ``check_surface`` looks for
-        crossings of the surface with itself.
+        under 0.5 mm, edges of more than two triangles, one-sided surfaces, wider holes, parts that
+        touch in one vertex, and triangles or pieces that remain flat. Self-intersections are
+        checked by ``check_surface``.
 
     Examples
     --------
     >>> corners = 0.01 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, 1]])
     >>> notes = repaired(corners, np.array([[0, 2, 1], [0, 1, 3], [0, 2, 4], [1, 2, 3]])).notes
     >>> print(*notes)
-    1 triangle ran against its neighbours and was turned, the first near (0.00, 3.33, 3.33) mm.
+    1 triangle was reversed to match its neighbours, the first near (0.00, 3.33, 3.33) mm.
     """
     largest_hole = between(largest_hole, 0.0, 0.1, "largest_hole", "m", "is it in millimetres?")
     vertices = real_numbers(vertices, "surface vertices")
@@ -111,33 +111,33 @@ def repaired(
     return RepairedMesh(vertices, triangles, tuple(notes))
 
 
-def _note(notes: list[str], sentence: str, where: Real[np.ndarray, "*points 3"]) -> None:
-    """Append a sentence; ``where`` are the corners of the first triangle, or one point."""
-    notes.append(f"{sentence}, the first near {in_mm(where.reshape(-1, 3).mean(axis=0))}.")
+def _note(
+    notes: list[str],
+    count: int | np.integer,
+    singular: str,
+    plural: str,
+    where: Real[np.ndarray, "*points 3"],
+) -> None:
+    """Append a sentence; ``where`` contains the corners of the first triangle, or one point."""
+    place = in_mm(where.reshape(-1, 3).mean(axis=0))
+    notes.append(f"{counted(int(count), singular, plural)}, the first near {place}.")
 
 
 # --- vertices ---------------------------------------------------------------------------------
 
 
-def _used(vertices: Vertices, triangles: Triangles) -> Bool[np.ndarray, "vertices"]:
-    """Whether any triangle uses each vertex."""
-    used = np.zeros(len(vertices), dtype=bool)
-    used[triangles] = True
-    return used
-
-
 def _with_vertices(
     vertices: Vertices, triangles: Triangles, keep: Bool[np.ndarray, "vertices"]
 ) -> FlatMesh:
-    """Keep some vertices and renumber them."""
     if keep.all():
         return vertices, triangles
     return vertices[keep], (np.cumsum(keep) - 1)[triangles]
 
 
 def _with_used_vertices(vertices: Vertices, triangles: Triangles, notes: list[str]) -> FlatMesh:
-    """Drop the vertices that no triangle uses; raise ``InvalidInput`` for NaN in the others."""
-    used = _used(vertices, triangles)
+    """Remove unused vertices; raise ``InvalidInput`` for NaN in the others."""
+    used = np.zeros(len(vertices), dtype=bool)
+    used[triangles] = True
     wrong = np.flatnonzero(used & ~np.isfinite(vertices).all(axis=1))
     if len(wrong):
         neighbours = vertices[triangles[(triangles == wrong[0]).any(axis=1)]].reshape(-1, 3)
@@ -153,10 +153,8 @@ def _with_used_vertices(vertices: Vertices, triangles: Triangles, notes: list[st
         )
     unused = np.flatnonzero(~used)
     if len(unused):
-        were = counted(
-            len(unused), "vertex that no triangle names was", "vertices that no triangle names were"
-        )
-        notes.append(f"{were} dropped, the first is vertex {unused[0]}.")
+        were = counted(len(unused), "unused vertex was", "unused vertices were")
+        notes.append(f"{were} removed, the first is vertex {unused[0]}.")
     return _with_vertices(vertices, triangles, used)
 
 
@@ -164,7 +162,7 @@ def _with_merged_vertices(
     vertices: Vertices, triangles: Triangles, near: float, notes: list[str]
 ) -> FlatMesh:
     """Merge vertices within a distance [m] into the first of them, which does not move."""
-    # Exact copies, as in files that repeat vertices for every triangle, are no damage.
+    # Exact copies are not noted: some formats repeat the vertices for every triangle.
     order = np.lexsort(vertices.T)
     ranked = vertices[order]
     new = np.r_[True, (ranked[1:] != ranked[:-1]).any(axis=1)]
@@ -180,9 +178,9 @@ def _with_merged_vertices(
     cluster = components(pairs[:, 0], pairs[:, 1], len(vertices))
     first = np.unique(cluster, return_index=True)[1][cluster]
     is_first = first == np.arange(len(vertices))
-    were = counted(int((~is_first).sum()), "vertex was", "vertices were")
-    within = f"within {near * 1e6:.2g} micrometres"
-    _note(notes, f"{were} merged with another {within}", vertices[(~is_first).argmax()])
+    merged = f"merged with another within {near * 1e6:.2g} micrometres"
+    where = vertices[(~is_first).argmax()]
+    _note(notes, (~is_first).sum(), f"vertex was {merged}", f"vertices were {merged}", where)
     return _with_vertices(vertices, first[triangles], is_first)
 
 
@@ -190,16 +188,17 @@ def _with_merged_vertices(
 
 
 def _without_collapsed(vertices: Vertices, triangles: Triangles, notes: list[str]) -> NewTriangles:
-    """Drop triangles that use a vertex twice: their other neighbours already share an edge."""
+    """Remove triangles that use a vertex twice; their other neighbours already share an edge."""
     collapsed = (triangles == np.roll(triangles, 1, axis=1)).any(axis=1)
     if not collapsed.any():
         return triangles
-    were = counted(
-        int(collapsed.sum()),
-        "triangle with two corners in one vertex was",
-        "triangles with two corners in one vertex were",
+    _note(
+        notes,
+        collapsed.sum(),
+        "triangle with two corners in one vertex was removed",
+        "triangles with two corners in one vertex were removed",
+        vertices[triangles[collapsed.argmax()]],
     )
-    _note(notes, f"{were} removed", vertices[triangles[collapsed.argmax()]])
     if collapsed.all():
         raise InvalidInput(
             "no triangle of the surface has an area; check its unit and its scale.", code="empty"
@@ -208,19 +207,19 @@ def _without_collapsed(vertices: Vertices, triangles: Triangles, notes: list[str
 
 
 def _without_repeats(vertices: Vertices, triangles: Triangles, notes: list[str]) -> NewTriangles:
-    """Keep the first of triangles over the same three vertices, in any order."""
     corners = np.sort(triangles, axis=1)
     order = np.lexsort(corners.T)
     repeated = np.zeros(len(triangles), dtype=bool)
     repeated[order[1:]] = (corners[order[1:]] == corners[order[:-1]]).all(axis=1)
     if not repeated.any():
         return triangles
-    were = counted(
-        int(repeated.sum()),
-        "triangle that repeats another was",
-        "triangles that repeat others were",
+    _note(
+        notes,
+        repeated.sum(),
+        "duplicate triangle was removed",
+        "duplicate triangles were removed",
+        vertices[triangles[repeated.argmax()]],
     )
-    _note(notes, f"{were} dropped", vertices[triangles[repeated.argmax()]])
     return triangles[~repeated]
 
 
@@ -234,8 +233,13 @@ def without_slivers(vertices: Vertices, triangles: Triangles, notes: list[str]) 
         return vertices, triangles
     solid = solid_of(vertices, triangles).as_original().simplify(MAX_CRACK)
     vertices, triangles = flat_mesh_of(solid)
-    were = counted(len(slivers), "flat triangle was", "flat triangles were")
-    _note(notes, f"{were} merged with neighbours", corners[slivers[0]])
+    _note(
+        notes,
+        len(slivers),
+        "triangle without area was merged with its neighbours",
+        "triangles without area were merged with their neighbours",
+        corners[slivers[0]],
+    )
     return vertices, triangles
 
 
@@ -260,9 +264,9 @@ def _without_holes(
 ) -> NewTriangles:
     """Close the holes of a consistently oriented mesh by triangles over their vertices.
 
-    A lid is triangulated as seen along its normal. It may cross the surface where that leans over
-    the hole, which ``check_not_crossed`` finds. Raise ``InvalidInput`` for holes over ``largest``
-    [m] wide, but for cracks, which enclose no area.
+    A lid is triangulated in projection along its normal. It may cross a surface that leans over the
+    hole, which ``check_not_crossed`` detects. Raise ``InvalidInput`` for holes wider than
+    ``largest`` [m], except for cracks, which enclose no area.
     """
     from manifold3d import triangulate
 
@@ -279,8 +283,8 @@ def _without_holes(
         if width > largest and np.linalg.norm(area) > MAX_CRACK * width:
             raise InvalidInput(
                 f"the surface is open: {counted(len(rims), 'hole', 'holes')}, one {width * 1e3:.3g}"
-                f" mm wide near {in_mm(middle)}, over {largest * 1e3:g} mm; let wider ones be "
-                "filled with largest_hole, or close it in the file.",
+                f" mm wide near {in_mm(middle)}, over {largest * 1e3:g} mm; increase "
+                "largest_hole, or close the hole in the file.",
                 middle,
                 code="mesh_faulty",
             )
@@ -289,16 +293,16 @@ def _without_holes(
         along = np.linalg.svd(points - middle, full_matrices=False)[2][0]
         across = np.cross(unit(area), along)
         lids.append(rim[triangulate([(points - middle) @ np.stack([along, across], axis=1)])])
-    holes = counted(len(rims), "hole", "holes")
-    were = "was" if len(rims) == 1 else "were"
-    _note(notes, f"{holes} of up to {widest * 1e3:.2g} mm {were} filled", vertices[rims[0]])
+    up_to = f"of up to {widest * 1e3:.2g} mm"
+    where = vertices[rims[0]]
+    _note(notes, len(rims), f"hole {up_to} was filled", f"holes {up_to} were filled", where)
     return np.concatenate(lids)
 
 
 def _rims(triangles: Triangles) -> list[Indices]:
-    """Vertices around each hole, in the direction of the triangles that would fill it."""
+    """Vertices around each hole, in the direction of the lid's triangles."""
     border = np.flatnonzero(edge_twins(triangles).ravel() < 0)
-    # A hole runs against the triangles beside it. Holes that meet in a vertex are parted there.
+    # The rim runs against the triangles beside it. Holes that meet in a vertex are separated there.
     starts = np.roll(triangles, -1, axis=1).ravel()[border].tolist()
     ends = triangles.ravel()[border].tolist()
     after: dict[int, list[int]] = {}
@@ -325,11 +329,11 @@ def _rims(triangles: Triangles) -> list[Indices]:
 
 
 def _oriented(vertices: Vertices, triangles: Triangles, notes: list[str]) -> Triangles:
-    """Turn triangles so that neighbours agree, as few as possible in each piece.
+    """Reverse as few triangles as possible so that neighbours have the same orientation.
 
-    In a graph with two nodes for each triangle, as it is and turned, every node is linked to the
-    agreeing nodes of its neighbours. An orientable piece falls into two mirrored components. A
-    one-sided piece is one component, and raises ``InvalidInput``.
+    The graph has two nodes for each triangle, one for each orientation. Every node is linked to the
+    consistent nodes of its neighbours. An orientable piece has two mirrored components. A one-sided
+    piece has one component, and raises ``InvalidInput``.
     """
     triangle, neighbour, agree = _neighbours(vertices, triangles)
     count = len(triangles)
@@ -357,19 +361,20 @@ def _oriented(vertices: Vertices, triangles: Triangles, notes: list[str]) -> Tri
     )
     if not flip.any():
         return triangles
-    were = counted(
-        int(flip.sum()),
-        "triangle ran against its neighbours and was",
-        "triangles ran against their neighbours and were",
+    _note(
+        notes,
+        flip.sum(),
+        "triangle was reversed to match its neighbours",
+        "triangles were reversed to match their neighbours",
+        vertices[triangles[flip.argmax()]],
     )
-    _note(notes, f"{were} turned", vertices[triangles[flip.argmax()]])
     return np.where(flip[:, None], triangles[:, ::-1], triangles)
 
 
 def _neighbours(
     vertices: Vertices, triangles: Triangles
 ) -> tuple[Indices, Indices, Bool[np.ndarray, "n"]]:
-    """Pairs of triangles over an edge, and whether they agree: use it in opposite directions."""
+    """Pairs of triangles that share an edge, and whether they are oriented consistently."""
     keys = edge_keys(triangles).ravel()
     order = np.argsort(keys, kind="stable")
     _, starts, sizes = np.unique(keys[order], return_index=True, return_counts=True)
@@ -380,8 +385,8 @@ def _neighbours(
         where = vertices[edge].mean(axis=0)
         raise InvalidInput(
             f"{counted(len(crowded), 'edge has', 'edges have')} more than two triangles, the first "
-            f"{sizes[worst]} of them near {in_mm(where)}: bodies meet there or a fin stands out; "
-            "separate them or remove it.",
+            f"{sizes[worst]} of them near {in_mm(where)}: bodies or fins meet there; separate or "
+            "remove them.",
             where,
             code="mesh_faulty",
         )
@@ -393,7 +398,7 @@ def _neighbours(
 
 
 def _turned_outward(vertices: Vertices, triangles: Triangles, notes: list[str]) -> Triangles:
-    """Turn the closed pieces of negative volume; raise ``InvalidInput`` for pieces of no volume."""
+    """Reverse closed pieces of negative volume; raise ``InvalidInput`` for those without volume."""
     piece = shells(triangles)
     corners = vertices[triangles]
     volumes = np.bincount(piece, weights=cone_volumes(corners))
@@ -411,17 +416,18 @@ def _turned_outward(vertices: Vertices, triangles: Triangles, notes: list[str]) 
     if len(inward) == 0:
         return triangles
     flip = (volumes < 0.0)[piece]
-    were = counted(len(inward), "closed piece was", "closed pieces were")
-    where = in_mm(vertices[triangles[flip.argmax()]].mean(axis=0))
-    number = int((piece == inward[0]).sum())
-    notes.append(
-        f"{were} inside out and turned round, the first of {number} triangles near {where}."
+    _note(
+        notes,
+        len(inward),
+        "closed piece was inside out and was reversed",
+        "closed pieces were inside out and were reversed",
+        vertices[triangles[flip.argmax()]],
     )
     return np.where(flip[:, None], triangles[:, ::-1], triangles)
 
 
 def _check_no_bow_ties(vertices: Vertices, triangles: Triangles, twins: Twins) -> None:
-    """Check that no parts of a closed mesh are joined by one vertex alone."""
+    """Check that no parts of a closed mesh are joined by a single vertex."""
     # Corners around a vertex form one ring, or several where parts only touch. The lowest corner of
     # each ring is found by jumps of doubled length.
     jump = (3 * (twins // 3) + (twins + 1) % 3).ravel()

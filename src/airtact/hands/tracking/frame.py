@@ -80,7 +80,6 @@ class HandFrame:
     __repr__ = in_short
 
     def __post_init__(self) -> None:
-        """Check everything and keep the arrays read-only."""
         integer = isinstance(self.sequence, int | np.integer) and self.sequence is not True
         real = isinstance(self.time, int | float | np.integer | np.floating)
         if not (

@@ -80,21 +80,6 @@ def side_of(text: bytes | str) -> Side | None:
         return None
 
 
-def side_of_osc(packet: bytes) -> Side | None:
-    """Read only the hand's side from an OSC packet; None for a bundle or any other packet."""
-    # A packet begins with the address and the types of the arguments, each padded by 1 to 4 zeros
-    # to a multiple of 4 bytes; the time follows, then the side.
-    head = b"/airtact/hand\0\0\0,"
-    kinds = packet[len(head) : len(head) + 2]
-    if not packet.startswith(head) or kinds not in (b"ds", b"fs"):
-        return None
-    end = packet.find(b"\0", len(head))
-    start = end + 4 - end % 4 + (8 if kinds == b"ds" else 4)
-    word = packet[start : start + 8].partition(b"\0")[0]
-    words: dict[bytes, Side] = {b"left": "left", b"right": "right"}
-    return words.get(word)
-
-
 def to_osc(frame: HandFrame) -> bytes:
     """Write a frame as an OSC message, coordinates in single precision."""
     with extra("tracking", "hands by OSC need python-osc"):

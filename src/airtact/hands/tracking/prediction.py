@@ -15,14 +15,13 @@ Navigation*, Wiley 2001: section 6.2.2, discretised continuous white noise accel
 
 from collections import deque
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float64, Real
 
 from airtact.acoustics.uncertainty import SMALLEST_ANGLE, Uncertainty
 from airtact.errors import InvalidInput, number, positive
-from airtact.hands.joints import CHAINS, Points
+from airtact.hands.joints import Points
 from airtact.hands.tracking.frame import FaultyFrame, HandFrame
 
 # Default spectral density of the acceleration of a landmark [m²/s³]. It is best or nearly so for
@@ -262,29 +261,26 @@ class Predictor:
 
         Returns
         -------
-        The frame of that later time, with the newest one's number; a lost one where the hand was
-        not seen for longer than the patience. Where the predicted landmarks are no possible hand,
-        bones keep their lengths; where that is impossible too, the newest landmarks are returned.
+        The frame at that time, with the number of the newest frame; a lost frame if the hand has
+        not been seen for longer than the patience. If the predicted landmarks are no possible hand,
+        the newest landmarks are moved with their middle.
 
         Raises
         ------
         InvalidInput
             No frame was taken yet.
         """
-        frame, reach, bend = self._state()
+        frame, reach, _ = self._state()
         then = number(time, "time", "s") + self.latency
         if time - reach.time > self._patience:
             return HandFrame(then, frame.side, frame.sequence)
         reach_then, bend_then = self._carried(then)
-        carried = reach_then.positions + bend_then.positions
         try:
-            return HandFrame(then, frame.side, frame.sequence, carried)
-        except FaultyFrame:
-            joints = _with_lengths(carried, reach.positions + bend.positions)
-        try:
+            joints = reach_then.positions + bend_then.positions
             return HandFrame(then, frame.side, frame.sequence, joints)
         except FaultyFrame:
-            return HandFrame(then, frame.side, frame.sequence, frame.landmarks)
+            joints = frame.landmarks + reach_then.positions - reach.positions
+            return HandFrame(then, frame.side, frame.sequence, joints)
 
     def spread(self, time: float) -> float:
         """Return the standard deviation of each coordinate [m] a latency after a time [s]."""
@@ -320,21 +316,3 @@ class Predictor:
                 "no frame with landmarks was taken; take one before a prediction.", code="empty"
             )
         return self._newest
-
-
-def _with_lengths(
-    carried: Float64[np.ndarray, "landmarks 3"], now: Float64[np.ndarray, "landmarks 3"]
-) -> Float64[np.ndarray, "landmarks 3"]:
-    """Give bones that were carried on the lengths that they have now, from the wrist outwards."""
-    chains = CHAINS
-    if len(now) == 21:
-        chains = tuple(tuple(range(start, start + 4)) for start in (1, 5, 9, 13, 17))
-    joints = carried.copy()
-    for chain in chains:
-        for start, end in pairwise((0, *chain)):
-            bone = carried[end] - carried[start]
-            length = float(np.linalg.norm(bone))
-            if length > 0.0:
-                measured = float(np.linalg.norm(now[end] - now[start]))
-                joints[end] = joints[start] + measured / length * bone
-    return joints

@@ -21,9 +21,6 @@ if TYPE_CHECKING:
 # Longest message on a websocket [bytes]; a cloud of 50,000 points needs 2 million.
 MAX_MESSAGE = 2**22
 
-# Largest number of waiting messages that are taken at once.
-MAX_WAITING = 256
-
 
 def _bound(kind: socket.SocketKind, host: str, port: int) -> socket.socket:
     """Make a socket that is bound to a port; 0 takes a free one."""
@@ -136,7 +133,7 @@ def _waiting_messages(connection: "ServerConnection") -> list[bytes | str]:
     messages = [connection.recv()]
     size = len(messages[0])
     with suppress(TimeoutError, ConnectionClosed):  # the next wait raises the latter again
-        while len(messages) < MAX_WAITING and size < MAX_MESSAGE:
+        while len(messages) < 256 and size < MAX_MESSAGE:
             messages.append(connection.recv(timeout=0))
             size += len(messages[-1])
     return messages
@@ -150,6 +147,7 @@ class OscReceiver:
     ) -> None:
         self.stream = HandStream() if stream is None else stream
         self._socket = _bound(socket.SOCK_DGRAM, host, port)
+        self._socket.settimeout(0.1)
         self.port: int = self._socket.getsockname()[1]
         self._closed = False
         self._thread = Thread(target=self._listen, daemon=True)
@@ -169,13 +167,8 @@ class OscReceiver:
 
     def _listen(self) -> None:
         while not self._closed:
-            packets = []
-            # A timeout lets the thread look whether it was closed; Windows raises other errors
-            # when an answer could not be delivered, and the next packet comes.
-            with suppress(OSError):
-                self._socket.settimeout(0.1)
-                packets.append(self._socket.recv(2**16))
-                self._socket.settimeout(0.0)
-                while len(packets) < MAX_WAITING:
-                    packets.append(self._socket.recv(2**16))
-            self.stream.feed_waiting_osc(packets)
+            try:
+                packet = self._socket.recv(2**16)
+            except OSError:  # a timeout, after which the thread looks whether it was closed; on
+                continue  # Windows also that an answer could not be delivered
+            self.stream.feed_osc(packet)

@@ -144,7 +144,6 @@ def replay(
 
 
 def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
-    """Yield the number and the bytes of each line that is not empty."""
     try:
         with path.open("rb") as file:
             # Limited lines, so that a file without line ends does not fill the memory.
@@ -165,14 +164,12 @@ class PadTrack:
     ----------
     side : ``"left"`` or ``"right"``.
     times : (N,) of the frames [s].
-    sequences : (N,) their numbers.
     pads : (N, 5, 3) the pads, thumb to little finger [m]; NaN where the hand was lost or had no
         landmarks.
     """
 
     side: Side
     times: Float64[np.ndarray, "frames"]
-    sequences: Float64[np.ndarray, "frames"]
     pads: Float64[np.ndarray, "frames 5 3"]
 
     __repr__ = in_short
@@ -211,5 +208,4 @@ def pads_over_time(frames: Iterable[HandFrame], side: Side) -> PadTrack:
             radii = hand.radii
             pads[index] = hand.pads
     times = fixed(np.array([frame.time for frame in frames]))
-    sequences = fixed(np.array([float(frame.sequence) for frame in frames]))
-    return PadTrack(side, times, sequences, fixed(pads))
+    return PadTrack(side, times, fixed(pads))

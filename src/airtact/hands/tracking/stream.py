@@ -10,20 +10,17 @@ from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
 from threading import Condition
-from typing import TypeVar
 
 from airtact.errors import positive
 from airtact.hands.hand import Side
 from airtact.hands.tracking.frame import FaultyFrame, HandFrame
-from airtact.hands.tracking.messages import from_json, from_osc, side_of, side_of_osc
+from airtact.hands.tracking.messages import from_json, from_osc, side_of
 
 # Successive frames that do not follow the newest one; more mean that the tracker restarted.
 MAX_STALE_FRAMES = 20
 
 # Largest jump of the sequence number; a larger one is a new count.
 MAX_JUMP = 1000
-
-_Message = TypeVar("_Message", bytes | str, bytes)
 
 
 @dataclass(frozen=True)
@@ -68,7 +65,6 @@ class StreamHealth:
     interrupted: int = 0
 
     def __str__(self) -> str:
-        """List all counts that are not zero."""
         counts = {entry.name: getattr(self, entry.name) for entry in fields(self)}
         return ", ".join(
             f"{count:,} {name.replace('_', ' ')}"
@@ -154,32 +150,20 @@ class HandStream:
     def feed_waiting(self, messages: Sequence[bytes | str]) -> None:
         """Take messages in JSON that waited together, oldest first.
 
-        Of each hand the newest good one is used. Those before it are overtaken, unless ``every``
-        frame is to be used.
+        The newest good frame of each hand is used. Older ones are counted as overtaken, unless
+        ``every`` frame is used.
         """
-        self._feed_newest(messages, self.feed_json, side_of)
-
-    def feed_waiting_osc(self, packets: Sequence[bytes]) -> None:
-        """Take packets of OSC that waited together, as ``feed_waiting``; bundles are used whole."""
-        self._feed_newest(packets, self.feed_osc, side_of_osc)
-
-    def _feed_newest(
-        self,
-        messages: Sequence[_Message],
-        feed: Callable[[_Message], FaultyFrame | None],
-        side_of: Callable[[_Message], Side | None],
-    ) -> None:
-        waiting: dict[Side, list[_Message]] = {"left": [], "right": []}
+        waiting: dict[Side, list[bytes | str]] = {"left": [], "right": []}
         for message in messages:
             side = None if self._every else side_of(message)
             if side is None:
-                feed(message)
+                self.feed_json(message)
             else:
                 waiting[side].append(message)
         for of_hand in waiting.values():
             skipped = self._counts["skipped"]
             # Newest first, until one is good.
-            while of_hand and feed(of_hand.pop()) is not None:
+            while of_hand and self.feed_json(of_hand.pop()) is not None:
                 pass
             with self._changed:
                 # Frames that are overtaken were not skipped by the tracker.
