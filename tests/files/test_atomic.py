@@ -2,8 +2,8 @@
 
 import pytest
 
-from airtact.errors import InvalidInput
 from airtact.files.atomic import whole_file, writable_folder
+from faults import raises_code
 
 
 def test_a_finished_file_replaces_the_old_one(tmp_path):
@@ -40,8 +40,5 @@ def test_a_folder_is_made_with_those_above_it_and_left_empty(tmp_path):
 
 def test_a_folder_that_cannot_be_is_refused(tmp_path):
     (tmp_path / "file").touch()
-    with pytest.raises(
-        InvalidInput,
-        match=r"cannot write into the output folder .*file/out: Not a directory \(error 20\)",
-    ):
+    with raises_code("not_writable"):
         writable_folder(tmp_path / "file" / "out")

@@ -1,1 +1,1 @@
-"""Reading and writing files: whole ones or none, and tables of text."""
+"""Reading of files within size limits, atomic writing, and tables of text."""

@@ -1,9 +1,9 @@
-"""Appends rows to an HDF5 file in a process of its own, safe from slow disks and kills.
+"""Process that appends rows to an HDF5 file, independent of slow disks and killed programs.
 
 ``python -m airtact.files.appending FILE`` reads messages from its standard input: 8 bytes of
-length, then a pickled mapping from names to values. ``"attributes"`` are those of the file, a name
-that begins with ``+`` is a dataset that rows are appended to, any other a whole dataset. It closes
-the file when the input ends, however that happens.
+length, then a pickled mapping from names to values. The values of ``"attributes"`` become
+attributes of the file. A name that begins with ``+`` is a dataset to which rows are appended; every
+other name is a complete dataset. The file is closed when the input ends.
 """
 
 import math
@@ -18,12 +18,12 @@ from airtact.timing import give_way
 
 
 def main(path: str, messages: BinaryIO) -> None:
-    """Write the messages to a file until they end."""
+    """Write messages to a file until the input ends."""
     import h5py
 
     give_way(5)
     for kind in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(kind, signal.SIG_IGN)  # the input ends when the loop does
+        signal.signal(kind, signal.SIG_IGN)  # the input ends with the parent process
 
     with h5py.File(path, "w") as file:
         flushed = 0.0
@@ -53,7 +53,7 @@ def _append(file: Any, name: str, rows: Any) -> None:
 
 
 def _received(messages: BinaryIO) -> dict[str, Any] | None:
-    """Read one message; None where the input ends, within a message too."""
+    """Read one message; None if the input ends, even within a message."""
     head = messages.read(8)
     if len(head) < 8:
         return None

@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all, so that an interrupted run leaves nothing half written."""
+"""Atomic writing: an interrupted run leaves no incomplete file."""
 
 import os
 import secrets
@@ -13,7 +13,7 @@ from airtact.errors import InvalidInput
 def whole_file(path: Path) -> Iterator[Path]:
     """Yield another path in the same folder to write to, then rename it.
 
-    The file appears only once it is finished, even if several processes write it.
+    The file appears only when it is complete, even if several processes write it.
     """
     partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
     try:
@@ -25,7 +25,7 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def written(path: Path) -> Iterator[Path]:
-    """Write a file as ``whole_file`` does; raise "not_writable" where that is impossible."""
+    """Write a file like ``whole_file``; raise "not_writable" on failure."""
     if not path.parent.is_dir():
         raise InvalidInput(
             f"{path.name} cannot be written: there is no folder {path.parent}; make it first.",
@@ -42,7 +42,7 @@ def written(path: Path) -> Iterator[Path]:
 
 
 def writable_folder(path: Path) -> Path:
-    """Make a folder and prove that files can be written in it, or raise "not_writable"."""
+    """Make a folder and check that it is writable; raise "not_writable" on failure."""
     try:
         path.mkdir(parents=True, exist_ok=True)
         with whole_file(path / "probe") as probe:

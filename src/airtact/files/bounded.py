@@ -1,6 +1,6 @@
-"""Files read under limits of size: bytes, text, NumPy's arrays, HDF5's datasets.
+"""Reading of bytes, text, NumPy arrays and HDF5 datasets within size limits.
 
-Only files are opened, never a device or a pipe, and nothing is unpacked before its size is known.
+Devices and pipes are rejected. The unpacked size is checked before anything is unpacked.
 """
 
 import io
@@ -21,14 +21,14 @@ Arrays = dict[str, Shaped[np.ndarray, "..."]]
 
 
 def check_file(path: Path, largest: int = LARGEST_DATA) -> None:
-    """Raise for a file that is missing, no file, or larger than ``largest`` bytes."""
+    """Raise for a missing file, a device or pipe, or more than ``largest`` bytes."""
     try:
         status = path.stat()
     except OSError as error:
         raise file_fault(path, error) from None
     except ValueError as error:  # the name holds a zero byte
         raise InvalidInput(
-            f"there is no file of the name {path.name!r}: {error}.", code="file_missing"
+            f"there is no file named {path.name!r}: {error}.", code="file_missing"
         ) from None
     if not stat.S_ISREG(status.st_mode) and not stat.S_ISDIR(status.st_mode):
         raise InvalidInput(
@@ -52,7 +52,7 @@ def bytes_of(path: Path, largest: int = LARGEST_DATA) -> bytes:
 
 
 def text_of(path: Path, largest: int = 2**26) -> str:
-    """Read a file as UTF-8 text; raise as ``check_file``, or "file_unreadable"."""
+    """Read a file as UTF-8 text; raise as ``check_file`` or with "file_unreadable"."""
     try:
         return bytes_of(path, largest).decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -63,12 +63,12 @@ def text_of(path: Path, largest: int = 2**26) -> str:
 
 
 def array_of(path: Path) -> Shaped[np.ndarray, "..."]:
-    """Read one array of NumPy's .npy; raise as ``check_file``."""
+    """Read the array of a .npy file; raise as ``check_file``."""
     return _decoded(_array, path, ".npy")
 
 
 def arrays_of(path: Path) -> Arrays:
-    """Read the arrays of NumPy's .npz, ``LARGEST_DATA`` bytes unpacked at most.
+    """Read the arrays of a .npz file, up to ``LARGEST_DATA`` bytes unpacked.
 
     Raise as ``check_file``.
     """
@@ -76,11 +76,9 @@ def arrays_of(path: Path) -> Arrays:
 
 
 def datasets_of(path: Path) -> Mapping[str, Shaped[np.ndarray, "..."] | np.generic | str]:
-    """Read the datasets at the top of an HDF5 file, ``LARGEST_DATA`` bytes at most.
+    """Read the datasets in the root group of an HDF5 file, up to ``LARGEST_DATA`` bytes.
 
-    Raise as ``check_file``.
-
-    Links to other files, and data that stand in other files, are passed over.
+    Links to other files and external data are ignored. Raise as ``check_file``.
     """
     return _decoded(_datasets, path, ".h5")
 
@@ -94,14 +92,14 @@ def _decoded(decode: Callable[[bytes], Any], path: Path, kind: str) -> Any:
         raise
     except Exception as error:  # zipfile, zlib, NumPy and h5py raise many kinds for damaged files
         raise InvalidInput(
-            f"{path.name} is no complete {kind} file ({type(error).__name__}); write it again.",
+            f"{path.name} is not a complete {kind} file ({type(error).__name__}); write it again.",
             code="file_unreadable",
         ) from None
 
 
 def _array(content: bytes) -> Shaped[np.ndarray, "..."]:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of headers that Python 2 wrote
+        warnings.simplefilter("ignore")  # about headers written by Python 2
         return np.asarray(np.lib.format.read_array(io.BytesIO(content), allow_pickle=False))
 
 
@@ -138,7 +136,7 @@ def _datasets(content: bytes) -> dict[str, Any]:
 def _check_size(size: int) -> None:
     if size > LARGEST_DATA:
         raise InvalidInput(
-            f"its arrays have {size:,} bytes, more than {LARGEST_DATA:,}; make them fewer or "
-            "shorter.",
+            f"its arrays have {size:,} bytes, more than {LARGEST_DATA:,}; store fewer or smaller "
+            "arrays.",
             code="file_too_large",
         )

@@ -95,12 +95,9 @@ def _scene(path: Path) -> Any:
             _check_accessors(json.loads(content))
         elif suffix == ".glb":  # the JSON is the first chunk: glTF 2.0, section 4.4
             _check_accessors(json.loads(content[20:][: int.from_bytes(content[12:16], "little")]))
+        settings: dict[str, Any] = {"resolver": _OwnFolder(path), "process": False}
         return trimesh.load_scene(
-            io.BytesIO(content),
-            file_type=suffix[1:],
-            resolver=_OwnFolder(path),
-            process=False,
-            skip_materials=True,
+            io.BytesIO(content), file_type=suffix[1:], skip_materials=True, **settings
         )
 
 

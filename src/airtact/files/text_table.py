@@ -1,4 +1,4 @@
-"""Tables in text files: columns by name, numbers in cells, and the line in every error."""
+"""Tables in text files with named columns; errors state the line."""
 
 import csv
 import re
@@ -18,10 +18,10 @@ MAX_CELLS = 4_000_000
 
 @dataclass(frozen=True, eq=False)
 class TextTable:
-    """Cells of a file, not yet read as numbers.
+    """Cells of a file as text.
 
-    Names of columns are in small letters; lines of rows count from 1. ``comments`` are the lines
-    that begin with % or #, without that sign.
+    Column names are in lower case. ``lines`` are the line numbers of the rows, from 1, and
+    ``comments`` the lines that begin with % or #, without that sign.
     """
 
     file: str
@@ -33,11 +33,11 @@ class TextTable:
     __repr__ = in_short
 
     def require(self, *names: str) -> None:
-        """Raise "data_missing" where the table lacks one of the columns."""
+        """Raise "data_missing" if the table lacks one of the columns."""
         missing = [name for name in names if name not in self.names]
         if missing:
             raise InvalidInput(
-                f"{self.file} has no column {', '.join(missing)}: it needs {', '.join(names)}, and "
+                f"{self.file} has no column {', '.join(missing)}: it needs {', '.join(names)}, but "
                 f"has {', '.join(self.names)}.",
                 code="data_missing",
             )
@@ -53,9 +53,9 @@ class TextTable:
         return replace(self, rows=rows, lines=tuple(self.lines[index] for index in finite))
 
     def numbers(self, name: str) -> Float64[np.ndarray, "rows"]:
-        """Read a column as real numbers.
+        """Read a column as real numbers; raise "data_missing" or "file_unreadable".
 
-        Raise "data_missing", or "file_unreadable" for NaN or infinity too.
+        NaN and infinity are unreadable.
         """
         values = self.complex_numbers(name)
         not_real = np.flatnonzero(np.imag(values))
@@ -74,7 +74,7 @@ class TextTable:
             except ValueError:
                 raise self._unreadable(row, name, "which is not a number") from None
             if not np.isfinite(values[row]):
-                raise self._unreadable(row, name, "which is not finite; leave such lines out")
+                raise self._unreadable(row, name, "which is not finite; remove such lines")
             if not abs(values[row]) <= LARGEST_NUMBER:
                 raise self._unreadable(row, name, f"beyond {LARGEST_NUMBER:g}")
         return values
@@ -88,10 +88,10 @@ class TextTable:
 
 
 def read_text_table(path: Path) -> TextTable:
-    """Read a file of cells between commas, or between spaces as COMSOL writes .txt files.
+    """Read a file of cells separated by commas, or by spaces as in .txt files of COMSOL.
 
-    The first line that is no comment names the columns; where it holds numbers already, the last
-    comment before it does, as COMSOL writes it.
+    The first line that is not a comment names the columns. If it contains numbers, the last comment
+    before it names them, as in files of COMSOL.
     """
     file = path.name
     header = ""
@@ -114,7 +114,7 @@ def read_text_table(path: Path) -> TextTable:
         count += len(cells)
         if count > MAX_CELLS:
             raise InvalidInput(
-                f"{file} has more than {MAX_CELLS:,} cells; leave columns or lines out.",
+                f"{file} has more than {MAX_CELLS:,} cells; remove columns or lines.",
                 code="file_too_large",
             )
         if header_in_comment and not rows and not any(_is_number(cell) for cell in cells):
@@ -127,8 +127,8 @@ def read_text_table(path: Path) -> TextTable:
             lines.append(line)
     if not header:
         raise InvalidInput(
-            f"{file} has {counted(len(rows), 'row', 'rows')} of numbers, but no line that names "
-            "its columns.",
+            f"{file} has {counted(len(rows), 'row', 'rows')} of numbers, but no line with the "
+            "names of its columns; add one.",
             code="file_unreadable",
         )
     names = [name.lower() for name in _cells(file, 1, header, spaced)]
@@ -139,7 +139,7 @@ def read_text_table(path: Path) -> TextTable:
     for name in names:
         if names.count(name) > 1:
             raise InvalidInput(
-                f"{file} has several columns of the name {name!r}; rename them.",
+                f"{file} has several columns named {name!r}; rename them.",
                 code="given_twice",
             )
     for line, cells in zip(lines, rows, strict=True):
@@ -153,10 +153,10 @@ def read_text_table(path: Path) -> TextTable:
 
 
 def _check_separators(file: str, line: int, text: str) -> None:
-    """Raise where a line has what some programs write between cells in place of commas."""
+    """Raise for semicolons as separators."""
     if ";" in text and "," not in text:
         raise InvalidInput(
-            f"line {line} of {file} has no commas but semicolons; put commas between cells.",
+            f"line {line} of {file} has semicolons instead of commas; separate cells by commas.",
             code="unknown_format",
         )
 
@@ -177,8 +177,8 @@ def _cells(file: str, line: int, text: str, spaced: bool = False) -> tuple[str, 
         ) from None
     if len(cells) > MAX_COLUMNS:
         raise InvalidInput(
-            f"line {line} of {file} has {len(cells):,} cells, more than {MAX_COLUMNS:,}; leave "
-            "columns out.",
+            f"line {line} of {file} has {len(cells):,} cells, more than {MAX_COLUMNS:,}; remove "
+            "columns.",
             code="wrong_shape",
         )
     return cells
@@ -193,5 +193,5 @@ def _is_number(cell: str) -> bool:
 
 
 def _number(cell: str) -> complex:
-    """Read a number in which COMSOL and MATLAB write i where Python writes j."""
+    """Read a complex number with the imaginary unit i, as in files of COMSOL and MATLAB."""
     return complex(cell.lower().replace(" ", "").replace("i", "j").replace("jnf", "inf"))

@@ -1,4 +1,4 @@
-"""The body of a hand: blended hulls of two or three balls each, and which of them are one.
+"""The body of a hand: blended convex hulls of two or three balls each.
 
 Source: A. Tkach, M. Pauly, A. Tagliasacchi, "Sphere-meshes for real-time hand modeling and
 tracking", ACM Trans. Graph. 35, 222 (2016): the hull of balls is all points nearer to some point
@@ -38,7 +38,7 @@ class Look(NamedTuple):
     distance : (P,) to the skin [m], negative inside.
     gradient : (P, 3) of the distance, with the blend radius held fixed.
     bend : (P,) radius of curvature of the skin there [m].
-    facing : (P,) distance to the nearest hull that stands apart from the nearest one [m].
+    facing : (P,) distance to the nearest hull that is separate from the nearest one [m].
     nearest : (P,) index of the nearest hull.
     """
 
@@ -51,19 +51,19 @@ class Look(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Hulls:
-    """Hulls of balls and how they are joined.
+    """Convex hulls of balls, and how they are blended.
 
-    Two hulls with outward normals n, m are joined by the smooth minimum of their distances with a
-    blend radius of ``blend`` (1 - n·m)/2: skins that face each other are one where nearer than half
-    of ``blend``, a right angle has half that radius, and hulls that share a ball join without a
-    swelling.
+    Two hulls with outward normals n, m are blended by the smooth minimum of their distances with a
+    blend radius of ``blend`` (1 - n·m)/2. Skins that face each other merge if they are nearer than
+    half of ``blend``. A right angle has half that radius, and hulls that share a ball join without
+    a bulge.
 
     Attributes
     ----------
     balls : (B, 4) centres and radii [m].
     parts : (H, 3) the two or three balls of each hull; the third is -1 for two.
     blend : (H, H) blend radius of skins that face each other [m]; 0 for none.
-    apart : (H, H) 1 where two hulls stand apart, else 0.
+    apart : (H, H) 1 for pairs of separate hulls, else 0.
     """
 
     balls: Float64[np.ndarray, "balls 4"]
@@ -77,7 +77,7 @@ class Hulls:
     def unblended(
         cls, balls: Float64[np.ndarray, "balls 4"], parts: Int64[np.ndarray, "hulls 3"]
     ) -> "Hulls":
-        """Hulls that are not blended and of which none stands apart."""
+        """Make hulls without blending, none of them separate."""
         none = np.zeros((len(parts), len(parts)))
         return cls(balls, parts, none, none)
 
@@ -86,9 +86,8 @@ class Hulls:
     ) -> Look:
         """Evaluate distance, gradient and surroundings of points (P, 3) [m].
 
-        Hulls that stand apart are carved out to a distance ``carve`` round each other [m]. Hulls
-        farther than the nearest by more than ``reach`` [m], and by more than the largest blend
-        radius, are left out.
+        Separate hulls are cut back to a distance ``carve`` [m] from each other. Hulls farther than
+        the nearest by more than ``reach`` [m] and the largest blend radius are ignored.
         """
         reach = max(reach, carve, float(self.blend.max()))
         return Look(
@@ -114,8 +113,8 @@ class Hulls:
             12,  # Newton iterations at most
             2e-3,  # longest step of an iteration [m]
             1e-9,  # a point is on the skin within this distance [m]
-            0.5e-3,  # how far a point is searched for where the iteration does not settle [m]
-            24,  # halvings of that search
+            0.5e-3,  # range of a bisection if the iteration does not converge [m]
+            24,  # steps of that bisection
         )
         return points
 
@@ -146,7 +145,7 @@ OWNER = np.array([0, 0, 1, 1, 1, 2, 2, 2, 3, 3, 3, 4, 4, 4])
 
 @dataclass(frozen=True, eq=False)
 class Touch:
-    """A position where two parts of a hand are so near that their skins are one.
+    """A position where the skins of two parts of a hand merge.
 
     Attributes
     ----------
@@ -164,18 +163,18 @@ class Touch:
 
     @property
     def note(self) -> str:
-        """One sentence: which parts are one, where, and the gap or overlap of their skins."""
-        apart = "apart" if self.gap > 0.0 else "in each other"
+        """One sentence: the merged parts, their position, and the gap or overlap of the skins."""
+        apart = "have a gap of" if self.gap > 0.0 else "overlap by"
         return (
-            f"the {self.first} and the {self.second} are one near {in_mm(self.place)}, their skins "
-            f"being {1e3 * abs(self.gap):.2g} mm {apart}"
+            f"the {self.first} and the {self.second} are merged near {in_mm(self.place)}: their "
+            f"skins {apart} {1e3 * abs(self.gap):.2g} mm"
         )
 
 
 def hand_hulls(joints: Joints, radii: Radii) -> tuple[Hulls, tuple[Touch, ...]]:
-    """Build the body of a hand, and find where parts that stand apart in an open hand are one."""
+    """Build the body of a hand, and find where parts merge that are separate in an open hand."""
     scale = hand_length(joints) / GENERIC_LENGTH
-    # Blend radii were tuned on a hand of usual length. The web's ball is thinner than the thumb.
+    # Blend radii were tuned on the generic hand. The ball of the web is thinner than the thumb.
     thumb = np.append(0.5 * (joints[1] + joints[2]), 0.4 * (radii[1] + radii[2]))
     balls = np.ascontiguousarray(np.vstack([np.column_stack([joints, radii]), thumb]))
     blend = scale * _open_hand_blend()
@@ -194,7 +193,7 @@ def hand_hulls(joints: Joints, radii: Radii) -> tuple[Hulls, tuple[Touch, ...]]:
 
 
 def part_name(part: int) -> str:
-    """Name the part of the hand that a hull belongs to."""
+    """Name of the part of the hand that contains a hull."""
     if part >= FREE:
         return "palm"
     finger = FINGERS[OWNER[part]]
@@ -205,7 +204,7 @@ def part_name(part: int) -> str:
 
 @cache
 def _open_hand_blend() -> HullPairs:
-    """Blend radii of a hand of usual length between the parts that are one in every pose [m]."""
+    """Blend radii of parts that are connected in every pose, for a generic hand [m]."""
     count = len(PARTS)
     blend = np.zeros((count, count))
     balls = [set(part.tolist()) - {-1} for part in PARTS]
@@ -227,10 +226,10 @@ def _open_hand_blend() -> HullPairs:
 def _joined_skins(
     hulls: Hulls, apart: Bool[np.ndarray, "hulls hulls"]
 ) -> list[tuple[int, int, float, Point]]:
-    """Find phalanges whose skin is one with that of a hull that stands apart, nearest pairs first.
+    """Find phalanges whose skin merges with a separate hull, nearest pairs first.
 
-    Skins nearer than 0.3 mm are one. Beside such a pair, neighbouring hulls are one where nearer
-    than 2 mm, or tiny tunnels would be left between them.
+    Skins nearer than 0.3 mm merge. Beside such a pair, neighbouring hulls merge if nearer than
+    2 mm, because tiny tunnels would remain between them.
     """
     samples = 25
     starts = hulls.balls[PARTS[:FREE, 0]]
@@ -263,12 +262,12 @@ def _joined_skins(
     near = gap < 0.3e-3
     touching = np.zeros(hulls.blend.shape, dtype=bool)
     touching[tuple(pairs[near].T)] = True
-    # Pairs beside a touching pair: each of them is joined to one of its two hulls, or is it.
+    # Pairs beside a touching pair: each hull is one of its hulls, or connected to one.
     joined = (hulls.blend > 0.0).astype(np.int64) + np.eye(len(PARTS), dtype=np.int64)
     beside = joined @ (touching | touching.T).astype(np.int64) @ joined > 0
     order = np.argsort(gap, kind="stable")
     order = order[(near | (beside[tuple(pairs.T)] & (gap < 2e-3)))[order]]
-    # Two phalanges are found from both sides; keep the nearer of the two.
+    # Pairs of phalanges occur twice, once from each side; the nearer one remains.
     order = order[np.sort(np.unique(pairs[order], axis=0, return_index=True)[1])]
     joints = []
     for index in order:

@@ -22,7 +22,7 @@ CLOUD_ENDINGS = (".ply", ".xyz", ".npy")
 
 
 class Pose(msgspec.Struct, forbid_unknown_fields=True):
-    """A pose in a JSON file; ``joints`` may name the positions in the order of WebXR."""
+    """A pose in a JSON file; ``joints`` are the names of the positions in the order of WebXR."""
 
     positions_m: list[tuple[float, float, float]]
     joints: list[str] | None = None
@@ -35,17 +35,17 @@ def load_hand(path: str | Path, gap: float | None = None) -> Hand:
 
     Parameters
     ----------
-    path : a file with ``positions_m``, 25 points in the order of WebXR or 21 in that of MediaPipe
-        [m]; ``radii_m``, a number for each point, ``side`` and ``joints``, the 25 names of WebXR in
-        its order, where they are known.
-    gap : turns thumb and index finger until the skins of their last phalanges are this far apart
-        [m], above 0 and at most 0.15; None leaves the pose.
+    path : a file with ``positions_m``, 25 points in the order of WebXR or 21 in the order of
+        MediaPipe [m]. Optional are ``radii_m``, one for each point [m], ``side``, and ``joints``,
+        the 25 names of WebXR in its order.
+    gap : distance of the last phalanges of thumb and index finger, to which both are turned [m],
+        above 0 and at most 0.15; None leaves the pose unchanged.
 
     Raises
     ------
     InvalidInput
-        The file cannot be read or is no pose, no hand has these joints, or no turn gives the gap;
-        the sentence begins with the file's name.
+        If the file is unreadable or not a pose, no hand has these joints, or the gap cannot be
+        reached. The message begins with the name of the file.
     """
     path = Path(path)
     with about(path.name or str(path)):
@@ -69,7 +69,7 @@ def load_landmarks(path: Path) -> tuple[Float64[np.ndarray, "joints 3"], Side | 
     Raises
     ------
     InvalidInput
-        The file cannot be read or is no pose; the sentence begins with the file's name.
+        If the file is unreadable or not a pose. The message begins with the name of the file.
     """
     with about(path.name or str(path)):
         pose = _read_pose(path)
@@ -82,7 +82,7 @@ def _read_pose(path: Path) -> Pose:
     # Deep nesting must not end in a traceback.
     except (msgspec.MsgspecError, RecursionError) as error:
         raise InvalidInput(
-            f"this is no pose of a hand: {error or 'its brackets are nested too deep'}.",
+            f"it is not a pose of a hand: {error or 'its brackets are nested too deeply'}.",
             code="wrong_kind",
         ) from None
     if not pose.positions_m or (pose.joints is not None and tuple(pose.joints) != NAMES):
@@ -101,21 +101,20 @@ def _read_pose(path: Path) -> Pose:
 
 
 def load_rigged_hand(path: str | Path, scale: float = 1.0, side: Side | None = None) -> Hand:
-    """Read the hand of the joints that the rig of a mesh file has.
+    """Read a hand from the joints of the rig in a mesh file.
 
     The nodes and their transforms are those of *glTF 2.0* (Khronos Group), section 3.5.
 
     Parameters
     ----------
-    path : a GLB file whose nodes have the 25 names of WebXR, at rest where its mesh is.
+    path : a GLB file whose nodes have the 25 names of WebXR, in the rest pose of its mesh.
     scale : metres per unit of the file, as for ``load_surface``.
     side : ``"right"`` or ``"left"``; found from the bends of the fingers unless given.
 
     Raises
     ------
     InvalidInput
-        The file cannot be read, its rig lacks joints (how many, and the first names), or no hand
-        has these joints.
+        If the file is unreadable, its rig lacks joints, or no hand has these joints.
     """
     of_kind(path, str | Path, "the path of a hand", "the name of a file")
     path = Path(path)
@@ -137,13 +136,12 @@ def load_cloud(path: Path) -> Points:
 
     Parameters
     ----------
-    path : a PLY file, of which only the vertices are read; XYZ text; or a (N, 3) array of NumPy
-        [m].
+    path : a PLY file (vertices only), an XYZ text file, or a NumPy array (N, 3) [m].
 
     Raises
     ------
     InvalidInput
-        The file does not exist, cannot be read or holds no points.
+        If the file is missing, unreadable or has no points.
     """
     suffix = path.suffix.lower()
     if suffix not in CLOUD_ENDINGS:
@@ -165,10 +163,10 @@ def _points_in_text(path: Path) -> Points:
     text = text_of(path).replace(",", " ")
     try:
         with warnings.catch_warnings():
-            # A file without a line gives no points, which load_cloud reports.
+            # load_cloud reports empty files.
             warnings.simplefilter("ignore")
             return np.loadtxt(io.StringIO(text), usecols=(0, 1, 2), ndmin=2)
     except ValueError as fault:
         raise InvalidInput(
-            f"{path.name} does not hold x, y, z in each line: {fault}.", code="file_unreadable"
+            f"{path.name} does not have x, y, z in each line: {fault}.", code="file_unreadable"
         ) from None

@@ -1,4 +1,4 @@
-"""A hand in a pose: joints of a tracker give its closed skin, which solvers take, and its pads."""
+"""A hand in a pose: its closed skin for solvers and its pads, from the joints of a tracker."""
 
 import math
 from collections.abc import Mapping
@@ -38,7 +38,7 @@ PLACES = (*(f"{finger}.pad" for finger in FINGERS), "palm")
 
 @runtime_checkable
 class HasFront(Protocol):
-    """An array, as far as a hand needs it to be put in front of it."""
+    """Properties of an array that place a hand in front of it."""
 
     @property
     def positions(self) -> Float64[np.ndarray, "elements 3"]:
@@ -47,7 +47,7 @@ class HasFront(Protocol):
 
     @property
     def normals(self) -> Float64[np.ndarray, "elements 3"]:
-        """Directions in which they radiate."""
+        """Directions in which the elements radiate."""
         ...
 
 
@@ -58,10 +58,9 @@ class Hand:
     Attributes
     ----------
     joints : (25, 3) in the order of WebXR [m].
-    radii : (25,) of the skin round each joint [m].
+    radii : (25,) radius of the skin around each joint [m].
     side : ``"right"`` or ``"left"``.
-    follows : in a sequence the keyframe whose meshes are deformed to this hand's where it is near,
-        else None.
+    follows : keyframe of a sequence whose meshes are deformed to this hand if it is near, or None.
     """
 
     joints: Joints
@@ -83,14 +82,14 @@ class Hand:
 
     @property
     def touches(self) -> tuple[Touch, ...]:
-        """Where skins that stand apart in an open hand are nearer than 0.3 mm and therefore one."""
+        """Merged skins: those of separate parts that are nearer than 0.3 mm."""
         return self._body[1]
 
     @cached_property
     def surface(self) -> Surface:
-        """The closed skin, with exact points over the middles of edges.
+        """The closed skin, with exact midpoints of the edges.
 
-        Edges are 7 mm long, 2.5 mm beside the pads; solvers make their own panels.
+        Edges are 7 mm long, and 2.5 mm beside the pads. Solvers make their own panels.
         """
         hulls = self.shape.hulls
         skin = graded(hulls, even_skin(hulls, 7e-3), 7e-3, 2.5e-3, self.pads)
@@ -100,12 +99,12 @@ class Hand:
 
     @cached_property
     def pads(self) -> Float64[np.ndarray, "5 3"]:
-        """The middle of each fingertip's pad on the skin, thumb to little finger (5, 3) [m]."""
+        """Centre of the pad of each fingertip on the skin, thumb to little finger (5, 3) [m]."""
         return fixed(np.array([self._pad(finger)[0] for finger in range(5)]))
 
     @cached_property
     def places(self) -> Mapping[str, Place]:
-        """Positions (3,) [m] that a target can name, and the outward unit normals there (3,).
+        """Named positions (3,) [m] for targets, with the outward unit normals there (3,).
 
         The names are ``"thumb.pad"``, ``"index.pad"``, ``"middle.pad"``, ``"ring.pad"``,
         ``"pinky.pad"``, ``"palm"``.
@@ -113,12 +112,12 @@ class Hand:
         return {name: self.position(name) for name in PLACES}
 
     def position(self, name: str) -> Place:
-        """Find one of ``places`` and its normal, even where it lies inside the body.
+        """Find one of ``places`` and its normal, even if it lies inside the body.
 
         Raises
         ------
         InvalidInput
-            The name is unknown.
+            If the name is unknown.
         """
         if name not in PLACES:
             raise InvalidInput(
@@ -137,34 +136,34 @@ class Hand:
         Raises
         ------
         InvalidInput
-            The name is unknown, or the position lies inside the body because a finger touches it.
+            If the name is unknown, or the position is inside the body because a finger touches it.
         """
         point, normal = self.position(name)
         # Exact places are on the skin to rounding; a micrometre inside is inside.
         depth = float(self.shape.depth(point[None])[0])
         if depth > 1e-6:
             raise InvalidInput(
-                f"{name} at {in_mm(point)} lies {1e3 * depth:.2g} mm inside the body, where skins "
-                "are one; move the fingers apart, such as by open_to(gap, first, second).",
+                f"{name} at {in_mm(point)} lies {1e3 * depth:.2g} mm inside the body, because "
+                "fingers touch there; move them apart, for example by open_to(gap, first, second).",
                 point,
                 code="inside_body",
             )
         return point, normal
 
     def focus(self, name: str, offset: float = 0.5e-3) -> Float64[np.ndarray, "3"]:
-        """Return a point (3,) [m] in front of a named position, ``offset`` metres off the skin.
+        """Return a point (3,) [m] in front of a named position, ``offset`` metres from the skin.
 
         Raises
         ------
         InvalidInput
-            As ``place``, or the offset is negative or above 0.1 m.
+            As ``place``, or if the offset is negative or above 0.1 m.
         """
         point, normal = self.place(name)
         slip = "is it in millimetres? Give metres."
         return point + within(offset, 0.0, 0.1, "the offset of a focus", "m", slip) * normal
 
     def moved(self, pose: Pose) -> "Hand":
-        """Move the hand rigidly: joints x become pose.apply(x)."""
+        """Move the hand rigidly: joints x become ``pose.apply(x)``."""
         of_kind(pose, Pose, "the motion of a hand", "Pose(rotation, translation)")
         return Hand(fixed(pose.apply(self.joints)), self.radii, self.side)
 
@@ -174,14 +173,14 @@ class Hand:
         Parameters
         ----------
         array : elements that radiate to one side, such as a board.
-        height : distance of the position from the middle of the array, along its front [m].
+        height : distance of the position from the centre of the array, along its mean normal [m].
         place : one of ``places``.
 
         Raises
         ------
         InvalidInput
-            As ``place``, the height is not from 0 to 1 m, or the elements radiate to all sides, so
-            that the array has no front.
+            As ``place``, or if the height is not from 0 to 1 m, or the elements radiate in all
+            directions, so that the array has no front.
         """
         slip = "is it in millimetres? Give metres."
         height = within(height, 0.0, 1.0, "the height of a hand", "m", slip)
@@ -190,7 +189,7 @@ class Hand:
         # Unit normals that mostly cancel: a box has 0, a bowl of half a sphere 0.5.
         if np.linalg.norm(front) < 0.3:
             raise InvalidInput(
-                "the elements radiate to all sides, so the array has no front: move the hand by "
+                "the elements radiate in all directions, so the array has no front; use "
                 "moved(pose).",
                 code="misplaced",
             )
@@ -210,8 +209,7 @@ class Hand:
         Raises
         ------
         InvalidInput
-            The gap is out of range, a finger is unknown, or no turn gives the gap; the sentence has
-            the gaps that turns give.
+            If the gap is out of range or cannot be reached, or a finger is unknown.
         """
         gap = within(gap, 0.0, 0.15, "gap", "m", "is it in millimetres? Give metres.")
         if first not in FINGERS or second not in FINGERS or first == second:
@@ -226,8 +224,8 @@ class Hand:
     def posed(self, joints: Real[np.ndarray, "joints 3"]) -> "Hand":
         """Return the next frame of the same hand.
 
-        Its meshes keep their triangles where the motion is small. They depend on the poses of the
-        sequence alone, and not on what was computed of earlier frames.
+        Its meshes have the same triangles if the motion is small. They depend only on the poses of
+        the sequence, not on the computations for earlier frames.
 
         Parameters
         ----------
@@ -281,20 +279,19 @@ def hand_from_joints(
     Parameters
     ----------
     positions : (25, 3) joints in the order of WebXR, or (21, 3) in that of MediaPipe and Leap [m].
-    radii : (25,) or (21,) of the skin round each joint [m]; those of a generic hand of that size
-        unless given.
-    length : of the hand, wrist to the tip of the middle finger along the bones [m]. It scales the
-        generic radii; taken from the joints unless given.
-    side : ``"right"`` or ``"left"``; found from the bends of the fingers unless given.
+    radii : (25,) or (21,) radius of the skin around each joint [m]; by default those of a generic
+        hand of the same size.
+    length : length of the hand along the bones, from the wrist to the tip of the middle finger [m].
+        It scales the generic radii; by default it is measured from the joints.
+    side : ``"right"`` or ``"left"``; by default it follows from the bends of the fingers.
 
     Raises
     ------
     InvalidInput
-        Joints missing, NaN or in millimetres; a bone of impossible length; fingers out of order,
-        because joints are swapped; radii that no hand has; a side that the bends contradict, or
-        that they leave open and is not given.
+        For missing joints, NaN, millimetres, bones of impossible length, fingers out of order,
+        implausible radii, and a side that the bends of the fingers contradict or do not determine.
     """
-    # In this order, so that swapped fingers are reported as such and not as an unclear side.
+    # The order matters: swapped fingers would be reported as an unclear side.
     joints = joints_of(positions)
     check_finger_order(joints)
     skin_radii = radii_of(radii, length, joints)
@@ -302,7 +299,7 @@ def hand_from_joints(
 
 
 def places_on(surface: Surface, hand: Hand) -> Mapping[str, Place]:
-    """Find the pads and the palm of a hand on another surface of the same hand, such as a scan.
+    """Find the named positions of a hand on another surface of the same hand, such as a scan.
 
     Parameters
     ----------
@@ -317,9 +314,8 @@ def places_on(surface: Surface, hand: Hand) -> Mapping[str, Place]:
     Raises
     ------
     InvalidInput
-        A pad or the palm is farther than 10 mm from the surface, or faces another way by more than
-        60 degrees, as where the joints are of another frame or another pose, or fingers touch
-        there.
+        If a position is farther than 10 mm from the surface, or its normal deviates by more than
+        60 degrees: the joints have another frame or pose, or fingers touch there.
     """
     of_kind(surface, Surface, "the surface", "one Surface, such as load_surface(path)")
     of_kind(hand, Hand, "the hand", "one Hand, such as load_rigged_hand(path)")
@@ -339,8 +335,8 @@ def places_on(surface: Surface, hand: Hand) -> Mapping[str, Place]:
         else:
             continue
         raise InvalidInput(
-            f"{name} of the joints is {fault}: are joints and mesh of one hand, in one pose and "
-            "one frame, in metres?",
+            f"{name} of the joints is {fault}: do joints and mesh show the same hand, in the same "
+            "pose and frame, in metres?",
             points[index],
             code="misplaced",
         )

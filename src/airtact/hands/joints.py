@@ -1,4 +1,4 @@
-"""Joints of a hand: names, order, the sizes that hands have, and checks of a tracker's joints.
+"""Joints of a hand: names, order, plausible sizes, and checks of a tracker's joints.
 
 Trackers give 25 joints (WebXR) or 21 (MediaPipe, Leap).
 
@@ -93,11 +93,11 @@ def joints_of(
     Parameters
     ----------
     joints : (25, 3) in the order of WebXR or (21, 3) in that of MediaPipe and Leap [m].
-    tolerance : by which bones between rough joints may be longer or shorter than any [m].
+    tolerance : tolerance of the lengths of bones between inaccurate joints [m].
     word : name of a joint in error messages.
     """
     points = real_numbers(joints, f"{word}s of a hand")
-    # A tracker marks lost joints by NaN, which is worth a sentence that names the first of them.
+    # Trackers mark lost joints by NaN: name the first of them.
     lost = np.flatnonzero(~np.isfinite(points).all(axis=-1)) if points.ndim == 2 else []
     if points.shape in ((21, 3), (25, 3)) and len(lost):
         name = NAMES[lost[0] if len(points) == 25 else TRACKED[lost[0]]]
@@ -143,7 +143,7 @@ def _check_bone_lengths(joints: Joints, tolerance: float) -> None:
     advice = "; give those joints again."
     if len(wrong) > 1:
         more = counted(len(wrong) - 1, "more bone is", "more bones are")
-        advice = f", and {more} as wrong: are joints swapped or the same?"
+        advice = f", and {more} out of range: are joints swapped or identical?"
     raise InvalidInput(
         f"the bone from {NAMES[start]} to {NAMES[end]} is {1e3 * lengths[first]:.4g} mm long, but "
         f"such bones are {1e3 * low[first]:g} to {1e3 * high[first]:g} mm{advice}",
@@ -182,7 +182,7 @@ def radii_of(
     if len(wrong):
         raise InvalidInput(
             f"the radius at {NAMES[wrong[0]]} is {1e3 * radii[wrong[0]]:.4g} mm, but skin lies "
-            "3 to 35 mm from a joint: are the radii in metres?",
+            "3 to 35 mm from a joint; give radii in metres.",
             code="out_of_range",
         )
     return radii
@@ -196,10 +196,10 @@ def hand_length(joints: Joints) -> float:
 def checked_side(
     joints: Joints, side: str | None, word: str = "joints", min_evidence: float = 0.2
 ) -> Side:
-    """Return the side of a hand, from the bends of its fingers unless given.
+    """Return the side of a hand, by default from the bends of its fingers.
 
-    Raise where they contradict the given side, or where ``side_evidence`` is smaller than
-    ``min_evidence`` in magnitude and no side is given.
+    Raise if they contradict ``side``, or if no side is given and ``side_evidence`` is smaller than
+    ``min_evidence`` in magnitude.
     """
     if side not in ("right", "left", None):
         raise InvalidInput(
@@ -210,15 +210,14 @@ def checked_side(
     clear = abs(evidence) >= min_evidence
     if side is None and not clear:
         raise InvalidInput(
-            f"the {word} do not distinguish a left hand from a right one ({evidence:+.2f}, from "
-            f"{min_evidence:g} they would): the fingers are too straight; give side.",
+            f"the {word} do not distinguish a left from a right hand ({evidence:+.2f}, at least "
+            f"{min_evidence:g} in magnitude is needed): the fingers are too straight; give side.",
             code="side_unclear",
         )
     if side is not None and side != bent_as and clear:
         raise InvalidInput(
-            f"the {word} are given as those of a {side} hand, but the fingers bend and the thumb "
-            f"points as those of a {bent_as} one ({evidence:+.2f}, above 0 being right): are they "
-            "mirrored?",
+            f"the {word} should be those of a {side} hand, but fingers and thumb bend as in "
+            f"a {bent_as} hand ({evidence:+.2f}; positive is right): are they mirrored?",
             code="wrong_side",
         )
     return side or bent_as
@@ -237,7 +236,7 @@ def side_evidence(joints: Joints) -> float:
 
 
 def check_finger_order(joints: Joints, tolerance: float = 0.0) -> None:
-    """Raise where knuckles are out of order or the thumb is at the little finger.
+    """Raise if the knuckles are out of order or the thumb is at the little finger.
 
     ``tolerance`` is the error of rough joints [m].
     """
@@ -250,8 +249,8 @@ def check_finger_order(joints: Joints, tolerance: float = 0.0) -> None:
     if steps[worst] < -slack:
         raise InvalidInput(
             f"the knuckle of the {FINGERS[worst + 2]} finger is {-1e3 * steps[worst]:.3g} mm "
-            f"nearer to the index finger's than that of the {FINGERS[worst + 1]} finger: are "
-            "fingers swapped?",
+            f"nearer to the index finger than that of the {FINGERS[worst + 1]} finger: are fingers "
+            "swapped?",
             joints[knuckles[worst]],
             code="hand_implausible",
         )

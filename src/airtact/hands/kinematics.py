@@ -1,4 +1,4 @@
-"""Bending of fingers: the axes of their joints, and opening two fingers to a gap."""
+"""Bending of fingers: the axes of joints, and opening two fingers to a gap."""
 
 import math
 from itertools import pairwise
@@ -46,10 +46,10 @@ def turned(joints: Joints, side: str, finger: int, angle: float) -> Joints:
 
 
 def evenly_bent(landmarks: Joints, lengths: Float64[np.ndarray, "bones"], side: str) -> Joints:
-    """Bend fingers, with bones of some ``lengths`` [m], to reach from rough knuckles to rough tips.
+    """Bend fingers with bones of given ``lengths`` [m] from inaccurate knuckles to inaccurate tips.
 
-    Landmarks that are off by the length of a bone do not show the bends between them, but the
-    distance from a knuckle to a tip still does; the bends at the joints between are usual ones.
+    Landmarks with errors as large as a bone do not determine the bends between them, but the
+    distance from knuckle to tip does. The joints between have their usual bends.
     """
     joints = landmarks.copy()
     across = unit(landmarks[6] - landmarks[21]) * (1.0 if side == "right" else -1.0)
@@ -65,7 +65,7 @@ def evenly_bent(landmarks: Joints, lengths: Float64[np.ndarray, "bones"], side: 
         best = int(np.abs(np.hypot(ahead, aside) - np.linalg.norm(reach)).argmin())
         axis = across if finger else bending_axis(landmarks, side, 0)
         if np.linalg.norm(np.cross(axis, reach)) < 1e-3:
-            continue  # the tip is too near to its knuckle, or to the axis, to fix the plane
+            continue  # the tip is too near to its knuckle or the axis to determine the plane
         up = unit(np.cross(axis, reach))
         directions = bends[best] - np.arctan2(aside[best], ahead[best])
         ways = np.outer(np.cos(directions), unit(reach)) + np.outer(np.sin(directions), up)
@@ -101,7 +101,7 @@ def opened(joints: Joints, radii: Radii, side: str, pair: tuple[int, int], gap: 
     def excess(angle: float) -> float:
         return gap_of(both_turned(angle), radii, pair) - gap
 
-    # Look for a change of sign while straightening both fingers, then while bending them.
+    # Find a change of sign while straightening both fingers, then while bending them.
     straightening = np.radians(np.arange(0.0, 61.0, 3.0))
     bending = -np.radians(np.arange(0.0, 46.0, 3.0))
     excesses = []

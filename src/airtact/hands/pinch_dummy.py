@@ -44,16 +44,16 @@ class Pinch:
     __repr__ = in_short
 
     def foci(self, offset: float = 0.5e-3) -> Float64[np.ndarray, "2 3"]:
-        """Return one point (3,) [m] in front of each pad.
+        """Return a point in front of each pad (2, 3) [m].
 
         Parameters
         ----------
-        offset : distance off the skin [m]; 0 is contact.
+        offset : distance from the skin [m]; 0 for contact.
 
         Raises
         ------
         InvalidInput
-            The offset is negative or reaches the other finger.
+            If the offset is negative or reaches the other finger.
         """
         offset = number(offset, "the offset of the foci", "m")
         if not 0.0 <= offset < self.gap:
@@ -78,7 +78,7 @@ def pinch(gap: float = 0.012, edge: float = 2.5e-3) -> Pinch:
     Raises
     ------
     InvalidInput
-        A length is not above zero, or the gap is wider than a hand.
+        If a length is not above zero, or the gap is wider than a hand.
 
     Examples
     --------

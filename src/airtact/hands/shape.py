@@ -1,4 +1,4 @@
-"""Shape of a hand for solvers: exact distance, curved panels, meshes that follow the pose."""
+"""Shape of a hand for solvers: exact distance, curved panels, meshes that deform with the pose."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -26,12 +26,11 @@ MAX_KEYFRAMES = 16
 
 @dataclass(frozen=True, eq=False)
 class HandShape(Shape):
-    """The exact body of a hand, wherever it was moved.
+    """The exact body of a hand at a pose.
 
-    In a sequence of frames a mesh is deformed from that of a keyframe, an earlier frame. Which
-    frame that is follows from the poses alone, and its mesh is deformed from the keyframe before
-    it, so that a mesh of some edge depends on the bodies in this chain and on nothing that was
-    computed before.
+    In a sequence, a mesh is deformed from the mesh of an earlier frame, the keyframe, whose mesh is
+    deformed from the keyframe before it. The poses alone determine the keyframes, so a mesh depends
+    only on the bodies in this chain and not on earlier computations.
 
     Attributes
     ----------
@@ -50,7 +49,7 @@ class HandShape(Shape):
 
     @cached_property
     def keyframe(self) -> "HandShape":
-        """The shape that the next frame may follow: this one's keyframe while near, else itself."""
+        """The keyframe of the next frame: the keyframe of this shape if it is near, else itself."""
         if self.follows is None or motion(self.follows.hulls, self.hulls) > NEAR_KEYFRAME:
             return self
         return self.follows
@@ -62,7 +61,7 @@ class HandShape(Shape):
 
     @staticmethod
     def following(hulls: Hulls, keyframe: "HandShape | None") -> "HandShape":
-        """Make a shape that follows a keyframe if it has moved little and the same parts touch."""
+        """Make a shape with a keyframe if the motion is small and the same parts touch."""
         if keyframe is not None and np.array_equal(hulls.apart, keyframe.hulls.apart):
             moved = motion(keyframe.hulls, hulls)
             # Beyond 12 mm a new mesh is made instead.
@@ -92,10 +91,10 @@ class HandShape(Shape):
 
     @property
     def least_thickness(self) -> float:
-        """Diameter [m] of its smallest ball where no hulls are joined, 0 elsewhere.
+        """Diameter of its smallest ball [m] if no hulls are blended, else 0.
 
-        Every point of a hull's surface is on a ball inside that is as large as its smallest; the
-        creases between joined hulls are not.
+        An inner ball of that size touches every point of a hull, but not the creases between
+        blended hulls.
         """
         alone = bool((self.hulls.apart + np.eye(len(self.hulls.parts)) == 1.0).all())
         return 2.0 * float(self.hulls.balls[:, 3].min()) if alone else 0.0
@@ -106,11 +105,11 @@ class HandShape(Shape):
         normals: Points,
         largest: float,
     ) -> PerPoint:
-        """Diameter (P,) [m] of a ball inside at each point: ``largest`` where that fits."""
+        """Diameter (P,) [m] of an inner ball at each point: ``largest`` if such a ball fits."""
         smallest = self.least_thickness
         if smallest >= largest:
             return np.full(len(points), smallest)
-        # Panels lie a little off the body: a ball may reach out of it by 5 % of its diameter.
+        # Panels deviate slightly from the body: a ball may protrude by 5 % of its diameter.
         fits = self.depth(points - 0.5 * largest * normals) >= 0.5 * (1.0 - 0.05) * largest
         return np.where(fits, largest, smallest)
 
@@ -157,16 +156,16 @@ def curved_panels(hulls: Hulls, skin: HandMesh) -> QuadraticTriangles:
 
 
 def motion(before: Hulls, now: Hulls) -> float:
-    """Largest distance that a ball has moved [m], the rigid motion of the whole hand taken out."""
+    """Largest motion of a ball relative to the rigid motion of the hand [m]."""
     turn, shift = nearest_motion(before.balls[:, :3], now.balls[:, :3])
     off = before.balls[:, :3] @ turn.T + shift - now.balls[:, :3]
     return float(np.linalg.norm(off, axis=1).max())
 
 
 def deformed(before: Hulls, mesh: HandMesh, now: Hulls, edge: float) -> HandMesh | None:
-    """Deform the mesh of a body, made with an edge [m], to another pose with the same hulls joined.
+    """Deform the mesh of a body with edges of a length [m] to another pose with the same touches.
 
-    The triangles stay the same; None where one gets too thin or too long.
+    The triangles stay the same. None if a triangle becomes too thin or too long.
     """
     weights = hull_weights(before, mesh.vertices)
     vertices = moved_with_hulls(before, now, mesh.vertices, weights)
@@ -187,7 +186,7 @@ def hull_weights(hulls: Hulls, vertices: Vertices) -> Float64[np.ndarray, "verti
 def moved_with_hulls(
     before: Hulls, now: Hulls, vertices: Vertices, weight: Float64[np.ndarray, "vertices hulls"]
 ) -> Vertices:
-    """Carry vertices (V, 3) [m] along with the hulls to another pose, by their ``hull_weights``."""
+    """Move vertices (V, 3) [m] with the hulls to another pose, by their ``hull_weights``."""
     turn, shift = nearest_motion(before.balls[:, :3], now.balls[:, :3])
     old = before.balls[:, :3] @ turn.T + shift
     new = now.balls[:, :3]
@@ -207,7 +206,7 @@ def moved_with_hulls(
 def _motion_of_pair(
     old: Float64[np.ndarray, "2 3"], new: Float64[np.ndarray, "2 3"]
 ) -> tuple[Float64[np.ndarray, "3 3"], Point]:
-    """Rotation and shift that bring two points nearest to two others, without a twist."""
+    """Rotation and translation that map two points onto two others, without a twist."""
     start = unit(old[1] - old[0])
     end = unit(new[1] - new[0])
     x, y, z = np.cross(start, end)

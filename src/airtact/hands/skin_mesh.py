@@ -1,9 +1,9 @@
 """Even triangles on the body of a hand, closed in every pose of the fingers.
 
-Marching cubes on a grid of the distance give closed triangles. Passes of splitting, collapsing,
-flipping and smoothing make them even; each pass projects the vertices onto the skin. On the grid,
-fingers that stand apart are carved out round each other, so that even a coarse grid resolves the
-air between them; their triangles then grow back onto the skin.
+Marching cubes on a grid of the distance give a closed mesh. Passes of splitting, collapsing,
+flipping and smoothing make its triangles even; each pass projects the vertices onto the skin. On
+the grid, separate fingers are cut back, so that a coarse grid resolves the air between them. The
+projection moves their triangles back to the skin.
 """
 
 from dataclasses import dataclass, replace
@@ -28,13 +28,13 @@ Ends = Int64[np.ndarray, "edges 2"]
 
 @dataclass(frozen=True)
 class Settings:
-    """Tuned numbers of the mesher.
+    """Tuned parameters of the mesher.
 
     Attributes
     ----------
     grids : levels of the distance, over the step of the grid, and shares of the usual step. They
-        are tried in turn until a mesh is good: a tiny tunnel that spoils one grid vanishes in
-        another, or is resolved.
+        are tried in order until a mesh is good: a tiny tunnel that one grid meshes badly vanishes
+        or is resolved in another.
     step_to_radius, step_to_edge : largest step of the grid, over the radius of the smallest ball
         and over the wanted edge.
     first_edge, edge_growth : edge of the first pass over the step of the grid, and the factor by
@@ -50,8 +50,8 @@ class Settings:
         farther off the skin [m].
     repairs, shrink_from : largest number of passes that repair a mesh, and the pass from which
         poor triangles also get smaller.
-    shrink, max_growth : factor by which they do, as long as there are no more than this times the
-        triangles of the best mesh.
+    shrink, max_growth : factor of their size, and largest number of triangles over that of the best
+        mesh.
     poor_angle, repair_pull : triangles with a smaller angle are poor [degrees]; ``pull`` of the
         passes that repair.
     """
@@ -138,7 +138,7 @@ def even_skin(hulls: Hulls, edge: float) -> HandMesh:
 
 
 def graded(hulls: Hulls, mesh: HandMesh, edge: float, fine: float, points: Points) -> HandMesh:
-    """Refine a mesh of an edge [m] beside points (P, 3) [m], with ``fine`` edges [m] there."""
+    """Refine a mesh with edges of a length [m] to ``fine`` edges [m] beside points (P, 3) [m]."""
     tree = KDTree(points)
     for _ in range(4):
         away = tree.query(mesh.vertices)[0]
@@ -149,7 +149,7 @@ def graded(hulls: Hulls, mesh: HandMesh, edge: float, fine: float, points: Point
 
 
 def settled(hulls: Hulls, mesh: HandMesh, edge: float) -> HandMesh:
-    """Project triangles of an edge [m] onto a body near them and smooth them; none are added."""
+    """Project triangles onto a body near them and smooth them, without adding any."""
     mesh = _projected(hulls, mesh, edge)
     for _ in range(2):
         mesh = _evened(hulls, mesh, edge, keep=True)
@@ -166,7 +166,7 @@ def midpoints(hulls: Hulls, mesh: HandMesh) -> Float64[np.ndarray, "triangles 3 
 
 
 def _repaired(hulls: Hulls, mesh: HandMesh, edge: float) -> tuple[float, HandMesh]:
-    """Make poor triangles more even, smaller where skins meet; return least fault and its mesh."""
+    """Make poor triangles more even, and smaller where skins meet; return best fault and mesh."""
     best = mesh
     best_fault = _fault(hulls, mesh)
     for attempt in range(SETTINGS.repairs):
@@ -195,7 +195,7 @@ def _repaired(hulls: Hulls, mesh: HandMesh, edge: float) -> tuple[float, HandMes
 
 
 def _fault(hulls: Hulls, mesh: HandMesh) -> float:
-    """Distance of a mesh from a good one; 0 or less for a good one."""
+    """Largest relative excess over the limits of a good mesh; 0 or less if it is good."""
     ends = np.stack([mesh.triangles, np.roll(mesh.triangles, -1, axis=1)], axis=2).reshape(-1, 2)
     ends = ends[ends[:, 0] < ends[:, 1]]  # each edge of a closed mesh runs both ways
     bulge = float(_middles(hulls, mesh, ends)[1].max())
@@ -211,7 +211,7 @@ def _fault(hulls: Hulls, mesh: HandMesh) -> float:
 
 
 def _marching_cubes(hulls: Hulls, step: float, level: float) -> HandMesh:
-    """Make closed triangles from a grid of the distance; leave out hollows and specks."""
+    """Make closed triangles from a grid of the distance, without cavities and specks."""
     with extra("mesh", "the skin of a hand needs scikit-image"):
         from skimage.measure import marching_cubes
 
@@ -226,7 +226,7 @@ def _marching_cubes(hulls: Hulls, step: float, level: float) -> HandMesh:
     first, second, third = triangles.T
     piece = components(np.r_[first, second], np.r_[second, third], len(vertices))
     if piece.max() > 0:
-        # No sound reaches hollows inside the body, whose volume is negative.
+        # Sound does not reach cavities, whose volume is negative.
         volume = np.bincount(piece[first], cone_volumes(vertices[triangles]))
         used = volume[piece] > (2.0 * step) ** 3
         new_index = np.cumsum(used) - 1
@@ -253,7 +253,7 @@ def _distance_grid(
     corners = side * _grid_indices(shape // side)
     while True:
         middles = low + step * (corners + (side - 1) / 2)
-        # fingers are carved out round each other by a little more than a step
+        # separate fingers are cut back by a little more than a step
         distance = hulls.look(middles, carve=1.15 * step).distance
         blocks = values.reshape(np.stack([shape // side, [side] * 3], axis=1).ravel())
         x, y, z = (corners // side).T
@@ -294,8 +294,8 @@ def _evened(
     max_size : longest edges [m].
     collapse_angle : triangles with a smaller angle are collapsed [degrees].
     pull : as in ``Settings``.
-    keep : whether vertices only move, and triangles stay.
-    hold : whether the sizes of the mesh are kept where gaps and bends ask for no smaller ones.
+    keep : whether the triangles stay the same and only vertices move.
+    hold : whether the sizes of the mesh are upper limits.
     """
     count = len(mesh.vertices)
     room = 2 * count + 1000

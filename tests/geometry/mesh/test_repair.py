@@ -118,7 +118,7 @@ def test_repeated_and_collapsed_triangles_are_dropped(added, number):
     v, t = BALL
     result = accepted(v, np.vstack([t, added]))
     assert np.array_equal(result.triangles, t)
-    assert result.notes[0].startswith(f"{number} triangles")
+    assert result.notes[0].split()[0] == str(number)
 
 
 @pytest.mark.parametrize("share", [1e-9, 1e-6, 1e-4, 5e-4])

@@ -1,4 +1,4 @@
-"""Fit a hand to the points that a depth camera saw and to the rough landmarks of a tracker."""
+"""Fit a hand to the point cloud of a depth camera and to the inaccurate landmarks of a tracker."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -64,30 +64,30 @@ from airtact.timing import Progress, no_progress, one_thread
 # Standard deviation of each coordinate of a landmark [m].
 LANDMARK_SPREAD = 6e-3
 
-# By which bones between rough landmarks may be longer or shorter than any [m].
+# Tolerance of the lengths of bones between landmarks [m].
 LANDMARK_TOLERANCE = 20e-3
 
-# Smallest number of points that a hand is fitted to.
+# Smallest number of points of a cloud.
 MIN_POINTS = 200
 
-# Points farther than this from all bones do not belong to the hand [m].
+# Points farther than this from all bones are not part of the hand [m].
 HAND_RADIUS = 45e-3
 
 
 @dataclass(frozen=True, eq=False)
 class FittedHand:
-    """A hand found in a cloud; made by ``fit_hand``.
+    """A hand fitted to a point cloud; the result of ``fit_hand``.
 
     Attributes
     ----------
     hand : the hand.
-    anatomy : sizes of this person's hand, learned so far.
+    anatomy : sizes of the person's hand, learned from the frames so far.
     joint_errors : (25,) standard deviation of the position of each joint [m].
-    part_errors : standard deviation of the skin of each part, along its normal [m].
+    part_errors : standard deviation of the skin of each part along its normal [m].
     points : (N, 3) means of the cloud in cells around the hand [m].
-    distances : (N,) of these from its skin, positive outside [m].
-    outliers : (N,) whether each had no weight in the fit.
-    misfit : root mean square of the distances of the others [m].
+    distances : (N,) distances of these points from the skin, positive outside [m].
+    outliers : (N,) whether each point had no weight in the fit.
+    misfit : root mean square of the distances of the other points [m].
     """
 
     hand: Hand
@@ -103,20 +103,20 @@ class FittedHand:
 
     @property
     def uncertainty(self) -> Uncertainty:
-        """Uncertainty of each bone by itself: the root mean square of the joints' errors."""
+        """Independent uncertainty of each bone: the root mean square error of the joints."""
         return Uncertainty(own_position=float(np.sqrt(np.mean(self.joint_errors**2) / 3.0)))
 
     @cached_property
     def surface(self) -> Surface:
         """The closed skin, moved to the points of the cloud.
 
-        It is ``hand.surface``, which is not moved, if the moved triangles would cross.
+        If its triangles would cross, it is the unmoved ``hand.surface``.
         """
         moved = with_offset(self.hand.shape.hulls, self.points[~self.outliers])
         return self.hand.surface if moved is None else moved
 
     def place(self, name: str) -> Place:
-        """Find one of ``hand.places`` on ``surface``; as ``Hand.place``."""
+        """Find one of ``hand.places`` on ``surface``; raise as ``Hand.place``."""
         point, normal = self.hand.place(name)
         return fixed(self.surface.shape.project(point[None])[0]), normal
 
@@ -131,44 +131,45 @@ def fit_hand(
     *,
     progress: Progress | None = None,
 ) -> FittedHand:
-    """Fit a hand to a cloud of points of its skin, seen from one side or many.
+    """Fit a hand to a point cloud of its skin, seen from one or more sides.
 
     The fit minimises the distances of the points from the skin of a sphere mesh (Tkach, Pauly,
     Tagliasacchi, ACM Trans. Graph. 35, 222 (2016)) under priors: constant bone lengths, limits of
-    joints and the sizes of people. Outliers have no weight; what the points do not show follows
-    from the priors. The sizes of the person are learned from the first 8 frames and then kept.
+    joints and the distribution of hand sizes. Outliers have no weight. The priors determine the
+    parts of the hand without points. The sizes of the person are learned from the first 8 frames
+    and then stay fixed.
 
     Parameters
     ----------
-    points : (N, 3) of the skin, with noise, holes and outliers [m].
-    landmarks : (25, 3) rough joints in the order of WebXR, or (21, 3) in that of MediaPipe and Leap
-        [m].
-    side : ``"right"`` or ``"left"``; found from the landmarks unless given, where the fingers bend
+    points : (N, 3) points of the skin, with noise, holes and outliers [m].
+    landmarks : (25, 3) inaccurate joints in the order of WebXR, or (21, 3) in that of MediaPipe and
+        Leap [m].
+    side : ``"right"`` or ``"left"``; by default it follows from the landmarks if the fingers bend
         enough.
-    camera : (3,) the position that all points were seen from [m]. Where it is given, points belong
-        to skin that faces it, and the hand stays within the silhouette that it saw.
-    before : the fit of the previous frame, whose pose is the start; its anatomy is used unless
-        ``anatomy`` is given.
-    anatomy : sizes of the person from an earlier fit; those of the population if neither this nor
-        ``before`` is given.
-    progress : called with the words of each step as it begins.
+    camera : (3,) position from which all points were seen [m]. Points then match only skin that
+        faces the camera, and the hand stays within the observed silhouette.
+    before : the fit of the previous frame, whose pose is the initial guess. Its anatomy is used
+        unless ``anatomy`` is given.
+    anatomy : sizes of the person from an earlier fit. By default they are those of ``before``, or
+        of the population.
+    progress : called with a description of each step when it begins.
 
     Raises
     ------
     InvalidInput
-        If landmarks are missing, NaN, in millimetres, swapped or impossible; the side is unclear;
-        the cloud is tiny, in millimetres, far off or holds another body; the camera is among the
-        points; or the hand does not match them.
+        If landmarks are missing, NaN, in millimetres, swapped or implausible; the side is unclear;
+        the cloud is too small, in millimetres, far from the landmarks or contains another body; the
+        camera is among the points; or no hand matches the points.
     """
     joints = joints_of(landmarks, LANDMARK_TOLERANCE)
     check_finger_order(joints, LANDMARK_TOLERANCE)
-    # Rough landmarks distinguish a left hand from a right one where fingers bend clearly.
+    # Inaccurate landmarks distinguish left from right only if the fingers bend clearly.
     side = checked_side(joints, side, "landmarks", min_evidence=1.5)
     if before is not None:
         of_kind(before, FittedHand, "the frame before", "a result of fit_hand")
     cloud = _checked_cloud(points, joints)
     eye = None if camera is None else _checked_camera(camera, cloud)
-    # A settled anatomy is the prior; one that is still learned only gives the sizes to start from.
+    # A settled anatomy is the prior; one that is still being learned only gives initial sizes.
     person = anatomy or (None if before is None else before.anatomy)
     prior = person if person is not None and person.settled else population_prior(joints)
     spread = np.full(25, LANDMARK_SPREAD)
@@ -178,7 +179,7 @@ def fit_hand(
     seen = Observation(cell_means(cloud), joints, spread, side, prior, eye, silhouette)
     start = _start_from(before, joints) if before is not None and before.hand.side == side else None
     sizes = prior.mean if person is None else person.mean
-    with one_thread():  # threads would wait for each other, the matrices being small
+    with one_thread():  # the matrices are too small for several threads
         estimate = _best_estimate(seen, start, sizes, progress or no_progress)
         fitted = _fitted(seen, estimate, before, person or prior)
         _check_explained(seen, fitted, cloud)
@@ -186,7 +187,7 @@ def fit_hand(
 
 
 def _start_from(before: FittedHand, joints: Joints) -> Joints | None:
-    """Move the hand of the frame before to new landmarks; None where these have another pose."""
+    """Move the hand of the previous frame to new landmarks; None if their pose differs."""
     turn, shift = nearest_motion(before.hand.joints, joints)
     moved = before.hand.joints @ turn.T + shift
     return moved if np.linalg.norm(moved - joints, axis=1).max() < 25e-3 else None
@@ -198,12 +199,12 @@ def _best_estimate(
     prior = seen.anatomy
     cloud = counted(len(seen.points), "point", "points")
     if start is not None:
-        report_step(f"moving the hand of the frame before to {cloud}")
+        report_step(f"moving the hand of the previous frame to {cloud}")
         return next_hand(seen, start, sizes, hold=prior.settled)
     report_step("fitting a hand to the landmarks")
     no_points = replace(seen, points=np.zeros((0, 3)), camera=None, silhouette=None)
     bent = evenly_bent(seen.landmarks, np.exp(prior.mean[: len(BONES)]), seen.side)
-    # First to the landmarks alone, because points of a cloud belong to no finger in particular.
+    # First to the landmarks alone, because the finger of each point is unknown.
     by_landmarks = best_hand(no_points, (bent,), prior.mean, hold=prior.settled).joints
     report_step(f"fitting it to {cloud}")
     return best_hand(seen, (by_landmarks, seen.landmarks), sizes, hold=prior.settled)
@@ -218,7 +219,7 @@ def _fitted(
     keyframe = None if before is None else before.hand.shape.keyframe
     radii = np.exp(estimate.sizes[SIZE_RADII])
     hand = Hand(fixed(estimate.joints), fixed(radii), seen.side, keyframe)
-    # A joint under skin is known to 1 mm in each coordinate at best.
+    # The best accuracy of a joint under skin is 1 mm in each coordinate.
     variance = np.diag(estimate.covariance)[JOINTS].reshape(25, 3).sum(axis=1) + 3.0 * 1e-3**2
     spread = skin_spread(estimate)
     owner = np.r_[OWNER, np.full(len(PARTS) - FREE, len(FINGERS))]
@@ -241,27 +242,27 @@ def _fitted(
 
 
 def _check_explained(seen: Observation, fitted: FittedHand, cloud: Points) -> None:
-    """Raise where the hand leaves many points unexplained or is far from a landmark."""
+    """Raise if the hand does not match many points, or is far from a landmark."""
     # 2000 points are enough for a share of 80 %.
     sampled = cloud[:: max(len(cloud) // 2000, 1)]
     residuals = skin_residuals(sampled, fitted.hand.shape.hulls, seen.camera)
     explained = float((np.abs(residuals.distance) < 6e-3).mean())
-    hint = "" if seen.camera is None else ", or does the camera stand elsewhere"
+    hint = "" if seen.camera is None else ", or is the camera elsewhere"
     if explained < 0.8:
         raise InvalidInput(
-            f"the hand explains {100 * explained:.0f} % to 6 mm of the {len(cloud)} points within "
-            f"{1e3 * HAND_RADIUS:g} mm of the landmarks: is there a second hand or another body, "
-            f"or are the landmarks of another moment{hint}?",
+            f"only {100 * explained:.0f} % of the {len(cloud)} points within "
+            f"{1e3 * HAND_RADIUS:g} mm of the landmarks are within 6 mm of the hand: is there a "
+            f"second hand or another body, or are the landmarks from another time{hint}?",
             code="pose_not_found",
         )
     off = np.linalg.norm(fitted.hand.joints - seen.landmarks, axis=1)
-    # Joints that the tracker did not give were guessed, and may be off.
+    # Joints that the tracker does not provide were estimated.
     off[seen.spread > LANDMARK_SPREAD] = 0.0
     worst = int(off.argmax())
     if off[worst] > 30e-3:
         raise InvalidInput(
-            f"the landmark {NAMES[worst]} is {1e3 * off[worst]:.3g} mm from where the cloud shows "
-            f"that joint, and rough ones are within 30 mm: are landmarks swapped{hint}?",
+            f"the landmark {NAMES[worst]} is {1e3 * off[worst]:.3g} mm from that joint in the "
+            f"cloud, more than 30 mm: are landmarks swapped{hint}?",
             seen.landmarks[worst],
             code="misplaced",
         )
@@ -274,9 +275,9 @@ def _checked_camera(camera: Real[np.ndarray, "3"], cloud: Points) -> Point:
     ahead = (cloud - eye) @ sight / max(float(np.linalg.norm(sight)), 30e-3)
     if ahead.min() < 30e-3:
         raise InvalidInput(
-            f"the camera stands at {in_mm(eye)}, and {(ahead < 30e-3).sum()} of {len(cloud)} "
-            "points lie beside it, behind it or less than 30 mm before it: give the place that "
-            "they were seen from, in metres.",
+            f"the camera is at {in_mm(eye)}, but {(ahead < 30e-3).sum()} of {len(cloud)} points "
+            "are beside it, behind it or less than 30 mm in front of it; give the position of the "
+            "camera in metres.",
             eye,
             code="misplaced",
         )
@@ -289,7 +290,7 @@ def _checked_camera(camera: Real[np.ndarray, "3"], cloud: Points) -> Point:
 def _checked_cloud(
     points: Real[np.ndarray, "points 3"], joints: Joints
 ) -> Float64[np.ndarray, "near 3"]:
-    """Return the points of a cloud (N, 3) [m] that lie around the rough joints of a hand."""
+    """Return the points of a cloud (N, 3) [m] near the inaccurate joints of a hand."""
     cloud = points_of(points, "points of a cloud", least=0)
     if len(cloud) < MIN_POINTS:
         raise InvalidInput(
@@ -301,11 +302,11 @@ def _checked_cloud(
     if largest.max() > 1e6:
         raise InvalidInput(
             f"point {largest.argmax()} of the cloud has a coordinate of {largest.max():.3g} m: "
-            "give metres, and leave out what the camera did not see.",
+            "give metres, and remove points that the camera did not see.",
             code="out_of_range",
         )
     distance = _distance_to_bones(cloud, joints)
-    # The forearm belongs to the person but not to the model: behind the wrist, near its axis.
+    # The model has no forearm: ignore points behind the wrist near its axis.
     along = unit(joints[0] - joints[[6, 11, 16, 21]].mean(axis=0))
     behind = (cloud - joints[0]) @ along
     beside = np.linalg.norm(cloud - joints[0] - behind[:, None] * along, axis=1)
@@ -313,25 +314,25 @@ def _checked_cloud(
     near = (distance < HAND_RADIUS) & ~forearm
     if near.sum() < MIN_POINTS:
         usual = float(np.median(distance))
-        # If a thousandth of the cloud fits, it is in millimetres.
+        # If the cloud matches after scaling by 0.001, it is in millimetres.
         if (_distance_to_bones(1e-3 * cloud, joints) < HAND_RADIUS).mean() > 0.5:
             raise InvalidInput(
-                f"the cloud lies {usual:.4g} m from the landmarks: is it in millimetres? Give "
+                f"the cloud is {usual:.4g} m from the landmarks: is it in millimetres? Give "
                 "metres.",
                 code="not_in_metres",
             )
         raise InvalidInput(
-            f"{near.sum()} of {len(cloud)} points lie within {1e3 * HAND_RADIUS:g} mm of the "
-            f"landmarks, half of them {1e3 * usual:.4g} mm off: bring both into one frame.",
+            f"only {near.sum()} of {len(cloud)} points are within {1e3 * HAND_RADIUS:g} mm of the "
+            f"landmarks (median distance {1e3 * usual:.4g} mm); give both in the same frame.",
             code="misplaced",
         )
     elsewhere = ~near & ~forearm
     if elsewhere.mean() > 0.3:  # more than outliers
         middle = np.median(cloud[elsewhere], axis=0)
         raise InvalidInput(
-            f"{elsewhere.sum()} of {len(cloud)} points lie more than {1e3 * HAND_RADIUS:g} mm from "
-            f"the landmarks, half of them around {in_mm(middle)}: a second hand or a background? "
-            "Cut them away.",
+            f"{elsewhere.sum()} of {len(cloud)} points are more than {1e3 * HAND_RADIUS:g} mm from "
+            f"the landmarks, with their median at {in_mm(middle)}: a second hand or a background? "
+            "Remove them.",
             middle,
             code="given_twice",
         )
@@ -344,9 +345,9 @@ def _distance_to_bones(points: Points, joints: Joints) -> PerPoint:
 
 
 def cell_means(points: Points, cell: float = 4e-3) -> Float64[np.ndarray, "fewer 3"]:
-    """Mean of the points (N, 3) in each cube [m]; sparse cubes hold outliers and have none.
+    """Mean of the points (N, 3) in each cube [m], without sparse cubes, which contain outliers.
 
-    The mean is of the points near the one nearest to the mean of all, so that outliers weigh less.
+    To reduce the influence of outliers, the mean includes only points near the central one.
     """
     cubes = np.floor((points - points.min(axis=0)) / cell).astype(np.int64)
     # One integer for each cube, so that ``unique`` sorts numbers instead of rows.
@@ -396,11 +397,10 @@ def _mean_offset(
     vertices: Float64[np.ndarray, "vertices 3"],
     normals: Float64[np.ndarray, "vertices 3"],
 ) -> Float64[np.ndarray, "vertices"]:
-    """Average the distances of the points from the body around vertices on its skin [m].
+    """Mean distance of the points from the body around each vertex of its skin [m].
 
-    Neighbours whose skin faces the same way are averaged (E. A. Nadaraya, Theory Probab. Appl. 9,
-    141 (1964)), with the body's own skin at the weight of one point; where no point is near, the
-    offset is zero.
+    The kernel average (E. A. Nadaraya, Theory Probab. Appl. 9, 141 (1964)) includes points with a
+    similar normal, and an offset of 0 with the weight of one point.
     """
     width = 5e-3  # standard deviation of the weights
     look = hulls.look(points)

@@ -1,9 +1,9 @@
-"""Find the hand that explains a cloud best, by Gauss-Newton steps; outliers are weighted down.
+"""Robust Gauss-Newton fit of a hand to a point cloud.
 
 Sources
 -------
-- A. E. Beaton, J. W. Tukey, Technometrics 16, 147 (1974): the weights of points that are far off.
-- F. R. Hampel, J. Am. Stat. Assoc. 69, 383 (1974): the scale of the misfit from its median.
+- A. E. Beaton, J. W. Tukey, Technometrics 16, 147 (1974): weights of outliers.
+- F. R. Hampel, J. Am. Stat. Assoc. 69, 383 (1974): scale of the misfit from its median.
 - A. Tkach, M. Pauly, A. Tagliasacchi, ACM Trans. Graph. 35, 222 (2016): the distance of a point x
   to a hull of balls is the least of |x - c(w)| - r(w) over the weights w of its balls; its
   derivatives there are -w n by the centres and -w by the radii, n pointing from c(w) to x. Section
@@ -54,17 +54,17 @@ FingersAndPalm = Float64[np.ndarray, "2"]
 # 0 for the hulls of fingers, 1 for those of the palm.
 KIND = (np.arange(len(PARTS)) >= FREE).astype(np.int64)
 
-# Points off by more than this over the scale of the misfit have no weight.
+# Misfit over its scale above which a point has no weight.
 TUKEY = 4.685
 
 # Largest scale of the misfit [m].
 MAX_SCALE = 4e-3
 
-# Fewer points of fingers, or of the palm, give no scale of their own misfit.
+# Smallest number of points of the fingers, or of the palm, for a separate scale of their misfit.
 MIN_POINTS = 20
 
-# Points of fingers and of the palm that count as one: neighbouring misfits are alike, more so at
-# the palm, which is farther from hulls of balls.
+# Number of correlated points that count as one, at fingers and at the palm. The palm deviates more
+# from hulls of balls.
 POINTS_AS_ONE = np.array([4.0, 12.0])
 
 
@@ -73,18 +73,18 @@ POINTS_AS_ONE = np.array([4.0, 12.0])
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """What is known of a hand in one frame.
+    """Observation of a hand in one frame.
 
     Attributes
     ----------
     points : (N, 3) of its skin, averaged in cells [m].
-    landmarks : (25, 3) rough joints [m].
+    landmarks : (25, 3) inaccurate joints [m].
     spread : (25,) standard deviation of each of their coordinates [m].
     side : "right" or "left".
-    anatomy : what its sizes may be.
-    camera : (3,) that saw the points [m], or None.
-    silhouette : what that camera saw of the hand, or None.
-    each : number of points behind each of these.
+    anatomy : prior of the sizes.
+    camera : (3,) position of the camera [m], or None.
+    silhouette : silhouette seen by the camera, or None.
+    each : number of points that each point stands for.
     """
 
     points: Points
@@ -103,13 +103,13 @@ class Observation:
 
 
 class SkinResiduals(NamedTuple):
-    """Signed distances of points (N,) from the skin that they belong to, and their derivatives.
+    """Signed distances of points from their nearest skin, and the derivatives.
 
     Attributes
     ----------
     distance : (N,) [m].
     by_balls : (N, 104) derivatives by centre and radius of each ball.
-    hull : (N,) the hull that each belongs to.
+    hull : (N,) index of the nearest hull.
     """
 
     distance: PerPoint
@@ -120,7 +120,7 @@ class SkinResiduals(NamedTuple):
 def skin_residuals(points: Points, hulls: Hulls, camera: Point | None = None) -> SkinResiduals:
     """Distances of points from the skin, by the three nearest hulls, and their derivatives.
 
-    Points that a ``camera`` (3,) [m] saw belong to skin that faces it.
+    With a ``camera`` (3,) [m], only skin that faces it counts.
     """
     facing = -0.05  # cosine to the line of sight below which skin faces away from the camera
     return SkinResiduals(
@@ -130,17 +130,17 @@ def skin_residuals(points: Points, hulls: Hulls, camera: Point | None = None) ->
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """The normal equations of a step, and the parts of the cost.
+    """Normal equations of a step, and the terms of the cost.
 
     Attributes
     ----------
-    unknowns : (137,) where they hold.
+    unknowns : (137,) point of linearisation.
     matrix, gradient : (137, 137) and (137,).
-    squares : sum of squares of the rules.
-    residuals : of the points.
-    weights : (N,) of the points, 0 for outliers.
-    scale : (2,) of the misfit at fingers and at the palm [m].
-    each : number of points behind each of them.
+    squares : sum of squares of the priors.
+    residuals : residuals of the points.
+    weights : (N,) weights of the points, 0 for outliers.
+    scale : (2,) scale of the misfit at fingers and at the palm [m].
+    each : number of points that each point stands for.
     """
 
     unknowns: Unknowns
@@ -153,7 +153,7 @@ class NormalEquations:
     each: int
 
     def cost(self, scale: FingersAndPalm, rules_weight: float = 1.0) -> float:
-        """Half the sum of squares of the rules, weighted, and Tukey's function of the points."""
+        """Half the weighted sum of squares of the priors, plus Tukey's function of the points."""
         kind = KIND[self.residuals.hull]
         share = np.minimum((self.residuals.distance / (TUKEY * scale[kind])) ** 2, 1.0)
         points = float(((1.0 - (1.0 - share) ** 3) / POINTS_AS_ONE[kind]).sum())
@@ -190,7 +190,7 @@ def normal_equations(
 def equations_of_rules(
     seen: Observation, unknowns: Unknowns
 ) -> tuple[UnknownsMatrix, Unknowns, float]:
-    """Set up the normal equations of all but the points: matrix, gradient, and twice the cost."""
+    """Set up the normal equations of the priors: matrix, gradient, and twice the cost."""
     joints = joints_in(unknowns)
     sizes = unknowns[SIZES]
     axes = bending_axes(joints, seen.side)
@@ -221,7 +221,7 @@ def equations_of_rules(
 def _equations_of_points(
     residuals: SkinResiduals, weights: PerPoint, sizes: Sizes
 ) -> tuple[Float64[np.ndarray, "100 100"], Float64[np.ndarray, "100"]]:
-    """Set up the normal equations of points with weights [1/m²], for the unknowns of the body."""
+    """Set up the normal equations of points with weights [1/m²] by the unknowns of the body."""
     used = np.flatnonzero(weights)
     root = np.sqrt(weights[used])
     rows = residuals.by_balls[used] * root[:, None]
@@ -235,17 +235,17 @@ def _equations_of_points(
 
 @dataclass(frozen=True, eq=False)
 class HandEstimate:
-    """The hand that explains a cloud best.
+    """The best hand for a point cloud.
 
     Attributes
     ----------
     joints : (25, 3) [m].
     sizes : (62,) logarithms.
-    covariance : (137, 137) of joints and sizes.
-    residuals : of the points.
-    weights : (N,) of the points, 0 for outliers.
-    common : (2,) standard deviation of the part of the misfit that neighbouring points share, at
-        fingers and at the palm [m].
+    covariance : (137, 137) covariance of joints and sizes.
+    residuals : residuals of the points.
+    weights : (N,) weights of the points, 0 for outliers.
+    common : (2,) standard deviation of the correlated misfit of neighbouring points, at fingers and
+        at the palm [m].
     """
 
     joints: Joints
@@ -256,17 +256,17 @@ class HandEstimate:
     common: FingersAndPalm
 
 
-# The scale of the misfit is at least this in the first step [m], so that a finger that is off may
-# come, and a smaller share of it in each later one.
+# Lower limit of the scale of the misfit in the first step [m]; it decreases from step to step. A
+# large scale attracts fingers that are far from their points.
 FIRST_SCALE = 3e-3
 
 
 def best_hand(
     seen: Observation, starts: Sequence[Joints], sizes: Sizes, hold: bool
 ) -> HandEstimate:
-    """Find the hand that explains a cloud best, from several joints [m] and again from the best.
+    """Find the best hand from several initial joints [m], and again from the best result.
 
-    ``sizes`` are the starting logarithms of the sizes; with ``hold`` they stay fixed.
+    ``sizes`` are the initial logarithms of the sizes; ``hold`` fixes them.
     """
 
     def search(unknowns: Unknowns) -> NormalEquations:
@@ -282,7 +282,7 @@ def best_hand(
 
 
 def next_hand(seen: Observation, joints: Joints, sizes: Sizes, hold: bool) -> HandEstimate:
-    """Find the hand that explains a cloud best near the joints of the frame before [m]."""
+    """Find the best hand near the joints of the previous frame [m]."""
     unknowns = np.concatenate([joints.ravel(), sizes])
     hulls, _ = hand_hulls(joints, np.exp(sizes[SIZE_RADII]))
     min_scale = FIRST_SCALE
@@ -295,10 +295,10 @@ def next_hand(seen: Observation, joints: Joints, sizes: Sizes, hold: bool) -> Ha
 
 
 def _better(first: NormalEquations, second: NormalEquations) -> NormalEquations:
-    """Choose the end of a search that explains the points better, by the smaller scale of the two.
+    """Choose the search result that matches the points better, at the smaller of both scales.
 
-    Rules count less than in the search: a pose that joints and landmarks hardly allow is likelier
-    than points that nothing explains.
+    Priors have less weight than in the search: an unusual pose is more likely than unexplained
+    points.
     """
     scale = np.minimum(first.scale, second.scale)
     return second if second.cost(scale, 0.3) < first.cost(scale, 0.3) else first
@@ -312,9 +312,9 @@ def _descended(
     hold: bool,
     hulls: Hulls | None = None,
 ) -> tuple[NormalEquations, float]:
-    """Take damped steps until they promise little; return the end and the least scale by then [m].
+    """Take damped steps until the expected gain is small; return the result and lower scale [m].
 
-    Hulls stay joined as they are at the start, or as the given ``hulls`` are.
+    The hulls have the blends of the initial hand, or of ``hulls``.
     """
     free = JOINTS.stop if hold else SIZES.stop
     damping = 1e-3
@@ -337,8 +337,8 @@ def _descended(
         if better:
             here = next_equations
         damping = damping / 5.0 if better else damping * 10.0
-        # A step may break its promise because points change from one part of the hand to another:
-        # then the search ends at a larger share of the cost.
+        # A step may fail because points change from one part of the hand to another. The search
+        # then ends at a larger expected gain.
         enough = (1e-3 if better else 1e-2) * (1.0 + here.cost(here.scale))
         if promised < enough and min_scale < here.scale.min():
             break
@@ -351,8 +351,8 @@ def _descended(
 def skin_spread(estimate: HandEstimate) -> Float64[np.ndarray, "hulls"]:
     """Return the standard deviation of the skin of each hull (H,) along its normal [m].
 
-    It is averaged all round and includes what the shape of the body cannot follow, at least as much
-    as the misfit that neighbouring points share.
+    It is averaged over all directions. It includes the error of the model's shape, which is at
+    least the correlated misfit of neighbouring points.
     """
     normals = np.vstack([np.eye(3), -np.eye(3)])
     by_numbers = np.column_stack([normals, np.ones(len(normals))])
@@ -374,7 +374,7 @@ def skin_spread(estimate: HandEstimate) -> Float64[np.ndarray, "hulls"]:
 
 
 def _estimate(seen: Observation, here: NormalEquations, hold: bool) -> HandEstimate:
-    """Find the covariance, in which neighbouring points that share their misfit count as one."""
+    """Find the covariance, with correlated neighbouring points counted as one."""
     sizes = here.unknowns[SIZES]
     kinds = KIND[here.residuals.hull]
     alike = np.ones(2)
@@ -387,7 +387,7 @@ def _estimate(seen: Observation, here: NormalEquations, hold: bool) -> HandEstim
     matrix = equations_of_rules(seen, here.unknowns)[0]
     by_variance = here.weights / (alike * here.scale**2)[kinds]
     matrix[BODY_BLOCK] += _equations_of_points(here.residuals, by_variance, sizes)[0]
-    if hold:  # the sizes keep their covariance in every frame
+    if hold:  # the covariance of the sizes is that of the prior
         by_sizes = -np.linalg.solve(matrix[JOINTS, JOINTS], matrix[JOINTS, SIZES])
         follow = np.vstack([by_sizes, np.eye(62)])
         covariance = follow @ seen.anatomy.covariance @ follow.T
@@ -399,9 +399,9 @@ def _estimate(seen: Observation, here: NormalEquations, hold: bool) -> HandEstim
 
 
 def _shared_misfit(points: Points, off: PerPoint, hull: HullIndices) -> tuple[float, float]:
-    """Return the number of neighbouring points that count as one and their shared misfit [m].
+    """Return the number of correlated points that count as one, and their common misfit [m].
 
-    Points of a hull in a cube of 25 mm share their misfit, by the same fault of the shape.
+    The misfit of points of a hull within a cube of 25 mm is correlated by errors of the shape.
     """
     if len(points) < MIN_POINTS:
         return 1.0, MAX_SCALE

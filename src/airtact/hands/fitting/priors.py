@@ -1,8 +1,8 @@
-"""The unknowns of the fit, and its priors: sizes, limits of joints, rough landmarks.
+"""Unknowns and priors of the fit: sizes, limits of joints, inaccurate landmarks.
 
 The 137 unknowns are the 75 coordinates of the joints [m], then the logarithms of 62 sizes: 37
 lengths [m], as ``SPANS`` orders them, and the radii at 25 joints [m]. The 100 unknowns of the body
-are joints and radii. Each rule is a residual over its standard deviation, with its exact
+are joints and radii. Each prior is a residual over its standard deviation, with its exact
 derivatives by the unknowns.
 
 Sources
@@ -39,10 +39,10 @@ Rows = Float64[np.ndarray, "rows 3"]
 
 # --- the unknowns -----------------------------------------------------------------------------
 
-# Joints at both ends of the 37 lengths that a hand keeps.
+# Joints at both ends of the 37 constant lengths of a hand.
 SPANS = (
     *BONES,
-    # joints of the palm between which no bone runs, but that keep their distance
+    # joints of the palm at constant distances, without a bone between them
     *((5, 10), (10, 15), (15, 20), (6, 11), (11, 16), (16, 21), (1, 5)),
     *((5, 11), (10, 6), (10, 16), (15, 11), (15, 21), (20, 16)),
 )
@@ -60,7 +60,7 @@ SIZE_RADII = slice(37, 62)
 
 BODY = np.r_[JOINTS, RADII]
 
-# Unknowns that the body depends on, and their block in a matrix of all unknowns.
+# Unknowns of the body, and their block in a matrix of all unknowns.
 BODY_BLOCK = np.ix_(BODY, BODY)
 
 
@@ -92,7 +92,7 @@ def balls_at(unknowns: Unknowns) -> Balls:
 def by_body(
     by_balls: Float64[np.ndarray, "rows 104"], sizes: Sizes
 ) -> Float64[np.ndarray, "rows 100"]:
-    """Turn derivatives by centres and radii of the balls into those by the unknowns of the body."""
+    """Convert derivatives by centres and radii of balls to derivatives by unknowns of the body."""
     derivatives = by_balls @ _BALLS_BY_BODY
     derivatives[:, 75:] *= np.exp(sizes[SIZE_RADII])
     return derivatives
@@ -109,8 +109,8 @@ class HandAnatomy:
     ----------
     mean : (62,) logarithms of 37 lengths [m], as ``SPANS`` orders them, and of the radii at 25
         joints [m].
-    covariance : (62, 62) of these.
-    frames : number of frames that they were learned from.
+    covariance : (62, 62) covariance of the logarithms.
+    frames : number of frames from which they were learned.
     """
 
     mean: Sizes
@@ -121,14 +121,14 @@ class HandAnatomy:
 
     @property
     def settled(self) -> bool:
-        """Whether the sizes were learned from 8 frames; later frames keep them."""
+        """Whether the sizes were learned from 8 frames and stay fixed."""
         return self.frames >= 8
 
     def learned(self, sizes: Sizes, covariance: SizesMatrix) -> "HandAnatomy":
-        """Add the sizes (62,) of a frame, with their ``covariance``, to the mean over frames.
+        """Add the sizes (62,) of a frame and their ``covariance`` to the mean over frames.
 
-        The covariance stays that of one frame: the body's shape is wrong in the same way in every
-        frame, so that more frames do not make the sizes surer.
+        The covariance is not divided by the number of frames, because the shape of the model has
+        the same error in every frame.
         """
         share = 1.0 / (self.frames + 1)
         mean = (1.0 - share) * self.mean + share * sizes
@@ -145,14 +145,14 @@ _GENERIC_LENGTHS = 1e-3 * np.array(
 
 
 def population_prior(joints: Joints) -> HandAnatomy:
-    """Sizes of people's hands, scaled to the distances from wrist to knuckles of rough joints."""
+    """Distribution of hand sizes, scaled to the distances from wrist to knuckles of landmarks."""
     knuckles = [chain[1] for chain in CHAINS[1:]]
     metacarpals = [SPANS.index((chain[0], chain[1])) for chain in CHAINS[1:]]
     generic = _GENERIC_LENGTHS[1:5] + _GENERIC_LENGTHS[metacarpals]
     scale = float(np.linalg.norm(joints[knuckles] - joints[0], axis=1).sum() / generic.sum())
-    # Standard deviations of the logarithm of each size by itself. Last bones vary most, since
-    # every tracker ends them elsewhere. Radii at the wrist and the bases of the metacarpals are
-    # held firmly, because a palm is no row of balls: free radii would follow its flat side.
+    # Standard deviation of the logarithm of each size. Last bones vary most, because trackers
+    # define their ends differently. Radii at the wrist and at the bases of the metacarpals are
+    # nearly fixed: free radii would fit the flat side of the palm.
     alone = np.full(62, 0.08)  # bones
     alone[:5] = 0.15  # bones at the wrist
     alone[[SPANS.index((chain[-2], chain[-1])) for chain in CHAINS]] = 0.3  # last bones
@@ -162,7 +162,7 @@ def population_prior(joints: Joints) -> HandAnatomy:
     # Long hands are slender: radii grow with the power 0.6 of the length.
     growth = np.ones(62)
     growth[SIZE_RADII] = 0.6
-    # What sizes have in common: all of them, all radii, the radii of one finger.
+    # Correlations of all sizes, of all radii, and of the radii of a finger.
     covariance = np.diag(alone**2) + 0.15**2 * np.outer(growth, growth)
     covariance[SIZE_RADII, SIZE_RADII] += 0.05**2
     for chain in CHAINS:
@@ -216,7 +216,7 @@ def crossed(a: Rows, b: Rows) -> Rows:
 
 
 def length_rules(joints: Joints, sizes: Sizes) -> Rules:
-    """Hold the lengths of bones and across the palm to the logarithms of sizes (62,)."""
+    """Constrain the lengths of bones and across the palm by the logarithms of sizes (62,)."""
     starts, ends = _SPAN_ENDS.T
     along = joints[ends] - joints[starts]
     length = np.sqrt((along**2).sum(axis=1))
@@ -249,17 +249,17 @@ def usual_last_bones(joints: Joints, axes: Axes) -> Float64[np.ndarray, "4 3"]:
     axis = axes[1:]
     sine = np.einsum("fi,fi->f", crossed(first, middle), axis)
     bend = np.arctan2(sine, np.einsum("fi,fi->f", first, middle))
-    # beyond these bends of the middle joint the last one turns no farther
+    # outside these limits the last joint does not bend farther
     turn = LAST_BEND_SHARE * np.clip(bend, -0.3, 2.0)[:, None]
     return np.cos(turn) * middle + np.sin(turn) * crossed(axis, middle)
 
 
 def bend_rules(joints: Joints, axes: Axes, usual: Float64[np.ndarray, "4 3"]) -> Rules:
-    """Hold fingers in planes, bends within limits, and last bones near their usual directions.
+    """Constrain planes of fingers, bends, and directions of last bones.
 
-    The 52 residuals are those of 14 bends backwards, 14 bends too far, 8 middle and last phalanges
-    out of the plane of the first, 4 turns to a side, and 4 last bones (3 each). The axes (5, 3) and
-    the usual directions (4, 3) are held fixed in the derivatives.
+    The 52 residuals are 14 bends backwards, 14 bends too far, 8 middle and last phalanges out of
+    the plane of the first, 4 sideways turns, and 4 last bones (3 each). The axes (5, 3) and the
+    usual directions (4, 3) are constant in the derivatives.
     """
     beyond_limit = 0.05  # standard deviation of sines and cosines beyond their limits
     out_of_plane = 0.08
@@ -306,7 +306,7 @@ def _by_joints(
     length: Float64[np.ndarray, "19"],
     *parts: tuple[Int64[np.ndarray, "rules"], Float64[np.ndarray, "rules 3"]],
 ) -> Float64[np.ndarray, "rules 137"]:
-    """Turn derivatives by the unit directions of bones into those by joints.
+    """Convert derivatives by the unit directions of bones to derivatives by joints.
 
     Each of the ``parts`` has a bone for each rule and the derivatives by its direction.
     """
@@ -314,7 +314,7 @@ def _by_joints(
     gradients = np.zeros((len(rows), 137))
     by_joint = gradients[:, JOINTS].reshape(-1, 25, 3)
     for bone, gradient in parts:
-        # a direction changes with the joints at both ends of its bone, across the bone only
+        # only motions of the joints across the bone change its direction
         way = ways[bone]
         across = gradient - np.einsum("ri,ri->r", gradient, way)[:, None] * way
         moved = across / length[bone, None]
@@ -326,10 +326,10 @@ def _by_joints(
 def landmark_pull(
     off: Joints, spread: Float64[np.ndarray, "25"]
 ) -> tuple[Float64[np.ndarray, "25"], float]:
-    """Return weights [1/m] of landmarks that are ``off`` by (25, 3) [m], and twice their cost.
+    """Return weights [1/m] of landmarks with errors ``off`` (25, 3) [m], and twice their cost.
 
-    Errors have Cauchy's distribution of a ``spread`` (25,) [m]. The second number is twice the
-    cost, whose gradient is twice the squares of the weights times ``off``.
+    The errors have a Cauchy distribution of width ``spread`` (25,) [m]. The gradient of twice the
+    cost is twice the squares of the weights times ``off``.
     """
     excess = np.linalg.norm(off, axis=1) / (3.0 * spread)
     return 1.0 / (spread * np.sqrt(1.0 + excess**2)), 9.0 * float(np.log1p(excess**2).sum())

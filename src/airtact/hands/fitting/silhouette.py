@@ -1,4 +1,4 @@
-"""The silhouette that a camera saw; no part of the hand can lie beside it."""
+"""Silhouette of a hand in a camera image; no part of the hand lies outside it."""
 
 from dataclasses import dataclass
 from itertools import combinations
@@ -15,7 +15,7 @@ from airtact.hands.joints import Point, Points
 
 
 def _sample_weights() -> Float64[np.ndarray, "samples 26"]:
-    """Rows of weights that give each ball, then the middle of each rod, from the 26 balls."""
+    """Weights of the 26 balls for each ball and for the middle of each pair of a hull."""
     rods = sorted(
         {pair for part in PARTS.tolist() for pair in combinations(sorted(set(part) - {-1}), 2)}
     )
@@ -25,13 +25,13 @@ def _sample_weights() -> Float64[np.ndarray, "samples 26"]:
     return np.vstack([np.eye(26), middles])
 
 
-# Balls that are compared with the silhouette, as weights of the balls of a hand.
+# Weights of the balls of a hand for the balls that are compared with the silhouette.
 _SAMPLES = _sample_weights()
 
 
 @dataclass(frozen=True, eq=False)
 class Silhouette:
-    """Map from positions in a picture to their distance from the hand's silhouette.
+    """Distance from the silhouette of a hand as a function of the position in an image.
 
     Attributes
     ----------
@@ -53,14 +53,14 @@ class Silhouette:
     def beyond(
         self, balls: Balls
     ) -> tuple[Float64[np.ndarray, "rims"], Float64[np.ndarray, "rims 104"], float]:
-        """Find how far the rims of a hand's balls (26, 4) [m] reach out of the silhouette.
+        """Find how far the rims of a hand's balls (26, 4) [m] protrude from the silhouette.
 
-        Returns the distances (R,) of those that do over their standard deviation, weighted; their
-        derivatives (R, 104) by the balls, weights held fixed; and twice the cost.
+        Returns the weighted distances (R,) of protruding rims over their standard deviation, the
+        derivatives (R, 104) by the balls with constant weights, and twice the cost.
         """
         tolerated = 0.2e-3
         deviation = 1.0e-3  # of what is more [m]
-        # Parts that reach out farther were not seen for other reasons, and have no weight.
+        # Parts that protrude farther are hidden for other reasons, and have no weight.
         farthest = 12e-3
         rim_count = 8  # positions on the rim of each ball
         angles = 2.0 * np.pi * np.arange(rim_count) / rim_count
@@ -105,7 +105,7 @@ class Silhouette:
 
 
 def silhouette_of(points: Points, camera: Point) -> Silhouette:
-    """Find the silhouette of a hand, points (N, 3) [m], that a camera (3,) [m] saw."""
+    """Find the silhouette of points (N, 3) [m] of a hand as seen by a camera (3,) [m]."""
     sight = np.median(points, axis=0) - camera
     focal = float(np.linalg.norm(sight))
     sight = sight / focal
@@ -140,6 +140,6 @@ def _closed(
         large[0] = False
         hit = large[parts]
     holes, _ = cast("tuple[Int32[np.ndarray, 'width height'], int]", ndimage.label(~hit))
-    # smaller holes are missing points and no free air [m²]
+    # smaller holes are missing points, not free air [m²]
     small = np.bincount(holes.ravel()) * pixel**2 < 2e-4
     return hit | small[holes]

@@ -1,8 +1,7 @@
-"""One frame of a hand as any tracker gives it: time, side, and landmarks or points of its skin.
+"""One frame of a tracked hand: time, side, and landmarks or points of its skin.
 
-The time is that of the tracker's own clock at which the picture was taken, as far as the tracker
-knows it; only differences count. Landmarks and cloud are in the tracker's frame of reference, in
-metres; ``moved`` brings them into that of the scene.
+The time is the tracker's clock when the image was taken; only differences matter. Landmarks and
+cloud are in the tracker's frame of reference, in metres; ``moved`` transforms them to the scene.
 """
 
 from collections.abc import Iterator, Mapping
@@ -18,7 +17,7 @@ from airtact.geometry.pose import Pose
 from airtact.hands.hand import Hand, Side, hand_from_joints
 from airtact.hands.joints import checked_side, joints_of
 
-# Kinds of faults for which a frame is left out; ``StreamHealth`` describes each.
+# Faults of rejected frames; ``StreamHealth`` describes each.
 Fault = Literal[
     "unreadable",
     "half_lost",
@@ -31,16 +30,16 @@ Fault = Literal[
     "backwards",
 ]
 
-# Largest sequence number; JSON's numbers are exact up to here.
+# Largest sequence number; numbers in JSON are exact up to this value.
 MAX_SEQUENCE = 2**53
 
 
 class FaultyFrame(InvalidInput):
-    """A frame that cannot be used; the message is one sentence.
+    """A frame that cannot be used.
 
     Attributes
     ----------
-    fault : the kind, one of ``Fault``; it is also the code.
+    fault : the kind of fault, one of ``Fault``; also the code.
     """
 
     def __init__(
@@ -52,23 +51,22 @@ class FaultyFrame(InvalidInput):
 
 @dataclass(frozen=True, eq=False)
 class HandFrame:
-    """A hand at one moment.
+    """A hand at one time.
 
     Attributes
     ----------
-    time : of the tracker's clock [s].
+    time : time of the tracker's clock [s].
     side : ``"left"`` or ``"right"``.
-    sequence : number of the frame, which grows by one from frame to frame of the same hand.
+    sequence : number of the frame, which increases by one for each frame of the same hand.
     landmarks : (25, 3) in the order of WebXR or (21, 3) in that of MediaPipe and Leap [m], or None
-        where they are not known.
+        if unknown.
     cloud : (P, 3) points of the hand's skin [m], or None.
 
     Raises
     ------
     InvalidInput
-        Time, side or sequence number are invalid, or the landmarks are not those of such a hand:
-        NaN, millimetres, a wrong count, impossible bones, those of the other hand. It is a
-        ``FaultyFrame`` with the kind of ``fault``.
+        A ``FaultyFrame``, if time, side or sequence number are invalid, or the landmarks are not
+        plausible: NaN, millimetres, a wrong count, implausible bones, or those of the other hand.
     """
 
     time: float
@@ -89,8 +87,8 @@ class HandFrame:
         ):
             raise FaultyFrame(
                 "unreadable",
-                f"time {self.time!r}, side {self.side!r} and sequence number {self.sequence!r} are "
-                "not a finite number, 'left' or 'right', and an integer from 0 to 2^53.",
+                f"time {self.time!r}, side {self.side!r} or sequence number {self.sequence!r} is "
+                "invalid; give a finite number, 'left' or 'right', and an integer from 0 to 2^53.",
             )
         object.__setattr__(self, "time", float(self.time))
         object.__setattr__(self, "sequence", int(self.sequence))
@@ -115,11 +113,11 @@ class HandFrame:
         return self.landmarks is None and self.cloud is None
 
     def moved(self, pose: Pose) -> "HandFrame":
-        """Bring the frame into another frame of reference.
+        """Transform the frame to another frame of reference.
 
         Parameters
         ----------
-        pose : of the tracker, seen from the other frame of reference.
+        pose : pose of the tracker in the other frame of reference.
         """
         landmarks = None if self.landmarks is None else pose.apply(self.landmarks)
         cloud = None if self.cloud is None else pose.apply(self.cloud)
@@ -130,23 +128,24 @@ class HandFrame:
 
         Parameters
         ----------
-        radii : of the skin round each joint [m]; those of a generic hand of that size unless given.
+        radii : radius of the skin around each joint [m]; by default those of a generic hand of the
+            same size.
 
         Raises
         ------
         InvalidInput
-            There are no landmarks, or as ``hand_from_joints``.
+            If there are no landmarks, or as ``hand_from_joints``.
         """
         if self.landmarks is None:
             raise InvalidInput(
-                f"the {self.side} hand of frame {self.sequence} has no landmarks; take another "
+                f"the {self.side} hand of frame {self.sequence} has no landmarks; use another "
                 "frame.",
                 code="data_missing",
             )
         return hand_from_joints(self.landmarks, radii, side=self.side)
 
 
-# Fault of a frame by the error code of its landmarks.
+# Faults of frames by the error codes of their landmarks.
 _LANDMARK_FAULTS: dict[str, Fault] = {
     "not_finite": "half_lost",
     "joint_count": "unknown_count",
@@ -159,7 +158,7 @@ _LANDMARK_FAULTS: dict[str, Fault] = {
 
 @contextmanager
 def _as_faulty_frame(faults: Mapping[str, Fault]) -> Iterator[None]:
-    """Turn any error inside into a fault by its code; codes without one make a frame unreadable."""
+    """Convert errors to faults by their code; other codes become "unreadable"."""
     try:
         yield
     except InvalidInput as error:

@@ -1,9 +1,9 @@
-"""Prediction of a hand at the time when the sound arrives; noise is smoothed.
+"""Prediction of a hand at the time when the sound arrives, with noise reduction.
 
-A Kalman filter keeps the velocity of every coordinate up to white noise of the acceleration. There
-are two: one of the middle of all landmarks, and a slower one of the landmarks about it, since a
-hand reaches farther than its fingers bend. All coordinates of a filter are equally noisy and agile,
-so they share one covariance (2, 2) of position and velocity.
+The motion model is a constant velocity with white noise of the acceleration. One Kalman filter
+estimates the centroid of all landmarks, and a slower one the landmarks relative to it, because
+reaching is faster than bending fingers. All coordinates of a filter have the same noise and
+agility, so they share one covariance (2, 2) of position and velocity.
 
 Times are in seconds, positions (P, 3) in metres; ``noise`` is the standard deviation of each
 measured coordinate [m], ``agility`` the spectral density of the acceleration [m²/s³].
@@ -24,12 +24,12 @@ from airtact.errors import InvalidInput, number, positive
 from airtact.hands.joints import Points
 from airtact.hands.tracking.frame import FaultyFrame, HandFrame
 
-# Default spectral density of the acceleration of a landmark [m²/s³]. It is best or nearly so for
+# Default spectral density of the acceleration of a landmark [m²/s³]. It is nearly optimal for
 # reaching and pinching at 0.5 m/s, at 30 to 90 frames a second and noise of 0.5 to 3 mm
 # (``benchmarks/hand_tracking.py``).
 AGILITY = 0.3
 
-# The error that 1 mm of noise leaves between the foci is 0.6 of that with one filter (motions of
+# The error by 1 mm of noise between the foci is 0.6 of the error with one filter (motions of
 # ``benchmarks/live.py``), and 0.02 mm larger without noise.
 # Agility of landmarks about their middle over that of the middle.
 BENDING = 0.05
@@ -43,15 +43,15 @@ COMMON = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Positions and velocities of points, as estimated from measurements.
+    """Estimated positions and velocities of points.
 
     Attributes
     ----------
-    time : of these positions [s].
+    time : time of the positions [s].
     positions : (P, 3) [m].
     velocities : (P, 3) [m/s].
-    covariance : (2, 2) of position and velocity, of every coordinate.
-    seen_once : whether there was one measurement only, so that the velocity is a guess.
+    covariance : (2, 2) covariance of position and velocity of every coordinate.
+    seen_once : whether there was only one measurement, so that the velocity is unknown.
     """
 
     time: float
@@ -61,7 +61,7 @@ class Motion:
     seen_once: bool = False
 
     def at(self, time: float, agility: float) -> "Motion":
-        """Carry the points on at their velocities."""
+        """Extrapolate the points at their velocities."""
         step = time - self.time
         forward = transition(step)
         return replace(
@@ -86,7 +86,7 @@ def process_noise(step: float, agility: float) -> Float64[np.ndarray, "2 2"]:
 def first_seen(time: float, positions: Real[np.ndarray, "points 3"], noise: float) -> Motion:
     """Start from one measurement, with the points at rest."""
     positions = np.asarray(positions, dtype=np.float64)
-    # 0.5 m/s is the standard deviation of the velocity of a hand of which nothing else is known
+    # 0.5 m/s is the standard deviation of the velocity of a hand
     covariance = np.diag([noise**2, 0.5**2])
     return Motion(time, positions, np.zeros(positions.shape), covariance, seen_once=True)
 
@@ -110,7 +110,7 @@ def measured(
     gain = expected.covariance[:, 0] / (expected.covariance[0, 0] + noise**2)
     surprise = positions - expected.positions
     keep = np.eye(2) - np.outer(gain, [1.0, 0.0])
-    # Joseph's form stays positive
+    # Joseph's form stays positive definite
     covariance = keep @ expected.covariance @ keep.T + noise**2 * np.outer(gain, gain)
     return Motion(
         time,
@@ -121,16 +121,16 @@ def measured(
 
 
 class NoiseEstimate:
-    """White noise of a tracker, estimated from its frames; a tracker that smooths hides its own.
+    """White noise of a tracker, estimated from its frames.
 
-    The third difference of four positions at even steps of time hardly knows the motion of a hand:
-    at 60 frames a second a finger that waves by 20 mm once a second leaves 0.02 mm, and white noise
-    sqrt(1 + 9 + 9 + 1) times its standard deviation. The median over all coordinates leaves out
-    landmarks that jump.
+    The third difference of four positions at even time steps is insensitive to the motion of a
+    hand: at 60 frames/s, a finger that oscillates by 20 mm at 1 Hz contributes 0.02 mm. White noise
+    contributes sqrt(1 + 9 + 9 + 1) times its standard deviation. The median over all coordinates
+    excludes landmarks that jump. The noise of a tracker that smooths is underestimated.
 
     Attributes
     ----------
-    noise : standard deviation of each coordinate [m]; 1 mm before four frames.
+    noise : standard deviation of each coordinate [m]; 1 mm before the fourth frame.
     """
 
     def __init__(self) -> None:
@@ -159,22 +159,20 @@ class NoiseEstimate:
 
 
 class Predictor:
-    """Predicts the landmarks of one hand, by a Kalman filter of constant velocity.
+    """Prediction of the landmarks of one hand by a Kalman filter of constant velocity.
 
     Parameters
     ----------
-    latency : from the time of a frame to the moment at which the sound computed from it is in the
-        air [s].
+    latency : time from a frame to the arrival of the sound computed from it [s].
     noise : standard deviation of each coordinate of the tracker's landmarks [m], or None to
         estimate it from the frames.
-    agility : how suddenly landmarks change their velocity, as spectral density of the acceleration
-        [m²/s³].
-    patience : a hand that was not seen for longer is lost, and starts again when it is back [s].
+    agility : spectral density of the acceleration of landmarks [m²/s³].
+    patience : time without a frame after which the hand is lost and the filter restarts [s].
 
     Raises
     ------
     InvalidInput
-        The latency is not from 0 to 1 s, or another number is not above zero.
+        If the latency is not from 0 to 1 s, or another number is not above zero.
     """
 
     def __init__(
@@ -194,34 +192,34 @@ class Predictor:
         self._estimate = NoiseEstimate()
         self._agility = positive(agility, "agility", "m²/s³")
         self._patience = positive(patience, "patience", "s")
-        # newest frame, motion of the middle of its landmarks and of the landmarks about it
+        # newest frame, motion of the centroid of its landmarks and of the landmarks about it
         self._newest: tuple[HandFrame, Motion, Motion] | None = None
 
     def take(self, frame: HandFrame) -> None:
-        """Take the next frame of the hand; one that is lost changes nothing.
+        """Update the estimate with the next frame of the hand; a lost one is ignored.
 
         Parameters
         ----------
-        frame : as the tracker gave it.
+        frame : frame of the tracker.
 
         Raises
         ------
         InvalidInput
-            It is of the other hand, or not later than the one before; a ``HandStream`` gives no
-            such frames.
+            If it is of the other hand, or not later than the frame before. A ``HandStream`` does
+            not return such frames.
         """
         if self._newest is not None:
             newest = self._newest[0]
             if frame.side != newest.side:
                 raise InvalidInput(
-                    f"frame {frame.sequence} is of the {frame.side} hand; make a second predictor "
-                    "for it.",
+                    f"frame {frame.sequence} is of the {frame.side} hand; use a second predictor "
+                    "for that hand.",
                     code="does_not_match",
                 )
             if frame.time <= newest.time:
                 raise InvalidInput(
-                    f"time goes back from {newest.time:g} to {frame.time:g} s at frame "
-                    f"{frame.sequence}; leave it out.",
+                    f"frame {frame.sequence} at {frame.time:g} s is not later than the last one "
+                    f"at {newest.time:g} s; omit it.",
                     code="out_of_range",
                 )
         if frame.landmarks is None:
@@ -249,7 +247,7 @@ class Predictor:
 
     @property
     def noise(self) -> float:
-        """Standard deviation of each coordinate, as given or as estimated from the frames [m]."""
+        """Standard deviation of each coordinate, given or estimated from the frames [m]."""
         return self._estimate.noise if self._given_noise is None else self._given_noise
 
     def at(self, time: float) -> HandFrame:
@@ -257,7 +255,7 @@ class Predictor:
 
         Parameters
         ----------
-        time : of the tracker's clock, the newest frame's or later [s].
+        time : time of the tracker's clock, not before the newest frame [s].
 
         Returns
         -------
@@ -268,7 +266,7 @@ class Predictor:
         Raises
         ------
         InvalidInput
-            No frame was taken yet.
+            If there was no frame with landmarks yet.
         """
         frame, reach, _ = self._state()
         then = number(time, "time", "s") + self.latency
@@ -293,10 +291,10 @@ class Predictor:
         return reach.velocities + bend.velocities
 
     def uncertainty(self, time: float) -> Uncertainty:
-        """Return what is in doubt about the hand a latency after a time [s]; raises as ``at``.
+        """Return the uncertainty of the hand a latency after a time [s]; raise as ``at``.
 
-        The position is that of ``spread``, at most 0.1 m, and the rotation is the turn that moves
-        the landmarks as far (root mean square about their middle).
+        The position is ``spread``, limited to 0.1 m. The rotation moves the landmarks by the same
+        distance (root mean square about their centroid).
         """
         _, _, bend = self._state()
         off = min(self.spread(time), 0.1)
@@ -313,6 +311,7 @@ class Predictor:
     def _state(self) -> tuple[HandFrame, Motion, Motion]:
         if self._newest is None:
             raise InvalidInput(
-                "no frame with landmarks was taken; take one before a prediction.", code="empty"
+                "there was no frame with landmarks yet; call take() before a prediction.",
+                code="empty",
             )
         return self._newest

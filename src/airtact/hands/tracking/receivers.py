@@ -1,8 +1,7 @@
-"""Sockets that trackers send their frames to.
+"""Servers that receive frames of trackers by websocket or OSC.
 
-Each listens in threads of its own and feeds a ``HandStream``. They are for trackers on this
-computer: they listen at 127.0.0.1 unless another host is given, and pages of other sites in a
-browser cannot connect to them.
+Each runs in its own threads and feeds a ``HandStream``. They are meant for trackers on the same
+computer: the default address is 127.0.0.1, and web pages of other sites cannot connect.
 """
 
 import re
@@ -23,7 +22,7 @@ MAX_MESSAGE = 2**22
 
 
 def _bound(kind: socket.SocketKind, host: str, port: int) -> socket.socket:
-    """Make a socket that is bound to a port; 0 takes a free one."""
+    """Make a socket bound to a port; 0 selects a free one."""
     if not 0 <= port <= 65535:
         raise InvalidInput(
             f"port {port} does not exist; give 1 to 65535, or 0 for any that is free.",
@@ -39,7 +38,7 @@ def _bound(kind: socket.SocketKind, host: str, port: int) -> socket.socket:
     except OSError as error:
         bound.close()
         raise InvalidInput(
-            f"the receiver cannot listen at {host}, port {port}: {error.strerror}; take another "
+            f"the receiver cannot listen at {host}, port {port}: {error.strerror}; use another "
             "port.",
             code="link_in_use",
         ) from None
@@ -47,21 +46,21 @@ def _bound(kind: socket.SocketKind, host: str, port: int) -> socket.socket:
 
 
 class WebSocketReceiver:
-    """Listens for websockets that send frames in JSON.
+    """Websocket server that receives frames in JSON.
 
-    A message has 4 MiB at most. Use it in a ``with`` block; it listens from its making to the end
-    of the block.
+    The largest message has 4 MiB. Use the receiver in a ``with`` block; it listens from its
+    construction to the end of the block.
 
     Parameters
     ----------
-    stream : that is fed; a new one unless given.
-    port : to listen at; 0 takes a free one, which the attribute ``port`` holds.
-    host : the address to listen at.
+    stream : stream that is fed; a new one by default.
+    port : port to listen at; 0 selects a free one, stored in the attribute ``port``.
+    host : address to listen at.
 
     Raises
     ------
     InvalidInput
-        The port is taken by another program, or does not exist.
+        If the port is in use or does not exist.
     """
 
     def __init__(
@@ -79,7 +78,7 @@ class WebSocketReceiver:
         self._server = serve(
             self._receive,
             sock=bound,
-            # pages of this computer; programs that are no browser name no page
+            # Local pages are allowed, and programs other than browsers, which send no origin.
             origins=[None, re.compile(r"https?://(localhost|127\.0\.0\.1)(:\d+)?")],
             max_size=MAX_MESSAGE,
             compression=None,
@@ -95,14 +94,14 @@ class WebSocketReceiver:
         self.close()
 
     def close(self) -> None:
-        """Stop listening and end all connections."""
+        """Stop listening and close all connections."""
         self._server.shutdown()
         with self._lock:
             self._closed = True
             connections = list(self._connections)
         for connection in connections:
             connection.close()
-        # What has arrived is read to its end.
+        # Received messages are still processed.
         while self._connections:
             time.sleep(0.01)
         self._thread.join()
@@ -127,7 +126,7 @@ class WebSocketReceiver:
 
 
 def _waiting_messages(connection: "ServerConnection") -> list[bytes | str]:
-    """Wait for a message and take those that wait as well, about ``MAX_MESSAGE`` bytes at most."""
+    """Wait for a message and return it with further waiting ones, up to about ``MAX_MESSAGE``."""
     from websockets.exceptions import ConnectionClosed
 
     messages = [connection.recv()]
@@ -140,7 +139,7 @@ def _waiting_messages(connection: "ServerConnection") -> list[bytes | str]:
 
 
 class OscReceiver:
-    """Listens for OSC over UDP; parameters, errors and use are those of ``WebSocketReceiver``."""
+    """OSC receiver over UDP; parameters, errors and use are those of ``WebSocketReceiver``."""
 
     def __init__(
         self, stream: HandStream | None = None, port: int = 0, host: str = "127.0.0.1"

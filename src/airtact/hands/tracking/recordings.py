@@ -1,7 +1,4 @@
-"""Recordings of hands: JSON lines, one frame in a line as it comes over a wire.
-
-Also their replay, and the pads of the fingers over time.
-"""
+"""Recordings of hands in JSON lines, their replay, and the pads of the fingers over time."""
 
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -19,7 +16,7 @@ from airtact.hands.tracking.frame import FaultyFrame, HandFrame
 from airtact.hands.tracking.messages import from_json, to_json
 from airtact.hands.tracking.stream import HandStream, StreamHealth
 
-# Ending of recordings.
+# File name extension of recordings.
 ENDING = ".jsonl"
 
 
@@ -29,8 +26,8 @@ class Recording:
 
     Attributes
     ----------
-    frames : in the order of the file.
-    health : counts of what was in the file and of faults.
+    frames : frames in the order of the file.
+    health : counts of frames and of faults in the file.
     """
 
     frames: tuple[HandFrame, ...]
@@ -45,18 +42,18 @@ def load_recording(path: Path, leave_out: bool = False) -> Recording:
     Parameters
     ----------
     path : a file of JSON lines, ``.jsonl``.
-    leave_out : whether faulty frames are left out and counted, as a stream does, instead of
-        rejecting the file at the first.
+    leave_out : whether faulty frames are omitted and counted, as in a stream, instead of rejecting
+        the file.
 
     Raises
     ------
     InvalidInput
-        The file cannot be read, or holds no frame, or one that cannot be used: which and why,
-        beginning with the file's name.
+        If the file is unreadable, or has no frame or a faulty one. The message begins with the name
+        of the file and states the line.
     """
     if path.suffix != ENDING:
         raise InvalidInput(
-            f"{path.name}: a recording ends in {ENDING}, not in {path.suffix!r}.",
+            f"{path.name}: the name of a recording ends in {ENDING}, not in {path.suffix!r}.",
             code="unknown_format",
         )
     check_file(path)
@@ -65,7 +62,7 @@ def load_recording(path: Path, leave_out: bool = False) -> Recording:
     frames = []
     with about(path.name):
         for number, line in _lines(path):
-            # The stream counts faults exactly as it would have counted them live.
+            # The stream counts faults as in a live run.
             try:
                 frame = from_json(line)
             except FaultyFrame as unreadable:
@@ -78,28 +75,28 @@ def load_recording(path: Path, leave_out: bool = False) -> Recording:
             if fault is not None and not leave_out:
                 raise InvalidInput(f"line {number}: {fault}", fault.position, code=fault.code)
         if not frames:
-            raise InvalidInput(f"no frame can be used ({stream.health}).", code="empty")
+            raise InvalidInput(f"it has no valid frame ({stream.health}).", code="empty")
         return Recording(tuple(frames), stream.health)
 
 
 def save_recording(path: Path, frames: Iterable[HandFrame]) -> None:
-    """Write a recording; the file appears only once it is whole.
+    """Write a recording; the file appears only when it is complete.
 
     Parameters
     ----------
-    path : ends in ``.jsonl``; coordinates are rounded to micrometres.
-    frames : in the order in which they came.
+    path : a name that ends in ``.jsonl``; coordinates are rounded to micrometres.
+    frames : frames in the order of their arrival.
 
     Raises
     ------
     InvalidInput
-        There are no frames, or the ending is another one.
+        If there are no frames, or the name has another ending.
     """
     frames = tuple(frames)
     if path.suffix != ENDING or not frames:
         raise InvalidInput(
-            f"{len(frames)} frames cannot be written to {path.name}: give at least one, and the "
-            f"ending {ENDING}.",
+            f"{len(frames)} frames cannot be written to {path.name}: give at least one frame, and "
+            f"a name that ends in {ENDING}.",
             code="not_writable",
         )
     with whole_file(path) as unfinished, unfinished.open("wb") as file:
@@ -112,22 +109,22 @@ def replay(
     clock: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
 ) -> Iterator[HandFrame]:
-    """Give frames at the times at which they were taken.
+    """Yield frames at the times of their recording.
 
     Parameters
     ----------
-    frames : of a recording.
-    speed : 2 is twice as fast; infinity does not wait.
-    clock, sleep : return the time and wait [s]; the computer's own unless given.
+    frames : frames of a recording.
+    speed : playback speed; 2 is twice as fast, and infinity does not wait.
+    clock, sleep : functions that return the time [s] and wait [s]; by default those of the system.
 
     Yields
     ------
-    Each frame, not before its time: a reader who is slow gets those that are due at once.
+    Each frame, not before its time. A slow reader gets overdue frames immediately.
 
     Raises
     ------
     InvalidInput
-        The speed is not above zero.
+        If the speed is not above zero.
     """
     if speed != np.inf:
         positive(speed, "the speed of a replay", "times that of the recording")
@@ -136,7 +133,7 @@ def replay(
         if begun is None or start is None:
             begun = clock()
             start = frame.time
-        # Measured from the first frame, so that errors of sleeping do not add up.
+        # Times count from the first frame, so that errors of sleeping do not accumulate.
         early = (frame.time - start) / speed - (clock() - begun)
         if early > 0.0:
             sleep(early)
@@ -146,7 +143,7 @@ def replay(
 def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
     try:
         with path.open("rb") as file:
-            # Limited lines, so that a file without line ends does not fill the memory.
+            # The length of lines is limited, or a file without line ends would fill the memory.
             lines = iter(lambda: file.readline(2**26), b"")
             yield from ((number, line) for number, line in enumerate(lines, 1) if line.strip())
     except OSError as error:
@@ -163,9 +160,8 @@ class PadTrack:
     Attributes
     ----------
     side : ``"left"`` or ``"right"``.
-    times : (N,) of the frames [s].
-    pads : (N, 5, 3) the pads, thumb to little finger [m]; NaN where the hand was lost or had no
-        landmarks.
+    times : (N,) times of the frames [s].
+    pads : (N, 5, 3) pads, thumb to little finger [m]; NaN in frames without landmarks.
     """
 
     side: Side
@@ -189,21 +185,21 @@ class PadTrack:
 
 
 def pads_over_time(frames: Iterable[HandFrame], side: Side) -> PadTrack:
-    """Find the pads of a hand in every frame, with the skin's radii of the first.
+    """Find the pads of a hand in every frame, with the skin radii of the first.
 
     Raises
     ------
     InvalidInput
-        No frame is of that hand.
+        If no frame is of that hand.
     """
     frames = [frame for frame in frames if frame.side == side]
     if not frames:
-        raise InvalidInput(f"no frame is of a {side} hand; take the other one.", code="empty")
+        raise InvalidInput(f"no frame is of a {side} hand; choose the other.", code="empty")
     radii = None
     pads = np.full((len(frames), 5, 3), np.nan)
     for index, frame in enumerate(frames):
         if frame.landmarks is not None:
-            # The radii of the first frame: the size of a hand does not change.
+            # The size of a hand does not change.
             hand = frame.hand(radii)
             radii = hand.radii
             pads[index] = hand.pads

@@ -1,8 +1,8 @@
-"""A stream of frames as it comes over a wire: faulty frames are counted and left out.
+"""Stream of received frames; faulty frames are counted and omitted.
 
-A ``HandStream`` takes messages, from as many threads as there are, and keeps the newest good frame
-of each hand: a slow reader gets the latest, never a queue. A hand that the tracker no longer sees,
-or of which nothing has come for a while, is an event: a frame that is ``lost``.
+A ``HandStream`` is fed from any number of threads and stores the newest valid frame of each hand,
+not a queue, so a slow reader gets the newest frame. If the tracker loses a hand or sends nothing
+for a while, the newest frame is a ``lost`` one.
 """
 
 import time
@@ -16,35 +16,37 @@ from airtact.hands.hand import Side
 from airtact.hands.tracking.frame import FaultyFrame, HandFrame
 from airtact.hands.tracking.messages import from_json, from_osc, side_of
 
-# Successive frames that do not follow the newest one; more mean that the tracker restarted.
+# Number of successive frames older than the newest one after which the tracker has restarted.
 MAX_STALE_FRAMES = 20
 
-# Largest jump of the sequence number; a larger one is a new count.
+# Jump of the sequence number above which the tracker has restarted.
 MAX_JUMP = 1000
 
 
 @dataclass(frozen=True)
 class StreamHealth:
-    """Counts of received frames, and of what was wrong with them.
+    """Counts of received frames and of their faults.
+
+    Only frames counted in ``used`` are returned.
 
     Attributes
     ----------
-    received : frames and other messages that came.
-    used : frames that were handed on, those of lost hands included.
-    lost : times that a hand was lost, reported by the tracker or concluded from its silence.
-    unreadable : messages that are no frame.
-    half_lost : frames with NaN, infinite or missing coordinates; left out.
-    unknown_count : frames with neither 25 nor 21 landmarks; left out.
-    not_metres : frames that span more than a metre, as millimetres do; left out.
-    impossible : frames with bones longer or shorter than any; left out.
-    mirrored : frames labelled as the other hand; left out.
-    repeated : frames that had come before; left out.
-    out_of_order : frames older than one that had come before; left out.
-    backwards : frames with a later number but no later time; left out.
-    overtaken : frames that waited while newer ones of the same hand came; left out, not even read.
-    skipped : frames missing between those that came.
-    restarted : times that a tracker restarted.
-    interrupted : connections that ended without being closed, as with a tracker that is killed.
+    received : frames and other messages.
+    used : valid frames, including those of lost hands.
+    lost : losses of a hand, reported by the tracker or detected by its silence.
+    unreadable : messages that are not frames.
+    half_lost : frames with NaN, infinite or missing coordinates.
+    unknown_count : frames with neither 25 nor 21 landmarks.
+    not_metres : frames that span more than a metre, probably in millimetres.
+    impossible : frames with implausible bone lengths.
+    mirrored : frames labelled as the other hand.
+    repeated : duplicate frames.
+    out_of_order : frames with a lower number than an earlier frame.
+    backwards : frames with a higher number but not a later time.
+    overtaken : frames that were not read because newer ones of the same hand were waiting.
+    skipped : missing frames, by their numbers.
+    restarted : restarts of a tracker.
+    interrupted : connections that ended without being closed.
     """
 
     received: int = 0
@@ -75,11 +77,11 @@ class StreamHealth:
 
 @dataclass(eq=False)
 class _TrackedHand:
-    """State of one hand: its newest frame, when that arrived, and whether a reader has taken it.
+    """State of one hand: its newest frame, the arrival time, and whether a reader has taken it.
 
-    ``recent`` has sequence numbers and times, to distinguish a repeated frame from one out of
-    order; ``stale`` counts frames in a row, the last of which is ``last_stale``, that follow each
-    other but not the newest one.
+    ``recent`` contains sequence numbers and times, to distinguish duplicate frames from those out
+    of order. ``stale`` counts successive frames, up to ``last_stale``, that are in order but older
+    than the newest one.
     """
 
     newest: HandFrame | None = None
@@ -92,22 +94,20 @@ class _TrackedHand:
 
 
 class HandStream:
-    """The newest good frame of each hand, out of messages of any quality.
+    """The newest valid frame of each hand.
 
     Parameters
     ----------
-    silence : a hand of which nothing came for so long is lost [s].
-    on_frame : called with every frame that is used, in order, by the thread that received it; to
-        record them.
-    every : whether frames that are overtaken while they wait are used too, as for a recording;
-        without it those that are used are new even where frames come faster than they can be read.
-    clock : returns the time [s]; the computer's own unless given, another one to replay a
-        recording.
+    silence : time without frames after which a hand is lost [s].
+    on_frame : called with every used frame, in order, in the thread that received it.
+    every : whether all frames are used, as for a recording. By default older frames are skipped if
+        newer ones are waiting.
+    clock : function that returns the time [s]; the system clock by default.
 
     Raises
     ------
     InvalidInput
-        The silence is not above zero.
+        If the silence is not above zero.
     """
 
     def __init__(
@@ -127,20 +127,20 @@ class HandStream:
 
     @property
     def health(self) -> StreamHealth:
-        """Counts of what came so far."""
+        """Counts up to now."""
         with self._changed:
             self._notice_silence()
             return StreamHealth(**self._counts)
 
     def feed_json(self, text: bytes | str) -> FaultyFrame | None:
-        """Take any message in JSON; return why it was left out, or None if used."""
+        """Process a message in JSON; return its fault, or None if it is used."""
         try:
             return self.feed(from_json(text))
         except FaultyFrame as fault:
             return self.feed(fault)
 
     def feed_osc(self, packet: bytes) -> FaultyFrame | None:
-        """Take any packet of OSC; return why its last frame was left out, or None."""
+        """Process an OSC packet; return the fault of its last frame, or None."""
         try:
             faults = [self.feed(frame) for frame in from_osc(packet)]
         except FaultyFrame as fault:
@@ -148,7 +148,7 @@ class HandStream:
         return faults[-1] if faults else None
 
     def feed_waiting(self, messages: Sequence[bytes | str]) -> None:
-        """Take messages in JSON that waited together, oldest first.
+        """Process waiting messages in JSON, oldest first.
 
         The newest good frame of each hand is used. Older ones are counted as overtaken, unless
         ``every`` frame is used.
@@ -166,19 +166,19 @@ class HandStream:
             while of_hand and self.feed_json(of_hand.pop()) is not None:
                 pass
             with self._changed:
-                # Frames that are overtaken were not skipped by the tracker.
+                # Overtaken frames were not skipped by the tracker.
                 newly_skipped = max(self._counts["skipped"] - skipped, 0)
                 self._counts["skipped"] -= min(len(of_hand), newly_skipped)
                 self._counts["received"] += len(of_hand)
                 self._counts["overtaken"] += len(of_hand)
 
     def feed(self, frame: HandFrame | FaultyFrame) -> FaultyFrame | None:
-        """Take a frame as the tracker gave it, or the fault of one that could not be read.
+        """Process a frame, or the fault of an unreadable one.
 
         Returns
         -------
-        Why it was left out, which may be that it is not newer than the last one of its hand, or
-        None where it is used.
+        The fault, for example that it is not newer than the last frame of its hand, or None if the
+        frame is used.
         """
         with self._changed:
             self._counts["received"] += 1
@@ -199,21 +199,21 @@ class HandStream:
             self._counts["interrupted"] += 1
 
     def latest(self, side: Side) -> HandFrame | None:
-        """Newest frame of a hand: a lost one after a silence, or None where none ever came."""
+        """Newest frame of a hand: a lost one after a silence, or None if there was none."""
         with self._changed:
             self._notice_silence()
             return self._hands[side].newest
 
     def wait(self, timeout: float) -> HandFrame | None:
-        """Wait for a frame that was not taken yet, the newest of its hand.
+        """Wait for a new frame, the newest of its hand.
 
         Parameters
         ----------
-        timeout : the longest wait [s].
+        timeout : longest wait [s].
 
         Returns
         -------
-        The frame, of the hand that waits longest; lost hands included. None where nothing new came.
+        The frame of the hand that has waited longest, which may be lost. None after the timeout.
         """
         end = time.monotonic() + timeout
         with self._changed:
@@ -227,11 +227,11 @@ class HandStream:
                 left = end - time.monotonic()
                 if left <= 0.0:
                     return None
-                # Nothing wakes this thread when a hand falls silent.
+                # Silence does not wake this thread, so it must look for itself.
                 self._changed.wait(min(left, self._silence / 4))
 
     def _fault_in_order(self, frame: HandFrame, hand: _TrackedHand) -> FaultyFrame | None:
-        """Fault in the order of a frame among those before; notice a tracker that restarted."""
+        """Check the order of a frame and detect restarts of the tracker; return a fault or None."""
         newest = hand.newest
         if newest is None:
             return None
@@ -245,27 +245,27 @@ class HandStream:
             return None
         name = f"frame {frame.sequence} of the {frame.side} hand"
         if (frame.sequence, frame.time) in hand.recent:
-            return FaultyFrame("repeated", f"{name} had come before; leave it out.")
+            return FaultyFrame("repeated", f"{name} was already received; send it once.")
         last = hand.last_stale
         follows = last is not None and frame.sequence > last.sequence and frame.time > last.time
         hand.stale = hand.stale + 1 if follows else 1
         hand.last_stale = frame
-        # A restarted tracker begins its count and its clock again; stray old frames do not follow
-        # each other for long.
+        # A restarted tracker counts and times its frames from the start. Few stray old frames are
+        # in order.
         if hand.silent or hand.stale >= MAX_STALE_FRAMES:
             self._counts["restarted"] += 1
             hand.recent.clear()
             return None
         if step <= 0:
-            # It was counted as skipped, and came after all.
+            # It was counted as skipped before.
             self._counts["skipped"] = max(self._counts["skipped"] - 1, 0)
             return FaultyFrame(
-                "out_of_order", f"{name} comes after frame {newest.sequence}; put them in order."
+                "out_of_order", f"{name} arrived after frame {newest.sequence}; send them in order."
             )
         return FaultyFrame(
             "backwards",
-            f"time goes back from {newest.time:g} to {frame.time:g} s at {name}; give each frame a "
-            "later time than the one before.",
+            f"the time of {name} is {frame.time:g} s, not later than the {newest.time:g} s of the "
+            "frame before; use increasing times.",
         )
 
     def _use(self, frame: HandFrame, hand: _TrackedHand) -> None:
@@ -286,7 +286,7 @@ class HandStream:
             newest = hand.newest
             if newest is None or newest.lost or now - hand.arrived < self._silence:
                 continue
-            # A frame without landmarks and cloud means a lost hand.
+            # A frame without landmarks and cloud is a lost one.
             hand.newest = HandFrame(newest.time, side, newest.sequence)
             hand.taken = False
             hand.silent = True
