@@ -1,15 +1,14 @@
-"""The echoes of bodies at any pose near a start, and their derivatives by the pose, in closed form.
+"""Echoes of bodies at poses near an initial one, and their derivatives by the pose, in closed form.
 
-By reciprocity an element receives with the waves that it emits with. With w_e the regular waves of
-element e of unit strength about the bodies, E[r, e] = w_rᵀ T w_e/(4πik). When the bodies move, all
-w_e are multiplied by one matrix D, so the array is expanded once, about where the bodies are
-believed to be, and every pose nearby follows in closed form.
+By reciprocity the regular waves w_e that element e of unit strength emits about the bodies also
+describe its reception: E[r, e] = w_rᵀ T w_e/(4πik). A motion of the bodies multiplies all w_e by
+one matrix D. The array is therefore expanded once, about the initial pose.
 
-A pose is a twist (6,) of the bodies' frame from the start: translation [m] and turn [rad] about the
-centre of the scattering matrix. With V_i the six motions of regular waves and D = exp(Σ twist_i
-V_i), echoes are w_rᵀ Dᵀ T D w_e/(4πik), and their derivatives by a further motion i are w_rᵀ Dᵀ (T
-V_i − V_i T) D w_e/(4πik), as V_i is antisymmetric. All of it is in single precision: rounding
-changes echoes by a millionth, and noise by far more.
+A pose is a twist (6,) of the bodies' frame from the initial pose: translation [m] and rotation
+[rad] about the centre of the scattering matrix. With V_i the generators of the six motions of
+regular waves and D = exp(Σ twist_i V_i), the echoes are w_rᵀ Dᵀ T D w_e/(4πik). Their derivatives
+by a further motion i are w_rᵀ Dᵀ (T V_i − V_i T) D w_e/(4πik), because V_i is antisymmetric. The
+computation is in single precision: rounding changes echoes by 1e-6, far less than noise.
 """
 
 from dataclasses import dataclass, replace
@@ -34,16 +33,16 @@ STILL = np.zeros(6)
 
 @dataclass(frozen=True, eq=False)
 class EchoModel:
-    """Echoes of some transmissions at some receivers when the bodies move.
+    """Echoes of transmissions at receivers as functions of the pose of the bodies.
 
     Attributes
     ----------
-    scattering : of the bodies.
-    emitted : (W, M) regular waves of each transmission about the centre at the start, to higher
-        orders, times sensitivity/(4πik), which makes pressures [Pa] of products of waves.
-    receiving : (W, R) regular waves of each receiver there.
-    valid : (R, M) whether the receiver could receive; where not, echoes and derivatives are 0. None
-        if all could.
+    scattering : scattering matrix of the bodies.
+    emitted : (W, M) regular waves of each transmission about the initial centre, to higher orders,
+        times sensitivity/(4πik), which converts products of waves to pressures [Pa].
+    receiving : (W, R) regular waves of each receiver about the same centre.
+    valid : (R, M) whether each pressure was received; echoes and derivatives are 0 for others. None
+        if all were.
     """
 
     scattering: ScatteringMatrix
@@ -61,14 +60,14 @@ class EchoModel:
         valid: Bool[np.ndarray, "receivers transmissions"] | None = None,
         spare: int = 0,
     ) -> "EchoModel":
-        """Expand an array in the bodies' frame, to ``spare`` orders more than the bodies have.
+        """Expand an array in the bodies' frame, to ``spare`` orders above that of the bodies.
 
-        Translations mix orders, about one for each 1/k.
+        A translation by 1/k mixes about one more order.
 
         Raises
         ------
         InvalidInput
-            "bodies_overlap": an element stands within the ball about the bodies.
+            "bodies_overlap": an element is inside the ball around the bodies.
         """
         waves = _array_waves(scattering, array, scattering.order + spare)
         scale = array.element.sensitivity / (4j * np.pi * scattering.scene.wavenumber)
@@ -76,7 +75,7 @@ class EchoModel:
         return cls(scattering, emitted, waves[:, receivers], valid)
 
     def part(self, receivers: Int64[np.ndarray, "chosen"], transmissions: int) -> "EchoModel":
-        """Return the model of some receivers and the first transmissions, which costs less."""
+        """Return the model of some receivers and the first transmissions."""
         return replace(
             self,
             emitted=np.ascontiguousarray(self.emitted[:, :transmissions]),
@@ -85,13 +84,13 @@ class EchoModel:
         )
 
     def echoes(self, twist: Twist = STILL) -> Received:
-        """Scattered pressure (R, M) [Pa] with the bodies moved."""
+        """Scattered pressure (R, M) [Pa] of the moved bodies."""
         return self._received(twist, self._scattered(self._incident(twist)))[0]
 
     def derivatives(self, twist: Twist) -> Complex[np.ndarray, "6 receivers transmissions"]:
-        """Return derivatives by a further translation [Pa/m] and turn [Pa/rad] of moved bodies."""
+        """Return derivatives by a further translation [Pa/m] and rotation [Pa/rad]."""
         incident = self._incident(twist)
-        # All columns go through the matrix at once: one large product is faster than seven.
+        # One large product is faster than seven.
         along = np.concatenate([incident, *along_motions(incident, self._wavenumber)], axis=1)
         scattered = self._scattered(along)
         count = self.emitted.shape[1]
@@ -104,7 +103,7 @@ class EchoModel:
         return self.scattering.scene.wavenumber.real
 
     def _incident(self, twist: Twist) -> Waves:
-        """Regular waves about the moved centre, with the orders that the translation needs."""
+        """Regular waves about the moved centre, with the additional orders of the translation."""
         # Translation by d mixes orders up to about k d apart.
         spare = 1 + int(np.ceil(self._wavenumber * np.linalg.norm(twist[:3])))
         count = wave_count(self.scattering.order + spare)
@@ -121,7 +120,7 @@ class EchoModel:
         self, twist: Twist, scattered: Waves
     ) -> Complex[np.ndarray, "parts receivers transmissions"]:
         back = moved(-twist, scattered, self._wavenumber)
-        # Faster than the transposed product, as there are few columns.
+        # Faster than the transposed product, because there are few columns.
         received = back.T @ self.receiving[: len(back)]
         parts = np.swapaxes(received.reshape(-1, self.emitted.shape[1], received.shape[1]), 1, 2)
         return parts if self.valid is None else parts * self.valid
@@ -130,20 +129,20 @@ class EchoModel:
 def _array_waves(
     scattering: ScatteringMatrix, array: PhasedArray, order: int
 ) -> Complex64[np.ndarray, "waves elements"]:
-    """Regular waves about the bodies of each element at unit drive, without the sensitivity."""
+    """Regular waves of each element at unit drive about the bodies, without the sensitivity."""
     faces = array.face_points - scattering.centre
     nearest = np.linalg.norm(faces, axis=2).min(axis=1)
     element = int(nearest.argmin())
     if nearest[element] <= scattering.radius:
         raise InvalidInput(
-            f"element {element} of {len(array)} is {1e3 * nearest[element]:.3g} mm from the middle "
+            f"element {element} of {len(array)} is {1e3 * nearest[element]:.3g} mm from the centre "
             f"of the bodies, inside the ball of {1e3 * scattering.radius:.3g} mm around them, "
-            "where spherical waves do not hold. Move the bodies away from the array, or leave out "
+            "where spherical waves are not valid. Move the bodies away from the array, or remove "
             "parts that are far from the foci.",
             code="bodies_overlap",
         )
     waves = np.zeros((wave_count(order), len(array)), dtype=np.complex64)
-    # One point of all faces after the other, which bounds the memory.
+    # One point of all faces at a time, to limit the memory.
     for weight, points in zip(array.element.weights, np.swapaxes(faces, 0, 1), strict=True):
         gains = (weight * array.gains).astype(np.complex64)
         waves += monopole_waves(order, points, scattering.scene.wavenumber) * gains
@@ -155,7 +154,7 @@ def _cross(vector: Float64[np.ndarray, "3"]) -> Float64[np.ndarray, "3 3"]:
 
 
 def motion_of(twist: Twist) -> Pose:
-    """Exponential of a twist: the motion about the centre of the waves."""
+    """Exponential of a twist: a motion about the centre of the waves."""
     generator = np.zeros((4, 4))
     generator[:3, :3] = _cross(twist[3:])
     generator[:3, 3] = twist[:3]
@@ -164,10 +163,10 @@ def motion_of(twist: Twist) -> Pose:
 
 
 def further_motion(twist: Twist) -> Float64[np.ndarray, "6 6"]:
-    """Further motion of bodies that moved by a twist, for each change of its six numbers.
+    """Jacobian from changes of a twist to further motions of bodies moved by it.
 
-    It is (1 − exp(−ad))/ad, for ad the commutator with the twist (K. M. Lynch, F. C. Park, Modern
-    Robotics, 2017, section 8.3).
+    It is (1 − exp(−ad))/ad, where ad is the commutator with the twist (K. M. Lynch, F. C. Park,
+    Modern Robotics, 2017, section 8.3).
     """
     turn = _cross(twist[3:])
     commutator = np.block([[turn, _cross(twist[:3])], [np.zeros((3, 3)), turn]])

@@ -1,19 +1,17 @@
-"""Coded transmissions as the elements of an array receive them, and their file.
+"""Received pressures of coded transmissions, and their file.
 
 Version 2 of the file is HDF5 with these datasets; those in brackets are optional:
 
-- ``format_version``: 2, or 1 where there is no ``valid``.
+- ``format_version``: 2, or 1 without ``valid``.
 - ``frequency`` [Hz].
-- ``codes_real``, ``codes_imaginary``: (E, M), what each of E elements emits in each of M
-  transmissions, as a share of full scale; the element emits Re[c e^{−iωt}].
-- ``pressures_real``, ``pressures_imaginary``: (R, M), what each of R receivers gets of each
-  transmission [Pa, peak], in the same phasor.
-- (``receivers``: (R,) the numbers of the elements that receive, from 0; all E in their order where
-    it is missing.)
+- ``codes_real``, ``codes_imaginary``: (E, M) emission of each of E elements in each of M
+  transmissions, over full scale; an element emits Re[c e^{−iωt}].
+- ``pressures_real``, ``pressures_imaginary``: (R, M) pressure at each of R receivers in each
+  transmission [Pa, peak], with the same phasor.
+- (``receivers``: (R,) indices of the receiving elements, from 0; all in their order by default.)
 - (``noise``: rms magnitude of the complex noise of one pressure [Pa], measured without a
     transmission.)
-- (``valid``: (R, M) 1 where a pressure was received, 0 where the receiver could not; all were where
-    it is missing.)
+- (``valid``: (R, M) 1 for received pressures, else 0; all valid by default.)
 """
 
 from dataclasses import dataclass
@@ -45,29 +43,29 @@ Receivers = Int64[np.ndarray, "receivers"]
 
 @dataclass(frozen=True, eq=False)
 class Echoes:
-    """Coded transmissions of an array and what its elements receive of them, at one frequency.
+    """Coded transmissions of an array and the received pressures, at one frequency.
 
-    For ``locate`` the pressures are the echoes alone: what is received less what the empty array
-    receives.
+    For ``locate`` the pressures are the echoes alone: received pressures minus those of the empty
+    array.
 
     Attributes
     ----------
-    codes : (E, M) what each of E elements emits in each of M transmissions, |c| = 1 at full scale.
+    codes : (E, M) emission of each of E elements in each of M transmissions, |c| = 1 at full scale.
     pressures : (R, M) mean pressure over the face of each of R receivers in each transmission,
         times the receiver's gain [Pa]; the phasor is Re[p e^{−iωt}].
-    receivers : (R,) numbers of the elements that receive; None for all E in their order. Stored as
-        numbers.
-    frequency : of the sound [Hz].
-    noise : rms magnitude of the complex noise in one pressure [Pa], measured without a
+    receivers : (R,) indices of the receiving elements; None for all E in their order. Stored as
+        indices.
+    frequency : frequency of the sound [Hz].
+    noise : rms magnitude of the complex noise of one pressure [Pa], measured without a
         transmission; None if unknown.
-    valid : (R, M) whether the receiver could receive in the transmission, which it cannot while it
-        rings itself; None if all could. Pressures that are not valid are stored as 0.
+    valid : (R, M) whether each pressure was received; receivers are blind while they ring. None if
+        all were. Invalid pressures are stored as 0.
 
     Raises
     ------
     InvalidInput
-        "wrong_shape", "empty", "sizes_differ": shapes that do not match; "not_finite": leave dead
-        receivers out of ``receivers``; "over_full_scale"; "out_of_range", "given_twice": receivers;
+        "wrong_shape", "empty", "sizes_differ": shapes that do not match; "not_finite": omit dead
+        receivers from ``receivers``; "over_full_scale"; "out_of_range", "given_twice": receivers;
         "all_zero": a transmission without sound; "link_failed": no pressure is valid.
 
     Examples
@@ -99,21 +97,21 @@ class Echoes:
         if codes.shape[1] != pressures.shape[1]:
             raise InvalidInput(
                 f"{codes.shape[1]} codes have {pressures.shape[1]} columns of pressures; give one "
-                "for each.",
+                "column for each code.",
                 code="sizes_differ",
             )
         magnitude = np.abs(codes)
         if magnitude.max() > FULL_SCALE:
             element, column = np.unravel_index(magnitude.argmax(), codes.shape)
             raise InvalidInput(
-                f"codes are shares of full scale, but element {element} has {magnitude.max():.4g} "
-                f"in transmission {column}; divide them by that.",
+                f"element {element} has the code {magnitude.max():.4g} in transmission {column}, "
+                "but 1 is full scale; divide all codes by that number.",
                 code="over_full_scale",
             )
         silent = np.flatnonzero(~codes.any(axis=0))
         if len(silent):
             raise InvalidInput(
-                f"no element emits in transmission {silent[0]}; leave it out.", code="all_zero"
+                f"no element emits in transmission {silent[0]}; omit it.", code="all_zero"
             )
         checked = {
             "codes": codes,
@@ -127,18 +125,18 @@ class Echoes:
             checked["noise"] = positive(self.noise, "the noise of echoes", "Pa")
         for name, value in {**checked, "pressures": pressures}.items():
             if isinstance(value, np.ndarray):
-                # Read only: the fit and its parts share these arrays.
+                # Read-only, because several fits share these arrays.
                 value.flags.writeable = False
             object.__setattr__(self, name, value)
 
     @property
     def receiving(self) -> Receivers:
-        """(R,) numbers of the elements that receive."""
+        """Indices of the receiving elements (R,)."""
         assert self.receivers is not None  # the constructor stores them
         return np.asarray(self.receivers, dtype=np.int64)
 
     def save(self, path: str | Path) -> None:
-        """Write an HDF5 file, which ``load_echoes`` reads; it appears once it is whole.
+        """Write an HDF5 file for ``load_echoes``; it appears only when it is complete.
 
         Raises
         ------
@@ -181,7 +179,7 @@ class Echoes:
 
 
 def load_echoes(path: str | Path) -> Echoes:
-    """Read echoes from an HDF5 file in the layout that the top of ``airtact.sensing.echoes`` lists.
+    """Read echoes from an HDF5 file; the module ``airtact.sensing.echoes`` lists its datasets.
 
     Raises
     ------
@@ -228,7 +226,7 @@ def load_echoes(path: str | Path) -> Echoes:
 
 
 def check_elements(echoes: Echoes, array: PhasedArray, name: str) -> None:
-    """Raise "sizes_differ" where echoes, named in words, are of another array."""
+    """Raise "sizes_differ" if echoes are of another array; ``name`` describes them."""
     if len(echoes.codes) != len(array):
         raise InvalidInput(
             f"the {name} are of an array of {len(echoes.codes)} elements, and this one has "
@@ -238,8 +236,8 @@ def check_elements(echoes: Echoes, array: PhasedArray, name: str) -> None:
 
 
 def check_not_clipped(values: Num[np.ndarray, "pressures"]) -> None:
-    """Raise "signal_unusable" where over 5 % of the values share the largest size."""
-    # Noise makes all sizes differ, unless an amplifier or converter saturates.
+    """Raise "signal_unusable" if over 5 % of the values are equal to the largest."""
+    # With noise no values are equal, unless an amplifier or converter saturates.
     equal = int(np.sum(values > (1.0 - 1e-6) * values.max())) if len(values) else 0
     if equal > max(0.05 * len(values), 8):
         raise InvalidInput(
@@ -280,8 +278,8 @@ def _checked_valid(
     valid = np.array(valid)
     if valid.dtype != np.bool_ or valid.shape != shape:
         raise InvalidInput(
-            f"valid is {valid.dtype} of shape {valid.shape}, but it is True or False for each "
-            f"pressure, {shape}.",
+            f"valid is {valid.dtype} of shape {valid.shape}; give True or False for each pressure, "
+            f"shape {shape}.",
             code="sizes_differ",
         )
     if not valid.any():
@@ -298,20 +296,19 @@ def _checked_receivers(
     numbers = np.arange(elements) if receivers is None else np.asarray(receivers)
     if numbers.ndim != 1 or numbers.dtype.kind not in "iu":
         raise InvalidInput(
-            f"receivers are {numbers.dtype} of shape {numbers.shape}, but they are whole numbers "
-            "(R,).",
+            f"receivers are {numbers.dtype} of shape {numbers.shape}; give integers of shape (R,).",
             code="wrong_shape" if numbers.ndim != 1 else "not_a_number",
         )
     if len(numbers) != rows:
         raise InvalidInput(
             f"{counted(len(numbers), 'receiver has', 'receivers have')} {rows} rows of pressures; "
-            "give one for each.",
+            "give one row for each.",
             code="sizes_differ",
         )
     wrong = numbers[(numbers < 0) | (numbers >= elements)]
     if len(wrong):
         raise InvalidInput(
-            f"receiver {wrong[0]} does not exist: elements are 0 to {elements - 1}.",
+            f"receiver {wrong[0]} does not exist; elements are 0 to {elements - 1}.",
             code="out_of_range",
         )
     values, counts = np.unique(numbers, return_counts=True)

@@ -1,10 +1,9 @@
 """Pose of the bodies of a scene, and their opening, from echoes of the array's transmissions.
 
-The pose minimises the difference of modelled and measured echoes, by Levenberg and Marquardt's
-steps with exact derivatives: first from few receivers and transmissions, which is quick, then from
-all. A start that is off by half a wavelength, along the path to the bodies and back, may lead to
-another minimum. Where the pose reached does not explain the echoes, other starts around it are
-tried.
+The pose minimises the difference of modelled and measured echoes by the Levenberg-Marquardt method
+with exact derivatives: first with few receivers and transmissions, which is fast, then with all. An
+initial path error of half a wavelength, to the bodies and back, may lead to another minimum. If the
+resulting pose does not match the echoes, other initial poses around it are tried.
 """
 
 from collections.abc import Iterator
@@ -32,13 +31,13 @@ from airtact.sensing.scattering import (
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.placement import check_placement
 
-# Largest share of the echoes that a believed pose leaves unexplained beyond noise.
+# Largest relative residual beyond noise of a converged pose.
 MAX_MISFIT = 0.1
 
-# Orders above those of the bodies that a translation by a few millimetres mixes into them.
+# Additional orders for translations by a few millimetres.
 SPARE_ORDERS = 9
 
-# Twist of the bodies from the start [m], [rad], and the opening of a family less its start.
+# Twist of the bodies from the initial pose [m], [rad], and change of the opening of a family.
 Unknowns = Float64[np.ndarray, "unknowns"]
 
 Squares = Float64[np.ndarray, "unknowns unknowns"]
@@ -50,22 +49,22 @@ class Located:
 
     Attributes
     ----------
-    pose : of the obstacles in the array's frame, as of ``PhasedArray.seen_from``.
-    covariance : (6, 6) of the translation of ``centre`` [m] and of a small turn about it [rad],
-        along the array's axes, with a seventh row and column for a family's ``opening``. It follows
-        from the whole residual, and is larger where receivers in different places disagree by more
-        than noise explains, or where the residual beyond noise is so large that the shape must be
-        wrong.
-    bound : the Cramér-Rao bound, of the same shape: the smallest covariance that the noise
-        allows; NaN where the noise is not known.
-    residual : rms residual over the rms of the echoes, noise included.
-    misfit : the same beyond noise; a wrong model, such as another hand, leaves 0.2 and more.
-    converged : whether the steps settled and the misfit is at most 0.1. Believe no other pose.
-    steps : number of steps taken from the start that led there.
-    centre : (3,) middle of the bodies in the array's frame [m].
-    left_out : numbers of receivers whose pressures fit no pose, such as dead ones.
-    opening : number of the ``ScatteringFamily`` that fits best, such as the gap of two fingers [m];
-        None for a scene.
+    pose : pose of the obstacles in the array's frame, as in ``PhasedArray.seen_from``.
+    covariance : (6, 6) covariance of the translation of ``centre`` [m] and of a small rotation
+        about it [rad] along the array's axes, with a seventh row and column for the ``opening`` of
+        a family. It follows from the residual. It is increased if receivers in different places
+        disagree by more than the noise, or if the residual indicates a wrong shape.
+    bound : Cramér-Rao bound, of the same shape: the smallest covariance possible with the noise;
+        NaN if the noise is unknown.
+    residual : rms residual over the rms of the echoes, including noise.
+    misfit : the same without noise; 0.2 or more for a wrong model, such as another hand.
+    converged : whether the iteration converged with a misfit of at most 0.1. Do not use the pose
+        otherwise.
+    steps : number of steps from the initial pose.
+    centre : (3,) centre of the bodies in the array's frame [m].
+    left_out : indices of receivers that match no pose, such as dead ones.
+    opening : best parameter of the ``ScatteringFamily``, such as the gap of two fingers [m]; None
+        for a scene.
     """
 
     pose: Pose
@@ -83,7 +82,7 @@ class Located:
         position, turn = self.deviation
         facts = [
             "converged" if self.converged else "NOT converged",
-            f"sure to {1e3 * position:.2g} mm and {np.degrees(turn):.2g} degrees",
+            f"± {1e3 * position:.2g} mm and {np.degrees(turn):.2g} degrees",
         ]
         if self.opening is not None:
             facts.append(f"opening {self.opening:.5g} ± {self.opening_deviation:.2g}")
@@ -91,13 +90,13 @@ class Located:
 
     @property
     def deviation(self) -> tuple[float, float]:
-        """Standard deviation of the translation [m] and of the turn [rad], over all axes."""
+        """Standard deviation of the translation [m] and of the rotation [rad], over all axes."""
         variances = np.diag(self.covariance)
         return float(np.sqrt(variances[:3].sum())), float(np.sqrt(variances[3:6].sum()))
 
     @property
     def opening_deviation(self) -> float:
-        """Standard deviation of the opening, in its unit; NaN where it was not sought."""
+        """Standard deviation of the opening, in its unit; NaN without a family."""
         return float(np.sqrt(self.covariance[6, 6])) if len(self.covariance) > 6 else float("nan")
 
 
@@ -110,31 +109,31 @@ def locate(
     scattering: ScatteringMatrix | None = None,
     solver: Solver | None = None,
 ) -> Located:
-    """Find the rigid pose of the bodies of a scene from echoes, and an unknown opening.
+    """Find the rigid pose of the bodies of a scene, and an unknown opening, from echoes.
 
     Parameters
     ----------
-    echoes : measured, less what the empty array receives.
-    scene : the bodies in their own frame; or a ``ScatteringFamily`` of bodies that change with one
-        number, such as the gap of two fingers, which is found as well.
+    echoes : measured pressures minus those of the empty array.
+    scene : the bodies in their own frame; or a ``ScatteringFamily`` of bodies with one unknown
+        parameter, such as the gap of two fingers.
     array : the transducers in their own frame, in the order of the codes.
-    start : where the bodies may be, within about 5 mm and 8 degrees; maps the obstacles' frame to
-        the array's.
-    scattering : of the scene; computed by the solver unless given. A family has its own.
-    solver : of the scattering matrix; ``BoundaryElement(accuracy=0.005, estimate=False)`` unless
-        given.
+    start : initial pose of the obstacles in the array's frame, correct to about 5 mm and 8 degrees.
+    scattering : scattering matrix of the scene; by default the solver computes it. A family has its
+        own.
+    solver : solver of the scattering matrix; by default
+        ``BoundaryElement(accuracy=0.005, estimate=False)``.
 
     Returns
     -------
-    The pose that explains the echoes best, with how sure it is; look at ``converged`` first.
+    The pose that matches the echoes best, with its uncertainty. Check ``converged`` first.
 
     Raises
     ------
     InvalidInput
         "sizes_differ", "does_not_match": echoes or scattering matrix; "signal_unusable";
-        "bodies_overlap", "inside_body", "behind_faces": the start is impossible; "pose_not_found":
-        the echoes do not determine some motion, such as a turn of a ball, or the opening;
-        "given_twice": a family and a scattering matrix; or as ``scattering_matrix``.
+        "bodies_overlap", "inside_body", "behind_faces": an impossible initial pose;
+        "pose_not_found": the echoes do not determine a motion, such as a rotation of a ball, or the
+        opening; "given_twice": a family and a scattering matrix; or as ``scattering_matrix``.
 
     Examples
     --------
@@ -157,8 +156,8 @@ def locate(
     if isinstance(scene, ScatteringFamily):
         if scattering is not None or solver is not None:
             raise InvalidInput(
-                f"a family has {len(scene.matrices)} scattering matrices of its own: leave "
-                "scattering and solver out.",
+                f"a family has its own {len(scene.matrices)} scattering matrices; omit scattering "
+                "and solver.",
                 code="given_twice",
             )
         family = scene
@@ -175,7 +174,7 @@ def locate(
     )
     fit = _Fit(model, np.asarray(echoes.pressures), echoes.noise or 0.0, family)
     best = fit.best()
-    # Receivers that fit nothing would spoil the pose: the last steps are taken without them.
+    # The last steps exclude receivers that match no pose.
     missing = fit.missing(best)
     rows = np.setdiff1d(np.arange(len(fit.measured)), missing)
     if len(missing):
@@ -185,7 +184,7 @@ def locate(
     motion = motion_of(best.x[:6])
     pose = start @ Pose(motion.rotation, centre - motion.rotation @ centre + motion.translation)
     opening = None
-    # Interpolation and waves that are left out make derivatives by the opening less exact.
+    # Interpolation and truncated waves reduce the accuracy of derivatives by the opening.
     smallest = 1e-3
     inside = True
     if family is not None:
@@ -204,10 +203,10 @@ def locate(
     places = array.positions[echoes.receiving[rows]]
     variance *= max(1.0, disagreement(derivatives, best.fun, inverse, places))
     misfit = fit.misfit(best)
-    # A wrong shape leaves a residual of few degrees of freedom, however many pressures there are:
-    # about 8 (two fingers' ends and radii, less the six of a pose). The pose has taken up about as
-    # much in each of its own, so the power is divided by these and not by the number of pressures.
-    # Solvers and interpolation leave 5 % unexplained without any fault of the shape.
+    # The residual of a wrong shape has about 8 degrees of freedom (ends and radii of two fingers,
+    # minus the six of a pose), for any number of pressures. Each unknown of the pose is assumed to
+    # have absorbed as much, so the power is divided by 8 and not by the number of pressures.
+    # Solvers and interpolation have an error of 5 %.
     of_shape = 2.0 * max(misfit**2 - 0.05**2, 0.0) * power(fit.measured) / 8
     return Located(
         pose=pose,
@@ -225,7 +224,7 @@ def locate(
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """Measured echoes and their model: of bodies, or of a family of them."""
+    """Measured echoes and their model, of bodies or of a family."""
 
     model: EchoModel
     measured: Received
@@ -233,7 +232,7 @@ class _Fit:
     family: ScatteringFamily | None = None
 
     def best(self) -> OptimizeResult:
-        """Follow the start, and other starts if it fails, by few receivers and then by all."""
+        """Minimise from the initial pose, and from others if that fails."""
         receivers, transmissions = self.measured.shape
         chosen = np.random.default_rng(0).permutation(receivers)[:160]
         few = self.part(np.sort(chosen), min(transmissions, 8))
@@ -258,7 +257,7 @@ class _Fit:
         return _parts(model.echoes(unknowns[:6]) - self.measured)
 
     def derivatives(self, unknowns: Unknowns) -> Float64[np.ndarray, "parts unknowns"]:
-        """Return those of the residual by a further motion [Pa/m], [Pa/rad] and by the opening."""
+        """Return derivatives of the residual by motions [Pa/m], [Pa/rad] and by the opening."""
         twist = unknowns[:6]
         if self.family is None:
             by = self.model.derivatives(twist)
@@ -270,7 +269,7 @@ class _Fit:
         return np.stack([_parts(part) for part in by], axis=1)
 
     def follow(self, unknowns: Unknowns, flat: float = 1e-7) -> OptimizeResult:
-        """Minimise the residual from a pose and an opening; end at steps that gain a share less."""
+        """Minimise the residual from a pose and an opening, to a relative tolerance ``flat``."""
 
         def jacobian(unknowns: Unknowns) -> Float64[np.ndarray, "parts unknowns"]:
             by = self.derivatives(unknowns)
@@ -290,12 +289,12 @@ class _Fit:
 
     @property
     def units(self) -> Unknowns:
-        """Metres, radians and units of the opening of about the same effect."""
+        """Steps of the unknowns [m], [rad] and of the opening with about the same effect."""
         of_opening = [] if self.family is None else [1.0 / self.family.effect]
         return np.array([1.0] * 3 + [1.0 / self.model.scattering.radius] * 3 + of_opening)
 
     def other_starts(self) -> Iterator[OptimizeResult]:
-        """Follow other starts, in order of their cost, until one explains the echoes."""
+        """Minimise from other initial poses, in order of their cost, until one matches."""
         reach = np.repeat([6e-3, np.radians(9.0)], 3)
         middle = np.zeros(6)
         if self.family is not None:
@@ -303,7 +302,7 @@ class _Fit:
             reach = np.append(reach, 0.5 * span)
             middle = np.append(middle, self.family.low + 0.5 * span - self.family.start)
         starts = 2.0 * qmc.Sobol(len(reach), rng=0).random(512) - 1.0
-        # 128 of those within the unit balls of translation and turn: four in a cube leave enough.
+        # 128 points inside the unit balls of translation and rotation.
         lengths = np.linalg.norm(starts[:, :6].reshape(-1, 2, 3), axis=2).max(axis=1)
         tried = middle + reach * starts[lengths <= 1.0][:128]
         for start in sorted(tried, key=lambda start: power(self.residual(start)))[:16]:
@@ -332,11 +331,11 @@ class _Fit:
         return float(np.sqrt(max(power(self.left(pose)[rows]) - of_noise, 0.0) / of_echoes))
 
     def explained(self, pose: OptimizeResult) -> bool:
-        """Whether a pose is to be believed; receivers that fit nothing do not count."""
+        """Whether a pose matches the echoes, except at receivers that match no pose."""
         return self.misfit(pose, self.missing(pose)) <= MAX_MISFIT
 
     def missing(self, pose: OptimizeResult) -> Receivers:
-        """Rows of receivers that fit nothing while most do: at most one in five."""
+        """Rows of the receivers that match no pose, at most one in five."""
         left = self.left(pose)
         residual, measured, expected = (
             np.sqrt(np.mean(np.abs(pressures) ** 2, axis=1))
@@ -360,7 +359,7 @@ def _check_determined(
     receivers: int,
     transmissions: int,
 ) -> None:
-    """Raise "pose_not_found" where a motion or the opening hardly changes the echoes."""
+    """Raise "pose_not_found" if a motion or the opening hardly changes the echoes."""
     values, vectors = np.linalg.eigh(units[:, None] * information * units)
     if values[0] > smallest**2 * values[-1]:
         return
@@ -372,20 +371,20 @@ def _check_determined(
     x, y, z = pose.rotate(motion[3:6] if turn > shift else motion[:3]) / max(shift, turn, 1e-12)
     parts = ["a change of the opening"] if opens else []
     if not opens or max(shift, turn) > 0.1:
-        kind = "a turn about" if turn > shift else "a translation along"
+        kind = "a rotation about" if turn > shift else "a translation along"
         parts.append(f"{kind} ({x:.2f}, {y:.2f}, {z:.2f})")
     raise InvalidInput(
         f"{counted(receivers, 'receiver', 'receivers')} and "
         f"{counted(transmissions, 'transmission', 'transmissions')} do not determine the "
         f"{'pose and the opening' if opens else 'pose'}: {' together with '.join(parts)} changes "
-        f"the echoes by {effect:.1g} of what other motions do. Give more of them, or bodies "
-        "without that symmetry.",
+        f"the echoes only {effect:.1g} times as much as other motions. Give more receivers or "
+        "transmissions, or bodies without that symmetry.",
         code="pose_not_found",
     )
 
 
 def _checked_array(echoes: Echoes, scene: Scene, array: PhasedArray, start: Pose) -> PhasedArray:
-    """Return the array in the frame of the bodies, after all checks of the arguments."""
+    """Check the arguments of ``locate`` and return the array in the frame of the bodies."""
     of_kind(start, Pose, "the start", "Pose(rotation, translation)")
     of_kind(echoes, Echoes, "the echoes", "Echoes(codes, pressures)")
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles)")
@@ -393,8 +392,8 @@ def _checked_array(echoes: Echoes, scene: Scene, array: PhasedArray, start: Pose
     check_elements(echoes, array, "echoes")
     if abs(echoes.frequency - scene.frequency) > 1e-6 * scene.frequency:
         raise InvalidInput(
-            f"the echoes are at {echoes.frequency:g} Hz, and the scene at {scene.frequency:g} Hz: "
-            "give the scene the frequency of the echoes.",
+            f"the echoes are at {echoes.frequency:g} Hz, but the scene is at {scene.frequency:g} "
+            "Hz; use the same frequency.",
             code="does_not_match",
         )
     seen = array.seen_from(start)
@@ -412,7 +411,7 @@ def _checked_array(echoes: Echoes, scene: Scene, array: PhasedArray, start: Pose
     if rms == 0.0 or (echoes.noise is not None and rms < 1.05 * echoes.noise):
         raise InvalidInput(
             f"the echoes have {rms:.3g} Pa rms, hardly more than the noise of "
-            f"{echoes.noise or 0.0:.3g} Pa: they say nothing about the bodies.",
+            f"{echoes.noise or 0.0:.3g} Pa; transmit more, or closer to the bodies.",
             code="signal_unusable",
         )
     # Clipping shows in the magnitudes or, with two converters, in the quadratures.
@@ -432,17 +431,16 @@ def disagreement(
     inverse: Squares,
     places: Float64[np.ndarray, "receivers 3"],
 ) -> float:
-    """Variance of the pose by groups of receivers over that by independent ones; 1 for noise.
+    """Variance of the pose from groups of receivers over that from single ones; 1 for noise.
 
-    What a wrong shape leaves unexplained is alike at neighbouring receivers, so that many of them
-    make the pose no surer. Groups of neighbours are taken as the independent data, as in K.-Y.
-    Liang and S. L. Zeger, Biometrika 73, 13 (1986): the mean over all unknowns of the variance by
-    groups over that of independent receivers.
+    The residual of a wrong shape is correlated at neighbouring receivers, so more of them do not
+    improve the pose. Groups of neighbours are therefore taken as independent (K.-Y. Liang, S. L.
+    Zeger, Biometrika 73, 13 (1986)). The result is the mean ratio over all unknowns.
     """
     count = min(16, len(places) // 4)
     if count < 2:
         return 1.0
-    # 16 groups of at least 4 receivers: fewer say little of the variance, smaller ones are alike.
+    # Fewer groups estimate the variance poorly; smaller groups are correlated.
     groups = kmeans2(places, count, rng=0, minit="++")[1]
     scores = derivatives * residual[:, None]
     scores = scores.reshape(len(places), -1, len(inverse)).sum(axis=1)
@@ -454,25 +452,24 @@ def disagreement(
 def unexplained(
     echoes: Echoes, scattering: ScatteringMatrix, array: PhasedArray, pose: Pose
 ) -> Float64[np.ndarray, "receivers"]:
-    """Residual of the model at each receiver, noise included, over the rms of all echoes.
+    """Residual of the model at each receiver, including noise, over the rms of all echoes.
 
     Parameters
     ----------
-    echoes : measured, less what the empty array receives.
-    scattering : of the bodies.
+    echoes : measured pressures minus those of the empty array.
+    scattering : scattering matrix of the bodies.
     array : the transducers in their own frame, in the order of the codes.
-    pose : of the bodies, from their frame to the array's, such as ``Located.pose``.
+    pose : pose of the bodies in the array's frame, such as ``Located.pose``.
 
     Returns
     -------
-    (R,) root mean square over the transmissions; NaN where a receiver received none. About 1.4
-    everywhere for a pose that explains nothing, and the share of noise for one that explains all.
+    (R,) root mean square over the transmissions; NaN for receivers without valid pressures. About
+    1.4 for an unrelated pose, and the relative noise for a correct one.
 
     Raises
     ------
     InvalidInput
-        "sizes_differ": echoes of another array; "bodies_overlap": an element stands among the
-        bodies.
+        "sizes_differ": echoes of another array; "bodies_overlap": an element is among the bodies.
 
     Examples
     --------

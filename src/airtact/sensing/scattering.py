@@ -1,11 +1,11 @@
 """The scattering matrix (T-matrix) of the bodies of a scene, in spherical waves.
 
 The bodies are solved for all regular waves at once. A layer of monopoles of density Z_nm on a
-sphere around them makes the regular wave j_n(kr) Z_nm inside it, exactly but for orders that its
-quadrature mistakes for one another, and these vanish inside as fast as the waves do. The monopoles
-that radiate the scattered pressure are projected onto outgoing waves, or, where the solver has
-none, the scattered pressure on the same sphere. (The matrix: P. C. Waterman, J. Acoust. Soc. Am.
-45, 1417, 1969; P. A. Martin, Multiple Scattering, 2006, chapter 7.)
+sphere around them makes the regular wave j_n(kr) Z_nm inside, except for aliased orders of the
+quadrature, which decay inwards like the waves themselves. The monopoles that radiate the scattered
+pressure are projected onto outgoing waves, or, if the solver has none, the scattered pressure on
+the same sphere. Sources: P. C. Waterman, J. Acoust. Soc. Am. 45, 1417 (1969); P. A. Martin,
+Multiple Scattering (2006), chapter 7.
 """
 
 from collections.abc import Callable
@@ -37,21 +37,21 @@ from airtact.sensing.waves import (
 
 @dataclass(frozen=True, eq=False)
 class ScatteringMatrix:
-    """Scattering matrix of the bodies of a scene; ``scattering_matrix`` makes it.
+    """Scattering matrix of the bodies of a scene; the result of ``scattering_matrix``.
 
-    A field Σ a_nm j_n(kr) Z_nm around the bodies makes them scatter Σ b_nm h_n(kr) Z_nm with b = T
+    For an incident field Σ a_nm j_n(kr) Z_nm the scattered field is Σ b_nm h_n(kr) Z_nm with b = T
     a. Z_nm are the real, orthonormal spherical harmonics (m > 0: cos mφ, m < 0: sin |m|φ, without
     the sign of Condon and Shortley), and wave (n, m) has the index n² + n + m.
 
     Attributes
     ----------
     matrix : (W, W) T of W = (order + 1)² waves; symmetric, by reciprocity.
-    centre : (3,) of the waves, in the frame of the bodies [m].
-    radius : of a ball about the centre that holds the bodies [m]; transducers must stand outside
-        it.
+    centre : (3,) centre of the waves, in the frame of the bodies [m].
+    radius : radius of a ball about the centre that contains the bodies [m]; transducers must be
+        outside it.
     scene : the bodies, their medium and the frequency.
-    asymmetry : relative difference of the matrix from its transpose before both were averaged.
-    report : of the solve.
+    asymmetry : relative difference of the matrix from its transpose before symmetrisation.
+    report : report of the solve.
     """
 
     matrix: Complex128[np.ndarray, "waves waves"]
@@ -71,7 +71,7 @@ class ScatteringMatrix:
 
     @cached_property
     def single(self) -> Complex64[np.ndarray, "waves waves"]:
-        """(W, W) the matrix in single precision."""
+        """The matrix (W, W) in single precision."""
         return self.matrix.astype(np.complex64)
 
     @property
@@ -86,19 +86,20 @@ def scattering_matrix(
     accuracy: float = 0.005,
     ball: tuple[Float64[np.ndarray, "3"], float] | None = None,
 ) -> ScatteringMatrix:
-    """Solve the bodies of a scene for all regular spherical waves about the middle of them.
+    """Solve the bodies of a scene for all regular spherical waves about their centre.
 
-    It takes one block solve of some hundreds of excitations; ``Stored(solver, folder)`` keeps it.
-    Echoes for any rigid pose then take milliseconds, see ``simulate_echoes`` and ``locate``.
+    This is one block solve with several hundred excitations, which ``Stored(solver, folder)``
+    stores. Echoes for any rigid pose then take milliseconds, see ``simulate_echoes`` and
+    ``locate``.
 
     Parameters
     ----------
-    solver : solves the bodies, such as ``BoundaryElement(accuracy=0.01, estimate=False)``; its
-        accuracy is its own.
+    solver : solver of the bodies, such as ``BoundaryElement(accuracy=0.01, estimate=False)``.
     scene : the bodies, in their own frame.
-    accuracy : relative error by waves that are left out, 0.0001 to 0.1; it sets the order.
-    ball : centre (3,) of the waves and radius of a ball that holds the bodies [m]; hardly larger
-        than the smallest unless given.
+    accuracy : relative error by the truncation of the waves, 0.0001 to 0.1; it determines the
+        order.
+    ball : centre (3,) of the waves and radius of a ball that contains the bodies [m]; nearly the
+        smallest ball by default.
 
     Raises
     ------
@@ -118,13 +119,13 @@ def scattering_matrix(
     accuracy = within(accuracy, 1e-4, 0.1, "accuracy", "parts of 1", "1 per cent is 0.01.")
     if not scene.obstacles:
         raise InvalidInput(
-            "the scene has no obstacles, so nothing is scattered; give bodies.", code="empty"
+            "the scene has no obstacles and scatters nothing; give bodies.", code="empty"
         )
     check_no_planes(scene, "a scattering matrix")
     centre, radius = ball_of(scene) if ball is None else ball
     order = _order(scene.wavenumber.real * radius, accuracy)
     outer = radius + scene.wavelength  # radius of the layer of sources
-    # Three spare orders keep the quadrature from mistaking waves for one another.
+    # Three additional orders avoid aliasing.
     directions, weights = _quadrature(order + 3)
     waves = harmonics(order, directions)
     radial = of_waves(order, outgoing_radial(order, np.array([outer]), scene.wavenumber))
@@ -134,7 +135,7 @@ def scattering_matrix(
     # Inside a layer of density Z_nm the field is 4πik h_n(k R) j_n(kr) Z_nm: hence the amplitudes.
     layer = mixed((weights * waves).T, amplitudes)
     field = solver.radiate(scene, Monopoles(centre + outer * directions, layer))
-    # Projected sources need no quadrature, and no field close to the bodies.
+    # Projected sources need neither a quadrature nor the field close to the bodies.
     sources = field.scattering_sources
     if sources is not None:
         offsets = sources.positions - centre
@@ -143,8 +144,8 @@ def scattering_matrix(
         pressures = field.scattered_at(centre + outer * directions)
         if not np.isfinite(pressures).all():
             raise InvalidInput(
-                f"the solver gives no field {1e3 * outer:.3g} mm from the middle of the bodies. "
-                "Give a solver whose field is known all around them.",
+                f"the solver has no field {1e3 * outer:.3g} mm from the centre of the bodies; use "
+                "a solver with a field all around them.",
                 code="data_missing",
             )
         scattered = (weights * waves) @ pressures / radial
@@ -159,10 +160,10 @@ def _symmetric(
     scattered: Complex128[np.ndarray, "waves patterns"],
     patterns: Float64[np.ndarray, "waves patterns"] | None,
 ) -> Complex128[np.ndarray, "waves waves"]:
-    """Return the symmetric matrix from what it makes of patterns.
+    """Return the symmetric matrix from its product with patterns.
 
-    By reciprocity it also follows what all other waves make of these. Only what the others make of
-    each other is left out, which is as little as they reach the bodies, squared.
+    Reciprocity also determines its product with all other waves, projected onto the patterns. The
+    remaining block is neglected; it is of second order in the small waves at the bodies.
     """
     if patterns is None:
         return 0.5 * (scattered + scattered.T)
@@ -173,7 +174,7 @@ def _symmetric(
 
 
 def check_own(scattering: ScatteringMatrix, scene: Scene) -> None:
-    """Raise "does_not_match" where the matrix is not of this very scene."""
+    """Raise "does_not_match" if the matrix is of another scene."""
     if scattering.scene is not scene:
         raise InvalidInput(
             "the scattering matrix belongs to another scene; use scattering.scene.",
@@ -182,7 +183,7 @@ def check_own(scattering: ScatteringMatrix, scene: Scene) -> None:
 
 
 def _order(reach: float, accuracy: float) -> int:
-    """Order above which waves contribute less than an accuracy; ``reach`` is k times the radius.
+    """Highest order for a relative accuracy; ``reach`` is k times the radius.
 
     The excess over kR grows as d^(2/3) (kR)^(1/3) for d digits (W. C. Chew and others, Fast and
     Efficient Algorithms in Computational Electromagnetics, 2001, section 3.4); the factor is
@@ -191,7 +192,7 @@ def _order(reach: float, accuracy: float) -> int:
     order = int(np.ceil(reach + 0.8 * (-np.log10(accuracy)) ** (2 / 3) * np.cbrt(reach)))
     if order > 80:  # 6,561 waves take 0.7 GB
         raise InvalidInput(
-            f"the bodies need waves up to order {order}, more than 80: give smaller bodies, such "
+            f"the bodies need waves up to order {order}, more than 80; use smaller bodies, such "
             "as the fingers without the hand, or a lower accuracy.",
             code="too_many",
         )
@@ -201,7 +202,7 @@ def _order(reach: float, accuracy: float) -> int:
 def _quadrature(
     order: int,
 ) -> tuple[Float64[np.ndarray, "points 3"], Float64[np.ndarray, "points"]]:
-    """Quadrature on the unit sphere, exact for products of two waves up to an order."""
+    """Quadrature on the unit sphere that is exact for products of two waves up to an order."""
     # Gauss-Legendre in cos θ and equal steps in φ integrate products up to 2 order + 1 exactly.
     cosines, weights = np.polynomial.legendre.leggauss(order + 1)
     azimuth = 2 * np.pi * np.arange(2 * order + 1) / (2 * order + 1)
@@ -216,15 +217,12 @@ def _quadrature(
 def reaching_patterns(
     scene: Scene, centre: Float64[np.ndarray, "3"], order: int, smallest: float
 ) -> Float64[np.ndarray, "waves patterns"] | None:
-    """Orthonormal patterns of regular waves that reach the bodies; None if nearly all do.
+    """Orthonormal patterns of regular waves with pressure at the bodies; None if nearly all have.
 
-    Waves of high order fill a ball, and bodies are a part of it: most patterns of waves hardly
-    reach them. The patterns that do are the eigenvectors of the mean square pressure of waves on
-    the surfaces and under them. Points under them see what vanishes on the surface alone, as at an
-    interior resonance.
-
-    All others make less than ``smallest`` of the rms pressure of the strongest on and under the
-    surfaces.
+    Bodies fill only a part of the ball of the waves, so most patterns hardly reach them. The
+    patterns are eigenvectors of the mean square pressure of the waves on the surfaces and under
+    them. Points under the surfaces include waves that vanish on them, as at an interior resonance.
+    The omitted patterns have an rms pressure below ``smallest`` times the largest.
     """
     points = _points_of(scene) - centre
     squares = np.zeros((wave_count(order), wave_count(order)), dtype=np.float32)
@@ -235,18 +233,18 @@ def reaching_patterns(
         squares, overwrite_a=True, check_finite=False, driver="evd"
     )
     count = int(np.count_nonzero(values > smallest**2 * values[-1]))
-    # With most of the patterns needed, the detour through them saves no work.
+    # If most patterns are needed, this saves no work.
     return patterns[:, -count:].astype(np.float64) if count < 0.8 * len(values) else None
 
 
 def _points_of(scene: Scene) -> Float64[np.ndarray, "points 3"]:
-    """Points at random, evenly on the triangles of the surfaces, and as many under them [m]."""
+    """Random points on the triangles of the surfaces, and as many under them [m]."""
     random = np.random.default_rng(0)
     corners = np.concatenate([body.surface.corners for body in scene.obstacles])
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     areas = np.linalg.norm(normals, axis=1) / 2.0
     count = int(np.ceil(30 * areas.sum() / scene.wavelength**2))  # 30 per square wavelength
-    # Stratified: one point in each equal share of the area.
+    # Stratified sampling: one point in each equal part of the area.
     levels = (np.arange(count) + random.random(count)) / count * areas.sum()
     chosen = np.minimum(np.searchsorted(np.cumsum(areas), levels), len(areas) - 1)
     shares = random.dirichlet(np.ones(3), count)
@@ -257,18 +255,17 @@ def _points_of(scene: Scene) -> Float64[np.ndarray, "points 3"]:
 
 @dataclass(frozen=True, eq=False)
 class ScatteringFamily:
-    """What bodies scatter that change with one unknown parameter; ``scattering_family`` makes it.
+    """Scattering matrices of bodies with one parameter; the result of ``scattering_family``.
 
-    Each entry of the matrix is the polynomial through its values at the zeros of a Chebyshev
-    polynomial, where interpolation of smooth functions is near the best (L. N. Trefethen,
-    Approximation Theory and Approximation Practice, 2013, chapters 3 and 4). The derivative by the
-    parameter is that of the polynomial, so a fit is exact for its own model.
+    Each entry of the matrix is interpolated by the polynomial through Chebyshev points, which is
+    nearly optimal for smooth functions (L. N. Trefethen, Approximation Theory and Approximation
+    Practice (2013), chapters 3 and 4). The derivative by the parameter is that of the polynomial.
 
     Attributes
     ----------
-    low, high : least and largest value.
-    start : value from which ``locate`` starts.
-    matrices : of the N values at which the bodies were solved, all about one centre.
+    low, high : smallest and largest value of the parameter.
+    start : initial value for ``locate``.
+    matrices : matrices of the N solved values, all about one centre.
     """
 
     low: float
@@ -288,15 +285,15 @@ class ScatteringFamily:
 
     @property
     def scene(self) -> Scene:
-        """The bodies at one of the values; medium and frequency are the same for all."""
+        """The bodies at the first value; medium and frequency are the same for all."""
         return self.matrices[0].scene
 
     def at(self, value: float) -> ScatteringMatrix:
-        """Return the scattering matrix for a value, which has no report or scene of its own."""
+        """Return the matrix at a value, with the report and scene of the first one."""
         return self._sum(chebyshev.chebvander(self._scaled(value), len(self.matrices) - 1)[0])
 
     def derivative(self, value: float) -> ScatteringMatrix:
-        """Return the derivative of the scattering matrix by the number."""
+        """Return the derivative of the scattering matrix by the parameter."""
         terms = np.eye(len(self.matrices))
         by_scaled = np.asarray(
             chebyshev.chebval(self._scaled(value), chebyshev.chebder(terms, axis=0))
@@ -307,12 +304,12 @@ class ScatteringFamily:
     def error(self) -> float:
         """Relative error of the interpolation, from the decay of the Chebyshev coefficients."""
         sizes = np.linalg.norm(self._coefficients, axis=1)
-        # The first coefficient left out continues the geometric decay of the last two.
+        # The first omitted coefficient continues the geometric decay of the last two.
         return float(sizes[-1] ** 2 / max(sizes[-2] * sizes[0], 1e-300))
 
     @cached_property
     def effect(self) -> float:
-        """Change of the matrix by the number, over that by a translation of 1 m."""
+        """Change of the matrix by the parameter, over that by a translation of 1 m."""
         middle = 0.5 * (self.low + self.high)
         here = self.at(middle).matrix
         change = self.derivative(middle).matrix
@@ -348,28 +345,28 @@ def scattering_family(
     values: int = 5,
     accuracy: float = 0.005,
 ) -> ScatteringFamily:
-    """Solve bodies that change with one number, such as a gap, for a few values of it.
+    """Solve bodies with one parameter, such as a gap, for a few values of it.
 
-    ``locate`` finds the number together with the pose. Each value takes a scattering matrix, which
-    ``Stored(solver, folder)`` keeps. Between the values the matrix is interpolated: five values
-    reach to 2 mm on both sides at 40 kHz.
+    ``locate`` finds the parameter together with the pose. Each value is one scattering matrix,
+    which ``Stored(solver, folder)`` stores. Between the values the matrix is interpolated; five
+    values cover ± 2 mm at 40 kHz.
 
     Parameters
     ----------
-    solver : solves the bodies, as for ``scattering_matrix``.
-    scene_of : makes the bodies for a value of the number, always as many, in the same frame, medium
-        and frequency.
-    low, high : least and largest value of the number.
-    start : value from which ``locate`` starts; the middle unless given.
-    values : number of values that are solved, 3 to 12.
+    solver : solver of the bodies, as for ``scattering_matrix``.
+    scene_of : function that returns the scene for a value of the parameter, with the same number of
+        bodies, frame, medium and frequency for all values.
+    low, high : smallest and largest value of the parameter.
+    start : initial value for ``locate``; the middle by default.
+    values : number of solved values, 3 to 12.
     accuracy : as for ``scattering_matrix``.
 
     Raises
     ------
     InvalidInput
-        "out_of_range": of the values; "does_not_match": the scenes do not belong together;
-        "all_zero": the bodies do not change with the number; "too_few": interpolation between them
-        is more than 2 % off; or as ``scattering_matrix``.
+        "out_of_range": the values; "does_not_match": scenes with different media, frequencies or
+        numbers of bodies; "all_zero": the bodies do not depend on the parameter; "too_few": an
+        interpolation error over 2 %; or as ``scattering_matrix``.
 
     Examples
     --------
@@ -398,9 +395,9 @@ def scattering_family(
     for scene in scenes:
         if scene.wavenumber != first.wavenumber or len(scene.obstacles) != len(first.obstacles):
             raise InvalidInput(
-                f"scenes of one family have {len(first.obstacles)} and {len(scene.obstacles)} "
+                f"scenes of the family have {len(first.obstacles)} and {len(scene.obstacles)} "
                 f"bodies at {first.frequency:g} and {scene.frequency:g} Hz, in {first.medium} and "
-                f"{scene.medium}: only the shape of the bodies may change.",
+                f"{scene.medium}; only the shape of the bodies may change.",
                 code="does_not_match",
             )
     balls = [ball_of(scene) for scene in scenes]
@@ -414,15 +411,15 @@ def scattering_family(
     shift = 0.5 * (high - low) * family.effect
     if shift < 1e-7:
         raise InvalidInput(
-            f"from {low:g} to {high:g} the bodies change no more than if they moved by "
-            f"{1e3 * shift:.1g} mm: scene_of must use the number.",
+            f"from {low:g} to {high:g} the bodies change no more than by a translation of "
+            f"{1e3 * shift:.1g} mm; scene_of must use its argument.",
             code="all_zero",
         )
     if family.error > 0.02:  # more would limit the fit, and not the solver
         raise InvalidInput(
-            f"{len(matrices)} values from {low:g} to {high:g} are too few: between them the "
-            f"scattering matrix is {100 * family.error:.2g} % off, more than 2 %. Give more "
-            "values, or a smaller range.",
+            f"{len(matrices)} values from {low:g} to {high:g} are too few: the interpolation error "
+            f"of the scattering matrix is {100 * family.error:.2g} %, more than 2 %. Use more "
+            "values or a smaller range.",
             code="too_few",
         )
     return family

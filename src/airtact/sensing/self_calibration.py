@@ -1,17 +1,16 @@
 """Poses of an array's boards, gains of its elements and sound speed, from direct sound.
 
-Elements of boards that face each other receive each other's transmissions. From each element alone,
-which codes such as Hadamard's separate, element r receives p_re = ρ_r τ_e T_re: T is the direct
-sound between elements of unit gain, τ are the gains by which elements emit and ρ those by which
-they receive, which differ by the electronics. For given positions the gains follow by solving
-for ρ and τ in turn. Motions of the boards and the sound speed follow by Levenberg and Marquardt's
-steps on what is left once all gains have adapted (variable projection: G. Golub and V. Pereyra,
-SIAM J. Numer. Anal. 10, 413, 1973), with exact derivatives.
+Elements of boards that face each other receive each other's transmissions. Codes such as those of
+Hadamard separate the emitters. Element r receives p_re = ρ_r τ_e T_re from element e: T is the
+direct sound between elements of unit gain, τ are the gains of emission and ρ those of reception,
+which differ by the electronics. For given positions the gains are found by alternating least
+squares for ρ and τ. Motions of the boards and the sound speed are found by the Levenberg-Marquardt
+method on the residual of the optimal gains (variable projection: G. Golub and V. Pereyra, SIAM J.
+Numer. Anal. 10, 413, 1973), with exact derivatives.
 
-Board 0 is held, as a motion of the whole array changes nothing. A factor that multiplies all ρ and
-divides all τ changes nothing either: both get the same mean (with two boards, in each direction
-separately). The scale of the array follows from the positions of elements on their boards, which
-are taken as exact.
+Board 0 is fixed, because a motion of the array changes nothing. Nor does a factor that multiplies
+all ρ and divides all τ: both get the same mean (with two boards, in each direction separately). The
+scale of the array follows from the positions of elements on their boards, which are taken as exact.
 """
 
 from dataclasses import dataclass, replace
@@ -34,10 +33,10 @@ from airtact.transducers.calibration import save_calibration
 from airtact.transducers.element import check_pattern
 from airtact.transducers.layout import PhasedArray, join
 
-# Largest share of the direct sound that a believed calibration leaves unexplained beyond noise.
+# Largest relative residual beyond noise of a converged calibration.
 MAX_MISFIT = 0.1
 
-# Whether a receiver and an emitter count.
+# Whether each pair of receiver and emitter is used.
 CountedPairs = Bool[np.ndarray, "elements elements"]
 
 Gains = Complex128[np.ndarray, "elements"]
@@ -47,26 +46,27 @@ Squares = Float64[np.ndarray, "unknowns unknowns"]
 
 @dataclass(frozen=True, eq=False)
 class Calibrated:
-    """What ``calibrate`` finds of an array.
+    """Calibration of an array; the result of ``calibrate``.
 
     Attributes
     ----------
-    array : with its boards where they are, and the gains by which the elements emit.
+    array : the array with corrected boards and the gains of emission.
     sound_speed : [m/s].
-    motions : of each board, from where it was believed to be to where it is, in the array's frame;
-        board 0 stays.
-    emission, reception : (E,) gains by which elements emit and receive; 0 for dead ones, and 1 in
-        ``reception`` for elements that are no receivers. Their common factor is a convention.
-    covariance : (6 B − 5, 6 B − 5) of the translation of the middle of boards 1 to B − 1 [m] and a
-        small turn about it [rad], board by board along the array's axes, and last of the sound
-        speed [m/s].
-    gain_deviation : rms standard deviation of the gains, relative, and so of their phases [rad].
-    residual : rms of what is left unexplained over that of the direct sound, noise included.
-    misfit : the same beyond noise.
-    converged : whether the steps settled and the misfit is at most 0.1. Believe nothing else.
-    steps : number of steps taken.
-    believed : the array as it was given.
-    dead : numbers of elements of which nothing is received.
+    motions : motion of each board from its given to its true pose, in the array's frame; that of
+        board 0 is zero.
+    emission, reception : (E,) gains of emission and reception; 0 for dead elements, and 1 in
+        ``reception`` for elements that do not receive. Their common factor is a convention.
+    covariance : (6 B − 5, 6 B − 5) covariance of the translation of the centre of boards 1 to B − 1
+        [m] and a small rotation about it [rad], board by board along the array's axes, and of the
+        sound speed [m/s].
+    gain_deviation : relative rms standard deviation of the gains, and of their phases [rad].
+    residual : rms residual over the rms of the direct sound, including noise.
+    misfit : the same without noise.
+    converged : whether the iteration converged with a misfit of at most 0.1. Do not use the result
+        otherwise.
+    steps : number of steps.
+    believed : the given array.
+    dead : indices of elements without a received signal.
     """
 
     array: PhasedArray
@@ -88,8 +88,8 @@ class Calibrated:
         return one_line(
             self,
             "converged" if self.converged else "NOT converged",
-            f"boards sure to {1e3 * position:.2g} mm and {np.degrees(turn):.2g} degrees",
-            f"sound speed {self.sound_speed:.2f} m/s, sure to {speed:.2g}",
+            f"boards ± {1e3 * position:.2g} mm and {np.degrees(turn):.2g} degrees",
+            f"sound speed {self.sound_speed:.2f} ± {speed:.2g} m/s",
             f"residual {self.residual:.2g}, misfit {self.misfit:.2g}",
         )
 
@@ -102,38 +102,37 @@ class Calibrated:
 
     @property
     def shifts(self) -> Float64[np.ndarray, "boards 3"]:
-        """(B, 3) how far the middle of each board is off where it was believed to be [m]."""
+        """Displacement of the centre of each board from its given position (B, 3) [m]."""
         boards = len(self.motions)
         here = self.array.positions.reshape(boards, -1, 3).mean(axis=1)
         return here - self.believed.positions.reshape(boards, -1, 3).mean(axis=1)
 
     def as_emitted(self, echoes: Echoes) -> Echoes:
-        """Scale echoes as if elements received with their gains of emission, as ``locate`` assumes.
+        """Scale echoes as if elements received with their gains of emission, as in ``locate``.
 
         Raises
         ------
         InvalidInput
-            "sizes_differ": echoes of another array; "data_missing": leave these out of
-            ``receivers`` first.
+            "sizes_differ": echoes of another array; "data_missing": dead receivers.
         """
         check_elements(echoes, self.array, "echoes")
         received = self.reception[echoes.receiving]
         if dead := echoes.receiving[received == 0.0].tolist():
             raise InvalidInput(
-                f"{counted(len(dead), 'receiver is', 'receivers are')} dead, first element "
-                f"{dead[0]}: leave them out.",
+                f"{counted(len(dead), 'receiver is', 'receivers are')} dead, the first is element "
+                f"{dead[0]}; omit them from receivers.",
                 code="data_missing",
             )
         factor = self.emission[echoes.receiving] / received
         return replace(echoes, pressures=np.asarray(echoes.pressures) * factor[:, None])
 
     def save(self, path: str | Path) -> None:
-        """Write a table of elements (.csv), which the ``calibration`` of a scene file reads.
+        """Write a table of elements (.csv) for ``calibration`` in a scene file.
 
         Raises
         ------
         InvalidInput
-            "unknown_format" for another one than .csv, "not_writable".
+            "unknown_format" for another format than .csv, "not_writable".
         """
         size = len(self.array) // len(self.motions)
         motions = [motion for motion in self.motions for _ in range(size)]
@@ -142,19 +141,19 @@ class Calibrated:
 
 @dataclass(frozen=True, eq=False)
 class ArrayState:
-    """Boards, wavenumber and gains, and how they fit.
+    """Boards, wavenumber and gains, and their residual.
 
     Attributes
     ----------
     boards : B boards, of unit gain.
-    wavenumber : of the air [1/m].
+    wavenumber : [1/m].
     reception, emission : (E,) gains.
-    slopes : of the direct sound of each pair of boards (first, second), first < second.
-    model : (E, E) of unit gains, at the receivers from the emitters, 0 where pairs do not count
+    slopes : derivatives of the direct sound of each pair of boards (first, second), first < second.
+    model : (E, E) pressure at the receivers from the emitters for unit gains, 0 for unused pairs
         [Pa].
-    cost : sum of the squares of the residual [Pa²].
-    steps : number of steps that led here.
-    settled : whether further steps change nothing.
+    cost : sum of squares of the residual [Pa²].
+    steps : number of steps.
+    settled : whether the iteration converged.
     """
 
     boards: tuple[PhasedArray, ...]
@@ -170,16 +169,16 @@ class ArrayState:
 
 @dataclass(frozen=True, eq=False)
 class ArrayFit:
-    """Pressures (E, E) at each receiver from each emitter, and which of them count."""
+    """Pressures (E, E) at each receiver from each emitter, and which of them are used."""
 
     measured: Pairs
     counted: CountedPairs
 
     @cached_property
     def groups(self) -> Int32[np.ndarray, "2 elements"]:
-        """Group of each receiver and each emitter; gains of different groups cannot be compared.
+        """Group of each receiver and each emitter; gains of different groups are independent.
 
-        Two boards alone make two groups, what the first emits and the second receives, and the
+        Two boards have two groups: emission of the first with reception of the second, and the
         reverse.
         """
         none = np.zeros_like(self.counted)
@@ -189,10 +188,10 @@ class ArrayFit:
     def best(
         self, boards: tuple[PhasedArray, ...], wavenumber: complex, enough: float
     ) -> ArrayState:
-        """Find the best of several starts by a few elements of each board, then fit all elements.
+        """Find the best of several starts with a few elements of each board, then fit all elements.
 
-        Phases are known up to whole turns, so that a start which is off by half a wavelength may
-        lead elsewhere.
+        Phases are ambiguous by 2π, so a start with an error of half a wavelength may lead to
+        another minimum.
         """
         random = np.random.default_rng(0)
         size = len(boards[0])
@@ -205,7 +204,7 @@ class ArrayFit:
         spread = np.repeat([1.2e-3, 0.012], 3)  # standard deviations of boards [m] and angles [rad]
         best = None
         for count in range(48):
-            # The first start is the believed array, which board 0 keeps in all of them.
+            # The first start is the given array. Board 0 is the same in all.
             motions = random.normal(size=(len(boards), 6)) * spread * (count > 0)
             motions[0] = 0.0
             faster = 1.0 + 0.006 * random.normal() * (count > 0)
@@ -222,7 +221,7 @@ class ArrayFit:
         return self.follow(start, best.wavenumber)
 
     def follow(self, boards: tuple[PhasedArray, ...], wavenumber: complex) -> ArrayState:
-        """Take damped steps from where the boards are believed to be until they settle."""
+        """Take damped steps from the given boards until they converge."""
         ones = np.ones(len(self.measured), dtype=np.complex128)
         here = self._state(boards, wavenumber, ones, ones)
         units = _units(boards, wavenumber)
@@ -247,7 +246,7 @@ class ArrayFit:
             here = replace(tried if tried.cost < here.cost else here, steps=count, settled=settled)
             if settled:
                 break
-            # A step that worked is followed by one that is nearer to plain Gauss-Newton.
+            # After a successful step the next one is closer to Gauss-Newton.
             damping *= 0.2
         return here
 
@@ -258,7 +257,7 @@ class ArrayFit:
         reception: Gains,
         emission: Gains,
     ) -> ArrayState:
-        """Fit the gains to boards and wavenumber, from gains nearby."""
+        """Fit the gains to boards and wavenumber, from initial gains."""
         size = len(boards[0])
         model = np.zeros_like(self.measured)
         slopes = {}
@@ -277,12 +276,12 @@ class ArrayFit:
         return ArrayState(boards, wavenumber, reception, emission, slopes, model, cost)
 
     def _gains(self, model: Pairs, reception: Gains, emission: Gains) -> tuple[Gains, Gains]:
-        """Solve for the gains of receivers and emitters in turn; those that do not count stay."""
+        """Find the gains by alternating least squares; unused ones stay the same."""
         turned = model.conj() * self.measured
         power = np.abs(model) ** 2
         for _ in range(40):
             before = emission
-            # Each half is a least-squares problem of its own for every receiver or emitter.
+            # Each half is an independent least-squares problem for every receiver or emitter.
             reception = _shares(turned @ emission.conj(), power @ np.abs(emission) ** 2, reception)
             emission = _shares(reception.conj() @ turned, np.abs(reception) ** 2 @ power, emission)
             if np.linalg.norm(emission - before) < 1e-5 * np.linalg.norm(emission):
@@ -290,9 +289,10 @@ class ArrayFit:
         return reception, emission
 
     def equations(self, here: ArrayState, units: Step) -> tuple[Squares, Step]:
-        """Set up the normal equations, of which the gains are eliminated, and half the slope.
+        """Set up the normal equations without the gains, and half the gradient.
 
-        The unknowns are the motions of all boards but the first and the wavenumber, in ``units``.
+        The unknowns are the motions of all boards except the first and the wavenumber, in
+        ``units``.
         """
         size = len(here.boards[0])
         elements = len(self.measured)
@@ -302,7 +302,7 @@ class ArrayFit:
         residual = model - self.measured
         squares = np.zeros((unknowns, unknowns))
         slope = np.zeros(unknowns)
-        # Of logarithms of the gains, reception before emission, with the unknowns and the residual.
+        # Coupling of the logarithms of the gains, reception first, to the unknowns.
         mixed = np.zeros((2, elements, unknowns), dtype=np.complex128)
         for (first, second), between in here.slopes.items():
             indices = np.r_[6 * first : 6 * first + 6, 6 * second : 6 * second + 6, unknowns - 1]
@@ -320,9 +320,9 @@ class ArrayFit:
                 mixed[0][rows][:, indices] += along.sum(axis=2).T
                 mixed[1][columns][:, indices] += along.sum(axis=1).T
         of_gains = np.concatenate([np.sum(model.conj() * residual, axis=axis) for axis in (1, 0)])
-        # The first six unknowns go: board 0 is held.
+        # Board 0 is fixed: omit its six unknowns.
         mixed = np.column_stack([mixed.reshape(2 * elements, unknowns)[:, 6:] * units, of_gains])
-        # Real parts belong to log magnitudes and imaginary ones to phases, with equal equations.
+        # Real parts are for log magnitudes and imaginary parts for phases, with equal equations.
         parts = np.concatenate([mixed.real, mixed.imag], axis=1)
         solved = solve(self._gain_equations(np.abs(model) ** 2), parts, assume_a="pos")
         both = parts.T @ solved
@@ -334,12 +334,12 @@ class ArrayFit:
     def _gain_equations(
         self, power: Float64[np.ndarray, "elements elements"]
     ) -> Float64[np.ndarray, "gains gains"]:
-        """Set up those of log magnitudes, or phases, of all gains, reception before emission."""
+        """Set up the equations of log magnitudes, or phases, of all gains, reception first."""
         diagonal = np.concatenate([power.sum(axis=1), power.sum(axis=0)])
         typical = diagonal.mean()
         squares = np.block([[np.zeros_like(power), power], [power.T, np.zeros_like(power)]])
         squares += np.diag(np.where(diagonal > 0.0, diagonal, typical))
-        # They are singular: a factor may multiply what a group emits and divide what it receives.
+        # They are singular, because each group has an arbitrary common factor.
         groups = self.groups.reshape(-1)
         signs = np.repeat([1.0, -1.0], len(power))
         for group in np.unique(groups):
@@ -351,26 +351,26 @@ class ArrayFit:
 def calibrate(
     echoes: Echoes, array: PhasedArray, medium: Medium, boards: int | None = None
 ) -> Calibrated:
-    """Find boards' poses, elements' gains and the sound speed from direct transmissions.
+    """Find the poses of boards, the gains of elements and the sound speed from direct sound.
 
-    Nothing may be between the boards, and nothing may be subtracted. Elements count that face each
-    other within 60 degrees on different boards. Boards may be 2 mm and 1 degree off, and the sound
-    speed 4 m/s (7 °C).
+    There must be nothing between the boards, and nothing may be subtracted. Elements on different
+    boards are used if they face each other within 60 degrees. The errors of the boards may be 2 mm
+    and 1 degree, and that of the sound speed 4 m/s (7 °C).
 
     Parameters
     ----------
-    echoes : transmissions of the empty array, in codes that separate all elements.
-    array : with its boards where they are believed to be; its gains are not used.
-    medium : the air as it is believed to be; its absorption is taken as given.
-    boards : how many of as many elements, one after the other; those of a kind that airtact knows
-        unless given.
+    echoes : transmissions of the empty array, with codes that separate all elements.
+    array : array with the assumed poses of its boards; its gains are ignored.
+    medium : assumed air; its absorption is not corrected.
+    boards : number of boards, all with equally many elements, listed one after another; found from
+        a known kind of board by default.
 
     Raises
     ------
     InvalidInput
         "sizes_differ", "unknown_name": the array; "given_twice": codes that do not separate the
         elements; "misplaced": elements or boards that face no others; "signal_unusable";
-        "pose_not_found": the transmissions do not determine some combination, which is named.
+        "pose_not_found": the transmissions do not determine a combination of unknowns.
 
     Examples
     --------
@@ -408,17 +408,17 @@ def calibrate(
     misfit = float(np.sqrt(max(best.cost - of_noise, 0.0) / max(power - of_noise, 1e-300)))
     units = _units(best.boards, best.wavenumber)
     squares, _ = fit.equations(best, units)
-    # Each element takes two complex gains from the data.
+    # The two complex gains of each element reduce the degrees of freedom.
     variance = best.cost / max(int(fit.counted.sum()) - 2 * len(array), 1) / 2.0
     converged = bool(best.settled and misfit <= MAX_MISFIT)
     if converged:
         _check_determined(squares, variance, echoes)
     covariance = variance * np.linalg.pinv(squares, hermitian=True)
     speed = 2 * np.pi * echoes.frequency / best.wavenumber.real
-    # From metres to metres, radians, and the sound speed in place of the wavenumber.
+    # Convert the unknowns to metres, radians, and the sound speed.
     scale = np.append(units[:-1], -units[-1] * speed / best.wavenumber.real)
     emission, reception = _same_mean(fit, best, dead)
-    # What each gain takes up by itself; the other unknowns hardly add to it.
+    # Information on each gain alone; the other unknowns hardly matter.
     emitted = np.sum(np.abs(best.reception[:, None] * best.emission * best.model) ** 2, axis=0)
     calibrated = join(best.boards).calibrated(emission)
     return Calibrated(
@@ -444,15 +444,15 @@ def _separated(echoes: Echoes) -> tuple[Pairs, float]:
     squares = codes @ codes.conj().T
     power = np.diag(np.diag(squares))
     smallest = 1e-6  # ratio of eigenvalues of codes that separate the elements
-    # The eigenvalues of a thousand elements take a second; Hadamard's codes need none.
+    # The eigenvalues for a thousand elements take a second; Hadamard codes do not need them.
     orthogonal = np.abs(squares - power).max() < smallest * np.abs(power).max()
     values = np.real(np.diag(squares)) if orthogonal else np.linalg.eigvalsh(squares)
     separated = int(np.sum(values > smallest * values.max()))
     if separated < len(codes):
         raise InvalidInput(
-            f"{counted(codes.shape[1], 'transmission separates', 'transmissions separate')} "
-            f"{separated} of {len(codes)} elements, and calibration needs each by itself: transmit "
-            f"the codes hadamard_codes({len(codes)}).",
+            f"{counted(codes.shape[1], 'transmission separates', 'transmissions separate')} only "
+            f"{separated} of {len(codes)} elements, but calibration needs all; use the codes "
+            f"hadamard_codes({len(codes)}).",
             code="given_twice",
         )
     inverse = np.diag(1.0 / np.diag(squares)) if orthogonal else np.linalg.inv(squares)
@@ -462,7 +462,7 @@ def _separated(echoes: Echoes) -> tuple[Pairs, float]:
 
 
 def _facing_pairs(echoes: Echoes, boards: list[PhasedArray]) -> CountedPairs:
-    """Which receivers face which emitters on another board; raise "signal_unusable"."""
+    """Find which receivers face which emitters on another board; raise "signal_unusable"."""
     size = len(boards[0])
     total = len(echoes.codes)
     pairs = np.zeros((total, total), dtype=bool)
@@ -476,13 +476,13 @@ def _facing_pairs(echoes: Echoes, boards: list[PhasedArray]) -> CountedPairs:
 
 
 def _dead(alone: Pairs, pairs: CountedPairs, noise: float) -> Int64[np.ndarray, "dead"]:
-    """Elements that emit, or receive, less than a tenth of the median."""
+    """Find elements that emit, or receive, less than a tenth of the median."""
     power = np.where(pairs, np.abs(alone) ** 2, 0.0)
     dead = []
     for axis in (0, 1):
         count = pairs.sum(axis=axis)
         size = np.sqrt(np.maximum(power.sum(axis=axis) / np.maximum(count, 1) - noise**2, 0.0))
-        # The median of the elements that count: dead ones are few.
+        # Few elements are dead, so the median is typical.
         typical = np.median(size[count > 0]) if count.any() else 0.0
         dead.append(np.flatnonzero((count > 0) & (size < 0.1 * typical)))
     return np.union1d(*dead)
@@ -497,32 +497,31 @@ def _check_linked(
     unlinked = np.flatnonzero(paths[0] == 0)
     if len(unlinked):
         raise InvalidInput(
-            f"board {unlinked[0]} of {boards} faces no other within 60 degrees, or none of its "
-            "elements receives or is received, so its place cannot be found. Leave it out of the "
-            "array.",
+            f"board {unlinked[0]} of {boards} faces no other within 60 degrees, or has no working "
+            "elements, so its pose cannot be found. Remove it from the array.",
             code="misplaced",
         )
     silent = np.setdiff1d(np.flatnonzero(~pairs.any(axis=0)), dead)
     if len(silent):
         raise InvalidInput(
             f"{counted(len(silent), 'element faces', 'elements face')} no receiver on another "
-            f"board within 60 degrees, first element {silent[0]}: their gains cannot be found.",
+            f"board within 60 degrees, the first is element {silent[0]}; remove them from the "
+            "array, or add receivers.",
             code="misplaced",
         )
     rms = float(np.sqrt(np.mean(np.abs(alone[pairs]) ** 2)))
     if rms == 0.0 or rms < 1.05 * noise:
         raise InvalidInput(
-            f"each element alone arrives with {rms:.3g} Pa rms, hardly more than the noise of "
-            f"{noise:.3g} Pa: no direct sound is left in the transmissions. Subtract nothing, and "
-            "transmit more or longer.",
+            f"the direct sound of one element has {rms:.3g} Pa rms, hardly more than the noise of "
+            f"{noise:.3g} Pa. Do not subtract anything, and transmit more or longer.",
             code="signal_unusable",
         )
 
 
 def _check_determined(squares: Squares, variance: float, echoes: Echoes) -> None:
-    """Raise "pose_not_found" where a combination of unknowns is not determined."""
+    """Raise "pose_not_found" if a combination of unknowns is not determined."""
     values, vectors = np.linalg.eigh(squares)
-    # A combination known to better than 1 mm is determined.
+    # The limit is a standard deviation of 1 mm.
     if values[0] > 1e-12 * values[-1] and variance < values[0] * 1e-3**2:
         return
     boards = range(1, 1 + len(values) // 6)
@@ -533,8 +532,8 @@ def _check_determined(squares: Squares, variance: float, echoes: Echoes) -> None
     deviation = 1e3 * np.sqrt(variance / max(values[0], 1e-12 * values[-1]))
     raise InvalidInput(
         f"{counted(len(echoes.pressures), 'receiver', 'receivers')} of {len(echoes.codes)} "
-        f"elements do not determine {' together with '.join(involved)}: known to {deviation:.2g} "
-        "mm only. Give more receivers or less noise, or leave boards out.",
+        f"elements do not determine {' together with '.join(involved)}: the standard deviation is "
+        f"{deviation:.2g} mm. Use more receivers, reduce the noise, or remove boards.",
         code="pose_not_found",
     )
 
@@ -542,7 +541,7 @@ def _check_determined(squares: Squares, variance: float, echoes: Echoes) -> None
 def _same_mean(
     fit: ArrayFit, state: ArrayState, dead: Int64[np.ndarray, "dead"]
 ) -> tuple[Gains, Gains]:
-    """Gains of emission and reception with a common factor in each group that makes both alike."""
+    """Gains of emission and reception, scaled in each group so that their means are equal."""
     emission = state.emission.copy()
     reception = state.reception.copy()
     receives = fit.counted.any(axis=1)
@@ -573,7 +572,7 @@ def motion_of(before: PhasedArray, after: PhasedArray) -> Pose:
 
 
 def moved(board: PhasedArray, motion: Float64[np.ndarray, "6"]) -> PhasedArray:
-    """Move the middle of a board, and turn it about that by less than a turn."""
+    """Translate a board [m], and rotate it about its centre [rad]."""
     middle = board.positions.mean(axis=0)
     angle = float(np.linalg.norm(motion[3:]))
     turn = Pose.turn(motion[3:], angle).rotation if angle > 0.0 else np.eye(3)
@@ -581,7 +580,7 @@ def moved(board: PhasedArray, motion: Float64[np.ndarray, "6"]) -> PhasedArray:
 
 
 def _units(boards: tuple[PhasedArray, ...], wavenumber: complex) -> Step:
-    """Factors from steps in metres to metres, radians and 1/m of about the same effect."""
+    """Unit steps in metres, radians and 1/m with about the same effect."""
     middles = np.stack([board.positions.mean(axis=0) for board in boards])
     arm = float(np.sqrt(np.mean([np.var(board.positions, axis=0).sum() for board in boards])))
     distance = float(np.linalg.norm(middles[:, None] - middles, axis=2).max())

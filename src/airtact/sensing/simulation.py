@@ -16,14 +16,13 @@ from airtact.transducers.placement import check_placement
 
 
 def hadamard_codes(elements: int, transmissions: int | None = None) -> Codes:
-    """Signs from the rows of a Hadamard matrix; all elements emit in every transmission.
+    """Signs from a Hadamard matrix; all elements emit in every transmission.
 
     Parameters
     ----------
     elements : E.
-    transmissions : M, from 1 to the next power of 2 at or above E, which is taken unless given;
-        with that many, each element's part can be separated, at the noise of E transmissions of it
-        alone.
+    transmissions : M, at most the smallest power of 2 not below E, which is the default. With that
+        many, the elements can be separated, with the noise of E transmissions of each alone.
 
     Returns
     -------
@@ -46,19 +45,19 @@ def random_codes(
     seed: int = 0,
     parts: Integer[np.ndarray, "elements"] | None = None,
 ) -> Codes:
-    """All elements at full scale with random phases, the same for the same seed.
+    """All elements at full scale with random phases.
 
     Parameters
     ----------
     elements, transmissions : E and M.
-    seed : of the random numbers, 0 or more.
-    parts : (E,) number of the part that each element belongs to, such as its board: the parts emit
-        in turn, one in each transmission, and the others can receive while it rings. All emit
-        together unless given.
+    seed : seed of the random numbers, 0 or more.
+    parts : (E,) index of the part of each element, such as its board. The parts emit one after
+        another, one in each transmission, so that the others can receive meanwhile. By default all
+        elements emit together.
 
     Returns
     -------
-    (E, M) codes of magnitude 1, or 0 where a part is silent.
+    (E, M) codes of magnitude 1, or 0 for silent parts.
 
     Raises
     ------
@@ -89,7 +88,7 @@ def random_codes(
 def _count(count: int, name: str, largest: int = 4096) -> int:
     if not isinstance(count, int | np.integer) or not 1 <= count <= largest:
         raise InvalidInput(
-            f"codes need a whole number of {name} from 1 to {largest}, not {count!r}.",
+            f"the number of {name} is {count!r}; give an integer from 1 to {largest}.",
             code="out_of_range",
         )
     return int(count)
@@ -105,10 +104,10 @@ def simulate_echoes(
     noise: float | None = None,
     seed: int = 0,
 ) -> Echoes:
-    """Compute the echoes of coded transmissions, with the noise of a measurement.
+    """Compute the echoes of coded transmissions, with measurement noise.
 
-    An element receives the mean of the scattered pressure over its face, times its gain. The array
-    reflects nothing.
+    An element receives the mean scattered pressure over its face, times its gain. The array does
+    not reflect.
 
     Parameters
     ----------
@@ -116,10 +115,10 @@ def simulate_echoes(
         takes milliseconds.
     scene : the bodies.
     array : the E transducers in the obstacles' frame, see ``PhasedArray.seen_from``.
-    codes : (E, M), as of ``Echoes``.
-    receivers : numbers of the elements that receive; all of them unless given.
-    noise : rms of the echoes over that of added complex noise [dB]; none unless given.
-    seed : of the random numbers, 0 or more.
+    codes : (E, M), as in ``Echoes``.
+    receivers : indices of the receiving elements; all by default.
+    noise : rms of the echoes over that of the added complex noise [dB]; no noise by default.
+    seed : seed of the random numbers, 0 or more.
 
     Raises
     ------
@@ -138,7 +137,7 @@ def simulate_echoes(
     Echoes(249 elements, 4 transmissions, 249 receivers, 40000 Hz)
     """
     solvers = Solver | ScatteringMatrix
-    of_kind(made_by, solvers, "what echoes are made by", "a solver or a scattering matrix")
+    of_kind(made_by, solvers, "made_by", "a solver or a scattering matrix")
     check_placement(scene, array)
     if len(codes) != len(array):
         raise InvalidInput(
@@ -177,7 +176,7 @@ def _solved_echoes(solver: Solver, scene: Scene, array: PhasedArray, codes: Code
 def noisy(
     pressures: Num[np.ndarray, "receivers transmissions"], decibels: float, seed: int
 ) -> tuple[Complex128[np.ndarray, "receivers transmissions"], float]:
-    """Add complex normal noise so far below the pressures [dB]; also return its rms [Pa]."""
+    """Add complex normal noise at a ratio below the pressures [dB]; also return its rms [Pa]."""
     decibels = between(decibels, -300.0, 300.0, "the noise", "dB", "it is echoes over noise.")
     deviation = 10.0 ** (-decibels / 20.0) * float(np.sqrt(np.mean(np.abs(pressures) ** 2)))
     random = np.random.default_rng(seed)

@@ -1,10 +1,9 @@
 """Direct sound between elements of an array, and its derivatives by motions of the boards.
 
-An element of unit gain emits s Σ_q w_q e^{ikR}/R over the points of its face and receives the mean
-over its own face by the same weights, as everywhere in the project; s is the sensitivity. Where a
-board moves rigidly by a small translation t and a turn ω about its middle m, its face points x move
-by t + ω × (x − m), so that every derivative is a sum of the gradients of e^{ikR}/R over pairs of
-face points.
+An element of unit gain emits s Σ_q w_q e^{ikR}/R over the points of its face, where s is the
+sensitivity, and receives the mean over its face with the same weights. A small rigid motion of a
+board, translation t and rotation ω about its centre m, moves face points x by t + ω × (x − m).
+Every derivative is therefore a sum of gradients of e^{ikR}/R over pairs of face points.
 """
 
 from itertools import combinations
@@ -30,9 +29,9 @@ def transmission(
 
     Returns
     -------
-    Pressures (R, E) at receiver r from emitter e, both of unit gain [Pa], the same in the other
-    direction; and their derivatives (13, R, E) by a translation of the receiving board [Pa/m] and a
-    turn about its middle [Pa/rad], by those of the emitting board, and by the wavenumber [Pa·m].
+    Pressures (R, E) at receiver r from emitter e, both of unit gain [Pa], equal in both directions;
+    and their derivatives (13, R, E) by a translation of the receiving board [Pa/m] and a rotation
+    about its centre [Pa/rad], by those of the emitting board, and by the wavenumber [Pa·m].
     """
     weights = receiving.element.weights
     faces = receiving.face_points
@@ -42,7 +41,7 @@ def transmission(
     pressures = np.empty((len(receiving), emitters), dtype=np.complex128)
     slopes = np.empty((13, *pressures.shape), dtype=np.complex128)
     strengths = receiving.element.sensitivity * np.outer(weights, weights)
-    rows = max(1, (1 << 18) // (len(sources) * count))  # receivers at once: it bounds the memory
+    rows = max(1, (1 << 18) // (len(sources) * count))  # limits the memory
     for first in range(0, len(receiving), rows):
         block = slice(first, first + rows)
         points = faces[block].reshape(-1, 3)
@@ -54,7 +53,7 @@ def transmission(
         )
         wave = wave.reshape(distance.shape)
         slopes[12, block] = 1j * _summed(wave, count, emitters)
-        # The derivative by k came first: it lacks the 1/R.
+        # The derivative by k, above, has no factor 1/R.
         wave /= distance
         pressures[block] = _summed(wave, count, emitters)
         slope = (wave * (1j * wavenumber - 1.0 / distance) / distance)[..., None] * away
@@ -81,9 +80,9 @@ def facing(
     cosine: float = 0.5,
     nearest: float = 0.02,
 ) -> Bool[np.ndarray, "receivers emitters"]:
-    """Whether elements of two boards face each other, and are not side by side at an edge.
+    """Whether elements of two boards face each other and are not adjacent at an edge.
 
-    By default within 60 degrees, beyond which real pistons differ, and more than 20 mm apart.
+    The default limits are 60 degrees, beyond which real pistons differ, and 20 mm.
     """
     away = receiving.positions[:, None, :] - emitting.positions
     distance = np.linalg.norm(away, axis=2)
@@ -93,7 +92,7 @@ def facing(
 
 
 def boards_of(array: PhasedArray, count: int | None = None) -> list[PhasedArray]:
-    """Split an array into its boards: a number of equal size, or those of a known kind.
+    """Split an array into a number of equal boards, or into those of a known kind.
 
     Raises
     ------
@@ -104,15 +103,15 @@ def boards_of(array: PhasedArray, count: int | None = None) -> list[PhasedArray]
         count = len((kind_of_array(array.positions, array.normals) or (None, ()))[1])
     if count < 2 or len(array) % count:
         raise InvalidInput(
-            "an array is calibrated by 2 or more boards of equal size that face each other, but "
-            f"its {len(array)} elements make {count} boards; give the number of boards.",
+            f"the array's {len(array)} elements make {count} boards, but calibration needs 2 or "
+            "more boards of equal size that face each other; give the number of boards.",
             code="unknown_name",
         )
     return [elements_of(array, rows) for rows in np.split(np.arange(len(array)), count)]
 
 
 def elements_of(array: PhasedArray, rows: Int64[np.ndarray, "elements"]) -> PhasedArray:
-    """Return some elements of an array, of unit gain."""
+    """Select elements of an array, with unit gain."""
     return PhasedArray(
         array.positions[rows], array.normals[rows], array.element, array.tangents[rows]
     )
@@ -131,20 +130,20 @@ def simulate_transmissions(
 ) -> Echoes:
     """Compute the direct sound of coded transmissions between the boards of an empty array.
 
-    Elements of the same board are taken not to receive each other, and none to emit or receive
-    behind its face.
+    Elements of the same board do not receive each other, and directional elements do not emit or
+    receive behind their faces.
 
     Parameters
     ----------
-    array : elements emit by its gains.
+    array : array with the gains of emission.
     medium : the air.
-    codes : (E, M), as of ``Echoes``.
-    boards : number of boards, all with equally many elements, listed one after another; found
-        from a known kind of board if not given.
-    frequency : of the sound [Hz].
-    reception : (E,) gains by which the elements receive; the array's unless given.
-    noise : rms of the pressures over that of added complex noise [dB]; none unless given.
-    seed : of the noise, 0 or more.
+    codes : (E, M), as in ``Echoes``.
+    boards : number of boards, all with equally many elements, listed one after another; found from
+        a known kind of board by default.
+    frequency : frequency of the sound [Hz].
+    reception : (E,) gains of reception; those of the array by default.
+    noise : rms of the pressures over that of the added complex noise [dB]; no noise by default.
+    seed : seed of the noise, 0 or more.
 
     Raises
     ------
@@ -161,16 +160,16 @@ def simulate_transmissions(
     )
     if len(codes) != len(array) or received.shape != (len(array),):
         raise InvalidInput(
-            f"{len(codes)} codes and {len(received)} gains of reception are given for "
-            f"{len(array)} elements.",
+            f"there are {len(codes)} codes and {len(received)} gains of reception for "
+            f"{len(array)} elements; give one for each element.",
             code="sizes_differ",
         )
     size = len(parts[0])
     pairs = np.zeros((len(array), len(array)), dtype=np.complex128)
-    # Elements without a front emit to all sides.
+    # Omnidirectional elements also emit backwards.
     front = 0.0 if array.element.directional else -1.0
     for first, second in combinations(range(len(parts)), 2):
-        # The later board receives; the other direction follows by reciprocity.
+        # The second board receives; the other direction follows by reciprocity.
         seen = facing(parts[second], parts[first], front, 0.0)
         between = transmission(parts[second], parts[first], wavenumber)[0] * seen
         rows = slice(second * size, (second + 1) * size)

@@ -1,10 +1,10 @@
-"""Spherical waves with real harmonics about one centre, and what a rigid motion does to them.
+"""Spherical waves with real harmonics about one centre, and their rigid motions.
 
 With Z_nm the real, orthonormal spherical harmonics, a field without sources in a ball is Σ a_nm
-j_n(kr) Z_nm and one that leaves it is Σ b_nm h_n(kr) Z_nm; wave (n, m) has the index n² + n + m. A
-monopole e^{ikR}/R at x has a_nm = 4πik h_n(k|x|) Z_nm(x) (DLMF 10.60.1 and 14.30.9). Moving a field
-by τ and turning it by ω about the centre is exp(τ·∇ + ω·(r × ∇)), and both operators are sparse
-between waves: r × ∇ keeps n, and
+j_n(kr) Z_nm and an outgoing one is Σ b_nm h_n(kr) Z_nm; wave (n, m) has the index n² + n + m. A
+monopole e^{ikR}/R at x has a_nm = 4πik h_n(k|x|) Z_nm(x) (DLMF 10.60.1 and 14.30.9). A translation
+τ and rotation ω of a field about the centre is exp(τ·∇ + ω·(r × ∇)). Both operators are sparse:
+r × ∇ couples waves of the same n, and
 
     ∂z (j_n Z_nm)/k = A_nm j_(n−1) Z_(n−1)m − A_(n+1)m j_(n+1) Z_(n+1)m,  A_nm² = (n² − m²)/(4n² −
     1)
@@ -42,8 +42,8 @@ def harmonics(
 ) -> Float64[np.ndarray, "waves points"]:
     """Real harmonics (waves, P) in the directions of offsets (P, 3) from the centre.
 
-    The normalised Legendre functions follow from those of the two orders below, for all degrees m
-    at once (DLMF 14.10.3): stable, as they grow with n.
+    The normalised Legendre functions follow from the two lower orders, for all degrees m at once
+    (DLMF 14.10.3). The recurrence is stable because they grow with n.
     """
     x, y, z = (np.asarray(offsets, dtype=np.float64) / np.linalg.norm(offsets, axis=1)[:, None]).T
     sine = np.hypot(x, y)
@@ -61,7 +61,7 @@ def harmonics(
             grown[:n] = np.sqrt((4 * n**2 - 1) / (n**2 - m**2)) * z * legendre
             factor = ((2 * n + 1) * ((n - 1) ** 2 - m**2)) / (max(2 * n - 3, 1) * (n**2 - m**2))
             grown[: n - 1] -= np.sqrt(factor[: n - 1]) * below[: n - 1]
-            # The degree n has no predecessor two orders below: it follows from the one beside it.
+            # The degree n has no predecessor two orders below, and follows from degree n − 1.
             grown[n] = np.sqrt((2 * n + 1) / (2 * n)) * sine * legendre[n - 1]
             below = legendre
             legendre = grown
@@ -79,7 +79,7 @@ def outgoing_radial(
     hankel = np.empty((order + 2, len(argument)), dtype=np.complex128)
     hankel[0] = -1j * np.exp(1j * argument) / argument
     hankel[1] = hankel[0] * (1.0 / argument - 1j)
-    for n in range(1, order):  # upwards h_n grows, so that its recurrence is stable
+    for n in range(1, order):  # the upward recurrence is stable because h_n grows
         hankel[n + 1] = (2 * n + 1) / argument * hankel[n] - hankel[n - 1]
     return hankel[: order + 1]
 
@@ -99,7 +99,7 @@ def projected(
 ) -> Waves:
     """Outgoing waves (waves, S) of monopoles at offsets (P, 3) with strengths (P, S) [Pa·m].
 
-    The sums are in single precision: strengths that a solver gives are not right to more.
+    The sums are in single precision, which exceeds the accuracy of solvers.
     """
     waves = regular_waves(order, offsets, wavenumber)
     strengths = np.ascontiguousarray(strengths, dtype=np.complex64)
@@ -150,7 +150,7 @@ def motions(order: int) -> tuple[csr_matrix, ...]:
     lowered = 0.5 * np.sqrt(n * (n + 1) - np.abs(m) * (np.abs(m) - 1.0))
     lowered *= np.where(m == 1, np.sqrt(2.0), 1.0) * (m != 0) * (m != -1)
     about_y = antisymmetric(lowered, index - np.sign(m))
-    # All others are commutators, as of any vectors in three dimensions.
+    # The others are commutators of vector operators.
     about_x = about_z @ about_y - about_y @ about_z
     along_x = along_z @ about_y - about_y @ along_z
     along_y = about_x @ along_z - along_z @ about_x
@@ -158,7 +158,7 @@ def motions(order: int) -> tuple[csr_matrix, ...]:
         csr_matrix(matrix) for matrix in (along_x, along_y, along_z, about_x, about_y, about_z)
     ]
     for matrix in matrices:
-        # Rounding fills entries that cancel, which would double the work of every product.
+        # Remove rounding errors of cancelled entries, which would double the work of products.
         matrix.data[np.abs(matrix.data) < 1e-13] = 0.0
         matrix.eliminate_zeros()
     return tuple(csr_matrix(matrix, dtype=np.float32) for matrix in matrices)
@@ -184,7 +184,7 @@ def moved(twist: Real[np.ndarray, "6"], waves: Waves, wavenumber: float) -> Wave
         return waves
     # J_j falls faster than exponentially once j exceeds the argument by a few cube roots of it.
     bessel = jv(np.arange(int(size + 8 * np.cbrt(size)) + 12), size)
-    # Smaller terms are left out; at least two stay, as the recurrence begins with φ_0 and φ_1.
+    # Omit smaller terms, except the first two, with which the recurrence begins.
     bessel = bessel[: max(int(np.flatnonzero(np.abs(bessel) > 1e-6)[-1]) + 1, 2)]
     bessel[1:] *= 2.0
     parts = np.concatenate([wavenumber * np.asarray(twist[:3]), twist[3:]]) / size
@@ -203,7 +203,7 @@ def moved(twist: Real[np.ndarray, "6"], waves: Waves, wavenumber: float) -> Wave
 def mixed(
     weights: Real[np.ndarray, "mixtures waves"], waves: Waves
 ) -> Complex[np.ndarray, "mixtures columns"]:
-    """Multiply waves by a real matrix in their precision, with half the work of a complex one."""
+    """Multiply waves by a real matrix in their precision, at half the cost of a complex one."""
     real = np.ascontiguousarray(waves).view(np.real(waves).dtype)
     return (weights.astype(real.dtype, copy=False) @ real).view(waves.dtype)
 
@@ -212,8 +212,8 @@ def mixed(
 def _together(
     order: int,
 ) -> tuple[Float32[np.ndarray, "6 entries"], Int[np.ndarray, "entries"], Int[np.ndarray, "ends"]]:
-    """Entries of the six ``motions`` in one common sparse pattern, its columns and rows."""
-    # One pattern for all: their weighted sum is then a sum of values, without a search.
+    """Entries of the six ``motions`` in a common sparse pattern, its columns and rows."""
+    # With a common pattern, a weighted sum of the matrices is a sum of their values.
     shared = csr_matrix(sum(abs(matrix) for matrix in motions(order)))
     shared.sort_indices()
     row, column = shared.tocoo().coords
