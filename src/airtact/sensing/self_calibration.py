@@ -580,7 +580,7 @@ def moved(board: PhasedArray, motion: Float64[np.ndarray, "6"]) -> PhasedArray:
 
 
 def _units(boards: tuple[PhasedArray, ...], wavenumber: complex) -> Step:
-    """Unit steps in metres, radians and 1/m with about the same effect."""
+    """Find steps in metres, radians and 1/m with about the same effect."""
     middles = np.stack([board.positions.mean(axis=0) for board in boards])
     arm = float(np.sqrt(np.mean([np.var(board.positions, axis=0).sum() for board in boards])))
     distance = float(np.linalg.norm(middles[:, None] - middles, axis=2).max())

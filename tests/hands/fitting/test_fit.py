@@ -197,7 +197,7 @@ def test_seen_skin_is_nearer_to_the_true_one_and_has_the_places() -> None:
 def test_skin_moves_as_far_as_points_are_off_and_stays_where_there_are_none(hand: at.Hand) -> None:
     points = points_off(hand, 0.8e-3)
 
-    skin = with_offset(hand.shape.hulls, points)
+    skin = with_offset(hand.shape.hulls, points, [3.5e-3])
 
     look = hand.shape.hulls.look(skin.vertices)
     facing = (look.gradient[:, 1] > 0.8) & (look.facing > 8e-3) & (np.abs(look.bend) > 5e-3)

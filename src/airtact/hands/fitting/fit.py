@@ -1,6 +1,6 @@
 """Fit a hand to the point cloud of a depth camera and to the inaccurate landmarks of a tracker."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -108,11 +108,16 @@ class FittedHand:
 
     @cached_property
     def surface(self) -> Surface:
-        """The closed skin, moved to the points of the cloud.
+        """The closed skin, moved to the points of the cloud."""
+        # Smaller triangles cross less often between close fingers.
+        return self.skin(3.5e-3, 2.5e-3)
 
-        If its triangles would cross, it is the unmoved ``hand.surface``.
+    def skin(self, *edges: float) -> Surface:
+        """Make that skin with triangles of an edge [m]; try the next edge if they would cross.
+
+        If they cross for all edges, return ``hand.surface``, which is not moved.
         """
-        moved = with_offset(self.hand.shape.hulls, self.points[~self.outliers])
+        moved = with_offset(self.hand.shape.hulls, self.points[~self.outliers], edges)
         return self.hand.surface if moved is None else moved
 
     def place(self, name: str) -> Place:
@@ -367,13 +372,12 @@ def cell_means(points: Points, cell: float = 4e-3) -> Float64[np.ndarray, "fewer
 # --- the skin ---------------------------------------------------------------------------------
 
 
-def with_offset(hulls: Hulls, points: Points) -> Surface | None:
+def with_offset(hulls: Hulls, points: Points, edges: Sequence[float]) -> Surface | None:
     """Move the skin of a body to points (N, 3) of the true skin [m]; None if triangles cross.
 
     The model and a real hand differ by 0.5 to 2 mm, which is significant at a wavelength of 8.6 mm.
     """
-    # Smaller triangles cross less often between close fingers.
-    for edge in (3.5e-3, 2.5e-3):
+    for edge in edges:
         skin = even_skin(hulls, edge)
         look = hulls.look(skin.vertices)
         normals = _unit_rows(look.gradient)
