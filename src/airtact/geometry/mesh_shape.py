@@ -1,4 +1,4 @@
-"""The shape of a closed mesh, wherever it was moved, and new panels of a wanted size on it."""
+"""Shape of a closed mesh at a pose, and its panels of a given size."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -133,14 +133,14 @@ class MeshShape(Shape):
 def covered(mesh: QuadraticMesh, edge: float, away: float = np.inf) -> QuadraticTriangles:
     """Cover one closed piece with curved panels as large as equilateral triangles of an edge [m].
 
-    MMG makes the triangles. Their corners and middles are projected onto the surface, those of
-    sharp edges onto the sharp edges. Panels that still deviate by more than 0.4 % of the edge, or
-    by more than ``away`` [m] where the surface is smooth, are cut in four.
+    MMG makes the triangles. Their corners and midpoints are projected onto the surface, or onto its
+    sharp edges. Panels that deviate by more than 0.4 % of the edge, or by more than ``away`` [m]
+    where the surface is smooth, are cut in four.
     """
     extent = float(np.ptp(mesh.vertices, axis=0).max())
     shorter = min(edge, 0.5 * extent)
     fault = None
-    # A part smaller than the edge may vanish. Then the volume is wrong and a shorter edge is tried.
+    # A part smaller than the edge may vanish. A shorter edge is tried if the volume is wrong.
     for _ in range(4):
         try:
             panels = _new_panels(mesh, shorter, away)
@@ -151,9 +151,9 @@ def covered(mesh: QuadraticMesh, edge: float, away: float = np.inf) -> Quadratic
                 return panels
         shorter /= 2
     raise fault or InvalidInput(
-        f"panels with an edge of {1e3 * edge:.3g} mm, and of {2e3 * shorter:.3g} mm, do not "
-        f"enclose the {1e6 * mesh.volume:.4g} cm³ of the surface to 3 %; it is too rough or thin "
-        "somewhere.",
+        f"panels with edges of {1e3 * edge:.3g} to {2e3 * shorter:.3g} mm do not enclose the "
+        f"volume of {1e6 * mesh.volume:.4g} cm³ to 3 %: the surface is too rough or too thin; "
+        "simplify it, or make it thicker.",
         code="mesh_faulty",
     )
 
@@ -161,14 +161,14 @@ def covered(mesh: QuadraticMesh, edge: float, away: float = np.inf) -> Quadratic
 def _new_panels(mesh: QuadraticMesh, edge: float, away: float) -> QuadraticTriangles:
     largest = 1.5 * edge
     fine = mesh.with_short_edges(1.5 * edge)
-    # Walls end in nothing where two faces meet, so the thinnest 1 % of the vertices do not count.
+    # The thickness is zero where two faces meet, so the thinnest 1 % of the vertices are ignored.
     walls = wall_sizes(fine.vertices, fine.triangles, largest)
     thickness = float(np.quantile(walls, 0.01)) / MAX_EDGE_TO_WALL
     wall = max(thickness, MIN_EDGE * edge / MAX_EDGE_TO_WALL)
     wall = wall if MAX_EDGE_TO_WALL * wall < largest else np.inf
     base = coarsened(fine, edge, wall)
-    # Bends limited to a radian deviate by 0.00125 of the edge. The deviation grows with the third
-    # power of the edge.
+    # Panels that turn by a radian deviate by 0.00125 of the edge. The deviation is proportional to
+    # the third power of the edge.
     bend_share = min(1.0, away / (0.00125 * edge)) ** (1 / 3)
     limits = (
         strip_sizes(base.vertices, base.ridges, largest),
@@ -185,7 +185,7 @@ def _on_surface(mesh: QuadraticMesh, new: RidgedMesh, edge: float) -> QuadraticT
     on_ridge = np.unique(new.ridges)
     if len(on_ridge):
         corners[on_ridge] = mesh.project_on_sharp_edges(new.vertices[on_ridge])
-    # A corner that would move far belongs to another part of the surface and stays.
+    # A far projection is on another part of the surface, and is ignored.
     outlying = np.linalg.norm(corners - new.vertices, axis=1) > 0.3 * edge
     corners[outlying] = new.vertices[outlying]
     edges, inverse = np.unique(
@@ -204,7 +204,7 @@ def _on_surface(mesh: QuadraticMesh, new: RidgedMesh, edge: float) -> QuadraticT
 def _cut_where_it_helps(
     mesh: QuadraticMesh, panels: QuadraticTriangles, edge: float, away: float
 ) -> Pieces:
-    """Cut panels in four that bend or deviate too much, unless their pieces deviate as much."""
+    """Cut panels in four that turn or deviate too much, if the pieces deviate less."""
     too_far = 0.004 * edge
     finished = []
     for _ in range(4):
@@ -215,9 +215,9 @@ def _cut_where_it_helps(
             break
         pieces, _ = cut(panels[rough], np.full(int(rough.sum()), 2))
         pieces = mesh.fitted(pieces)
-        # Cutting reduces the deviation from a smooth surface by a factor of 8 or more, from a
-        # rough one by less. It must reach half for a panel that is too far off, a fifth for one
-        # that only misses ``away``.
+        # Cutting reduces the deviation from a smooth surface by a factor of 8 or more, and from a
+        # rough one by less. The limit is a half for panels that are too far off, and a fifth for
+        # those that only exceed ``away``.
         enough = np.where(deviation[rough] > too_far, 0.5, 0.2) * deviation[rough]
         mean_square = np.mean(mesh.deviation(pieces).reshape(-1, 4) ** 2, axis=1)
         better = (np.sqrt(mean_square) < enough) | steep[rough]

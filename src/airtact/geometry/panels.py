@@ -1,9 +1,8 @@
-"""Curved quadratic (six-node) panels of a wanted size for the solvers.
+"""Curved quadratic (six-node) panels of a given size for the solvers.
 
-Panels need not meet corner to corner, so each can be cut on its own. They are smaller beside
-points, in gaps and walls, and where flat faces enclose a cavity. Sound that is reflected repeatedly
-meets the same error each time, and most of it in the corners: there the errors of the nearest
-panels do not cancel as they do farther away.
+Panels need not meet corner to corner, so each can be cut independently. They are smaller beside
+points, in gaps and walls, and where flat faces enclose a cavity. Multiple reflections repeat the
+same error, most of it at corners, where the errors of the nearest panels do not cancel.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,25 +26,25 @@ from airtact.geometry.mesh.quadratic_triangles import (
 )
 from airtact.geometry.shape import BEND, Shape
 
-# Longest edge of a typical triangle, over that of the equilateral one of the same area.
+# Longest edge of a typical triangle, over the edge of the equilateral one of the same area.
 LONGEST_TO_EQUILATERAL = 1.2
 
 # Longest edge of panels beside a point, over their distance from it.
 LARGEST_TO_POINT = 1.7
 
-# Longest edge of panels that face another body, or another part of their own, over the gap.
+# Longest edge of panels that face another body or another part of their body, over the gap.
 LARGEST_TO_GAP = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class Panels:
-    """The surfaces of all bodies of a scene as curved panels.
+    """Curved panels of all bodies of a scene.
 
     Attributes
     ----------
     quadratic_triangles : (T, 6, 3) corners 0, 1, 2 and mid-edge points 01, 12, 20 of each panel
         [m], outward.
-    body : (T,) index of the body that each panel belongs to.
+    body : (T,) index of the body of each panel.
     deviation : (T,) largest distance of each panel from the true surface [m].
     farthest : (B,) largest distance of the panels of each body from its given triangles [m].
     mean_distance : (B,) mean of that distance over the area [m].
@@ -68,19 +67,18 @@ def panels_of(
     image: Callable[[Points], Points] | None = None,
     walls: Sequence[int] = (),
 ) -> Panels:
-    """Cover bodies with panels as large as equilateral triangles of an edge, smaller where needed.
+    """Cover bodies with panels as large as equilateral triangles of an edge, or smaller.
 
     Parameters
     ----------
     shapes : the bodies.
     edge : edge of the equilateral triangles [m].
     near : points beside which panels are smaller [m].
-    smallest : edge below which no panel is cut because of a point [m]; a quarter of it for gaps and
-        thin walls.
-    bend : angle by which panels of a round surface may turn [rad].
-    away : root mean square distance of panels from a smooth mesh [m].
-    image : mirror image of the bodies, which makes gaps too.
-    walls : indices of bodies whose flat faces have smaller panels where they face each other.
+    smallest : smallest edge beside points [m]; a quarter of it in gaps and thin walls.
+    bend : largest angle by which panels of a round surface turn [rad].
+    away : largest root mean square distance of panels from a smooth mesh [m].
+    image : function that mirrors points at a plane, for gaps to the mirror images of the bodies.
+    walls : indices of bodies whose flat faces get smaller panels where they face each other.
     """
     bodies = [shape.panels(edge, bend, away) for shape in shapes]
     facing = _facing_faces([bodies[index] for index in walls])
@@ -149,8 +147,7 @@ def _refined(
         if not shape.thinnest:
             by_gaps = np.minimum(by_gaps, _allowed_by_own_surface(panels, new))
         allowed = np.minimum(np.maximum(beside_point, by_points), np.maximum(in_gap, by_gaps))
-        # All panels beside a point are fitted to the surface, or those that are not cut would stand
-        # off the others.
+        # All panels beside a point are fitted to the surface, including those that are not cut.
         beside = np.flatnonzero(edges > np.minimum(by_points, by_gaps))
         if len(beside):
             fitted = shape.fitted(pieces[beside])
@@ -168,7 +165,7 @@ def _refined(
 def _allowed(
     panels: QuadraticTriangles, edges: PanelSizes, points: Points, factor: float
 ) -> PanelSizes:
-    """Longest edge that points allow each panel [m]; infinite if it is longer than any edge."""
+    """Longest edge of each panel by its distance from points [m]; may be infinite if large."""
     limit = float(edges.max()) * 1.001 / factor
     return factor * _kernels.panel_distances(panels, points, limit)
 
@@ -176,8 +173,8 @@ def _allowed(
 def _allowed_by_own_surface(
     panels: QuadraticTriangles, chosen: Int64[np.ndarray, "chosen"]
 ) -> Float64[np.ndarray, "chosen"]:
-    """Longest edge that the same surface across a gap or wall allows chosen panels [m]."""
-    share = 0.75  # distance, over the longest edge, within which the other side is looked for
+    """Longest edge of chosen panels by the opposite surface across a gap or wall [m]."""
+    share = 0.75  # range of the search for the other side, over the longest edge
     edges = longest_edges(panels)
     reach = share * float(edges[chosen].max())
     # The other side is near and faces the opposite direction, so the tree holds normals too.
@@ -188,8 +185,8 @@ def _allowed_by_own_surface(
     met = np.flatnonzero(distance < share * edges[chosen])
     gap = centres[np.asarray(opposite)[met]] - centres[chosen][met]
     across = np.einsum("nd,nd->n", gap, normals[chosen][met])
-    # Bent walls enclose cavities, whose resonances enlarge errors. Plates in the open need less: at
-    # two thicknesses they would cost four times as much.
+    # Bent walls enclose cavities, whose resonances amplify errors. Flat plates need less: with two
+    # thicknesses they would cost four times as much.
     to_wall = np.where(_are_flat(panels[chosen][met]), 4.0, 2.0)
     allowed = np.full(len(chosen), np.inf)
     allowed[met] = np.abs(across) * np.where(across > 0, LARGEST_TO_GAP, to_wall)
@@ -206,7 +203,7 @@ def _are_flat(panels: QuadraticTriangles) -> Bool[np.ndarray, "panels"]:
 
 
 def _halved_in_corners(panels: QuadraticTriangles) -> Pieces:
-    """Cut flat panels in four that meet another in a corner open to the sound."""
+    """Cut flat panels in four that meet in a concave corner."""
     flat = np.flatnonzero(_are_flat(panels))
     if not len(flat):
         return panels.copy()  # the caller may change the result in place
@@ -240,7 +237,7 @@ class _Face:
         return aligned & (np.abs(middles @ self.normal - self.distance) < 1e-6)
 
     def faces(self, opposite_face: "_Face") -> bool:
-        """Whether another face is turned towards this one and lies partly in front of it."""
+        """Whether another face is oriented towards this one and partly in front of it."""
         ahead = opposite_face.middles @ self.normal - self.distance > 1e-6
         return bool(self.normal @ opposite_face.normal < -0.5 and ahead.any())
 

@@ -30,7 +30,8 @@ class Pose:
     Raises
     ------
     InvalidInput
-        If the matrix is no rotation (orthonormal to 1e-6, not a mirror) or a number is not finite.
+        If the matrix is not a rotation (orthonormal to 1e-6, no reflection) or a number is not
+        finite.
 
     Examples
     --------
@@ -70,7 +71,7 @@ class Pose:
 
     @classmethod
     def identity(cls) -> "Pose":
-        """Make the motion that moves nothing."""
+        """Make the identity."""
         return cls(np.eye(3), np.zeros(3))
 
     @classmethod
@@ -80,9 +81,9 @@ class Pose:
 
     @classmethod
     def between(cls, first: Vector, second: Vector) -> "Pose":
-        """Turn one direction (3,) into another by the smallest angle.
+        """Rotate one direction (3,) to another by the smallest angle.
 
-        Opposite directions leave the axis open; it is then any across the first.
+        For opposite directions the axis is an arbitrary perpendicular one.
         """
         start = point_of(first, "the first direction")
         end = point_of(second, "the second direction")
@@ -99,20 +100,20 @@ class Pose:
         Parameters
         ----------
         axis : (3,) direction, of any length above zero.
-        angle : [rad], right-handed about the axis, at most a whole turn.
+        angle : right-handed about the axis, at most 2π [rad].
         translation : (3,) [m].
 
         Raises
         ------
         InvalidInput
-            If the axis is zero, a number is not real or finite, or the angle exceeds a whole turn.
+            If the axis is zero, a number is not real or finite, or the angle exceeds 2π.
         """
         along = real_numbers(np.asarray(axis), "the axis of a rotation")
         angle = number(angle, "the angle of a rotation", "rad")
         if math.isfinite(angle) and abs(angle) > 2.0 * math.pi * (1.0 + 1e-9):
             raise InvalidInput(
-                f"the angle of a rotation is {angle:g} rad, more than a whole turn: is it in "
-                f"degrees? Give radians, np.radians({angle:g}).",
+                f"the angle of a rotation is {angle:g} rad, more than 2π: is it in degrees? Give "
+                f"np.radians({angle:g}).",
                 code="out_of_range",
             )
         if along.shape != (3,):
@@ -140,7 +141,7 @@ class Pose:
         return np.asarray(vectors, dtype=np.float64) @ self.rotation.T
 
     def inverse(self) -> "Pose":
-        """Make the motion that undoes this one."""
+        """Make the inverse motion."""
         return self._inverse
 
     @cached_property
@@ -155,7 +156,7 @@ class Pose:
 def nearest_motion(
     old: Float64[np.ndarray, "points 3"], new: Float64[np.ndarray, "points 3"]
 ) -> tuple[Float64[np.ndarray, "3 3"], Float64[np.ndarray, "3"]]:
-    """Rotation and translation that bring points closest to new positions in least squares.
+    """Least-squares rotation and translation from points to new positions.
 
     Source: W. Kabsch, Acta Cryst. A32, 922 (1976).
     """

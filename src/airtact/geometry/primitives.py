@@ -32,9 +32,9 @@ from airtact.geometry.surface import Surface
 
 @dataclass(frozen=True, eq=False)
 class Capsule(Shape):
-    """All points within ``radius`` [m] of a segment on the local z axis; a sphere for length 0.
+    """Points within ``radius`` [m] of a segment on the local z axis; a sphere for length 0.
 
-    The segment runs from -length/2 to +length/2 [m].
+    The segment extends from -length/2 to +length/2 [m].
 
     Examples
     --------
@@ -123,10 +123,9 @@ class Capsule(Shape):
     def panels(self, edge: float, bend: float = BEND, away: float = math.inf) -> QuadraticTriangles:
         """Cover it with curved panels as large as equilateral triangles of a given edge [m].
 
-        They turn by at most ``bend`` [rad] from edge to edge. The mesh is as coarse as the mean
-        area of its panels allows.
+        They turn by at most ``bend`` [rad] from edge to edge.
         """
-        # Narrow panels around a pole contribute less, so 1.35 times as many are needed.
+        # Panels around a pole are narrow, so 1.35 times as many are needed.
         needed = 1.35 * self.area / (np.sqrt(3) / 4 * edge**2)
         length = self.length / self.radius
         max_rings = math.ceil(max(2.0 * self.radius / edge, 2.0 / bend)) + 3
@@ -142,19 +141,18 @@ class Capsule(Shape):
         vertices, triangles = _mesh(rings, around, length)
         nodes = with_middles(self.radius * vertices[triangles]).reshape(-1, 3)
         nodes = self._around_axis(nodes, self.radius)
-        # Quadratics through points of a round surface enclose too little. Move the nodes outwards
-        # until the volume is exact.
+        # Quadratics through points of a round surface enclose a smaller volume: move the nodes
+        # outwards until the volume is exact.
         missing = self.volume - enclosed_volume(nodes.reshape(-1, 6, 3))
         nodes = self._around_axis(nodes, self.radius + missing / self.area)
         return self.pose.apply(nodes).reshape(-1, 6, 3)
 
     def mesh(self, edge: float) -> Surface:
-        """Mesh it with curved triangles whose vertices and midpoints lie exactly on it.
+        """Mesh it with curved triangles whose vertices and midpoints are exactly on it.
 
-        Each cap is a hemisphere of m rings, ring i having 5 i points. The cylinder between has
-        rings of 5 m points, each turned by half a step. The mesh is made at rest and then moved, so
-        it moves exactly with the pose. ``edge`` is the longest straight edge allowed [m]. It may
-        not be so short that a cap needs over 400 rings.
+        Each cap is a hemisphere of m rings, with 5 i points on ring i. The cylinder has rings of
+        5 m points, each turned by half a step. The mesh is made at rest and then moved. ``edge`` is
+        the longest straight edge [m]; a cap has at most 400 rings.
         """
         edge = positive(edge, "edge", "m")
         check_size(self.extent)
@@ -169,7 +167,7 @@ class Capsule(Shape):
                 raise InvalidInput(
                     f"a capsule of {1e3 * self.radius:.4g} mm radius and "
                     f"{1e3 * self.length:.4g} mm length needs {count:,} triangles, more than "
-                    "2,000,000: are its lengths in different units? Give metres.",
+                    "2,000,000; give all lengths in metres.",
                     self.pose.translation,
                     code="too_many",
                 )
@@ -186,14 +184,14 @@ class Capsule(Shape):
                 )
         raise InvalidInput(
             f"an edge of {edge * 1e3:.4g} mm on a radius of {self.radius * 1e3:.4g} mm needs more "
-            f"than {max_rings} rings a cap; ask for a longer edge.",
+            f"than {max_rings} rings for each cap; use a longer edge.",
             self.pose.translation,
             code="out_of_range",
         )
 
 
 def sphere(radius: float, edge: float, centre: Vector = (0, 0, 0)) -> Surface:
-    """Make a sphere. Solvers use its formula and choose panels themselves at any edge.
+    """Make a sphere. Solvers use the exact shape and their own panels, whatever the edge.
 
     Parameters
     ----------
@@ -238,7 +236,7 @@ def capsule(start: Vector, end: Vector, radius: float, edge: float) -> Surface:
 def turn_from_z(direction: Vector3) -> Float64[np.ndarray, "3 3"]:
     """Find a rotation that brings the z axis to a unit direction (3,)."""
     x, y, z = direction
-    if z < 0.0:  # by way of half a turn about x, which keeps the formula away from its pole at -z
+    if z < 0.0:  # half a turn about x avoids the pole of the formula at -z
         return np.diag([1.0, -1.0, -1.0]) @ turn_from_z(np.array([x, -y, -z]))
     s = 1.0 / (1.0 + z)
     return np.array(

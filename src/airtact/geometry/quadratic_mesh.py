@@ -49,9 +49,9 @@ _RULE_FIT = np.linalg.solve(_WEIGHTED_SHAPE @ _RULE_SHAPE, _WEIGHTED_SHAPE)
 class QuadraticMesh:
     """A closed mesh of quadratic triangles at rest, curved on first use.
 
-    Without ``midpoints``, points of the surface over the middles of edges 01, 12, 20 [m], the mesh
-    is curved by its normals. Without ``sharp_edges``, those that turn by more than
-    ``sharp_degrees`` are sharp.
+    ``midpoints`` are points of the surface over the middles of edges 01, 12, 20 [m]; by default the
+    mesh is curved by its normals. ``sharp_edges`` are by default the edges that turn by more than
+    ``sharp_degrees``.
     """
 
     vertices: Vertices
@@ -113,11 +113,11 @@ class QuadraticMesh:
 
     @cached_property
     def _vertex_normals(self) -> Vertices:
-        """Sum of the normals of the panels around each vertex, weighted by their angles there."""
+        """Sum of the normals of the panels around each vertex, weighted by their corner angles."""
         nodes = self.quadratic_triangles
         total = np.zeros((int(self.triangles.max()) + 1, 3))
         for corner in range(3):
-            # Tangents of the two curved edges at the corner, by the derivative of the quadratic.
+            # Tangents of the two curved edges at the corner.
             following = (corner + 1) % 3
             before = (corner + 2) % 3
             out = 4 * nodes[:, 3 + corner] - 3 * nodes[:, corner] - nodes[:, following]
@@ -186,7 +186,7 @@ class QuadraticMesh:
 
     @cached_property
     def pieces(self) -> "tuple[QuadraticMesh, ...]":
-        """The closed pieces of the mesh, each a mesh of its own."""
+        """The closed pieces of the mesh, as separate meshes."""
         label = shells(self.triangles)
         if label.max() == 0:
             return (self,)
@@ -221,10 +221,10 @@ class QuadraticMesh:
         return self.levelled(self.project(panels.reshape(-1, 3)).reshape(-1, 6, 3))
 
     def levelled(self, panels: QuadraticTriangles) -> QuadraticTriangles:
-        """Move nodes of panels (P, 6, 3) along normals until the surface is evenly on both sides.
+        """Move nodes of panels (P, 6, 3) along normals to the least mean square distance.
 
-        Panels with their nodes on a round surface run inside it, and on a rough one they follow the
-        roughness at their nodes. The quadratic of the least mean square distance does neither.
+        Panels with their nodes on a surface lie inside a round one, and follow the roughness of a
+        rough one at their nodes. The least-squares quadratic avoids both.
         """
         depth = self.depth(np.einsum("qn,tnd->tqd", _RULE_SHAPE, panels).reshape(-1, 3))
         rise = depth.reshape(-1, len(_RULE_POINTS)) @ _RULE_FIT.T

@@ -18,7 +18,7 @@ from airtact.geometry.mesh.arrays import (
 from airtact.geometry.mesh.remeshing import RidgedMesh
 from airtact.geometry.pose import Pose
 
-# Angle by which a panel of a round surface may turn where nothing coarser suffices [rad].
+# Default angle by which a panel of a round surface turns [rad].
 BEND = math.pi / 5
 
 
@@ -42,27 +42,26 @@ class Shape(ABC):
 
     @property
     def thinnest(self) -> float:
-        """Diameter of the largest inner ball that touches the surface, 0 if it varies [m]."""
+        """Diameter of the largest inner ball at every point of the surface, 0 if it varies [m]."""
         return 0.0
 
     @property
     def least_thickness(self) -> float:
-        """Lower bound of the diameter of inner balls that touch the surface, 0 if unknown [m]."""
+        """Lower bound of the diameter of inner balls at the surface, 0 if unknown [m]."""
         return self.thinnest
 
     def thickness_at(
         self, points: Points, normals: PointVectors, largest: float
     ) -> Float64[np.ndarray, "points"]:
-        """Lower bound of the diameter (P,) [m] of inner balls that touch the surface at points.
+        """Lower bound of the diameter (P,) [m] of inner balls at points of the surface (P, 3) [m].
 
-        The points (P, 3) [m] have outward normals (P, 3). Diameters above ``largest`` [m] need not
-        be distinguished.
+        ``normals`` (P, 3) point outwards. Diameters above ``largest`` [m] are equivalent.
         """
         return np.full(len(points), self.least_thickness)
 
     @property
     def crossings(self) -> IndexPairs:
-        """Pairs of triangles (K, 2) that cross or touch beyond what they share as neighbours."""
+        """Pairs of triangles (K, 2) that meet elsewhere than in a common corner or edge."""
         return np.zeros((0, 2), dtype=np.int64)
 
     def nested_piece(self) -> tuple[int, int, float, Vector3] | None:
@@ -82,25 +81,25 @@ class Shape(ABC):
         return self.project(points)
 
     def fitted(self, panels: QuadraticTriangles) -> QuadraticTriangles:
-        """Fit panels (P, 6, 3) near the surface so that they follow it best [m]."""
+        """Fit panels (P, 6, 3) near the surface to it [m]."""
         return self.project(panels.reshape(-1, 3)).reshape(panels.shape)
 
     def edge_middles(self, corners: EdgeVectors) -> EdgeVectors:
-        """Points over the middles of edges 01, 12, 20 of its triangles (T, 3, 3) [m]."""
+        """Points of the surface over the middles of edges 01, 12, 20 of triangles (T, 3, 3) [m]."""
         straight = 0.5 * (corners + np.roll(corners, -1, axis=1))
         return self.project(straight.reshape(-1, 3)).reshape(straight.shape)
 
     def off_triangles(self, points: Points) -> PointLengths:
-        """Distance of points (P, 3) from the flat triangles that define it, 0 if none [m]."""
+        """Distance of points (P, 3) from the triangles that define it, 0 for closed forms [m]."""
         return np.zeros(len(points))
 
     @abstractmethod
     def panels(self, edge: float, bend: float = BEND, away: float = math.inf) -> QuadraticTriangles:
         """Cover it with curved panels as large as equilateral triangles of a given edge [m].
 
-        Panels of a round surface in closed form turn by at most about ``bend`` [rad] from edge to
-        edge. Panels of a mesh are smaller where it is smooth and they would deviate by more than
-        ``away`` [m] in root mean square.
+        Panels of a closed form turn by at most about ``bend`` [rad] from edge to edge. Panels of a
+        mesh are smaller where it is smooth and they would deviate by more than ``away`` [m] in root
+        mean square.
         """
 
     @abstractmethod
@@ -108,13 +107,13 @@ class Shape(ABC):
         """Points (P, 3) [m] with the same axis-aligned bounding box as the body."""
 
     def farthest(self, direction: Vector3) -> Vector3:
-        """Point of the body (3,) that lies farthest along a unit direction [m]."""
+        """Farthest point of the body (3,) along a unit direction [m]."""
         points = self.extreme_points()
         return points[(points @ direction).argmax()]
 
     @abstractmethod
     def coarse_meshes(self, edge: float) -> list[RidgedMesh]:
-        """Triangles to start remeshing each piece from, with edges up to about ``edge`` [m]."""
+        """Make initial triangles for remeshing each piece, with edges up to about ``edge`` [m]."""
 
     @abstractmethod
     def moved(self, pose: Pose) -> "Shape":

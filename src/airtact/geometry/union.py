@@ -1,7 +1,7 @@
-"""Merges bodies that overlap, touch or nearly touch into one.
+"""Merging of bodies that overlap, touch or nearly touch.
 
-Balls fill the air between two bodies where the distances to both add up to at most a gap and their
-surfaces face each other; a furrow in which they meet at a wide angle stays.
+Narrow gaps between two bodies are filled with balls where the sum of the distances to both is at
+most the gap and their surfaces face each other. Furrows with a wide angle remain.
 """
 
 from collections.abc import Sequence
@@ -32,14 +32,14 @@ FLAT_TOLERANCE = 10e-6
 def merged(surfaces: Sequence[Surface], gap: float = NEAREST) -> Surface:
     """Merge bodies that overlap, touch or are nearer than a gap into one.
 
-    Balls of 0.6 mm (1.2 gaps if that is more) fill the air between two bodies where the distances
-    to both add up to at most the gap and their surfaces face each other: fully within 17 degrees,
-    less and less up to 53. Furrows in which bodies meet at a wider angle stay. Enclosed air is
-    filled. Elsewhere the surface stays, within 10 micrometres.
+    Balls of 0.6 mm diameter, or 1.2 gaps if larger, fill the air between two bodies where the sum
+    of the distances to both is at most the gap and their surfaces face each other: completely
+    within 17 degrees, decreasing to nothing at 53 degrees. Furrows with a wider angle remain.
+    Enclosed air is filled. Elsewhere the surface is unchanged within 10 micrometres.
 
     Parameters
     ----------
-    surfaces : the bodies, in any order; one that lies wholly in another adds nothing.
+    surfaces : the bodies, in any order.
     gap : largest distance of surfaces that are bridged [m], 0.1 to 2 mm.
 
     Returns
@@ -49,8 +49,8 @@ def merged(surfaces: Sequence[Surface], gap: float = NEAREST) -> Surface:
     Raises
     ------
     InvalidInput
-        If there is no body, a body crosses itself, bodies are farther apart than the gap, or the
-        merged body is thinner than 0.5 mm somewhere.
+        If there is no body, a body has self-intersections, bodies are farther apart than the gap,
+        or a part of the merged body is thinner than 0.5 mm.
 
     Examples
     --------
@@ -83,7 +83,7 @@ def merged(surfaces: Sequence[Surface], gap: float = NEAREST) -> Surface:
         parts.append(solid_of(*_bridge(bodies[first], bodies[second], near, gap)).simplify(8e-6))
     union = Manifold.batch_boolean(parts, OpType.Add)
     for _ in range(2):
-        # As an original mesh, it may be simplified across the borders of its former parts.
+        # An original mesh can be simplified across the borders of its former parts.
         union = union.as_original().simplify(1e-6)
     vertices, triangles = flat_mesh_of(union)
     piece = shells(triangles)
@@ -125,8 +125,8 @@ def _links(
         distance, where = near[first, second]
         raise InvalidInput(
             f"bodies {first} and {second} are {distance * 1e3:.3g} mm apart near {in_mm(where)}, "
-            f"the nearest that are not connected, but only {gap * 1e3:.3g} mm are bridged; move "
-            "them together, leave one out, or give a larger gap.",
+            f"more than the gap of {gap * 1e3:.3g} mm that is bridged; move them together, remove "
+            "one, or give a larger gap.",
             where,
             code="misplaced",
         )
@@ -196,8 +196,8 @@ def _filling(first: Surface, second: Surface, near: Approach, gap: float) -> Poi
 def _check_count(count: int, near: Approach) -> None:
     if count > 20_000_000:
         raise InvalidInput(
-            f"the bodies are so close over so large an area that the filling takes a grid of "
-            f"{count:,} points; move them apart, or make one body of them before.",
+            f"the gap between the bodies is too large an area to fill, with {count:,} grid points; "
+            "move the bodies apart, or merge them in a CAD program.",
             near.position,
             code="too_many",
         )

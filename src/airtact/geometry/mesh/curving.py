@@ -1,11 +1,10 @@
-"""Curves a triangle mesh by its normals: the smooth surface over the middles of its edges.
+"""Curving of a triangle mesh by its normals: midpoints of the edges on a smooth surface.
 
-Every edge has a tangent at either end. On a smooth surface it is the edge projected into the
-tangent plane there. The normal of that plane is the mean of the triangles around the corner up to
-the next sharp edges, weighted by their angles. Along a sharp edge that continues smoothly the
-tangent is the direction of that line. The middle of the edge moves to the middle of a circular arc
-with these tangents, so spheres and cylinders become exactly round, flat faces stay flat and sharp
-edges sharp.
+Every edge has a tangent at each end: its projection onto the tangent plane there. The normal of
+that plane is the mean of the triangles around the corner up to the next sharp edges, weighted by
+their angles. Along a sharp edge that continues smoothly, the tangent is the direction of that line.
+The midpoint of the edge moves to the middle of a circular arc with these tangents. Spheres and
+cylinders become exactly round, flat faces remain flat, and sharp edges remain sharp.
 
 Source of the weights: G. Thürmer, C. A. Wüthrich, "Computing vertex normals from polygonal facets",
 Journal of Graphics Tools 3, 43 (1998).
@@ -39,8 +38,8 @@ from airtact.geometry.mesh.topology import (
     smooth_patches,
 )
 
+# Smallest angle at the rim of a cap, and largest angle of its triangles to their mean
 _CAP_DEGREES = 40.0
-# Angle at the rim of a cap, and largest angle of its triangles to their mean.
 
 
 def curved(
@@ -48,8 +47,8 @@ def curved(
 ) -> tuple[EdgeVectors, EdgeMask]:
     """Points of the curved surface over the edge middles of a closed mesh [m], and the sharp edges.
 
-    A cap closes a body that was cut off, such as a hand at the wrist. Caps stay flat and their rims
-    sharp.
+    Caps close bodies that were cut off, such as a hand at the wrist. They remain flat with sharp
+    rims.
     """
     corners = vertices[triangles]
     twins = edge_twins(triangles)
@@ -98,7 +97,7 @@ def _is_folded(panels: QuadraticTriangles, flat: TriangleVectors) -> TriangleMas
     corners = panels[:, :3]
     rise = panels[:, 3:] - 0.5 * (corners + np.roll(corners, -1, axis=1))
     twice_area = np.linalg.norm(area_vectors(corners), axis=1)
-    # Panels that rise little cannot fold and are not looked at closely.
+    # Nearly flat panels cannot fold.
     folded = np.abs(rise).max(axis=(1, 2)) * longest_edges(panels) > 0.05 * twice_area
     suspect = panels[folded]
     steep = np.zeros(len(suspect), dtype=bool)
@@ -118,8 +117,8 @@ def _caps(
 ) -> tuple[TriangleMask, EdgeMask]:
     """Triangles of caps and edges of their rims.
 
-    A cap is a patch between bent edges, of six triangles or more of nearly one direction, whose
-    vertices all lie on its rim.
+    A cap is a patch between bent edges of at least six triangles with nearly the same normal, whose
+    vertices are all on its rim.
     """
     if not bent.any():
         return np.zeros(len(triangles), dtype=bool), bent
@@ -135,7 +134,7 @@ def _caps(
     np.maximum.at(highest, triangles, patch[:, None])
     inner_vertices = np.bincount(lowest[lowest == highest], minlength=len(mean))
     even = smallest_cosine > np.cos(np.radians(_CAP_DEGREES))
-    # Fewer than six triangles are a facet of a coarse round body.
+    # Patches of fewer than six triangles are facets of a coarse round body.
     cap = ((np.bincount(patch) >= 6) & even & (inner_vertices == 0))[patch]
     outer = patch[twins // 3] != patch[:, None]
     return cap, outer & (cap[:, None] | cap[twins // 3])

@@ -1,11 +1,11 @@
 """Upper limits of the edge length at each vertex when larger triangles replace a fine mesh.
 
-Each function looks for one kind of detail that large triangles would lose, and returns a limit [m]
-for each vertex, at most the size ``largest`` that the caller allows anywhere:
+Each function finds one kind of detail that large triangles would lose, and returns a limit [m] for
+each vertex, at most ``largest``:
 
-- ``bend_sizes``: tight bends, where a large triangle would cut across the curve;
-- ``wall_sizes``: thin walls, whose two sides would deviate by much of the thickness, or cross;
-- ``strip_sizes``: narrow strips between two sharp edges, which would get slivers.
+- ``bend_sizes``: tight bends, across which a large triangle would cut;
+- ``wall_sizes``: thin walls, whose two sides would deviate too much, or cross;
+- ``strip_sizes``: narrow strips between two sharp edges, in which slivers would form.
 
 Remeshing takes the smallest limit at each vertex.
 """
@@ -24,12 +24,11 @@ MAX_EDGE_TO_WALL = 3.0
 def bend_sizes(
     vertices: Vertices, triangles: Triangles, ridges: Ridges, largest: float, share: float = 1.0
 ) -> VertexSizes:
-    """Longest edge at each vertex, along which the surface turns by little more than a radian.
+    """Longest edge at each vertex over which the surface turns by about a radian.
 
-    The radius of a bend is estimated from pairs of triangles: two triangles that face in directions
-    75 to 150 degrees apart and lie as if on one arc show its radius. Pairs across a sharp edge
-    (``ridges``) do not count. Edges are ``share`` times as long where panels must lie nearer to the
-    surface.
+    The radius of a bend is estimated from pairs of triangles whose normals differ by 75 to 150
+    degrees and that lie on a common arc. Pairs across a sharp edge (``ridges``) are ignored.
+    ``share`` is a factor of the edges, below 1 if panels must be nearer to the surface.
     """
     corners = vertices[triangles]
     centres = corners.mean(axis=1)
@@ -79,9 +78,9 @@ def wall_sizes(vertices: Vertices, triangles: Triangles, largest: float) -> Vert
     normals = np.zeros((len(vertices), 3))
     np.add.at(normals, triangles, area_vectors(vertices[triangles])[:, None])
     normals = unit(normals)
-    # The other side of a wall is near and faces the opposite direction, so the tree holds positions
-    # and scaled normals, and is asked for the reversed normal. ``reach`` is both the largest
-    # distance and the length of the normals: it lets opposite sides deviate by about 60 degrees.
+    # The other side of a wall is near and has the opposite normal, so the tree contains positions
+    # and scaled normals, and the queries have reversed normals. ``reach`` is the largest distance
+    # and the length of the normals: opposite sides may deviate by about 60 degrees.
     reach = 0.6 * largest
     tree = KDTree(np.concatenate([vertices, reach * normals], axis=1))
     queries = np.concatenate([vertices, -reach * normals], axis=1)
@@ -97,10 +96,9 @@ def wall_sizes(vertices: Vertices, triangles: Triangles, largest: float) -> Vert
 
 
 def strip_sizes(vertices: Vertices, ridges: Ridges, largest: float) -> VertexSizes:
-    """Longest edge at each vertex: twice the distance from the sharp edge through it to the next.
+    """Longest edge at each vertex: twice the distance from its sharp edge to the next one.
 
-    At a corner the next segment of another sharp edge lies sideways too, so corners count as
-    narrow.
+    Corners count as narrow, because another sharp edge begins there.
     """
     width = np.full(len(vertices), largest / 2.0)
     if not len(ridges):

@@ -1,9 +1,9 @@
 """Pairs of triangles of a mesh that cross or touch.
 
-Two triangles meet when an edge of one meets the other. Neighbours always meet in their shared
-corner or edge. Triangles that share a corner cross only where they meet beyond it: a ray from the
-corner through the common points leaves one of them by the edge opposite the corner, so it suffices
-to test those edges. Triangles that share an edge cross only when folded flat onto each other.
+Two triangles meet if an edge of one meets the other. Neighbours always meet in their common corner
+or edge. If triangles with a common corner also meet elsewhere, a ray from the corner through such a
+point leaves one of them at the edge opposite the corner, so only those edges are tested. Triangles
+with a common edge cross only if they are folded flat onto each other.
 """
 
 from itertools import combinations_with_replacement
@@ -67,7 +67,7 @@ def _turned(
 
 
 def _pierces(segments: PairedSegments, corners: PairedCorners, tolerance: float) -> PairMask:
-    """Whether segments meet triangles, pair by pair, but for segments in their planes."""
+    """Whether segments meet triangles, pair by pair; segments in their planes are ignored."""
     normal = unit(area_vectors(corners))
     heights = np.einsum("npi,ni->np", segments - corners[:, :1], normal)
     crosses = (heights.min(axis=1) <= tolerance) & (heights.max(axis=1) >= -tolerance)
@@ -99,7 +99,7 @@ def _folded(first: PairedCorners, second: PairedCorners, tolerance: float) -> Pa
     """Whether triangles that share their last two corners lie on each other."""
     normal = unit(area_vectors(second))
     height = np.einsum("ni,ni->n", first[:, 0] - second[:, 0], normal)
-    # Both normals are of the order that the two triangles have, which agree if they are folded.
+    # Folded triangles are on the same side of the common edge.
     along = first[:, 2] - first[:, 1]
     inward = [np.cross(along, corners[:, 0] - first[:, 1]) for corners in (first, second)]
     return (np.abs(height) <= tolerance) & (np.einsum("ni,ni->n", *inward) > 0.0)
@@ -109,7 +109,7 @@ def _pairs_within(corners: Corners, tolerance: float) -> IndexPairs:
     """Pairs i < j of triangles whose boxes overlap."""
     centres = corners.mean(axis=1)
     reach = np.linalg.norm(corners - centres[:, None, :], axis=2).max(axis=1)
-    # Triangles are grouped by size, or one large triangle would widen the search around all.
+    # Triangles are grouped by size, because a large triangle would widen the search around all.
     size = np.floor(np.log2(reach))
     groups = []
     for level in np.unique(size):

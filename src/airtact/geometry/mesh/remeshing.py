@@ -1,4 +1,4 @@
-"""New triangles of a wanted size for a closed mesh with sharp edges, by MMG.
+"""Remeshing of a closed mesh with sharp edges by MMG.
 
 Source: C. Dapogny, C. Dobrzynski, P. Frey, "Three-dimensional adaptive domain remeshing, implicit
 domain meshing, and applications to free and moving boundary problems", J. Comput. Phys. 262, 358
@@ -29,7 +29,7 @@ from airtact.geometry.mesh.quadratic_triangles import (
 )
 from airtact.geometry.mesh.topology import edge_ends, edge_twins
 
-# Shortest edge that MMG makes, over the wanted edge, except along sharp edges of the shape.
+# Shortest edge, except along sharp edges of the shape, over the target edge.
 MIN_EDGE = 0.06
 
 
@@ -43,10 +43,10 @@ class RidgedMesh:
 
 
 def coarsened(mesh: RidgedMesh, edge: float, wall: float = np.inf) -> RidgedMesh:
-    """Coarsen a mesh of edges far shorter than ``edge`` [m].
+    """Coarsen a mesh with edges far shorter than ``edge`` [m].
 
-    MMG would take the roughness of a scan for bends. ``wall`` is the thickness of the thinnest wall
-    [m], whose rim would be lost if triangles deviated by as much.
+    This removes the roughness of scans, which MMG would resolve as bends. ``wall`` is the thickness
+    of the thinnest wall [m], which limits the deviation so that its rim remains.
     """
     fine = 0.25  # mean edge, over the edge, of a mesh that is coarsened and of the result
     if edge_lengths(mesh.vertices[mesh.triangles]).mean() > fine * edge:
@@ -59,7 +59,7 @@ def coarsened(mesh: RidgedMesh, edge: float, wall: float = np.inf) -> RidgedMesh
 def remeshed(
     mesh: RidgedMesh, sizes: VertexSizes, edge: float, expected: float, wall: float = np.inf
 ) -> RidgedMesh:
-    """Mesh a closed surface again with triangles of the size of equilateral ones of a given edge.
+    """Remesh a closed surface with triangles as large as equilateral ones of a given edge.
 
     The vertices of the result are near the curved surface, not on it.
 
@@ -68,12 +68,12 @@ def remeshed(
     mesh : the surface.
     sizes : (V,) longest edge allowed at each vertex [m].
     edge : edge of the equilateral triangles [m].
-    expected : number of triangles by the area.
+    expected : expected number of triangles.
     wall : as in ``coarsened``.
     """
     deviation = min(0.15, 0.3 * wall / edge)
-    # MMG makes fewer triangles than the largest edge suggests, so it is shortened until 90 % of
-    # the wanted number is reached.
+    # MMG makes fewer triangles than expected from the largest edge, which is shortened until 90 %
+    # of the expected number is reached.
     for stretch in (1.4, 1.2, 1.0):
         result = _mmg(mesh, np.clip(sizes / edge, MIN_EDGE, stretch), edge, deviation)
         if len(result.triangles) >= 0.9 * expected:
@@ -114,8 +114,8 @@ def _mmg(surface: RidgedMesh, sizes: VertexSizes, edge: float, deviation: float)
     result = np.asarray(mesh.get_triangles(), dtype=np.int64)
     if len(result) < 4 or edge_twins(result).min() < 0:
         raise InvalidInput(
-            f"the surface of {len(triangles)} triangles does not stay closed when it is meshed "
-            f"again with an edge of {1e3 * edge:.3g} mm; repair it, or ask for a shorter edge.",
+            f"the surface of {len(triangles)} triangles does not remain closed when it is remeshed "
+            f"with an edge of {1e3 * edge:.3g} mm; repair it, or use a shorter edge.",
             code="mesh_faulty",
         )
     ridges = np.asarray(mesh.get_edges(), dtype=np.int64).reshape(-1, 2)

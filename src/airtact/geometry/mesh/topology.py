@@ -1,4 +1,4 @@
-"""Neighbours, pieces and orientation of the triangles of a mesh, and checks of them."""
+"""Neighbours, pieces and orientation of the triangles of a mesh, and their checks."""
 
 import numpy as np
 from jaxtyping import Bool, Float64, Int, Int64, Real
@@ -71,7 +71,7 @@ def shells(triangles: AnyTriangles, twins: Twins | None = None) -> TriangleLabel
     graph = csr_array(
         (np.ones(3 * count, dtype=bool), twins.ravel() // 3, np.arange(0, 3 * count + 1, 3))
     )
-    # All links are mutual, so strong connection gives the same labels, and is faster.
+    # All links are mutual, so strong connection gives the same labels and is faster.
     return connected_components(graph, connection="strong")[1].astype(np.int64)
 
 
@@ -90,13 +90,13 @@ def smooth_patches(twins: Twins, borders: EdgeMask) -> TriangleLabels:
 
 
 def cone_volumes(corners: Corners) -> Float64[np.ndarray, "triangles"]:
-    """Signed volume between each triangle and the mean corner [m³]; they add up to the mesh's."""
+    """Signed volume between each triangle and the mean corner [m³]; the sum is the mesh volume."""
     a, b, c = np.moveaxis(corners - corners.mean(axis=(0, 1)), 1, 0)
     return np.einsum("ti,ti->t", a, np.cross(b, c)) / 6.0
 
 
 def check_size(extent: float) -> None:
-    """Raise ``InvalidInput`` for an extent [m] outside 0.5 mm to 2 m: its unit must be wrong."""
+    """Raise ``InvalidInput`` for an extent [m] outside 0.5 mm to 2 m, probably in a wrong unit."""
     largest = 2.0
     smallest = 0.5e-3
     if extent > largest * (1.0 + 1e-9):
@@ -121,7 +121,7 @@ def check_indices(count: int, triangles: AnyTriangles) -> None:
         named = counted(int(wrong.any(axis=1).sum()), "triangle names", "triangles name")
         raise InvalidInput(
             f"{named} vertices that do not exist: triangle {triangle} names "
-            f"{triangles[triangle, corner]}, but indices run from 0 to {count - 1}.",
+            f"{triangles[triangle, corner]}, but indices are from 0 to {count - 1}.",
             code="out_of_range",
         )
 
