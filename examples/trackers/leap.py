@@ -1,13 +1,13 @@
-"""Send the hands that a Leap Motion controller tracks to airtact, as frames in JSON by websocket.
+"""Send the hands tracked by a Leap Motion controller to airtact, as JSON by websocket.
 
-It listens to the websocket of the Leap service (protocol 6, ws://127.0.0.1:6437/v6.json) and needs
-``websockets`` only::
+The script reads the websocket of the Leap service (protocol 6, ws://127.0.0.1:6437/v6.json) and
+needs only ``websockets``::
 
     python leap.py --to ws://127.0.0.1:8765
 
 Landmarks are the 25 joints of WebXR in the frame of the controller: origin at the middle of its
-top, x to its right along its long side, y up from it, z towards the user, in metres (the service
-gives millimetres). Time is the controller's own.
+top, x to its right along its long side, y upwards, z towards the user, in metres (the service uses
+millimetres). The time is that of the controller.
 
 Source: *WebSocket Communication*, Leap Motion developer documentation 2.3: frames, hands,
 pointables and units.
@@ -19,7 +19,7 @@ from collections.abc import Iterator
 from typing import Any
 
 JOINTS = ("carpPosition", "mcpPosition", "pipPosition", "dipPosition", "btipPosition")
-"""Ends of the bones of a finger, from the wrist to the tip; the thumb lacks the first."""
+"""Ends of the bones of a finger, from the wrist to the tip; the thumb has no first one."""
 
 
 def main() -> None:
@@ -28,7 +28,7 @@ def main() -> None:
     from websockets.sync.client import connect
 
     parser = argparse.ArgumentParser(
-        description="Send hands that a Leap Motion controller tracks to airtact."
+        description="Send the hands tracked by a Leap Motion controller to airtact."
     )
     parser.add_argument("--to", default="ws://127.0.0.1:8765", help="address of the receiver")
     parser.add_argument(
@@ -48,10 +48,10 @@ def main() -> None:
 
 
 def hands_in(messages: Iterator[str]) -> Iterator[dict[str, Any]]:
-    """Yield the hands in messages of the service; messages that are no frame are passed over.
+    """Yield the hands in messages of the service; messages that are not frames are ignored.
 
-    There is a frame of each hand, and one that is lost where a hand is no longer tracked. Joints
-    that the service does not give are null.
+    There is a frame for each hand, and a lost one when a hand is no longer tracked. Missing joints
+    are null.
     """
     seen: set[str] = set()
     for message in messages:

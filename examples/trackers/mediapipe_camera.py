@@ -1,4 +1,4 @@
-"""Send the hands that MediaPipe finds in a camera's pictures to airtact, in JSON by websocket.
+"""Send the hands that MediaPipe finds in camera images to airtact, as JSON by websocket.
 
 MediaPipe 0.10.21 wants NumPy 1, airtact NumPy 2, so this file imports nothing of airtact and runs
 in an environment of its own::
@@ -31,7 +31,7 @@ Picture = Any
 
 
 def main() -> None:
-    """Read the pictures, find the hands, send the frames, until there are no more."""
+    """Read images, find hands and send frames until the images end."""
     options = _options()
     frames = _hands_in(_pictures(options), options)
     if options.to is None:
@@ -48,7 +48,7 @@ def main() -> None:
 def _hands_in(
     pictures: Iterator[tuple[float, Picture]], options: argparse.Namespace
 ) -> Iterator[dict[str, Any]]:
-    """Yield frames of each side seen in timed pictures, a lost one when it is no longer seen."""
+    """Yield frames of each side in timed images, and a lost one when it disappears."""
     import mediapipe
     import numpy as np
 
@@ -59,7 +59,7 @@ def _hands_in(
         max_num_hands=options.hands,
         min_detection_confidence=options.confidence,
     )
-    # A finder follows its hand from picture to picture, so the mirror images have one of their own.
+    # A detector tracks its hand from image to image, so mirror images have a separate one.
     with finder() as direct, finder() as mirrored:
         for sequence, (taken, picture) in enumerate(pictures):
             looks = _look(direct.process(picture), mirrored=False)
@@ -80,7 +80,7 @@ def _hands_in(
 
 
 def _look(result: Any, mirrored: bool) -> list[tuple[str, tuple[Any, Any]]]:
-    """Return the sides of hands in a picture, and landmarks in it and round the hand's middle."""
+    """Return the sides of hands in an image, and landmarks in it and about the hand's centre."""
     import numpy as np
 
     def array(points: Any) -> Any:
@@ -94,7 +94,7 @@ def _look(result: Any, mirrored: bool) -> list[tuple[str, tuple[Any, Any]]]:
         strict=True,
     ):
         side = label.classification[0].label.lower()
-        if not mirrored:  # MediaPipe takes every picture for that of a mirror
+        if not mirrored:  # MediaPipe assumes mirrored images
             side = "left" if side == "right" else "right"
         flat = array(image)
         body = array(world)
@@ -108,7 +108,7 @@ def _look(result: Any, mirrored: bool) -> list[tuple[str, tuple[Any, Any]]]:
 def _placed(
     looks: list[tuple[Any, Any]], shape: tuple[int, ...], options: argparse.Namespace
 ) -> list[list[float]]:
-    """Bring the shape of a hand to where it is seen in a picture, in the camera's frame [m].
+    """Place the shape of a hand in the camera's frame as seen in an image [m].
 
     ``looks`` are landmarks of MediaPipe, in shares of the picture's sides and in metres round the
     hand's middle.
@@ -128,7 +128,7 @@ def _placed(
     pixels = np.mean(flats, axis=0)[:, :2].copy()
     focal = options.focal or 0.5 * columns / math.tan(math.radians(0.5 * 60.0))
     lens = np.array([[focal, 0.0, columns / 2], [0.0, focal, rows / 2], [0.0, 0.0, 1.0]])
-    # Start with the shape at the distance where it looks as large: a small rotation is enough.
+    # Start at the distance where the shape has the observed size; a small rotation remains.
     size = np.ptp(pixels, axis=0).max() / np.ptp(body[:, :2], axis=0).max()
     away = focal / size
     start = np.array([*((pixels.mean(axis=0) - lens[:2, 2]) / focal * away), away])
@@ -140,7 +140,7 @@ def _placed(
 
 
 def _aligned(shape: Any, target: Any) -> Any:
-    """Move, turn and scale points (P, 3) so that they lie best on target points (P, 3); no mirror.
+    """Translate, rotate and scale points (P, 3) to target points (P, 3) in least squares.
 
     Source: S. Umeyama, IEEE Trans. Pattern Anal. Mach. Intell. 13, 376 (1991).
     """
@@ -175,7 +175,7 @@ def _pictures(options: argparse.Namespace) -> Iterator[tuple[float, Picture]]:
 
 
 def _upright(picture: Picture, options: argparse.Namespace) -> Picture:
-    """Put colours in order and undo a mirror."""
+    """Convert the colours, and flip mirrored images."""
     import cv2
     import numpy as np
 

@@ -1,4 +1,4 @@
-"""Send the points that a RealSense depth camera sees of a hand to airtact, in JSON by websocket.
+"""Send the point cloud of a hand from a RealSense depth camera to airtact, as JSON by websocket.
 
 It needs ``pyrealsense2`` (which needs the system's libusb 1.0), NumPy and ``websockets``::
 
@@ -23,7 +23,7 @@ from typing import Any
 
 
 def main() -> None:
-    """Read the camera, send the frames, until it ends."""
+    """Read the camera and send frames until it stops."""
     options = _options()
     frames = _clouds_in(_played(options) if options.depths else _seen(), options)
     if options.to is None:
@@ -38,7 +38,7 @@ def main() -> None:
 
 
 def _clouds_in(depths: Iterator[Any], options: argparse.Namespace) -> Iterator[dict[str, Any]]:
-    """Yield frames with a hand's points in depth frames, lost ones where points are too few."""
+    """Yield frames with the points of a hand, and lost ones if there are too few points."""
     import numpy as np
 
     cloud = _library().pointcloud()
@@ -68,7 +68,7 @@ def _library() -> ModuleType:
 
 
 def _seen() -> Iterator[Any]:
-    """Take depth frames from the camera that is plugged in."""
+    """Read depth frames from the connected camera."""
     rs = _library()
     pipeline = rs.pipeline()
     config = rs.config()
@@ -79,7 +79,7 @@ def _seen() -> Iterator[Any]:
         raise SystemExit(
             f"no RealSense camera can be read: {error}; plug one in, or give --depths."
         ) from None
-    # The camera stays claimed until the pipeline is stopped.
+    # The camera is in use until the pipeline is stopped.
     try:
         while True:
             yield pipeline.wait_for_frames().get_depth_frame()
@@ -88,7 +88,7 @@ def _seen() -> Iterator[Any]:
 
 
 def _played(options: argparse.Namespace) -> Iterator[Any]:
-    """Play pictures of depth, .npy files (H, W) in metres, through a software device."""
+    """Play depth images, .npy files (H, W) in metres, through a software device."""
     import numpy as np
 
     rs = _library()
@@ -98,7 +98,7 @@ def _played(options: argparse.Namespace) -> Iterator[Any]:
             f"{options.depths} holds no .npy files; give a folder with pictures of depth."
         )
     rows, columns = _picture(files[0]).shape
-    # A pinhole in the middle of the picture, without distortion.
+    # A pinhole camera without distortion.
     lens = rs.intrinsics()
     lens.width = columns
     lens.height = rows
@@ -127,7 +127,7 @@ def _played(options: argparse.Namespace) -> Iterator[Any]:
     sensor.start(queue)
     for number, file in enumerate(files):
         metres = _picture(file, (rows, columns))
-        # Level 0 means no depth to the library.
+        # Level 0 means no depth.
         levels = np.where(np.isfinite(metres), np.round(metres / unit), 0.0)
         frame = rs.software_video_frame()
         frame.pixels = np.ascontiguousarray(levels.astype(np.uint16))
@@ -145,7 +145,7 @@ def _played(options: argparse.Namespace) -> Iterator[Any]:
 
 
 def _picture(file: Path, shape: tuple[int, int] | None = None) -> Any:
-    """Read a picture of depth, of the ``shape`` of the first; exit where it is invalid."""
+    """Read a depth image with the ``shape`` of the first; exit if it is invalid."""
     import numpy as np
 
     try:

@@ -108,7 +108,7 @@ def test_check_reports_what_is_in_a_surface(capsys, tmp_path):
 def test_check_lists_repairs_and_how_sharp_edges_were_asked(capsys, tmp_path):
     path = box_file(tmp_path, lambda v, t: (v, np.vstack([t[:1, ::-1], t[1:]])))
     printed, _ = done(capsys, "check", path, "--scale", "1e-3", "--sharp", "120")
-    assert "repaired 1 triangle ran against its neighbours and was turned" in printed
+    assert "repaired 1 triangle was reversed" in printed
     assert "none turns by over 120°" in printed
     assert list(tmp_path.iterdir()) == [path]
 

@@ -51,7 +51,7 @@ def test_the_command_writes_a_closed_skin_and_a_picture(tmp_path, capsys):
     assert (tmp_path / "hand.png").stat().st_size > 20_000
     written = capsys.readouterr().out
     assert (
-        "Merged: the last phalanx of the thumb and the last phalanx of the index finger are one"
+        "the last phalanx of the thumb and the last phalanx of the index finger are merged"
         in written
     )
     assert "5.3 mm inside the body" in written

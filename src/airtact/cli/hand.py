@@ -118,7 +118,7 @@ def _pose(path: Path, file: Path, gap: float | None, edge: float, report_step: P
     lines = _write(triangles, file, draw_panels(triangles), report_step)
     places = {name: point for name, (point, _) in posed.places.items()}
     facts = _facts(posed.side, posed.shape, triangles, places)
-    merged = [f"Merged: {touch.note}." for touch in posed.touches]
+    merged = [f"Note: {touch.note}." for touch in posed.touches]
     return facts, [*merged, *lines]
 
 
