@@ -202,9 +202,9 @@ def _verify(path: Path, drives: int) -> None:
         ("drives", f"{len(times):,} in {times[-1] - times[0]:.1f} s"),
         ("foci", ", ".join(session.scene.places)),
         ("verified", f"{len(verified.kept)} of {playing:,} that play"),
-        ("kept of the attainable pressure", shares),
+        ("share of the attainable pressure", shares),
     ]
-    table = plain_table("in the air at", "made from", "weakest focus", "kept", "expected")
+    table = plain_table("in the air at", "made from", "weakest focus", "share", "expected share")
     rows = []
     for index, time, rule, pressures, share, expected in zip(
         verified.indices,

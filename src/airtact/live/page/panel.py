@@ -36,7 +36,7 @@ CURVE_SECONDS = 10.0
 
 # Title, colour and upper limit of each curve.
 CURVES = (
-    ("age of the frame in the air [ms]", "#1971c2", 150.0),
+    ("latency, frame to sound [ms]", "#1971c2", 150.0),
     ("drives per second", "#2f9e44", 150.0),
     ("expected pressure, of the attainable [%]", "#e8590c", 110.0),
 )
@@ -280,9 +280,9 @@ def status_html(moment: Moment, scene: LiveScene, rate: float, age: float) -> st
     solved = np.nan if moment.shape_age is None else 1e3 * moment.shape_age
     rows = [
         ("drives per second", _number(rate, "")),
-        ("age of the frame in the air", _number(age, " ms")),
+        ("latency, frame to sound", _number(age, " ms")),
         ("age of the solved hand", _number(solved, " ms")),
-        ("expected, of the attainable", _number(kept, " %")),
+        ("expected share of attainable", _number(kept, " %")),
         ("mean amplitude of the elements", _number(100 * np.abs(moment.amplitudes).mean(), " %")),
     ]
     facts = "".join(f"<tr><td>{name}</td><td>{value}</td></tr>" for name, value in rows)
@@ -294,8 +294,8 @@ def status_html(moment: Moment, scene: LiveScene, rate: float, age: float) -> st
         f'<div class="live"><div class="state" style="--light: {light}">{words}</div>'
         f"{RULES[moment.rule]}<table>{facts}</table>"
         "<small>The solved hand is the pose for which scattering was solved; a drive uses the "
-        "solution of the most similar pose, which may be old. Expected: pressure at the weakest "
-        "focus, relative to a drive solved for the hand as it is now.</small><br>"
+        "solution of the most similar pose, which may be old. Attainable: pressure at the "
+        "weakest focus by a drive solved for the present hand.</small><br>"
         f"<table><tr><th>focus</th><th>peak pressure</th></tr>{foci}</table></div>"
     )
 
