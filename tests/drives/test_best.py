@@ -20,7 +20,7 @@ from faults import raises_code
 
 
 def least_peak_by_linear_programming(
-    transfer: at.TransferMatrix, wanted: Complex128[np.ndarray, "foci"], sides: int = 64
+    transfer: at.TransferMatrix, expected: Complex128[np.ndarray, "foci"], sides: int = 64
 ) -> float:
     """Bound the least peak of H d = w from below: amplitudes in a polygon around the disc, by scipy."""
     matrix = np.asarray(transfer.matrix)
@@ -37,16 +37,16 @@ def least_peak_by_linear_programming(
     equal = np.zeros((2 * foci, 2 * elements + 1))
     real, imaginary = np.real(matrix), np.imag(matrix)
     equal[:, : 2 * elements] = np.block([[real, -imaginary], [imaginary, real]])
-    found = linprog(
+    computed = linprog(
         np.r_[np.zeros(2 * elements), 1.0],
         A_ub=limits,
         b_ub=np.zeros(len(limits)),
         A_eq=equal,
-        b_eq=np.r_[np.real(wanted), np.imag(wanted)],
+        b_eq=np.r_[np.real(expected), np.imag(expected)],
         bounds=[(None, None)] * (2 * elements + 1),
     )
-    assert found.success
-    return float(found.x[-1])
+    assert computed.success
+    return float(computed.x[-1])
 
 
 @pytest.mark.parametrize(("seed", "foci"), [(1, 2), (2, 3), (3, 6), (4, 10)])
@@ -57,10 +57,10 @@ def test_no_other_method_gives_the_weakest_focus_more(seed, foci) -> None:
         for name, method in METHODS.items()
         if name != "best"
     }
-    found = worst(transfer, at.best(transfer, target))
+    computed = worst(transfer, at.best(transfer, target))
     # gradient starts where max_min ends and may gain a little in much more time
-    assert found >= 0.99 * max(others.values())
-    assert found > 1.3 * others["time_reversal"]
+    assert computed >= 0.99 * max(others.values())
+    assert computed > 1.3 * others["time_reversal"]
     rounded = at.quantise(at.best(transfer, target)).drive()
     assert at.upper_bound(transfer, target).reached(transfer, target, rounded) > 0.9
 
@@ -95,10 +95,13 @@ def test_where_full_scale_is_not_enough_the_weakest_gets_what_the_bound_allows()
 @pytest.mark.parametrize("seed", range(3))
 def test_the_peak_is_the_least_by_linear_programming(seed) -> None:
     transfer = random_matrix(seed, 3, elements=20)
-    wanted = np.array([200.0, 80.0j, -150.0])
-    drive = at.drives.least_peak(transfer, at.Target(any_points(3), wanted), iterations=300)
-    np.testing.assert_allclose(transfer.pressure(drive), wanted, rtol=1e-9)
-    peak, bound = np.abs(drive.amplitudes).max(), least_peak_by_linear_programming(transfer, wanted)
+    expected = np.array([200.0, 80.0j, -150.0])
+    drive = at.drives.least_peak(transfer, at.Target(any_points(3), expected), iterations=300)
+    np.testing.assert_allclose(transfer.pressure(drive), expected, rtol=1e-9)
+    peak, bound = (
+        np.abs(drive.amplitudes).max(),
+        least_peak_by_linear_programming(transfer, expected),
+    )
     # a polygon of 64 sides reaches 0.12 % beyond the disc
     assert bound <= peak <= 1.01 * bound
 

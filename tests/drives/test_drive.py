@@ -15,17 +15,7 @@ def test_energy_and_peak_are_those_of_the_amplitudes() -> None:
     assert FLAT.is_full_scale
 
 
-def test_at_full_scale_the_strongest_element_is_there() -> None:
-    np.testing.assert_allclose(WEAK.at_full_scale().amplitudes, [0.75, 1j, 0.0])
-
-
 @pytest.mark.parametrize("quantity", ["energy", "peak"])
 def test_the_factor_makes_energy_or_peak_equal(quantity) -> None:
     scaled = at.Drive(FLAT.amplitudes * FLAT.factor_to_match(WEAK, quantity))
     assert getattr(scaled, quantity) == pytest.approx(getattr(WEAK, quantity))
-
-
-def test_magnitudes_and_phases_are_those_of_the_amplitudes():
-    drive = at.Drive(np.array([0.5j, -1.0 + 0j]))
-    assert drive.magnitudes.tolist() == [0.5, 1.0]
-    np.testing.assert_allclose(drive.phases, [np.pi / 2, np.pi])

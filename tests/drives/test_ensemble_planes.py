@@ -38,8 +38,8 @@ def in_open_air() -> at.acoustics.RadiatedField:
     return at.FreeField().radiate(empty, at.Target(FOCI).beacons())
 
 
-def off(found, exact) -> float:
-    return float(np.linalg.norm(found - exact) / np.linalg.norm(exact))
+def off(computed, exact) -> float:
+    return float(np.linalg.norm(computed - exact) / np.linalg.norm(exact))
 
 
 def drawn(uncertainty: at.Uncertainty, samples: int) -> list[at.Pose]:
@@ -47,20 +47,9 @@ def drawn(uncertainty: at.Uncertainty, samples: int) -> list[at.Pose]:
     return [one.hand for one in draws(uncertainty, samples, 0, middle, [middle], len(FOCI), [])]
 
 
-def test_each_sample_is_the_scene_solved_where_the_hand_is() -> None:
-    """The hand moves in the frame of the array here, the plane and the array in that of the hand there."""
-    found = at.ensemble(beacons(), UPRIGHT, DOUBT, samples=3, solver=EXACT)
-    assert found.left_out == 0
-    for matrix, pose in zip(found.matrices, drawn(DOUBT, 3), strict=True):
-        foci = at.Target(pose.apply(FOCI))
-        exact = at.transfer_matrix(EXACT.radiate(scene(pose), foci.beacons()), UPRIGHT).matrix
-        assert off(matrix, exact) < 1e-3
-        assert off(found.matrix, exact) > 0.1
-
-
 def test_each_sample_is_that_of_a_hand_and_its_mirror_image_as_two_bodies() -> None:
-    found = at.ensemble(beacons(), UPRIGHT, DOUBT, samples=2, solver=EXACT)
-    for matrix, pose in zip(found.matrices, drawn(DOUBT, 2), strict=True):
+    computed = at.ensemble(beacons(), UPRIGHT, DOUBT, samples=2, solver=EXACT)
+    for matrix, pose in zip(computed.matrices, drawn(DOUBT, 2), strict=True):
         start, end = TABLE.image(pose.apply(np.array([[-6e-3, 0, 0], [6e-3, 0, 0]])))
         bodies = [finger(pose), at.capsule(start, end, radius=4e-3, edge=2e-3)]
         both = at.Scene(MEDIUM, [at.sound_hard(one) for one in bodies], frequency=40e3)
@@ -78,10 +67,10 @@ def test_one_solve_serves_what_is_off_along_the_plane() -> None:
     solved = at.ensemble(beacons(), UPRIGHT, doubt, samples=6, solver=EXACT)
     assert off(along.matrices, solved.matrices) < 1e-12
     turned = at.Pose.turn((0, 0, 1), 0.3, (2e-3, 1e-3, 0.0))
-    (found,) = matrices_at(beacons(), UPRIGHT, [turned])
+    (computed,) = matrices_at(beacons(), UPRIGHT, [turned])
     exact = EXACT.radiate(scene(turned), at.Target(turned.apply(FOCI)).beacons())
     assert (
-        off(found, at.transfer_matrix(exact, UPRIGHT).matrix) < 3e-3
+        off(computed, at.transfer_matrix(exact, UPRIGHT).matrix) < 3e-3
     )  # other panels on the turned body
 
 
@@ -100,25 +89,25 @@ def test_shifts_to_one_height_share_a_solve(monkeypatch) -> None:
         for x in (0.0, 2e-3)
         for y in (-1e-3, 1e-3)
     ]
-    found = list(matrices_at(beacons(), UPRIGHT, poses, solver=EXACT))
+    computed = list(matrices_at(beacons(), UPRIGHT, poses, solver=EXACT))
     np.testing.assert_allclose(heights, [-0.015])
-    for matrix, pose in zip(found, poses, strict=True):
+    for matrix, pose in zip(computed, poses, strict=True):
         field = EXACT.radiate(scene(pose), at.Target(pose.apply(FOCI)).beacons())
         assert off(matrix, at.transfer_matrix(field, UPRIGHT).matrix) < 3e-3
 
 
 def test_warmer_air_is_solved_in_it() -> None:
-    (found,) = matrices_at(beacons(), UPRIGHT, [at.Pose.identity()], 1.01, EXACT)
+    (computed,) = matrices_at(beacons(), UPRIGHT, [at.Pose.identity()], 1.01, EXACT)
     slow = replace(MEDIUM, sound_speed=MEDIUM.sound_speed / 1.01)
     exact = EXACT.radiate(scene(medium=slow), at.Target(FOCI).beacons())
-    assert off(found, at.transfer_matrix(exact, UPRIGHT).matrix) < 1e-6
+    assert off(computed, at.transfer_matrix(exact, UPRIGHT).matrix) < 1e-6
 
 
 def test_open_air_before_a_plane_needs_no_solver() -> None:
     doubt = replace(DOUBT, own_position=1e-3, temperature=2.0)
-    found = at.ensemble(in_open_air(), UPRIGHT, doubt, samples=4)
+    computed = at.ensemble(in_open_air(), UPRIGHT, doubt, samples=4)
     for matrix, draw in zip(
-        found.matrices, draws(doubt, 4, 0, FOCI.mean(axis=0), list(FOCI), 2, []), strict=True
+        computed.matrices, draws(doubt, 4, 0, FOCI.mean(axis=0), list(FOCI), 2, []), strict=True
     ):
         foci = draw.hand.apply(
             np.stack([own.apply(one) for own, one in zip(draw.groups, FOCI, strict=True)])
@@ -131,22 +120,15 @@ def test_open_air_before_a_plane_needs_no_solver() -> None:
         assert off(matrix, np.einsum("eqf,q->fe", exact, weights)) < 1e-9
 
 
-def test_a_body_off_by_itself_is_solved_there() -> None:
-    doubt = at.Uncertainty(own_position=1e-3, along_skin=1e-3)
-    found = at.ensemble(beacons(), UPRIGHT, doubt, samples=2, solver=EXACT)
-    assert found.geometry.shape == (2, 2, 249)
-    assert off(found.geometry[0], found.matrix) > 0.05
-
-
 def test_samples_that_reach_the_plane_are_left_out() -> None:
-    found = at.ensemble(
+    computed = at.ensemble(
         beacons(),
         UPRIGHT,
         at.Uncertainty(position=10e-3),
         samples=8,
         solver=at.BoundaryElement(0.1),
     )
-    assert 0 < found.left_out < 8
+    assert 0 < computed.left_out < 8
 
 
 def test_a_hand_that_is_lifted_needs_a_solver() -> None:

@@ -72,7 +72,7 @@ def test_nothing_in_doubt_gives_the_method_that_it_generalises(limit, foci) -> N
     alike = at.drives.TransferEnsemble(
         matrix=transfer.matrix, estimated_error=0.0, geometry=np.stack([transfer.matrix] * 8)
     )
-    found = at.robust(alike, target, limit=limit)
+    computed = at.robust(alike, target, limit=limit)
     usual = at.robust(transfer, target, limit=limit)
     if foci == 1:
         usual = (at.time_reversal if limit == "energy" else at.drives.phase_conjugate)(
@@ -82,7 +82,7 @@ def test_nothing_in_doubt_gives_the_method_that_it_generalises(limit, foci) -> N
         usual = at.max_min(transfer, target)
     one, other = (
         np.abs(transfer.pressure(drive)) / np.linalg.norm(drive.amplitudes)
-        for drive in (found, usual)
+        for drive in (computed, usual)
     )
     np.testing.assert_allclose(one, other, rtol=1e-6 if limit == "energy" or foci == 1 else 0.01)
 

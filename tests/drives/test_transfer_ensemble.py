@@ -30,8 +30,8 @@ def in_open_air(points=FOCI) -> at.acoustics.RadiatedField:
     return at.FreeField().radiate(at.Scene(MEDIUM, [], frequency=40e3), at.Target(points).beacons())
 
 
-def off(found, exact) -> float:
-    return float(np.linalg.norm(found - exact) / np.linalg.norm(exact))
+def off(computed, exact) -> float:
+    return float(np.linalg.norm(computed - exact) / np.linalg.norm(exact))
 
 
 def test_nothing_in_doubt_gives_the_nominal_matrix() -> None:
@@ -48,11 +48,11 @@ def test_a_hand_that_is_off_gives_the_matrix_of_that_place(array) -> None:
         at.Pose.turn((1, 2, 3), np.radians(5.0), (2e-3, -1e-3, 1e-3)),
         at.Pose.turn((0, 1, 0), 0.0, (0, 0, 3e-3)),
     ]
-    found = np.stack([one for one in matrices_at(beacons(), array, poses) if one is not None])
+    computed = np.stack([one for one in matrices_at(beacons(), array, poses) if one is not None])
     exact = np.stack(
         [at.transfer_matrix(beacons(), array.seen_from(pose)).matrix for pose in poses]
     )
-    assert off(found, exact) < 0.01
+    assert off(computed, exact) < 0.01
 
 
 def test_samples_follow_the_draws_and_the_seed() -> None:
@@ -97,13 +97,13 @@ def test_warmer_air_is_the_field_solved_in_it() -> None:
         one.slower
         for one in draws(uncertainty, 2, 1, FOCI.mean(axis=0), [FOCI.mean(axis=0)], 2, [])
     ]
-    for found, factor in zip(samples.matrices, slower, strict=True):
+    for computed, factor in zip(samples.matrices, slower, strict=True):
         warm = at.Medium(MEDIUM.sound_speed / factor, MEDIUM.density, MEDIUM.absorption)
         scene = at.Scene(warm, [at.sound_hard(ball())], frequency=40e3)
         solved = at.transfer_matrix(
             at.SphereSeries().radiate(scene, at.Target(FOCI).beacons()), FLAT
         ).matrix
-        assert off(found, solved) < 0.1 * off(samples.matrix, solved) + 0.005
+        assert off(computed, solved) < 0.1 * off(samples.matrix, solved) + 0.005
 
 
 def test_boards_are_off_each_by_itself() -> None:
@@ -118,11 +118,11 @@ def test_boards_are_off_each_by_itself() -> None:
     drawn = draws(
         uncertainty, 2, 0, middle, [middle], 2, [board.positions.mean(axis=0) for board in boards]
     )
-    for found, draw in zip(samples.matrices, drawn, strict=True):
+    for computed, draw in zip(samples.matrices, drawn, strict=True):
         array = at.transducers.join(
             [board.moved(pose) for board, pose in zip(boards, draw.boards, strict=True)]
         )
-        assert off(found, at.transfer_matrix(in_open_air(), array).matrix) < 1e-3
+        assert off(computed, at.transfer_matrix(in_open_air(), array).matrix) < 1e-3
 
 
 def test_dead_elements_and_phases_cost_what_ruze_says() -> None:

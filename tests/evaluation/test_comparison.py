@@ -56,12 +56,12 @@ def test_ratios_are_to_the_first_drive(result) -> None:
 
 def test_the_field_of_each_drive_is_found_by_its_name(result) -> None:
     points = np.array([[0.0, 0.0, 0.1], [0.01, -0.02, 0.09]])
-    found = result.at(points)
-    assert list(found) == list(DRIVES)
+    computed = result.at(points)
+    assert list(computed) == list(DRIVES)
     for name, drive in DRIVES.items():
         largest = at.Drive(drive.amplitudes / np.abs(drive.amplitudes).max())
         expected = at.field_map(SCENE, ARRAY, largest, points, solver=at.FreeField())
-        np.testing.assert_allclose(found[name], expected, rtol=1e-10)
+        np.testing.assert_allclose(computed[name], expected, rtol=1e-10)
         phases = at.field_map(SCENE, ARRAY, drive.phase_only(), points, solver=at.FreeField())
         column = result.field.at(points)[:, result.column(name, phase_only=True)]
         np.testing.assert_allclose(column, phases, rtol=1e-10)
@@ -102,9 +102,9 @@ def test_a_comparison_reads_as_a_table_that_says_what_is_held_equal(result) -> N
     rows = [line for line in text.splitlines() if line.startswith("control")]
     assert len(rows) == 1
     weakest = [result.pressures[held_equal].min(axis=1) for held_equal in HELD_EQUAL]
-    wanted = [number for column in weakest for number in (column[2], column[2] / column[0])]
+    reference = [number for column in weakest for number in (column[2], column[2] / column[0])]
     numbers = [float(word.strip("()")) for word in rows[0].split()[1:]]
-    np.testing.assert_allclose(numbers, wanted, rtol=1e-2)
+    np.testing.assert_allclose(numbers, reference, rtol=1e-2)
     assert "do not reflect" in text
     assert text.splitlines()[-1].endswith(f"{strongest(result)}.")
     best = result.names[int(np.argmax(weakest[0]))]

@@ -25,9 +25,11 @@ def test_a_piston_on_its_axis_is_the_closed_form(height: float) -> None:
     """Mean of e^{ikr}/r over a disc seen from its axis: 2/(ik a²) (e^{ik√(z²+a²)} − e^{ikz})."""
     radius, k = 4.5e-3, at.Scene(AIR, []).wavenumber.real
     array = at.PhasedArray(np.zeros((1, 3)), FORWARD, at.piston(radius, sensitivity=1.0))
-    found = at.field_map(at.Scene(AIR, []), array, FULL, height * FORWARD, solver=at.FreeField())[0]
+    computed = at.field_map(
+        at.Scene(AIR, []), array, FULL, height * FORWARD, solver=at.FreeField()
+    )[0]
     edge = np.exp(1j * k * np.hypot(height, radius)) - np.exp(1j * k * height)
-    assert abs(found - 2.0 / (1j * k * radius**2) * edge) < 1e-6 * abs(found)
+    assert abs(computed - 2.0 / (1j * k * radius**2) * edge) < 1e-6 * abs(computed)
 
 
 def test_sources_are_the_faces_element_by_element_with_one_sound_per_drive() -> None:

@@ -78,7 +78,7 @@ def test_below_full_scale_the_energies_are_equal() -> None:
 def test_unequal_requests_are_counted_as_shares() -> None:
     result = compared(at.Target(POINTS, np.array([400.0, 200.0])))
     assert headline(result, emitted(0.1)).startswith("Hand-aware: ")
-    assert " % of what was asked at the weakest focus." in headline(result, emitted(0.1))
+    assert " % of the request at the weakest focus." in headline(result, emitted(0.1))
 
 
 @pytest.mark.parametrize(
@@ -97,7 +97,7 @@ def test_bodies_are_called_what_they_are(bodies, word) -> None:
 def test_what_was_asked_and_not_reached_is_listed() -> None:
     target = at.Target(POINTS, np.array([200e3, 500.0]))
     assert shortfalls(target, ["a", "b"], np.array([21.53e3, 495.0]), AT_FULL_SCALE) == (
-        "Asked and not reached: a 21.5 kPa of 200 kPa: the transducers are at full scale.",
+        "Requested but not reached: a 21.5 kPa of 200 kPa: the transducers are at full scale.",
     )
     assert shortfalls(target, ["a", "b"], np.array([200e3, 500.0]), emitted(0.5)) == ()
     assert shortfalls(at.Target(POINTS), ["a", "b"], np.array([1.0, 1.0]), AT_FULL_SCALE) == ()

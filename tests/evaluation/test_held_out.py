@@ -30,34 +30,34 @@ def drives(beacons) -> dict[str, at.Drive]:
 
 
 def test_a_shift_gives_what_the_matrix_of_that_place_does(beacons, drives) -> None:
-    found = shift_map(beacons, ARRAY, TARGET, drives, SHIFTS)
+    computed = shift_map(beacons, ARRAY, TARGET, drives, SHIFTS)
     energies = [np.linalg.norm(drive.amplitudes) for drive in drives.values()]
     for index in (0, 4, 5):
         there = at.transfer_matrix(
             beacons, ARRAY.seen_from(at.Pose(np.eye(3), SHIFTS.points[index]))
         )
-        for row, drive, energy in zip(found.pressures, drives.values(), energies, strict=True):
+        for row, drive, energy in zip(computed.pressures, drives.values(), energies, strict=True):
             exact = np.abs(there.pressure(drive)).min() * energies[0] / energy
             assert row[index] == pytest.approx(exact, rel=0.01)
 
 
 def test_samples_give_what_the_sentence_says(beacons, drives) -> None:
     others = at.ensemble(beacons, ARRAY, DOUBT, samples=32, seed=1)
-    found = held_out(others, TARGET, drives)
+    computed = held_out(others, TARGET, drives)
     usual = drives["time reversal"]
     scale = np.linalg.norm(drives["robust"].amplitudes) / np.linalg.norm(usual.amplitudes)
     lowest = np.quantile(np.abs(others.pressures(usual)).min(axis=1), 0.1)
-    assert found.lowest_tenth[1] == pytest.approx(scale * lowest)
-    assert f"{found.lowest_tenth[0]:.0f} Pa" in found.sentence() or "kPa" in found.sentence()
+    assert computed.lowest_tenth[1] == pytest.approx(scale * lowest)
+    assert f"{found.lowest_tenth[0]:.0f} Pa" in computed.sentence() or "kPa" in computed.sentence()
     with raises_code("empty"):
         held_out(others, TARGET, {})
 
 
 def test_shifts_into_an_element_stay_blank_and_all_panels_have_one_scale(beacons, drives) -> None:
     far = Window(np.zeros(3), SHIFTS.right, SHIFTS.up, 4e-3, 0.2, 0.05)
-    found = shift_map(beacons, ARRAY, TARGET, drives, far)
-    assert np.isnan(found.pressures[:, far.points[:, 2] > 0.09]).all()
-    assert np.isfinite(found.pressures[:, np.abs(far.points[:, 2]) < 0.01]).all()
+    computed = shift_map(beacons, ARRAY, TARGET, drives, far)
+    assert np.isnan(computed.pressures[:, far.points[:, 2] > 0.09]).all()
+    assert np.isfinite(computed.pressures[:, np.abs(far.points[:, 2]) < 0.01]).all()
     near = shift_map(beacons, ARRAY, TARGET, drives, SHIFTS)
     figure = draw_shifts([near, near], list(drives), 1e-3)
     images = [axes.images[0] for axes in figure.axes if axes.images]

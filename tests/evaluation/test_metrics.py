@@ -59,7 +59,7 @@ def test_an_evaluation_reads_as_a_table() -> None:
     lines = text.splitlines()
     assert re.fullmatch(r"\s+0\s+0\.00\s+1\.00\s+2\.00\s+300\.0\s+600\.0\s+50\.0%", lines[1])
     assert re.fullmatch(r"\s+1\s+3\.00\s+4\.00\s+5\.00\s+400\.0\s+0\.0\s+-", lines[2])
-    assert "weakest focus 50.0% of what was asked" in text
+    assert "weakest focus 50.0% of the request" in text
     assert "by by hand" in text
     assert "A warning to pass on." in text
     assert "do not reflect" in text

@@ -62,8 +62,8 @@ def test_the_pressure_on_a_sphere_adds_up_to_the_momentum_it_takes_from_a_plane_
 
 def test_boundary_elements_find_that_force() -> None:
     expected = radiation_force(8e-3, 40e3)
-    found = radiation_of(in_plane_wave(8e-3, at.BoundaryElement(0.01)), 0).force(0)
-    np.testing.assert_allclose(found, [-expected, 0, 0], atol=0.01 * expected)
+    computed = radiation_of(in_plane_wave(8e-3, at.BoundaryElement(0.01)), 0).force(0)
+    np.testing.assert_allclose(computed, [-expected, 0, 0], atol=0.01 * expected)
 
 
 def test_before_a_large_sphere_it_is_that_before_a_wall() -> None:
@@ -71,9 +71,11 @@ def test_before_a_large_sphere_it_is_that_before_a_wall() -> None:
     for radius in (0.01, 0.025, 0.1):
         field = in_plane_wave(radius, at.SphereSeries())
         pole = np.array([[radius, 0.0, 0.0]])
-        found = radiation_pressure(field.at(pole)[:, 0], field.velocity(pole)[:, :, 0], AIR)[0]
+        computed = radiation_pressure(field.at(pole)[:, 0], field.velocity(pole)[:, :, 0], AIR)[0]
         arriving = PEAK * FAR / (FAR - radius)
-        errors.append(abs(found / (2 * (arriving**2 / 2) / (AIR.density * AIR.sound_speed**2)) - 1))
+        errors.append(
+            abs(computed / (2 * (arriving**2 / 2) / (AIR.density * AIR.sound_speed**2)) - 1)
+        )
     assert errors[2] < 1.5e-3
     assert errors[2] < errors[1] / 5 < errors[0] / 20
 

@@ -35,18 +35,18 @@ def test_the_scale_and_the_error_are_those_of_the_noise():
     points = rng.normal(size=(4000, 3)) * 0.01
     model = rng.normal(size=4000) + 1j * rng.normal(size=4000)
     noise = 0.1 * (rng.normal(size=4000) + 1j * rng.normal(size=4000))
-    found = overlay_scan(Scan(points, (2.0 - 1.0j) * model + noise, True), model)
-    assert found.scale == pytest.approx(2.0 - 1.0j, abs=0.01)
+    computed = overlay_scan(Scan(points, (2.0 - 1.0j) * model + noise, True), model)
+    assert computed.scale == pytest.approx(2.0 - 1.0j, abs=0.01)
     # noise 0.1 against a signal of √5, both per component: 0.1/√(5 + 0.01)
-    assert found.error == pytest.approx(0.1 / np.sqrt(5.01), rel=0.05)
-    assert found.warnings == ()
+    assert computed.error == pytest.approx(0.1 / np.sqrt(5.01), rel=0.05)
+    assert computed.warnings == ()
 
 
 def test_magnitudes_are_compared_where_no_phase_was_measured():
     model = np.array([1.0 + 0j, 2j, -3.0, 1 - 1j])
-    found = overlay_scan(Scan(POINTS, 7.0 * np.abs(model) + 0j, False), model)
-    assert found.scale == pytest.approx(7.0)
-    assert found.error == pytest.approx(0.0, abs=1e-12)
+    computed = overlay_scan(Scan(POINTS, 7.0 * np.abs(model) + 0j, False), model)
+    assert computed.scale == pytest.approx(7.0)
+    assert computed.error == pytest.approx(0.0, abs=1e-12)
 
 
 def test_phases_of_the_other_time_sign_raise():
@@ -57,9 +57,9 @@ def test_phases_of_the_other_time_sign_raise():
 
 def test_positions_that_cannot_be_predicted_are_left_out_and_counted():
     model = np.array([1.0 + 0j, 2j, np.nan, 1 - 1j])
-    found = overlay_scan(Scan(POINTS, np.array([1.0 + 0j, 2j, 99.0, 1 - 1j]), True), model)
-    assert found.error == pytest.approx(0.0, abs=1e-12)
-    assert found.warnings[0].startswith("1 of 4 positions are left out")
+    computed = overlay_scan(Scan(POINTS, np.array([1.0 + 0j, 2j, 99.0, 1 - 1j]), True), model)
+    assert computed.error == pytest.approx(0.0, abs=1e-12)
+    assert computed.warnings[0].startswith("1 of 4 positions are left out")
 
 
 @pytest.mark.parametrize(
@@ -120,6 +120,6 @@ def test_the_shift_of_a_scan_is_found(phased):
     shift = np.array([5e-3, 0.0, -1e-3])
     readings = field.at(points + shift)[:, 0]
     scan = Scan(points, readings if phased else np.abs(readings) + 0j, phased)
-    found, error = best_shift(scan, lambda points: field.at(points)[:, 0])
-    np.testing.assert_allclose(found, shift, atol=0.3e-3 if phased else 1.1e-3)
+    computed, error = best_shift(scan, lambda points: field.at(points)[:, 0])
+    np.testing.assert_allclose(computed, shift, atol=0.3e-3 if phased else 1.1e-3)
     assert error < 0.05

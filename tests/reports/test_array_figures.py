@@ -9,7 +9,7 @@ from matplotlib.collections import EllipseCollection
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 import airtact as at
-from airtact.reports.array_figures import draw_phases, draw_receivers, draw_scene, spacing, unfold
+from airtact.reports.array_figures import draw_phases, draw_receivers, draw_scene, unfold
 
 ARRAYS = {
     "box": at.surrounding_box(),
@@ -49,11 +49,6 @@ def test_the_faces_of_the_box_follow_one_another_to_the_right():
         assert np.ptp(face.seen[:, 1]) > np.ptp(face.seen[:, 0])
 
 
-def test_a_flat_array_is_one_face():
-    array = ARRAYS["flat"]
-    assert len(unfold(array.positions, array.normals)) == 1
-
-
 def test_an_array_without_faces_is_seen_as_one():
     random = np.random.default_rng(0)
     normals = random.normal(size=(30, 3)) * 0.1 + [0, 0, 1]
@@ -62,36 +57,11 @@ def test_an_array_without_faces_is_seen_as_one():
     assert len(face.elements) == 30
 
 
-def test_discs_have_the_colour_of_phase_and_amplitude():
-    array = ARRAYS["box"]
-    random = np.random.default_rng(1)
-    drive = random.uniform(0, 1, 996) * np.exp(2j * np.pi * random.uniform(size=996))
-    figure = draw_phases(array.positions, array.normals, drive)
-    drawn = [
-        axes.collections[0]
-        for axes in figure.axes
-        if axes.collections and isinstance(axes.collections[0], EllipseCollection)
-    ]
-    phases, amplitudes = drawn
-    expected = colormaps["twilight"]((np.angle(drive) + np.pi) / (2 * np.pi))
-    np.testing.assert_array_equal(phases.get_facecolor(), expected)
-    shares = np.abs(drive) / np.abs(drive).max()
-    np.testing.assert_array_equal(amplitudes.get_facecolor(), colormaps["viridis"](shares))
-    for face in unfold(array.positions, array.normals):
-        placed = np.asarray(phases.get_offsets())[face.elements]
-        np.testing.assert_allclose(placed - placed[0], 1e3 * (face.seen - face.seen[0]), atol=1e-9)
-
-
 def test_a_uniform_amplitude_is_not_drawn():
     array = ARRAYS["flat"]
     figure = draw_phases(array.positions, array.normals, np.exp(1j * np.arange(996.0)))
     labels = [axes.get_xlabel() for axes in figure.axes]
     assert labels == ["x [mm]", "phase [rad]"]
-
-
-def test_spacing_is_the_pitch():
-    assert spacing(at.autd3_board().positions) == pytest.approx(10.16e-3)
-    assert spacing(np.zeros((1, 3))) == 10e-3
 
 
 @pytest.mark.parametrize("array", [at.surrounding_box(), at.flat_boards()], ids=["box", "flat"])

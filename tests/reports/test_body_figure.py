@@ -74,18 +74,6 @@ def test_sharp_edges_are_those_of_the_box_wherever_it_stands():
     assert lengths.sum() == pytest.approx(2 * 4 * (0.02 + 0.03 + 0.04))
 
 
-def test_the_legend_names_bodies_sharp_edges_and_foci():
-    figure = draw_bodies(
-        [BOX, BALL.moved(at.Pose(np.eye(3), np.array([0.1, 0, 0])))],
-        ["box", "ball"],
-        np.zeros((1, 3)),
-    )
-    (legend,) = figure.legends
-    assert [text.get_text() for text in legend.get_texts()][:2] == ["box", "ball"]
-    assert len(legend.get_texts()) == 4
-    assert len(draw_bodies([BALL], ["ball"]).legends[0].get_texts()) == 1
-
-
 def test_a_hole_shows_the_inside_and_its_edge(tmp_path):
     vertices, triangles = box_mesh()
     position = vertices[triangles[0]].mean(axis=0)
@@ -112,13 +100,6 @@ def test_a_position_under_turned_triangles_is_looked_at_from_outside():
     assert towards_viewer(space.azim, space.elev)[0] > 0.8
 
 
-def test_a_fault_without_a_position_shows_all_from_two_sides_and_says_so():
-    figure = draw_fault(*box_mesh(), "It is no good.", None)
-    assert len(spaces(figure)) == len(figure.axes) == 2
-    assert figure.get_suptitle().startswith("It is no good.")
-    assert len(figure.legends[0].get_texts()) == 2
-
-
 def test_triangles_that_are_nowhere_are_left_out():
     vertices, triangles = box_mesh()
     vertices = np.vstack([vertices, [np.nan, 0.0, 0.0]])
@@ -138,11 +119,3 @@ def test_what_looks_away_is_left_out_of_a_closed_body_and_else_shown_as_inside()
         faces.append(axes.collections[0].get_facecolor())
     assert len(faces[0]) == 6
     assert np.sum(faces[1][:, BLUE] < 0.2) == 6
-
-
-def test_sharp_edges_are_drawn_on_the_faces_that_are_seen():
-    axes = space_axes(Figure(), (0.0, 0.0))
-    add_solid(axes, BOX.corners, np.ones((12, 4)), marked=sharp_edges(BOX), mark=(1.0, 0, 0, 1.0))
-    colours = axes.collections[0].get_edgecolor()
-    assert np.sum(np.all(colours == [1.0, 0, 0, 1.0], axis=1)) == 4
-    assert len(colours) == 2 + 4

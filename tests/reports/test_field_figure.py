@@ -14,7 +14,6 @@ from airtact.reports.field_figure import (
     draw_difference,
     draw_field,
     draw_solid,
-    past_the_surface,
     solid_depth,
 )
 
@@ -135,10 +134,3 @@ def test_close_ups_are_a_grid_of_foci_and_drives_around_zero():
         middle = np.unravel_index(np.argmax(image.get_array()), image.get_array().shape)
         assert middle == (image.get_array().shape[0] // 2, image.get_array().shape[1] // 2)
     assert [axes.get_title() for axes in figure.axes[:3]] == ["a", "b", "c"]
-
-
-def test_values_are_carried_two_points_past_the_surface() -> None:
-    window = Window(np.zeros(3), AXES["x"], AXES["z"], 9e-3, 1e-3, 1e-3)
-    values = np.tile([1.0, 2, 3, 4, *[np.nan] * 6], 2)
-    carried = past_the_surface(window, values, 2)[:7]
-    assert np.array_equal(carried, [1, 2, 3, 4, 4, 4, np.nan], equal_nan=True)

@@ -18,11 +18,11 @@ def test_cuts_of_a_ball_are_circles_about_where_it_was_and_where_it_is():
     for axes, name in zip(figure.axes, "zy", strict=True):
         assert axes.get_ylabel() == f"{name} [mm]"
         was, now = (np.column_stack(line.get_data()) for line in axes.lines)
-        _, found, start = (part.get_paths()[0].vertices for part in axes.collections)
+        _, computed, start = (part.get_paths()[0].vertices for part in axes.collections)
         np.testing.assert_allclose(np.linalg.norm(start, axis=1), 4.0, atol=0.05)
         middle = np.array([2.0, 0.0 if name == "z" else 1.0])
         radius = np.sqrt(15.0) if name == "z" else 4.0
-        np.testing.assert_allclose(np.linalg.norm(found - middle, axis=1), radius, atol=0.05)
+        np.testing.assert_allclose(np.linalg.norm(computed - middle, axis=1), radius, atol=0.05)
         height = [5.0, 5.0] if name == "z" else [0.0, 1.0]
         assert [was[0, 0], now[0, 0]] == pytest.approx([0.0, 2.0])
         assert [was[0, 1], now[0, 1]] == pytest.approx(height)

@@ -1,4 +1,4 @@
-"""What to emit: a transfer matrix and a target in, a drive or a sequence out."""
+"""Transfer matrices, and drives and sequences made from them."""
 
 import lazy_loader
 

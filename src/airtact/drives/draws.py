@@ -1,6 +1,7 @@
 """Random motions, air and transducers of an uncertainty.
 
-Where few numbers matter they are quasi-random; all follow from the seed.
+Motions and air are quasi-random numbers, gains of transducers pseudo-random ones. The seed sets
+both.
 """
 
 from collections.abc import Iterator, Sequence
@@ -27,7 +28,7 @@ class Draw:
         hand.
     skin : (F, 2) shift of each focus along its surface, in two directions [m].
     boards : motion of each board in its array.
-    slower : wavenumber over the nominal one.
+    slower : wavenumber over the nominal wavenumber.
     """
 
     hand: Pose
@@ -66,7 +67,7 @@ def draws(
     for sample in range(samples):
         hand, *parts = np.split(numbers[sample, : 6 * motions], motions)
         age, warmer, damper = normal[sample, :3]
-        # A frame that is older than expected finds the hand farther along its velocity.
+        # In a frame older than expected the hand is farther along its velocity.
         pose = _motion(hand, uncertainty.position, uncertainty.rotation, middle)
         drift = uncertainty.age * age * np.asarray(uncertainty.velocity)
         yield Draw(
@@ -120,7 +121,7 @@ def _slower(kelvin: float, humidity: float) -> float:
     """Wavenumber over that at 20 °C and 50 % in warmer and damper air."""
     if not (kelvin or humidity):
         return 1.0
-    # ``air`` is valid from −20 to 50 °C; rare draws beyond that are brought back.
+    # ``air`` is valid from −20 to 50 °C, so rare draws beyond that are clipped.
     warmer = air(
         celsius=float(np.clip(20.0 + kelvin, -20.0, 50.0)),
         humidity=float(np.clip(0.5 + humidity, 0.0, 1.0)),

@@ -61,11 +61,11 @@ class Drive:
         if magnitudes.max() > FULL_SCALE:
             count = counted(int(np.sum(magnitudes > FULL_SCALE)), "element is", "elements are")
             raise InvalidInput(
-                f"{count} driven over full scale, the largest at {magnitudes.max():.4g}: "
-                "divide the drive by that.",
+                f"{count} driven over full scale, the largest at {magnitudes.max():.4g}. Divide "
+                "the drive by that.",
                 code="over_full_scale",
             )
-        # Read-only, since drives are shared and their magnitudes were checked just now.
+        # Read-only, since drives are shared and their magnitudes are checked only here.
         amplitudes.flags.writeable = False
         object.__setattr__(self, "amplitudes", amplitudes)
 
@@ -120,7 +120,7 @@ class Drive:
         return float(np.sqrt(reference.energy / self.energy))
 
     def phase_only(self) -> "Drive":
-        """Return the drive with every element that emits at full scale, phases kept."""
+        """Return the drive with the same phases and every emitting element at full scale."""
         # The sign of a complex number is the number over its magnitude, and 0 for 0.
         return Drive(np.sign(self.amplitudes))
 
@@ -140,22 +140,22 @@ class Drive:
 
         Parameters
         ----------
-        path : ends in .h5 or .npz (everything) or in .csv (a table of the elements). The file
-            appears only when it is complete.
-        array : the transducers that the drive is for; boards need it.
-        scene : gives the frequency and the medium.
-        transfer : pressure at the foci per unit drive, from which ``emit`` states the cost of
-            rounding.
+        path : file that ends in .h5 or .npz (all data) or in .csv (a table of the elements). The
+            file appears only when it is complete.
+        array : the transducers of the drive; boards need it.
+        scene : its frequency and medium are stored.
+        transfer : pressure at the foci per unit drive. ``emit`` computes the cost of rounding from
+            it.
         target : the foci.
-        levels : the drive is also written rounded to these amplitudes and phases.
+        levels : amplitudes and phases; the drive is also written rounded to them.
         modulation : amplitude modulation to emit the drive with; not stored in a .csv.
         texts : further texts by name, such as that of the scene file.
 
         Raises
         ------
         InvalidInput
-            If array or matrix have another number of elements, the ending is unknown, or the file
-            cannot be written.
+            If the array or the matrix has another number of elements, the ending is unknown, or the
+            file cannot be written.
 
         Examples
         --------
@@ -184,8 +184,8 @@ class Drive:
 
 
 def check_drive(drive: Drive, name: str) -> None:
-    """Raise ``InvalidInput`` unless given a drive; ``name`` is its name in the sentence."""
-    # Frames are the likely mistake: their amplitudes are levels.
+    """Raise ``InvalidInput`` unless given a drive; the message calls it ``name``."""
+    # Frames, whose amplitudes are levels, are the likely mistake.
     of_kind(drive, Drive, name, "frame.drive()" if hasattr(drive, "drive") else "Drive(amplitudes)")
 
 

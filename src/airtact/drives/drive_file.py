@@ -1,6 +1,6 @@
-"""Files of drives and sequences that hold all that emitting them needs: .h5, .npz, or a .csv table.
+"""Files of drives and sequences, with all that their emission needs: .h5, .npz, or a .csv table.
 
-Version 1 holds these datasets; those in brackets only where they are known:
+Version 1 holds these datasets; those in brackets are optional:
 
 - ``format_version``; ``modulation``: "none" where the frames are emitted as they are, "am" for a
   drive whose amplitude varies with ``modulation_frequency`` [Hz] and ``modulation_depth``, as in
@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Complex128, Float64, UInt8
+from jaxtyping import Complex128, Float64
 
 from airtact.acoustics.medium import Medium
 from airtact.acoustics.scene import Scene
@@ -55,13 +55,13 @@ VERSION = 1
 ENDINGS = (".h5", ".npz", ".csv")
 
 SEQUENCE_FILE = "sequence.h5"
-"""What a run writes beside its drive where the foci move."""
+"""Name of the file that a run with moving foci writes beside its drive."""
 
 COLUMNS = (
     *("index", "x", "y", "z", "nx", "ny", "nz"),
     *("amplitude", "phase", "amplitude_level", "phase_level"),
 )
-"""Columns of a drive's table: positions in metres, otherwise in the units of the datasets."""
+"""Columns of a drive's table: positions in metres, the rest in the units of the datasets."""
 
 FRAME_COLUMNS = (
     *("frame", "seconds", "element"),
@@ -100,14 +100,13 @@ class DriveFile:
     ----------
     drives : (N, E) amplitude of each element in each frame; one frame for a drive.
     rate : frames a second of a sequence; None for a drive.
+    levels : amplitudes and phases to which the drives are also written rounded.
     sensitivity : peak pressure of a transducer at full scale, 1 m away on its axis [Pa·m].
     modulation : how the amplitude of a drive varies when it is emitted.
     """
 
     drives: Complex128[np.ndarray, "frames elements"]
     rate: float | None = None
-    amplitude_level: UInt8[np.ndarray, "frames elements"] | None = None
-    phase_level: UInt8[np.ndarray, "frames elements"] | None = None
     levels: Levels | None = None
     frequency: float | None = None
     medium: Medium | None = None
@@ -153,7 +152,7 @@ def save_drives(
     of_kind(path, str | Path, "the file of a drive", 'its path, such as "drive.h5"')
     of_kind(levels, Levels, "the levels of a drive", "Levels.even(256, 256)")
     of_kind(modulation, AmplitudeModulation | None, "the modulation", "AmplitudeModulation(200.0)")
-    contents: dict[str, Any] = {"modulation": modulation, "texts": texts or {}}
+    contents: dict[str, Any] = {"levels": levels, "modulation": modulation, "texts": texts or {}}
     if array is not None:
         of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
         _check_count(len(array), drives.shape[1], "the array")
@@ -174,15 +173,14 @@ def save_drives(
     if target is not None:
         of_kind(target, Target, "the target", "Target(points, pressures)")
         contents |= {"foci": target.points, "wanted_pressures": target.pressures}
-    amplitude, phase = levels.rounded(drives)
-    write_drive_file(Path(path), DriveFile(drives, rate, amplitude, phase, levels, **contents))
+    write_drive_file(Path(path), DriveFile(drives, rate, **contents))
 
 
 def _check_count(count: int, elements: int, name: str) -> None:
     if count != elements:
         raise InvalidInput(
-            f"{name} has {count} elements, and the drive {elements}: give the one that it was "
-            "made for.",
+            f"{name} has {count} elements, but the drive has {elements}. Give the one that the "
+            "drive was made for.",
             code="sizes_differ",
         )
 
@@ -215,15 +213,15 @@ def checked_ending(path: Path, endings: Sequence[str], kind: str) -> str:
     ending = path.suffix.lower()
     if ending not in endings:
         raise InvalidInput(
-            f"{path.name} is no {kind} file, which ends in {', '.join(endings)}; bytes for a board "
-            "(.bin) are written by emission.FileLink.",
+            f"{path.name} is not a {kind} file, which ends in {', '.join(endings)}. Bytes for a "
+            "board (.bin) are written by emission.FileLink.",
             code="unknown_format",
         )
     return ending
 
 
 def _datasets(contents: DriveFile) -> dict[str, Any]:
-    """Return the datasets of a file by name, without those that are not known."""
+    """Return the datasets of a file by name, without missing ones."""
     drives = contents.drives
     # A drive is one frame without a rate, and has no axis of frames in the file.
     if contents.rate is None and len(drives) == 1:
@@ -244,9 +242,6 @@ def _datasets(contents: DriveFile) -> dict[str, Any]:
         "wanted_pressures": contents.wanted_pressures,
         "transfer_matrix": contents.matrix,
     }
-    for name in ("amplitude_level", "phase_level"):
-        if (levels := getattr(contents, name)) is not None:
-            datasets[name] = levels.reshape(drives.shape)
     if (modulation := contents.modulation) is not None:
         datasets |= {
             "modulation": "am",
@@ -254,6 +249,7 @@ def _datasets(contents: DriveFile) -> dict[str, Any]:
             "modulation_depth": modulation.depth,
         }
     if (levels := contents.levels) is not None:
+        datasets["amplitude_level"], datasets["phase_level"] = levels.rounded(drives)
         datasets |= {"shares_of_levels": levels.amplitudes, "levels_of_a_turn": levels.phases}
     if (medium := contents.medium) is not None:
         datasets |= {
@@ -270,8 +266,9 @@ def _datasets(contents: DriveFile) -> dict[str, Any]:
 
 def _table(contents: DriveFile) -> Iterator[tuple[Any, ...]]:
     """Yield the lines of a table: of the elements of a drive, or of each frame of a sequence."""
-    if contents.amplitude_level is None or contents.phase_level is None:
+    if contents.levels is None:
         raise InvalidInput("a table needs levels: give them.", code="data_missing")
+    amplitude_levels, phase_levels = contents.levels.rounded(contents.drives)
     positions = contents.positions
     normals = contents.normals
     of_elements = contents.rate is None and len(contents.drives) == 1
@@ -279,14 +276,14 @@ def _table(contents: DriveFile) -> Iterator[tuple[Any, ...]]:
         yield COLUMNS
         for index, drive in enumerate(contents.drives[0]):
             place = [f"{number:.9g}" for number in (*positions[index], *normals[index])]
-            levels = contents.amplitude_level[0, index], contents.phase_level[0, index]
+            levels = amplitude_levels[0, index], phase_levels[0, index]
             yield index, *place, f"{np.abs(drive):.9g}", f"{np.angle(drive):.9g}", *levels
         return
     yield FRAME_COLUMNS
     for frame, drives in enumerate(contents.drives):
         seconds = "" if contents.rate is None else repr(frame / contents.rate)
         for element, drive in enumerate(drives):
-            levels = contents.amplitude_level[frame, element], contents.phase_level[frame, element]
+            levels = amplitude_levels[frame, element], phase_levels[frame, element]
             exact = f"{np.abs(drive):.9g}", f"{np.angle(drive):.9g}"
             yield frame, seconds, element, *levels, *exact
 
@@ -327,10 +324,10 @@ def read_drive_file(path: Path) -> DriveFile:
             return _parsed(raw)
         except InvalidInput:
             raise
-        # What the checks of the parts do not see, such as arrays of different lengths.
+        # Faults that the checks of the parts miss, such as arrays of different lengths.
         except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
             raise InvalidInput(
-                f"its datasets do not fit each other ({error}).", code="wrong_shape"
+                f"its datasets do not match ({error}).", code="wrong_shape"
             ) from None
 
 
@@ -371,8 +368,6 @@ def _parsed(raw: Mapping[str, Any]) -> DriveFile:
     matrix = raw.get("transfer_matrix")
     return DriveFile(
         drives,
-        amplitude_level=_levels(raw, "amplitude_level", drives.shape),
-        phase_level=_levels(raw, "phase_level", drives.shape),
         levels=levels,
         medium=Medium(*medium) if len(medium) > 1 else None,
         element_radius=float(raw["element_radius"]) if "element_radius" in raw else None,
@@ -385,22 +380,6 @@ def _parsed(raw: Mapping[str, Any]) -> DriveFile:
         **points,
         **numbers,
     )
-
-
-def _levels(
-    raw: Mapping[str, Any], name: str, shape: tuple[int, ...]
-) -> UInt8[np.ndarray, "frames elements"] | None:
-    if name not in raw:
-        return None
-    # Tables hold levels as floating-point numbers, and foreign files may hold any.
-    levels = real_numbers(np.asarray(raw[name]), name).reshape(shape)
-    wrong = ~((levels >= 0.0) & (levels <= 255.0) & (levels == np.trunc(levels)))
-    if wrong.any():
-        raise InvalidInput(
-            f"{name} holds {levels[wrong][0]:g}, but levels are whole numbers from 0 to 255.",
-            code="out_of_range",
-        )
-    return levels.astype(np.uint8)
 
 
 def _drives(raw: Mapping[str, Any], elements: int) -> Complex128[np.ndarray, "frames elements"]:
@@ -453,24 +432,20 @@ def _read_table(lines: list[str]) -> dict[str, Any]:
             ndmin=2,
         )
     except ValueError as error:
-        raise InvalidInput(
-            f"the lines are not read as numbers: {error}.", code="file_unreadable"
-        ) from None
+        raise InvalidInput(f"the lines are not numbers: {error}.", code="file_unreadable") from None
     if rows.shape[1] != len(columns):
         raise InvalidInput(
-            f"a line has {rows.shape[1]} cells, and each needs {len(columns)}.", code="wrong_shape"
+            f"a line has {rows.shape[1]} cells instead of {len(columns)}.", code="wrong_shape"
         )
     by_name = dict(zip(columns, rows.T, strict=True))
-    datasets = {
-        name: by_name[name] for name in ("amplitude", "phase", "amplitude_level", "phase_level")
-    }
+    datasets = {name: by_name[name] for name in ("amplitude", "phase")}
     if columns == COLUMNS:
         return datasets | {"positions": rows[:, 1:4], "normals": rows[:, 4:7]}
     last = float(by_name["frame"].max())
     count = int(last) + 1 if 0.0 <= last < len(rows) else 0
     if count == 0 or len(rows) % count:
         raise InvalidInput(
-            f"{len(rows)} lines are not whole frames up to frame {last:g}.", code="wrong_shape"
+            f"{len(rows)} lines do not divide into frames up to frame {last:g}.", code="wrong_shape"
         )
     if count == 1:
         return datasets

@@ -37,17 +37,17 @@ class Frame:
     def __post_init__(self) -> None:
         counts = {"amplitude": len(self.levels.amplitudes), "phase": self.levels.phases}
         for name, count in counts.items():
-            # A copy, so that nobody changes the levels after they were checked.
+            # A copy, so that the levels cannot change after the check.
             levels = np.array(getattr(self, name))
             if levels.dtype != np.uint8 or levels.ndim != 1 or len(levels) == 0:
                 raise InvalidInput(
-                    f"the {name} of a frame is one uint8 per element, not {levels.dtype} of shape "
-                    f"{levels.shape}.",
+                    f"the {name} of a frame must be one uint8 per element, not {levels.dtype} of "
+                    f"shape {levels.shape}.",
                     code="wrong_shape",
                 )
             if levels.max() >= count:
                 raise InvalidInput(
-                    f"levels of {name} are below {count}, but one is {levels.max()}.",
+                    f"levels of {name} must be below {count}, but the largest is {levels.max()}.",
                     code="out_of_range",
                 )
             levels.flags.writeable = False
@@ -117,10 +117,11 @@ def check_cap(cap: float) -> float:
     """Return a cap on amplitudes; raise "out_of_range" unless above 0 and at most 1."""
     cap = number(cap, "the cap", "shares of full scale")
     if not 0.0 < cap <= 1.0:
-        # A cap of 1.5 to 100 was probably meant as per cent.
-        percent = f": for {cap:g} per cent give {cap / 100.0:g}" if 1.0 < cap <= 100.0 else ""
+        # A cap of 1 to 100 is probably in per cent.
+        percent = f". For {cap:g} per cent give {cap / 100.0:g}" if 1.0 < cap <= 100.0 else ""
         raise InvalidInput(
-            f"the cap is {cap:g}, but it is a share of full scale, above 0 and at most 1{percent}.",
+            f"the cap is {cap:g}, but it must be a share of full scale, above 0 and at most "
+            f"1{percent}.",
             code="out_of_range",
         )
     return cap

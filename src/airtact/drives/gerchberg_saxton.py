@@ -1,4 +1,4 @@
-"""Alternating projections between elements at full scale and foci with the pressures asked for.
+"""Alternating projections between elements at full scale and foci with the requested pressures.
 
 The methods choose the phases at the foci. They ignore phases and suppression points of the target.
 """
@@ -20,7 +20,7 @@ Sources = Complex128[np.ndarray, "foci"]
 def weighted_gerchberg_saxton(
     transfer: TransferMatrix, target: Target, *, iterations: int = 50
 ) -> Drive:
-    """Find phases for the elements by alternating projections with more weight on foci that lag.
+    """Make a drive of phases by alternating projections with more weight on weaker foci.
 
     Each iteration is d = phase(Hᴴ s), s_f = v_f · phase((H d)_f). The weights v_f start at the
     pressures or shares asked for and grow where a focus lags; the best iteration is returned. Di
@@ -32,7 +32,7 @@ def weighted_gerchberg_saxton(
     Parameters
     ----------
     transfer : the (F, E) transfer matrix of F foci and E elements.
-    target : the foci and the pressures asked there.
+    target : the foci and their requested pressures.
     iterations : number of alternations between elements and foci.
 
     Returns
@@ -68,7 +68,7 @@ def gs_pat(transfer: TransferMatrix, target: Target, *, iterations: int = 50) ->
 
 
 SINGLE = np.float32(1.0 - 2e-7)
-"""Factor that brings magnitudes of 1 in single precision to at most 1."""
+"""Factor that brings magnitudes near 1 in single precision to at most 1."""
 
 
 def alternating_projections(
@@ -96,7 +96,7 @@ def alternating_projections(
 
     Returns
     -------
-    For each set the sources at the foci, the smallest pressure over what was asked (the largest of
+    For each set the sources at the foci, the smallest pressure over the request (the largest of
     which counts 1) [Pa], and the phasors of the elements.
     """
     # The kernel works in single precision: only phases matter, and its error is below 1e-6 there.
@@ -136,7 +136,7 @@ def starting_sources(
     in_phase = requests.astype(np.complex128)
     # The pressure if all elements emit in phase.
     pressure = matrix.sum(axis=1)
-    # Foci that the elements in phase barely reach would get all the weight.
+    # Without the floor, foci that the elements in phase barely reach would get all the weight.
     floor = 1e-3 * max(float(np.abs(pressure).max()), np.finfo(float).tiny)
     from_elements = requests**2 * phase(pressure) / np.maximum(np.abs(pressure), floor)
     # A focus at an exact zero of that field has no phase to start from.
@@ -154,6 +154,4 @@ def phase(numbers: Complex128[np.ndarray, "*shape"]) -> Complex128[np.ndarray, "
 def check_iterations(iterations: int) -> None:
     """Raise ``InvalidInput`` for fewer than one iteration."""
     if iterations < 1:
-        raise InvalidInput(
-            f"{iterations} iterations make no drive; give at least 1.", code="too_few"
-        )
+        raise InvalidInput(f"there must be at least 1 iteration, not {iterations}.", code="too_few")

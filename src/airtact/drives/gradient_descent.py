@@ -30,13 +30,13 @@ def gradient(
     and end. With suppression points it minimises their mean squared pressure, with a penalty where
     the power mean falls below 1 − ``loss`` of its start. The descent is L-BFGS-B (Byrd, Lu, Nocedal
     and Zhu, SIAM J. Sci. Comput. 16 (1995) 1190) on amplitudes between 0 and 1 and phases. It
-    ignores the phases that the target asks for.
+    ignores the phases that the target requests.
 
     Parameters
     ----------
     transfer : the transfer matrix of the foci, and of the suppression points where the target has
         some.
-    target : the foci, the pressures asked there, and the suppression points.
+    target : the foci, their requested pressures and the suppression points.
     loss : fraction of the starting pressure at the foci that may be lost to the suppression points,
         at least 0 and below 1; the limit is soft.
     iterations : largest number of steps of one descent.
@@ -65,7 +65,7 @@ def gradient(
             code="out_of_range",
         )
     matrix = matrix / requests[:, None]
-    # The descent is local, so it starts from the best drive known.
+    # The descent is local, so it starts from the best known drive.
     start = phase(matrix.conj().T @ strongest_sources(matrix, 300))
     if len(suppressed):
         # Suppression points 60 dB below the weakest focus are silent enough. The penalty grows from
@@ -135,7 +135,7 @@ def _descend(
 
 
 def _soft_smallest(matrix: FociRows, amplitudes: Amplitudes) -> tuple[float, Amplitudes]:
-    """Logarithm of the power mean of the pressures over what is asked, and its gradient."""
+    """Logarithm of the power mean of the pressures over the request, and its gradient."""
     pressure = matrix @ amplitudes
     logs = np.log(np.maximum(np.abs(pressure), np.finfo(float).tiny))
     # Relative to the smallest, so that no power overflows.

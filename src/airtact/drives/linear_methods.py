@@ -25,18 +25,18 @@ def time_reversal(transfer: TransferMatrix, target: Target) -> Drive:
     share that focus f asks for (1 where the target asks for none), with the phase that it asks for,
     or phase 0 as in the paper. For one focus no drive of equal energy Σ|d|² gives more pressure
     (Cauchy-Schwarz). With several foci, each also receives the sound meant for the others, so their
-    shares differ from those asked. The method ignores suppression points.
+    shares differ from the requested ones. The method ignores suppression points.
 
     Parameters
     ----------
     transfer : the (F, E) transfer matrix of F foci and E elements.
-    target : the foci and the pressures asked there.
+    target : the foci and their requested pressures.
 
     Returns
     -------
-    The drive of E elements, scaled so that the worst focus gets the pressure it asked for. If that
-    takes more than full scale, or no pressure is asked, the largest amplitude is 1.
-    ``achieved_fraction`` gives the pressure of each focus over the pressure asked.
+    The drive of E elements, scaled so that the worst focus gets its requested pressure. If that
+    takes more than full scale, or no pressure is requested, the largest amplitude is 1.
+    ``achieved_fraction`` gives the pressure of each focus over the requested pressure.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def phase_conjugate(transfer: TransferMatrix, target: Target) -> Drive:
 
     At equal peak amplitude, one focus gets more pressure from this than from any other drive: the
     sound of every element arrives in phase, and every element is at full scale, or all are scaled
-    down alike where the worst focus asks for less. The pressures or shares asked weigh the foci
+    down alike where the worst focus requests less. The requested pressures or shares weigh the foci
     before the amplitudes are dropped. The method ignores suppression points. Parameters and errors
     are those of ``time_reversal``.
     """
@@ -77,7 +77,7 @@ def inverse_filter(
     ----------
     transfer : the transfer matrix of the foci, and of the suppression points where the target has
         some.
-    target : the foci and the pressures asked there; a focus that asks for no phase gets phase 0.
+    target : the foci and their requested pressures; a focus without a requested phase gets phase 0.
     weight : Tikhonov's weight over the largest eigenvalue ‖H‖² of H Hᴴ; None for the corner of the
         L-curve (Hansen and O'Leary, SIAM J. Sci. Comput. 14 (1993) 1487).
 
@@ -94,7 +94,7 @@ def inverse_filter(
     check_solvable(transfer, target)
     matrix = np.concatenate([foci_rows(transfer, target), suppression_rows(transfer, target)])
     requests = np.concatenate([target.wanted, np.zeros(len(matrix) - len(target.points))])
-    # In the eigenvectors of H Hᴴ every weight costs one division, which the L-curve needs.
+    # In the basis of eigenvectors of H Hᴴ each weight of the L-curve costs one division.
     eigenvalues, modes = np.linalg.eigh(matrix @ matrix.conj().T)
     asked = modes.conj().T @ requests
     if weight is None:
@@ -127,7 +127,7 @@ def _l_curve_corner(
 
 
 def least_peak(transfer: TransferMatrix, target: Target, *, iterations: int = 50) -> Drive:
-    """Give every focus exactly the pressure and phase asked for, with the least peak amplitude.
+    """Give every focus exactly the requested pressure and phase, with the least peak amplitude.
 
     The method minimises max_e |d_e| over all drives with H d = w. The dual, Σ_e |h_eᴴ λ| at least
     with Re wᴴ λ = 1, is solved by iteratively reweighted least squares (Daubechies, DeVore,
@@ -139,13 +139,13 @@ def least_peak(transfer: TransferMatrix, target: Target, *, iterations: int = 50
     Parameters
     ----------
     transfer : the (F, E) transfer matrix of F foci and E elements.
-    target : the foci and the pressures asked there; a focus that asks for no phase gets phase 0.
+    target : the foci and their requested pressures; a focus without a requested phase gets phase 0.
     iterations : number of steps.
 
     Returns
     -------
-    The drive, scaled as by ``time_reversal``; its pressures have the ratios and phases asked at any
-    scale.
+    The drive, scaled as by ``time_reversal``; its pressures have the requested ratios and phases at
+    any scale.
 
     Raises
     ------
@@ -168,7 +168,7 @@ def exact_amplitudes(
 
     The iteration starts at those of least energy and stops early at ``sufficient_peak``.
     """
-    # Rows of equal norm condition the least squares well, however far foci are from the array.
+    # Rows of equal norm keep the least squares well conditioned for foci at all distances.
     norms = np.linalg.norm(matrix, axis=1)
     matrix = matrix / norms[:, None]
     requests = requests / norms

@@ -37,11 +37,10 @@ class UpperBound:
 
     Attributes
     ----------
-    worst : √Σ_e y_e: an upper bound of the smallest fraction of the pressures asked, or of the
+    worst : √Σ_e y_e: an upper bound of the smallest fraction of the requested pressures, or of the
         smallest pressure [Pa] where the foci ask for shares or for as much as possible.
-    relaxed : what drives that share their time reach: no other multipliers bring ``worst`` below
-        it.
-    multipliers : (F,) μ_f, 0 for foci that ask for nothing.
+    relaxed : value that several drives in turn reach; no multipliers bring ``worst`` below it.
+    multipliers : (F,) μ_f, 0 for foci without a request.
     elements : (E,) y_e.
     """
 
@@ -84,13 +83,13 @@ def upper_bound(transfer: TransferMatrix, target: Target, *, tolerance: float = 
     Parameters
     ----------
     transfer : the (F, E) transfer matrix of F foci and E elements.
-    target : the foci and the pressures asked there.
+    target : the foci and their requested pressures.
     tolerance : relative gap to the relaxation at which the iteration stops. It also stops after
         1000 iterations; the bound holds then too.
 
     Returns
     -------
-    The bound and its certificate: a fraction of the pressures asked for, or a pressure [Pa] if none
+    The bound and its certificate: a fraction of the requested pressures, or a pressure [Pa] if none
     are.
 
     Raises
@@ -115,7 +114,7 @@ class Relaxed:
     directions : unit vectors: amplitude and phase of each focus over the R time intervals.
     weights : of the foci; they add up to F.
     norms : lengths of Σ_f conj(H_fe) weight_f direction_f before scaling to 1.
-    pressures : over what each focus asks.
+    pressures : over the request of each focus.
     """
 
     directions: Complex128[np.ndarray, "foci rank"]
@@ -125,7 +124,7 @@ class Relaxed:
 
 
 def relaxed_bound(matrix: FociRows, tolerance: float) -> tuple[UpperBound, Relaxed]:
-    """Return the bound and the solved relaxation, for rows over what each focus asks."""
+    """Return the bound and the solved relaxation, for rows over the request of each focus."""
     foci, count = matrix.shape
     # A time interval for each focus, up to 32: with more foci the optimum has a lower rank.
     directions = np.eye(foci, dtype=np.complex128)
@@ -205,11 +204,11 @@ def _unit(vectors: Complex128[np.ndarray, "foci rank"]) -> Complex128[np.ndarray
 
 
 class Stalled(UserWarning):
-    """A method stopped before it converged and returned its best drive; the message has the gap.
+    """Warning that a method stopped before it converged and returned its best drive.
 
     Attributes
     ----------
-    reached : smallest pressure of the foci, over what they ask, as a part of the certified bound.
+    reached : smallest pressure of the foci, over their requests, as a part of the certified bound.
     """
 
     def __init__(self, sentence: str, reached: float) -> None:
@@ -231,12 +230,12 @@ def max_min(transfer: TransferMatrix, target: Target, *, iterations: int = 300) 
     Parameters
     ----------
     transfer : the (F, E) transfer matrix of F foci and E elements.
-    target : the foci and the pressures asked there.
+    target : the foci and their requested pressures.
     iterations : number of weighted Gerchberg-Saxton steps at the end.
 
     Returns
     -------
-    The drive. All elements have the same amplitude: full scale, or less if the worst focus asks for
+    The drive. All elements have the same amplitude: full scale, or less if the worst focus requests
     less.
 
     Raises
@@ -267,7 +266,10 @@ def max_min(transfer: TransferMatrix, target: Target, *, iterations: int = 300) 
 
 
 def strongest_sources(matrix: FociRows, iterations: int) -> Sources:
-    """Return the sources s of the drive phase(Hᴴ s); ``matrix`` has rows over what each asks."""
+    """Return the sources s of the drive phase(Hᴴ s).
+
+    Each row of ``matrix`` is divided by the request of its focus.
+    """
     alike = np.ones(len(matrix))
     # A smaller gap than 1e-2 of the relaxation changes nothing after the rank is reduced.
     reduced = to_rank_one(matrix, relaxed_bound(matrix, 1e-2)[1])
@@ -277,13 +279,12 @@ def strongest_sources(matrix: FociRows, iterations: int) -> Sources:
 
 
 def warn_stalled(method: str, matrix: FociRows, worst: float, where: str) -> None:
-    """Warn that a method stalled; ``matrix`` and the pressure ``worst`` are over what is asked."""
+    """Warn that a method stalled; ``matrix`` and the pressure ``worst`` are over the request."""
     reached = worst / relaxed_bound(matrix, 1e-2)[0].worst
     warnings.warn(
         Stalled(
-            f"{method} stalled {where}; its best drive gives the worst focus {reached:.1%} of the "
-            f"certified bound, a gap of {1.0 - reached:.1%}: allow more iterations, or continue "
-            "with gradient.",
+            f"{method} stalled {where}. Its best drive gives the worst focus {reached:.1%} of the "
+            f"certified bound. Allow more iterations, or use gradient.",
             reached,
         ),
         stacklevel=3,  # the caller of the method

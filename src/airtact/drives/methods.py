@@ -15,7 +15,7 @@ from airtact.transducers.levels import FULL_SCALE
 
 
 def best(transfer: TransferMatrix, target: Target) -> Drive:
-    """Make the drive by the method that gives the weakest focus most.
+    """Make the drive by the method with the strongest weakest focus.
 
     ================================== ============================================================
     the target asks for                method
@@ -27,21 +27,21 @@ def best(transfer: TransferMatrix, target: Target) -> Drive:
     suppression points and phases      ``inverse_filter``
     ================================== ============================================================
 
-    Where pressures are asked without suppression points and full scale is enough, each focus gets
-    exactly what it asks: the drive keeps the phases at the foci, and its energy is the least where
-    that leaves every element within full scale. Where full scale is not enough, the weakest focus
-    gets as large a part as it can.
+    If the target requests pressures, has no suppression points and full scale is enough, each focus
+    gets exactly its requested pressure: the drive keeps the phases at the foci, and has the least
+    energy if no element then exceeds full scale. If full scale is not enough, the drive maximises
+    the smallest fraction of the requests.
 
     Parameters
     ----------
     transfer : the transfer matrix of the foci, and of the suppression points where the target has
         some.
-    target : the foci, the pressures asked there, and the suppression points.
+    target : the foci, their requested pressures and the suppression points.
 
     Returns
     -------
     The drive, scaled as by ``time_reversal``. ``achieved_fraction`` gives the pressure of each
-    focus over the pressure asked, and ``upper_bound`` the pressure that no drive exceeds.
+    focus over the requested pressure, and ``upper_bound`` the pressure that no drive exceeds.
 
     Raises
     ------
@@ -65,7 +65,7 @@ def best(transfer: TransferMatrix, target: Target) -> Drive:
         with warnings.catch_warnings(record=True) as stalled:
             warnings.simplefilter("always", Stalled)
             drive = max_min(transfer, target)
-        # Many foci close together stall the alternation; the descent costs more but goes on.
+        # Many foci close together stall the alternation. The slower descent continues.
         if stalled:
             drive = METHODS["gradient"](transfer, target)
     else:
@@ -76,7 +76,7 @@ def best(transfer: TransferMatrix, target: Target) -> Drive:
 
 
 def _as_asked(matrix: FociRows, target: Target, drive: Drive) -> Drive:
-    """Give each focus what it asks for, 0 included, where that costs little; else keep the drive.
+    """Give each focus what it requests, 0 included, where that costs little; else keep the drive.
 
     The foci keep the phases that they have under the drive.
     """
@@ -94,7 +94,7 @@ def _as_asked(matrix: FociRows, target: Target, drive: Drive) -> Drive:
     amplitudes = exact_amplitudes(matrix, wanted)
     amplitudes = amplitudes * (FULL_SCALE / np.abs(amplitudes).max())
     strongest = np.abs(matrix @ amplitudes).max()
-    # Foci too close to each other have their shares only at a fraction of the pressure.
+    # Foci too close together reach exact shares only at a fraction of the pressure.
     return Drive(amplitudes) if strongest > 0.5 * np.abs(pressures).max() else drive
 
 
@@ -118,7 +118,7 @@ class Method:
     name : of the function; ``METHODS`` and scene files use it.
     module : module of ``airtact.drives`` that defines the function.
     description : one line.
-    heeds_phases : whether it gives the foci the phases that the target asks for; else it ignores or
+    heeds_phases : whether it gives the foci the phases that the target requests; else it ignores or
         chooses them.
     heeds_suppression_points : whether it lowers the pressure there; it then needs a transfer matrix
         from ``target.beacons(suppression=True)``.
@@ -139,7 +139,7 @@ class Method:
 
 
 FOR_SAMPLES = ("robust", "robust_phase_only")
-"""Methods whose drives serve all samples of an ensemble; without samples nothing is uncertain."""
+"""Methods that make a drive for all samples of an ensemble."""
 
 METHODS: dict[str, Method] = {
     method.name: method
@@ -147,7 +147,7 @@ METHODS: dict[str, Method] = {
         Method(
             "best",
             "methods",
-            "the default: the method below that serves the target best",
+            "the default: the method below that suits the target best",
             heeds_phases=True,
             heeds_suppression_points=True,
         ),
@@ -166,20 +166,20 @@ METHODS: dict[str, Method] = {
         Method(
             "inverse_filter",
             "linear_methods",
-            "regularised least squares for the pressures asked",
+            "regularised least squares for the requested pressures",
             heeds_phases=True,
             heeds_suppression_points=True,
         ),
         Method(
             "least_peak",
             "linear_methods",
-            "exactly the pressures and phases asked, at the lowest peak amplitude",
+            "exactly the requested pressures and phases, at the lowest peak amplitude",
             heeds_phases=True,
         ),
         Method(
             "weighted_gerchberg_saxton",
             "gerchberg_saxton",
-            "alternating projections with more weight on foci that lag",
+            "alternating projections with more weight on weaker foci",
         ),
         Method("gs_pat", "gerchberg_saxton", "alternating projections between the foci alone"),
         Method(
@@ -196,7 +196,7 @@ METHODS: dict[str, Method] = {
         Method(
             "robust",
             "robust_drives",
-            "the best for hands that may be elsewhere, at equal energy",
+            "the best for an uncertain hand, at equal energy",
             heeds_suppression_points=True,
         ),
         Method(

@@ -27,7 +27,7 @@ DEFAULT_FRAMES = 16
 """Positions on a path around a focus."""
 
 MAX_FRAMES = 1024
-"""As many as an AUTD3 board keeps."""
+"""Largest number of frames that an AUTD3 board stores."""
 
 PATHS = ("circle", "line", "points")
 ALONG = ("skin", "array")
@@ -83,8 +83,8 @@ class Motion:
                 object.__setattr__(self, name, positive(value, f"the {name} of a motion", unit))
         if self.size is not None and self.size > 0.1:  # beyond that foci leave any hand
             raise InvalidInput(
-                f"the radius or length of a path is {self.size:g} m, but a path over a hand has "
-                "0.1 m at most; is this in millimetres?",
+                f"the radius or length of a path is {self.size:g} m, but it must be at most 0.1 m. "
+                "Is it in millimetres?",
                 code="out_of_range",
             )
         if self.frames is not None and not MIN_FRAMES <= self.frames <= MAX_FRAMES:
@@ -97,14 +97,13 @@ class Motion:
         for name in ("size", "frames", "along"):
             if getattr(self, name) is not None:
                 raise InvalidInput(
-                    f"{name} = {getattr(self, name)} does not go with the points of the target, "
-                    "which have their own: leave it out.",
+                    f"a path through the points of the target has no {name}. Leave it out.",
                     code="options_clash",
                 )
         if self.kind == "lm":
             raise InvalidInput(
-                "lateral modulation runs around each of the foci, so its path is a circle or a "
-                'line; "points" goes with kind "stm".',
+                "the path of lateral modulation is a circle or a line around each focus. Use kind "
+                '"stm" for "points".',
                 code="unknown_name",
             )
 
@@ -137,7 +136,7 @@ class Motion:
     def strayed(
         self, scene: Scene, target: Target, array_middle: Real[np.ndarray, "3"]
     ) -> Float64[np.ndarray, "foci frames"]:
-        """Return how much farther from the body each position is than its focus, if left flat.
+        """Return how much farther from the body each position of a flat path is than its focus.
 
         Parameters are those of ``paths``; (F, N) [m], 0 where a focus is in the air.
         """
@@ -158,7 +157,7 @@ class Motion:
         if self.path != "line":
             return radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
         reach = self.size / 2.0 if self.size else radius
-        # A triangle wave: the focus runs at one speed and has no rests at the ends.
+        # A triangle wave: the focus has a constant speed and does not rest at the ends.
         to_and_fro = 2.0 / np.pi * np.arcsin(np.sin(angles))
         return reach * np.stack([to_and_fro, np.zeros(frames)], axis=1)
 
@@ -173,8 +172,8 @@ class Motion:
         if self.along == "skin" and not on_skin:
             where = f"{1e3 * distance:.3g} mm from the nearest body" if surfaces else "in open air"
             raise InvalidInput(
-                f"a path along the skin is asked, and the focus is {where}; the limit is "
-                f'{1e3 * MAX_OFFSET:g} mm: give along = "array".',
+                f"a path along the skin needs a focus within {1e3 * MAX_OFFSET:g} mm of the skin, "
+                f'but the focus is {where}. Give along = "array".',
                 focus,
                 code="misplaced",
             )
@@ -253,7 +252,7 @@ def moving_foci(
     points = len(target.points)
     if points % foci or not points:
         raise InvalidInput(
-            f"{points} points do not make whole frames of {foci} foci.", code="sizes_differ"
+            f"{points} points do not divide into frames of {foci} foci.", code="sizes_differ"
         )
     # Boards need a few frames; each position is repeated until there are enough.
     repeat = -(-MIN_FRAMES * foci // points)
@@ -262,11 +261,11 @@ def moving_foci(
     frames = len(indices)
     if turns * frames > clock:
         raise InvalidInput(
-            f"{turns:g} rounds of {frames} frames are more than the {clock:g} periods of the sound "
-            f"in a second: give {clock / frames:.4g} Hz or less.",
+            f"{turns:g} rounds of {frames} frames per second exceed the frequency of the sound, "
+            f"{clock:g} Hz. Give {clock / frames:.4g} Hz or less.",
             code="out_of_range",
         )
-    # Boards keep a frame for whole periods of the sound, so the rounds are rounded here, openly.
+    # Boards hold a frame for a whole number of periods, so the rate is rounded here.
     periods = round(clock / (turns * frames))
     return _sequence_through(transfer, target, indices, clock / periods, method)
 
@@ -307,12 +306,12 @@ def _sequence_through(
 def _frame_amplitudes(
     transfer: TransferMatrix, target: Target, foci: Int64[np.ndarray, "foci"], method: MakeDrive
 ) -> Amplitudes:
-    """Make the drive of one frame; a frame in which nothing is asked is silent."""
+    """Make the drive of one frame; a frame without requests is silent."""
     weights = target.weights[foci]
     if not weights.any():
         return np.zeros(transfer.matrix.shape[1], dtype=np.complex128)
     phases = 1.0 if target.phases is None else np.exp(1j * target.phases[foci])
-    # Shares also hold between frames: a frame of weaker foci is weaker as a whole.
+    # Shares also hold between frames: a frame of weaker foci has less energy.
     scale = 1.0
     asked = {}
     if target.shares is not None:

@@ -10,7 +10,7 @@ from airtact.drives.transfer import TransferMatrix
 from airtact.errors import InvalidInput, counted, in_mm, of_kind
 
 FociRows = Complex128[np.ndarray, "foci elements"]
-"""Rows of a transfer matrix at foci, often over what each focus asks."""
+"""Rows of a transfer matrix at foci, often divided by the request of each focus."""
 
 MIN_FOCUS_DISTANCE = 0.1
 """Foci nearer to each other than this cannot be separated [wavelengths]."""
@@ -39,8 +39,8 @@ def check_foci(transfer: TransferMatrix, target: Target) -> None:
         if apart.max() > 1e-6:  # metres
             raise InvalidInput(
                 f"focus {int(apart.argmax())} of the target is {1e3 * apart.max():.3g} mm from "
-                "where the transfer matrix has it; give the target whose beacons were solved, in "
-                "the obstacles' frame.",
+                "that of the transfer matrix. Give the target whose beacons were solved, in the "
+                "obstacles' frame.",
                 code="sizes_differ",
             )
 
@@ -54,7 +54,7 @@ def foci_rows(transfer: TransferMatrix, target: Target) -> FociRows:
 def asked_rows(
     transfer: TransferMatrix, target: Target
 ) -> tuple[FociRows, Float64[np.ndarray, "foci"]]:
-    """Return the rows of the foci that ask for sound, and their requests."""
+    """Return the rows of the foci with a request, and their requests."""
     rows = check_solvable(transfer, target)
     asked = target.weights > 0.0
     # Where all foci ask for sound nothing is copied.
@@ -72,8 +72,8 @@ def check_solvable(transfer: TransferMatrix, target: Target) -> FociRows:
     rows = foci_rows(transfer, target)
     if len(rows) > rows.shape[1]:
         raise InvalidInput(
-            f"{len(rows)} foci are more than the {counted(rows.shape[1], 'element', 'elements')} "
-            "of the array, which cannot serve them separately; ask for fewer.",
+            f"{len(rows)} foci are more than the array has elements ({rows.shape[1]}). Give fewer "
+            "foci.",
             code="too_many",
         )
     points = target.points
@@ -89,8 +89,8 @@ def check_solvable(transfer: TransferMatrix, target: Target) -> FociRows:
         first, second = divmod(int(np.argmin(np.where(near, apart, np.inf))), len(points))
         raise InvalidInput(
             f"foci {first} and {second} are {1e3 * apart[first, second]:.3g} mm apart, at "
-            f"{in_mm(points[first])} and {in_mm(points[second])}, too near to be separated: leave "
-            "one out, or move them a tenth of the wavelength apart or more.",
+            f"{in_mm(points[first])} and {in_mm(points[second])}, too close to be separated. Leave "
+            "one out, or move them at least a tenth of the wavelength apart.",
             points[first],
             code="foci_unreachable",
         )
@@ -98,9 +98,9 @@ def check_solvable(transfer: TransferMatrix, target: Target) -> FociRows:
     attainable = np.abs(rows).sum(axis=1)[asked]
     shares = attainable / target.weights[asked]
     worst = int(shares.argmin())
-    # Shadowed is a focus that can get little, in pascal and over what it asks: one that asks twenty
-    # times what the others do can get as much as they. The median, so that one strong focus does
-    # not make all the rest count as shadowed.
+    # A shadowed focus gets little pressure, both in pascals and relative to its request: a focus
+    # with a twenty times larger request may get as much as the others. The comparison is with the
+    # median, so that one strong focus does not make all others count as shadowed.
     if len(asked) > 1 and all(
         values[worst] < 0.05 * np.median(np.delete(values, worst))
         for values in (attainable, shares)
@@ -108,9 +108,9 @@ def check_solvable(transfer: TransferMatrix, target: Target) -> FociRows:
         point = target.points[asked[worst]]
         rest = np.median(np.delete(attainable, worst))
         raise InvalidInput(
-            f"focus {asked[worst]} at {in_mm(point)} is shadowed: it can get "
-            f"{attainable[worst]:.3g} Pa at most, the rest {rest:.3g} Pa in the median; move it, "
-            "leave it out or ask for less there.",
+            f"focus {asked[worst]} at {in_mm(point)} is shadowed: it can get at most "
+            f"{attainable[worst]:.3g} Pa, the other foci {rest:.3g} Pa (median). Move it, leave it "
+            "out or request less there.",
             point,
             code="foci_unreachable",
         )
@@ -145,7 +145,7 @@ def suppression_rows(
 def achieved_fraction(
     transfer: TransferMatrix, target: Target, drive: Drive
 ) -> Float64[np.ndarray, "foci"]:
-    """Pressure at each focus over the pressure that it asked for, |H d|_f / p_f.
+    """Pressure at each focus over its requested pressure, |H d|_f / p_f.
 
     The smallest fraction is 1 where the drive reaches the target, and less where full scale was not
     enough.
@@ -154,7 +154,7 @@ def achieved_fraction(
     ----------
     transfer : the (F, E) transfer matrix that the drive was made from; ``airtact.evaluate``
         verifies by another solver.
-    target : the foci and the pressures asked there.
+    target : the foci and their requested pressures.
     drive : of the E elements.
 
     Returns
@@ -173,7 +173,7 @@ def achieved_fraction(
 def fraction(
     magnitudes: Float64[np.ndarray, "foci"], target: Target
 ) -> Float64[np.ndarray, "foci"]:
-    """(F,) peak pressures [Pa] over those that the target asks, NaN where nothing is asked."""
+    """(F,) peak pressures [Pa] over those that the target asks, NaN where nothing is requested."""
     fractions = np.full(len(target.points), np.nan)
     if target.pressures is not None:
         asked = target.pressures > 0.0
@@ -186,13 +186,13 @@ def scaled_to_target(
 ) -> Drive:
     """Scale amplitudes so that the smallest ``achieved_fraction`` is 1.
 
-    If that takes more than full scale, or nothing is asked, the largest amplitude is 1. It raises
+    The largest amplitude is 1 if that takes more than full scale, or nothing is requested. Raise
     ``InvalidInput`` if every amplitude is 0.
     """
     largest = np.abs(amplitudes).max()
     if not largest > 0.0:
         raise InvalidInput(
-            "foci that cancel at every element leave no drive: all amplitudes are 0.",
+            "the contributions of the foci cancel at every element, so all amplitudes are 0.",
             code="all_zero",
         )
     # At full scale first: the fraction there decides whether the drive must be scaled down.

@@ -1,10 +1,10 @@
 """Drives for uncertain hands: the best for many sampled transfer matrices at once (``robust``).
 
-Each sample has a value: the pressure of its weakest focus over what that focus asks. A goal is a
-statistic of these values: their mean, the value that 9 of 10 samples exceed ("lowest tenth"), or
-the worst. The search maximises a smooth stand-in, the power mean of the values with an exponent:
-with 1 it is the mean, and far below zero the worst value decides. The lowest tenth is not a smooth
-function of the drive; the power mean of exponent −2 replaces it. It raises the lowest tenth of
+The value of a sample is the smallest pressure over request of its foci. A goal is a statistic of
+these values: their mean, the value that 9 of 10 samples exceed ("lowest tenth"), or the worst. The
+search maximises a smooth replacement, the power mean of the values: with exponent 1 it is the mean,
+and with exponents far below zero it approaches the worst value. The lowest tenth is not a smooth
+function of the drive, so the power mean of exponent −2 replaces it. It raises the lowest tenth of
 other samples as much as a smoothed quantile does, without fitting the few samples at the quantile.
 
 ``robust`` takes these steps:
@@ -43,7 +43,7 @@ Limit = Literal["energy", "phases"]
 """What limits a drive: its energy Σ|d|², or |d| = 1 ("phases")."""
 
 SampledRows = Complex128[np.ndarray, "samples foci elements"]
-"""RowValues at the foci in each sample, over what each focus asks."""
+"""Rows at the foci in each sample, over the request of each focus."""
 
 RowValues = Complex128[np.ndarray, "rows"]
 """One number for each focus of each sample, sample by sample."""
@@ -56,8 +56,8 @@ EXPONENTS: dict[str, tuple[tuple[float, ...], ...]] = {
 }
 """Sequences of exponents of the power mean by goal, each of them one descent after another.
 
-Hands that are off by much have many good drives far apart. Each sequence finds another one; the
-best is kept."""
+For large displacements of the hand there are many good drives that differ much. Each sequence
+finds one of them, and the best is used."""
 
 FOCUS_SHARPNESS = 8.0
 """Minus the exponent of the power mean over the foci of a sample, in place of the weakest."""
@@ -82,7 +82,7 @@ def robust(
     Parameters
     ----------
     ensemble : the samples, from ``ensemble``; a matrix without samples counts as certain.
-    target : the foci and the pressures asked there. Suppression points may cost 15 % of the goal.
+    target : the foci and their requested pressures. Suppression points may cost 15 % of the goal.
     goal : "lowest tenth", the pressure that the weakest focus exceeds 9 of 10 times; its "mean"; or
         its "worst" sample.
     limit : "energy": the goal is best for the energy Σ|d|² that the drive emits. "phases": with
@@ -90,8 +90,8 @@ def robust(
 
     Returns
     -------
-    The drive. Its largest amplitude is 1, or less where the goal then reaches what the foci ask
-    for. With certainty it is the drive of the strongest worst focus at that limit, and for one
+    The drive. Its largest amplitude is 1, or less where the goal then reaches what the foci
+    request. With certainty it is the drive of the strongest worst focus at that limit, and for one
     focus that of ``time_reversal`` (``phase_conjugate`` for "phases").
 
     Raises
@@ -114,13 +114,13 @@ def robust(
     for word, allowed in ((goal, get_args(Goal)), (limit, get_args(Limit))):
         if word not in allowed:
             raise InvalidInput(
-                f'"{word}" is not known here; give {", ".join(allowed)}.', code="unknown_name"
+                f'"{word}" is unknown. Give one of {", ".join(allowed)}.', code="unknown_name"
             )
     nominal, requests = asked_rows(ensemble, target)
     search = _Search(
         sampled_rows(ensemble, target), _suppressed_rows(ensemble, target), goal, limit
     )
-    with one_thread():  # threads would wait for each other, because the products are small
+    with one_thread():  # the products are too small for several threads
         amplitudes = _best(nominal / requests[:, None], search)
     full = Drive(amplitudes / np.abs(amplitudes).max())
     if target.pressures is None:
@@ -140,7 +140,7 @@ def goal_value(
 ) -> float:
     """Return what a drive reaches of a goal over the samples.
 
-    It is a pressure [Pa], or a share of what the foci ask for.
+    It is a pressure [Pa], or a share of what the foci request.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def _statistic(values: Float64[np.ndarray, "samples"], goal: str) -> float:
 
 
 def sampled_rows(ensemble: TransferMatrix, target: Target) -> SampledRows:
-    """Return the rows of each sample at the foci, over what they ask; one sample if all agree."""
+    """Return the rows of each sample at the foci, over their requests; one sample if all agree."""
     nominal, requests = asked_rows(ensemble, target)
     if not isinstance(ensemble, TransferEnsemble):
         return (nominal / requests[:, None])[None]
@@ -193,7 +193,7 @@ def _suppressed_rows(
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """The rows at the foci over what they ask, those at suppression points, and what is sought."""
+    """Rows at the foci over their requests, rows at the suppression points, and the goal."""
 
     samples: SampledRows
     suppressed: Complex128[np.ndarray, "suppressed elements"]
@@ -282,7 +282,7 @@ def balanced(matrix: FociRows, phases: bool, steps: int = 2000) -> Amplitudes:
 
     With ``phases`` every element is at full scale (``strongest_sources``), else the energy is
     limited, and alternating projections take ``steps`` iterations. ``matrix`` has rows
-    divided by the pressure that each focus asks for.
+    divided by the requested pressure of each focus.
     """
     if phases:
         return phase(matrix.conj().T @ strongest_sources(matrix, 300))

@@ -1,4 +1,4 @@
-"""Sequences of drives, which make ultrasound perceptible; by itself it is too fast to be felt.
+"""Sequences of drives. They make ultrasound perceptible, which itself is too fast to be felt.
 
 Skin feels changes of a few to a few hundred hertz. They come from varying the amplitude (amplitude
 modulation), from moving a focus to and fro (lateral modulation; R. Takahashi, K. Hasegawa, H.
@@ -59,7 +59,7 @@ class Sequence:
         if largest.max() > FULL_SCALE:
             raise InvalidInput(
                 f"frame {int(largest.argmax())} of a sequence drives an element at "
-                f"{largest.max():.4g} of full scale; divide the sequence by that.",
+                f"{largest.max():.4g} of full scale. Divide the sequence by that.",
                 code="over_full_scale",
             )
         drives.flags.writeable = False
@@ -78,7 +78,7 @@ class Sequence:
         """Return one frame, counted from 0; raise ``InvalidInput`` if there is no such frame."""
         if not 0 <= index < len(self):
             raise InvalidInput(
-                f"there is no frame {index}; the sequence has frames 0 to {len(self) - 1}.",
+                f"there is no frame {index}. The sequence has frames 0 to {len(self) - 1}.",
                 code="out_of_range",
             )
         return Drive(self.drives[index])

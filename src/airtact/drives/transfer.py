@@ -180,9 +180,8 @@ def transfer_to(beacons: RadiatedField, array: PhasedArray) -> TransferMatrix:
     if unknown.any():
         first = int(unknown.argmax())
         raise InvalidInput(
-            f"the field is not known at {int(unknown.sum())} of {len(array)} elements, first "
-            f"element {first} at {in_mm(array.positions[first])}; give a field that reaches them "
-            "all.",
+            f"the field is unknown at {int(unknown.sum())} of {len(array)} elements. The first is "
+            f"element {first} at {in_mm(array.positions[first])}. Give a field that reaches all.",
             array.positions[first],
             code="data_missing",
         )
@@ -191,12 +190,12 @@ def transfer_to(beacons: RadiatedField, array: PhasedArray) -> TransferMatrix:
     matrix = strength_in(beacons.scene, array) * element.sensitivity * means * array.gains
     errors = beacons.error_at(array.positions)
     error = float(np.max(errors))
-    # In the faces of reflecting boards the estimate is far too large.
+    # The estimate is far too large on the faces of reflecting boards.
     if error > 0.2 and not beacons.scene.boards:
         worst = int(np.argmax(errors))
         warnings.warn(
-            f"the transfer matrix is estimated to be {error:.0%} off for the focus at "
-            f"{in_mm(sources.positions[worst])}, which gets little sound from the array: turn the "
+            f"the estimated error of the transfer matrix is {error:.0%} for the focus at "
+            f"{in_mm(sources.positions[worst])}, which gets little sound from the array. Turn the "
             "body or the array, or solve with a smaller accuracy.",
             stacklevel=2,
         )
@@ -294,13 +293,13 @@ def rounding_error(
     Raises
     ------
     InvalidInput
-        If one is for another number of elements, or the frame is silent.
+        If the drive or the frame has another number of elements, or the frame is silent.
     """
     of_kind(transfer, TransferMatrix, "the transfer matrix", "transfer_matrix(beacons, array)")
     of_kind(frame, Frame, "the emitted frame", "quantise(drive, levels)")
     if frame.silent:
         raise InvalidInput(
-            "all elements of the frame are off, so nothing can be compared.", code="all_zero"
+            "all elements of the frame are off. Give a frame that emits.", code="all_zero"
         )
     rounded = frame.drive()
     exact = np.abs(transfer.pressure(drive))

@@ -1,18 +1,17 @@
 """Transfer matrices of sampled hands (``ensemble``), from one solve where hands move rigidly.
 
-Warmer air scales the wavenumber by s. The field is then the one that was solved with all lengths
-scaled by s, the bodies among them: the array is evaluated at distances scaled about the middle of
-the foci, which neglects that bodies and distances of foci would change by 1 − s, 0.2 % for each
-kelvin, and that absorption changes. Against solves of a pinch in air that is 2 K (5 K) warmer the
-matrix is 1.3 % (3.2 %) off in a box, 0.9 % (2.3 %) before flat boards, of 24 to 138 % without
-scaling, and the pressure of a drive at the weakest focus 0.2 % (0.4 %) at most
-(``benchmarks/robust.py warmer``).
+Warmer air scales the wavenumber by s. The solved field is then evaluated with all lengths scaled
+by s about the middle of the foci. This neglects that the bodies and the distances of the foci also
+scale by s, 0.2 % for each kelvin, and that the absorption changes. Compared with solves of a pinch
+in air that is 2 K (5 K) warmer, the error of the matrix is 1.3 % (3.2 %) in a box and 0.9 % (2.3 %)
+before flat boards; without scaling it is 24 to 138 %. The pressure of a drive at the weakest focus
+is within 0.2 % (0.4 %) (``benchmarks/robust.py warmer``).
 
-Elements count by the pressure at their centres times their directivity towards each focus; the
-remainder of the nominal element is carried along. Against the mean over their faces that is 0.1 %
-off for 2 mm and 3 degrees before flat boards, 1 % in a box.
+The pressure on an element is that at its centre times its directivity towards each focus, plus the
+remainder of the nominal matrix. Compared with the mean over the faces the error is 0.1 % for 2 mm
+and 3 degrees before flat boards, 1 % in a box.
 
-Samples whose bodies move by themselves are solved, in air of their own temperature. Before a rigid
+Samples whose bodies move independently are solved, in air of their own temperature. Before a rigid
 plane one solve serves the samples whose hands see the plane at the same place: those that were
 shifted along it or turned about its normal.
 """
@@ -142,23 +141,22 @@ def ensemble(
 ) -> TransferEnsemble:
     """Compute the transfer matrices of random hands, air and transducers.
 
-    A hand that is off as a whole needs no new solve: the array is evaluated from where it then is,
-    in the multipole expansion of the beacons. Without ``solver``, each focus of a body that is off
-    by itself, or along its skin, is evaluated as if all bodies moved with it; with ``solver``, each
-    sample is solved with its bodies where they are, in milliseconds by
-    ``BoundaryElement().factorised(scene, refined=target.points)``. Warmer air scales the
-    wavenumber. Before a rigid plane one solve serves hands that are off along it; ``solver`` solves
-    all others.
+    A rigid motion of the hand needs no new solve: the multipole expansion of the beacons is
+    evaluated at the array as seen from the moved hand. Where bodies move independently or foci move
+    along the skin, each focus is evaluated as if all bodies moved with it. With ``solver``, each
+    such sample is solved instead, in milliseconds by ``BoundaryElement().factorised(scene,
+    refined=target.points)``. Warmer air scales the wavenumber. Before a rigid plane one solve
+    serves all motions along the plane; ``solver`` solves the other samples.
 
     Parameters
     ----------
     beacons : field of unit beacons in the foci, ``solver.radiate(scene, target.beacons())``.
     array : the transducers in the obstacles' frame.
     uncertainty : standard deviations.
-    samples : number of them, 1 to 10 000; a power of 2 spreads best.
+    samples : number of samples, 1 to 10 000; a power of 2 spreads best.
     seed : of the random numbers, 0 or more.
-    solver : solves each sample where bodies move independently or foci are off along the skin, and
-        before a plane.
+    solver : solves each sample where bodies move independently, foci move along the skin, or there
+        is a plane.
 
     Returns
     -------
@@ -190,8 +188,8 @@ def ensemble(
     ]
     if not matrices:
         raise InvalidInput(
-            f"all {samples} samples are impossible: an element reaches into a body, or something "
-            "is behind a face; give smaller deviations or move the array away.",
+            f"all {samples} samples are impossible: an element is inside a body, or a body or a "
+            "focus is behind a face. Give smaller deviations or move the array away.",
             code="empty",
         )
     return TransferEnsemble(
@@ -222,7 +220,7 @@ def matrices_at(
     """
     nominal = transfer_matrix(beacons, array).matrix
     sampler = _Sampler.of(beacons, array, nominal, Uncertainty(), solver)
-    # Only the hand as a whole moves: no group by itself, no focus along the skin, no board.
+    # The hand moves rigidly: groups, foci along the skin and boards do not move.
     still = (Pose.identity(),) * len(sampler.groups)
     unshifted = np.zeros((len(beacons.sources.positions), 2))
     return sampler.matrices(Draw(pose, still, unshifted, (), slower) for pose in poses)
@@ -245,19 +243,19 @@ def check_doubts(uncertainty: Uncertainty, scene: Scene, array: PhasedArray) -> 
     speed = scene.medium.sound_speed
     if (uncertainty.temperature or uncertainty.humidity) and not 300.0 <= speed <= 370.0:
         raise InvalidInput(
-            f"temperature or humidity are uncertain, but a medium with {speed:g} m/s is not air; "
-            "leave them 0.",
+            f"temperature or humidity are uncertain, but a medium with {speed:g} m/s is not air. "
+            "Set both to 0.",
             code="does_not_match",
         )
     if uncertainty.along_skin and not scene.obstacles:
         raise InvalidInput(
-            "along_skin is given, but the scene has no body; leave it 0.", code="empty"
+            "along_skin is given, but the scene has no body. Set it to 0.", code="empty"
         )
     on_boards = uncertainty.board_position or uncertainty.board_rotation
     if on_boards and kind_of_array(array.positions, array.normals) is None:
         raise InvalidInput(
-            "the boards are uncertain, but the elements are not laid out as boards; leave "
-            "board_position and board_rotation 0.",
+            "the boards are uncertain, but the elements do not form boards. Set board_position and "
+            "board_rotation to 0.",
             code="empty",
         )
 
@@ -310,8 +308,8 @@ class _Sampler:
         check_no_boards(scene, "an ensemble, whose hands move against it,")
         if scene.planes and not scene.obstacles:
             solver = FreeField()
-        by_themselves = uncertainty.own_position or uncertainty.own_rotation
-        moving = scene.obstacles and (by_themselves or uncertainty.along_skin)
+        independent = uncertainty.own_position or uncertainty.own_rotation
+        moving = scene.obstacles and (independent or uncertainty.along_skin)
         if not moving and not scene.planes:
             solver = None
         if scene.obstacles and solver is None:
@@ -334,7 +332,7 @@ class _Sampler:
             pieces=_boards(array) if boards_move else (),
             uncertainty=uncertainty,
             solver=solver,
-            groups=_groups(bodies, bool(by_themselves), bool(uncertainty.along_skin)),
+            groups=_groups(bodies, bool(independent), bool(uncertainty.along_skin)),
             bodies=bodies,
             middle=foci[:asked].mean(axis=0),
             ball=ball,
@@ -503,9 +501,9 @@ class _Sampler:
             return self.field
         if self.solver is None:
             raise InvalidInput(
-                "a sample before a plane in which the hand is lifted or tilted, or bodies, foci or "
-                "air deviate, is another scene: give solver=BoundaryElement(), which solves each, "
-                "or leave these deviations 0.",
+                "before a plane, each sample with a lifted or tilted hand or with other bodies, "
+                "foci or air needs its own solve. Give solver=BoundaryElement(), or set these "
+                "deviations to 0.",
                 code="not_converged",
             )
         medium = replace(scene.medium, sound_speed=scene.medium.sound_speed / draw.slower)
@@ -550,9 +548,9 @@ def _plane_seen(plane: Plane, hand: Pose) -> Plane:
 
 
 def _if_possible(make: Callable[[Draw], Made], draw: Draw) -> Made | None:
-    """Make something of a draw; None if bodies, foci, elements and planes are in each other's way.
+    """Return the result of a function of a draw; None if the draw is geometrically impossible.
 
-    Any other fault, such as a hand that is metres away, is one of the input.
+    Other faults of the input, such as a hand metres away, are raised.
     """
     try:
         return make(draw)
@@ -579,13 +577,13 @@ def along_skin(
 
 
 def _groups(
-    bodies: Int64[np.ndarray, "foci"], by_themselves: bool, along_skin: bool
+    bodies: Int64[np.ndarray, "foci"], independent: bool, along_skin: bool
 ) -> tuple[Int64[np.ndarray, "_"], ...]:
-    """Find the foci that move together: those of a body, or each by itself on a single body.
+    """Group the foci that move together: by body, or each focus alone on a single body.
 
-    A single body is taken for a hand, whose foci are on different bones.
+    A single body counts as a hand, whose foci are on different bones.
     """
-    if not (by_themselves or along_skin):
+    if not (independent or along_skin):
         return (np.arange(len(bodies)),)
     different = np.unique(bodies)
     if along_skin or len(different) == 1:
@@ -594,7 +592,7 @@ def _groups(
 
 
 def _boards(array: PhasedArray) -> tuple[PhasedArray, ...]:
-    """Take an array of boards apart."""
+    """Return the boards of an array."""
     boards = kind_of_array(array.positions, array.normals)
     count = len(boards[1]) if boards else 1
     parts = (array.positions, array.normals, array.tangents, array.gains)

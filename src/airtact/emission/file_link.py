@@ -111,9 +111,5 @@ class FileLink(Link):
                 partial.write_bytes(b"".join(self.codec.encode(frame) for frame in frames))
             return
         drives = np.stack([frame.drive().amplitudes for frame in frames])
-        amplitudes = np.stack([frame.amplitude for frame in frames])
-        phases = np.stack([frame.phase for frame in frames])
         name = self.codec.board.name
-        write_drive_file(
-            self.path, DriveFile(drives, self._rate, amplitudes, phases, self.levels, board=name)
-        )
+        write_drive_file(self.path, DriveFile(drives, self._rate, self.levels, board=name))

@@ -62,7 +62,7 @@ class Comparison:
 
     @cached_property
     def report(self) -> SolveReport:
-        """How the solver came to the pressures, with the error estimated at the foci."""
+        """Report of the solver, with the error estimated at the foci."""
         return self.field.report_at(self.target.points)
 
     def column(self, name: str, phase_only: bool = False) -> int:
@@ -72,7 +72,7 @@ class Comparison:
         """
         if name not in self.names:
             raise InvalidInput(
-                f"{name!r} is none of the drives: {', '.join(self.names)}.",
+                f"there is no drive {name!r}. Give one of {', '.join(self.names)}.",
                 code="unknown_name",
             )
         # The drives by their phases alone follow after all drives as they are.
@@ -100,7 +100,7 @@ class Comparison:
         """
         if held_equal not in self.pressures:
             raise InvalidInput(
-                f"{held_equal!r} is none of the normalisations: {', '.join(self.pressures)}.",
+                f"the normalisation {held_equal!r} is not one of {', '.join(self.pressures)}.",
                 code="unknown_name",
             )
         return self.pressures[held_equal]
@@ -121,7 +121,7 @@ class Comparison:
         if not pressures[0].all():
             focus = int(np.argmin(pressures[0]))
             raise InvalidInput(
-                f"{self.names[0]!r} gives focus {focus} 0 Pa: put another drive first.",
+                f"{self.names[0]!r} gives focus {focus} 0 Pa. Put another drive first.",
                 code="all_zero",
             )
         return pressures / pressures[0]
@@ -129,7 +129,7 @@ class Comparison:
     def weakest(self, held_equal: str) -> Float64[np.ndarray, "drives"]:
         """(D,) pressure of each drive at its weakest focus [Pa], under one normalisation.
 
-        Foci that ask for nothing do not count.
+        Foci without a request do not count.
 
         Raises
         ------
@@ -180,8 +180,8 @@ class Comparison:
         pressure, name = self._strongest()
         report = self.report
         return [
-            f"Hardware limits the peak: at equal peak {name!r} is the strongest, {pressure:.0f} Pa "
-            "at the weakest focus.",
+            f"At equal peak, the limit of the hardware, {name!r} is the strongest, {pressure:.0f} "
+            "Pa at the weakest focus.",
             "In brackets: ratio to the first drive. table() lists every focus.",
             *(f"{held_equal}: {meaning}" for held_equal, meaning in HELD_EQUAL.items()),
             f"peak pressures by {report.solver}, estimated error {report.estimated_error:.2g}. "
@@ -217,8 +217,8 @@ def compare(
     array : the transducers in the obstacles' frame, see ``PhasedArray.seen_from``.
     drives : by name; the first is the reference for the ratios. The scale of a drive does not
         matter.
-    target : the F foci; the pressures asked there do not matter.
-    solver : another one than made the drives, or a more accurate one.
+    target : the F foci; their requested pressures do not matter.
+    solver : a different or more accurate solver than the one that made the drives.
     progress : called with a description of each step as it begins, such as ``print``.
 
     Returns

@@ -1,4 +1,4 @@
-"""The field of a drive, computed forwards: all elements emit at once, and the scene scatters."""
+"""The field of a drive by a forward solve: all elements emit, and the scene scatters."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -41,7 +41,7 @@ def drive_sources(
     """
     of_kind(array, PhasedArray, "the array", "one such as surrounding_box()")
     if len(drives) == 0:
-        raise InvalidInput("an array needs a drive to emit, and none is given.", code="too_few")
+        raise InvalidInput("there is no drive. Give at least one.", code="too_few")
     for index, drive in enumerate(drives):
         check_drive(drive, f"drive {index}" if len(drives) > 1 else "the drive")
         if len(drive) != len(array):
@@ -53,7 +53,7 @@ def drive_sources(
         # Dead elements have the gain 0, so a drive of only those is silent as well.
         if not (array.gains * drive.amplitudes).any():
             raise InvalidInput(
-                f"drive {index} is silent: all amplitudes are 0 or of dead elements.",
+                f"drive {index} is silent: all amplitudes are 0 or belong to dead elements.",
                 code="all_zero",
             )
     # (E, 1) gains times (E, S) amplitudes, then (1, Q, 1) weights: element by element, as
@@ -83,12 +83,12 @@ def radiate_drives(
     (by the word for one of them), which must be off the bodies and the elements. The errors are
     those of ``evaluate``.
     """
-    # A class in place of an instance is the usual slip; the sentence then names that class.
+    # A class instead of an instance is a common mistake; the message then names that class.
     kind = solver.__name__ if isinstance(solver, type) else "BoundaryElement"
     of_kind(solver, Solver, "the solver", f"an instance such as {kind}()")
     sources = drive_sources(array, drives, scene)
     check_placement(scene, array, foci)
-    # Foci first: of several misplaced points the sentence should name a focus.
+    # Foci first, so that the message names a focus if several points are misplaced.
     checked = dict(points or {}) if foci is None else {"focus": foci, **(points or {})}
     for word, positions in checked.items():
         if len(positions):
@@ -160,7 +160,7 @@ def field_map(
     drive : the drive of the array.
     points : (P, 3) points [m]. Behind the faces of directional elements the result is meaningless:
         real ones are shielded there.
-    solver : another one than made the drive, or a more accurate one.
+    solver : a different or more accurate solver than the one that made the drive.
     progress : called with a description of each step as it begins, such as ``print``.
 
     Returns
@@ -172,7 +172,7 @@ def field_map(
     InvalidInput
         If the drive is silent or for another number of elements, an element is inside a body, a
         body is behind the face of a directional element, a point is NaN, infinite or on a source,
-        or something is of the wrong kind.
+        or an argument is of the wrong kind.
     """
     points = points_of(points, "points", least=0)
     # Checked before the solve, which may take a minute.

@@ -34,7 +34,7 @@ def headline(
     # Below full scale the hardware does not limit the peak, so the drives are compared by energy.
     held_equal = "equal peak" if drive.is_full_scale else "equal energy"
     values = _counted(comparison, held_equal)
-    # The comparison has every drive at full scale; the drive is emitted at its own peak.
+    # The comparison has every drive at full scale, but the drive is emitted at its own peak.
     first = drive.peak * _counted(comparison, "equal peak")[0].min()
     amount = _amount(first, comparison.target)
     sentence = f"{_capital(comparison.names[0])}: {amount} at the weakest focus."
@@ -44,12 +44,12 @@ def headline(
     amount = _amount(first / (1.0 + gain), comparison.target)
     sentence += f" {_capital(comparison.names[1])}: {amount}."
     error = comparison.report.estimated_error
-    # Differences below 1 % are never claimed, however small the estimated error is.
+    # Differences below 1 % are never claimed, even for a smaller estimated error.
     if abs(gain) <= max(error, 0.01):
         if error > 0.03:
             return (
-                f"{sentence} Whether the {word} matters here is unknown: the pressures are "
-                f"estimated to be {_per_cent(error)} off; ask for a smaller accuracy."
+                f"{sentence} The effect of the {word} is unknown, because the estimated error of "
+                f"the pressures is {_per_cent(error)}. Set a smaller accuracy."
             )
         same = _per_cent(max(error, 0.01))
         return f"{sentence} With and without the {word} the result is the same within {same}."
@@ -70,18 +70,18 @@ def headline(
 def shortfalls(
     target: Target, foci: Sequence[str], reached: Float64[np.ndarray, "foci"], drive: Drive
 ) -> tuple[str, ...]:
-    """List the foci that get less than 98 % of the pressure asked of them, in one sentence if any.
+    """List the foci that get less than 98 % of their requested pressure, in one sentence if any.
 
     Parameters
     ----------
-    target : the pressures asked.
+    target : the requested pressures.
     foci : a name for each focus.
     reached : (F,) peak pressure at the foci [Pa].
     drive : the drive as it is emitted.
     """
     if target.pressures is None:
         return ()
-    # Solvers are asked for 1 % by default, so a miss below 2 % is not worth a sentence.
+    # The default accuracy is 1 %, so a deficit below 2 % is not worth a sentence.
     short = [
         f"{name} {pascals(got)} of {pascals(asked)}"
         for name, got, asked in zip(foci, reached, target.pressures, strict=True)
@@ -90,11 +90,11 @@ def shortfalls(
     if not short:
         return ()
     full = ": the transducers are at full scale" if drive.is_full_scale else ""
-    return (f"Asked and not reached: {', '.join(short)}{full}.",)
+    return (f"Requested but not reached: {', '.join(short)}{full}.",)
 
 
 def _counted(comparison: Comparison, held_equal: str) -> Float64[np.ndarray, "drives counted"]:
-    """(D, F) pressure over weight at the foci that ask for sound."""
+    """(D, F) pressure over weight at the foci with a request."""
     weights = comparison.target.weights
     asked = weights > 0.0
     return comparison.pressures[held_equal][:, asked] / weights[asked]
@@ -114,7 +114,7 @@ def _amount(weakest: float, target: Target) -> str:
     """Write a pressure, or its part of the request where the foci ask for different pressures."""
     weights = target.weights[target.weights > 0.0]
     if target.pressures is not None and not np.allclose(weights, weights[0]):
-        return f"{weakest:.0%} of what was asked".replace("%", " %")
+        return f"{weakest:.0%} of the request".replace("%", " %")
     return pascals(weakest * weights.max())
 
 

@@ -17,10 +17,10 @@ from airtact.geometry.pose import Pose
 from airtact.transducers.layout import PhasedArray
 
 HELD_OUT_SAMPLES = 256
-"""Number of samples that drives are tried on."""
+"""Number of samples on which drives are evaluated."""
 
 SOLVED_HELD_OUT_SAMPLES = 64
-"""Their number where each of them is solved, before a plane."""
+"""Number of samples before a plane, where each sample is solved."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +75,9 @@ class HeldOut:
         compared = f" ({', '.join(words)} at equal energy)" if words else ""
         left_out = f"; {self.left_out} samples are impossible" if self.left_out else ""
         return (
-            "With the given uncertainty, 9 of 10 times the weakest focus gets at least "
-            f"{pascals(first)}, of {pascals(self.expected[0])} expected{compared}{left_out}."
+            "With the given uncertainty the weakest focus gets at least "
+            f"{pascals(first)} 9 of 10 times, and {pascals(self.expected[0])} without "
+            f"deviations{compared}{left_out}."
         )
 
 
@@ -95,7 +96,7 @@ def held_out(samples: TransferEnsemble, target: Target, drives: Mapping[str, Dri
         "empty": there is no drive; or a drive is for another number of elements.
     """
     if not drives:
-        raise InvalidInput("there is no drive to try; give one or more by name.", code="empty")
+        raise InvalidInput("there is no drive. Give at least one by name.", code="empty")
     # The rows of the foci come first; suppression points after them do not count.
     asked = np.flatnonzero(target.weights > 0.0)
     factors = _factors(drives)
@@ -132,7 +133,7 @@ def shift_map(
     weakest = np.full((len(drives), len(shifts.points)), np.nan)
     poses = (Pose(np.eye(3), shift) for shift in shifts.points)
     for index, matrix in enumerate(matrices_at(beacons, array, poses, solver=solver)):
-        # An element would reach into the hand at this shift: its pixel stays NaN.
+        # The pixel of an impossible shift, with an element inside the hand, stays NaN.
         if matrix is not None:
             weakest[:, index] = np.abs(matrix[asked] @ amplitudes).min(axis=0)
     return ShiftMap(shifts, _factors(drives)[:, None] * weakest)

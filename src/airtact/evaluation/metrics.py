@@ -63,11 +63,11 @@ def beyond_linear(reached: Float64[np.ndarray, "*foci"]) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """The pressure at each focus under a drive, and over the pressure that the target asks.
+    """The pressure at each focus under a drive, absolute and relative to the request.
 
     Attributes
     ----------
-    target : the foci and the pressures asked there.
+    target : the foci and their requested pressures.
     pressures : (F,) complex pressure at each focus [Pa], peak.
     report : of the solver that evaluated them.
     field : the field of the drive alone; None where it was solved with others.
@@ -85,7 +85,7 @@ class Evaluation:
         """Return the weakest focus and the mean in words."""
         if self.target.pressures is None:
             return f"weakest focus {self.worst:{form}} Pa", f"mean {self.mean:{form}} Pa"
-        return f"weakest focus {self.worst:.1%} of what was asked", f"mean {self.mean:.1%}"
+        return f"weakest focus {self.worst:.1%} of the request", f"mean {self.mean:.1%}"
 
     def _rows(self) -> list[list[str]]:
         """Return number, position, pressure, request and its share of each focus, as texts."""
@@ -109,17 +109,17 @@ class Evaluation:
 
     @property
     def shares(self) -> Float64[np.ndarray, "foci"]:
-        """(F,) pressure over the pressure asked, NaN where nothing or 0 Pa was asked."""
+        """(F,) pressure over the requested pressure, NaN for no request or 0 Pa."""
         return fraction(self.magnitudes, self.target)
 
     @property
     def counted(self) -> Float64[np.ndarray, "counted"]:
-        """Values of the foci that ask for sound, from which worst, mean and uniformity follow.
+        """Values of the foci with a request, from which worst, mean and uniformity follow.
 
-        They are shares of the pressure asked where one is; else magnitudes [Pa], each over the
-        share asked, if any.
+        They are shares of the requested pressures if there are any; else magnitudes [Pa], divided
+        by the requested shares if there are any.
         """
-        # Foci that ask for nothing have no share, and would be the worst with any other value.
+        # Foci without a request have no share and must not count as the worst.
         if self.target.pressures is not None:
             return self.shares[np.isfinite(self.shares)]
         asked = self.target.weights > 0.0
@@ -127,12 +127,12 @@ class Evaluation:
 
     @property
     def worst(self) -> float:
-        """Smallest share, or smallest pressure [Pa] where none is asked."""
+        """Smallest share, or smallest pressure [Pa] without a request."""
         return float(self.counted.min())
 
     @property
     def mean(self) -> float:
-        """Mean share, or mean pressure [Pa] where none is asked."""
+        """Mean share, or mean pressure [Pa] without a request."""
         return float(self.counted.mean())
 
     @property
@@ -140,7 +140,7 @@ class Evaluation:
         """1 − (max − min)/(max + min) over the foci, 1 when all are equal.
 
         Di Leonardo, Ianni and Ruocco (Optics Express 15, 1913, 2007) define it for intensity; here
-        it is that of pressure, or of the share of the pressure asked.
+        it is that of pressure, or of the share of the requested pressure.
         """
         # All silent: 0, not 0 / 0.
         high = self.counted.max()
@@ -148,7 +148,7 @@ class Evaluation:
         return float(1.0 - (high - low) / (high + low)) if high > 0.0 else 0.0
 
     def __str__(self) -> str:
-        lines = ["focus   x [mm]    y [mm]    z [mm]   pressure [Pa]   asked [Pa]    share"]
+        lines = ["focus   x [mm]    y [mm]    z [mm]   pressure [Pa] request [Pa]    share"]
         for index, x, y, z, pressure, asked, share in self._rows():
             lines.append(f"{index:>5}{x:>9} {y:>9} {z:>9} {pressure:>15} {asked:>12} {share:>8}")
         lines.append(f"{', '.join(self._summary('.1f'))}, uniformity {self.uniformity:.3f}")
@@ -179,7 +179,7 @@ def evaluate(
     scene : what is in the air.
     array : the transducers in the obstacles' frame, see ``PhasedArray.seen_from``.
     drive : the drive of the array.
-    target : the F foci and the pressures asked there.
+    target : the F foci and their requested pressures.
     solver : a different or more accurate solver than the one that made the drive.
     progress : called with a description of each step as it begins, such as ``print``.
 
@@ -196,6 +196,6 @@ def evaluate(
     """
     of_kind(target, Target, "the target", "Target(points, pressures)")
     field = radiate_drives(scene, array, [drive], solver, foci=target.points, progress=progress)
-    # Contiguous, as attributes that are shared and stored should be.
+    # Contiguous, because the array is shared and stored.
     pressures = np.ascontiguousarray(field.at(target.points)[:, 0])
     return Evaluation(target, pressures, field.report_at(target.points), field)

@@ -99,7 +99,7 @@ def radiation_of(field: RadiatedField, excitation: int) -> RadiationMap:
     scene = field.scene
     if not scene.obstacles:
         raise InvalidInput(
-            "the scene has no obstacle, so there is no surface to press on.", code="empty"
+            "the scene has no body, so there is no radiation pressure.", code="empty"
         )
     for index, obstacle in enumerate(scene.obstacles):
         if obstacle.boundary != "sound_hard":
@@ -120,12 +120,12 @@ def radiation_of(field: RadiatedField, excitation: int) -> RadiationMap:
         points[on_body] = shape.project(points[on_body])
     pressure = field.at(points)[:, excitation]
     velocity = field.velocity(points)[:, :, excitation]
-    # Solvers that only know the field away from surfaces return NaN on them.
+    # Solvers whose field is valid only away from surfaces return NaN there.
     lost = int(np.sum(~np.isfinite(pressure) | ~np.isfinite(velocity).all(axis=1)))
     if lost:
         raise InvalidInput(
             f"{field.report.solver} returns no pressure or velocity at {lost} of {len(points)} "
-            "points of the surfaces; take BoundaryElement for radiation pressure.",
+            "points of the surfaces. Use BoundaryElement for radiation pressure.",
             code="data_missing",
         )
     return RadiationMap(

@@ -20,7 +20,7 @@ from airtact.errors import (
 from airtact.files.text_table import read_text_table
 
 MIN_POSITIONS = 3
-"""Anything fits fewer positions."""
+"""Smallest number of positions; fewer are fitted by any field."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,14 +60,14 @@ class Scan:
         # The scene is some decimetres wide, so positions beyond 2 m are probably in millimetres.
         if away[worst] > 2.0:
             raise InvalidInput(
-                f"position {worst} of the scan is {away[worst]:.4g} m from the origin: is this in "
+                f"position {worst} of the scan is {away[worst]:.4g} m from the origin. Is it in "
                 "millimetres? Give metres.",
                 points[worst],
                 code="out_of_range",
             )
         if not pressures.any():
             raise InvalidInput(
-                "all pressures of the scan are 0; nothing was measured.", code="all_zero"
+                "all pressures of the scan are 0. Give measured pressures.", code="all_zero"
             )
         # Repeated positions would count twice in the fit.
         _, first = np.unique(points, axis=0, return_index=True)
@@ -76,7 +76,7 @@ class Scan:
             where = points[repeated[0]]
             raise InvalidInput(
                 f"{len(repeated)} positions of the scan are repeated, the first at "
-                f"{in_mm(where)}; average them first.",
+                f"{in_mm(where)}. Average them first.",
                 where,
                 code="given_twice",
             )
@@ -113,7 +113,7 @@ def load_scan(path: str | Path) -> Scan:
         # Wrapped phases end at 2π. Phases in degrees, and unwrapped ones, go beyond.
         if largest > 2.0 * np.pi + 0.1:
             raise InvalidInput(
-                f"{Path(path).name}: the column phase reaches {largest:.4g}: is it in degrees? "
+                f"{Path(path).name}: the column phase reaches {largest:.4g}. Is it in degrees? "
                 "Give radians from -π to π.",
                 code="out_of_range",
             )
@@ -146,13 +146,13 @@ class Overlay:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Sentences that a reader of the overlay must see."""
+        """Warnings about the overlay."""
         left_out = int(np.sum(~self.used))
         if not left_out:
             return ()
         return (
-            f"{left_out} of {len(self.used)} positions are left out: a body is in the way of the "
-            "microphone there.",
+            f"{left_out} of {len(self.used)} positions are left out, because a body overlaps the "
+            "microphone.",
         )
 
 
@@ -192,9 +192,8 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
     used = np.isfinite(predicted)
     if used.sum() < MIN_POSITIONS:
         raise InvalidInput(
-            f"only {int(used.sum())} of {len(used)} positions of the scan can be predicted, fewer "
-            f"than {MIN_POSITIONS}: a body is in the way of the microphone at the others; is the "
-            "scan in the scene's frame?",
+            f"only {int(used.sum())} of {len(used)} positions of the scan can be predicted: "
+            "a body overlaps the microphone at the others. Is the scan in the scene's frame?",
             code="signal_unusable",
         )
     model = predicted[used]
@@ -208,11 +207,11 @@ def overlay_scan(scan: Scan, predicted: Complex128[np.ndarray, "points"]) -> Ove
     scale, error = _fitted(measured, model)
     # Instruments with the convention e^(+iωt) store conjugated phases.
     mirrored = _fitted(measured, model.conj())[1] if scan.phased else error
-    # Up to 20 % the scan agrees, however well its mirror image does.
+    # Up to 20 % the scan agrees with the prediction.
     if mirrored < 0.5 * error and error > 0.2:
         raise InvalidInput(
-            f"the scan's phases are {error:.1%} off the prediction, and {mirrored:.1%} when they "
-            "are negated: they seem to be those of e^(+iωt); negate the column phase.",
+            f"the scan deviates from the prediction by {error:.1%}, and by {mirrored:.1%} with "
+            "negated phases. The phases seem to be those of e^(+iωt). Negate the column phase.",
             code="does_not_match",
         )
     return Overlay(scan, predicted, used, scale, error)
@@ -248,7 +247,7 @@ def best_shift(
 
     best = np.zeros(3)
     lowest = error(best)
-    # Steps of 3 mm, a third of a wavelength, find the right minimum; finer ones its bottom.
+    # Steps of 3 mm, a third of a wavelength, find the right minimum. Finer steps refine it.
     for reach, step in ((9e-3, 3e-3), (2e-3, 1e-3), (0.5e-3, 0.25e-3)):
         for _ in range(2):
             for axis in np.eye(3):

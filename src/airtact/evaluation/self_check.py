@@ -62,7 +62,7 @@ class SelfCheck:
 
     @property
     def failed(self) -> tuple[KnownField, ...]:
-        """The fields whose error is larger than asked, or NaN."""
+        """The fields whose error exceeds the accuracy of the solver, or is NaN."""
         return tuple(field for field in self.fields if not field.error <= self.asked)
 
 
@@ -71,7 +71,7 @@ def self_check(report_step: Progress = no_progress) -> SelfCheck:
     report_step("solving one sphere")
     air = Medium(sound_speed=343.1, density=1.293)
     first = sound_hard(sphere(8e-3, 4e-3))
-    # Sources near the surface excite many orders; the series has as many as it needs.
+    # Sources near the surface excite many orders of the series.
     sources = Monopoles(8.5e-3 * _directions(8, 1), np.eye(8))
     field = SOLVER.radiate(Scene(air, [first], frequency=40e3), sources)
     series = SphereSeries().radiate(field.scene, sources)

@@ -78,7 +78,7 @@ def slices_around(
     depth = field.scene.depth(points).reshape(grid.shape[:3])
     pressure = _pressure(field, points, depth.ravel())[:, list(columns)]
     pressure = _carried_inside(pressure.reshape(*grid.shape[:3], -1))
-    # What is behind a plane is hidden like the inside of bodies.
+    # Points behind a plane are hidden like those inside bodies.
     for plane in field.scene.planes:
         depth = np.maximum(depth, -plane.height(points).reshape(depth.shape))
     fine = (2, 2, 2) if any_axis else (1, 2, 2)
@@ -207,7 +207,7 @@ def surface_pressure(field: RadiatedField, columns: Sequence[int]) -> SurfacePre
             max_edge=0.3 * field.scene.wavelength,
             max_iter=20,
         )
-        # The cut triangles have corners of their own, and would be lit as facets.
+        # Merge the corners of the subdivided triangles, which would be shaded as facets.
         points, numbers = np.unique(points.round(9), axis=0, return_inverse=True)
         vertices.append(points)
         triangles.append(numbers.reshape(-1)[corners] + count)
@@ -240,7 +240,7 @@ def pressure_on_surfaces(
     distances, nearest = KDTree(surface.points).query(points, k=neighbours)
     normals = surface.normals[nearest]
     around = surface.points[nearest]
-    # Not round an edge, nor behind a thin wall.
+    # Exclude points around an edge or behind a thin wall.
     same_side = np.einsum("pkd,pd->pk", normals, normals[:, 0]) > 0.5
     between = np.linalg.norm(around[:, :, None] - around[:, None], axis=-1)
     covariance = np.sinc(wavenumber * between / np.pi) * same_side[:, :, None] * same_side[:, None]

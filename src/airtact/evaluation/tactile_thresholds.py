@@ -1,4 +1,4 @@
-"""The smallest pressures that people feel, and the level of a drive above them."""
+"""Tactile thresholds of modulated ultrasound, and the level of a drive above them."""
 
 from typing import Literal
 

@@ -1,4 +1,4 @@
-"""Verification of a drive in every respect, by one solve with a solver that did not make it."""
+"""Verification of a drive by one solve with a solver that did not make it."""
 
 from dataclasses import dataclass
 
@@ -40,7 +40,7 @@ def attainable(transfer: TransferMatrix) -> Float64[np.ndarray, "foci"]:
 
 @dataclass(frozen=True, eq=False)
 class SideLobe:
-    """The strongest sound away from the foci.
+    """The strongest pressure away from the foci.
 
     Attributes
     ----------
@@ -116,7 +116,7 @@ class Verification:
         amplitudes = len(self.levels.amplitudes)
         lines = [
             str(self.evaluation),
-            f"{span(100 * self.attained, '%', '.0f')} of what each focus could get alone",
+            f"{span(100 * self.attained, '%', '.0f')} of what each focus would get alone",
             f"rounding to {amplitudes} levels of amplitude and {phases} of phase changes a focus "
             f"by {self.quantisation_loss:.2%} at most",
             f"strongest side lobe {self.side_lobe.pressure:.1f} Pa at "
@@ -248,7 +248,7 @@ def _side_lobe(
     spacing = max(wavelength / 6.0, float(np.cbrt(np.prod(high - low) / 20_000)))
     counts = ((high - low) / spacing).astype(int) + 1
     points, pressure = pressure_at(_grid(list(map(np.linspace, low, high, counts))))
-    # A lobe may be between the points: look again, at a third of the spacing, round the strongest.
+    # A lobe may lie between the points: refine to a third of the spacing around the strongest.
     strongest = points[np.argsort(-pressure)[:40]]
     around = strongest[:, None] + _grid([np.array([-1.0, 0.0, 1.0]) * spacing / 3.0] * 3)
     points, pressure = pressure_at(np.clip(around.reshape(-1, 3), low, high))

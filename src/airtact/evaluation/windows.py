@@ -77,14 +77,15 @@ def _axis_name(direction: Float64[np.ndarray, "3"]) -> str:
 def plane_through(
     foci: Real[np.ndarray, "foci 3"], bodies: Real[np.ndarray, "vertices 3"], wavelength: float
 ) -> Window:
-    """Return a window through the foci, and along the bodies if the foci leave a choice.
+    """Return a window through the foci, and along the bodies if the foci do not fix the plane.
 
     Three or more foci that are not in one plane give the best-fitting plane. The window extends
     three wavelengths past the outermost foci, its sides along the frame's axes where the plane
     allows, and has about 20,000 points at most.
     """
     middle = foci.mean(axis=0)
-    # Directions in which the foci spread, the widest first; a tenth of a wavelength is no spread.
+    # Directions of the spread of the foci, the widest first. Under a tenth of a wavelength there is
+    # none.
     _, spreads, principal = np.linalg.svd(foci - middle, full_matrices=False)
     candidates = list(principal[: len(spreads)][spreads > wavelength / 10])
     if len(bodies):

@@ -1,4 +1,4 @@
-"""Phase and amplitude of the transducers: faces side by side (the paper's Fig. 5), and in space."""
+"""Pictures of the transducers: faces side by side (Fig. 5 of the paper), and in space."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -56,7 +56,7 @@ class Face:
 def unfold(
     positions: Real[np.ndarray, "elements 3"], normals: Real[np.ndarray, "elements 3"]
 ) -> list[Face]:
-    """Split an array into its flat faces and lay each one flat; more than eight faces count as one.
+    """Split an array into its flat faces and lay each of them flat; over eight count as one face.
 
     Faces around an upright axis come in the order in which a viewer inside who turns right sees
     them.
@@ -81,7 +81,7 @@ def unfold(
         normal = normal / max(float(np.linalg.norm(normal)), 1e-9)
         up = upright - upright @ normal * normal
         up = up / np.linalg.norm(up)
-        # The viewer stands where the face radiates to and looks along -normal.
+        # The viewer is in front of the face and looks along -normal.
         axes = np.stack([np.cross(up, normal), up])
         faces.append(Face(group, positions[group] @ axes.T, axes, normal))
     east = np.roll(upright, 1)
@@ -127,7 +127,7 @@ def _panels(
     height = spans[:, 1].max()
     beside = len(spans) == 1
     rows, columns = (1, count) if beside else (count, 1)
-    # The width of a page, and a height that fits a screen.
+    # Fit the width of a page and the height of a screen.
     inches = min(9.4 / (columns * width), (4.6 if beside else 6.6) / (rows * height))
     return rows, columns, width * inches, height * inches
 
@@ -202,7 +202,7 @@ def _lay_out(
     normals: Real[np.ndarray, "elements 3"],
     colours: Real[np.ndarray, "elements 4"],
 ) -> int:
-    """Draw every transducer as a disc of its colour, face by face; return the number of faces."""
+    """Draw the transducers as coloured discs, face by face; return the number of faces."""
     faces = unfold(positions, normals)
     size = 1e3 * min(spacing(positions[face.elements]) for face in faces) * 0.94
     left = 0.0
@@ -244,7 +244,7 @@ def _tick_phases(bar: Colorbar) -> None:
 
 
 def spacing(positions: Real[np.ndarray, "elements 3"]) -> float:
-    """Distance of the two closest elements [m], 10 mm for one alone."""
+    """Distance of the two closest elements [m]; 10 mm for a single element."""
     from scipy.spatial import KDTree
 
     if len(positions) < 2:
@@ -288,9 +288,9 @@ def draw_in_space(
     foci: Real[np.ndarray, "foci 3"],
     planes: Sequence[Plane] = (),
 ) -> None:
-    """Draw the picture of ``draw_scene`` into axes; discs are grey where there are no phases [rad].
+    """Draw the picture of ``draw_scene`` into axes; discs without phases [rad] are grey.
 
-    There may be no transducers, no bodies or no foci.
+    Transducers, bodies and foci may each be missing.
     """
     viewer = towards_viewer(axes.azim, axes.elev)
     discs = np.empty((0, 14, 3))
@@ -338,7 +338,7 @@ def _add_discs(
     }
     axes.add_collection3d(Poly3DCollection(discs[~away], **style))
     if away.any():
-        # Rings keep their phase colour, so the eye can complete the wall.
+        # Rings have the phase colour, which shows the wall faintly.
         faint = colours[away] * [1, 1, 1, 0.18]
         style = {"facecolors": "none", "edgecolors": faint, "linewidths": 0.5, "zorder": 2}
         axes.add_collection3d(Poly3DCollection(discs[away], **style))
@@ -346,7 +346,7 @@ def _add_discs(
 
 
 def view_of(normals: Real[np.ndarray, "elements 3"]) -> View:
-    """View into an array that surrounds, or past the edge of one that radiates one way."""
+    """Return the view into a surrounding array, or past the edge of another array."""
     mean = normals.mean(axis=0)
     if np.linalg.norm(mean) < 0.3:
         return -58.0, 26.0

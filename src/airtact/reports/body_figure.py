@@ -1,4 +1,4 @@
-"""Bodies, panels and clouds seen from two sides; the fault of a rejected mesh, close up."""
+"""Pictures of bodies, panels, point clouds and faults of meshes, from two sides."""
 
 import textwrap
 from collections.abc import Sequence
@@ -35,7 +35,7 @@ from airtact.reports.solids import (
 )
 
 MAX_TRIANGLES_WITH_EDGES = 8000
-"""Number of triangles up to which edges are drawn; those of more would be black."""
+"""Number of triangles up to which edges are drawn; a finer mesh would be black."""
 
 SHARP = (0.75, 0.11, 0.11, 1.0)
 
@@ -118,15 +118,15 @@ def draw_fault(
     sentence: str,
     position: Real[np.ndarray, "3"] | None,
 ) -> Figure:
-    """Draw triangles that make no valid surface, and a close-up of the fault's position [m].
+    """Draw the triangles of an invalid surface, and a close-up of the fault's position [m].
 
     Backs of triangles and edges without a neighbour have special colours. Triangles with missing or
-    infinite vertices are left out. The sentence is the reason for the rejection.
+    infinite vertices are left out. ``sentence`` states the fault.
     """
     drawable = ((triangles >= 0) & (triangles < len(vertices))).all(axis=1)
     corners = 1e3 * np.asarray(vertices[triangles[drawable]], dtype=np.float64)
     corners = corners[np.isfinite(corners).all(axis=(1, 2))]
-    # Neighbours share positions, if not vertices.
+    # Neighbours have common positions, but not always common vertices.
     numbers = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)[1].reshape(-1, 3)
     lone = edge_twins(numbers) < 0
     shown = [np.arange(len(corners))] * 2
@@ -138,7 +138,7 @@ def draw_fault(
         mark = 1e3 * np.asarray(position, dtype=np.float64)[None]
         away = closest_point(corners, np.tile(mark, (len(corners), 1))) - mark
         nearest = np.argsort(np.linalg.norm(away, axis=1))
-        # The close-up takes the place of the other side.
+        # The close-up replaces the view of the other side.
         view = _view_of_fault(corners, nearest[:12], mark[0])
         views = (view, view)
         shown[1] = nearest[:120]
@@ -179,7 +179,7 @@ def _view_of_fault(
     """View along the normal of the triangles nearest a fault, from outside."""
     outward = mark - corners.mean(axis=(0, 1))
     normal = area_vectors(corners[nearest]).sum(axis=0)
-    # Turned triangles face inwards. Those around a thin part have no common normal.
+    # Inverted triangles face inwards. Triangles around a thin part have no common normal.
     if abs(normal @ outward) > 0.1 * np.linalg.norm(normal) * np.linalg.norm(outward):
         outward = normal * np.sign(normal @ outward)
     azimuth = np.degrees(np.arctan2(outward[1], outward[0]))
@@ -234,6 +234,6 @@ def draw_cloud(
     label = "distance of points from the skin, outwards [mm]"
     figure.colorbar(scale, ax=panels, label=label, shrink=0.6, aspect=28, extend="both")
     outlier = Line2D([], [], color=purple, marker="x", linestyle="none")
-    words = "outliers, which the fit leaves out; all points are seen through the skin"
+    words = "outliers, which the fit ignores; the skin hides no points"
     figure.legend([outlier], [words], loc="outside lower center", frameon=False)
     return figure

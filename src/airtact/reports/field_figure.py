@@ -25,7 +25,7 @@ DIFFERENCES = ScalarMappable(Normalize(-6.0, 6.0), "RdBu_r")
 """Colours of the level of one drive over that of another [dB]."""
 
 FAINT = 0.1
-"""Share of the largest pressure below which a difference of levels is drawn grey."""
+"""Fraction of the largest pressure below which a level difference is grey."""
 
 MAX_NAMES = 8
 """Number of foci up to which they have names and large rings."""
@@ -97,7 +97,7 @@ def _draw_plane(
     label: str,
     strength: Float64[np.ndarray, "points"] | None = None,
 ) -> Figure:
-    # The bar is below the only axes of a figure, and beside given axes, which may have neighbours.
+    # Beside given axes, which may have others below them.
     location = "right"
     if axes is None:
         location = "bottom"
@@ -123,7 +123,7 @@ def _difference(
 ) -> tuple[Float64[np.ndarray, "points"], Float64[np.ndarray, "points"]]:
     """Level of one drive over another [dB], and its opacity: none where both are faint."""
     first, second = (np.abs(cut.pressures[name]) for name in drives)
-    # 60 dB below the peak: the logarithm of zero is avoided.
+    # 60 dB below the peak, to avoid the logarithm of zero.
     smallest = 1e-3 * peak
     change = 20.0 * np.log10(np.maximum(first, smallest) / np.maximum(second, smallest))
     strength = np.clip(np.maximum(first, second) / (FAINT * peak) - 0.5, 0.0, 1.0)
@@ -169,7 +169,7 @@ def _draw_cut(
 
     ``centred`` counts from the window's middle.
     """
-    # 3 points: no gap shows between the interpolated values and the outline.
+    # 3 points leave no gap between the interpolated values and the outline.
     carried = past_the_surface(cut.window, values, 3)
     left, right, bottom, top = cut.window.extent
     shift = ((left + right) / 2.0, (bottom + top) / 2.0) if centred else (0.0, 0.0)
@@ -211,7 +211,7 @@ def draw_solid(
     depth: Float64[np.ndarray, "points"],
     shift: tuple[float, float] = (0.0, 0.0),
 ) -> None:
-    """Fill the bodies in a window, in which the depth of its points is above zero."""
+    """Fill the bodies in a window: the points with a positive depth."""
     if depth.max() > 0.0:
         grid = (*grid_axes(window, shift), depth.reshape(window.shape))
         axes.contourf(*grid, levels=[0.0, 2.0 * depth.max()], colors=[BODY])
@@ -230,7 +230,7 @@ def grid_axes(
 def past_the_surface(
     window: Window, values: Float64[np.ndarray, "points"], points: int
 ) -> Float64[np.ndarray, "points"]:
-    """Continue values, NaN inside bodies, by a number of points into the bodies."""
+    """Extrapolate values, which are NaN inside bodies, by a number of points into the bodies."""
     from scipy.ndimage import distance_transform_edt
 
     grid = values.reshape(window.shape)

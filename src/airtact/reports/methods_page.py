@@ -34,9 +34,9 @@ def write_methods_page(
         view = scene_view(setup, contest.field, emitted, [1.0] * len(emitted), window, as_emitted)
     progress("drawing the page")
     best = contest.best
-    unit = "Pa" if setup.target.shares is None else "Pa over the share asked"
+    unit = "Pa" if setup.target.shares is None else "Pa over the requested share"
     if setup.target.pressures is not None:
-        unit = "times the pressure asked"
+        unit = "times the requested pressure"
     write_page(
         page,
         "methods.html.j2",
@@ -65,10 +65,16 @@ def write_methods_page(
 
 def _standing(contest: MethodComparison) -> str:
     """Describe how the best method compares with the others."""
-    others = [one.name for one in contest.equally_good if one is not contest.best]
-    if not others:
+    equal = _equal_to_best(contest)
+    if not equal:
         return "gives the weakest focus most"
-    return f"and {', '.join(others)} are best, equal within {contest.tolerance:.1%}"
+    return f"and {equal} are best, equal within {contest.tolerance:.1%}"
+
+
+def _equal_to_best(contest: MethodComparison) -> str:
+    """Return the names of the other methods that are as good as the best."""
+    names = [contender.name for contender in contest.equally_good]
+    return ", ".join(name for name in names if name != contest.best.name)
 
 
 def _digits(pressure: float) -> str:
@@ -125,14 +131,13 @@ def _pictures(contest: MethodComparison, unit: str, cut: Cut, peak: float) -> di
         f"to {_digits(strengths.max())}, and a line at the bound of {_digits(contest.bound)}",
     )
     # Equally good methods give nearly the same field, so one picture serves them.
-    equal = contest.equally_good
-    drawn = [one for one in contest.ranked if one is contest.best or one not in equal]
-    others = ", ".join(one.name for one in equal if one is not contest.best)
+    drawn = [contest.best, *contest.ranked[len(contest.equally_good) :]]
+    equal = _equal_to_best(contest)
     fields = [
         picture(
             draw_field(cut, contender.name, peak, contest.setup.target.points, contest.setup.foci),
-            f"{contender.name} (nearly the same: {others})"
-            if contender is contest.best and others
+            f"{contender.name} (nearly the same: {equal})"
+            if contender is contest.best and equal
             else contender.name,
             f"Map of pressure by {contender.name}: {contender.pressures.min():,.0f} to "
             f"{contender.pressures.max():,.0f} Pa at the foci",

@@ -44,7 +44,7 @@ def field(
     most: float | None = None,
     ax: Axes | None = None,
 ) -> Axes:
-    """Plot the pressure in a plane through the foci; foci off the plane are dashed.
+    """Plot the pressure in a plane through the foci. Foci off the plane are dashed.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def field(
     field_of_result = plotted if isinstance(plotted, RadiatedField) else plotted.field
     if field_of_result is None:
         raise InvalidInput(
-            "this evaluation has no field; pass the object that evaluate() returned.", code="empty"
+            "this evaluation has no field. Pass the object that evaluate() returned.", code="empty"
         )
     scene = field_of_result.scene
     foci = _foci(plotted, target)
@@ -82,11 +82,11 @@ def field(
     elif plane in ("xy", "xz", "yz"):
         window = plane_across(foci, plane, scene.wavelength)
     else:
-        raise InvalidInput(f"plane is {plane!r}; use xy, xz or yz.", code="unknown_name")
+        raise InvalidInput(f"plane is {plane!r}. Use xy, xz or yz.", code="unknown_name")
     if size is not None:
         width = positive(size, "the size of a plot", "m")
         wavelength = scene.wavelength
-        # Not above 100,000 points, however wide.
+        # At most 100,000 points.
         step = max(width / 300, min(width / 150, wavelength / 8))
         window = replace(window, width=width, height=width, step=step)
     pressures = field_of_result.at(window.points)
@@ -94,7 +94,7 @@ def field(
     if over is not None:
         if not isinstance(plotted, Comparison):
             raise InvalidInput(
-                "only drives of a comparison can be shown over each other; pass the object that "
+                "a level difference needs two drives of a comparison. Pass the object that "
                 "compare() returned.",
                 code="options_clash",
             )
@@ -137,7 +137,7 @@ def phases(
     """
     _check_fits(array, drive)
     if show not in ("phase", "amplitude"):
-        raise InvalidInput(f"show is {show!r}; use phase or amplitude.", code="unknown_name")
+        raise InvalidInput(f"show is {show!r}. Use phase or amplitude.", code="unknown_name")
     axes = _axes(ax)
     draw_faces(axes, array.positions, array.normals, drive.amplitudes, show)
     return axes
@@ -176,11 +176,11 @@ def scene(
     foci = empty if target is None else target.points
     if array is None and not surfaces and not len(foci):
         raise InvalidInput(
-            "there is nothing to plot; give bodies, transducers or foci.", code="empty"
+            "there is nothing to plot. Give bodies, transducers or foci.", code="empty"
         )
     if ax is not None and not isinstance(ax, Axes3D):
         raise InvalidInput(
-            "a scene needs axes in space: figure.add_subplot(projection='3d').", code="wrong_kind"
+            "a scene needs 3-D axes: figure.add_subplot(projection='3d').", code="wrong_kind"
         )
     positions = empty if array is None else array.positions
     normals = empty if array is None else array.normals

@@ -94,7 +94,7 @@ def draw_foci(
     pressures: Mapping[str, Float64[np.ndarray, "foci"]],
     asked: Float64[np.ndarray, "foci"] | None,
 ) -> None:
-    """Draw bars of the pressure at each focus [Pa] by drive, and lines at the asked ones."""
+    """Draw bars of the pressure at each focus [Pa] by drive, and lines at the requests."""
     foci = np.arange(len(next(iter(pressures.values()))))
     width = 0.8 / len(pressures)
     for index, (name, heights) in enumerate(pressures.items()):
@@ -102,7 +102,7 @@ def draw_foci(
         colour = COLOURS_OF_DRIVES[index % len(COLOURS_OF_DRIVES)]
         axes.bar(foci + shift, heights, 0.94 * width, color=colour, label=name or None)
     if asked is not None:
-        axes.hlines(asked, foci - 0.45, foci + 0.45, colors=BOUND, linewidth=2, label="asked")
+        axes.hlines(asked, foci - 0.45, foci + 0.45, colors=BOUND, linewidth=2, label="request")
     axes.set(xlabel="focus", ylabel="peak pressure [Pa]", ylim=(0.0, None))
     # Foci are counted.
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -129,7 +129,7 @@ def draw_tracks(tracks: Sequence[PadTrack], title: str = "") -> Figure:
         rows[3, column].plot(times, gap, color="#444444", linewidth=1.2)
         rows[3, column].set(xlabel="time [s]", ylabel="thumb to index\npad [mm]", ylim=(0.0, None))
         rows[0, column].set_title(f"{track.side} hand", fontsize=10)
-        # A loss lasts from its first frame to the next frame with the hand, or to the end.
+        # A loss lasts until the next frame with the hand, or the end.
         lost = ~np.isfinite(track.pads[:, 0, 0])
         changes = np.flatnonzero(np.diff(np.concatenate([[False], lost, [False]])))
         for first, end in changes.reshape(-1, 2):
@@ -212,7 +212,7 @@ def draw_varied(
         finite = np.isfinite(varied) & np.isfinite(values)
         distinct = np.unique(varied[finite])
         panel.plot(varied[finite], values[finite], ".", color=BAR, alpha=0.35, markersize=5)
-        # A line through points that all differ would only join them.
+        # Without equal values the median would only join the points.
         if len(distinct) < finite.sum() or len(axes) == 1:
             medians = [np.median(values[finite & (varied == value)]) for value in distinct]
             panel.plot(distinct, medians, color=BOUND)

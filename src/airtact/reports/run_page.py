@@ -183,9 +183,9 @@ def _doubt(run: Rendering) -> list[Markup]:
             dict(zip(doubt.names, doubt.pressures, strict=True)),
             dict(zip(doubt.names, doubt.expected, strict=True)),
         ),
-        f"Share of {count} of the uncertain scene in which the weakest focus gets less than a "
-        "pressure; no drive was made for them. Dots: expected without uncertainty. All at equal "
-        "energy.",
+        f"Share of {count} of the uncertain scene in which the pressure at the weakest focus is "
+        "below a value. The drives were not made for these samples. Dots: pressure without "
+        "deviations. All drives have equal energy.",
         "; ".join(
             f"{name}: at least {low:.0f} Pa 9 of 10 times"
             for name, low in zip(doubt.names, doubt.lowest_tenth, strict=True)
@@ -196,8 +196,8 @@ def _doubt(run: Rendering) -> list[Markup]:
     highest = np.nanmax([shift_map.pressures for shift_map in doubt.maps], axis=(0, 2))
     shifts = picture(
         draw_shifts(doubt.maps, doubt.names, off),
-        "Pressure at the weakest focus where the hand is shifted: along the plane of the foci "
-        f"(above) and at right angles to it (below). All at equal energy.{ring}",
+        "Pressure at the weakest focus of a shifted hand: along the plane of the foci (above) and "
+        f"perpendicular to it (below). All drives have equal energy.{ring}",
         "; ".join(
             f"{name}: {_rounded(low)} to {_rounded(high)} Pa"
             for name, low, high in zip(doubt.names, lowest, highest, strict=True)
@@ -214,16 +214,13 @@ def _fields(run: Rendering, cuts: Sequence[Cut], view: SceneView) -> list[Markup
     points = run.setup.target.points
     got = view.reached
     error = _error(run, cuts)
-    estimate = (
-        f" The pressures there are estimated to be {100 * error:.1g} % off." if error > 0.0 else ""
-    )
+    estimate = f" Their estimated error is {100 * error:.1g} %." if error > 0.0 else ""
     if len(cuts) > 1:
         changes = zip(run.setup.foci, 20.0 * np.log10(got[:, 0] / got[:, 1]), strict=True)
         return [
             picture(
                 draw_close_ups(cuts, run.setup.foci, peak),
-                "Across each focus, at right angles to the surface, which lies below it."
-                f"{estimate}",
+                f"Sections through each focus, perpendicular to the surface below it.{estimate}",
                 f"Maps around each focus, up to {_rounded(peak)} Pa; in dB: "
                 + ", ".join(f"{name} {change:+.1f}" for name, change in changes),
                 wide=True,

@@ -25,7 +25,7 @@ AFTER = "#e8590c"
 
 
 def write_sense_page(path: Path, sensed: Sensed) -> None:
-    """Write the page as one self-contained HTML file, which appears only once it is complete."""
+    """Write a self-contained HTML page, which appears only once it is complete."""
     elements, transmissions = sensed.echoes.codes.shape
     left_out = sensed.located.left_out
     # NaN where an element did not receive.
@@ -36,7 +36,7 @@ def write_sense_page(path: Path, sensed: Sensed) -> None:
     warnings = []
     if len(left_out):
         names = ", ".join(str(receiver) for receiver in left_out)
-        warnings.append(f"Receivers that fit nothing were left out: {names}.")
+        warnings.append(f"Receivers without a usable signal were left out: {names}.")
     write_page(
         path,
         "sense.html.j2",
@@ -66,14 +66,14 @@ def _facts(sensed: Sensed) -> list[tuple[str, str]]:
     off, turn = sensed.off
     shift_deviation, turn_deviation = sensed.located.deviation
     return [
-        (f"{1e3 * off:.2f} mm, {np.degrees(turn):.2f}°", "off the scene's pose"),
+        (f"{1e3 * off:.2f} mm, {np.degrees(turn):.2f}°", "from the scene's pose"),
         (
             f"{1e3 * shift_deviation:.2g} mm, {np.degrees(turn_deviation):.2g}°",
-            "standard deviation of the pose found",
+            "standard deviation of the estimated pose",
         ),
         (
             f"{sensed.corrected / sensed.uncorrected:.2f} times",
-            "at the weakest focus, by correcting it",
+            "the pressure at the weakest focus, by the correction",
         ),
         (
             f"{sensed.located.misfit:.1%}".replace("%", " %"),
@@ -99,12 +99,12 @@ def _pose(sensed: Sensed) -> dict[str, Any]:
         first, *truth = [f"{factor * change:+.4f} {unit}" for change in changes[:, index]]
         cells = [f"{doubt:.4f} {unit}" if np.isfinite(doubt) else "" for doubt in doubts]
         rows.append([name, *(text.replace("-", "−") for text in (first, *cells, *truth))])
-    header = ["", "from the scene's pose", "standard deviation", "least that the noise allows"]
+    header = ["", "from the scene's pose", "standard deviation", "Cramér-Rao bound"]
     if len(changes) > 1:
-        header.append("off the simulated truth")
-    bound = "the least is the Cramér-Rao bound"
+        header.append("from the simulated truth")
+    bound = "The Cramér-Rao bound is the smallest standard deviation that the noise allows"
     if not np.isfinite(deviations[1]).all():
-        bound += ", which is not known where the noise was not measured"
+        bound += "; it is unknown, because the noise was not measured"
     return {"pose_header": header, "pose_rows": rows, "bound": bound}
 
 
@@ -114,8 +114,10 @@ def _moved(sensed: Sensed) -> Markup:
     fitted = sensed.fitted
     pose = sensed.located.pose
     off, turn = sensed.off
-    found = [replace(body, surface=body.surface.moved(pose)) for body in fitted.scene.obstacles]
-    scenes = (setup.scene, replace(fitted.scene, obstacles=found))
+    moved_bodies = [
+        replace(body, surface=body.surface.moved(pose)) for body in fitted.scene.obstacles
+    ]
+    scenes = (setup.scene, replace(fitted.scene, obstacles=moved_bodies))
     foci = np.stack([setup.target.points, pose.apply(fitted.target.points)])
     # The window of a field, less 3 wavelengths, shows motions of a millimetre.
     window = plane_of_scene(setup.scene, setup.target.points)
@@ -123,8 +125,8 @@ def _moved(sensed: Sensed) -> Markup:
     window = replace(window, width=window.width - less, height=window.height - less)
     return picture(
         draw_moved(window, scenes, foci),
-        "The bodies as in the scene file, dashed, and as located by the echoes, grey, cut by two "
-        "planes through the middle of the scene's foci. Foci off a plane are projected onto it.",
+        "Bodies of the scene file (dashed) and as located by the echoes (grey), cut by two planes "
+        "through the middle of the scene's foci. Foci off a plane are projected onto it.",
         f"Cuts of the bodies before and after a motion by {1e3 * off:.2f} mm and "
         f"{np.degrees(turn):.2f} degrees",
         wide=True,
@@ -137,19 +139,19 @@ def _residuals(sensed: Sensed, values: Real[np.ndarray, "2 elements"]) -> Markup
     figure = draw_receivers(
         array.positions,
         array.normals,
-        {"start: the scene's pose": start, "the pose found": end},
-        "not explained, over the rms of the echoes",
+        {"scene's pose": start, "estimated pose": end},
+        "residual over the rms of the echoes",
     )
     caption = (
-        "Echoes at each receiver that the model does not explain, noise included: root mean square "
-        "over the transmissions. Both maps have one scale."
+        "Residual of the echoes at each receiver, including noise: root mean square over the "
+        "transmissions. Both maps have the same scale."
     )
     if not np.isfinite(start).all():
-        caption += " Grey elements did not receive, or were left out."
+        caption += " Grey elements did not receive or were left out."
     before, after = np.sqrt(np.nanmean(values**2, axis=1))
     alternative = (
-        f"Maps of the residual at each element: {before:.2f} for the start and {after:.2f} for the "
-        "pose found"
+        f"Maps of the residual at each element: {before:.2f} for the scene's pose and {after:.2f} "
+        "for the estimated pose"
     )
     return picture(figure, caption, alternative, wide=True)
 
@@ -188,10 +190,10 @@ def draw_moved(
         axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
         axes.set(xlabel=plane.labels[0], ylabel=plane.labels[1], title=_title(plane))
     handles = [
-        Line2D([], [], color=BEFORE, linestyle="--", label="body at the start"),
-        Line2D([], [], label="focus at the start", **ring),
-        Patch(label="body found", **grey),
-        Line2D([], [], label="focus found", **dot),
+        Line2D([], [], color=BEFORE, linestyle="--", label="body of the scene"),
+        Line2D([], [], label="focus of the scene", **ring),
+        Patch(label="located body", **grey),
+        Line2D([], [], label="located focus", **dot),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False)
     return figure

@@ -1,4 +1,4 @@
-"""Shaded bodies and planes in upright axes in space [mm], from a chosen side."""
+"""Shaded bodies and planes in 3-D axes [mm]."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -25,10 +25,10 @@ PLAIN: Any = {
 """No walls behind the axes and a faint grid."""
 
 INSIDE = (0.91, 0.45, 0.16, 1.0)
-"""Colour of the backs of triangles, which show where a surface is open or turned."""
+"""Colour of the backs of triangles, which are visible where a surface is open or inverted."""
 
 SHEET = (0.45, 0.36, 0.25, 0.22)
-"""Colour of a plane in space, through which bodies behind it show."""
+"""Translucent colour of a plane."""
 
 FOCI: Any = {
     "c": "#e8590c",
@@ -79,7 +79,7 @@ def frame(axes: Axes3D, points: Real[np.ndarray, "points 3"]) -> None:
     axes.set_box_aspect(tuple(lengths), zoom=0.9)  # pyright: ignore
     axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
     for index, axis in enumerate((axes.xaxis, axes.yaxis, axes.zaxis)):
-        # 7 ticks along the longest side; the others get their share, which keeps labels apart.
+        # 7 ticks along the longest side, fewer along the others, which keeps labels apart.
         count = round(7 * float(lengths[index] / lengths.max()))
         single = FixedLocator([round(float(middle[index]), 1) + 0.0])
         axis.set_major_locator(MaxNLocator(count) if count > 1 else single)

@@ -1,6 +1,6 @@
-"""The 3-D scene of a page: the data that ``viewer.js`` and three.js draw, embedded as text.
+"""The 3-D scene of a page: embedded data that ``viewer.js`` draws with three.js.
 
-three.js comes from the installed trimesh, which has a build of it; nothing is fetched.
+three.js is taken from the installed trimesh, so nothing is fetched.
 """
 
 import base64
@@ -144,10 +144,10 @@ def viewer_values(view: SceneView, chosen: tuple[int, int] = (0, 1)) -> dict[str
 
 
 def viewer_alternative(view: SceneView) -> str:
-    """Describe the scene and the pressures at the foci, for readers who do not see it."""
+    """Describe the scene and the pressures at the foci as text."""
     got = view.reached[:, 0]
     words = f"{got.min():,.0f} to {got.max():,.0f} Pa"
-    # A list of more than 8 foci would be tedious to listen to.
+    # A screen reader would take too long over more than 8 foci.
     if len(got) <= 8:
         words = ", ".join(
             f"{pressure:,.0f} Pa at {name}"
