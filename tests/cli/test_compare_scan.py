@@ -117,10 +117,7 @@ def test_bad_scans_and_microphones_end_with_2(scan_file, tmp_path, capsys):
     scan = at.evaluation.load_scan(scan_file)
     other = write_scan(tmp_path / "other.csv", scan.points, scan.pressures.conj())
     assert main(["compare-scan", str(other), str(BALL), "--out", str(tmp_path)]) == 2
-    assert re.search(
-        r"other.csv: the scan's phases are [\d.]+% off .* negate the column phase",
-        capsys.readouterr().err,
-    )
+    assert "[does_not_match]" in capsys.readouterr().err
     assert (
         main(
             [

@@ -411,7 +411,7 @@ FAULTS = {
         lambda path: path,
         (*AUDIT, "--cap", "50"),
         "out_of_range",
-        "for 50 per cent give 0.5",
+        "For 50 per cent give 0.5",
     ),
     "two caps": (
         lambda path: path,

@@ -165,9 +165,7 @@ def test_a_shadowed_focus_raises_with_its_pressure_and_that_of_the_others():
 @pytest.mark.parametrize(("method", "foci"), [(at.max_min, 60), (at.drives.gradient, 14)])
 def test_a_method_that_stalls_warns_and_returns_its_best(method, foci):
     transfer, target = in_open_air(scattered(6, foci))
-    with pytest.warns(
-        at.drives.Stalled, match=r"stalled after 1 .* of the certified bound, a gap of \d"
-    ) as warned:
+    with pytest.warns(at.drives.Stalled) as warned:
         drive = method(transfer, target, iterations=1)
     warning = warned[0].message
     assert isinstance(warning, at.drives.Stalled)

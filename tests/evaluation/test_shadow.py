@@ -34,7 +34,7 @@ def test_the_error_of_an_evaluation_is_that_of_its_foci(behind_a_ball, accuracy)
 def test_a_transfer_matrix_that_is_far_off_warns(behind_a_ball):
     scene, board, target, transfer = behind_a_ball
     beacons = at.BoundaryElement(accuracy=0.2).radiate(scene, target.beacons())
-    with pytest.warns(UserWarning, match="transfer matrix is estimated"):
+    with pytest.warns(UserWarning, match="error of the transfer matrix"):
         rough = at.transfer_matrix(beacons, board)
     assert rough.estimated_error > 0.2
     assert transfer.estimated_error < 0.01
