@@ -63,6 +63,6 @@ def test_a_notebook_runs(path, tmp_path) -> None:
     assert any("image/png" in output.get("data", {}) for output in shown)
     if path.stem == "six-foci":
         assert any(
-            "Weakest of 6 foci" in output.get("data", {}).get("text/html", "") for output in shown
+            "weakest of 6 foci" in output.get("data", {}).get("text/html", "") for output in shown
         )
     assert [output.text for output in shown if output.get("name") == "stderr"] == []

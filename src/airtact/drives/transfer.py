@@ -149,7 +149,7 @@ def transfer_matrix(beacons: RadiatedField, array: PhasedArray) -> TransferMatri
     Warns
     -----
     UserWarning
-        If the estimated error is above 20 %, as in the shadow of a body.
+        If the estimated error is above 50 %, as in the shadow of a body.
     """
     of_kind(
         beacons,
@@ -190,8 +190,9 @@ def transfer_to(beacons: RadiatedField, array: PhasedArray) -> TransferMatrix:
     matrix = strength_in(beacons.scene, array) * element.sensitivity * means * array.gains
     errors = beacons.error_at(array.positions)
     error = float(np.max(errors))
-    # The estimate is far too large on the faces of reflecting boards.
-    if error > 0.2 and not beacons.scene.boards:
+    # The estimate is up to five times too large for foci in gaps, and useless on the faces of
+    # reflecting boards.
+    if error > 0.5 and not beacons.scene.boards:
         worst = int(np.argmax(errors))
         warnings.warn(
             f"the estimated error of the transfer matrix is {error:.0%} for the focus at "

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from html import escape
 
 import numpy as np
 from jaxtyping import Complex128, Float64, Real
@@ -165,6 +166,10 @@ class Comparison:
             for drive, name in enumerate(self.names)
             for focus, (x, y, z) in enumerate(self.target.points.tolist())
         ]
+
+    def _repr_html_(self) -> str:
+        """Return the table of ``print`` for notebooks."""
+        return f"<pre>{escape(str(self))}</pre>"
 
     def __str__(self) -> str:
         foci = counted(len(self.target.points), "focus", "foci")

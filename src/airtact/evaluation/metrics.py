@@ -1,6 +1,7 @@
 """The pressure at every focus under a drive, evaluated by a solver that did not make the drive."""
 
 from dataclasses import dataclass
+from html import escape
 
 import numpy as np
 from jaxtyping import Complex128, Float64
@@ -146,6 +147,10 @@ class Evaluation:
         high = self.counted.max()
         low = self.counted.min()
         return float(1.0 - (high - low) / (high + low)) if high > 0.0 else 0.0
+
+    def _repr_html_(self) -> str:
+        """Return the table of ``print`` for notebooks."""
+        return f"<pre>{escape(str(self))}</pre>"
 
     def __str__(self) -> str:
         lines = ["focus   x [mm]    y [mm]    z [mm]   pressure [Pa] request [Pa]    share"]

@@ -199,7 +199,7 @@ def focus(
     >>> import airtact as at
     >>> result = focus(at.autd3_board(), (0.09, 0.07, 0.15))
     >>> result.drive.phases.shape, result.pressures.round(-2).tolist()
-    ((249,), [5400.0])
+    ((249,), [5500.0])
     """
     bodies = []
     if hand is not None:
