@@ -14,7 +14,6 @@ from airtact.errors import (
     LONGEST_SENTENCE,
     InvalidInput,
     about,
-    check_finite,
     check_frequency,
     file_fault,
     fixed,
@@ -86,22 +85,12 @@ def test_points_need_three_columns(shape):
         points_of(np.ones(shape), "foci")
 
 
-def test_points_are_not_empty():
-    with raises_code("empty"):
-        points_of(np.zeros((0, 3)), "foci")
-
-
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_not_finite_values_are_counted_and_placed(value):
     points = np.zeros((5, 3))
     points[3, 1] = points[4, 2] = value
     with raises_code("not_finite"):
         points_of(points, "foci")
-
-
-def test_not_finite_complex_values_are_found():
-    with raises_code("not_finite", "[1]"):
-        check_finite(np.array([1.0, 1j * np.inf]), "strengths")
 
 
 @pytest.mark.usefixtures("as_outside_the_tests")
@@ -164,10 +153,6 @@ def test_the_range_of_frequencies_has_its_ends(value):
 def test_points_are_real_numbers(points, code, written):
     with raises_code(code, written):
         points_of(points, "points")
-
-
-def test_no_points_pass_where_none_are_needed():
-    assert points_of(np.zeros((0, 3)), "points", least=0).shape == (0, 3)
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from paths import EXAMPLES, ROOT
 
 SCRIPTS = ROOT / "examples"
 
+# What each script prints
 PRINTED = {
     "autd3_emulator": r"the fields differ by 0\.0\d+ Pa of 67\d\d Pa",
     "finger_over_table": r"with the table: (99\d|100\d) Pa\n.* without the table: 7\d\d Pa",
@@ -25,7 +26,6 @@ PRINTED = {
     "palm_stm": r"24 frames; (199\d|200\d) to (199\d|200\d) Pa at the focus",
     "two_fingers": r"for the fingers: 14\d\d and 14\d\d Pa\n.*empty air: 11\d\d and 11\d\d Pa",
 }
-"""What each script prints."""
 
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.toml")), ids=lambda path: path.stem)

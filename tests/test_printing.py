@@ -9,8 +9,8 @@ import airtact as at
 from airtact.errors import in_short, one_line, span
 from paths import HANDS
 
+# Characters of a line of a public object
 LONGEST = 130
-"""Characters of a line of a public object."""
 
 
 @pytest.fixture(scope="module")

@@ -10,8 +10,8 @@ SCENE = at.Scene(at.Medium(343.1, 1.293), [at.sound_hard(BALL)])
 TARGET = at.Target(np.array([[0.0, 0.0, 8e-3]]))
 BOARD = at.autd3_board().facing((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 0.1)
 SOLVER = at.BoundaryElement(accuracy=0.1)
+# First words of the steps of a solve
 SOLVE = ["covering", "filling", "solving"]
-"""First words of the steps of a solve."""
 
 
 def first_words(steps: list[str]) -> list[str]:

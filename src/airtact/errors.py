@@ -71,13 +71,13 @@ def _shortened(text: str) -> str:
 
 
 class InvalidInput(ValueError):  # noqa: N818 (reads well in a traceback)
-    """The input is at fault; the message says what is wrong, where, and what to do.
+    """Wrong input; the message states the error, its place and a remedy.
 
     Attributes
     ----------
-    position : (3,) where the fault is [m], so that it can be drawn; None if it is at no one point.
-    code : kind of fault, such as "inside_body". It stays when the message changes;
-        ``docs/errors.md`` lists all.
+    position : (3,) position of the error [m] for pictures, or None.
+    code : kind of error, such as "inside_body". It stays the same when the message changes;
+        ``docs/errors.md`` lists all codes.
     """
 
     def __init__(
@@ -88,16 +88,16 @@ class InvalidInput(ValueError):  # noqa: N818 (reads well in a traceback)
         self.code = code
 
     def __reduce__(self) -> Any:
-        """Pickle the keyword ``code`` too, so that processes can pass the error on."""
+        """Include the keyword ``code``, so that processes can pass the error on."""
         return partial(type(self), code=self.code), (str(self), self.position)
 
 
 class NotConverged(RuntimeError):  # noqa: N818
-    """A solver stopped before its tolerance; the message has residual, iterations and likely cause.
+    """A solver stopped above its tolerance; the message has residual, iterations and likely cause.
 
     Attributes
     ----------
-    code : kind of fault, as in ``InvalidInput``.
+    code : kind of error, as in ``InvalidInput``.
     """
 
     def __init__(self, sentence: str, *, code: str) -> None:
@@ -125,18 +125,18 @@ def about(name: str) -> Iterator[None]:
 
 @contextmanager
 def extra(name: str, need: str) -> Iterator[None]:
-    """Raise "extra_missing", with what to install, where an import inside fails.
+    """Raise "extra_missing" with the command to install an extra, if an import inside fails.
 
     Parameters
     ----------
-    name : of the extra, as in ``airtact[fem]``.
-    need : who needs what, such as "finite elements need NGSolve".
+    name : name of the extra, as in ``airtact[fem]``.
+    need : reason for the message, such as "finite elements need NGSolve".
     """
     try:
         yield
     except (ImportError, OSError) as fault:
         raise InvalidInput(
-            f"{need}, which does not load ({fault}): pip install 'airtact[{name}]'.",
+            f"{need}, which cannot be imported ({fault}): pip install 'airtact[{name}]'.",
             code="extra_missing",
         ) from None
 
@@ -165,7 +165,7 @@ def in_mm(point: Real[np.ndarray, "3"]) -> str:
 
 
 def of_kind(value: Value, kind: type | UnionType, what: str, instead: str) -> Value:
-    """Return an object of the right type, or raise "wrong_kind"; ``instead`` names what to give."""
+    """Return an object of the right type, or raise "wrong_kind" with a remedy, ``instead``."""
     if not isinstance(value, kind):
         name = kind.__name__ if isinstance(kind, type) else str(kind)
         raise InvalidInput(
@@ -177,7 +177,7 @@ def of_kind(value: Value, kind: type | UnionType, what: str, instead: str) -> Va
 
 
 def _described(value: object) -> str:
-    """Describe a wrong value: numbers and texts as they are, others by type and size."""
+    """Describe a wrong value: numbers and texts literally, others by type and size."""
     if isinstance(value, type):
         return f"the class {value.__name__}"
     if isinstance(value, bool | int | float | complex | str):
@@ -194,7 +194,7 @@ def _article(name: str) -> str:
 
 
 def check_choice(value: str, what: str, choices: Sequence[str]) -> None:
-    """Raise "unknown_name" where a value is none of the choices."""
+    """Raise "unknown_name" if a value is none of the choices."""
     if value not in choices:
         raise InvalidInput(
             f"{what} is {value!r}, but it must be one of {', '.join(map(repr, choices))}.",
@@ -221,19 +221,19 @@ def positive(value: float, what: str, unit: str) -> float:
     >>> positive(40e3, "frequency", "Hz")
     40000.0
     """
-    given = number(value, what, unit)
-    if not np.isfinite(given) or given <= 0.0:
+    result = number(value, what, unit)
+    if not np.isfinite(result) or result <= 0.0:
         raise InvalidInput(
-            f"{what} is {given:g} {unit}, but it must be a finite number above zero.",
+            f"{what} is {result:g} {unit}, but it must be a finite number above zero.",
             code="out_of_range",
         )
-    return given
+    return result
 
 
 def between(value: float, low: float, high: float, what: str, unit: str, slip: str) -> float:
     """Return a number from ``low`` to ``high`` as a float; raise "out_of_range", or as ``number``.
 
-    ``slip`` is the question to ask where the unit is probably wrong, such as "is it in kHz?".
+    ``slip`` is a question about a likely wrong unit, such as "is it in kHz?".
 
     Examples
     --------
@@ -242,15 +242,15 @@ def between(value: float, low: float, high: float, what: str, unit: str, slip: s
     ...
     airtact.errors.InvalidInput: gain is 5, but it must lie between 0 and 1: 5 % is 0.05.
     """
-    given = number(value, what, unit)
-    if not low <= given <= high:
+    result = number(value, what, unit)
+    if not low <= result <= high:
         unit = f" {unit}" if unit else ""
         raise InvalidInput(
-            f"{what} is {given:g}{unit}, but it must lie between {low:g} and {high:g}{unit}: "
+            f"{what} is {result:g}{unit}, but it must lie between {low:g} and {high:g}{unit}: "
             f"{slip}",
             code="out_of_range",
         )
-    return given
+    return result
 
 
 def within(value: float, low: float, high: float, what: str, unit: str, slip: str) -> float:
@@ -264,7 +264,7 @@ def check_frequency(frequency: float) -> float:
 
 
 def check_seed(seed: int) -> None:
-    """Raise "out_of_range" where a seed of random numbers is not a whole number of 0 or more."""
+    """Raise "out_of_range" if a seed of random numbers is not a whole number of 0 or more."""
     if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or seed < 0:
         raise InvalidInput(
             f"a seed is a whole number of 0 or more, not {seed!r}.", code="out_of_range"
@@ -272,7 +272,7 @@ def check_seed(seed: int) -> None:
 
 
 def fixed(array: Real[np.ndarray, "..."]) -> Float64[np.ndarray, "..."]:
-    """Copy an array to read-only float64, so that what was checked stays true."""
+    """Copy an array to read-only float64, so that checks of it stay valid."""
     copy = np.array(array, dtype=np.float64, order="C")
     copy.flags.writeable = False
     return copy
@@ -281,23 +281,23 @@ def fixed(array: Real[np.ndarray, "..."]) -> Float64[np.ndarray, "..."]:
 def real_numbers(array: Real[np.ndarray, "..."], what: str) -> Float64[np.ndarray, "..."]:
     """Return an array, or nested lists, of real numbers of any shape as read-only float64.
 
-    Raise "wrong_shape" where rows differ in length, "not_a_number" for complex numbers, text or
-    other things.
+    Raise "wrong_shape" for rows of different lengths, "not_a_number" for complex numbers, text or
+    other objects.
     """
     try:
-        given = np.asarray(array)
+        numbers = np.asarray(array)
     except ValueError:
         raise InvalidInput(
             f"{what} are {_described(array)} whose rows differ in length; give an array.",
             code="wrong_shape",
         ) from None
-    if given.dtype.kind not in "iuf" and given.size:
+    if numbers.dtype.kind not in "iuf" and numbers.size:
         raise InvalidInput(
-            f"{what} are {_described(array)} of type {given.dtype} and shape {given.shape}; give "
-            "real numbers.",
+            f"{what} are {_described(array)} of type {numbers.dtype} and shape {numbers.shape}; "
+            "give real numbers.",
             code="not_a_number",
         )
-    return fixed(given)
+    return fixed(numbers)
 
 
 def complex_numbers(array: Num[np.ndarray, "..."], what: str) -> Complex128[np.ndarray, "..."]:
@@ -345,17 +345,17 @@ def point_of(vector: Vector, what: str) -> Float64[np.ndarray, "3"]:
 
 
 def check_finite(array: np.ndarray, what: str) -> None:
-    """Raise "not_finite" where an array holds NaN or infinity."""
+    """Raise "not_finite" if an array contains NaN or infinity."""
     bad = np.argwhere(~np.isfinite(array))
     if len(bad):
         values = counted(len(bad), "NaN or infinite value", "NaN or infinite values")
         raise InvalidInput(
-            f"{what} hold {values}, the first at index {bad[0].tolist()}.", code="not_finite"
+            f"{what} contain {values}, the first at index {bad[0].tolist()}.", code="not_finite"
         )
 
 
 def file_fault(path: Path, error: OSError) -> InvalidInput:
-    """Make the error of a file that cannot be read: "file_missing", or else "file_unreadable"."""
+    """Return the error for a file that cannot be read: "file_missing" or "file_unreadable"."""
     if isinstance(error, FileNotFoundError):
         return InvalidInput(f"the file {path} does not exist.", code="file_missing")
     return InvalidInput(
@@ -364,9 +364,9 @@ def file_fault(path: Path, error: OSError) -> InvalidInput:
 
 
 def in_short(self: Any) -> str:
-    """Write a dataclass in one line, its larger parts by type and shape.
+    """Write a dataclass in one line, with large fields by type and shape.
 
-    A class uses it by ``__repr__ = in_short``.
+    For classes with ``__repr__ = in_short``.
 
     Examples
     --------
@@ -397,7 +397,7 @@ def _short(value: object) -> str:
 
 
 def one_line(self: object, *facts: str) -> str:
-    """Write an object as its type with the few facts that matter, leaving out empty ones.
+    """Write an object as its type with some facts, except empty ones.
 
     Examples
     --------
@@ -408,7 +408,7 @@ def one_line(self: object, *facts: str) -> str:
 
 
 def sides_in_mm(points: Real[np.ndarray, "points 3"]) -> str:
-    """Write the sides of the upright box round points (P, 3) [m].
+    """Write the sides of the axis-aligned box around points (P, 3) [m].
 
     Examples
     --------
@@ -430,7 +430,7 @@ def as_sentence(words: str) -> str:
 
 
 def span(values: Iterable[float], unit: str, form: str = ".4g") -> str:
-    """Write the range of some values with their unit, or the one value that all have.
+    """Write the range of values with their unit, or the value that all share.
 
     Examples
     --------

@@ -1,7 +1,4 @@
-"""Wall time by step, for reports and for lines of progress.
-
-And threads and processes that would only lengthen it.
-"""
+"""Wall time of steps, progress reports, and limits of threads and process priority."""
 
 import os
 import time
@@ -11,7 +8,7 @@ from functools import cache
 
 from threadpoolctl import ThreadpoolController
 
-# What a long computation calls with the words of each step as it begins
+# Callback of a long computation: takes the description of each step as it begins
 Progress = Callable[[str], None]
 
 
@@ -54,22 +51,22 @@ class Clock:
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Let linear algebra use one thread inside the block."""
+    """Limit linear algebra to one thread inside the block."""
     with _threads().limit(limits=1, user_api="blas"):
         yield
 
 
 @cache
 def _threads() -> ThreadpoolController:
-    """Find the libraries whose threads can be limited, once: it takes milliseconds."""
+    """Return the controller of the loaded libraries; finding them takes milliseconds."""
     return ThreadpoolController()
 
 
 def give_way(nice: int) -> None:
-    """Lower the priority of this process by ``nice`` steps, where the system can.
+    """Lower the priority of this process by ``nice`` steps, if the system supports it.
 
-    Linux divides the processors among sessions first (its autogroups), so that ``nice`` counts
-    inside a session only: a process in a session of its own lowers the session, too.
+    Linux first divides the processors among sessions (autogroups), so ``nice`` has effect only
+    inside a session. A process with a session of its own therefore lowers the session too.
     """
     with suppress(AttributeError, OSError):
         os.nice(nice)

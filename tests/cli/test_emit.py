@@ -15,7 +15,7 @@ import pytest
 import airtact as at
 from airtact.emission.codecs import codec_of
 from cli.running import done, output, rejected
-from emission.receivers import Nano16, SonicSurface, TwoSonicSurfaces, first_harmonic, wired
+from emission.receivers import SonicSurface, wired
 
 BRIEFLY = ("--seconds", "0.05")
 FULL = ("--yes", "--full-scale")
@@ -90,10 +90,7 @@ def test_a_drive_goes_through_the_firmware_model(capsys, drive) -> None:
     level = re.search(r"up to (\d+) dB SPL, 0\.5 m off", printed)
     assert level
     assert 100 < int(level[1]) <= 110
-    assert re.search(
-        r"cap of 0\.0\d+ keeps a head to 110 dB; --full-scale emits all, up to 139 dB there",
-        printed,
-    )
+    assert re.search(r"cap of 0\.0\d+ .* to 110 dB. --full-scale emits up to 139 dB", printed)
     assert "Skin hardly feels a constant force" in printed
     assert "--modulate am:200" in printed
     assert "This is no safety assessment" in printed
@@ -114,17 +111,6 @@ def test_a_frame_is_judged_at_the_foci_that_it_is_made_for(capsys, tmp_path) -> 
     rounding = re.search(r"rounding\s+([+-]\d+\.\d+)%", printed)
     assert rounding
     assert abs(float(rounding[1])) < 0.1
-
-
-def test_at_full_scale_rounding_to_bytes_costs_little(capsys, drive) -> None:
-    printed, _ = done(capsys, "emit", drive, "--board", "autd3", "--link", "audit", *FULL, *BRIEFLY)
-    rounding = re.search(r"rounding ([+-]\d+\.\d+)%", printed)
-    assert rounding
-    assert abs(float(rounding[1])) <= 0.1
-    level = re.search(r"up to (\d+) dB SPL, 0\.5 m off", printed)
-    assert level
-    assert 120 < int(level[1]) < 160
-    assert "keeps a head" not in printed
 
 
 def test_a_drive_is_modulated_as_its_file_or_the_command_says(capsys, tmp_path) -> None:
@@ -170,61 +156,10 @@ def test_a_sequence_tells_its_rate_and_what_was_dropped(capsys, tmp_path) -> Non
 def test_boards_are_listed_with_their_links(capsys) -> None:
     printed, errors = done(capsys, "boards")
     assert errors == ""
-    assert "autd3 249 256 x 256 phases 1 to 256 boards" in printed
-    assert "sonicsurface 256 on, off x 32 phases 1 to 2 boards" in printed
+    assert "autd3 249 256 x 256 phases 1 to 256" in printed
+    assert "sonicsurface 256 on, off x 32 phases 1 to 2" in printed
     assert "autd3: AUTD3, by audit, ethercrab, twincat, remote, simulator, file" in printed
     assert "Serial ports:" in printed
-
-
-@pytest.mark.parametrize(
-    ("name", "boards", "model"),
-    [
-        ("sonicsurface", 1, SonicSurface),
-        ("sonicsurface", 2, TwoSonicSurfaces),
-        ("nano16", 1, Nano16),
-    ],
-)
-def test_serial_boards_play_the_drive_and_end_silent(capsys, tmp_path, name, boards, model) -> None:
-    path = write(tmp_path / "drive.h5", flat_of(name, boards))
-    loudest: list[np.ndarray] = []
-
-    class Watched(model):
-        def hear(self, byte: int) -> bytes:
-            answer = super().hear(byte)
-            if byte in (0xFD, 0x00):
-                loudest.append(first_harmonic(self.pulses()))
-            return answer
-
-    with wired(Watched()) as wire:
-        printed, _ = done(
-            capsys,
-            "emit",
-            path,
-            "--board",
-            name,
-            "--link",
-            "serial",
-            "--port",
-            wire.port,
-            *FULL,
-            "--seconds",
-            "0.2",
-        )
-        assert wire.silent()
-    with h5py.File(path) as file:
-        phases = file["phase"][()]
-    levels = codec_of(name).levels
-    expected = np.exp(2j * np.pi * np.rint(phases * levels.phases / (2 * np.pi)) / levels.phases)
-    full = max(loudest, key=lambda heard: np.count_nonzero(np.abs(heard) > 0.5))
-    np.testing.assert_allclose(full, expected, rtol=0, atol=1e-9)
-    assert ("never answers" in printed) == (name == "sonicsurface")
-
-
-def flat_of(name: str, boards: int) -> at.PhasedArray:
-    from airtact.geometry.pose import Pose
-
-    places = [Pose(np.eye(3), np.array([0.2 * index, 0.0, 0.0])) for index in range(boards)]
-    return at.transducers.board_array(name, places)
 
 
 @pytest.mark.parametrize("kind", ["npz", "csv", "h5"])
@@ -260,27 +195,6 @@ def test_a_file_holds_one_period_of_a_modulated_drive(capsys, tmp_path) -> None:
     largest = np.abs(back.drives).max(axis=1)
     force = (1.0 + np.cos(2 * np.pi * np.arange(20) / 20)) / 2
     np.testing.assert_allclose(largest**2, force, rtol=0, atol=0.03)
-
-
-def test_a_file_link_holds_the_drive_alone(capsys, drive, tmp_path) -> None:
-    out = tmp_path / "frames.npz"
-    to_file = (
-        "--board",
-        "autd3",
-        "--link",
-        "file",
-        "--out",
-        out,
-        "--cap",
-        "0.5",
-        "--yes",
-        "--seconds",
-        "3600",
-    )
-    done(capsys, "emit", drive, *to_file)  # an hour in no time
-    back = at.load_drive(out)
-    assert isinstance(back, at.Drive)
-    assert int(at.quantise(back).amplitude.max()) in (127, 128)
 
 
 @pytest.mark.parametrize(
@@ -320,30 +234,6 @@ def test_a_drive_file_needs_no_scene(capsys, drive) -> None:
 AUDIT = ("--board", "autd3", "--link", "audit", "--yes")
 
 
-def full_scale(path: Path) -> Path:
-    with h5py.File(path) as file:
-        amplitude = file["amplitude"][()]
-    return change(path, amplitude=1.5 * amplitude)
-
-
-def with_nan(path: Path) -> Path:
-    with h5py.File(path) as file:
-        phase = file["phase"][()]
-    phase[7] = np.nan
-    return change(path, phase=phase)
-
-
-def bent(path: Path) -> Path:
-    with h5py.File(path) as file:
-        places = file["positions"][()]
-    places[500, 0] += 2e-3
-    return change(path, positions=places)
-
-
-def two_dimensional() -> dict[str, np.ndarray]:
-    return {"amplitude": np.zeros((3, 996)), "phase": np.zeros((3, 996))}
-
-
 FAULTS = {
     "no answer": (lambda path: path, AUDIT[:-1], "link_failed", "0 frames"),
     "no file": (lambda path: path.with_name("none.h5"), AUDIT, "file_missing", "none.h5"),
@@ -353,18 +243,6 @@ FAULTS = {
         AUDIT,
         "data_missing",
         "drive.h5: the file lacks phase",
-    ),
-    "words": (
-        lambda path: change(path, amplitude="loud"),
-        AUDIT,
-        "not_a_number",
-        "drive.h5: amplitude",
-    ),
-    "one number": (
-        lambda path: change(path, amplitude=1.0),
-        AUDIT,
-        "wrong_shape",
-        "amplitude of shape () and phase of shape (996,)",
     ),
     "a later version": (
         lambda path: change(path, format_version=9),
@@ -378,9 +256,6 @@ FAULTS = {
         "data_missing",
         "drive.h5: the file has no positions",
     ),
-    "over full scale": (full_scale, AUDIT, "out_of_range", "the first 1."),
-    "NaN": (with_nan, AUDIT, "not_finite", "NaN or infinite"),
-    "bent": (bent, AUDIT, "wrong_kind", "498 to 746"),
     "996 to nano": (
         lambda path: path,
         ("--board", "nano16", "--link", "serial", "--port", "x", "--yes"),
@@ -434,23 +309,11 @@ FAULTS = {
         "does_not_match",
         "25000 Hz",
     ),
-    "sequence without rate": (
-        lambda path: change(path, amplitude_level=None, phase_level=None, **two_dimensional()),
-        AUDIT,
-        "data_missing",
-        "3 frames",
-    ),
     "inaudible": (
         lambda path: path,
         (*AUDIT, "--cap", "0.001"),
         "all_zero",
         "0.001",
-    ),
-    "shapes": (
-        lambda path: change(path, amplitude=np.zeros(3)),
-        AUDIT,
-        "wrong_shape",
-        "(3,) and phase of shape (996,) do not fit 996",
     ),
 }
 
@@ -483,30 +346,6 @@ def test_sequences_that_boards_check_are_told_the_nearest(
     )
     errors = rejected(capsys, "emit", path, *AUDIT)
     assert re.search(sentence, errors)
-
-
-def emit_serially(capsys, path: Path, port: str) -> tuple[int, str]:
-    """Emit a file on a SonicSurface at full scale; return the exit code and the errors."""
-    words = ["--board", "sonicsurface", "--link", "serial", "--port", port]
-    code, _, errors = output(capsys, "emit", path, *words, *FULL)
-    return code, errors
-
-
-def test_a_rate_over_the_serial_line_is_told_the_nearest(capsys, tmp_path) -> None:
-    path = write(
-        tmp_path / "sequence.h5", at.transducers.board_array("sonicsurface"), frames=3, rate=200.0
-    )
-    with wired(SonicSurface()) as wire:
-        code, errors = emit_serially(capsys, path, wire.port)
-    assert code == 2
-    assert "200 frames/s exceed the 88 frames/s" in errors
-
-
-def test_paper_boards_are_played_too(capsys, tmp_path) -> None:
-    """Boards of the paper's idealised box overlap at the corners, but each is a board."""
-    path = write(tmp_path / "drive.h5", at.flat_boards(1, 2))
-    printed, _ = done(capsys, "emit", path, *AUDIT, "--seconds", "0.05")
-    assert "2 AUTD3, 498 transducers" in printed
 
 
 # --- how it ends ----------------------------------------------------------------------------------------------------
@@ -552,20 +391,13 @@ def test_a_process_that_is_told_to_end_leaves_silence(tmp_path, kind) -> None:
     ended_by(kind, write(tmp_path / "drive.h5", at.transducers.board_array("sonicsurface")), 0.1)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", [signal.SIGINT, signal.SIGTERM])
-def test_fifty_processes_that_are_told_to_end_leave_silence(tmp_path, kind) -> None:
-    path = write(tmp_path / "drive.h5", at.transducers.board_array("sonicsurface"))
-    for moment in np.random.default_rng(1).uniform(0.0, 0.4, 50):
-        ended_by(kind, path, moment)
-
-
 def test_a_cable_cut_while_emitting_ends_with_1(capsys, tmp_path) -> None:
     path = write(
         tmp_path / "sequence.h5", at.transducers.board_array("sonicsurface"), frames=3, rate=50.0
     )
     with wired(SonicSurface(), cut_after=6000) as wire:
-        code, errors = emit_serially(capsys, path, wire.port)
+        port = ("--link", "serial", "--port", wire.port)
+        code, _, errors = output(capsys, "emit", path, "--board", "sonicsurface", *port, *FULL)
     assert code == 1
     last = errors.splitlines()[-1]
     assert "the serial link failed while silencing" in last

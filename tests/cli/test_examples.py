@@ -9,6 +9,7 @@ import pytest
 from airtact.cli import NAMES as COMMANDS
 from airtact.cli import commands, main
 
+# Their examples take seconds each
 SECONDS = {
     "calibrate",
     "compare",
@@ -20,7 +21,6 @@ SECONDS = {
     "sense",
     "sweep",
 }
-"""Their examples take seconds each."""
 
 NAMES = [
     pytest.param(name, marks=pytest.mark.slow) if name in SECONDS else name for name in COMMANDS

@@ -9,7 +9,6 @@ import trimesh
 import airtact as at
 from airtact.cli import main
 from paths import HANDS
-from references.rigged_hand import posed, rough, seen, turned_to_camera
 
 CLOUD, LANDMARKS = str(HANDS / "seen_hand.ply"), str(HANDS / "seen_hand.json")
 
@@ -25,8 +24,7 @@ def test_a_cloud_gives_a_closed_skin_a_picture_and_how_sure_it_is(tmp_path: Path
     )
 
     said = capsys.readouterr().out
-    assert "skin uncertain by" in said
-    assert "points used" in said
+    assert "standard deviation of the skin" in said
     skin = trimesh.load(file)
     assert skin.is_watertight  # pyright: ignore[reportAttributeAccessIssue]
     assert file.with_suffix(".png").stat().st_size > 20_000
@@ -55,17 +53,6 @@ def test_the_file_holds_the_skin_that_was_brought_to_the_points(
     middle = np.median(np.linalg.norm(corners[:, 0] - corners[:, 1], axis=1))
     # Curved panels are cut in four flat ones.
     assert middle == pytest.approx(0.5 * (edge or 3.5e-3), rel=0.25)
-
-
-def test_pads_that_the_camera_did_not_see_are_less_certain() -> None:
-    errors = []
-    for palm in (True, False):
-        true = turned_to_camera(posed("pinch"), 0, palm=palm)
-        fitted = at.fit_hand(seen(true, 8), rough(true.joints, 8), "right", np.zeros(3))
-        errors.append(np.sqrt(np.mean(fitted.joint_errors[[8, 9]] ** 2)))
-        off = np.linalg.norm(fitted.hand.joints[[8, 9]] - true.joints[[8, 9]], axis=1)
-        assert np.sqrt(np.mean(off**2)) < 2.5 * errors[-1]
-    assert errors[1] > 1.2 * errors[0]
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,5 @@
 """The commands for hands that move: what they write and report, and what they reject."""
 
-import json
 import re
 import signal
 import subprocess
@@ -64,6 +63,7 @@ def test_what_cannot_be_shown_is_rejected(capsys, recording, tmp_path):
         ([recording, "--gap", 0.01], "options_clash"),
         ([pose, "--frame", 3], "pinch.json", "options_clash"),
         ([tmp_path / "none.jsonl"], "none.jsonl", "file_missing"),
+        ([pose, "--edge", 6], "6 m", "out_of_range"),
     ):
         said = rejected(capsys, "hand", *arguments, "--out", out)
         assert said.endswith(f" [{fault}]")
@@ -123,15 +123,6 @@ def test_nothing_to_record_is_reported(capsys, tmp_path, source, seconds, file, 
     words = ["live", "--from", source, "--seconds", seconds, "--record", tmp_path / file]
     said = rejected(capsys, *words)
     assert said.endswith(f" [{code}]")
-
-
-def test_the_example_is_what_it_is_said_to_be():
-    frames = at.hands.load_recording(EXAMPLE).frames
-    motion = Pinching()
-    assert len(frames) == 75
-    for frame in frames[::25]:
-        np.testing.assert_allclose(frame.landmarks, motion.at(frame.time), atol=2e-6)
-    assert json.loads(EXAMPLE.read_text().splitlines()[7])["sequence"] == 7
 
 
 def test_pads_over_time_are_those_of_each_hand():

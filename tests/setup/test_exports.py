@@ -52,12 +52,6 @@ def test_flat_triangles_are_read_back_in_metres(tmp_path, ending):
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_an_ending_that_is_not_written_is_rejected(tmp_path):
-    with raises_code("unknown_format", "panels.obj"):
-        write_triangles(tmp_path / "panels.obj", *WRITTEN)
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_vtk_reads_the_panels_back(tmp_path):
     path = tmp_path / "panels.vtkhdf"
     write_triangles(path, *WRITTEN)
@@ -110,24 +104,6 @@ def test_triangles_of_panels_of_one_size_are_closed_and_right(name):
     assert np.all(edge_twins(triangles) >= 0)
     assert len(vertices) == len(triangles) // 2 + (0 if name == "ring" else 2)  # Euler
     assert cone_volumes(vertices[triangles]).sum() == pytest.approx(EXACT[name], rel=0.04)
-
-
-def test_nodes_that_part_by_a_little_are_joined():
-    panels = BODIES["ball"].panelled(4e-3).quadratic_triangles
-    apart = panels + np.random.default_rng(2).uniform(-5e-5, 5e-5, panels.shape)
-    vertices, triangles = flat_triangles(apart)
-    assert np.all(edge_twins(triangles) >= 0)
-    exact, _ = flat_triangles(panels)
-    assert len(vertices) == len(exact)
-
-
-def test_bodies_that_stand_apart_are_not_joined():
-    near = np.concatenate(
-        [at.sphere(0.01, 3e-3, (x, 0, 0)).panelled(4e-3).quadratic_triangles for x in (0.0, 0.0203)]
-    )
-    _, triangles = flat_triangles(near)
-    assert len(triangles) == 4 * len(near)
-    assert np.all(edge_twins(triangles) >= 0)
 
 
 BOX = Box(np.array([-0.01, 0.0, 0.02]), 1e-3, (4, 3, 2))

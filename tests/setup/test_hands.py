@@ -35,12 +35,6 @@ def test_pads_inside_the_body_are_rejected(tmp_path):
         at.read_scene(scene_file(tmp_path, "gap = 0.012\n"))
 
 
-def test_a_gap_goes_with_a_hand_only(tmp_path):
-    path = scene_file(tmp_path, f'hand = "{PINCH}"', "sphere = { radius = 0.01 }")
-    with raises_code("key_misplaced"):
-        at.read_scene(path)
-
-
 def test_the_command_writes_a_closed_skin_and_a_picture(tmp_path, capsys):
     import trimesh
 
@@ -57,17 +51,6 @@ def test_the_command_writes_a_closed_skin_and_a_picture(tmp_path, capsys):
     assert "5.3 mm inside the body" in written
 
 
-def test_the_command_rejects_what_it_cannot_do(tmp_path, capsys):
-    skin = str(tmp_path / "hand.ply")
-    for words, code in (
-        ([str(PINCH), "--edge", "6", "--out", skin], "out_of_range"),
-        ([str(PINCH), "--out", str(tmp_path / "hand.png")], "unknown_format"),
-        ([str(tmp_path / "none.json"), "--out", skin], "file_missing"),
-    ):
-        assert main(["hand", *words]) == 2
-        assert capsys.readouterr().err.endswith(f"[{code}]\n")
-
-
 def test_fingers_that_are_swapped_are_rejected(tmp_path):
     pose_of = json.loads(PINCH.read_text())
     chains = [list(range(5 + 5 * finger, 10 + 5 * finger)) for finger in range(4)]
@@ -82,15 +65,6 @@ def test_fingers_that_are_swapped_are_rejected(tmp_path):
         )
         with raises_code("hand_implausible", sentence):
             at.load_hand(swapped)
-
-
-def test_the_file_of_a_skin_holds_no_made_up_numbers(tmp_path):
-    import h5py
-
-    file = tmp_path / "hand.vtkhdf"
-    assert main(["hand", str(PINCH), "--edge", "0.006", "--out", str(file)]) == 0
-    with h5py.File(file) as content:
-        assert set(content["VTKHDF/CellData"]) == {"smallest_angle", "area"}  # pyright: ignore[reportArgumentType]
 
 
 def two_hands(tmp_path: Path, foci: str) -> Path:

@@ -5,11 +5,10 @@ import os
 import pytest
 
 from airtact.cli import main
-from airtact.errors import LONGEST_SENTENCE
 from airtact.setup.building import read_scene
 from airtact.setup.parsing import parse_scene
 from faults import raises_code
-from paths import EXAMPLES, ROOT
+from paths import EXAMPLES
 
 PINCH = (EXAMPLES / "pinch.toml").read_text(encoding="utf-8")
 LETTERS = (EXAMPLES / "air_letters.toml").read_text(encoding="utf-8")
@@ -139,20 +138,3 @@ def test_a_file_that_is_too_large_or_a_pipe_is_not_read(tmp_path):
     os.mkfifo(pipe)
     with raises_code("file_unreadable"):
         read_scene(pipe)
-
-
-def test_brackets_and_digits_in_strings_and_comments_do_not_count():
-    deep, long = "[" * 99, "1" * 9999
-    text = f"# {deep} {long}\n" + LETTERS.replace('"AIR"', f'"{deep}{long}"')
-    assert parse_scene(text).foci[0].text.words == deep + long  # pyright: ignore[reportOptionalMemberAccess]
-    with raises_code("unknown_key"):
-        parse_scene(f"x = [[[[1, 2.5], []]]]\n'{deep}' = 1")
-
-
-def test_the_document_states_the_limits():
-    words = (ROOT / "docs/scene-file.md").read_text(encoding="utf-8")
-    for number in (
-        f"{LONGEST_SENTENCE} characters",
-        "4 MB",
-    ):
-        assert number in words

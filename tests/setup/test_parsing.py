@@ -26,10 +26,6 @@ def test_the_least_file_has_the_defaults_of_the_design():
     assert file.foci[0].offset is None
 
 
-def test_whole_numbers_are_numbers():
-    assert parse_scene("frequency = 40000\n" + LEAST).frequency == 40e3
-
-
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [

@@ -124,12 +124,6 @@ def test_the_control_is_that_of_the_series(result):
     np.testing.assert_allclose(result.control_pressures, ratio * result.pressures, rtol=0.03)
 
 
-def test_the_verification_is_more_accurate_than_the_drive(result):
-    report = result.verification.report
-    assert report.settings["accuracy"] < 0.05 / 2.95  # six steps of 1.2 are 2.986
-    assert report.nodes > result.beacons.nodes
-
-
 def test_the_field_file_is_the_field_of_the_series(rendered, exact):
     with h5py.File(rendered[0] / "field.vtkhdf") as file:
         image = file["VTKHDF/field"]
@@ -143,24 +137,6 @@ def test_the_field_file_is_the_field_of_the_series(rendered, exact):
     np.testing.assert_array_equal(np.isnan(drawn), ~outside)
     expected = exact(points[outside])
     assert np.linalg.norm(drawn[outside] - expected) < 0.02 * np.linalg.norm(expected)
-
-
-def test_the_pictures_show_the_drive_as_it_is_and_the_control_at_its_energy(result, plane, exact):
-    setup = result.setup
-    outside = np.linalg.norm(plane.window.points, axis=1) > 5.1e-3
-    points = plane.window.points[np.flatnonzero(outside)[::200]]
-    drawn, control_drawn = (values[outside][::200] for values in plane.pressures.values())
-    expected = exact(points)
-    assert np.linalg.norm(drawn - expected) < 0.02 * np.linalg.norm(expected)
-    control = control_in_closed_form(setup).amplitudes
-    energies = [np.sum(np.abs(values) ** 2) for values in (result.drive.amplitudes, control)]
-    emitted = at.Drive(np.sqrt(energies[0] / energies[1]) * control)
-    sources = at.evaluation.drive_sources(setup.array, [emitted])
-    expected = at.SphereSeries().radiate(setup.scene, sources).at(points)[:, 0]
-    common = np.vdot(expected, control_drawn)  # a phase that all elements share is free
-    expected *= common / abs(common)
-    assert np.linalg.norm(control_drawn - expected) < 0.02 * np.linalg.norm(expected)
-    assert tuple(plane.pressures) == result.verification.names
 
 
 def test_the_drive_files_hold_the_drive(rendered):
@@ -185,17 +161,6 @@ def test_the_page_is_self_contained(page):
         assert kind == "data:image/webp;base64"
         assert b64decode(data).startswith(b"RIFF")
     assert not re.search(r"https?://|@import|url\((?!#)|<script src|<link", page)
-
-
-def test_the_page_has_the_numbers(result, page):
-    for number in (
-        "343.1 m/s",
-        "south pole",
-        f"{result.pressures[0]:,.0f}",
-        f"<td>{1.0 / result.verification.ratios('equal energy')[1, 0]:.3f}</td>",
-        f"{result.beacons.nodes:,}",
-    ):
-        assert number in page
 
 
 def test_plots_of_a_rendering_show_the_drive_as_it_is_emitted(result, exact):

@@ -82,17 +82,6 @@ def test_a_body_without_names_needs_none_where_others_have_them(read, bare) -> N
     assert setup.foci == ("index.pad",)
 
 
-def test_a_name_that_is_almost_right_gets_the_right_one(read) -> None:
-    with raises_code("unknown_name", 'at = "indx.pad"', "did you mean index.pad?"):
-        read(AIR, BOARDS, SCAN, INDEX.replace("index", "indx"))
-
-
-def test_a_name_of_two_bodies_is_rejected(read) -> None:
-    far = "[obstacles.pose]\ntranslation = [0.0, 0.0, 0.3]\n"
-    with raises_code("given_twice", "obstacles[1]: index.pad"):
-        read(AIR, BOARDS, SCAN, SCAN, far, INDEX)
-
-
 @pytest.mark.parametrize(
     "focus", [INDEX, "[[foci]]\npoint = [-0.05, 0.0, 0.0]\n"], ids=["named", "point"]
 )
@@ -102,13 +91,6 @@ def test_joints_that_are_not_of_the_scan_are_rejected(read, bare, focus) -> None
         read(AIR, BOARDS, BARE, f"joints = {pinch}\n", focus)
     with raises_code("file_missing", "none.json"):
         read(AIR, BOARDS, BARE, 'joints = "none.json"\n', focus)
-
-
-def test_joints_go_with_a_mesh_only(read) -> None:
-    with raises_code("key_misplaced", "obstacles[0]: joints goes only with surface"):
-        read(
-            AIR, BOARDS, '[[obstacles]]\nsphere = { radius = 0.01 }\njoints = "pose.json"\n', INDEX
-        )
 
 
 def test_a_rig_of_unclear_side_asks_for_it(read, bare) -> None:

@@ -70,38 +70,19 @@ def test_what_a_matrix_is_made_from_carries_no_warning_of_the_direct_solution() 
     assert solve_foci(setup, Clock())[1].warnings == ("coarse triangles",)
 
 
-def first_accuracy_that_refines(setup) -> float:
-    """Try one accuracy after the other, a factor of 1.2 apart."""
-    emitting = at.Monopoles(setup.array.positions, np.ones(len(setup.array)))
-
-    def unknowns(accuracy: float) -> int:
-        return BoundaryElement(accuracy=accuracy).unknowns(setup.scene, emitting)
-
-    accuracy = setup.accuracy / 1.2
-    while unknowns(accuracy) < 1.8 * unknowns(setup.accuracy) and accuracy / 1.2 > 1e-4:
-        accuracy /= 1.2
-    assert unknowns(accuracy) <= MOST_UNKNOWNS
-    return accuracy
-
-
 @pytest.mark.parametrize(
     "setup", [PINCH, replace(PINCH, accuracy=0.2), at.read_scene(SCENES / "ball.toml")]
 )
 def test_verification_has_the_first_accuracy_that_refines_enough(setup) -> None:
-    accuracy = first_accuracy_that_refines(setup)
-    assert verification_solver(setup) == BoundaryElement(accuracy=accuracy, enough=setup.accuracy)
-
-
-def test_few_accuracies_are_tried(monkeypatch) -> None:
-    tried = []
-    unknowns = BoundaryElement.unknowns
-    monkeypatch.setattr(
-        BoundaryElement, "unknowns", lambda self, *args: tried.append(self) or unknowns(self, *args)
+    emitting = at.Monopoles(setup.array.positions, np.ones(len(setup.array)))
+    solver = verification_solver(setup)
+    assert isinstance(solver, BoundaryElement)
+    assert solver.enough == setup.accuracy
+    own, coarser, chosen = (
+        BoundaryElement(accuracy=accuracy).unknowns(setup.scene, emitting)
+        for accuracy in (setup.accuracy, 1.2 * solver.accuracy, solver.accuracy)
     )
-    verification_solver(PINCH)
-    assert (
-        len(tried) <= 3
-    )  # its own, the first that refines enough and the one before; six when tried in turn
+    assert coarser < 1.8 * own <= chosen <= MOST_UNKNOWNS
 
 
 def test_verification_of_the_best_accuracy_stays_there() -> None:

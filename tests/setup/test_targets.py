@@ -128,7 +128,7 @@ def test_suppression_zones_stand_beside_the_foci(read) -> None:
         (
             "key_missing",
             (POINT, "share = 1.0\n", POINT),
-            ("foci: 1 of 2 have a share; give it to all, or to none",),
+            ("foci: 1 of 2 have a share",),
         ),
         (
             "options_clash",

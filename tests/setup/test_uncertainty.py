@@ -42,11 +42,6 @@ def test_wrong_numbers_name_the_table(read) -> None:
         read("[uncertainty]\npositon = 1e-3\n")
 
 
-def test_a_drive_for_samples_needs_what_is_in_doubt(read) -> None:
-    with raises_code("data_missing", "robust"):
-        read('[drive]\nmethod = "robust"\n')
-
-
 @pytest.mark.slow
 def test_a_rendering_reports_what_is_kept_nine_of_ten_times(read, tmp_path) -> None:
     setup = read('[drive]\nmethod = "robust"\n[uncertainty]\nposition = 2e-3\nrotation = 3.0\n')

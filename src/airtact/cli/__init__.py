@@ -1,8 +1,8 @@
 """The command line: each command parses its arguments, calls the library and prints the result.
 
-Exit codes: 0 done, 1 a link to boards failed or known fields are not met, 2 bad input or not
-converged, 130 interrupted by Ctrl-C. A message ends with the code of its kind of fault in brackets;
-with ``--json`` it is written to the standard output as JSON too.
+Exit codes: 0 success, 1 failure of a link to boards or of the self-check, 2 bad input or no
+convergence, 130 interruption by Ctrl-C. An error message ends with its code in brackets; with
+``--json`` it is also written to the standard output as JSON.
 """
 
 import json
@@ -14,7 +14,7 @@ import click
 
 import airtact as at
 
-# Commands; each is a function in the module of its name
+# Each command is a function in the module of the same name
 NAMES = (
     "boards",
     "calibrate",
@@ -34,10 +34,10 @@ NAMES = (
 
 
 class Commands(click.Group):
-    """A group whose commands are imported when they are run or listed."""
+    """A group that imports its commands when they are run or listed."""
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import the module of a command; None if there is no such command."""
+        """Import a command; None for an unknown name."""
         if cmd_name not in NAMES:
             return None
         name = cmd_name.replace("-", "_")
@@ -52,20 +52,20 @@ class Commands(click.Group):
 )
 @click.version_option(package_name="airtact", message="%(prog)s %(version)s")
 def commands() -> None:
-    """Compute what a phased array must emit so that a hand in its sound feels points."""
+    """Compute the drive of an ultrasonic phased array that focuses on a hand."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line, with the arguments of this process by default; return the exit code."""
+    """Run the command line and return the exit code; by default with this process's arguments."""
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     try:
         status = commands.main(args=arguments, prog_name="airtact", standalone_mode=False)
-        return status or 0  # a command returns nothing, or ends with a code of its own
+        return status or 0  # None, or the exit code of a command
     except click.exceptions.NoArgsIsHelpError as error:
         error.show()
         return error.exit_code
     except click.ClickException as error:
-        # Messages of click begin with a capital; those of airtact follow "airtact: ".
+        # click's messages begin with a capital; airtact's follow "airtact: ".
         sentence = error.format_message()
         sentence = sentence[:1].lower() + sentence[1:]
         if isinstance(error, click.UsageError) and error.ctx is not None:
@@ -73,7 +73,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         code = "wrong_usage"
         status = error.exit_code
     except (KeyboardInterrupt, click.Abort) as stop:
-        # A command that keeps results says so in the interrupt; click wraps it in Abort.
+        # The interrupt of a command names its complete files; click wraps it in Abort.
         sentence = f"interrupted; {str(stop.__cause__ or stop) or 'finished files are complete'}"
         code = "interrupted"
         status = 130
@@ -81,7 +81,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sentence = f"{error.filename or 'a file'}: {error.strerror or error}"
         code = "file_missing" if isinstance(error, FileNotFoundError) else "file_failed"
         status = 2
-    # Naming these errors imports NumPy, which --help does not wait for.
+    # Naming these errors imports NumPy, so --help does not reach this line.
     except (at.InvalidInput, at.NotConverged) as error:
         sentence = str(error)
         code = error.code
@@ -90,14 +90,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sentence = str(error)
         code = error.code
         status = 1
-    return _fail(sentence, code, status, as_json="--json" in arguments)
-
-
-def _fail(sentence: str, code: str, status: int, as_json: bool) -> int:
     from airtact.errors import one_sentence
 
     sentence = one_sentence(sentence)
     click.echo(f"airtact: {sentence} [{code}]", err=True)
-    if as_json:
+    if "--json" in arguments:
         click.echo(json.dumps({"error": sentence, "code": code}, ensure_ascii=False))
     return status

@@ -1,4 +1,4 @@
-"""``airtact boards``: the boards that a drive can be sent to."""
+"""``airtact boards``: list the supported boards."""
 
 import click
 
@@ -6,30 +6,36 @@ from airtact.cli.console import plain_table, show
 from airtact.cli.options import as_json, quiet
 
 
-@click.command(short_help="List the boards that can be driven.", epilog="Example: airtact boards")
+@click.command(short_help="List the supported boards.", epilog="Example: airtact boards")
 @as_json
 @quiet
 def boards() -> None:
-    """List the boards that can be driven, their links, and the serial ports of this computer."""
+    """List the supported boards, their links, and the serial ports of this computer."""
     from airtact.emission.links import links_of
     from airtact.transducers.boards import BOARDS
 
-    table = plain_table("board", "elements", "levels", "a link")
+    table = plain_table("board", "elements", "levels", "boards per link")
     for board in BOARDS.values():
         amplitudes = "on, off" if board.amplitudes == 2 else str(board.amplitudes)
         table.add_row(
             board.name,
             str(len(board)),
             f"{amplitudes} x {board.phases} phases",
-            "1 board" if board.max_boards == 1 else f"1 to {board.max_boards} boards",
+            "1" if board.max_boards == 1 else f"1 to {board.max_boards}",
         )
     links = [
         f"{board.name}: {board.title}, by {', '.join(links_of(board.name))}"
         for board in BOARDS.values()
     ]
-    ports = _ports()
-    missing = "not searched, pyserial is not installed: pip install 'airtact[serial]'"
-    words = missing if ports is None else ", ".join(ports) or "none"
+    try:
+        from airtact.emission.serial_link import serial_ports
+
+        ports = list(serial_ports())
+    except ImportError:
+        ports = None
+    words = "unknown without pyserial: pip install 'airtact[serial]'"
+    if ports is not None:
+        words = ", ".join(ports) or "none"
     show(
         table,
         lines=[*links, f"Serial ports: {words}"],
@@ -49,13 +55,3 @@ def boards() -> None:
             "serial_ports": ports,
         },
     )
-
-
-def _ports() -> list[str] | None:
-    """List the serial ports; None where they cannot be searched."""
-    try:
-        from airtact.emission.serial_link import serial_ports
-
-        return list(serial_ports())
-    except ImportError:
-        return None

@@ -1,4 +1,4 @@
-"""``airtact calibrate``: boards, gains and sound speed, from transmissions between elements."""
+"""``airtact calibrate``: calibrate boards, gains and sound speed by the array's transmissions."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,21 +26,21 @@ if TYPE_CHECKING:
     help="Scene file with the array.",
 )
 @click.option(
-    "--simulate", is_flag=True, help="Simulate the transmissions of an array that is a little off."
+    "--simulate", is_flag=True, help="Simulate transmissions of an array with small errors."
 )
 @click.option(
     "--noise",
     type=float,
     default=30.0,
     show_default=True,
-    help="Sound over noise in dB, if simulated.",
+    help="Signal-to-noise ratio of the simulation [dB].",
 )
 @click.option(
     "--seed",
     type=click.IntRange(0),
     default=0,
     show_default=True,
-    help="Of the simulated noise and array.",
+    help="Seed of the simulated noise and array.",
 )
 @click.option(
     "--out", type=FILE, default="calibration.csv", show_default=True, help="Table of the elements."
@@ -50,12 +50,11 @@ if TYPE_CHECKING:
 def calibrate(
     echoes: Path | None, scene: Path, simulate: bool, noise: float, seed: int, out: Path
 ) -> None:
-    """Find the boards of a scene's array, the gains of its elements and the sound speed.
+    """Calibrate the poses of a scene's boards, the gains of the elements and the sound speed.
 
-    ECHOES is an .h5 file of the transmissions that the elements of the empty array receive from
-    each other. Their codes must distinguish the elements, and direct sound must not be subtracted.
-    Boards must face each other. Writes a table that a scene reads by calibration =
-    "calibration.csv" in its [array].
+    ECHOES is an .h5 file of what the elements of the empty array receive from each other. The
+    boards must face each other, the codes must distinguish the elements, and direct sound must be
+    included. Writes a table that a scene reads by calibration = "calibration.csv" under [array].
     """
     with progress() as report_step:
         report_step(f"reading {scene.name}")
@@ -85,7 +84,7 @@ def _facts(calibrated: "Calibrated", error: tuple[float, float] | None) -> list[
     position, turn, speed = calibrated.deviation
     facts = [("sound speed", f"{calibrated.sound_speed:.3f} m/s, standard deviation {speed:.1g}")]
     for board, motion in enumerate(calibrated.motions[1:], 1):
-        # Relative to the first board, which cannot be off itself.
+        # Relative to the first board, which defines the frame.
         x, y, z = 1e3 * calibrated.shifts[board]
         # The distance of a small rotation from the identity is √2 times its angle.
         angle = np.degrees(np.linalg.norm(motion.rotation - np.eye(3)) / np.sqrt(2.0))

@@ -1,4 +1,4 @@
-"""``airtact check``: what is in a scene or a surface, or what is wrong with it."""
+"""``airtact check``: report the contents of a scene or a surface, or its first error."""
 
 import math
 from collections.abc import Iterator
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 
 @click.command(
-    short_help="Report what is in a scene or a surface, or what is wrong with it.",
+    short_help="Report the contents of a scene or a surface, or its first error.",
     epilog="Example: airtact check pinch",
 )
 @click.argument(
@@ -48,15 +48,16 @@ if TYPE_CHECKING:
     default="scene.toml",
     callback=scene_here,
 )
-@click.option("--out", "folder", type=FILE, help="Folder for a picture of the bodies or the fault.")
+@click.option(
+    "--out", "folder", type=FILE, help="Folder for the picture of the bodies or the error."
+)
 @surface_settings
 @as_json
 @quiet
 def check(scene: Path, folder: Path | None, **settings: float | None) -> None:
-    """Report what is in a scene or surface file (STL, PLY, OBJ, GLB), or what is wrong with it.
+    """Report the contents of a scene or surface file (STL, PLY, OBJ, GLB), or its first error.
 
-    With --out a picture of the bodies is written, or of the fault of a surface file that is
-    rejected.
+    --out writes a picture of the bodies, or of the error of a surface.
     """
     chosen = given(**settings)
     with progress() as report_step:
@@ -65,11 +66,11 @@ def check(scene: Path, folder: Path | None, **settings: float | None) -> None:
         if scene.suffix.lower() in SUFFIXES:
             tables, cautions, record = _check_surface(scene, folder, report_step, chosen)
         else:
-            # A scene sets these for each of its surfaces.
+            # A scene file sets these for each surface.
             for key, value in chosen.items():
                 raise at.InvalidInput(
-                    f"{key} = {value:g} belongs in the scene file, beside its surface, not on the "
-                    "command line.",
+                    f"{key} = {value:g} on the command line is for surfaces: write it in the scene "
+                    "file.",
                     code="options_clash",
                 )
             tables, cautions, record = _check_scene(scene, folder, report_step)
@@ -103,12 +104,15 @@ def _check_scene(path: Path, folder: Path | None, report_step: Progress) -> Show
 def _check_surface(
     path: Path, folder: Path | None, report_step: Progress, settings: dict[str, float]
 ) -> Shown:
-    from airtact.errors import about
+    import numpy as np
+
+    from airtact.errors import about, counted
+    from airtact.geometry.mesh.topology import shells
     from airtact.setup.solving import unknowns_of
 
     try:
         surface = at.load_surface(path, **settings, progress=report_step)
-        # A scene at 40 kHz would have it as a sound-hard body in air.
+        # As a sound-hard body of a scene at 40 kHz.
         with about(path.name):
             scene = at.Scene(at.air(), [at.sound_hard(surface)])
     except at.InvalidInput as fault:
@@ -118,17 +122,29 @@ def _check_surface(
     if folder is not None:
         _draw_bodies(folder, scene, [path.name], None, report_step)
     report_step("counting unknowns")
-    # Panels are smaller near foci; a distant one leaves them all of the usual size.
+    # Panels are smaller near foci, so a distant focus gives them their usual size.
     distant = surface.vertices.min(axis=0)[None] - 1.0
-    unknowns = {
-        accuracy: unknowns_of(at.BoundaryElement(accuracy=accuracy), scene, distant)
-        for accuracy in (0.01, 0.03)
-    }
-    counts = {f"{accuracy:g}": count for accuracy, count in unknowns.items()}
+    pieces = counted(int(shells(surface.triangles).max()) + 1, "closed piece", "closed pieces")
+    extent = " x ".join(f"{1e3 * side:.4g}" for side in np.ptp(surface.vertices, axis=0))
+    waves = surface.area / scene.wavelength**2
+    facts = [
+        ("accepted", f"{path.name}: {len(surface.triangles):,} triangles, {pieces}"),
+        ("extent", f"{extent} mm along x, y, z"),
+        ("area", f"{1e4 * surface.area:.4g} cm² = {waves:.3g} λ² at 40 kHz"),
+        ("volume", f"{1e6 * surface.volume:.4g} cm³"),
+        ("sharp edges", sharp_edges_in_words(surface)),
+    ]
+    unknowns = {}
+    # The default accuracy, and that of a preview.
+    for accuracy in (0.01, 0.03):
+        count = unknowns_of(at.BoundaryElement(accuracy=accuracy), scene, distant)
+        unknowns[f"{accuracy:g}"] = count
+        words = f"{count:,} unknowns, about {_memory(count, accuracy)} to solve"
+        facts.append((f"accuracy {accuracy:g}", words))
     return (
-        [_surface_table(path.name, scene, unknowns), repairs_table(surface)],
+        [facts_table(facts), repairs_table(surface)],
         (),
-        {"surface": _size(surface), "unknowns": counts},
+        {"surface": _size(surface), "unknowns": unknowns},
     )
 
 
@@ -144,7 +160,7 @@ def _draw_bodies(
 def _draw_fault(
     path: Path, scale: float, fault: "at.InvalidInput", folder: Path, report_step: Progress
 ) -> None:
-    """Draw a rejected surface and where its fault is, if its file can be read."""
+    """Draw a rejected surface and the position of its error, if its file can be read."""
     import numpy as np
 
     from airtact.files.meshes import read_mesh
@@ -154,7 +170,7 @@ def _draw_fault(
         vertices, triangles = read_mesh(path)
     except at.InvalidInput:
         return
-    # The file is at fault already, so its numbers may be anything.
+    # The numbers of a faulty file may be of any size.
     with np.errstate(over="ignore"):
         vertices = scale * vertices
     finite = vertices[np.isfinite(vertices).all(axis=1)]
@@ -168,7 +184,7 @@ def _write(picture: Path, figure: "Figure", report_step: Progress) -> None:
     from airtact.reports.page import write_picture
 
     folder = writable_folder(picture.parent)
-    # An older picture must not stand beside the new result.
+    # A picture of an older run must not stay beside the new one.
     for name in ("bodies.png", "fault.png"):
         (folder / name).unlink(missing_ok=True)
     report_step(f"drawing {picture}")
@@ -231,13 +247,23 @@ def _scene_tables(setup: "Setup", unknowns: int | None) -> "Iterator[Table]":
     for name, obstacle in named.items():
         if obstacle.surface.repairs:
             yield repairs_table(obstacle.surface, name)
-    yield _foci_table(setup)
+    foci = plain_table("foci", "x", "y", "z", "off the surface", "pressure")
+    asked = setup.target.pressures
+    distances = -scene.depth(setup.target.points)
+    for index, (name, point) in enumerate(zip(setup.foci, setup.target.points, strict=True)):
+        foci.add_row(
+            escape(name),
+            *(f"{1e3 * number:.2f} mm" for number in point),
+            f"{1e3 * distances[index]:.3g} mm" if setup.bodies else "–",
+            "strongest" if asked is None else f"{asked[index]:g} Pa",
+        )
+    yield foci
     array = setup.array
     if scene.boards:
-        away = ", in the faces of boards that reflect"
+        away = ", in reflecting boards"
     elif named:
         clearance = -scene.depth(array.positions).max()
-        away = f", {1e3 * clearance:.0f} mm off the bodies or more"
+        away = f", at least {1e3 * clearance:.0f} mm from the bodies"
     else:
         away = ""
     facts = [
@@ -249,7 +275,7 @@ def _scene_tables(setup: "Setup", unknowns: int | None) -> "Iterator[Table]":
     ]
     for plane in scene.planes:
         height = 1e3 * plane.height(setup.target.points).min()
-        words = f"through {in_mm(plane.point)}, the nearest focus {height:.3g} mm before it"
+        words = f"through {in_mm(plane.point)}, {height:.3g} mm from the nearest focus"
         facts.append(("rigid plane", words))
     if len(setup.target.suppression_points):
         facts.append(("suppression points", f"{len(setup.target.suppression_points)}"))
@@ -261,44 +287,6 @@ def _scene_tables(setup: "Setup", unknowns: int | None) -> "Iterator[Table]":
         memory = _memory(unknowns, setup.accuracy)
         facts.append(("unknowns", f"{unknowns:,}, about {memory} to solve"))
     yield facts_table(facts)
-
-
-def _foci_table(setup: "Setup") -> "Table":
-    table = plain_table("foci", "x", "y", "z", "off the surface", "pressure")
-    asked = setup.target.pressures
-    distances = -setup.scene.depth(setup.target.points)
-    for index, (name, point) in enumerate(zip(setup.foci, setup.target.points, strict=True)):
-        table.add_row(
-            escape(name),
-            *(f"{1e3 * number:.2f} mm" for number in point),
-            f"{1e3 * distances[index]:.3g} mm" if setup.bodies else "–",
-            "strongest" if asked is None else f"{asked[index]:g} Pa",
-        )
-    return table
-
-
-def _surface_table(name: str, scene: "Scene", counts: dict[float, int]) -> "Table":
-    import numpy as np
-
-    from airtact.geometry.mesh.topology import shells
-
-    surface = scene.obstacles[0].surface
-    pieces = int(shells(surface.triangles).max()) + 1
-    closed = f"{pieces} closed {'piece' if pieces == 1 else 'pieces'}"
-    extent = " x ".join(f"{1e3 * side:.4g}" for side in np.ptp(surface.vertices, axis=0))
-    waves = surface.area / scene.wavelength**2
-    facts = [
-        ("accepted", f"{name}: {len(surface.triangles):,} triangles, {closed}"),
-        ("extent", f"{extent} mm along x, y, z"),
-        ("area", f"{1e4 * surface.area:.4g} cm² = {waves:.3g} λ² at 40 kHz"),
-        ("volume", f"{1e6 * surface.volume:.4g} cm³"),
-        ("sharp edges", sharp_edges_in_words(surface)),
-    ]
-    # The usual accuracy, and that of a preview.
-    for accuracy, unknowns in counts.items():
-        memory = _memory(unknowns, accuracy)
-        facts.append((f"accuracy {accuracy:g}", f"{unknowns:,} unknowns, about {memory} to solve"))
-    return facts_table(facts)
 
 
 def _memory(unknowns: float, accuracy: float) -> str:

@@ -1,4 +1,4 @@
-"""``airtact compare``: the drive of a scene by every method."""
+"""``airtact compare``: compare the drives of all methods for a scene."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -76,14 +76,14 @@ def _record(result: "MethodComparison") -> dict[str, Any]:
 def _table(result: "MethodComparison") -> "Table":
     uncertain = result.contenders[0].kept is not None
     suppressed = len(result.setup.target.suppression_points) > 0
-    columns = ["method", "worst focus", "of the bound", "mean", "time"]
+    columns = ["method", "weakest focus", "of the bound", "mean", "time"]
     if uncertain:
-        columns.insert(2, "9 of 10 times")
+        columns.insert(2, "in 9 of 10 samples")
     if suppressed:
         columns.append("suppression points")
     table = plain_table(*columns)
     # Methods differ in energy, so shares of the bound are compared at full scale.
-    table.title = "Pressure at the foci; of the bound: at full scale, over what no drive exceeds"
+    table.title = "Pressure at the foci, and share of the upper bound at full scale"
     equal = len(result.equally_good)
     if equal > 1:
         table.caption = f"The first {equal} are equal within {result.tolerance:.1%}."

@@ -1,17 +1,14 @@
-"""``airtact compare-scan``: a measured scan beside the prediction."""
+"""``airtact compare-scan``: compare a measured scan with the prediction."""
 
 import csv
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 import airtact as at
 from airtact.cli.console import facts_table, progress, show
 from airtact.cli.options import INPUT, as_json, given, pictures, quiet, results
-
-if TYPE_CHECKING:
-    from airtact.evaluation.scan import Overlay
 
 
 @click.command(
@@ -25,14 +22,14 @@ if TYPE_CHECKING:
 @click.option(
     "--diameter",
     type=float,
-    help="Of the microphone's face in metres; 6.35e-3, a quarter inch, by default.",
+    help="Diameter of the microphone in metres; 6.35e-3, a quarter inch, by default.",
 )
 @click.option(
     "--axis",
     type=float,
     nargs=3,
     metavar="X Y Z",
-    help="Direction of its face; 0 0 -1 by default, down.",
+    help="Direction of its face; 0 0 -1, down, by default.",
 )
 @click.option(
     "--housing",
@@ -43,18 +40,18 @@ if TYPE_CHECKING:
 @as_json
 @quiet
 def compare_scan(scan: Path, scene: Path, folder: Path, pictures: bool, **microphone: Any) -> None:
-    """Predict what a microphone reads in SCENE and compare SCAN, a measured one, with it.
+    """Predict the reading of a microphone in SCENE, and compare the measured SCAN with it.
 
     SCAN is a .csv file with the columns x, y, z (metres, in the obstacles' frame), pressure (any
-    unit) and, if it was measured, phase (radians). The drive of SCENE, rounded to its levels, is
-    emitted. Writes overlay.csv and overlay.png.
+    unit) and, if measured, phase (radians). The prediction is for the drive of SCENE, rounded to
+    its levels. Writes overlay.csv and overlay.png.
     """
     with progress() as report_step:
         report_step(f"reading {scan.name} and {scene.name}")
         import numpy as np
 
         from airtact.errors import about
-        from airtact.files.atomic import writable_folder
+        from airtact.files.atomic import whole_file, writable_folder
         from airtact.setup.solving import solve_foci, synthesise, verification_solver
         from airtact.timing import Clock
 
@@ -65,7 +62,7 @@ def compare_scan(scan: Path, scene: Path, folder: Path, pictures: bool, **microp
         transfer, _ = solve_foci(setup, Clock(report_step))
         drive, stalled = synthesise(setup.synthesise, transfer, setup.target)
         emitted = at.quantise(drive, setup.levels).drive()
-        # The boards emit the rounded drive, so that is what a microphone reads.
+        # The boards emit the rounded drive.
         report_step("predicting by a more accurate solve with all transducers as sources")
         field = verification_solver(setup).radiate(
             setup.scene, at.evaluation.drive_sources(setup.array, [emitted], setup.scene)
@@ -83,11 +80,29 @@ def compare_scan(scan: Path, scene: Path, folder: Path, pictures: bool, **microp
             if left < 0.5 * overlay.error:
                 millimetres = " ".join(f"{1e3 * part:+.2g}" for part in shift)
                 shifted.append(
-                    f"the scan fits with {left:.1%} where its positions are shifted by "
-                    f"{millimetres} mm along x, y and z: check where its origin is."
+                    f"the relative error is {left:.1%} if the scan's positions are shifted by "
+                    f"{millimetres} mm along x, y and z: check its origin."
                 )
         files = [folder / "overlay.csv"]
-        _write_table(files[0], overlay)
+        columns = (measured.points, measured.pressures, overlay.scale * overlay.predicted)
+        with (
+            whole_file(files[0]) as partial,
+            partial.open("w", newline="", encoding="utf-8") as stream,
+        ):
+            writer = csv.writer(stream)
+            writer.writerow(
+                ["x", "y", "z", "measured", "measured_phase", "predicted", "predicted_phase"]
+            )
+            for point, at_point, expected in zip(*columns, strict=True):
+                writer.writerow(
+                    [
+                        *(f"{number:.9g}" for number in point),
+                        f"{np.abs(at_point):.6g}",
+                        f"{np.angle(at_point):.6g}" if measured.phased else "",
+                        f"{np.abs(expected):.6g}",
+                        f"{np.angle(expected):.6g}",
+                    ]
+                )
         if pictures:
             from airtact.reports.page import write_picture
             from airtact.reports.plots import draw_overlay
@@ -101,7 +116,7 @@ def compare_scan(scan: Path, scene: Path, folder: Path, pictures: bool, **microp
     facts = [
         ("relative error", f"{overlay.error:.1%}, after one scale, of {quantity}"),
         ("positions", f"{int(overlay.used.sum())} of {len(overlay.used)} compared"),
-        ("scale", f"{abs(overlay.scale):.4g} of the scan's unit for 1 Pa predicted{turn}"),
+        ("scale", f"{abs(overlay.scale):.4g} of the scan's unit per predicted pascal{turn}"),
         ("predicted by", f"{report.solver}, estimated error {report.estimated_error:.2%}"),
     ]
     show(
@@ -118,29 +133,3 @@ def compare_scan(scan: Path, scene: Path, folder: Path, pictures: bool, **microp
             "files": {file.name: str(file) for file in files},
         },
     )
-
-
-def _write_table(file: Path, overlay: "Overlay") -> None:
-    # One complex scale brings the prediction to the scan's unit and phase.
-    import numpy as np
-
-    from airtact.files.atomic import whole_file
-
-    scan = overlay.scan
-    with whole_file(file) as partial, partial.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream)
-        writer.writerow(
-            ["x", "y", "z", "measured", "measured_phase", "predicted", "predicted_phase"]
-        )
-        for point, measured, predicted in zip(
-            scan.points, scan.pressures, overlay.scale * overlay.predicted, strict=True
-        ):
-            writer.writerow(
-                [
-                    *(f"{number:.9g}" for number in point),
-                    f"{np.abs(measured):.6g}",
-                    f"{np.angle(measured):.6g}" if scan.phased else "",
-                    f"{np.abs(predicted):.6g}",
-                    f"{np.angle(predicted):.6g}",
-                ]
-            )

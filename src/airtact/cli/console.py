@@ -1,4 +1,4 @@
-"""What all commands print alike: progress, warnings, tables, and the result as JSON."""
+"""Output that the commands share: progress, warnings, tables, and results as JSON."""
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -17,27 +17,27 @@ from rich.text import Text
 import airtact as at
 from airtact.timing import Progress as Step
 
-# Where click keeps that the result is wanted as JSON, or that only faults and warnings are
+# Keys of click's context for --json and --quiet
 JSON, QUIET = "airtact.json", "airtact.quiet"
 
 
 def wanted(key: str) -> bool:
-    """Return whether the running command was given ``--json`` (`JSON`) or ``--quiet`` (`QUIET`)."""
+    """Return whether the running command has ``--json`` (`JSON`) or ``--quiet`` (`QUIET`)."""
     context = click.get_current_context(silent=True)
     return context is not None and bool(context.meta.get(key))
 
 
 @contextmanager
 def progress() -> Iterator[Step]:
-    """Show steps as they begin: live with the time each takes in a terminal, else one line each.
+    """Yield a function that shows each step as it begins; nothing is shown if quiet.
 
-    None if quiet.
+    A terminal gets a live display with the time of each step, a pipe one line per step.
     """
     console = Console(stderr=True)
     if wanted(QUIET):
         yield lambda step: None
         return
-    # A log or a pipe gets lines, since a live display would fill it with control characters.
+    # A live display would fill a log with control characters.
     if not console.is_terminal:
         begun = time.perf_counter()
         yield lambda step: click.echo(f"{time.perf_counter() - begun:7.1f} s  {step}", err=True)
@@ -63,9 +63,9 @@ def progress() -> Iterator[Step]:
 
 @contextmanager
 def status_line() -> Iterator[Callable[[object], None]]:
-    """Show what is reported on one line that is rewritten, in a terminal.
+    """Yield a function that shows the current status; nothing is shown if quiet.
 
-    Else a line each; nothing if quiet.
+    A terminal gets one line that is rewritten, a pipe a line per change of state.
     """
     console = Console(stderr=True)
     if wanted(QUIET):
@@ -77,7 +77,7 @@ def status_line() -> Iterator[Callable[[object], None]]:
         def line(status: object) -> None:
             nonlocal last
             state = str(status).partition(",")[0]
-            # Numbers change twice a second; a log gets a line when the state changes.
+            # The numbers change twice a second, too often for a log.
             if state != last:
                 click.echo(str(status), err=True)
             last = state
@@ -95,15 +95,14 @@ def show(
     lines: Sequence[str] = (),
     record: Mapping | None = None,
 ) -> None:
-    """Print what comes first, tables, warnings, and lines that say which files were written.
+    """Print a headline, tables, warnings, and lines such as the names of written files.
 
-    With ``--quiet`` only the warnings are printed. With ``--json`` the record, with the warnings
-    and the version, is all that stands on the standard output, and the rest goes to the standard
-    error.
+    With ``--quiet`` only the warnings are printed. With ``--json`` the standard output is the
+    record alone, with the warnings and the version; the rest goes to the standard error.
     """
-    from airtact.errors import one_sentence  # only now, so that --help comes at once
+    from airtact.errors import one_sentence  # imports NumPy, which would delay --help
 
-    # Standard output is for the result alone, so that it can be piped.
+    # The standard output holds the result alone, so that it can be piped.
     console = Console(stderr=wanted(JSON) or wanted(QUIET))
     for index, line in enumerate(() if wanted(QUIET) else first):
         console.print(
@@ -125,15 +124,15 @@ def show(
 
 
 def open_page(page: Path) -> None:
-    """Show a page in the browser, or write where it is if there is none."""
+    """Show a page in the browser; without a browser print its path."""
     import webbrowser
 
     if not webbrowser.open(page.resolve().as_uri()):
-        show(warnings=[f"no browser was found here; open {page} in one."])
+        show(warnings=[f"no browser was found: open {page} yourself."])
 
 
 def plain_table(*columns: str) -> Table:
-    """Begin a table, with a head if columns are named; all but the first are numbers."""
+    """Return an empty table, with a header if columns are named; all but the first are numbers."""
     table = Table(box=SIMPLE, show_header=any(columns))
     for index, column in enumerate(columns or ("", "")):
         table.add_column(column, justify="right" if index and any(columns) else "left")
@@ -141,7 +140,7 @@ def plain_table(*columns: str) -> Table:
 
 
 def facts_table(facts: Sequence[tuple[str, str]]) -> Table:
-    """Tabulate facts by their names."""
+    """Return a table of names and facts."""
     table = plain_table()
     for fact in facts:
         table.add_row(*fact)
@@ -149,7 +148,7 @@ def facts_table(facts: Sequence[tuple[str, str]]) -> Table:
 
 
 def repairs_table(surface: "at.Surface", name: str = "") -> Table:
-    """Tabulate what was repaired in a surface."""
+    """Return a table of the repairs of a surface."""
     table = plain_table()
     for index, note in enumerate(surface.repairs or ("nothing",)):
         table.add_row(
@@ -160,7 +159,7 @@ def repairs_table(surface: "at.Surface", name: str = "") -> Table:
 
 
 def sharp_edges_in_words(surface: "at.Surface") -> str:
-    """Count the edges that stay sharp when a surface is curved, and add up their lengths."""
+    """Describe the edges that stay sharp when a surface is curved: number and total length."""
     from airtact.reports.body_figure import sharp_edges
 
     sharp = sharp_edges(surface)
@@ -169,4 +168,4 @@ def sharp_edges_in_words(surface: "at.Surface") -> str:
     if count == 0:
         return f"none turns by over {surface.sharp_degrees:g}°"
     turn = f"turn by over {surface.sharp_degrees:g}° or end a flat cap"
-    return f"{count:,}, {length:.4g} mm together, that {turn}"
+    return f"{count:,} of {length:.4g} mm in total {turn}"

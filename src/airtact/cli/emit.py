@@ -1,4 +1,4 @@
-"""``airtact emit``: a drive or a sequence on boards."""
+"""``airtact emit``: emit a drive or a sequence on boards."""
 
 from pathlib import Path
 from typing import Any
@@ -30,17 +30,18 @@ from airtact.cli.options import FILE, Names, agreed, board_address, level_of, qu
     help="am:FREQUENCY or am:FREQUENCY:DEPTH, such as am:200; none for a constant force.",
 )
 @click.option(
-    "--link", required=True, type=Names("airtact.emission.links:LINKS"), help="Way to the boards."
+    "--link",
+    required=True,
+    type=Names("airtact.emission.links:LINKS"),
+    help="Connection to the boards.",
 )
 @click.option(
-    "--seconds", type=float, help="How long; 2 by default, one period or round to a file."
+    "--seconds", type=float, help="Duration; 2 by default, to a file one period or round."
 )
 @click.option("--yes", is_flag=True, help="Emit without asking.")
 @board_address
 @click.option("--out", type=FILE, help="File, for --link file: .npz, .csv, .h5 or .bin.")
-@click.option(
-    "--log", type=FILE, help="File for a line on each event: what the boards got, and when."
-)
+@click.option("--log", type=FILE, help="File for a line per event: its time and what was sent.")
 @quiet
 def emit(
     drive: Path,
@@ -56,11 +57,12 @@ def emit(
 ) -> None:
     """Emit DRIVE.h5 on boards for some seconds, then silence them.
 
-    Without --cap and --full-scale the level half a metre off the array is kept to 110 dB, a usual
-    limit. The amplitude rises over 0.2 s. At the end, when anything fails, and however this process
-    ends, a process of the link's own sends a frame of zeros, confirmed as far as the boards can.
-    With --link file the frames are written to the file --out, at full scale and without asking: a
-    drive once, a modulated drive for one period, a sequence for one round, or for --seconds.
+    Without --cap and --full-scale the level half a metre off the array is limited to 110 dB, a
+    usual limit. The amplitude rises over 0.2 s. A separate process sends a frame of zeros at the
+    end, after an error, and when this process is killed; boards that can confirm it do.
+
+    --link file writes the frames to the file --out, at full scale and without asking: a drive once,
+    one period of a modulated drive, one round of a sequence, or --seconds of either.
     """
     from airtact.drives.head_level import NO_SAFETY_ASSESSMENT
     from airtact.emission.links import link_to
@@ -68,7 +70,7 @@ def emit(
     from airtact.setup import safe_emission
 
     if seconds is not None:
-        positive(seconds, "how long to emit", "s")
+        positive(seconds, "the duration", "s")
     share = level_of(cap, full_scale)
     if share is None and link == "file":
         share = 1.0  # a file emits nothing
@@ -86,7 +88,7 @@ def emit(
     if not to_boards.real_time:
         end = "written."
     elif link == "serial" and board == "sonicsurface":
-        end = "sent; the last was silence, written to the port (a SonicSurface never answers)."
+        end = "sent; the last was silence, unconfirmed: a SonicSurface never answers."
     else:
         end = "sent; the last was silence, and confirmed."
     lines = [f"{counted(to_boards.sent, 'frame was', 'frames were')} {end}"]
@@ -100,7 +102,7 @@ def emit(
 
 
 def _modulation(words: str | None) -> Any:
-    # None leaves the file's own modulation; "none" is passed to the plan by itself.
+    # None keeps the file's modulation; the plan handles "none".
     if words in (None, "none"):
         return None
     kind, *numbers = words.split(":")
@@ -110,8 +112,8 @@ def _modulation(words: str | None) -> Any:
         values = [float(number) for number in numbers]
     except ValueError:
         raise at.InvalidInput(
-            f"--modulate {words} is not am with up to 2 numbers, such as am:200 or am:200:0.5, nor "
-            "none.",
+            f"--modulate {words} is neither am with up to 2 numbers, such as am:200 or am:200:0.5, "
+            "nor none.",
             code="unknown_name",
         ) from None
     return at.transducers.AmplitudeModulation(*values)

@@ -1,4 +1,4 @@
-"""``airtact hand``: the skin of a hand from a pose, a recording or a point cloud."""
+"""``airtact hand``: make the skin of a hand from a pose, a recording or a point cloud."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from airtact.geometry.mesh_shape import MeshShape
     from airtact.hands.hand import Side
     from airtact.hands.shape import HandShape
-    from airtact.hands.tracking.frame import HandFrame
-    from airtact.hands.tracking.recordings import Recording
 
 # Default edge of the triangles [m]
 EDGE = 4e-3
@@ -31,7 +29,7 @@ EDGE = 4e-3
     epilog="Example: airtact hand pinch.json --gap 0.012 --out hand.ply",
 )
 @click.argument("path", metavar="POSE_RECORDING_OR_CLOUD", type=INPUT)
-@click.option("--gap", type=float, help="Open thumb and index finger to this gap in metres.")
+@click.option("--gap", type=float, help="Gap to which thumb and index finger open, in metres.")
 @click.option("--edge", type=float, help="Edge of the triangles in metres; 4e-3 by default.")
 @click.option("--out", "file", required=True, type=FILE, help="File for the skin.")
 @click.option(
@@ -39,7 +37,7 @@ EDGE = 4e-3
     "frames",
     type=int,
     multiple=True,
-    help="Frame of a recording; again for more. The first.",
+    help="Number of a frame of a recording; may be repeated. The first by default.",
 )
 @click.option("--leave-out", is_flag=True, help="Leave out and count faulty frames of a recording.")
 @click.option("--landmarks", type=INPUT, help="Rough joints, a pose as JSON, for a cloud.")
@@ -60,10 +58,11 @@ def hand(
     """Make the closed skin of a hand from its joints: 25 of WebXR, or 21 of MediaPipe or Leap.
 
     A pose is a .json file. The skin is written as flat triangles in metres to .ply, .stl or .glb,
-    or curved to .vtkhdf for ParaView; a picture of it, .png, stands beside it. Of a recording,
-    .jsonl, the skins of chosen frames are written, and a picture of the pads over time. To
-    a cloud of points, .ply, .xyz or .npy, with rough --landmarks a hand is fitted, and the picture
-    shows how far the points are from its skin.
+    or as curved ones to .vtkhdf for ParaView, with a picture .png beside it.
+
+    A recording is a .jsonl file. The skins of chosen frames are written, and a picture of the pads
+    over time. A point cloud is a .ply, .xyz or .npy file and needs rough --landmarks. A hand is
+    fitted to it, and the picture shows the distances of the points from its skin.
     """
     from airtact.errors import within
     from airtact.hands.files import CLOUD_ENDINGS
@@ -75,7 +74,7 @@ def hand(
         kind = "cloud"
     elif kind == "pose" and path.suffix.lower() in CLOUD_ENDINGS:
         raise at.InvalidInput(
-            f"{path.name} is a cloud of points: give rough --landmarks.", code="data_missing"
+            f"{path.name} is a point cloud: give rough --landmarks.", code="data_missing"
         )
     for option, of_kind, is_given in (
         ("gap", "pose", gap is not None),
@@ -88,7 +87,7 @@ def hand(
                 f"{path.name} is a {kind}, but --{option} is for a {of_kind}: leave it out.",
                 code="options_clash",
             )
-    # Before minutes of fitting: the file must be writable and none of the inputs.
+    # Fitting takes minutes, so the output is checked first.
     check_output(file, path, *([] if landmarks is None else [landmarks]))
     if edge is not None:
         within(edge, 0.8e-3, 20e-3, "edge", "m", "is it in millimetres? Give metres.")
@@ -130,7 +129,7 @@ def _fit(
     edge: float | None,
     report_step: Progress,
 ) -> Shown:
-    # The fitted skin has edges of its own unless one is given.
+    # Without a given edge the fitted surface keeps its own.
     import numpy as np
 
     from airtact.files.atomic import writable_folder
@@ -150,13 +149,12 @@ def _fit(
         triangles = shape.quadratic_triangles
     else:
         triangles = shape.panels(edge or EDGE)
-    # Positive outside of the skin.
-    distances = -shape.depth(fitted.points)
+    distances = -shape.depth(fitted.points)  # positive outside
 
     lines = _write(triangles, file, draw_cloud(triangles, fitted, distances), report_step)
     points = np.array([point for point, _ in fitted.hand.places.values()])
     places = dict(zip(fitted.hand.places, shape.project(points), strict=True))
-    # Points off the hand, such as a sleeve's, say nothing about the skin.
+    # Outliers, such as points of a sleeve, are not points of the skin.
     used = ~fitted.outliers
     usual = float(np.median(np.abs(distances[used])))
     parts = ", ".join(f"{part} {1e3 * error:.1f}" for part, error in fitted.part_errors.items())
@@ -164,10 +162,10 @@ def _fit(
         *_facts(fitted.hand.side, shape, triangles, places),
         (
             "points used",
-            f"{used.sum():,} of {len(used):,} thinned out; half of them within {1e3 * usual:.1f} "
-            "mm of the skin",
+            f"{used.sum():,} of {len(used):,} after thinning; median distance from the skin "
+            f"{1e3 * usual:.1f} mm",
         ),
-        ("skin uncertain by", f"{parts} mm"),
+        ("standard deviation of the skin", f"{parts} mm"),
     ]
     return facts, lines
 
@@ -189,11 +187,27 @@ def _replay(
 
     report_step(f"reading {path.name}")
     recording = load_recording(path, leave_out)
+    # Frames without landmarks have no skin.
+    with_joints = [frame for frame in recording.frames if frame.landmarks is not None]
+    numbers = [frame.sequence for frame in with_joints]
+    missing = sorted(set(chosen) - set(numbers))
     with about(path.name):
-        frames = _chosen(recording, chosen)
+        if not with_joints:
+            raise at.InvalidInput(
+                f"none of {len(recording.frames)} frames has landmarks: fit a hand to their point "
+                "clouds first.",
+                code="data_missing",
+            )
+        if missing:
+            raise at.InvalidInput(
+                f"there is no frame {missing[0]} with landmarks: give one of {min(numbers)} to "
+                f"{max(numbers)}.",
+                code="unknown_name",
+            )
+    frames = [frame for frame in with_joints if frame.sequence in chosen] or with_joints[:1]
     report_step(f"finding the pads in {len(recording.frames):,} frames")
-    # A recording may have frames of one hand only.
-    seen = {frame.side for frame in recording.frames if frame.landmarks is not None}
+    # Many recordings have frames of one hand only.
+    seen = {frame.side for frame in with_joints}
     hands: list[Side] = ["left", "right"]
     tracks = [pads_over_time(recording.frames, side) for side in hands if side in seen]
     writable_folder(file.parent)
@@ -219,30 +233,10 @@ def _replay(
     return facts, [f"Skin: {', '.join(skins)}", f"Pads over time: {picture}"]
 
 
-def _chosen(recording: "Recording", chosen: tuple[int, ...]) -> "list[HandFrame]":
-    # Frames without landmarks have no joints, so no skin can be made of them.
-    seen = [frame for frame in recording.frames if frame.landmarks is not None]
-    if not seen:
-        raise at.InvalidInput(
-            f"none of {len(recording.frames)} frames has landmarks; fit a hand to their clouds "
-            "first.",
-            code="data_missing",
-        )
-    numbers = [frame.sequence for frame in seen]
-    missing = sorted(set(chosen) - set(numbers))
-    if missing:
-        raise at.InvalidInput(
-            f"there is no frame {missing[0]} with landmarks; the frames with landmarks lie in "
-            f"{min(numbers)} to {max(numbers)}.",
-            code="unknown_name",
-        )
-    return [frame for frame in seen if frame.sequence in chosen] or seen[:1]
-
-
 def _write(
     triangles: "QuadraticTriangles", file: Path, figure: "Figure", report_step: Progress
 ) -> list[str]:
-    """Write a skin and its picture beside it; return lines that name them."""
+    """Write a skin and its picture; return lines that name the files."""
     from airtact.reports.page import write_picture
     from airtact.setup.exports import write_triangles
 
@@ -277,7 +271,7 @@ def _facts(
     for name, point in places.items():
         depth = float(shape.depth(point[None])[0])
         words = f"({', '.join(f'{1e3 * number:.1f}' for number in point)}) mm"
-        # Pads that touch are inside the merged body, where no focus can be.
+        # Pads that touch lie inside the merged body, where no focus can be.
         if depth > 1e-6:
             words += f", {1e3 * depth:.1f} mm inside the body"
         facts.append((name, words))

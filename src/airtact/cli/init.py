@@ -1,4 +1,4 @@
-"""``airtact init``: a first scene to render and to change."""
+"""``airtact init``: write a first scene to render and to change."""
 
 import os
 import shutil
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from airtact.hands.hand import Hand
     from airtact.transducers.boards import Board
 
-# Places of the hand that face the board
+# Named points of the hand that face the board
 PLACES = ("index.pad", "middle.pad", "palm")
 
 
@@ -39,7 +39,7 @@ PLACES = ("index.pad", "middle.pad", "palm")
 def init(place: Path, board: str, hand: Path | None) -> None:
     """Write scene.toml, with comments, for one board and a hand above it.
 
-    It is written into this folder, or into FOLDER or FILE.toml. No file is overwritten.
+    The file is written into this folder, into FOLDER, or to FILE.toml. No file is overwritten.
     """
     from airtact.files.atomic import whole_file, writable_folder
 
@@ -55,12 +55,12 @@ def init(place: Path, board: str, hand: Path | None) -> None:
         pose = hand
         try:
             name = Path(os.path.relpath(hand, folder)).as_posix()
-        except ValueError:  # there is no relative path to another drive of Windows
+        except ValueError:  # Windows has no relative paths between drives
             name = hand.resolve().as_posix()
     for file in (scene, *copied):
         if file.exists():
             raise at.InvalidInput(
-                f"{file} exists already, and init overwrites no file; name another folder or file.",
+                f"{file} exists already and is not overwritten: name another folder or file.",
                 code="would_overwrite",
             )
     text = _scene_text(scene.name, at.transducers.board_named(board), at.load_hand(pose), name)
@@ -73,7 +73,7 @@ def init(place: Path, board: str, hand: Path | None) -> None:
     show(
         lines=[
             f"Scene: {scene}",
-            *(f"Beside it: {file}" for file in copied),
+            *(f"Hand: {file}" for file in copied),
             f"Next: airtact render{named} --open",
         ]
     )
@@ -89,11 +89,11 @@ def _scene_text(name: str, board: "Board", hand: "Hand", file: str) -> str:
     from airtact.setup.building import DEFAULT_OFFSET
     from airtact.transducers.modulation import DEFAULT_FREQUENCY
 
-    # A small board focuses near itself only.
+    # A small board focuses only near itself.
     large = len(board) >= 100
     height = 0.15 if large else 0.06
     axis, degrees, translation = _over_board(hand, height)
-    # Only places with air before them are felt.
+    # A focus needs air in front of the skin.
     places = list(hand.places) if large else PLACES
     points, normals = _places_of(hand, places)
     inside = hand.shape.depth(points + DEFAULT_OFFSET * normals) > 0.0
@@ -112,13 +112,13 @@ def _scene_text(name: str, board: "Board", hand: "Hand", file: str) -> str:
         foci="\n\n".join(f'[[foci]]\nat = "{place}"' for place in felt),
         amplitudes=board.amplitudes,
         phases=board.phases,
-        # Twice the modulation's frequency must fit the line of the board.
+        # The board must take at least two frames per period of the modulation.
         frequency=min(DEFAULT_FREQUENCY, float(np.floor(codec_of(board).fastest_frames() / 2.0))),
     )
 
 
 def _over_board(hand: "Hand", height: float) -> "tuple[np.ndarray, float, np.ndarray]":
-    """Return axis, degrees and translation [m] that put ``PLACES`` at a height, facing down."""
+    """Return axis, degrees and translation [m] that put ``PLACES`` face down at a height [m]."""
     import numpy as np
 
     points, normals = _places_of(hand, PLACES)
@@ -126,10 +126,10 @@ def _over_board(hand: "Hand", height: float) -> "tuple[np.ndarray, float, np.nda
     down = np.array([0.0, 0.0, -1.0])
     across = np.cross(facing, down)
     length = np.linalg.norm(across)
-    # A hand that faces down already turns about any axis, by nothing.
+    # A hand that faces down already is turned by 0° about any axis.
     axis = across / length if length > 1e-6 else np.array([1.0, 0.0, 0.0])
+    # People read and change these numbers, so they are rounded.
     axis = axis.round(3)
-    # Rounded, as these numbers are for people to read and change.
     degrees = float(round(np.degrees(np.arccos(np.clip(facing @ down, -1.0, 1.0)))))
     turned = at.Pose.turn(axis, np.radians(degrees)).apply(points)
     translation = np.array([0.0, 0.0, height]) - [*turned[:, :2].mean(axis=0), turned[:, 2].min()]

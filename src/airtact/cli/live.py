@@ -1,4 +1,4 @@
-"""``airtact live``: the sound follows a hand that moves."""
+"""``airtact live``: follow a moving hand with the sound."""
 
 import math
 from pathlib import Path
@@ -22,7 +22,7 @@ from airtact.cli.options import (
 
 
 @click.command(
-    short_help="Let the sound follow a hand that moves.",
+    short_help="Follow a moving hand with the sound.",
     epilog="Example: airtact live live_pinch --seconds 5 --no-page --out out/live",
 )
 @click.argument("scene", type=INPUT, default="live_pinch")
@@ -31,35 +31,39 @@ from airtact.cli.options import (
     "--from",
     "source",
     metavar="FILE.jsonl|SESSION.h5|websocket|osc|page",
-    help="Where the hand comes from: a recording, another run's session, trackers "
-    "(websocket:PORT for another port "
-    "than 8765, osc:PORT than 9000), or the page; a motion that comes along by default.",
+    help="Source of the hand: a recording, another run's session, trackers (websocket or "
+    "websocket:PORT, by default 8765; osc or osc:PORT, 9000), or the page; an example motion by "
+    "default.",
 )
 @click.option(
-    "--seconds", type=float, help="How long; until Ctrl-C, or the end of the recording, by default."
+    "--seconds", type=float, help="Duration; by default until Ctrl-C or the recording's end."
 )
 @click.option(
     "--record",
     "recording",
     type=OUT_FILE,
-    help="Make no drives; record what trackers send to --from websocket or osc, to a .jsonl file.",
+    help="Make no drives; record the frames of --from websocket or osc to a .jsonl file.",
 )
 @click.option(
     "--verify",
     "session",
     type=OUT_FILE,
-    help="Verify drives of an earlier session (session.h5, or its folder), some seconds each.",
+    help="Verify drives of an earlier session (session.h5 or its folder), in some seconds each.",
 )
 @click.option(
-    "--drives", type=click.IntRange(min=1), help="Drives that --verify solves; 10 by default."
+    "--drives", type=click.IntRange(min=1), help="Number of drives to --verify; 10 by default."
 )
 @click.option(
     "--latency",
     type=float,
     default=0.0,
-    help="Least time from picture to frame in seconds; 0 by default.",
+    help="Least delay from the tracker's picture to the emission in seconds; 0 by default.",
 )
-@click.option("--ignore-hand", is_flag=True, help="Make drives from distances alone.")
+@click.option(
+    "--ignore-hand",
+    is_flag=True,
+    help="Make drives from distances only, without the hand.",
+)
 @click.option("--full-scale", is_flag=True, help="Emit at full scale: --cap 1.")
 @click.option(
     "--cap", type=float, help="Largest amplitude of an element, a share of full scale: 0.5 is half."
@@ -69,7 +73,9 @@ from airtact.cli.options import (
     type=Names("airtact.transducers.boards:BOARDS"),
     help="Kind of board; none by default.",
 )
-@click.option("--link", type=Names("airtact.emission.links:LINKS"), help="Way to the boards.")
+@click.option(
+    "--link", type=Names("airtact.emission.links:LINKS"), help="Connection to the boards."
+)
 @click.option("--yes", is_flag=True, help="Emit without asking.")
 @board_address
 @click.option(
@@ -107,27 +113,27 @@ def live(
     host: str,
     **settings: Any,
 ) -> None:
-    """Let the sound follow the hand of SCENE, frame by frame, and record it in session.h5.
+    """Follow the hand of SCENE with the sound, and record the run in session.h5.
 
-    SCENE is the example live_pinch by default. Its foci must ride on a hand (at = "thumb.pad"). A
-    hand that is lost, leaves the workspace or is not seen for 150 ms fades to silence. Without
-    --cap and --full-scale the level half a metre off the array is kept to 110 dB. Ctrl-C ends it in
-    silence.
+    SCENE is the example live_pinch by default. Its foci must be named points of a hand, such as
+    at = "thumb.pad". The sound fades to silence when the hand is lost, leaves the workspace or is
+    not seen for 150 ms. Without --cap and --full-scale the level half a metre off the array is
+    limited to 110 dB. Ctrl-C ends the run in silence.
 
-    --record writes the frames of trackers to a recording instead; SCENE is not read then. --verify
-    compares drives of a session with the whole hand as it was when they were in the air.
+    --record writes the frames of trackers to a recording and reads no SCENE. --verify evaluates
+    drives of a session for the hand at the time of their emission.
     """
     from airtact.errors import positive
 
     share = level_of(cap, full_scale)
     if seconds is not None:
-        positive(seconds, "how long to go on", "s")
-    # --record and --verify are ways of use of their own, without a scene.
+        positive(seconds, "the duration", "s")
+    # --record and --verify need no scene.
     if session is not None:
         _verify(session, drives or 10)
         return
     if drives is not None:
-        raise at.InvalidInput("--drives goes only with --verify.", code="options_clash")
+        raise at.InvalidInput("--drives needs --verify.", code="options_clash")
     if recording is not None:
         with progress() as report_step:
             health = at.live.record(recording, source or "websocket", seconds, report_step)
@@ -140,30 +146,30 @@ def live(
         from airtact.files.atomic import writable_folder
         from airtact.live.session import FILE
 
-        # Before trackers and boards are opened.
+        # Checked before trackers and boards are opened.
         if share is not None:
             check_cap(share)
         setup = at.read_scene(scene, followed=True)
         writable_folder(folder)
         output = at.live.output_to(setup, folder, board, link, **settings)
         notes = []
-        # The level changes as the hand moves; that of the hand at rest serves as an estimate.
+        # The level changes with the hand; the hand at rest gives an estimate.
         if share is None and board is not None and link != "file":
             from airtact.setup.safe_emission import safe_cap
 
-            report_step("choosing a level that keeps a head to 110 dB")
+            report_step("choosing the cap for 110 dB at a head")
             share, full = safe_cap(at.live.drive_at_rest(setup), board)
             if share < 1.0:
                 notes.append(
-                    f"The cap of {share:g} keeps a head to {MAX_HEAD_LEVEL:g} dB for the hand at "
-                    f"rest; --full-scale emits all, up to {full:.0f} dB there, and --cap another "
+                    f"The cap of {share:g} limits the level at a head to {MAX_HEAD_LEVEL:g} dB for "
+                    f"the hand at rest. --full-scale emits up to {full:.0f} dB; --cap sets another "
                     "share."
                 )
         hands = at.live.hands_from(setup, source, folder)
     if board is not None:
         show(lines=[NO_SAFETY_ASSESSMENT, *notes])
         if not yes:
-            agreed(f"Let the sound follow {hands.words}, {output.words}?")
+            agreed(f"Follow {hands.words}, {output.words}?")
     with status_line() as report:
         done = at.live.run(
             setup,
@@ -196,15 +202,15 @@ def _verify(path: Path, drives: int) -> None:
             session, max(1, math.ceil(playing / drives)), report_step=report_step
         )
     times = session.time_in_air
-    shares = f"{verified.median:.0%}, nine of ten over {verified.lowest_tenth:.0%}"
+    shares = f"median {verified.median:.0%}, lowest tenth {verified.lowest_tenth:.0%}"
     facts = [
         ("frames", f"{len(session.frame_time):,}"),
         ("drives", f"{len(times):,} in {times[-1] - times[0]:.1f} s"),
         ("foci", ", ".join(session.scene.places)),
-        ("verified", f"{len(verified.kept)} of {playing:,} that play"),
+        ("verified", f"{len(verified.kept)} of {playing:,} that were playing"),
         ("share of the attainable pressure", shares),
     ]
-    table = plain_table("in the air at", "made from", "weakest focus", "share", "expected share")
+    table = plain_table("emitted at", "made from", "weakest focus", "share", "expected")
     rows = []
     for index, time, rule, pressures, share, expected in zip(
         verified.indices,

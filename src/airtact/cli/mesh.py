@@ -1,4 +1,4 @@
-"""``airtact mesh``: curved panels on a surface."""
+"""``airtact mesh``: cover a surface with curved panels."""
 
 import math
 from pathlib import Path
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 
 
 @click.command(
-    short_help="Cover a surface with curved panels and report how good they are.",
+    short_help="Cover a surface with curved panels and report their quality.",
     epilog="Example: airtact mesh generic-hand-right.glb --out out.vtkhdf",
 )
 @click.argument("surface", type=INPUT)
 @click.option(
-    "--edge", type=float, help="Edge of the panels in metres; by default what 1 % takes at 40 kHz."
+    "--edge", type=float, help="Edge of the panels in metres; by default for 1 % at 40 kHz."
 )
 @click.option("--out", "file", required=True, type=FILE, help="File for the panels.")
 @surface_settings
@@ -36,7 +36,7 @@ def mesh(surface: Path, edge: float | None, file: Path, **settings: float | None
     """Cover SURFACE (STL, PLY, OBJ, GLB) with curved panels and report their quality.
 
     The panels are written to a .vtkhdf file for ParaView, or as flat triangles in metres to .stl,
-    .ply or .glb; a picture of them, .png, stands beside it.
+    .ply or .glb, with a picture .png beside it.
     """
     with progress() as report_step:
         import numpy as np
@@ -74,7 +74,7 @@ def mesh(surface: Path, edge: float | None, file: Path, **settings: float | None
         report_step(f"drawing {picture.name}")
         write_picture(picture, draw_panels(triangles))
 
-    # Flat triangles have their middles on the edges, so one function measures both meshes.
+    # Flat triangles are quadratic ones with their middles on the edges.
     corners = loaded.corners
     area = float(panel_areas(triangles).sum())
     area_before = float(panel_areas(with_middles(corners)).sum())
@@ -87,26 +87,24 @@ def mesh(surface: Path, edge: float | None, file: Path, **settings: float | None
     angles = smallest_angles(triangles)
     worst = f"{angles.min():.1f}°, 1 of 100 panels below {np.percentile(angles, 1):.1f}°"
     longest = 1e3 * float(longest_edges(triangles).max())
-    # More than λ/20 between panels and triangles changes the phase of what is reflected.
+    # Distances over λ/20 change the phase of the reflected sound.
     farthest = float(panels.farthest.max())
     mean = _gap(panels.mean_distance.max())
     facts = [
         ("smallest angle", worst),
-        ("edge", f"{1e3 * edge:.3g} mm asked, the longest has {longest:.3g} mm"),
-        ("off the triangles given", f"{_gap(farthest)} at most, {mean} in the mean"),
-        ("off the curved surface", f"{_gap(panels.deviation.max())} at most"),
+        ("edge", f"{1e3 * edge:.3g} mm requested, longest {longest:.3g} mm"),
+        ("distance from the triangles", f"{_gap(farthest)} at most, {mean} on average"),
+        ("distance from the curved surface", f"{_gap(panels.deviation.max())} at most"),
         ("sharp edges", sharp_edges_in_words(loaded)),
     ]
     if open_edges:
-        facts.append(
-            ("open edges", f"{open_edges} in {file.name}: its triangles are not quite closed")
-        )
+        facts.append(("open edges", f"{open_edges}: the triangles in {file.name} are not closed"))
     warnings = []
     if farthest > wavelength / 20.0:
         warnings.append(
-            f"the panels lie up to {1e3 * farthest:.2g} mm off the triangles given, more than 1/20 "
-            f"of the wavelength of {1e3 * wavelength:.3g} mm: these are coarse for a curved "
-            "surface; give smaller triangles, or --sharp 0 if it is faceted."
+            f"the panels lie up to {1e3 * farthest:.2g} mm from the triangles, more than 1/20 of "
+            f"the wavelength of {1e3 * wavelength:.3g} mm. The triangles are too coarse for a "
+            "curved surface: use smaller ones, or --sharp 0 if the body is faceted."
         )
     show(
         sizes,
@@ -118,7 +116,7 @@ def mesh(surface: Path, edge: float | None, file: Path, **settings: float | None
 
 
 def usual_edge(wavelength: float) -> float:
-    """Return the edge of the panels that a solve of 1 % takes [m].
+    """Return the edge of the panels of a solve with 1 % accuracy [m].
 
     >>> import airtact as at
     >>> f"{1e3 * usual_edge(at.air(celsius=20.0).wavelength(40e3)):.2f} mm"
@@ -140,11 +138,11 @@ def _checked_edge(edge: float, surface: "Surface") -> float:
             code="does_not_match",
         )
     count = surface.area / (math.sqrt(3) / 4 * edge**2)
-    # More take minutes to make, and no solver takes a tenth of them.
+    # More take minutes to make, and no solver can use a tenth of them.
     if count > 300_000:
         raise at.InvalidInput(
-            f"edge is {edge:g} m, which makes {count:.2g} panels of this surface, more than "
-            "300000; give a larger one.",
+            f"edge is {edge:g} m, which gives {count:.2g} panels, more than 300000: give a larger "
+            "one.",
             code="too_many",
         )
     return edge

@@ -41,8 +41,8 @@ class Names(click.ParamType):
 
     Parameters
     ----------
-    registry : where the registry stands, such as ``"airtact.transducers.boards:BOARDS"``: names, or
-        objects with one.
+    registry : location of the names, or of objects with a ``name``, such as
+        ``"airtact.transducers.boards:BOARDS"``.
     """
 
     name = "name"
@@ -61,7 +61,7 @@ class Names(click.ParamType):
         return self._choice.get_metavar(param, ctx)
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Return a name that is in the registry, or fail with all that are."""
+        """Return a name of the registry; fail with all names for another."""
         return self._choice.convert(value, param, ctx)
 
 
@@ -72,10 +72,10 @@ def _keep(context: click.Context, option: click.Parameter, value: bool) -> None:
 quiet = click.option(
     "--quiet",
     is_flag=True,
-    is_eager=True,  # before arguments are read: an example that is taken is not reported then
+    is_eager=True,  # parsed before the arguments, whose conversion may print a note
     expose_value=False,
     callback=_keep,
-    help="Print faults and warnings only.",
+    help="Print errors and warnings only.",
 )
 
 as_json = click.option(
@@ -83,7 +83,7 @@ as_json = click.option(
     is_flag=True,
     expose_value=False,
     callback=_keep,
-    help="Print the result as JSON, the rest as errors.",
+    help="Print the result as JSON, all else to the standard error.",
 )
 
 
@@ -92,7 +92,7 @@ def _folder_for(context: click.Context, option: click.Parameter, folder: Path | 
     return folder or Path("out") / Path(named or "").stem
 
 
-# Where a command writes: by default a folder named after its scene or itself
+# Folder of the results; by default named after the scene or the command
 results = click.option(
     "--out",
     "folder",
@@ -103,7 +103,7 @@ results = click.option(
 
 
 def scene_here(context: click.Context, argument: click.Parameter, scene: Path) -> Path:
-    """Raise where the default scene is not in this folder."""
+    """Raise if no scene is named and the default is not in this folder."""
     if (
         context.get_parameter_source("scene") is click.core.ParameterSource.DEFAULT
         and not scene.exists()
@@ -116,7 +116,7 @@ def scene_here(context: click.Context, argument: click.Parameter, scene: Path) -
     return scene
 
 
-# The scene file; by default the one that ``airtact init`` writes
+# Scene file; by default the one that ``airtact init`` writes
 scene = click.argument("scene", type=INPUT, default="scene.toml", callback=scene_here)
 
 open_result = click.option("--open", "opened", is_flag=True, help="Show the page in the browser.")
@@ -130,19 +130,17 @@ pictures = click.option(
     help="Compute and write numbers only.",
 )
 
-store = click.option(
-    "--store", type=FILE, help="Folder in which solved fields are stored, and found next time."
-)
+store = click.option("--store", type=FILE, help="Folder for solved fields, which later runs reuse.")
 
 
 def surface_settings(command: Command) -> Command:
-    """Give a command the options of ``load_surface``; those that are not given stay None."""
-    # No defaults here: those of load_surface apply, and only what was given is passed on.
+    """Add the options of ``load_surface`` to a command."""
+    # They default to None, because the defaults of load_surface apply.
     for name, keyword, words in (
         (
             "--sharp",
             "sharp_degrees",
-            "Edges that turn by more degrees than this stay sharp; 75 by default.",
+            "Edges that turn by more degrees stay sharp; 75 by default.",
         ),
         (
             "--largest-hole",
@@ -156,37 +154,34 @@ def surface_settings(command: Command) -> Command:
 
 
 def given(**settings: Setting | None) -> dict[str, Setting]:
-    """Return the options that were given."""
+    """Return the options that are not None."""
     return {name: value for name, value in settings.items() if value is not None}
 
 
 def board_address(command: Command) -> Command:
-    """Give a command where boards are found."""
+    """Add the options for the address of boards to a command."""
     command = click.option("--port", help="Serial port, for SonicSurface and Nano16.")(command)
     return click.option("--address", help="Interface, AMS net id or host:port, for AUTD3.")(command)
 
 
 def level_of(cap: float | None, full_scale: bool) -> float | None:
-    """Return the cap that was asked for, or None for the command's default."""
+    """Return the cap of ``--cap`` or ``--full-scale``; None for the command's default."""
     if full_scale and cap is not None:
         raise at.InvalidInput(
-            f"--full-scale is a cap of 1, and --cap {cap:g} is given too: leave one out.",
+            f"--full-scale and --cap {cap:g} exclude each other: leave one out.",
             code="options_clash",
         )
     return 1.0 if full_scale else cap
 
 
 def agreed(question: str) -> None:
-    """Ask before anything is emitted.
-
-    Without a terminal there is no answer, and nothing is emitted.
-    """
+    """Ask for confirmation before anything is emitted; raise "link_failed" without it."""
     # A script or a pipe must not emit by accident.
     if not sys.stdin.isatty():
         raise at.InvalidInput(
-            "this is not a terminal, so no confirmation is possible, and 0 frames were sent: give "
-            "--yes to emit without asking.",
+            "no confirmation is possible without a terminal, so 0 frames were sent: give --yes to "
+            "emit without asking.",
             code="link_failed",
         )
     if not click.confirm(question, default=False):
-        raise at.InvalidInput("0 frames were sent, as you answered no.", code="link_failed")
+        raise at.InvalidInput("0 frames were sent, because you answered no.", code="link_failed")

@@ -1,4 +1,4 @@
-"""``airtact render``: from a scene file to the drive, the field and a page."""
+"""``airtact render``: compute the drive and the field of a scene, and write a page."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from airtact.setup.rendering import Rendering
 
-# Files of a rendering; the sequence only where foci move, the last two with pictures only
+# Files of a rendering; the sequence only for moving foci, the last two only with pictures
 FILES = ("drive.csv", "drive.h5", "sequence.h5", "field.vtkhdf", "report.html")
 
 
@@ -29,7 +29,7 @@ FILES = ("drive.csv", "drive.h5", "sequence.h5", "field.vtkhdf", "report.html")
     "--method",
     type=Names("airtact.drives.methods:METHODS"),
     metavar="NAME",
-    help="Method, in place of the scene's; airtact compare lists all.",
+    help="Method that replaces the scene's; airtact compare lists all.",
 )
 @store
 @pictures
@@ -43,8 +43,8 @@ def render(
 
     SCENE is scene.toml by default, which airtact init writes; or one of the examples that come with
     airtact: air_letters, live_pinch, open_hand, palm_circle, pinch, pinch_pose, suppressed_pinch.
-    With --no-pictures only the drive is written. Foci that move, by [drive.modulation] in the
-    scene, are in sequence.h5.
+    --no-pictures writes only the drive. The drives of moving foci ([drive.modulation]) are written
+    to sequence.h5.
     """
     with progress() as report_step:
         report_step(f"reading {scene.name}")
@@ -55,8 +55,8 @@ def render(
         if method is not None:
             setup = replace(setup, method=method)
         writable_folder(folder)
-        # Files of an older run are removed only when this one has a drive, and do not count as
-        # written by it before.
+        # Files of an older run are removed once this run has a drive. Before, they are not complete
+        # files of this run.
         saved = False
         try:
             result = at.render(setup, store=store, progress=report_step)

@@ -1,4 +1,4 @@
-"""``airtact selfcheck``: the errors of the solver on this machine."""
+"""``airtact selfcheck``: measure the errors of the solver on this machine."""
 
 import click
 
@@ -13,9 +13,9 @@ from airtact.cli.options import as_json, quiet
 @as_json
 @quiet
 def selfcheck() -> None:
-    """Solve one sphere and two within 10 s, and compare the pressures with references.
+    """Solve scattering by one sphere and by two, and compare the pressures with references.
 
-    The exit code is 1 if any error is larger than the 1 % asked.
+    This takes about 10 s. The exit code is 1 if an error exceeds 1 %.
     """
     with progress() as report_step:
         report_step("starting")
@@ -25,16 +25,16 @@ def selfcheck() -> None:
     threads = f"{checked.threads} {'thread' if checked.threads == 1 else 'threads'}"
     facts = [
         ("compiled loops", f"{checked.instructions}, {threads}"),
-        ("asked", f"{100 * checked.asked:g} %"),
+        ("requested error", f"{100 * checked.asked:g} %"),
     ]
     table = plain_table("solved", "error", "reference", "error of the reference")
     for field in checked.fields:
         error = f"{100 * field.error:.2f} %"
         table.add_row(field.name, error, field.truth, f"{100 * field.reference_error:.1g} %")
     warnings = [
-        f"{field.name}: the error is {100 * field.error:.2g} %, and {100 * checked.asked:g} % was "
-        "asked. Do not trust solutions on this machine; reinstall airtact, and report the "
-        "instruction set if that does not help."
+        f"{field.name}: the error is {100 * field.error:.2g} %, more than {100 * checked.asked:g} "
+        "%. Do not trust solutions on this machine. Reinstall airtact, and report the instruction "
+        "set if that does not help."
         for field in checked.failed
     ]
     record = {

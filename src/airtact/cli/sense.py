@@ -1,7 +1,8 @@
-"""``airtact sense``: where the hand is, from echoes of the array's own transmissions."""
+"""``airtact sense``: locate the hand by echoes of the array's own transmissions."""
 
+import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -14,36 +15,38 @@ if TYPE_CHECKING:
 
 
 @click.command(
-    short_help="Find where the hand is from echoes.",
+    short_help="Locate the hand by echoes.",
     epilog="Example: airtact sense pinch --simulate --noise 20 --out out/sensed",
 )
 @scene
 @click.option(
-    "--echoes", type=FILE, help="File of measured echoes (.h5), less what the empty array receives."
+    "--echoes",
+    type=FILE,
+    help="File of measured echoes (.h5) without direct sound.",
 )
 @click.option(
-    "--simulate", is_flag=True, help="Simulate echoes of a hand that is off the scene's pose."
+    "--simulate", is_flag=True, help="Simulate echoes of a hand at another pose than the scene's."
 )
 @click.option(
     "--noise",
     type=float,
     default=20.0,
     show_default=True,
-    help="Echoes over noise in dB, if simulated.",
+    help="Signal-to-noise ratio of the simulation [dB].",
 )
 @click.option(
     "--offset",
     type=click.FloatRange(0.0, 0.05),
     default=2e-3,
     show_default=True,
-    help="Of the simulated hand in metres.",
+    help="Offset of the simulated hand [m].",
 )
 @click.option(
     "--turn",
     type=click.FloatRange(0.0, 45.0),
     default=3.0,
     show_default=True,
-    help="Of the simulated hand in degrees.",
+    help="Turn of the simulated hand [degrees].",
 )
 @click.option(
     "--opened",
@@ -51,14 +54,14 @@ if TYPE_CHECKING:
     type=click.FloatRange(-2e-3, 2e-3),
     default=5e-4,
     show_default=True,
-    help="Of the simulated pinch in metres.",
+    help="Change of the gap of the simulated pinch [m].",
 )
 @click.option(
     "--seed",
     type=click.IntRange(0),
     default=0,
     show_default=True,
-    help="Of the simulated noise and directions.",
+    help="Seed of the simulated noise and directions.",
 )
 @results
 @store
@@ -82,14 +85,14 @@ def sense(
 ) -> None:
     """Find the pose of the hand of SCENE, and the gap of a pinch, from echoes.
 
-    No board that airtact drives today can receive: --echoes reads what a laboratory's own receivers
-    measured. Writes pose.json, report.html, and echoes.h5 where they were simulated.
+    The boards that airtact drives cannot receive: --echoes reads measurements of other receivers.
+    Writes pose.json and report.html, and echoes.h5 if the echoes were simulated.
     """
     with progress() as report_step:
         report_step(f"reading {scene.name}")
-        from airtact.files.atomic import writable_folder
+        from airtact.files.atomic import whole_file, writable_folder
         from airtact.reports.sense_page import write_sense_page
-        from airtact.setup.sensing import Simulation, write_pose
+        from airtact.setup.sensing import Simulation
         from airtact.setup.sensing import sense as sense_hand
 
         if (echoes is None) != simulate:
@@ -100,7 +103,7 @@ def sense(
         writable_folder(folder)
         pose = folder / "pose.json"
         page = folder / "report.html"
-        # An older run's must not be beside this run's echoes.
+        # Results of an older run must not stay beside the echoes of this one.
         for file in (pose, page):
             file.unlink(missing_ok=True)
         if echoes is None:
@@ -109,7 +112,9 @@ def sense(
             source = at.sensing.load_echoes(echoes)
         sensed = sense_hand(setup, source, report_step, store)
         files = [pose]
-        write_pose(pose, sensed.located)
+        record = {"format_version": 1, **sensed.record()}
+        with whole_file(pose) as partial:
+            partial.write_text(json.dumps(record, indent=1), encoding="utf-8")
         if pictures:
             report_step("drawing the report")
             write_sense_page(page, sensed)
@@ -120,7 +125,7 @@ def sense(
     show(
         facts_table(_facts(sensed)),
         lines=[f"Report: {page}" if pictures else f"Pose: {pose}"],
-        record={**_record(sensed), "files": {file.name: str(file) for file in files}},
+        record={**record, "files": {file.name: str(file) for file in files}},
     )
     if opened and pictures:
         open_page(page)
@@ -129,76 +134,35 @@ def sense(
 def _facts(sensed: "Sensed") -> list[tuple[str, str]]:
     import numpy as np
 
+    def motion(distance: float, angle: float) -> str:
+        return f"{1e3 * distance:.3f} mm and {np.degrees(angle):.3f}°"
+
     located = sensed.located
-    deviation, deviation_turn = located.deviation
-    off, turn = sensed.off
-    share = sensed.uncorrected / sensed.corrected
+    before = sensed.before.min()
+    after = sensed.after.min()
     facts = [
-        ("the hand is off the scene's pose by", f"{1e3 * off:.3f} mm and {np.degrees(turn):.3f}°"),
-        (
-            "standard deviation",
-            f"{1e3 * deviation:.3f} mm and {np.degrees(deviation_turn):.3f}°",
-        ),
-        *_gap_facts(sensed),
+        ("hand off the scene's pose by", motion(*sensed.sizes[0])),
+        ("standard deviation", motion(*located.deviation)),
+    ]
+    if sensed.gap is not None and located.opening is not None:
+        gap = f"{1e3 * located.opening:.3f} mm, in the scene {1e3 * sensed.gap:.3f} mm"
+        facts.append(("gap", gap))
+        facts.append(("its standard deviation", f"{1e3 * located.opening_deviation:.3f} mm"))
+        if sensed.true_gap is not None:
+            error = 1e3 * abs(located.opening - sensed.true_gap)
+            facts.append(("gap off the simulated truth by", f"{error:.3f} mm"))
+    facts += [
         (
             "not explained",
             f"{located.residual:.1%} of the echoes, {located.misfit:.1%} beyond noise",
         ),
-        (
-            "weakest focus, drive for the scene's pose",
-            f"{sensed.uncorrected:,.0f} Pa, {share:.0%} of the next",
-        ),
-        ("weakest focus, drive for the pose found", f"{sensed.corrected:,.0f} Pa"),
+        ("weakest focus, drive for the scene's pose", f"{before:,.0f} Pa"),
+        ("weakest focus, drive for the pose found", f"{after:,.0f} Pa, {after / before:.2f} times"),
     ]
     if len(located.left_out):
         facts.append(
             ("receivers left out", ", ".join(str(receiver) for receiver in located.left_out[:20]))
         )
-    if sensed.error is not None:
-        error, wrong_turn = sensed.error
-        facts.append(
-            (
-                "off the simulated truth by",
-                f"{1e3 * error:.3f} mm and {np.degrees(wrong_turn):.3f}°",
-            )
-        )
+    if len(sensed.sizes) > 1:
+        facts.append(("pose off the simulated truth by", motion(*sensed.sizes[1])))
     return facts
-
-
-def _gap_facts(sensed: "Sensed") -> list[tuple[str, str]]:
-    located = sensed.located
-    gap = sensed.gap
-    true = sensed.true_gap
-    if gap is None or located.opening is None:
-        return []
-    facts = [
-        (
-            "gap",
-            f"{1e3 * located.opening:.3f} mm, standard deviation "
-            f"{1e3 * located.opening_deviation:.3f} mm",
-        ),
-        ("gap in the scene", f"{1e3 * gap:.3f} mm"),
-    ]
-    if true is not None:
-        facts.append(
-            ("gap off the simulated truth by", f"{1e3 * abs(located.opening - true):.3f} mm")
-        )
-    return facts
-
-
-def _record(sensed: "Sensed") -> dict[str, Any]:
-    located = sensed.located
-    return {
-        "rotation": located.pose.rotation.tolist(),
-        "translation": located.pose.translation.tolist(),
-        "covariance": located.covariance.tolist(),
-        "off": list(sensed.off),
-        "error": None if sensed.error is None else list(sensed.error),
-        "opening": located.opening,
-        "true_gap": sensed.true_gap,
-        "residual": located.residual,
-        "misfit": located.misfit,
-        "left_out": located.left_out.tolist(),
-        "uncorrected": sensed.uncorrected,
-        "corrected": sensed.corrected,
-    }

@@ -1,4 +1,4 @@
-"""``airtact sweep``: the pressure at the foci of a scene while keys of its file vary."""
+"""``airtact sweep``: vary keys of a scene file and tabulate the pressure at the foci."""
 
 import csv
 import re
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @click.command(
-    short_help="Make the drive of a scene at many points of its keys.",
+    short_help="Make the drives of a scene for many values of its keys.",
     epilog='Example: airtact sweep pinch --vary "pinch.gap=0.008:0.016:5" --out out/gaps',
 )
 @scene
@@ -32,14 +32,12 @@ if TYPE_CHECKING:
     metavar="PATH=LOW:HIGH:COUNT",
     help="A key and its values, such as foci[0].offset=0.0005:0.003:6; several make a grid.",
 )
-@click.option(
-    "--recording", type=INPUT, help="Recording whose frames take the place of the scene's hand."
-)
+@click.option("--recording", type=INPUT, help="Recording whose frames replace the scene's hand.")
 @click.option(
     "--processes",
-    "wanted_processes",
+    "processes",
     type=click.IntRange(min=1),
-    help="How many; by default as processors and memory allow.",
+    help="Number of processes; by default as many as processors and memory allow.",
 )
 @pictures
 @open_result
@@ -50,16 +48,16 @@ def sweep(
     folder: Path,
     varied: tuple[str, ...],
     recording: Path | None,
-    wanted_processes: int | None,
+    processes: int | None,
     pictures: bool,
     opened: bool,
 ) -> None:
     """Make the drive of SCENE at every point and write sweep.csv and sweep.html.
 
-    PATH is a key of the scene file: foci[0].offset, medium.celsius,
-    obstacles[0].pose.translation[2], or short for the only body of a kind: hand.gap, pinch.gap,
-    sphere.radius. The result of each point is kept in the folder: the same command goes on where it
-    was stopped. A point that fails is a row with its sentence.
+    PATH is a key of the scene file, such as foci[0].offset, medium.celsius or
+    obstacles[0].pose.translation[2]. hand.gap, pinch.gap and sphere.radius are short for the only
+    body of a kind. The folder stores the result of each point, so the same command continues an
+    interrupted sweep. A point that fails gives a row with the error.
     """
     table = folder / "sweep.csv"
     page = folder / "sweep.html"
@@ -70,23 +68,22 @@ def sweep(
 
         if not varied and recording is None:
             raise at.InvalidInput(
-                'nothing is varied: give --vary "foci[0].offset=0.0005:0.003:6" or the like.',
+                'nothing is varied: give an option such as --vary "foci[0].offset=0.0005:0.003:6".',
                 code="data_missing",
             )
         points = grid_of(varied)
         if recording is not None:
-            # The grid at each frame, frame by frame.
+            # One grid per frame.
             hands = frames_of(scene, recording, folder / "hands")
             points = [hand | point for hand in hands for point in points]
         try:
-            rows = at.sweep(scene, points, wanted_processes, store, progress=_counted(report))
+            rows = at.sweep(scene, points, processes, store, progress=_counted(report))
         except KeyboardInterrupt:
             count = len(list(store.glob("*.point.json")))
             raise KeyboardInterrupt(
-                f"{count} points in {store} kept; the same command goes on from there"
+                f"{count} points are stored in {store}; the same command continues"
             ) from None
-        # Of an older run with other points; results of points are kept.
-        page.unlink(missing_ok=True)
+        page.unlink(missing_ok=True)  # of an older run with other points
         names = [name for name, value in points[0].items() if value is not None]
         write_csv(table, rows)
         swept = Swept(scene.stem.replace("_", " "), scene.read_text("utf-8"), tuple(names), rows)
@@ -126,36 +123,43 @@ def sweep(
 
 
 def grid_of(varied: Sequence[str]) -> "list[Row]":
-    """Return the points of a grid from "PATH=LOW:HIGH:COUNT" each, the last one varying fastest.
+    """Return the points of a grid from arguments "PATH=LOW:HIGH:COUNT"; the last varies fastest.
 
-    Values are integers where both ends are written as such and all between are.
+    Values are integers if both ends are written as integers and all values are whole.
 
     Examples
     --------
     >>> grid_of(["a=0:1:2", "b=0.5:1:2"])
     [{'a': 0, 'b': 0.5}, {'a': 0, 'b': 1.0}, {'a': 1, 'b': 0.5}, {'a': 1, 'b': 1.0}]
     """
+    import numpy as np
+
     from airtact.setup.sweeping import MAX_POINTS
 
     axes: dict[str, Sequence[float | int]] = {}
     for words in varied:
-        match = re.fullmatch(r"([^=]+)=([^:]+):([^:]+):([^:]+)", words)
-        values = _values(*match.groups()[1:]) if match else None
-        if match is None or values is None:
+        path, _, ends = words.partition("=")
+        try:
+            low, high, number = ends.split(":")
+            count = int(number)
+            first = float(low)
+            last = float(high)
+            # A count of 1 would silently drop the upper end.
+            if not (isfinite(first + last) and 1 + (first != last) <= count <= MAX_POINTS):
+                raise ValueError
+        except ValueError:
             raise at.InvalidInput(
-                f'--vary "{words}" is not PATH=LOW:HIGH:COUNT with two numbers and a count from 1 '
-                f"to {MAX_POINTS:,}, "
-                'such as "foci[0].offset=0.0005:0.003:6".',
+                f'--vary "{words}" is not PATH=LOW:HIGH:COUNT, such as '
+                '"foci[0].offset=0.0005:0.003:6": give two numbers, equal for a count of 1, and a '
+                f"count from 1 to {MAX_POINTS:,}.",
                 code="out_of_range",
-            )
-        path = match[1].strip()
-        # linspace would drop the upper end without a word.
-        if len(values) == 1 and float(match[3]) != values[0]:
-            raise at.InvalidInput(
-                f'--vary "{words}" has 1 point but two ends: give a count of 2 or more, or one '
-                "value as both ends.",
-                code="out_of_range",
-            )
+            ) from None
+        values: list[float] = np.linspace(first, last, count).tolist()
+        # Keys that are counts accept only integers.
+        integers = all(re.fullmatch(r"[+-]?\d+", end.strip()) for end in (low, high))
+        if integers and all(value.is_integer() for value in values):
+            values = [int(value) for value in values]
+        path = path.strip()
         if path in axes:
             raise at.InvalidInput(f"{path} is varied twice; give it once.", code="given_twice")
         axes[path] = values
@@ -167,33 +171,11 @@ def grid_of(varied: Sequence[str]) -> "list[Row]":
     return [dict(zip(axes, values, strict=True)) for values in product(*axes.values())]
 
 
-def _values(low: str, high: str, count: str) -> Sequence[float | int] | None:
-    """Return the values of an axis, or None where its words are no numbers."""
-    import numpy as np
-
-    from airtact.setup.sweeping import MAX_POINTS
-
-    try:
-        first = float(low)
-        last = float(high)
-        number = int(count)
-    except ValueError:
-        return None
-    if not (1 <= number <= MAX_POINTS and isfinite(first) and isfinite(last)):
-        return None
-    # Keys that are counts take integers only, so 0:4:5 gives 0 to 4 and not 0.0 to 4.0.
-    values = np.linspace(first, last, number).tolist()
-    integers = all(re.fullmatch(r"[+-]?\d+", end.strip()) for end in (low, high))
-    if integers and all(value.is_integer() for value in values):
-        return [int(value) for value in values]
-    return values
-
-
 def write_csv(file: Path, rows: "Sequence[Row]") -> None:
-    """Write rows as CSV, numbers with 12 digits; a value that a row lacks is empty."""
+    """Write rows as CSV, with 12 digits per number and empty cells for missing values."""
     from airtact.files.atomic import whole_file
 
-    # Rows of failed points lack the results, so columns are those of all rows; faults come last.
+    # Rows of failed points lack results, so the columns are those of all rows. Errors come last.
     names = dict.fromkeys(name for row in rows for name in row)
     faults = {"error": None, "sentence": None}
     columns = [name for name in names if name not in faults]
@@ -210,12 +192,12 @@ def write_csv(file: Path, rows: "Sequence[Row]") -> None:
 
 
 def _counted(report: Callable[[object], None]) -> Callable[[int, int, int], None]:
-    """Report the points done, those that failed, and the time left."""
+    """Report the progress of a sweep with the number of failed points and the time left."""
     begun = time.perf_counter()
     earlier: list[int] = []
 
     def count(done: int, total: int, failed: int) -> None:
-        # The first count is that of an earlier run's points, which took no time in this one.
+        # The first count is that of stored points, which take no time.
         earlier.append(done)
         computed = done - earlier[0]
         left = (time.perf_counter() - begun) / computed * (total - done) if computed else 0.0

@@ -42,7 +42,7 @@ def write_sense_page(path: Path, sensed: Sensed) -> None:
         "sense.html.j2",
         title=f"airtact: where the hand of {sensed.setup.title} is",
         sensed=sensed,
-        simulated=sensed.true is not None,
+        simulated=len(sensed.shifts) > 1,
         transmissions=counted(transmissions, "coded transmission", "coded transmissions"),
         elements=f"{elements:,}",
         receivers=f"{len(sensed.echoes.pressures):,}",
@@ -63,7 +63,7 @@ def write_sense_page(path: Path, sensed: Sensed) -> None:
 
 
 def _facts(sensed: Sensed) -> list[tuple[str, str]]:
-    off, turn = sensed.off
+    off, turn = sensed.sizes[0]
     shift_deviation, turn_deviation = sensed.located.deviation
     return [
         (f"{1e3 * off:.2f} mm, {np.degrees(turn):.2f}°", "from the scene's pose"),
@@ -72,7 +72,7 @@ def _facts(sensed: Sensed) -> list[tuple[str, str]]:
             "standard deviation of the estimated pose",
         ),
         (
-            f"{sensed.corrected / sensed.uncorrected:.2f} times",
+            f"{sensed.after.min() / sensed.before.min():.2f} times",
             "the pressure at the weakest focus, by the correction",
         ),
         (
@@ -86,7 +86,7 @@ def _pose(sensed: Sensed) -> dict[str, Any]:
     """List each coordinate of the pose with its standard deviation and bound."""
     located = sensed.located
     deviations = [np.sqrt(np.diag(located.covariance)), np.sqrt(np.diag(located.bound))]
-    changes = np.array(sensed.shifts())
+    changes = sensed.shifts
     quantities = [(f"moved along {axis}", 1e3, "mm") for axis in "xyz"]
     quantities += [(f"turned about {axis}", 180.0 / np.pi, "°") for axis in "xyz"]
     if located.opening is not None and sensed.gap is not None:
@@ -113,7 +113,7 @@ def _moved(sensed: Sensed) -> Markup:
     setup = sensed.setup
     fitted = sensed.fitted
     pose = sensed.located.pose
-    off, turn = sensed.off
+    off, turn = sensed.sizes[0]
     moved_bodies = [
         replace(body, surface=body.surface.moved(pose)) for body in fitted.scene.obstacles
     ]

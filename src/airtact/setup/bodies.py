@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, field
 from itertools import combinations
 from pathlib import Path
 from typing import TypeVar
@@ -25,35 +24,12 @@ Made = TypeVar("Made")
 NamedPoints = dict[str, tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"], float]]
 
 
-@dataclass(frozen=True, eq=False)
-class Bodies:
-    """The bodies of a table, or of all.
-
-    Attributes
-    ----------
-    surfaces : by name.
-    points : named points.
-    hands : that are bodies or that name points on them.
-    """
-
-    surfaces: dict[str, Surface]
-    points: NamedPoints = field(default_factory=dict)
-    hands: "tuple[at.Hand, ...]" = ()
-
-    def moved(self, pose: Pose) -> "Bodies":
-        """Move all by a pose."""
-        return Bodies(
-            {name: surface.moved(pose) for name, surface in self.surfaces.items()},
-            {
-                name: (pose.apply(point), pose.rotate(normal), room)
-                for name, (point, normal, room) in self.points.items()
-            },
-            tuple(at.Hand(pose.apply(hand.joints), hand.radii, hand.side) for hand in self.hands),
-        )
+# Surfaces by name, named points, and the hands that are bodies or that name points on them
+Bodies = tuple[dict[str, Surface], NamedPoints, "list[at.Hand]"]
 
 
 def built(function: Callable[..., Made], table: Table, *leave_out: str) -> Made:
-    """Call a function with the keys of a table, which are named as its arguments."""
+    """Call a function with the keys of a table as keyword arguments, lists as arrays."""
     return function(
         **{
             key: np.array(value) if isinstance(value, list | tuple) else value
@@ -68,8 +44,7 @@ def bodies_of(
 ) -> "tuple[list[str], list[Obstacle], NamedPoints, list[at.Hand]]":
     """Build the bodies of a scene file: names, obstacles, named points and hands.
 
-    Files of surfaces and hands are found in the folder; ``medium`` makes the fluid that fills a
-    body.
+    Paths of surfaces and hands are relative to the folder. ``medium`` builds the fluid in a body.
     """
     obstacles: list[Obstacle] = []
     names: list[str] = []
@@ -78,25 +53,37 @@ def bodies_of(
     used = {focus.at for focus in file.foci if focus.at is not None}
     for index, table in enumerate(file.obstacles):
         with about(f"obstacles[{index}]"):
-            bodies = _bodies(table, folder, used)
+            surfaces, places, of_table = _bodies(table, folder, used)
             if table.pose is not None:
-                bodies = bodies.moved(pose_of(table.pose))
-            for name, surface in bodies.surfaces.items():
-                obstacles.append(_obstacle(table, surface, medium))
+                pose = pose_of(table.pose)
+                surfaces = {name: surface.moved(pose) for name, surface in surfaces.items()}
+                places = {
+                    name: (pose.apply(point), pose.rotate(normal), room)
+                    for name, (point, normal, room) in places.items()
+                }
+                of_table = [hand.moved(pose) for hand in of_table]
+            for name, surface in surfaces.items():
+                if table.ratio is not None:
+                    ratio = table.ratio if isinstance(table.ratio, tuple) else (table.ratio,)
+                    obstacles.append(impedance(surface, complex(*ratio)))
+                elif table.medium is not None:
+                    with about("medium"):
+                        obstacles.append(filled(surface, medium(table.medium)))
+                else:
+                    obstacles.append(sound_hard(surface))
                 names.append(f"{name} {index + 1}" if name in names else name)
             # A place of a hand has two names: "palm", and with two hands "left.palm".
-            side = f"{bodies.hands[0].side}." if bodies.hands else ""
-            named = bodies.points
+            side = f"{of_table[0].side}." if of_table else ""
             if side:
-                named = named | {f"{side}{name}": place for name, place in bodies.points.items()}
-            for name in used & named.keys() & points.keys():
+                places |= {f"{side}{name}": place for name, place in places.items()}
+            for name in used & places.keys() & points.keys():
                 by_side = side and not name.startswith(side)
                 advice = f'at = "{side}{name}"' if by_side else "point = [x, y, z] instead of at"
                 raise InvalidInput(
                     f"{name} is a named point of two bodies; give {advice}.", code="given_twice"
                 )
-            points |= named
-            hands += bodies.hands
+            points |= places
+            hands += of_table
     if file.merge_bodies:
         with about("merge_bodies"):
             names, obstacles = _merged(names, obstacles)
@@ -116,28 +103,26 @@ def pose_of(table: PoseTable) -> Pose:
             return Pose(np.array(table.rotation), translation)
         if table.axis is None or table.degrees is None:
             return Pose(np.eye(3), translation)
-        # Whole turns are taken off in degrees, where they are exact.
+        # Whole turns are removed in degrees, where this is exact.
         angle = math.radians(math.fmod(table.degrees, 360.0))
         return Pose.turn(np.array(table.axis), angle, translation)
 
 
 def _bodies(table: ObstacleTable, folder: Path, used: set[str]) -> Bodies:
-    """Build the bodies of an obstacle before they are moved by its pose."""
+    """Build the bodies of an obstacle, before its pose is applied."""
     if table.pinch is not None:
         fingers = at.pinch(table.pinch.gap)
         names = ("thumb", "finger")
-        return Bodies(
-            dict(zip(names, fingers.surfaces, strict=True)),
-            {
-                f"{name}.pad": (pad, normal, fingers.gap)
-                for name, pad, normal in zip(names, fingers.pads, fingers.normals, strict=True)
-            },
-        )
+        pads = {
+            f"{name}.pad": (pad, normal, fingers.gap)
+            for name, pad, normal in zip(names, fingers.pads, fingers.normals, strict=True)
+        }
+        return dict(zip(names, fingers.surfaces, strict=True)), pads, []
     if table.capsule is not None:
-        return Bodies({"capsule": built(at.capsule, table.capsule)})
+        return {"capsule": built(at.capsule, table.capsule)}, {}, []
     if table.sphere is not None:
-        return Bodies({"sphere": built(at.sphere, table.sphere)})
-    # Hands are imported where a scene has one.
+        return {"sphere": built(at.sphere, table.sphere)}, {}, []
+    # Importing hands takes time, so only scenes with hands do.
     from airtact.hands.files import ROOM
 
     if table.hand is not None:
@@ -147,8 +132,7 @@ def _bodies(table: ObstacleTable, folder: Path, used: set[str]) -> Bodies:
             name: hand.place(name) if {name, f"{hand.side}.{name}"} & used else place
             for name, place in hand.places.items()
         }
-        points = {name: (*place, ROOM) for name, place in places.items()}
-        return Bodies({"hand": hand.surface}, points, (hand,))
+        return {"hand": hand.surface}, {name: (*places[name], ROOM) for name in places}, [hand]
     assert table.surface is not None
     settings = {
         key: getattr(table, key)
@@ -159,13 +143,13 @@ def _bodies(table: ObstacleTable, folder: Path, used: set[str]) -> Bodies:
     surfaces = {Path(table.surface).stem: surface}
     hand = _scanned_hand(table, folder, used)
     if hand is None:
-        return Bodies(surfaces)
+        return surfaces, {}, []
     places = at.hands.places_on(surface, hand)
-    return Bodies(surfaces, {name: (*place, ROOM) for name, place in places.items()}, (hand,))
+    return surfaces, {name: (*places[name], ROOM) for name in places}, [hand]
 
 
 def _scanned_hand(table: ObstacleTable, folder: Path, used: Collection[str]) -> "at.Hand | None":
-    """Read the hand whose skin a mesh is; None where it has no joints or no focus needs them."""
+    """Read the joints of a scanned hand; None if it has none or no focus needs them."""
     if table.joints is not None:  # they take precedence over a rig in the file
         return at.load_hand(folder / table.joints)
     if not used:
@@ -179,29 +163,17 @@ def _scanned_hand(table: ObstacleTable, folder: Path, used: Collection[str]) -> 
         raise
 
 
-def _obstacle(
-    table: ObstacleTable, surface: Surface, medium: Callable[[MediumTable], Medium]
-) -> Obstacle:
-    if table.ratio is not None:
-        ratio = table.ratio
-        return impedance(surface, complex(*ratio) if isinstance(ratio, tuple) else complex(ratio))
-    if table.medium is not None:
-        with about("medium"):
-            return filled(surface, medium(table.medium))
-    return sound_hard(surface)
-
-
 def _merged(
     names: Sequence[str], obstacles: Sequence[Obstacle]
 ) -> tuple[list[str], list[Obstacle]]:
-    """Merge sound-hard bodies that overlap, touch or stand nearer than ``NEAREST`` into one.
+    """Merge sound-hard bodies that overlap, touch or are nearer than ``NEAREST`` [m].
 
-    The names of merged bodies are joined with " + "; all are in the order of their first.
+    The names of merged bodies are joined by " + ". The order is that of the first of each group.
     """
     from scipy.cluster.hierarchy import DisjointSet
 
     groups = DisjointSet(range(len(obstacles)))
-    # An impedance or a filling belongs to one body, so only sound-hard ones are merged.
+    # An impedance or a medium belongs to one body, so only sound-hard bodies are merged.
     hard = [index for index, obstacle in enumerate(obstacles) if obstacle.boundary == "sound_hard"]
     for first, second in combinations(hard, 2):
         surfaces = (obstacles[first].surface, obstacles[second].surface)

@@ -1,4 +1,4 @@
-"""From the tables of a scene file to its setup: medium, array, target, solver and drive."""
+"""Build the setup of a scene file from its tables: medium, array, target, solver and drive."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -18,6 +18,7 @@ from airtact.acoustics.solvers.problem import Solver
 from airtact.acoustics.target import Target
 from airtact.errors import LARGEST_SCENE_FILE, InvalidInput, about
 from airtact.files.bounded import text_of
+from airtact.files.text_table import read_text_table
 from airtact.geometry.pose import Pose
 from airtact.geometry.surface import Surface
 from airtact.setup.bodies import NamedPoints, bodies_of, built, pose_of, unsided
@@ -27,17 +28,16 @@ from airtact.setup.setup import Setup, default_solver
 from airtact.setup.tables import (
     ArrayTable,
     FocusTable,
+    LevelsTable,
     MediumTable,
     ModulationTable,
     SceneFile,
     Shape,
-    UncertaintyTable,
 )
 from airtact.transducers.boards import MURATA_RADIUS, board_named
 from airtact.transducers.element import (
     DEFAULT_SENSITIVITY,
     MAX_PISTON_SIZE,
-    Element,
     monopole,
     piston,
 )
@@ -52,31 +52,30 @@ DEFAULT_OFFSET = 0.5e-3
 def read_scene(
     path: str | Path, changes: Mapping[str, Value] | None = None, followed: bool = False
 ) -> Setup:
-    """Read a scene file and build what it describes.
+    """Read a scene file and build its setup.
 
     Parameters
     ----------
     path : the TOML file, or the name of an example such as "pinch". Surfaces, hands, drawings and
         array files that it names are found beside it.
-    changes : values that take the place of the file's, by the paths of their keys, such as
-        ``{"foci[0].offset": 1e-3, "hand.gap": 0.01}``; None takes a key away. ``hand`` is the only
+    changes : values that replace the file's, by the paths of their keys, such as
+        ``{"foci[0].offset": 1e-3, "hand.gap": 0.01}``; None removes a key. ``hand`` is the only
         obstacle of that kind.
-    followed : whether the hand will be followed live: a method for what is in doubt needs no
-        ``[uncertainty]`` then, as the prediction says how far it is in doubt.
+    followed : whether the hand will be followed live. Robust methods then need no
+        ``[uncertainty]``, because the prediction of the hand supplies it.
 
     Raises
     ------
     InvalidInput
         The file cannot be read, has a wrong key or value, or describes an impossible scene; the
-        message begins with the file's name and the table at fault. "unknown_key": a path of
-        ``changes`` leads nowhere.
+        message begins with the file's name and the table at fault. "unknown_key": ``changes`` has
+        the path of no key.
     """
     path = file_or_example(path)
     if path.suffix.lower() == ".json":
         raise InvalidInput(
-            f"{path.name} is not a scene file (.toml): a scene names the pose of a hand by "
-            "[[obstacles]] hand = "
-            f'"{path.name}", and airtact hand shows it.',
+            f'{path.name} is not a scene file (.toml). Name it in a scene by hand = "{path.name}" '
+            "under [[obstacles]]; airtact hand shows it.",
             code="unknown_format",
         )
     text = text_of(path, LARGEST_SCENE_FILE)
@@ -100,7 +99,7 @@ def _set_up(path: Path, text: str, file: SceneFile, followed: bool) -> Setup:
     with about("array"):
         array, board = _array(file.array, medium.wavenumber(file.frequency).real, path.parent)
         plates = at.reflecting_boards(array) if file.array.reflects else ()
-    # Reflecting boards are bodies of the scene too, so they need names in warnings and reports.
+    # Reflecting boards are bodies of the scene too; warnings and reports need their names.
     bodies += ["boards"] if len(plates) == 1 else [f"board {index}" for index in range(len(plates))]
     scene = Scene(medium, [*obstacles, *plates], frequency=file.frequency, planes=planes)
     surfaces = {
@@ -114,11 +113,15 @@ def _set_up(path: Path, text: str, file: SceneFile, followed: bool) -> Setup:
     with about("drive"):
         levels = file.drive.levels
         if isinstance(levels, int):
-            levels = Levels.even(levels, levels)
-        else:
-            levels = Levels.even(levels.amplitude, levels.phase)
+            levels = LevelsTable(levels, levels)
         with about("modulation"):
             modulation = _modulation(file.drive.modulation, len(foci))
+    uncertainty: dict[str, Any] = {}
+    if file.uncertainty is not None:
+        values = msgspec.structs.asdict(file.uncertainty)
+        uncertainty = {name: values.pop(name) for name in ("samples", "seed")}
+        with about("uncertainty"):
+            uncertainty["uncertainty"] = at.Uncertainty(**values)
     riding = [
         None if focus.at is None else (unsided(focus.at), _offset(focus)) for focus in file.foci
     ]
@@ -129,7 +132,7 @@ def _set_up(path: Path, text: str, file: SceneFile, followed: bool) -> Setup:
         solver=solver,
         accuracy=file.solver.accuracy,
         method=file.drive.method,
-        levels=levels,
+        levels=Levels.even(levels.amplitude, levels.phase),
         modulation=modulation,
         bodies=tuple(bodies),
         foci=foci,
@@ -140,18 +143,8 @@ def _set_up(path: Path, text: str, file: SceneFile, followed: bool) -> Setup:
         followed=followed,
         path=path,
         text=text,
-        **_uncertainty(file.uncertainty),
+        **uncertainty,
     )
-
-
-def _uncertainty(table: UncertaintyTable | None) -> dict[str, Any]:
-    if table is None:
-        return {}
-    values = msgspec.structs.asdict(table)
-    samples = values.pop("samples")
-    seed = values.pop("seed")
-    with about("uncertainty"):
-        return {"uncertainty": at.Uncertainty(**values), "samples": samples, "seed": seed}
 
 
 def _modulation(
@@ -163,12 +156,12 @@ def _modulation(
         return built(AmplitudeModulation, table, "kind")
     from airtact.drives.motion import Motion
 
-    # Keys that are left out get the defaults of Motion, which depend on its kind and path.
+    # The defaults of missing keys depend on kind and path, so Motion sets them.
     size = table.length if table.path == "line" else table.radius
     motion = Motion(table.kind, table.path, size, table.frequency, table.frames, table.along)
     if motion.path == "points" and foci < 2:
         raise InvalidInput(
-            f'path = "points" leads a focus along 2 or more points, and there is {foci}.',
+            f'path = "points" needs 2 or more points, but there is {foci}.',
             code="too_few",
         )
     return motion
@@ -180,7 +173,7 @@ def _solver(file: SceneFile, scene: Scene) -> Solver:
     if (name == "free_field") == bool(scene.obstacles):
         state = "obstacles" if scene.obstacles else "no obstacles"
         raise InvalidInput(
-            f"the scene has {state}, which {name} does not solve: leave the name out.",
+            f"{name} does not solve a scene with {state}: leave the name out.",
             code="not_supported",
         )
     if name == "finite_element":
@@ -189,19 +182,25 @@ def _solver(file: SceneFile, scene: Scene) -> Solver:
     for index, obstacle in enumerate(scene.obstacles):
         if obstacle.boundary == "filled":
             raise InvalidInput(
-                f"body {index} is filled, which {name} does not solve: name finite_element.",
+                f"{name} does not solve body {index}, which is filled: name finite_element.",
                 code="not_supported",
             )
     return default_solver(scene, accuracy)
 
 
 def _array(table: ArrayTable, wavenumber: float, folder: Path) -> tuple[PhasedArray, str | None]:
-    """Build the array, and name the kind of its boards."""
+    """Build the array, and return the kind of its boards."""
     listed = table.layout.endswith(".csv")
     board = None if listed else table.board or "autd3"
-    # Transducers of unknown make are taken for Murata's, the usual ones.
-    radius = MURATA_RADIUS if board is None else board_named(board).radius
-    element = _element(table, table.piston_radius or radius, wavenumber)
+    # Most arrays of unknown make have Murata's transducers.
+    radius = table.piston_radius or (MURATA_RADIUS if board is None else board_named(board).radius)
+    sensitivity = table.sensitivity or DEFAULT_SENSITIVITY
+    # The far pattern of a larger piston needs more points.
+    points = 12 if wavenumber * radius <= MAX_PISTON_SIZE[12] else 19
+    if table.source == "monopole":
+        element = monopole(sensitivity)
+    else:
+        element = piston(radius, sensitivity, points=points)
     match table.layout:
         case "surrounding_box":
             array = surrounding_box(element=element, board=table.board)
@@ -210,7 +209,13 @@ def _array(table: ArrayTable, wavenumber: float, folder: Path) -> tuple[PhasedAr
         case "boards":
             array = board_array(board or "", [pose_of(pose) for pose in table.poses or ()], element)
         case _ if listed:
-            array = _array_from_csv(folder / table.layout, element)
+            file = read_text_table(folder / table.layout)
+            names = ("x", "y", "z", "nx", "ny", "nz")
+            file.require(*names)
+            if not file.rows:
+                raise InvalidInput(f"{table.layout} has no transducers.", code="empty")
+            columns = np.stack([file.numbers(name) for name in names], axis=1)
+            array = PhasedArray(columns[:, :3], columns[:, 3:], element)
         case _:
             names = ("surrounding_box", "flat_boards", "boards")
             raise InvalidInput(
@@ -226,43 +231,21 @@ def _array(table: ArrayTable, wavenumber: float, folder: Path) -> tuple[PhasedAr
     return array if table.pose is None else array.moved(pose_of(table.pose)), board
 
 
-def _element(table: ArrayTable, radius: float, wavenumber: float) -> Element:
-    sensitivity = table.sensitivity or DEFAULT_SENSITIVITY
-    if table.source == "monopole":
-        return monopole(sensitivity)
-    # A larger face takes more points to keep the far pattern of a piston.
-    points = 12 if wavenumber * radius <= MAX_PISTON_SIZE[12] else 19
-    return piston(radius, sensitivity, points=points)
-
-
-def _array_from_csv(path: Path, element: Element) -> PhasedArray:
-    from airtact.files.text_table import read_text_table
-
-    table = read_text_table(path)
-    names = ("x", "y", "z", "nx", "ny", "nz")
-    table.require(*names)
-    if not table.rows:
-        raise InvalidInput(f"{path.name} holds no transducers.", code="empty")
-    columns = np.stack([table.numbers(name) for name in names], axis=1)
-    return PhasedArray(columns[:, :3], columns[:, 3:], element)
-
-
 def _target(
     file: SceneFile, named: NamedPoints, bodies: Mapping[str, Surface], folder: Path
 ) -> tuple[Target, tuple[str, ...]]:
-    """Build the target, and a name for each of its foci."""
+    """Build the target, and return a name for each focus."""
 
     def check_total(count: int) -> None:
         if count > file.most_points:
             raise InvalidInput(
-                f"there are {count:,} foci and suppression points or more, but most_points is "
-                f"{file.most_points:,}: give fewer, or a larger most_points at the top of the "
-                "file.",
+                f"there are at least {count:,} foci and suppression points, but most_points is "
+                f"{file.most_points:,}: give fewer, or raise most_points at the top of the file.",
                 code="too_many",
             )
 
-    # Each table is at least one point; a shape may be thousands, so the total is checked again
-    # after each table, before memory runs out.
+    # A table has one point or more. Shapes may have thousands, so the total is checked again after
+    # each table, before memory runs out.
     check_total(len(file.foci) + len(file.suppression))
     total = 0
     points = []
@@ -280,8 +263,9 @@ def _target(
                 zones.append(_points(zone, folder))
             else:
                 body = _body(zone.surface.body, bodies, "body")
-                of_surface = partial(at.acoustics.surface_points, body)
-                zones.append(built(of_surface, zone.surface, "body"))
+                zones.append(
+                    built(partial(at.acoustics.surface_points, body), zone.surface, "body")
+                )
         total += len(zones[-1])
         check_total(total)
     with about("foci"):
@@ -294,26 +278,24 @@ def _target(
 
 
 def _wanted(file: SceneFile, counts: list[int]) -> dict[str, Num[np.ndarray, "foci"]]:
-    """Return the pressures or shares of all foci, or nothing where all are alike."""
+    """Return the pressures or shares of all foci; an empty mapping if no table has any."""
     values: dict[str, Any] = {}
     for key in ("pressure", "share", "phase_degrees"):
         of_tables = [getattr(table, key) for table in file.foci]
         missing = of_tables.count(None)
         if 0 < missing < len(of_tables):
             raise InvalidInput(
-                f"{len(of_tables) - missing} of {len(of_tables)} have a {key}; give it to all, or "
-                "to none.",
+                f"{len(of_tables) - missing} of {len(of_tables)} have a {key}: give it to all or "
+                "none.",
                 code="key_missing",
             )
         if not missing:
             values[key] = np.repeat(np.array(of_tables, dtype=np.float64), counts)
     if "pressure" in values and "share" in values:
-        raise InvalidInput(
-            "the foci have pressures and shares; give one of the two.", code="options_clash"
-        )
+        raise InvalidInput("the foci have pressures and shares: give either.", code="options_clash")
     if not values:
         return {}
-    # Target takes phases as those of complex pressures or shares.
+    # Phases of a Target are those of complex pressures or shares.
     degrees = values.get("phase_degrees")
     phased = 1.0 if degrees is None else np.exp(1j * np.radians(degrees))
     if "pressure" in values:
@@ -345,8 +327,8 @@ def _foci(
         return at.acoustics.onto_surface(points, _body(table.onto, bodies, "onto"), offset)
     if table.at not in named:
         hint = (
-            "no body has named points: give point = [x, y, z], or the mesh of a hand joints = "
-            '"FILE.json".'
+            'no body has named points: give point = [x, y, z], or joints = "FILE.json" beside the '
+            "mesh of a hand."
         )
         if named:
             hint = nearest(table.at, named)
@@ -354,11 +336,11 @@ def _foci(
             f'at = "{table.at}" is not a named point of a body; {hint}', code="unknown_name"
         )
     point, normal, room = named[table.at]
-    # The usual cause: an offset in millimetres puts the focus beyond the next body.
+    # An offset in millimetres puts the focus beyond the next body.
     if offset >= room:
         raise InvalidInput(
-            f"offset = {offset:g} m does not lie in the gap of {1e3 * room:g} mm before "
-            f"{table.at}: is it in millimetres? Give metres.",
+            f"offset = {offset:g} m exceeds the gap of {1e3 * room:g} mm in front of {table.at}: "
+            "is it in millimetres? Give metres.",
             code="out_of_range",
         )
     return (point + offset * normal)[None]

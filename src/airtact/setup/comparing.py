@@ -1,4 +1,4 @@
-"""Comparisons of given drives, or of all methods for a setup, by one solve."""
+"""Comparison of drives, or of all methods for a setup, by one solve."""
 
 import csv
 from collections.abc import Mapping, Sequence
@@ -41,18 +41,18 @@ from airtact.transducers.layout import PhasedArray
 
 @dataclass(frozen=True, eq=False)
 class Contender:
-    """One method and its drive.
+    """A method and its drive.
 
     Attributes
     ----------
-    name : of the method.
-    drive : made by the method.
-    emitted : the drive rounded to the levels of the setup, which is what is verified.
+    name : name of the method.
+    drive : drive made by the method.
+    emitted : the drive rounded to the levels of the setup. The pressures are those of this drive.
     pressures : (F,) peak pressure at the foci [Pa].
     suppression_points : (Q,) peak pressure at the suppression points [Pa].
-    seconds : time that the method took [s].
+    seconds : computing time of the method [s].
     kept : pressure that the weakest focus exceeds in 9 of 10 samples of the uncertainty [Pa]; None
-        without any.
+        without uncertainty.
     """
 
     name: str
@@ -65,15 +65,12 @@ class Contender:
 
     @property
     def energy(self) -> float:
-        """Mean of |d|² over the elements: 1 when all are at full scale."""
+        """Mean of |d|² over the elements; 1 if all are at full scale."""
         return self.drive.energy / len(self.drive)
 
     @property
     def suppression_level(self) -> float:
-        """Mean of p² in the suppression points against that in the foci [dB].
-
-        NaN without suppression points.
-        """
+        """Mean of p² at the suppression points over that at the foci [dB]; NaN without points."""
         if not len(self.suppression_points):
             return float("nan")
         ratio = np.mean(self.suppression_points**2) / np.mean(self.pressures**2)
@@ -82,18 +79,18 @@ class Contender:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MethodComparison:
-    """All methods for a setup, on one transfer matrix.
+    """Drives of all methods for a setup, from one transfer matrix.
 
     Attributes
     ----------
     setup : the scene, array and target.
-    default : name of the method that is taken by default.
-    contenders : the methods that made a drive, and the control last.
+    default : name of the default method.
+    contenders : the methods that made a drive; the control is the last.
     warnings : of the setup, of methods that made no drive or stopped early, and of the
         verification.
-    transfer : transfer matrix that the drives were made from.
-    beacons : report of the solve behind it.
-    bound : no drive within full scale gives every focus more than this times its weight [Pa].
+    transfer : transfer matrix of the drives.
+    beacons : report of the solve behind the transfer matrix.
+    bound : upper bound of the pressure over weight at the worst focus, within full scale [Pa].
     field : verification solve, one excitation for each contender.
     seconds : wall time by step [s].
     """
@@ -134,7 +131,7 @@ class MethodComparison:
 
     @property
     def best(self) -> Contender:
-        """The method whose weakest focus gets most at full scale; the default among equals."""
+        """The method whose weakest focus is strongest at full scale; the default among equals."""
         return self.ranked[0]
 
     @property
@@ -149,7 +146,7 @@ class MethodComparison:
         return sorted(self.contenders, key=rank)
 
     def worst(self, contender: Contender) -> float:
-        """Return the least pressure over weight, over the foci that ask for any [Pa]."""
+        """Return the least pressure over weight of the foci with a weight above 0 [Pa]."""
         weights = self.setup.target.weights
         asked = weights > 0.0
         return float((contender.pressures[asked] / weights[asked]).min())
@@ -159,14 +156,11 @@ class MethodComparison:
         return self.worst(contender) / contender.emitted.peak / self.bound
 
     def label(self, contender: Contender) -> str:
-        """Name a method, and mark the default."""
+        """Return the name of a method, with a mark for the default."""
         return f"{contender.name} (default)" if contender.name == self.default else contender.name
 
     def save(self, folder: str | Path) -> Path:
-        """Write methods.csv into a folder, and each drive into its folder drives.
-
-        Return the table.
-        """
+        """Write methods.csv and drives/*.h5 into a folder, and return the path of the table."""
         folder = Path(folder)
         drives = writable_folder(folder / "drives")
         for contender in self.contenders:
@@ -221,17 +215,17 @@ def compare(
     store: str | Path | None = None,
     progress: Progress | None = None,
 ) -> MethodComparison | Comparison:
-    """Compare all methods for a setup; or given drives on an array, as ``evaluation.compare`` does.
+    """Compare all methods for a setup, or some drives of an array as ``evaluation.compare`` does.
 
-    The drives of the methods come from one transfer matrix and are verified by one more accurate
-    solve. The method of the setup has no influence.
+    All methods use one transfer matrix. One more accurate solve verifies their drives. The method
+    of the setup has no influence.
 
     Parameters
     ----------
     scene : a setup; or a scene, together with the next four.
     array, drives, target, solver : as for ``evaluation.compare``.
-    store : folder in which the solved fields of a setup are stored and found again.
-    progress : is called with each step in words as it begins.
+    store : folder in which solved fields of a setup are stored and reused.
+    progress : is called with a description of each step as it begins.
 
     Raises
     ------
@@ -248,7 +242,7 @@ def compare(
 def _compare_methods(setup: Setup, store: Path | None, clock: Clock) -> MethodComparison:
     beacons = solve_beacons(setup, clock, store)
     transfer, report = transfer_to_array(setup, beacons, clock)
-    # "best" is one of the others; methods for samples need samples.
+    # "best" selects one of the other methods. Methods for samples need uncertainty.
     methods = [
         name
         for name in METHODS
@@ -264,19 +258,19 @@ def _compare_methods(setup: Setup, store: Path | None, clock: Clock) -> MethodCo
                 with times.step(words):
                     drives[words], stalled = synthesise(METHODS[method], transfer, setup.target)
                 warnings += stalled
-            # One method that cannot, such as for foci too close, does not stop the others.
+            # A method may fail, such as for foci that are too close, without stopping the others.
             except InvalidInput as fault:
                 warnings.append(f"{words} made no drive: {fault}")
         if not drives:
             raise InvalidInput(f"no method makes a drive; {warnings[0]}", code="empty")
         name = drive_names(setup.bodies)[-1]
-        # The control is the best that ignores the bodies.
+        # The control is the best drive that ignores the bodies.
         with times.step(name):
             control = control_drive(setup, best)
         if control is not None:
             drives[name] = control
         bound = upper_bound(transfer, setup.target).worst
-    # Boards emit rounded drives, so these are verified and compared.
+    # Boards emit rounded drives, so the rounded ones are verified and compared.
     emitted = {name: quantise(drive, setup.levels).drive() for name, drive in drives.items()}
     with clock.step(
         "verify",
@@ -295,7 +289,7 @@ def _compare_methods(setup: Setup, store: Path | None, clock: Clock) -> MethodCo
     if setup.uncertainty is not None:
         from airtact.setup.robustness import weakest_nine_of_ten
 
-        with clock.step("doubt", "trying them on other samples of the uncertainty"):
+        with clock.step("doubt", "evaluating them on other samples of the uncertainty"):
             kept = weakest_nine_of_ten(setup, beacons, emitted)
     return MethodComparison(
         setup=setup,

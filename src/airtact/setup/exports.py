@@ -1,4 +1,4 @@
-"""Fields, bodies and panels for other programs: VTKHDF 2.2 for ParaView, flat triangles.
+"""Export of fields, bodies and panels: VTKHDF 2.2 for ParaView, and flat triangles.
 
 See https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format.
 """
@@ -29,8 +29,8 @@ def write_field(
 ) -> None:
     """Write the pressure [Pa] at a box's points as image data, and the bodies as polygons.
 
-    The data are pressure_real and pressure_imag, NaN where there is no field; cell data ``body``
-    numbers the bodies.
+    The point data are pressure_real and pressure_imag, NaN inside bodies. The cell data ``body`` is
+    the index of the body.
     """
     if len(pressure) != np.prod(box.counts):
         raise InvalidInput(
@@ -45,13 +45,13 @@ def write_field(
             _write_polygons(_block(root, "bodies", 1, "PolyData"), bodies)
             names.append("bodies")
         assembly = root.create_group("Assembly", track_order=True)
-        # ParaView shows the tree of the assembly; its leaves are links to the blocks.
+        # ParaView shows the tree of the assembly, whose leaves must be links to the blocks.
         for name in names:
             assembly.create_group(name, track_order=True)[name] = h5py.SoftLink(f"/VTKHDF/{name}")
 
 
 def check_output(path: Path, *sources: Path) -> None:
-    """Raise where panels cannot be written to a file, or would overwrite their source."""
+    """Raise if panels cannot be written to a file, or would overwrite their source."""
     if path.suffix.lower() not in (CURVED, *FLAT):
         raise InvalidInput(
             f"{path.name} ends in {path.suffix!r}, but panels are written to "
@@ -61,8 +61,7 @@ def check_output(path: Path, *sources: Path) -> None:
     for source in sources:
         if path.resolve() == source.resolve():
             raise InvalidInput(
-                f"the output would overwrite {source.name}, which it is made from: give another "
-                "file.",
+                f"the output would overwrite the input {source.name}: give another file.",
                 code="would_overwrite",
             )
 
@@ -74,14 +73,14 @@ def write_triangles(
 ) -> int:
     """Write quadratic triangles [m] in the format of the ending; .vtkhdf also holds ``cells``.
 
-    Return how many edges of the flat triangles have no neighbour, as where panels of two sizes
-    meet; 0 for curved panels, which need not meet.
+    Return the number of open edges of the flat triangles, which exist between panels of two sizes;
+    0 for curved panels, which need not meet.
     """
     check_output(path)
     if path.suffix.lower() == CURVED:
         _write_vtkhdf(path, quadratic_triangles, cells or {})
         return 0
-    import trimesh  # takes as long to import as all the rest of airtact
+    import trimesh  # imported here because this takes as long as importing airtact
 
     vertices, triangles = flat_triangles(quadratic_triangles)
     content = trimesh.Trimesh(vertices, triangles, process=False).export(
@@ -95,8 +94,8 @@ def write_triangles(
 def flat_triangles(quadratic_triangles: QuadraticTriangles) -> tuple[Vertices, Triangles]:
     """Cut each panel into four flat triangles, and join the nodes of neighbours.
 
-    Each panel is projected onto the surface by itself, so the nodes of neighbours are micrometres
-    apart. Where panels of two sizes meet, the smaller ones have nodes that the larger ones lack.
+    Panels are projected onto the surface one by one, so nodes of neighbours are micrometres apart.
+    At the border of panels of two sizes the smaller ones have nodes that the larger ones lack.
     """
     nodes = quadratic_triangles.reshape(-1, 3)
     shortest = np.repeat(edge_lengths(quadratic_triangles).min(axis=1), 6)
@@ -118,8 +117,8 @@ def _write_vtkhdf(
 ) -> None:
     """Write curved panels as an unstructured grid of quadratic triangles.
 
-    Each keeps its own six points, because neighbours need not share them. Cell data:
-    ``smallest_angle`` [degrees], ``area`` [m²], and what is given.
+    Each panel has six points that it does not share. The cell data are ``smallest_angle``
+    [degrees], ``area`` [m²] and ``cells``.
     """
     count = len(quadratic_triangles)
     numbers = {
@@ -147,8 +146,7 @@ def _write_vtkhdf(
 def _group(parent: h5py.Group, name: str, kind: str) -> h5py.Group:
     group = parent.create_group(name, track_order=True)
     group.attrs["Version"] = np.array([2, 2])
-    # The reader wants a fixed-length ASCII string; h5py writes a Python str as variable-length
-    # UTF-8.
+    # The reader needs a fixed-length ASCII string, but h5py writes str as variable-length UTF-8.
     group.attrs["Type"] = np.bytes_(kind)
     return group
 
@@ -184,7 +182,7 @@ def _write_polygons(group: h5py.Group, bodies: Sequence[Surface]) -> None:
     )
     group.create_dataset("NumberOfPoints", data=np.array([len(vertices)]))
     group.create_dataset("Points", data=vertices)
-    # The reader asks for all four kinds of cells, empty ones too.
+    # The reader needs all four kinds of cells, also empty ones.
     for name in ("Vertices", "Lines", "Polygons", "Strips"):
         cells = triangles if name == "Polygons" else np.empty((0, 3), dtype=np.int64)
         part = group.create_group(name)

@@ -1,4 +1,4 @@
-"""From the text of a scene file to its tables, with other values for some keys."""
+"""Parse a scene file into its tables, with changes of some keys."""
 
 import difflib
 import math
@@ -24,20 +24,19 @@ Value = str | float | int | bool | None
 
 
 def parse_scene(text: str, changes: Mapping[str, Value] | None = None) -> SceneFile:
-    r"""Turn the text of a scene file into its tables.
+    """Parse the text of a scene file into its tables.
 
     Parameters
     ----------
     text : TOML.
-    changes : other values for some keys, see ``with_changes``.
+    changes : values that replace the file's, see ``with_changes``.
 
     Raises
     ------
     InvalidInput
-        "file_unreadable", "unknown_key" (with the nearest right key), "key_missing",
-        "key_misplaced" (a key that goes with another), "options_clash" (none or several of keys
-        that exclude each other), "unknown_name", "out_of_range" or "not_finite"; or the text is
-        too large or too deep: "file_too_large".
+        "file_unreadable"; "file_too_large" (also for deep nesting); "unknown_key"; "key_missing";
+        "key_misplaced" (a key that needs or excludes another); "options_clash" (not exactly one of
+        some keys); "unknown_name"; "wrong_kind"; "out_of_range"; "not_finite".
 
     Examples
     --------
@@ -53,10 +52,10 @@ def parse_scene(text: str, changes: Mapping[str, Value] | None = None) -> SceneF
             data = with_changes(data, changes)
         _check_numbers(data, "")
     except RecursionError:
-        raise InvalidInput("lists and tables are nested too deep.", code="file_too_large") from None
+        raise InvalidInput("lists or tables are nested too deep.", code="file_too_large") from None
     except InvalidInput:
         raise
-    except ValueError as error:  # also of numbers with thousands of digits
+    except ValueError as error:  # also for numbers with thousands of digits
         words = str(error)
         place = re.search(r"at line (\d+)", words)
         line = f": {text.split(chr(10))[int(place[1]) - 1].strip()}" if place else "."
@@ -78,7 +77,7 @@ def _check_text(text: str) -> None:
     if size > LARGEST_SCENE_FILE:
         sentence = f"the text has {size:,} bytes, more than {LARGEST_SCENE_FILE:,}."
         raise InvalidInput(sentence, code="file_too_large")
-    # The decoder takes minutes for keys of thousands of parts; all else it reads in seconds.
+    # The decoder takes minutes for keys of thousands of parts.
     parts = 0
     for word in text.split("."):
         parts = 0 if re.search(r"[\n=,\[\]{}]", word) else parts + 1
@@ -87,7 +86,7 @@ def _check_text(text: str) -> None:
 
 
 def _check_numbers(data: object, path: str) -> None:
-    # Products of numbers beyond these sizes would overflow, or lose all digits, further on.
+    # Products of numbers beyond these limits would overflow or underflow later.
     if isinstance(data, dict):
         for key, value in data.items():
             _check_numbers(value, _joined(path, key))
@@ -98,17 +97,17 @@ def _check_numbers(data: object, path: str) -> None:
         if not abs(data) < math.inf:  # also NaN
             raise InvalidInput(f"{path} is {data}, but it must be finite.", code="not_finite")
         if 0 < abs(data) < SMALLEST_NUMBER or abs(data) > LARGEST_NUMBER:
-            # No float holds the largest integers.
+            # Formatting as a float fails for the largest integers.
             number = f"{data:.3g}" if abs(data) < 1e300 else "too large"
             raise InvalidInput(
-                f"{path} is {number}, but its size must be 0, or lie between {SMALLEST_NUMBER:g} "
+                f"{path} is {number}, but its magnitude must be 0, or between {SMALLEST_NUMBER:g} "
                 f"and {LARGEST_NUMBER:g}.",
                 code="out_of_range",
             )
 
 
 def nearest(word: str, names: Iterable[str], prefix: str = "") -> str:
-    """Suggest the known word that was probably meant, or list all.
+    """Suggest the nearest of some names, or list all names.
 
     >>> nearest("finite_elemant", ["boundary_element", "finite_element"])
     'did you mean finite_element?'
@@ -122,7 +121,7 @@ def nearest(word: str, names: Iterable[str], prefix: str = "") -> str:
 
 
 def _explained(error: msgspec.ValidationError, data: Any) -> InvalidInput:
-    """Turn the fault of a table or a key into a sentence with its path, value and range."""
+    """Turn msgspec's error into a message with the path, the value and its range."""
     fault, _, path = str(error).rpartition(" - at `$")
     fault = fault or path  # at the top there is no path
     path = "" if fault is path else path.strip("`.")
@@ -164,7 +163,7 @@ def _explained(error: msgspec.ValidationError, data: Any) -> InvalidInput:
 
 
 def _along(path: str, data: Any) -> tuple[Any, list[Any]]:
-    """Return the value at a path, and all parts of the type that is declared there."""
+    """Return the value at a path, and all parts of its declared type."""
     kinds: list[Any] = [SceneFile]
     for key, index in re.findall(r"(\w+)|\[(\d+)\]", path):
         data = data[key or int(index)]
@@ -174,7 +173,7 @@ def _along(path: str, data: Any) -> tuple[Any, list[Any]]:
 
 
 def _parts(kind: Any) -> list[Any]:
-    """Flatten a type: what its unions, lists and annotations hold."""
+    """Flatten a type into the parts of its unions, lists and annotations."""
     inner = typing.get_args(kind)
     return [part for each in inner for part in _parts(each)] if inner else [kind]
 
@@ -184,7 +183,7 @@ def _table_of(kinds: Iterable[Any]) -> type[Table]:
 
 
 def _plain_types(match: re.Match[str]) -> str:
-    # Users of TOML do not know the names of Python's and JSON's types.
+    # Users of TOML may not know the names of Python's and JSON's types.
     words = {
         "array": "a list",
         "bool": "true or false",
@@ -201,20 +200,20 @@ def _joined(path: str, key: str) -> str:
 
 
 def with_changes(data: Mapping[str, Any], changes: Mapping[str, Value]) -> dict[str, Any]:
-    """Return decoded TOML in which some keys have other values.
+    """Replace the values of some keys of decoded TOML.
 
     Parameters
     ----------
-    data : tables, lists and values of a scene file; it stays as it is.
-    changes : values by paths such as ``foci[0].offset``. ``hand.gap`` is short for the key of the
-        only obstacle that is a hand, and so for the other kinds of bodies. A key that the file
-        leaves out is added.
+    data : tables, lists and values of a scene file; not modified.
+    changes : values by paths such as ``foci[0].offset``; None removes a key. ``hand.gap`` is short
+        for the key of the only obstacle that is a hand; other kinds of bodies likewise. Missing
+        keys are added.
 
     Raises
     ------
     InvalidInput
-        "unknown_key": a path leads nowhere; the sentence names what is there. "given_twice": two
-        paths are one key.
+        "unknown_key": a path is that of no key; the message lists those that exist. "given_twice":
+        two paths are those of one key.
 
     Examples
     --------
@@ -230,7 +229,7 @@ def with_changes(data: Mapping[str, Any], changes: Mapping[str, Value]) -> dict[
         seen.add(steps)
         inner: Any = changed
         for step, following in pairwise(steps):
-            # Tables that the file leaves out are made on the way, and so is a translation.
+            # Missing tables are added, and so is a missing translation.
             if isinstance(inner, dict) and isinstance(following, str):
                 inner.setdefault(step, {})
             elif isinstance(inner, dict) and step == "translation":
@@ -247,16 +246,16 @@ def with_changes(data: Mapping[str, Any], changes: Mapping[str, Value]) -> dict[
 
 
 def _steps(path: str, data: Mapping[str, Any]) -> tuple[str | int, ...]:
-    """Split a path into keys and indices, and write out one that begins with the kind of a body."""
+    """Split a path into keys and indices, and replace the kind of a body by its index."""
     if not re.fullmatch(r"[\w-]+(\.[\w-]+|\[\d+\])*", path):
         raise InvalidInput(
-            f"{path!r} is not the path of a key: write its tables, with numbers from 0 in brackets "
-            "where there are several, such as foci[0].offset.",
+            f"{path!r} is not the path of a key: write tables and key such as foci[0].offset, "
+            "where 0 is the first of several tables.",
             code="unknown_key",
         )
-    kind, *others = (name or int(index) for name, index in re.findall(r"([\w-]+)|\[(\d+)\]", path))
+    kind, *keys = (name or int(index) for name, index in re.findall(r"([\w-]+)|\[(\d+)\]", path))
     if kind in SceneFile.__struct_fields__:
-        return (kind, *others)
+        return (kind, *keys)
     bodies = [body if isinstance(body, dict) else {} for body in data.get("obstacles", [])]
     indices = [index for index, body in enumerate(bodies) if kind in body]
     if len(indices) != 1 or kind not in ObstacleTable.one_of:
@@ -266,10 +265,10 @@ def _steps(path: str, data: Mapping[str, Any]) -> tuple[str | int, ...]:
             "obstacles[0] is the first body.",
             code="unknown_key",
         )
-    # Keys of the body stand in a table of its kind, or beside it.
-    if isinstance(bodies[indices[0]][kind], dict) and others[:1] not in (["pose"], ["boundary"]):
-        others = [kind, *others]
-    return ("obstacles", indices[0], *others)
+    # Keys of the body are in a table of its kind, or beside it.
+    if isinstance(bodies[indices[0]][kind], dict) and keys[:1] not in (["pose"], ["boundary"]):
+        keys = [kind, *keys]
+    return ("obstacles", indices[0], *keys)
 
 
 def _entry(inner: Any, step: str | int, path: str) -> Any:

@@ -1,4 +1,4 @@
-"""From a setup to its drive: solve, make the drive, verify it and save it."""
+"""Render a setup: solve, make the drive, verify it and save it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -49,9 +49,6 @@ from airtact.timing import Clock, Progress
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.modulation import AmplitudeModulation
 
-# Files of a drive
-DRIVE_FILES = ("drive.csv", "drive.h5")
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Rendering:
@@ -59,19 +56,20 @@ class Rendering:
 
     Attributes
     ----------
-    setup : the drive's scene, array, target and settings.
-    transfer : transfer matrix that the drive was made from.
+    setup : scene, array, target and settings.
+    transfer : transfer matrix of the drive.
     beacons : report of the solve behind the transfer matrix.
     drive : amplitude and phase of each transducer.
     pressures : (F,) peak pressure at each focus under the drive, by the verification [Pa].
-    verification : the drive compared with its control, which the same method makes without the
-        bodies; the drive alone in open air.
-    drives : the drives of the verification, their strongest element at full scale.
-    sequence : the drives of foci that move, or None.
-    robustness : what the drive keeps on other samples of the uncertainty, or None without any.
-    headline : pressure at the weakest focus, with and without the hand, in a sentence.
-    remarks : what was asked and not reached, and how near the drive comes to the upper bound.
-    sensation : the foci against the tactile threshold.
+    verification : comparison of the drive with its control, which the same method makes without the
+        bodies. In open air there is no control.
+    drives : drives of the verification, each with its strongest element at full scale.
+    sequence : drives of moving foci, or None.
+    robustness : pressures of the drive on other samples of the uncertainty; None without
+        uncertainty.
+    headline : sentence with the pressure at the weakest focus, with and without the hand.
+    remarks : sentences on requests that were not met, and on the share of the upper bound.
+    sensation : sentences on the foci and the tactile threshold.
     warnings : of the setup, of the method and of both solves.
     seconds : wall time by step [s].
     """
@@ -100,7 +98,7 @@ class Rendering:
 
     @property
     def method(self) -> str:
-        """Name of the method in words."""
+        """Name of the method, and for ``best`` of the method that it selects."""
         return method_words(self.setup)
 
     @property
@@ -110,7 +108,7 @@ class Rendering:
 
     @property
     def estimated_error(self) -> float:
-        """Relative error of the pressures, as the verification solve estimates it."""
+        """Relative error of the pressures, estimated by the verification solve."""
         return self.verification.report.estimated_error
 
     @cached_property
@@ -133,14 +131,11 @@ class Rendering:
         return self.verification.pressures["equal peak"][1] * control.factor_to_match(self.drive)
 
     def save(self, folder: str | Path) -> tuple[Path, ...]:
-        """Write drive.csv and drive.h5 into a folder, and sequence.h5 where foci move.
-
-        Return the files.
-        """
+        """Write drive.csv, drive.h5 and, for moving foci, sequence.h5; return the files."""
         folder = writable_folder(Path(folder))
         sequence = folder / SEQUENCE_FILE
-        sequence.unlink(missing_ok=True)  # an older run's
-        files = [folder / name for name in DRIVE_FILES]
+        sequence.unlink(missing_ok=True)  # of an older run
+        files = [folder / name for name in ("drive.csv", "drive.h5")]
         for file in files:
             save_drive(file, self.drive, self.setup, self.transfer, self.beacons)
         if self.sequence is not None:
@@ -152,7 +147,7 @@ class Rendering:
 def save_drive(
     file: Path, drive: Drive, setup: Setup, transfer: TransferMatrix, report: SolveReport
 ) -> None:
-    """Write a drive to a file, with all that its emission needs and what it was made from."""
+    """Write a drive with all data that its emission needs, the scene and the solver's report."""
     modulation = setup.modulation
     drive.save(
         file,
@@ -174,20 +169,20 @@ def focus(
     pressures: PerFocus | None = None,
     medium: Medium | None = None,
 ) -> Rendering:
-    """Focus an array on points, in open air or with a hand or another rigid body there.
+    """Focus an array on points, in open air or beside a hand or another rigid body.
 
     Parameters
     ----------
     array : the transducers.
     points : (F, 3) foci in the array's frame [m], or (3,) for one.
     hand : a hand, or the surface of another body, in the same frame.
-    pressures : (F,) peak pressures asked for [Pa], or one for all; as strong as possible unless
-        given.
-    medium : the air; of 20 °C unless given.
+    pressures : (F,) requested peak pressures [Pa], or one for all; by default as strong as
+        possible.
+    medium : the fluid; by default air at 20 °C.
 
     Returns
     -------
-    The drive and the pressures that the foci get, verified as by ``render``.
+    The drive and the pressures at the foci, verified as by ``render``.
 
     Raises
     ------
@@ -217,13 +212,13 @@ def render(
     Parameters
     ----------
     setup : scene, array, target and settings.
-    store : folder in which solved fields are stored and found again.
-    progress : is called with each step in words as it begins.
+    store : folder in which solved fields are stored and reused.
+    progress : is called with a description of each step as it begins.
 
     Raises
     ------
     InvalidInput
-        The setup is impossible, or the method makes no drive for it.
+        The method makes no drive for the setup, or the solver does not support it.
     NotConverged
         A solver stopped early.
 
@@ -264,9 +259,15 @@ def render(
             setup.target,
             solver=stored(verification_solver(setup), store),
         )
-    # The verification compares drives at full scale; the drive itself may ask for less.
+    # The verification compares drives at full scale, but requested pressures may need less.
     at_full_scale = comparison.pressures["equal peak"][0]
-    drive = _scaled(setup, drive, at_full_scale)
+    # It is scaled so that the weakest focus gets its requested pressure, up to full scale.
+    peak = drive.peak
+    if peak < 1.0:
+        share = 1.0
+        if setup.target.pressures is not None:
+            share = float(np.nanmin(fraction(peak * at_full_scale, setup.target)))
+        drive = Drive(drive.amplitudes / max(share, peak))
     pressures = drive.peak * at_full_scale
 
     robustness = None
@@ -274,7 +275,7 @@ def render(
     if setup.uncertainty is not None:
         from airtact.setup.robustness import kept_by_drive
 
-        with clock.step("doubt", "trying the drive on other samples of the uncertainty"):
+        with clock.step("doubt", "evaluating the drive on other samples of the uncertainty"):
             robustness = kept_by_drive(setup, field, transfer, drive)
         remarks = (*remarks, robustness.sentence())
     return Rendering(
@@ -300,14 +301,3 @@ def render(
         ),
         seconds=clock.seconds,
     )
-
-
-def _scaled(setup: Setup, drive: Drive, at_full_scale: Float64[np.ndarray, "foci"]) -> Drive:
-    """Scale the drive so that the weakest focus gets what it asks, up to full scale."""
-    peak = drive.peak
-    if peak >= 1.0:
-        return drive
-    share = 1.0
-    if setup.target.pressures is not None:
-        share = float(np.nanmin(fraction(peak * at_full_scale, setup.target)))
-    return Drive(drive.amplitudes / max(share, peak))

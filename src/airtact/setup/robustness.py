@@ -1,12 +1,10 @@
-"""What a drive keeps on samples and shifts that it was not made for."""
+"""Pressures of a drive on samples and shifts that it was not made for."""
 
 from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float64
 
-from airtact.acoustics.planes import Plane
 from airtact.acoustics.solvers.problem import RadiatedField
 from airtact.drives.drive import Drive
 from airtact.drives.linear_methods import time_reversal
@@ -43,10 +41,10 @@ def other_samples(setup: Setup, beacons: RadiatedField) -> TransferEnsemble:
 def kept_by_drive(
     setup: Setup, beacons: RadiatedField, transfer: TransferMatrix, drive: Drive
 ) -> HeldOut:
-    """Evaluate a drive beside two others on other samples and for a shifted hand."""
+    """Evaluate a drive on other samples and for a shifted hand, beside two other methods."""
     assert setup.uncertainty is not None
     drives = {setup.method.replace("_", " "): drive}
-    # Beside the drive: the one made for samples, and the simplest one.
+    # Compared with the method for samples and with the simplest method.
     if setup.method not in FOR_SAMPLES:
         drives["robust"] = robust(transfer, setup.target)
     if setup.method != "time_reversal":
@@ -77,26 +75,20 @@ def weakest_nine_of_ten(
 def _shifts(setup: Setup, deviation: float) -> list[Window]:
     """Return shifts in the plane of the foci and across it, up to three standard deviations.
 
-    Beside a rigid plane the shifts are along it, which one solve serves, and towards it.
+    With a rigid plane in the scene they are along it, which needs only one solve, and across it.
     """
     window = plane_of_scene(setup.scene, setup.target.points)
     wavelength = setup.scene.wavelength
     reach = 2.0 * float(np.clip(3.0 * deviation, 0.25 * wavelength, 2.0 * wavelength))
     axes = np.stack([window.right, window.up, window.normal])
     if setup.scene.planes:
-        axes = _along(setup.scene.planes[0], axes)
+        plane = setup.scene.planes[0]
+        flat = axes - np.outer(axes @ plane.normal, plane.normal)
+        # The axis nearest to the plane keeps its direction. Rounding makes the choice between equal
+        # axes independent of rounding errors.
+        right = flat[np.argmax(np.linalg.norm(flat, axis=1).round(3))]
+        right = right / np.linalg.norm(right)
+        axes = np.stack([right, np.cross(plane.normal, right), plane.normal])
     right, up, normal = axes
     across = normal * np.sign(normal[np.argmax(np.abs(normal))])
     return [Window(np.zeros(3), right, axis, reach, reach, reach / 16) for axis in (up, across)]
-
-
-def _along(plane: Plane, axes: Float64[np.ndarray, "3 3"]) -> Float64[np.ndarray, "3 3"]:
-    """Return right, up and normal, the first two in a plane.
-
-    The axis that lies best in it keeps its direction.
-    """
-    flat = axes - np.outer(axes @ plane.normal, plane.normal)
-    # Rounding makes the choice among equally good axes independent of the last bits.
-    right = flat[np.argmax(np.linalg.norm(flat, axis=1).round(3))]
-    right = right / np.linalg.norm(right)
-    return np.stack([right, np.cross(plane.normal, right), plane.normal])

@@ -1,10 +1,10 @@
-"""Emit a drive at a safe level: the cap that keeps a head under 110 dB, and the plan."""
+"""Emit a drive at a safe level: the plan of an emission, with the cap that limits the level."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64
 
 from airtact.acoustics.medium import air
 from airtact.drives.drive import Drive
@@ -30,83 +30,125 @@ FREQUENCY = 40e3
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What would be emitted.
+    """A drive or sequence for boards of one kind, and the level of its emission.
 
     Attributes
     ----------
     stored : the drive or sequence.
-    board, poses : kind of board, and the pose of each.
+    board : kind of board.
     modulation : how the amplitude of a drive varies; None for a sequence or a constant drive.
-    rounding : (F,) relative change of the pressure at each focus by the board's levels, the worst
-        over the most powerful frames; None without a transfer matrix in the file.
-    peak, average : levels 0.5 m off the array [dB], of the strongest frame and over time.
-    full : peak level at full scale [dB].
-    focus : peak pressure at the weakest focus in its strongest frame [Pa]; None without a transfer
-        matrix.
     cap : largest amplitude of an element, a share of full scale.
-    limited : whether the cap was chosen so that the peak level is under the limit.
+    limited : whether the cap was chosen to keep the level at a head under the limit.
     """
 
     stored: DriveFile
     board: Board
-    poses: tuple[Pose, ...]
     modulation: AmplitudeModulation | None
-    rounding: Float64[np.ndarray, "foci"] | None
-    peak: float
-    average: float
-    full: float
-    focus: float | None
-    cap: float
-    limited: bool
+    cap: float = 1.0
+    limited: bool = False
 
     @property
-    def sequence(self) -> bool:
-        """Whether the file holds several frames."""
-        return self.stored.rate is not None and len(self.stored.drives) > 1
+    def poses(self) -> tuple[Pose, ...]:
+        """Pose of each board."""
+        stored = self.stored
+        assert stored.positions is not None
+        assert stored.normals is not None
+        return tuple(poses_of_boards(self.board, stored.positions, stored.normals))
+
+    @property
+    def rate(self) -> float | None:
+        """Frames per second of a sequence; None for a drive."""
+        return self.stored.rate if len(self.stored.drives) > 1 else None
 
     @property
     def constant(self) -> bool:
         """Whether the force does not vary."""
-        return not self.sequence and self.modulation is None
+        return self.rate is None and self.modulation is None
+
+    @cached_property
+    def head(self) -> HeadLevel:
+        """Level at a head, whose position is not known: anywhere 0.5 m off the array."""
+        stored = self.stored
+        assert stored.positions is not None
+        factors = (1.0,)
+        if self.modulation is not None:
+            count, _ = frames_of_period(self.modulation.frequency, np.inf)
+            factors = tuple(self.modulation.envelope(count).tolist())
+        return HeadLevel(
+            stored.drives,
+            stored.positions,
+            codec_of(self.board).levels,
+            2 * np.pi * FREQUENCY / sound_speed_of(stored),
+            DEFAULT_SENSITIVITY if stored.sensitivity is None else stored.sensitivity,
+            factors,
+        )
+
+    @cached_property
+    def at_foci(self) -> tuple[float, float] | None:
+        """Largest relative change of a focus by rounding, and pressure at the weakest focus [Pa].
+
+        None without a transfer matrix in the file.
+        """
+        stored = self.stored
+        if stored.matrix is None or stored.matrix.shape[1] != stored.drives.shape[1]:
+            return None
+        levels = codec_of(self.board).levels
+        transfer = TransferMatrix(stored.matrix, np.nan, stored.foci)
+        share = share_under_cap(stored.drives, levels, self.cap)
+        changes = []
+        for row in self.head.strongest:
+            frame = frame_at(row, levels, share)
+            if not frame.silent:
+                exact = Drive(row if levels.phase_only else share * row)
+                pressures = np.abs(transfer.pressure(exact))
+                # A frame of a sequence is made for some of the foci. The little that it leaves at
+                # the others may change by any factor.
+                meant = pressures > 0.1 * pressures.max()
+                changes.extend(rounding_error(transfer, exact, frame)[meant])
+        frames = [frame_at(row, levels, share).drive() for row in stored.drives]
+        pressures = np.array([np.abs(transfer.pressure(drive)) for drive in frames])
+        foci = len(stored.matrix) if stored.foci is None else len(stored.foci)
+        weakest = float(pressures[:, :foci].max(axis=0).min())
+        return float(max(changes, key=abs, default=0.0)), weakest
 
     def facts(self, link: str) -> list[tuple[str, str]]:
         """Describe the emission through a link, each fact by its name."""
         drives = self.stored.drives
         board = self.board
-        transducers = drives.shape[1]
-        words = f"{len(self.poses)} {board.title}, {transducers} transducers, through {link}"
+        words = f"{len(self.poses)} {board.title}, {drives.shape[1]} transducers, through {link}"
         facts = [("boards", words)]
-        if self.sequence:
-            facts.append(("sequence", f"{len(drives)} frames at {self.stored.rate:g} frames/s"))
+        if self.rate is not None:
+            facts.append(("sequence", f"{len(drives)} frames at {self.rate:g} frames/s"))
         levels = "on and off" if board.amplitudes == 2 else f"{board.amplitudes} amplitudes"
         facts.append(("levels", f"{levels}, {board.phases} phases"))
-        if self.rounding is not None:
-            worst = float(self.rounding[np.abs(self.rounding).argmax()])
+        if self.at_foci is not None:
             held = " at equal energy" if board.amplitudes == 2 else ""
-            facts.append(("rounding", f"{worst:+.2%} at the focus that it changes most{held}"))
+            words = f"{self.at_foci[0]:+.2%} at the focus that it changes most{held}"
+            facts.append(("rounding", words))
         if self.modulation is not None:
             depth = f", {self.modulation.depth:g} deep" if self.modulation.depth < 1.0 else ""
             facts.append(("modulation", f"amplitude, {self.modulation.frequency:g} Hz{depth}"))
         largest = float(np.abs(drives).max())
         facts.append(("largest amplitude", f"{largest:.3g} of full scale, cap {self.cap:g}"))
-        if self.focus is not None:
-            facts.append(("weakest focus", f"{self.focus:,.0f} Pa, peak"))
-        average = "" if self.constant else f", {self.average:.0f} dB on average"
-        words = f"up to {self.peak:.0f} dB SPL{average}, 0.5 m off the array in open air"
+        if self.at_foci is not None:
+            facts.append(("weakest focus", f"{self.at_foci[1]:,.0f} Pa, peak"))
+        peak, average = self.head.at(self.cap)
+        words = "" if self.constant else f", {average:.0f} dB on average"
+        words = f"up to {peak:.0f} dB SPL{words}, 0.5 m off the array in open air"
         return [*facts, ("at a head", words)]
 
     def notes(self) -> list[str]:
-        """Explain the level, and whether the drive is felt."""
+        """Explain the level, and whether the drive can be felt."""
         notes = []
         if self.limited:
             notes.append(
-                f"The cap of {self.cap:g} keeps a head to {MAX_HEAD_LEVEL:g} dB; --full-scale "
-                f"emits all, up to {self.full:.0f} dB there, and --cap another share."
+                f"The cap of {self.cap:g} limits the level at a head to {MAX_HEAD_LEVEL:g} dB. "
+                f"--full-scale emits up to {self.head.full:.0f} dB; --cap sets another share."
             )
         if self.constant:
             notes.append(CONSTANT_FORCE_NOTE)
-        if self.focus is not None and self.modulation is not None:
-            notes.append(sensation(self.focus, "amplitude", self.modulation.depth))
+        if self.at_foci is not None and self.modulation is not None:
+            notes.append(sensation(self.at_foci[1], "amplitude", self.modulation.depth))
         return notes
 
 
@@ -117,24 +159,23 @@ def plan(
     modulation: AmplitudeModulation | None = None,
     constant: bool = False,
 ) -> Plan:
-    """Read a drive for boards of a kind, and find the level at a head and the cost of rounding.
+    """Read a drive for boards of one kind, and choose the cap.
 
     Parameters
     ----------
     path : file of a drive or a sequence.
     board : name of the kind of board.
-    cap : largest amplitude of an element, a share of full scale. By default the one whose level at
-        a head is at the limit, or full scale where the level is below it.
+    cap : largest amplitude of an element, a share of full scale. By default the largest that keeps
+        the level at a head under the limit.
     modulation : replaces the file's.
     constant : whether the drive is played without the file's modulation.
 
     Raises
     ------
     InvalidInput
-        If the file is no drive, its transducers are not laid out like such boards, it is for
-        another frequency, the cap is not above 0 and at most 1, a modulation is given for a
-        sequence, or boards that only switch their elements on and off cannot stay under the limit,
-        or the cap silences all elements.
+        The file holds no drive for such boards, a modulation is given for a sequence, the cap is
+        not above 0 and at most 1 or silences all elements, or boards that only switch their
+        elements on and off cannot stay under the limit.
     """
     kind = board_named(board)
     stored = read_drive_file(path)
@@ -157,34 +198,18 @@ def plan(
                 "which is not modulated further: leave the modulation out.",
                 code="options_clash",
             )
-        poses = tuple(poses_of_boards(kind, stored.positions, stored.normals))
         modulation = (modulation or stored.modulation) if rate is None and not constant else None
-        # The level is evaluated in open air around the array, as the head's position is not known.
-        head = _head_level(stored, kind, modulation)
-    limited = cap is None and head.full > MAX_HEAD_LEVEL
-    if cap is None:
-        cap = head.safe_cap()
-    peak, average = head.at(cap)
-    if not np.isfinite(peak):
+        made = Plan(stored, kind, modulation)
+        head = made.head
+        made.poses  # noqa: B018 (raises where the transducers are not those of such boards)
+    chosen = head.safe_cap() if cap is None else cap
+    if not np.isfinite(head.at(chosen)[0]):
         raise InvalidInput(
-            f"at a cap of {cap:g} all elements round to level 0, so nothing would be emitted: give "
-            "a larger cap.",
+            f"at a cap of {chosen:g} all elements round to level 0, so nothing would be emitted: "
+            "give a larger cap.",
             code="all_zero",
         )
-    rounding, focus = _at_foci(stored, head, cap)
-    return Plan(
-        stored=stored,
-        board=kind,
-        poses=poses,
-        modulation=modulation,
-        rounding=rounding,
-        peak=peak,
-        average=average,
-        full=head.full,
-        focus=focus,
-        cap=cap,
-        limited=limited,
-    )
+    return replace(made, cap=chosen, limited=cap is None and chosen < 1.0)
 
 
 def safe_cap(stored: DriveFile, board: str) -> tuple[float, float]:
@@ -192,56 +217,8 @@ def safe_cap(stored: DriveFile, board: str) -> tuple[float, float]:
 
     Raise "out_of_range" for boards that cannot be turned down so far.
     """
-    head = _head_level(stored, board_named(board), stored.modulation)
+    head = Plan(stored, board_named(board), stored.modulation).head
     return head.safe_cap(), head.full
-
-
-def _head_level(
-    stored: DriveFile, board: Board, modulation: AmplitudeModulation | None
-) -> HeadLevel:
-    assert stored.positions is not None
-    factors = (1.0,)
-    if modulation is not None:
-        count, _ = frames_of_period(modulation.frequency, np.inf)
-        factors = tuple(modulation.envelope(count).tolist())
-    return HeadLevel(
-        stored.drives,
-        stored.positions,
-        codec_of(board).levels,
-        2 * np.pi * FREQUENCY / sound_speed_of(stored),
-        DEFAULT_SENSITIVITY if stored.sensitivity is None else stored.sensitivity,
-        factors,
-    )
-
-
-def _at_foci(
-    stored: DriveFile, head: HeadLevel, cap: float
-) -> tuple[Float64[np.ndarray, "foci"] | None, float | None]:
-    """Return the worst change at each focus by rounding, and the weakest pressure [Pa]."""
-    levels = head.levels
-    drives = head.strongest
-    if stored.matrix is None or stored.matrix.shape[1] != drives.shape[1]:
-        return None, None
-    transfer = TransferMatrix(stored.matrix, np.nan, stored.foci)
-    share = share_under_cap(stored.drives, levels, cap)
-    changes = []
-    for row in drives:
-        frame = frame_at(row, levels, share)
-        if not frame.silent:
-            exact = Drive(row if levels.phase_only else share * row)
-            pressures = np.abs(transfer.pressure(exact))
-            # A frame of a sequence is made for some of the foci; what it leaves at the others
-            # may change by any factor.
-            meant = pressures > 0.1 * pressures.max()
-            changes.append(np.where(meant, rounding_error(transfer, exact, frame), 0.0))
-    if not changes:
-        return None, None
-    changes = np.array(changes)
-    worst = changes[np.abs(changes).argmax(axis=0), np.arange(changes.shape[1])]
-    frames = [frame_at(row, levels, share).drive() for row in stored.drives]
-    pressures = np.array([np.abs(transfer.pressure(drive)) for drive in frames])
-    foci = len(stored.matrix) if stored.foci is None else len(stored.foci)
-    return worst, float(pressures[:, :foci].max(axis=0).min())
 
 
 def sound_speed_of(stored: DriveFile) -> float:
@@ -264,8 +241,8 @@ def duration(made: Plan, link: Link) -> float:
     stored = made.stored
     if link.real_time:
         return 2.0
-    if made.sequence and stored.rate is not None:
-        return len(stored.drives) / stored.rate
+    if made.rate is not None:
+        return len(stored.drives) / made.rate
     if made.modulation is not None:
         count, rate = frames_of_period(made.modulation.frequency, link.fastest_frames)
         return count / rate
@@ -279,32 +256,35 @@ def emit(
     progress: Progress = no_progress,
     log: Path | None = None,
 ) -> Played | None:
-    """Play a plan for some time, then silence the boards; None for a constant drive.
+    """Play a plan for some time [s], then silence the boards.
 
     Parameters
     ----------
     log : file that gets a line on each event, see ``Emission``.
 
+    Returns
+    -------
+    How the frames were played; None for a constant drive.
+
     Raises
     ------
     InvalidInput
-        If the link cannot be opened, or the boards cannot play the sequence; nothing was emitted
-        then.
+        The link cannot be opened, or the boards cannot play the sequence. Nothing was emitted.
     LinkFailed
-        If the link fails, with what was sent last.
+        The link failed; the message says what was sent last.
     """
     stored = made.stored
     # Checked before the link is opened, so that nothing is emitted where the boards cannot play it.
     played = None
-    if made.sequence and stored.rate is not None:
-        link.check_sequence(len(stored.drives), stored.rate)
+    if made.rate is not None:
+        link.check_sequence(len(stored.drives), made.rate)
     if made.modulation is not None:
         frames_of_period(made.modulation.frequency, link.fastest_frames)
     progress(f"opening the {link.name} link to {link.devices}")
     with Emission(link, cap=made.cap, log=log) as emission:
         progress(f"emitting for {seconds:g} s")
-        if made.sequence and stored.rate is not None:
-            played = emission.play(Sequence(stored.drives, stored.rate), seconds)
+        if made.rate is not None:
+            played = emission.play(Sequence(stored.drives, made.rate), seconds)
         elif made.modulation is not None:
             played = emission.modulate(Drive(stored.drives[0]), seconds, made.modulation)
         else:

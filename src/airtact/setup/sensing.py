@@ -1,10 +1,10 @@
-"""Find the hand of a scene file, or calibrate its array, from echoes: measured or simulated."""
+"""Locate the hand of a scene file, or calibrate its array, from measured or simulated echoes."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float64
@@ -17,13 +17,11 @@ from airtact.acoustics.solvers.problem import RadiatedField
 from airtact.acoustics.solvers.spherical.multipole_field import multipole_expansion
 from airtact.drives.transfer import TransferMatrix, transfer_matrix
 from airtact.errors import InvalidInput, NotConverged
-from airtact.files.atomic import whole_file
 from airtact.geometry.pose import Pose
 from airtact.sensing.echoes import Echoes, load_echoes
 from airtact.sensing.registration import Located, locate, unexplained
 from airtact.sensing.scattering import (
     ScatteringFamily,
-    ScatteringMatrix,
     scattering_family,
     scattering_matrix,
 )
@@ -48,8 +46,8 @@ class Simulation:
     Attributes
     ----------
     noise : rms of the echoes over that of the noise [dB].
-    position, degrees : offset of the hand [m] and its turn.
-    seed : of noise and directions.
+    position, degrees : offset [m] and turn [°] of the hand.
+    seed : of the noise and the directions.
     opened : difference of the gap of a pinch from the scene file's [m].
     """
 
@@ -62,22 +60,21 @@ class Simulation:
 
 @dataclass(frozen=True, eq=False)
 class Sensed:
-    """Where the hand is, relative to the scene file, and what knowing that brings.
+    """Where the hand is, relative to the scene file, and what correcting the drive gains.
 
     Attributes
     ----------
-    setup, fitted : the scene file, and the same with the gap that was found.
-    located : its pose maps the obstacles' frame of the scene file to where they are, in the same
+    setup, fitted : the scene file, and the same with the gap found.
+    located : the pose found; it maps the scene file's obstacles to where they are, in the same
         frame.
-    echoes : that it was found from.
-    true : the simulated pose; None for measured echoes.
-    centre : (3,) middle of the bodies in the scene file [m].
-    before, after : (F,) pressure at each focus where the hand is, of the drive for the scene file's
-        pose and for the one found [Pa].
-    unexplained : (2, R) what the scene file's pose and the one found leave at each receiver, over
-        the echoes' rms.
-    gap, true_gap : of the scene file's pinch, and of the simulated one [m]; None where there is
-        none. The gap found is ``located.opening``.
+    echoes : that the pose was found from.
+    shifts : translation of the bodies' middle [m] and turn [rad] of the pose found, from the scene
+        file's pose; of simulated echoes also from the true pose.
+    before, after : (F,) pressure at each focus of the actual hand under the drive for the scene
+        file's pose and under that for the pose found [Pa].
+    unexplained : (2, R) residual at each receiver for both poses, over the echoes' rms.
+    gap, true_gap : of the scene file's pinch, and of the simulated one [m], or None. The gap found
+        is ``located.opening``.
     seconds : wall time by step [s].
     """
 
@@ -85,8 +82,7 @@ class Sensed:
     fitted: Setup
     located: Located
     echoes: Echoes
-    true: Pose | None
-    centre: Float64[np.ndarray, "3"]
+    shifts: Float64[np.ndarray, "references 6"]
     before: Float64[np.ndarray, "foci"]
     after: Float64[np.ndarray, "foci"]
     unexplained: Float64[np.ndarray, "2 receivers"]
@@ -95,40 +91,29 @@ class Sensed:
     seconds: Mapping[str, float]
 
     @property
-    def off(self) -> tuple[float, float]:
-        """Distance of the bodies' middle from the scene file's [m], and angle of the turn [rad]."""
-        return _size(self._shift(Pose.identity()))
+    def sizes(self) -> list[tuple[float, float]]:
+        """Distance [m] and angle [rad] of each of ``shifts``."""
+        norms = np.linalg.norm(self.shifts.reshape(-1, 2, 3), axis=2)
+        return [(float(distance), float(angle)) for distance, angle in norms]
 
-    @property
-    def error(self) -> tuple[float, float] | None:
-        """The same from the simulated truth; None for measured echoes."""
-        return None if self.true is None else _size(self._shift(self.true))
-
-    @property
-    def uncorrected(self) -> float:
-        """Pressure of the weakest focus with the drive for the scene file's pose [Pa]."""
-        return float(self.before.min())
-
-    @property
-    def corrected(self) -> float:
-        """Pressure of the weakest focus with the drive for the pose found [Pa]."""
-        return float(self.after.min())
-
-    def shifts(self) -> list[Float64[np.ndarray, "6"]]:
-        """Return translation [m] and turn [rad] from the scene file's pose and the true one."""
-        references = [Pose.identity()] if self.true is None else [Pose.identity(), self.true]
-        return [self._shift(reference) for reference in references]
-
-    def _shift(self, reference: Pose) -> Float64[np.ndarray, "6"]:
-        # Moved in the middle of the bodies: about the origin a turn would count as a shift.
-        centre = self.centre[None]
-        pose = self.located.pose
-        turn = Rotation.from_matrix(pose.rotation @ reference.rotation.T).as_rotvec()
-        return np.concatenate([(pose.apply(centre) - reference.apply(centre))[0], turn])
-
-
-def _size(shift: Float64[np.ndarray, "6"]) -> tuple[float, float]:
-    return float(np.linalg.norm(shift[:3])), float(np.linalg.norm(shift[3:]))
+    def record(self) -> dict[str, Any]:
+        """Return pose, uncertainty and pressures for JSON, in metres, radians and pascals."""
+        located = self.located
+        return {
+            "rotation": located.pose.rotation.tolist(),
+            "translation": located.pose.translation.tolist(),
+            "centre": located.centre.tolist(),
+            "covariance": located.covariance.tolist(),
+            "off": list(self.sizes[0]),
+            "error": list(self.sizes[1]) if len(self.sizes) > 1 else None,
+            "opening": located.opening,
+            "true_gap": self.true_gap,
+            "residual": located.residual,
+            "misfit": located.misfit,
+            "left_out": located.left_out.tolist(),
+            "uncorrected": float(self.before.min()),
+            "corrected": float(self.after.min()),
+        }
 
 
 def sense(
@@ -139,7 +124,7 @@ def sense(
 ) -> Sensed:
     """Locate the hand of a scene file from echoes, and compare the drives for both poses.
 
-    The pose of the scene file is the start. Where the body is a pinch, its gap is found too.
+    The search starts at the pose of the scene file. The gap of a pinch is fitted too.
 
     Parameters
     ----------
@@ -153,7 +138,9 @@ def sense(
         "pose_not_found": no pose near that of the scene file explains the echoes.
     """
     clock = Clock(progress)
-    gap = _gap_of(setup)
+    tables = parse_scene(setup.text).obstacles
+    gaps = [table.pinch.gap for table in tables if table.pinch is not None]
+    gap = gaps[0] if len(gaps) == 1 else None  # the gaps of several pinches cannot be fitted
     with clock.step("scattering", "solving the bodies for spherical waves"):
         solver = stored(BoundaryElement(accuracy=0.02, estimate=False), store).reporting(progress)
         if gap is None:
@@ -168,14 +155,18 @@ def sense(
             narrowest = max(gap - GAP_RANGE, min(5e-4, 0.5 * gap))
             model = scattering_family(solver, opened, narrowest, gap + GAP_RANGE, start=gap)
             scattering = model.at(model.start)
-    # The simulated hand differs from the scene's, and the simulation's panels from the model's, so
-    # that the fit does not meet its own errors again.
+    # The simulation has smaller panels than the model, so that the fit does not profit from errors
+    # that both share.
     true = None
     true_gap = None
     really = setup
     if isinstance(echoes, Simulation):
         simulation = echoes
-        true = _simulated_pose(scattering, simulation)
+        random = np.random.default_rng([simulation.seed, 1])
+        along, axis = (vector / np.linalg.norm(vector) for vector in random.normal(size=(2, 3)))
+        turn = Pose.turn(axis, np.radians(simulation.degrees)).rotation
+        centre = scattering.centre
+        true = Pose(turn, centre - turn @ centre + simulation.position * along)
         if gap is not None:
             true_gap = max(gap + simulation.opened, 0.25 * gap)
             really = _with_gap(setup, true_gap)
@@ -193,11 +184,22 @@ def sense(
             located = locate(echoes, model, setup.array, Pose.identity())
         else:
             located = locate(echoes, setup.scene, setup.array, Pose.identity(), scattering=model)
-    _check_located(located, model, setup)
+    if not located.converged:
+        reach = ""
+        if isinstance(model, ScatteringFamily):
+            reach = (
+                f", or its gap is not between {1e3 * model.low:.3g} and {1e3 * model.high:.3g} mm"
+            )
+        raise NotConverged(
+            f"no pose near that of the scene {setup.title} explains the echoes: the best leaves "
+            f"{located.misfit:.2g} of them unexplained beyond noise. The hand differs from the "
+            f"scene's, or is more than 5 mm away{reach}.",
+            code="pose_not_found",
+        )
     fitted = setup if located.opening is None else _with_gap(setup, located.opening)
     with clock.step("drives", "making the drives for both poses"):
 
-        @cache  # all setups are the same scene where there is no gap
+        @cache  # without a gap all setups are the same scene
         def waves(setup: Setup) -> RadiatedField:
             return multipole_expansion(
                 stored(setup.solver, store).radiate(
@@ -210,8 +212,13 @@ def sense(
 
         # Without a simulated truth the pose that was found takes its place.
         actual = transfer(fitted, located.pose) if true is None else transfer(really, true)
-        before = _pressures(actual, setup, transfer(setup, Pose.identity()))
-        after = _pressures(actual, fitted, transfer(fitted, located.pose))
+
+        def pressures(setup: Setup, pose: Pose) -> Float64[np.ndarray, "foci"]:
+            drive, _ = synthesise(setup.synthesise, transfer(setup, pose), setup.target)
+            return np.abs(actual.pressure(drive)[: len(setup.target.points)])
+
+        before = pressures(setup, Pose.identity())
+        after = pressures(fitted, located.pose)
     with clock.step("residual", "comparing echoes at each receiver"):
         final = scattering
         if isinstance(model, ScatteringFamily):
@@ -221,13 +228,19 @@ def sense(
             unexplained(echoes, scattering, setup.array, Pose.identity()),
             unexplained(echoes, final, setup.array, located.pose),
         ]
+    # Shifts are those of the bodies' middle: about the origin a turn would count as a shift.
+    centre = scattering.centre[None]
+    pose = located.pose
+    shifts = []
+    for reference in [Pose.identity()] if true is None else [Pose.identity(), true]:
+        turn = Rotation.from_matrix(pose.rotation @ reference.rotation.T).as_rotvec()
+        shifts.append([*(pose.apply(centre) - reference.apply(centre))[0], *turn])
     return Sensed(
         setup=setup,
         fitted=fitted,
         located=located,
         echoes=echoes,
-        true=true,
-        centre=scattering.centre,
+        shifts=np.array(shifts),
         before=before,
         after=after,
         unexplained=np.stack(left),
@@ -237,68 +250,9 @@ def sense(
     )
 
 
-def write_pose(path: Path, located: Located) -> None:
-    """Write a pose and its uncertainty as JSON, in metres and radians."""
-    content = {
-        "format_version": 1,
-        "rotation": np.asarray(located.pose.rotation).tolist(),
-        "translation": np.asarray(located.pose.translation).tolist(),
-        "centre": located.centre.tolist(),
-        "opening": located.opening,
-        "covariance": located.covariance.tolist(),
-        "residual": located.residual,
-        "misfit": located.misfit,
-        "left_out": located.left_out.tolist(),
-    }
-    with whole_file(path) as partial:
-        partial.write_text(json.dumps(content, indent=1), encoding="utf-8")
-
-
-def _gap_of(setup: Setup) -> float | None:
-    """Return the gap of the only body that is a pinch [m]."""
-    # With several pinches no single gap can be fitted.
-    obstacles = parse_scene(setup.text).obstacles
-    gaps = [table.pinch.gap for table in obstacles if table.pinch is not None]
-    return gaps[0] if len(gaps) == 1 else None
-
-
 def _with_gap(setup: Setup, gap: float) -> Setup:
     assert setup.path is not None
     return read_scene(setup.path, {"pinch.gap": gap})
-
-
-def _simulated_pose(scattering: ScatteringMatrix, simulation: Simulation) -> Pose:
-    along, axis = (
-        vector / np.linalg.norm(vector)
-        for vector in np.random.default_rng([simulation.seed, 1]).normal(size=(2, 3))
-    )
-    turn = Pose.turn(axis, np.radians(simulation.degrees)).rotation
-    centre = scattering.centre
-    return Pose(turn, centre - turn @ centre + simulation.position * along)
-
-
-def _check_located(
-    located: Located, model: ScatteringMatrix | ScatteringFamily, setup: Setup
-) -> None:
-    if located.converged:
-        return
-    gap = ""
-    if isinstance(model, ScatteringFamily):
-        gap = f", or its gap is not between {1e3 * model.low:.3g} and {1e3 * model.high:.3g} mm"
-    raise NotConverged(
-        f"no pose near that of the scene {setup.title} explains the echoes: the best one leaves "
-        f"{located.misfit:.2g} of them unexplained beyond noise. The hand is another one than the "
-        f"scene's, or more than 5 mm away{gap}.",
-        code="pose_not_found",
-    )
-
-
-def _pressures(
-    actual: TransferMatrix, setup: Setup, believed: TransferMatrix
-) -> Float64[np.ndarray, "foci"]:
-    """Return the pressure at the foci of the actual hand under a drive for the believed one."""
-    drive, _ = synthesise(setup.synthesise, believed, setup.target)
-    return np.abs(actual.pressure(drive)[: len(setup.target.points)])
 
 
 def calibrate_array(
@@ -312,13 +266,13 @@ def calibrate_array(
 
     Returns
     -------
-    The calibration; and for simulated transmissions the errors of the worst board [m] and of the
-    sound speed [m/s].
+    The calibration; for simulated transmissions also the errors of the worst board [m] and of the
+    sound speed [m/s], else None.
 
     Raises
     ------
     InvalidInput
-        A file is at fault, not exactly one kind of transmissions is given, or as ``calibrate``.
+        A file is at fault, both or neither of file and noise are given, or as ``calibrate``.
     NotConverged
         "pose_not_found": no positions of the boards explain the transmissions.
     """
@@ -350,8 +304,8 @@ def calibrate_array(
         raise NotConverged(
             f"no positions of the boards near those of the scene {setup.title} explain the "
             f"transmissions: the best leave {calibrated.misfit:.2g} of them unexplained beyond "
-            "noise. Something stands between the boards, direct sound was subtracted, the codes "
-            "or the order of the elements differ, or the boards are more than 2 mm off.",
+            "noise. Likely causes: an object between the boards, direct sound subtracted, other "
+            "codes or another order of the elements, or boards more than 2 mm off.",
             code="pose_not_found",
         )
     if true is None:

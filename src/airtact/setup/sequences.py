@@ -1,4 +1,4 @@
-"""The sequence of drives of a setup whose foci move."""
+"""Sequence of drives for moving foci."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,14 +19,14 @@ from airtact.timing import Clock
 
 @dataclass(frozen=True, eq=False)
 class MovingDrive:
-    """A sequence for foci that move.
+    """A sequence for moving foci.
 
     Attributes
     ----------
     sequence : the drives.
-    transfer, target : of all positions of the foci.
+    transfer, target : transfer matrix and target of all positions of the foci.
     weakest : (frames,) pressure at the weakest focus in each frame [Pa].
-    warnings : of a method that stopped early.
+    warnings : warnings of a method that stopped early.
     """
 
     sequence: Sequence
@@ -36,7 +36,7 @@ class MovingDrive:
     warnings: tuple[str, ...]
 
     def save(self, path: Path, setup: Setup) -> None:
-        """Write the sequence to a file, with all that its emission needs."""
+        """Write the sequence with all data that its emission needs."""
         self.sequence.save(
             path,
             setup.array,
@@ -51,11 +51,8 @@ class MovingDrive:
 def moving_drive(
     setup: Setup, motion: Motion, transfer: TransferMatrix, clock: Clock, store: Path | None
 ) -> MovingDrive:
-    """Make the sequence of a setup whose foci move.
-
-    ``transfer`` is the matrix of the foci at rest.
-    """
-    # All positions are foci of one transfer matrix, so that one solve serves the whole path.
+    """Make the sequence of a setup with moving foci; ``transfer`` is that of the foci at rest."""
+    # All positions are foci of one transfer matrix, so the path needs only one solve.
     target = setup.target
     paths = paths_of(setup)
     turns = motion.turns(paths)
@@ -82,7 +79,7 @@ def moving_drive(
     with clock.step("sequence", f"making the drives of foci at {points} positions"):
         sequence = moving_foci(transfer, target, together, turns, method, clock=setup.frequency)
     pressures = np.abs(sequence.pressure(transfer))[:, :points]
-    # Frame i asks for the foci of position i, `together` neighbouring columns.
+    # The foci of one position are `together` neighbouring columns.
     positions = np.arange(len(sequence)) * (points // together) // len(sequence)
     weakest = [
         row[position * together : (position + 1) * together].min()
@@ -98,7 +95,7 @@ def moving_drive(
 
 
 def paths_of(setup: Setup) -> Float64[np.ndarray, "paths frames 3"]:
-    """Return the paths of the foci [m]; none where the foci stand still."""
+    """Return the paths of the foci [m]; none for foci at rest."""
     motion = setup.motion
     foci = setup.target.points
     if motion is None:

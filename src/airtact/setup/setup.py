@@ -1,4 +1,4 @@
-"""A setup: what is in the air, the array, the target, and how the drive is made."""
+"""A setup: scene, array, target, and the settings of the drive."""
 
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass, field, replace
@@ -26,9 +26,9 @@ from airtact.transducers.placement import check_placement, planes_behind
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Setup:
-    """A scene, an array and a target, with all that decides how the drive is made.
+    """A scene, an array and a target, with the settings of solver and drive.
 
-    ``read_scene`` reads one from a scene file; the defaults are those of a scene file.
+    ``read_scene`` builds a setup from a scene file, which has the same defaults.
 
     Attributes
     ----------
@@ -36,28 +36,27 @@ class Setup:
     array : the transducers, in the obstacles' frame.
     target : the foci.
     solver : computes the fields; by default boundary elements, or the closed form in open air.
-    accuracy : relative error asked for; by default that of the solver, or 0.01.
+    accuracy : requested relative error; by default that of the solver, or 0.01.
     method : name of the method that makes the drive, a key of ``drives.METHODS``.
-    levels : amplitudes and phases that the drive is rounded to.
+    levels : amplitudes and phases to which the drive is rounded.
     modulation : makes the drive perceptible; None for a constant drive.
     uncertainty : of hand, air and transducers, or None.
-    samples, seed : number of samples of the uncertainty that the drive is made for, and their seed.
+    samples, seed : number of samples of the uncertainty for the drive, and their seed.
     bodies, foci : a name for each body and each focus.
-    board : kind of board that the array consists of, or None.
-    hands : hands that are bodies or that name points on bodies, in the obstacles' frame.
-    riding : for each focus the named point in front of which it lies and its distance from the
-        surface [m], or None.
+    board : kind of the boards of the array, or None.
+    hands : hands that are bodies or define named points, in the obstacles' frame.
+    riding : for each focus its named point and its distance from the surface [m], or None.
     tracker : pose of the tracker of a live hand, from its frame to the obstacles'.
     followed : whether the hand is followed live. Its prediction then supplies the uncertainty that
         some methods need.
-    left_out : planes behind the boards, which get no sound and are no part of the scene.
-    path, text : the scene file and its content, if there is one.
+    left_out : planes behind the boards. No sound reaches them, so the scene omits them.
+    path, text : the scene file and its content, if the setup comes from one.
 
     Raises
     ------
     InvalidInput
-        If a focus is inside a body, the array reaches into a body, the method is unknown, or a
-        setting does not fit the others.
+        A focus is inside a body, the array reaches into a body, the method is unknown, or a setting
+        conflicts with another.
 
     Examples
     --------
@@ -103,7 +102,7 @@ class Setup:
         accuracy = self.accuracy
         if accuracy is None:
             accuracy = getattr(self.solver, "accuracy", 0.01)
-        # Fields are set through `object`, as the class is frozen for its users.
+        # The class is frozen, so fields are set through `object`.
         object.__setattr__(self, "accuracy", accuracy)
         if self.solver is None:
             object.__setattr__(self, "solver", default_solver(self.scene, accuracy))
@@ -121,8 +120,8 @@ class Setup:
         for name, things in (("bodies", self.scene.obstacles), ("foci", self.target.points)):
             if len(getattr(self, name)) != len(things):
                 raise InvalidInput(
-                    f"{name} has {len(getattr(self, name))} names for {len(things)}: give a name "
-                    "for each.",
+                    f"{name} has {len(getattr(self, name))} names for {len(things)} {name}: give "
+                    "one for each.",
                     code="sizes_differ",
                 )
         with about("foci"):
@@ -130,13 +129,23 @@ class Setup:
         if len(self.target.suppression_points):
             with about("suppression"):
                 check_outside(self.scene, self.target.suppression_points, "suppression point")
-        # The array is checked with the foci: one behind all faces is out of reach.
+        # The foci are needed too: a focus behind all elements is out of reach.
         with about("array"):
             beacons = self.target.beacons(suppression=True)
             check_placement(self.scene, self.array, beacons.positions)
             self.poses  # noqa: B018 (raises where the array is not made of such boards)
         with about("drive"):
-            check_method(self.method, self.followed or self.uncertainty is not None)
+            if self.method not in METHODS:
+                raise InvalidInput(
+                    f'"{self.method}" is not a method here; {nearest(self.method, METHODS)}',
+                    code="unknown_name",
+                )
+            if self.method in FOR_SAMPLES and self.uncertainty is None and not self.followed:
+                raise InvalidInput(
+                    f'method = "{self.method}" needs an uncertainty: add a table [uncertainty], '
+                    "such as position = 1e-3 and rotation = 2.0.",
+                    code="data_missing",
+                )
         if self.uncertainty is not None:
             from airtact.drives.transfer_ensemble import check_counts, check_doubts
 
@@ -155,7 +164,7 @@ class Setup:
 
     @property
     def title(self) -> str:
-        """Name of the scene file in words."""
+        """Title from the name of the scene file."""
         return "scene" if self.path is None else self.path.stem.replace("_", " ")
 
     @property
@@ -165,19 +174,19 @@ class Setup:
 
     @property
     def medium(self) -> Medium:
-        """Fluid that the sound travels in."""
+        """Fluid around the bodies."""
         return self.scene.medium
 
     @property
     def motion(self) -> "at.drives.Motion | None":
-        """Motion of the foci, None where they stand still."""
+        """Motion of the foci; None for foci at rest."""
         if self.modulation is None or isinstance(self.modulation, AmplitudeModulation):
             return None
         return self.modulation
 
     @cached_property
     def poses(self) -> tuple[Pose, ...]:
-        """Pose of each board, from the board's frame to the obstacles'; none without boards."""
+        """Pose of each board, from the board's frame to the obstacles'; empty without boards."""
         if self.board is None:
             return ()
         return tuple(poses_of_boards(self.board, self.array.positions, self.array.normals))
@@ -189,22 +198,7 @@ class Setup:
 
 
 def default_solver(scene: Scene, accuracy: float) -> Solver:
-    """Return boundary elements of an accuracy, or the closed form where nothing scatters."""
+    """Return boundary elements of an accuracy, or the closed form for open air."""
     if not scene.obstacles:
         return at.FreeField()
-
     return at.BoundaryElement(accuracy=accuracy)
-
-
-def check_method(method: str, uncertain: bool) -> None:
-    """Raise "unknown_name", or "data_missing" for a method without the samples it needs."""
-    if method not in METHODS:
-        raise InvalidInput(
-            f'"{method}" is not a method here; {nearest(method, METHODS)}', code="unknown_name"
-        )
-    if method in FOR_SAMPLES and not uncertain:
-        raise InvalidInput(
-            f'method = "{method}" needs an uncertainty: add a table [uncertainty], such as '
-            "position = 1e-3 and rotation = 2.0.",
-            code="data_missing",
-        )

@@ -1,4 +1,4 @@
-"""Solving a setup: beacons, transfer matrix, drive, control and verification."""
+"""Steps of a rendering: beacons, transfer matrix, drive, control and verification."""
 
 import re
 import warnings
@@ -26,23 +26,17 @@ from airtact.evaluation.headline import body_word
 from airtact.setup.setup import Setup
 from airtact.timing import Clock
 
-# Unknowns above which the verification solve is refined no further: its matrix would pass 3 GB
+# Largest number of unknowns of a refined verification solve; its matrix takes 3 GB
 MOST_UNKNOWNS = 19_000
 
 
 def stored(solver: Solver, store: Path | None) -> Solver:
-    """Let a solver store what it solves in a folder; without a folder return the solver itself."""
-    if store is None:
-        return solver
-
-    return at.Stored(solver, store)
+    """Return a solver that stores its solutions in a folder, if there is one."""
+    return solver if store is None else at.Stored(solver, store)
 
 
 def solve_beacons(setup: Setup, clock: Clock, store: Path | None = None) -> RadiatedField:
-    """Solve for a beacon in each focus and suppression point.
-
-    As multipoles where there is uncertainty.
-    """
+    """Solve for a beacon at each focus and suppression point; as multipoles with uncertainty."""
     target = setup.target
     foci = f"focus ({len(target.points)})"
     if len(target.suppression_points):
@@ -53,27 +47,27 @@ def solve_beacons(setup: Setup, clock: Clock, store: Path | None = None) -> Radi
         beacons = stored(setup.solver, store).radiate(setup.scene, target.beacons(suppression=True))
         if setup.uncertainty is None or not setup.scene.obstacles:
             return beacons
-        # Each sample evaluates the fields at a moved array, which multipoles do far faster.
-
+        # Each sample evaluates the fields at a moved array, which is far faster by multipoles.
         return at.multipole_expansion(beacons)
 
 
 def transfer_to_array(
     setup: Setup, beacons: RadiatedField, clock: Clock
 ) -> tuple[TransferMatrix, SolveReport]:
-    """Evaluate the fields of ``solve_beacons`` at the transducers.
+    """Evaluate the beacons at the transducers; with uncertainty also at samples of them.
 
-    Where there is uncertainty the matrix is an ensemble of samples.
+    Returns
+    -------
+    The transfer matrix, or the ensemble of the samples, and the report of the solve.
     """
     transducers = counted(len(setup.array), "transducer", "transducers")
     with clock.step("transfer", f"evaluating the beacons at {transducers}"):
-        # The warning of a matrix that is far off becomes a sentence of the result.
+        # A warning of an inexact matrix becomes a sentence of the result.
         with warnings.catch_warnings(record=True) as inexact:
             warnings.simplefilter("always")
             # The setup has checked the placement of the array.
             transfer = transfer_to(beacons, setup.array)
-        # The matrix is evaluated from the transposed solution, so a warning about the direct one
-        # does not concern it.
+        # The matrix comes from the transposed solution, so warnings of the direct one do not apply.
         report = replace(
             beacons.report,
             warnings=(
@@ -99,12 +93,12 @@ def transfer_to_array(
 def solve_foci(
     setup: Setup, clock: Clock, store: Path | None = None
 ) -> tuple[TransferMatrix, SolveReport]:
-    """Return the transfer matrix of a setup, and the report of the solve that it comes from."""
+    """Return the transfer matrix of a setup, and the report of its solve."""
     return transfer_to_array(setup, solve_beacons(setup, clock, store), clock)
 
 
 def solver_of_samples(setup: Setup) -> Solver | None:
-    """Return the solver of the samples; None where no sample is solved by itself."""
+    """Return the solver for each sample; None if samples need no solves of their own."""
     if not (setup.scene.planes and isinstance(setup.solver, BoundaryElement)):
         return None
     return replace(setup.solver, estimate=False)
@@ -114,7 +108,7 @@ def synthesise(
     method: Callable[[TransferMatrix, Target], Drive], transfer: TransferMatrix, target: Target
 ) -> tuple[Drive, tuple[str, ...]]:
     """Make a drive, and collect the warnings of a method that stopped early."""
-    # Warnings of the method become sentences of the result; all others are passed on.
+    # Warnings of the method become sentences of the result; other warnings are passed on.
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", Stalled)
         drive = method(transfer, target)
@@ -130,7 +124,7 @@ def synthesise(
 
 
 def method_words(setup: Setup) -> str:
-    """Name the method in words, and the one that the default chooses."""
+    """Return the name of the method, and for ``best`` of the method that it selects."""
     words = setup.method.replace("_", " ")
     if setup.method != "best":
         return words
@@ -138,7 +132,7 @@ def method_words(setup: Setup) -> str:
 
 
 def drive_names(bodies: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of a drive and its control; in open air there is no control."""
+    """Return the names of a drive and its control; in open air only of the drive."""
     if not bodies:
         return ("drive",)
     word = body_word(bodies)
@@ -148,13 +142,13 @@ def drive_names(bodies: Sequence[str]) -> tuple[str, ...]:
 def control_drive(setup: Setup, method: Callable[[TransferMatrix, Target], Drive]) -> Drive | None:
     """Make the drive by the same method from a matrix without the bodies; None in open air.
 
-    A method for samples gets samples of the same uncertainty in open air.
+    Methods for samples get samples of the same uncertainty in open air.
     """
     if not setup.scene.obstacles:
         return None
     open_air = open_air_matrix(setup.scene, setup.array, setup.target)
     if setup.uncertainty is not None and setup.method in FOR_SAMPLES:
-        # Without a skin there is nothing to move along; all other deviations stay.
+        # Without skin a focus cannot move along it; all other deviations stay.
         beacons = FreeField().radiate(
             replace(setup.scene, obstacles=[]), setup.target.beacons(suppression=True)
         )
@@ -169,7 +163,7 @@ def control_drive(setup: Setup, method: Callable[[TransferMatrix, Target], Drive
 
 
 def named(sentences: Iterable[str], bodies: Sequence[str]) -> list[str]:
-    """Put the names of bodies into the sentences of a solver, which numbers them."""
+    """Replace the indices of bodies in a solver's sentences by their names."""
 
     def name(match: re.Match[str]) -> str:
         return bodies[int(match[1])]
@@ -178,10 +172,10 @@ def named(sentences: Iterable[str], bodies: Sequence[str]) -> list[str]:
 
 
 def verification_solver(setup: Setup) -> Solver:
-    """Choose a solver of higher accuracy than the one that makes the drive, to verify the drive.
+    """Choose a more accurate solver than that of the setup, to verify the drive.
 
     Filled bodies get finite elements of the next order, other bodies boundary elements, open air
-    the closed form. The solver warns where its error exceeds the accuracy of the setup.
+    the closed form. The solver warns of errors above the accuracy of the setup.
     """
     if not setup.scene.obstacles:
         return FreeField()
@@ -192,12 +186,12 @@ def verification_solver(setup: Setup) -> Solver:
 
 
 def _verification_accuracy(setup: Setup) -> float:
-    """Find the accuracy that takes 1.8 times the unknowns of the setup's own, or as many as fit.
+    """Find the accuracy with 1.8 times the unknowns of the setup's, up to ``MOST_UNKNOWNS``.
 
-    Panels beside foci do not count: in the verification solve the transducers emit, which are far
-    from the bodies.
+    Smaller panels near foci do not count: in the verification solve the transducers are the
+    sources, which are far from the bodies.
     """
-    finest = 1e-4  # boundary elements take no better accuracy
+    finest = 1e-4  # limit of boundary elements
     emitting = Monopoles(setup.array.positions, np.ones(len(setup.array)))
 
     @cache
@@ -211,8 +205,8 @@ def _verification_accuracy(setup: Setup) -> float:
     if unrefined > MOST_UNKNOWNS:
         return trials[0]
     enough = min(1.8 * unrefined, MOST_UNKNOWNS + 1)
-    # Each count makes the panels of all bodies. Unknowns go as accuracy^(−2/3) or slower, so the
-    # sixth trial is usually right: start there and try as few others as possible.
+    # Each count makes the panels of all bodies, so few trials are better. The unknowns grow like
+    # accuracy^(−2/3) or slower, and the sixth trial is usually right.
     index = min(5, len(trials) - 1)
     while index > 0 and unknowns(trials[index - 1]) >= enough:
         index -= 1
@@ -224,21 +218,18 @@ def _verification_accuracy(setup: Setup) -> float:
 def unknowns_of(
     solver: BoundaryElement, scene: Scene, points: Float64[np.ndarray, "points 3"]
 ) -> int:
-    """Count the unknowns of a solve for sources at points [m].
-
-    Above 50,000 estimate them by the area of the bodies.
-    """
+    """Count the unknowns of a solve for sources at points [m]; above 50,000 estimate them."""
     area = sum(obstacle.surface.area for obstacle in scene.obstacles)
     estimate = round(solver.nodes_per_square_wavelength * area / scene.wavelength**2)
-    if estimate > 50_000:  # making the panels would take longer than a check should
+    if estimate > 50_000:  # making the panels would take too long
         return estimate
     return solver.unknowns(scene, Monopoles(points, np.ones(len(points))))
 
 
 def memory_of_a_solve(unknowns: float, accuracy: float) -> float:
     """Estimate the peak memory of a solve for a few foci by boundary elements [bytes]."""
-    # The matrix is mostly low-rank, so memory grows far slower than the square of the unknowns.
-    # The power law fits 10 solves of the examples, 2,244 to 23,058 unknowns, within 20 %. With the
-    # matrix in single precision instead of bfloat16 it takes 1.9 times as much.
+    # The matrix is mostly low-rank, so memory grows slower than the square of the unknowns. The
+    # power law fits 10 solves of the examples, with 2,244 to 23,058 unknowns, within 20 %. A matrix
+    # in single precision instead of bfloat16 takes 1.9 times the memory.
     per_unknown = 193.0 if accuracy >= BFLOAT16_ACCURACY else 1.9 * 193.0
     return 1.2e8 + per_unknown * unknowns**1.434

@@ -1,4 +1,4 @@
-"""Sweeps: a function, or the drive of a scene file, at many points on any executor."""
+"""Sweeps: evaluate a function, or the drive of a scene file, at many points by any executor."""
 
 import hashlib
 import json
@@ -37,6 +37,7 @@ from airtact.errors import (
 from airtact.files.atomic import whole_file, writable_folder
 from airtact.files.bounded import bytes_of, text_of
 from airtact.setup.building import read_scene
+from airtact.setup.examples import file_or_example
 from airtact.setup.parsing import Value, parse_scene
 from airtact.setup.setup import Setup
 from airtact.setup.solving import (
@@ -69,37 +70,36 @@ def sweep(
     *,
     progress: Callable[[int, int, int], None] | None = None,
 ) -> list[Row]:
-    """Compute a function at many points, and return a row for each, in their order.
+    """Evaluate a function at many points, and return a row for each, in their order.
 
     Parameters
     ----------
-    function : a scene file or its setup, to make the drive with other values of the file's keys,
-        see ``read_scene``. Or a function that takes a point and returns names with a value each:
-        numbers, text, True, False or None. A process must be able to import it: it stands in a
-        module, or is a ``functools.partial`` of one that does. A script that calls ``sweep`` does
-        so under ``if __name__ == "__main__":``.
-    points : names with a value each; for a scene the paths of keys, such as ``"foci[0].offset"``.
+    function : a scene file or its setup, to make the drive with other values of the file's keys
+        (see ``read_scene``). Or a function from a point to a mapping of names to numbers, text,
+        True, False or None. Processes import it, so it must be defined in a module, or be a
+        ``functools.partial`` of such a function. A script calls ``sweep`` under
+        ``if __name__ == "__main__":``.
+    points : mappings of names to values; for a scene the paths of keys, such as
+        ``"foci[0].offset"``.
     executor : computes the points, such as ``ThreadPoolExecutor()`` or the ``get_executor()`` of
-        Dask's client; or how many processes do, each with one thread. By default one process a
+        Dask's client; or the number of processes, each with one thread. By default one process per
         processor, or as many as memory allows.
-    store : folder in which the result of each point is a file, named by the point, the function,
-        its arguments, its file and airtact's. What is there is not computed again, so that a sweep
-        that was killed goes on. Take another folder where another module that the function uses has
-        changed.
-    progress : is called with the numbers of points done, of all points and of points that failed.
+    store : folder with one file per result, named by the point, the function, its arguments and
+        module, and airtact's version. Stored points are not computed again, so an interrupted sweep
+        can be continued. Use another folder after changes to other modules that the function uses.
+    progress : is called with the numbers of points done, of all points and of failed points.
 
     Returns
     -------
-    For each point its values, then the results; ``"error"`` and ``"sentence"`` are empty, or the
-    code and the sentence
-    of what was raised there.
+    For each point its values, then the results. ``"error"`` and ``"sentence"`` are empty, or the
+    code and the message of the exception.
 
     Raises
     ------
     InvalidInput
-        The points are of the wrong kind, the function cannot be passed to a process or its results
-        cannot be kept, the folder takes no files, or a process ended by itself. Where a function
-        raises, the sweep goes on.
+        The points are of the wrong kind, the function cannot be passed to a process or be
+        identified in the store, the folder is not writable, or a process ended unexpectedly.
+        Exceptions of the function do not end the sweep.
 
     Examples
     --------
@@ -115,10 +115,10 @@ def sweep(
         function = scene_points(function)
     if not callable(function):
         raise InvalidInput(
-            f"the function of a sweep is {function!r}, which cannot be called.", code="wrong_kind"
+            f"the function of a sweep is {function!r}, which is not callable.", code="wrong_kind"
         )
     rows = _checked_points(points)
-    # Before a folder is made: it also raises where the path of a key leads nowhere.
+    # This also checks the paths of keys, so it comes before the folder is made.
     memory = function.memory(rows) if isinstance(function, ScenePoints) else 0.0
     folder = None
     names = [str(index) for index in range(len(rows))]
@@ -126,7 +126,13 @@ def sweep(
     if store is not None:
         folder = writable_folder(Path(of_kind(store, str | Path, "the store", "a path")))
         names = names_of(function, rows)
-        results = _kept(folder, names)
+        for name in names:
+            try:
+                content = json.loads((folder / (name + SUFFIX)).read_bytes())
+                if content["name"] == name and {"error", "sentence"} <= content["row"].keys():
+                    results[name] = content["row"]
+            except (OSError, ValueError, LookupError, TypeError, AttributeError):
+                continue  # missing or damaged results are computed again
 
     waiting = {name: row for name, row in zip(names, rows, strict=True) if name not in results}
     total = len(set(names))
@@ -134,9 +140,9 @@ def sweep(
     if progress is not None:
         progress(len(results), total, failed)
     for name, row in _computed(function, waiting, executor, memory):
-        # Faults of the moment are not kept, so that the next run tries these points again.
-        passing = ("file_failed", "file_missing", "file_unreadable", "too_little_memory")
-        if folder is not None and row["error"] not in passing:
+        # Transient errors are not stored; the next run retries these points.
+        transient = ("file_failed", "file_missing", "file_unreadable", "too_little_memory")
+        if folder is not None and row["error"] not in transient:
             with whole_file(folder / (name + SUFFIX)) as partial_file:
                 partial_file.write_text(json.dumps({"name": name, "row": row}), encoding="utf-8")
         results[name] = row
@@ -149,9 +155,8 @@ def sweep(
 def _checked_points(points: Sequence[Mapping[str, Value]]) -> list[Row]:
     if not isinstance(points, Iterable) or isinstance(points, str | Mapping):
         raise InvalidInput(
-            f"the points of a sweep are a {type(points).__name__}, but they must be a list of "
-            "names with a value each, "
-            'such as [{"gap": 0.012}, {"gap": 0.014}].',
+            f"the points of a sweep are a {type(points).__name__}, but they must be a list such as "
+            '[{"gap": 0.012}, {"gap": 0.014}].',
             code="wrong_kind",
         )
     rows = [_checked_row(point, f"point {index}") for index, point in enumerate(points)]
@@ -171,8 +176,7 @@ def _checked_points(points: Sequence[Mapping[str, Value]]) -> list[Row]:
 def _checked_row(values: Mapping[str, Any], label: str) -> Row:
     if not isinstance(values, Mapping):
         raise InvalidInput(
-            f"{label} is a {type(values).__name__}, but it must be names with a value each, such "
-            "as "
+            f"{label} is a {type(values).__name__}, but it must map names to values, such as "
             '{"gap": 0.012}.',
             code="wrong_kind",
         )
@@ -181,8 +185,8 @@ def _checked_row(values: Mapping[str, Any], label: str) -> Row:
         plain = value.item() if isinstance(value, np.generic) else value
         if not isinstance(name, str) or not (plain is None or isinstance(plain, str | float | int)):
             raise InvalidInput(
-                f"{label} has {name!r} = a {type(value).__name__}, but names are text and values "
-                "single numbers, text, true, false or None.",
+                f"{label} has {name!r} = a {type(value).__name__}, but names must be text, and "
+                "values single numbers, text, True, False or None.",
                 code="wrong_kind",
             )
         row[name] = plain
@@ -190,7 +194,7 @@ def _checked_row(values: Mapping[str, Any], label: str) -> Row:
 
 
 def _attempt(function: Function, point: Row) -> Row:
-    # A fault becomes a row with its code and sentence, so that the sweep goes on.
+    # An exception becomes a row with its code and message, so that the sweep continues.
     try:
         result = _checked_row(function(dict(point)), "the result")
         taken = sorted({*point, "error", "sentence"} & result.keys())
@@ -200,26 +204,21 @@ def _attempt(function: Function, point: Row) -> Row:
             )
     except (InvalidInput, NotConverged) as fault:
         return {"error": fault.code, "sentence": str(fault)}
-    except MemoryError:
-        sentence = "the memory is full: run fewer processes."
-        return {"error": "too_little_memory", "sentence": sentence}
-    except OSError as fault:
-        sentence = f"{fault.filename or 'a file'}: {fault.strerror or fault}"
-        return {"error": "file_failed", "sentence": one_sentence(sentence)}
     except (Exception, SystemExit) as fault:
-        sentence = f"{type(fault).__name__}: {fault}"
-        return {"error": "function_failed", "sentence": one_sentence(sentence)}
+        codes = {MemoryError: "too_little_memory", OSError: "file_failed"}
+        code = next((codes[kind] for kind in codes if isinstance(fault, kind)), "function_failed")
+        return {"error": code, "sentence": one_sentence(f"{type(fault).__name__}: {fault}")}
     return {**result, "error": "", "sentence": ""}
 
 
 def _computed(
     function: Function, waiting: Mapping[str, Row], executor: Executor | int | None, memory: float
 ) -> Iterator[tuple[str, Row]]:
-    """Yield names and results as they are done, and leave nothing running when it is left."""
+    """Yield names and results in the order of completion; cancel the rest when closed."""
     if not waiting:
         return
     if executor is None or isinstance(executor, int):
-        # A pool raises what cannot be pickled from within, without saying which object it is.
+        # A pool's own error does not name the object that cannot be pickled.
         try:
             pickle.dumps(function)
         except Exception as fault:
@@ -238,9 +237,9 @@ def _computed(
                 yield futures.pop(future), future.result()
         except BrokenExecutor:
             raise InvalidInput(
-                f"a process ended by itself with {len(futures)} of {len(waiting)} points left, as "
-                "where memory runs out, or where a script calls sweep outside of if __name__ == "
-                '"__main__": what is in the store stays.',
+                f"a process ended unexpectedly with {len(futures)} of {len(waiting)} points left. "
+                "Likely causes: too little memory, or a script that calls sweep outside of "
+                'if __name__ == "__main__". Stored points stay.',
                 code="link_closed",
             ) from None
         finally:
@@ -248,11 +247,11 @@ def _computed(
                 future.cancel()
 
 
-def process_count(points: int, wanted: int | None = None, memory: float = 0.0) -> int:
-    """Return the number of processes for some points, each of which takes some memory [bytes].
+def process_count(points: int, limit: int | None = None, memory: float = 0.0) -> int:
+    """Return the number of processes, each of which takes some ``memory`` [bytes].
 
-    That is one a processor, or as many as ``wanted``, no more than points, and no more than fit
-    into 80 % of the memory that is available. Raise "too_little_memory" where not even one fits.
+    It is ``limit``, by default the number of processors, but not above the number of points or what
+    fits into 80 % of the available memory. Raise "too_little_memory" if one does not fit.
     """
     free = available_memory()
     if memory > free:
@@ -262,15 +261,15 @@ def process_count(points: int, wanted: int | None = None, memory: float = 0.0) -
             code="too_little_memory",
         )
     fitting = 0.8 * free / memory if memory else np.inf
-    return int(max(1, min(wanted or processor_count(), points, fitting)))
+    return int(max(1, min(limit or processor_count(), points, fitting)))
 
 
 @contextmanager
 def processes(count: int) -> Iterator[Executor]:
-    """Start processes, which end with the block, by an error, or with this program."""
-    # A forked child inherits threads' locks in whatever state they are, and may hang.
+    """Start processes that end with the block, also at an error or when this program is killed."""
+    # A forked child inherits locks that threads hold, and may hang.
     context = get_context("spawn")
-    # The processes end when this end of the pipe closes, which a killed program does too.
+    # The processes end when this end of the pipe closes, also by a kill of this program.
     watched, held = context.Pipe(duplex=False)
     arguments: Any = (watched,)  # a connection only in name on Windows
     pool = ProcessPoolExecutor(
@@ -302,18 +301,17 @@ def _begin_process(watched: Connection) -> None:
 
 
 def names_of(function: Function, points: Iterable[Row]) -> list[str]:
-    """Name points by their values and the function, with 40 hexadecimal digits each.
+    """Name points by digests of their values and the function, 40 hexadecimal digits each.
 
-    A function counts by the file of its module and its name; a ``functools.partial`` also by its
-    arguments; an object of a dataclass by its fields, except those that take no part in
-    comparisons.
+    A function is identified by its name and the content of its module, a ``functools.partial`` also
+    by its arguments, a dataclass object by the fields that take part in comparisons.
     """
     parts: list[Any] = []
     core: Any = function
     if isinstance(function, partial):
         core = function.func
         parts = [list(function.args), dict(function.keywords)]
-    # An edited module may compute something else, so its content belongs to the name.
+    # An edited module may compute something else, so its content is part of the name.
     module = sys.modules.get(getattr(core, "__module__", None) or "")
     file = getattr(module, "__file__", None)
     parts.append(hashlib.blake2b(Path(file).read_bytes() if file else b"").hexdigest())
@@ -335,41 +333,27 @@ def names_of(function: Function, points: Iterable[Row]) -> list[str]:
     return [name(point) for point in points]
 
 
-def _kept(folder: Path, names: Iterable[str]) -> dict[str, Row]:
-    results = {}
-    for name in names:
-        try:
-            content = json.loads((folder / (name + SUFFIX)).read_bytes())
-            if content["name"] == name and {"error", "sentence"} <= content["row"].keys():
-                results[name] = content["row"]
-        except (OSError, ValueError, LookupError, TypeError, AttributeError):
-            continue  # missing, or damaged: it is computed again
-    return results
-
-
 @dataclass(frozen=True)
 class ScenePoints:
-    """Makes the drive of a scene file at a point, and returns the pressure at its foci.
-
-    A point has a value for each path of a key.
+    """Function of a sweep over a scene file: from values of its keys to pressures at the foci.
 
     Attributes
     ----------
     scene : the file.
-    content : digests of the file and of those that it names. They identify the results; the path
-        does not.
+    content : digests of the file and of the files that it names. They identify results, not the
+        path.
     """
 
     scene: Path = field(compare=False)
     content: tuple[str, ...] = ()
 
     def __call__(self, point: Mapping[str, Value]) -> dict[str, Value]:
-        """Return the peak pressure at each focus, the gain over the control, and the solve."""
-        # Foci without a weight ask for nothing, so they do not count as the weakest.
+        """Return the peak pressure at each focus, the gain over the control, and solver figures."""
         setup = read_scene(self.scene, point)
         transfer, report = solve_foci(setup, Clock())
         drive, stalled = synthesise(setup.synthesise, transfer, setup.target)
         weights = setup.target.weights
+        # Foci of weight 0 ask for no pressure, so none is the weakest.
         asked = np.flatnonzero(weights > 0.0)
         pressures = np.abs(transfer.pressure(drive))[: len(weights)]
         weakest = asked[np.argmin(pressures[asked] / weights[asked])]
@@ -377,7 +361,7 @@ class ScenePoints:
         gain = None
         control = control_drive(setup, setup.synthesise)
         if control is not None:
-            # As a render compares: at full scale where the drive is there, else at its energy.
+            # As in a rendering: compared at full scale if the drive is, else at equal energy.
             held_equal = "peak" if drive.is_full_scale else "energy"
             at_control = np.abs(transfer.pressure(control))[asked] / weights[asked]
             factor = control.factor_to_match(drive, held_equal)
@@ -403,11 +387,10 @@ class ScenePoints:
     def memory(self, points: Sequence[Mapping[str, Value]]) -> float:
         """Estimate the memory of a solve from the first, the middle and the last point [bytes].
 
-        Raise the fault of a path that leads nowhere, or of the points if none can be built.
+        Raise the error of a wrong path, or of the first point if no point can be built.
         """
-        needed = 1.2e8  # of a process that has loaded airtact and solves nothing
+        needed = 1.2e8  # of a process that has imported airtact
         faults = []
-        # Size varies along an axis if at all, so its ends and middle bound it well enough.
         for index in sorted({0, len(points) // 2, len(points) - 1}):
             try:
                 setup = read_scene(self.scene, points[index])
@@ -424,9 +407,9 @@ class ScenePoints:
 
 
 def scene_points(scene: Setup | str | Path) -> ScenePoints:
-    """Return the function of a sweep over a scene file.
+    """Return the function of a sweep over a scene file, or over the file of a setup.
 
-    Raise ``InvalidInput`` where a file cannot be read, or the setup has no scene file.
+    Raise ``InvalidInput`` if a file cannot be read, or the setup has no scene file.
     """
     if isinstance(scene, Setup):
         if scene.path is None:
@@ -435,17 +418,18 @@ def scene_points(scene: Setup | str | Path) -> ScenePoints:
                 code="wrong_kind",
             )
         scene = scene.path
-    scene = Path(scene)
-    # Results are kept by content: a file that was moved or renamed gives the same ones.
+    scene = file_or_example(scene)
+    # Results are stored by content, so a moved or renamed file has the same ones.
     files = [scene, *_files_named(scene)]
     content = tuple(hashlib.blake2b(bytes_of(file), digest_size=20).hexdigest() for file in files)
     return ScenePoints(scene, content)
 
 
 def frames_of(scene: Path, recording: Path, folder: Path) -> list[Row]:
-    """Write the hand of each frame of a recording, and return the keys that set it as the scene's.
+    """Write the hand of each frame of a recording to a file, and return a point for each.
 
-    The hand keeps the radii of the scene's own, whose gap and pose are left out.
+    A point sets the hand of the scene to the file, and removes its gap and pose. The radii are
+    those of the scene's hand.
     """
     from airtact.hands.joints import joints_of
     from airtact.hands.tracking.recordings import load_recording
@@ -457,8 +441,8 @@ def frames_of(scene: Path, recording: Path, folder: Path) -> list[Row]:
     }
     if len(hands) != 1:
         raise InvalidInput(
-            f'{scene.name}: {len(hands)} obstacles are a hand = "POSE.json", but a recording moves '
-            "just 1.",
+            f'{scene.name} has {len(hands)} obstacles with hand = "POSE.json", but a recording '
+            "needs exactly one.",
             code="unknown_key",
         )
     ((key, table),) = hands.items()
@@ -477,7 +461,7 @@ def frames_of(scene: Path, recording: Path, folder: Path) -> list[Row]:
             "side": frame.side,
         }
         pose = json.dumps(content).encode()
-        # Results are kept by the name of the file, so it belongs to the content.
+        # Results are stored by the name of this file, so the name follows from the content.
         digest = hashlib.blake2b(pose, digest_size=4).hexdigest()
         file = folder / f"{frame.side}_{frame.sequence}_{digest}.json"
         with whole_file(file) as partial_file:
@@ -492,8 +476,8 @@ def _scene_file(scene: Path) -> SceneFile:
 
 
 def _files_named(scene: Path) -> Iterator[Path]:
-    """Find the files that a scene file names, and those that a glTF file among them names."""
-    # Any text of the file may name one; what is no file is not read.
+    """Return the files that a scene file names, and the buffers of glTF files among them."""
+    # Any text of the scene file may be the name of a file.
     for word in dict.fromkeys(_words(msgspec.to_builtins(_scene_file(scene)))):
         file = scene.parent / word
         if "\0" in word or len(word) > 255 or not file.is_file():

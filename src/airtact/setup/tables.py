@@ -1,7 +1,7 @@
 """The tables of a scene file, one class each, with the range of every key.
 
-All lengths are metres and all frames are the obstacles' frame unless a key says otherwise. A key
-that is left out is None, unless it has a default.
+Lengths are in metres and positions in the obstacles' frame unless stated otherwise. A key without a
+default is None if left out.
 """
 
 from typing import Annotated, ClassVar, Literal, NamedTuple
@@ -19,57 +19,57 @@ Levels = Annotated[int, Meta(ge=2, le=256)]
 
 
 class Rule(NamedTuple):
-    """Which other keys, or values of them such as ``layout = "boards"``, a key goes with.
+    """Relation of a key to other keys, or to values of them such as ``layout = "boards"``.
 
     Attributes
     ----------
     words : "only with", "not with" or "needed by".
-    others : one of them is enough.
+    conditions : keys or values, of which one must hold.
     """
 
     words: str
-    others: tuple[str, ...]
+    conditions: tuple[str, ...]
 
 
-def only_with(*others: str) -> Rule:
-    """Reject a key without one of the others."""
-    return Rule("only with", others)
+def only_with(*conditions: str) -> Rule:
+    """Reject a key unless a condition holds."""
+    return Rule("only with", conditions)
 
 
-def not_with(*others: str) -> Rule:
-    """Reject a key beside one of the others."""
-    return Rule("not with", others)
+def not_with(*conditions: str) -> Rule:
+    """Reject a key if a condition holds."""
+    return Rule("not with", conditions)
 
 
-def needed_by(other: str) -> Rule:
-    """Reject a key without another, and the other without the key."""
-    return Rule("needed by", (other,))
+def needed_by(condition: str) -> Rule:
+    """Reject a key unless the condition holds, and the condition without the key."""
+    return Rule("needed by", (condition,))
 
 
 class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """A table of the file; a key that it does not have is an error.
+    """A table of the file; unknown keys are errors.
 
     Attributes
     ----------
-    one_of : keys of which a table has exactly one.
+    one_of : keys of which a table must have exactly one.
     """
 
     one_of: ClassVar[tuple[str, ...]] = ()
 
     def __post_init__(self) -> None:
-        """Raise where keys do not go together: "options_clash", "key_missing", "key_misplaced"."""
+        """Raise if keys conflict: "options_clash", "key_missing" or "key_misplaced"."""
         for field in msgspec.structs.fields(self):
-            given = getattr(self, field.name) is not None
+            present = getattr(self, field.name) is not None
             for rule in getattr(field.type, "__metadata__", ()):
                 if not isinstance(rule, Rule):
                     continue
-                there = any(self._has(other) for other in rule.others)
-                others = " or ".join(rule.others)
-                if given and there == (rule.words == "not with"):
-                    verb = "does not go" if there else "goes only"
-                    raise InvalidInput(f"{field.name} {verb} with {others}.", code="key_misplaced")
-                if there and not given and rule.words == "needed by":
-                    raise InvalidInput(f"{others} needs {field.name}: add it.", code="key_missing")
+                holds = any(self._has(condition) for condition in rule.conditions)
+                words = " or ".join(rule.conditions)
+                if present and holds == (rule.words == "not with"):
+                    verb = "does not go" if holds else "goes only"
+                    raise InvalidInput(f"{field.name} {verb} with {words}.", code="key_misplaced")
+                if holds and not present and rule.words == "needed by":
+                    raise InvalidInput(f"{words} needs {field.name}: add it.", code="key_missing")
         count = sum(getattr(self, name) is not None for name in self.one_of)
         if self.one_of and count != 1:
             raise InvalidInput(
@@ -78,9 +78,9 @@ class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
             )
 
     def _has(self, condition: str) -> bool:
-        key, _, value = condition.partition(" = ")
-        found = getattr(self, key)
-        return found is not None if not value else found == value.strip('"')
+        key, _, expected = condition.partition(" = ")
+        value = getattr(self, key)
+        return value == expected.strip('"') if expected else value is not None
 
 
 class MediumTable(Table, frozen=True):
