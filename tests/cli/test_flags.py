@@ -82,7 +82,9 @@ def test_compare_prints_the_methods_as_json_best_first(capsys, here):
     found = record(capsys, "compare", BALL, "--no-pictures")
     assert set(found) == COMMON | documented_keys("compare")
     shares = [method["of_the_bound"] for method in found["methods"]]
-    assert shares == sorted(shares, reverse=True)
+    # The default method is first among those that are equal within the tolerance of 1 % or more.
+    assert max(shares) <= 1.02 * shares[0]
+    assert shares[-1] == min(shares)
     assert shares[0] > 0.9
     assert len(found["methods"][0]["pressures"]) == len(found["foci"]) == 2
     assert sorted(entry.name for entry in (here / "out/ball").iterdir()) == [
