@@ -1,5 +1,7 @@
 """Messages of boards, heard by models of their firmware: exact, and with our sense of phase."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from airtact.transducers.boards import board_named
 from airtact.transducers.layout import surrounding_box
 from airtact.transducers.levels import Levels
 from emission.receivers import Nano16, OpenMPD, SonicSurface, TwoSonicSurfaces, first_harmonic
+from faults import raises_code
 
 RECEIVERS = {"sonicsurface": SonicSurface, "nano16": Nano16, "openmpd": OpenMPD}
 
@@ -124,3 +127,9 @@ def test_rounding_costs_what_it_may() -> None:
     # Playing all as loud as the loudest loses what time reversal knew of distances: never more than
     # it had.
     assert np.all(rounding_error(transfer, drive, at.quantise(drive, five_bits)) < 0.0)
+
+
+def test_a_board_without_messages_is_refused():
+    board = replace(board_named("nano16"), name="own")
+    with raises_code("not_supported"):
+        codec_of(board)

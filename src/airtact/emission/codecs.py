@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from airtact.drives.frame import Frame
+from airtact.errors import InvalidInput
 from airtact.transducers.boards import Board, board_named
 from airtact.transducers.levels import EIGHT_BITS, Levels
 
