@@ -48,7 +48,9 @@ def test_samples_give_what_the_sentence_says(beacons, drives) -> None:
     scale = np.linalg.norm(drives["robust"].amplitudes) / np.linalg.norm(usual.amplitudes)
     lowest = np.quantile(np.abs(others.pressures(usual)).min(axis=1), 0.1)
     assert computed.lowest_tenth[1] == pytest.approx(scale * lowest)
-    assert f"{computed.lowest_tenth[0]:.0f} Pa" in computed.sentence() or "kPa" in computed.sentence()
+    assert (
+        f"{computed.lowest_tenth[0]:.0f} Pa" in computed.sentence() or "kPa" in computed.sentence()
+    )
     with raises_code("empty"):
         held_out(others, TARGET, {})
 
