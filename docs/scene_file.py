@@ -120,7 +120,7 @@ def rules_of(field: msgspec.structs.FieldInfo) -> str:
         note for note in getattr(field.type, "__metadata__", ()) if isinstance(note, tables.Rule)
     ]
     return "".join(
-        f". {words[rule.words]} {' or '.join(f'`{other}`' for other in rule.others)}"
+        f". {words[rule.words]} {' or '.join(f'`{other}`' for other in rule.conditions)}"
         for rule in rules
     )
 

@@ -1,5 +1,6 @@
-"""Assert that bad input raises the fault of one kind, with the numbers that are wrong in its sentence."""
+"""Assert that bad input raises the fault of one kind, with the values that are wrong in its sentence."""
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -8,12 +9,19 @@ import pytest
 from airtact.errors import InvalidInput, NotConverged
 
 
+def facts(text: str) -> list[str]:
+    """Numbers, keys, names of files and quoted values in a text; its wording may change."""
+    words = (word.strip(".,;:()?") for word in text.split())
+    return [word for word in words if re.search(r"[\d_\[\]=]|^['\"]|\w\.\w", word)]
+
+
 @contextmanager
 def raises_code(
-    code: str, *numbers: str
+    code: str, *texts: str
 ) -> Iterator[pytest.ExceptionInfo[InvalidInput | NotConverged]]:
-    """Expect ``InvalidInput`` or ``NotConverged`` with a code, and some texts, mostly numbers, in the sentence."""
+    """Expect ``InvalidInput`` or ``NotConverged`` with a code, and the facts of some texts in the sentence."""
     with pytest.raises((InvalidInput, NotConverged)) as caught:
         yield caught
     assert caught.value.code == code, str(caught.value)
-    assert [text for text in numbers if text not in str(caught.value)] == [], str(caught.value)
+    sentence = str(caught.value)
+    assert [fact for text in texts for fact in facts(text) if fact not in sentence] == [], sentence

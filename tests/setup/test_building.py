@@ -7,7 +7,7 @@ import trimesh
 import airtact as at
 from airtact.reports.body_figure import sharp_edges
 from airtact.transducers.boards import BOARDS
-from faults import raises_code
+from faults import facts, raises_code
 from paths import EXAMPLES
 
 MEDIUM = "[medium]\nsound_speed = 343.1\ndensity = 1.293\n"
@@ -23,12 +23,13 @@ FOCUS = "[[foci]]\npoint = [0.0, 0.0, 8e-3]\n"
 
 
 def fails(read, code, start, *parts):
-    """Expect a code, any where None, and one sentence that begins with the file's name and ``start``."""
+    """Expect a code, any where None, and one sentence that names the file and the facts of ``start``."""
     with pytest.raises(at.InvalidInput) as caught:
         read(*parts)
     assert code in (None, caught.value.code)
     sentence = str(caught.value)
-    assert sentence.startswith("scene.toml: " + start), sentence
+    assert sentence.startswith("scene.toml: "), sentence
+    assert [fact for fact in facts(start) if fact not in sentence] == [], sentence
     assert "\n" not in sentence
     return sentence
 
