@@ -93,7 +93,7 @@ class InvalidInput(ValueError):  # noqa: N818 (reads well in a traceback)
 
 
 class NotConverged(RuntimeError):  # noqa: N818
-    """A solver stopped above its tolerance; the message has residual, iterations and likely cause.
+    """Solver stopped above its tolerance; the message states residual, iterations and cause.
 
     Attributes
     ----------
@@ -254,7 +254,7 @@ def between(value: float, low: float, high: float, what: str, unit: str, slip: s
 
 
 def within(value: float, low: float, high: float, what: str, unit: str, slip: str) -> float:
-    """Return a number as ``between``, and above zero."""
+    """Return a number from ``low`` to ``high`` and above zero; raise as ``between``."""
     return between(positive(value, what, unit), low, high, what, unit, slip)
 
 
@@ -264,7 +264,7 @@ def check_frequency(frequency: float) -> float:
 
 
 def check_seed(seed: int) -> None:
-    """Raise "out_of_range" if a seed of random numbers is not a whole number of 0 or more."""
+    """Raise "out_of_range" if a seed of random numbers is not a non-negative integer."""
     if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or seed < 0:
         raise InvalidInput(
             f"a seed is a whole number of 0 or more, not {seed!r}.", code="out_of_range"

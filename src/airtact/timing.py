@@ -21,7 +21,7 @@ class Clock:
 
     Attributes
     ----------
-    seconds : wall time by step [s]; the times of a step that runs again add up.
+    seconds : wall time by step [s]; the times of repeated steps add up.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Emission of drives: messages of boards, the links that carry them, and safe silence."""
+"""Emission of drives: board messages, links to boards, and safe silence."""
 
 import lazy_loader
 

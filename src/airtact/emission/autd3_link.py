@@ -17,10 +17,10 @@ from airtact.geometry.pose import Pose
 from airtact.transducers.levels import EIGHT_BITS
 from airtact.transducers.modulation import check_rate
 
-# Ways to the boards.
+# Connections to the boards.
 THROUGH = ("audit", "ethercrab", "twincat", "remote", "simulator")
 
-# Periods of sound a second; a sequence's rate must divide it.
+# Periods of sound per second; a sequence's rate must divide it.
 PERIODS = 40_000
 
 INTENSITY_FADE = 250
@@ -41,11 +41,11 @@ class AUTD3Link(Link):
     poses : pose of each board, from the board's frame to the array's, as returned by
         ``poses_of_boards``.
     through : "audit" (no device: the firmware's model in this process), "ethercrab" (boards on an
-        Ethernet port of this computer), "twincat" (Beckhoff's, here or elsewhere), "remote" (an
-        AUTD server) or "simulator".
-    address : network interface for ethercrab (by default the first with boards), AMS net id for a
-        TwinCAT elsewhere, or host:port for remote and simulator.
-    sound_speed : of the medium [m/s], for simulators.
+        Ethernet port of this computer), "twincat" (Beckhoff's, on this or another computer),
+        "remote" (an AUTD server) or "simulator".
+    address : network interface for ethercrab (by default the first with boards), AMS net id for
+        TwinCAT on another computer, or host:port for remote and simulator.
+    sound_speed : speed of sound in the medium [m/s], for simulators.
     """
 
     plays_itself = True
@@ -108,7 +108,7 @@ class AUTD3Link(Link):
         check_rate(rate, PERIODS, 0xFFFF, "AUTD3")
 
     def played(self, index: int = 0) -> Frame:
-        """Read back what the boards play, frame ``index`` of a sequence, from the firmware's model.
+        """Read frame ``index`` of the sequence that the boards play, from the firmware's model.
 
         Raises
         ------
@@ -138,8 +138,8 @@ class AUTD3Link(Link):
 
         Parameters
         ----------
-        envelope : factors on the amplitudes, from 0 to 1, over one period; None for none.
-        rate : factors a second: 40 kHz over a whole number.
+        envelope : factors on the amplitudes, from 0 to 1, for one period; None for no modulation.
+        rate : factors per second: 40 kHz divided by a whole number.
         """
         self._envelope = envelope
         if envelope is not None:
@@ -208,7 +208,7 @@ class AUTD3Link(Link):
         if self._envelope is None:
             self._sender.send((self._library.Static(), gain))
         elif self._modulating:
-            # The modulation on the boards goes on while the gain changes.
+            # The modulation on the boards continues while the gain changes.
             self._sender.send(gain)
         else:
             from pyautd3.modulation import Custom
@@ -222,7 +222,7 @@ class AUTD3Link(Link):
     def _look(self) -> None:
         if self._lost is not None:
             raise self._failed("looking for the boards", self._lost)
-        # A read round trip fails if the cable is gone.
+        # Reading from the boards fails if the cable is unplugged.
         self._controller.fpga_state()
 
     def _upload(self, frames: Sequence[Frame], rate: float) -> None:
@@ -236,7 +236,7 @@ class AUTD3Link(Link):
     def _silence(self) -> None:
         self._modulating = False
         self._smoothed = None
-        # The boards acknowledge silence before the silencer may become slow again.
+        # Wait until the boards acknowledge silence, and only then slow down the silencer again.
         self._sender.send((self._library.Static(), self._library.Null()))
         self._sender.send(self._silencer(INTENSITY_FADE, PHASE_FADE))
 
@@ -268,7 +268,7 @@ class AUTD3Link(Link):
         except (InvalidInput, LinkFailed):
             raise
         except Exception as error:
-            # pyautd3 raises an error class of its own from its C side, plain ones from Python.
+            # pyautd3 raises its own error class for errors in C, and standard ones from Python.
             if not type(error).__module__.startswith("pyautd3"):
                 raise
             if doing == "opening":
@@ -284,7 +284,7 @@ def _library() -> Any:
     with extra("autd3", "AUTD3 boards need pyautd3"):
         import pyautd3
     version = importlib.metadata.version("pyautd3")
-    # The only version that the tests run with.
+    # Only this version is tested.
     if version != "36.0.2":
         raise InvalidInput(
             f"pyautd3 {version} is not the tested version 36.0.2: pip install 'airtact[autd3]'.",

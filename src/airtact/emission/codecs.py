@@ -1,9 +1,9 @@
-"""Messages of boards: frames in each board's levels, channels and sense of phase.
+"""Messages of boards: frames in each board's levels, channels and phase convention.
 
-On every board here a larger phase number delays the pulse of an element. So does the phase of a
-drive d in Re[d e^{−iωt}], therefore no codec conjugates. AUTD3: proven in the time domain with its
-emulator (tests). SonicSurface: ``PhaseLine.vhd`` starts the pulse when a rising counter reaches the
-number. Nano16: ``ArduinoNano.java`` puts the first high step at the number, and
+On every board here, a larger phase number delays the pulse of an element. So does the phase of a
+drive d in Re[d e^{−iωt}], so no codec conjugates. Evidence: the tests compare AUTD3 with its
+emulator in the time domain. SonicSurface: ``PhaseLine.vhd`` starts the pulse when a rising counter
+reaches the number. Nano16: ``ArduinoNano.java`` puts the first high step at the number, and
 ``DriverNano16.ino`` plays the steps in order. OpenMPD: its driver shifts the number of a shorter
 pulse by half of the difference, which keeps the middle of the pulse in place.
 """
@@ -29,8 +29,8 @@ class Codec:
     board : the board.
     levels : amplitudes and phases that it can emit.
     encoded : writes the message of a frame, see ``encode``.
-    baud : speed of its serial line [bit/s]; None where it has none.
-    echo : bytes that it sends back for a frame; empty where it is silent.
+    baud : speed of its serial line [bit/s]; None without one.
+    echo : bytes that it sends back for a frame; empty if it does not answer.
     """
 
     board: Board
@@ -40,21 +40,21 @@ class Codec:
     echo: bytes = b""
 
     def encode(self, frame: Frame) -> bytes:
-        """Return the message that makes the boards play a frame, one board after the other."""
+        """Return the message that makes the boards play a frame, board by board."""
         return self.encoded(self, frame)
 
     def fastest_frames(self, boards: int = 1) -> float:
-        """Largest rate of the boards' serial line [frames/s]; infinite where there is none."""
+        """Largest rate of the boards' serial line [frames/s]; infinite without one."""
         if self.baud is None:
             return np.inf
         zeros = np.zeros(boards * len(self.board), dtype=np.uint8)
-        # 10 bits a byte: with the start bit and the stop bit.
+        # 10 bits per byte, with start and stop bit.
         return self.baud / 10.0 / len(self.encode(Frame(zeros, zeros, self.levels)))
 
     def channels(
         self, values: UInt8[np.ndarray, "elements"]
     ) -> UInt8[np.ndarray, "boards channels"]:
-        """Bring the value of each element to its position in the board's message."""
+        """Move the value of each element to its position in the board's message."""
         boards = len(values) // len(self.board)
         channels = np.zeros((boards, self.board.message_length), dtype=np.uint8)
         channels[:, self.board.channels] = values.reshape(boards, -1)
@@ -62,7 +62,7 @@ class Codec:
 
 
 def _autd3(codec: Codec, frame: Frame) -> bytes:
-    """Two bytes an element: phase in 1/256 of a turn, intensity in 1/255 of full scale.
+    """Encode two bytes per element: phase in 1/256 turn, intensity in 1/255 of full scale.
 
     The firmware makes the pressure linear: it plays intensity i as a pulse of
     round(512/π · asin(i/255)) of 512 ticks, whose first harmonic is i/255.
@@ -71,8 +71,8 @@ def _autd3(codec: Codec, frame: Frame) -> bytes:
 
 
 def _sonicsurface(codec: Codec, frame: Frame) -> bytes:
-    """C0 or C1 chooses the board, FE begins its channels (0 to 31, 32 is off), FD swaps all."""
-    # The board has no amplitudes: a channel is at a phase or off.
+    """Encode C0 or C1 for the board, FE, its channels (0 to 31; 32 is off), and FD to swap all."""
+    # The board has no amplitudes: a channel has a phase or is off.
     numbers = np.where(frame.amplitude > 0, frame.phase, 32).astype(np.uint8)
     boards = [
         bytes([0xC0 + index, 0xFE]) + part.tobytes()
@@ -82,10 +82,10 @@ def _sonicsurface(codec: Codec, frame: Frame) -> bytes:
 
 
 def _nano16(codec: Codec, frame: Frame) -> bytes:
-    """10 resets, then 16 steps of a period, two ports each, as nibbles marked by 1, and 00 swaps.
+    """Encode 10 to reset, 16 steps of a period as nibbles marked by 1 (two ports), and 00 to swap.
 
     An element is high in the 8 steps that begin at its phase. The reset makes the board discard an
-    incomplete frame; its own software does not send it.
+    incomplete frame; the board's own software does not send it.
     """
     start = codec.channels(frame.phase)[0].astype(np.int64)
     steps = np.arange(16)[:, None]
@@ -96,11 +96,11 @@ def _nano16(codec: Codec, frame: Frame) -> bytes:
 
 
 def _openmpd(codec: Codec, frame: Frame) -> bytes:
-    """256 phases in 1/128 of a turn, bit 7 of the first one set, then 256 amplitudes, 0 to 64.
+    """Encode 256 phases in 1/128 turn (bit 7 of the first one set), then 256 amplitudes, 0 to 64.
 
     Amplitude a is a pulse of a/128 of a period that begins at the phase number. (64 − a)/2 is added
     to the number, which keeps the middle of the pulse in place. Its first harmonic is sin(πa/128).
-    Each board has a line of its own: its messages follow one another.
+    Each board has its own line; its messages follow one another.
     """
     shift = (64 - frame.amplitude.astype(np.int64)) // 2
     phases = codec.channels(((frame.phase + shift) % 128).astype(np.uint8))
@@ -109,7 +109,7 @@ def _openmpd(codec: Codec, frame: Frame) -> bytes:
 
 
 def codec_of(board: Board | str) -> Codec:
-    """Return the codec of a board or of a board's name.
+    """Return the codec of a board, given the board or its name.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Safe emission: a ramp, a cap, a watchdog, and silence at every end."""
+"""Safe emission: ramp, cap, watchdog, and silence at the end in every case."""
 
 import atexit
 import signal
@@ -28,12 +28,12 @@ from airtact.transducers.modulation import AmplitudeModulation
 
 @dataclass(frozen=True)
 class Played:
-    """What was played of a sequence.
+    """Statistics of the playback of a sequence.
 
     Attributes
     ----------
     rate : measured rate [frames/s].
-    frames : number of frames that were sent or that the boards began themselves.
+    frames : number of frames that were sent, or that the boards played themselves.
     dropped : number of frames left out because they would have been late.
     """
 
@@ -50,21 +50,21 @@ class Emission:
     ends for any reason, and when half a second passes without ``send``, ``hold``, ``play``,
     ``cycle``, ``modulate``, ``set_modulation``, ``silence`` or ``beat``. Nothing can be sent after
     that, unless the emission ``resumes`` after late calls. SIGINT, SIGTERM and SIGHUP in the main
-    thread leave the block by ``KeyboardInterrupt`` or ``SystemExit``.
+    thread raise ``KeyboardInterrupt`` or ``SystemExit``, which ends the block.
 
     If the link process itself is killed, the next call raises ``LinkFailed``, and another process
     opens the link and silences the boards. A link whose class is defined in the script itself, or
-    any link on a system without POSIX, is opened in this process, and a warning says so: the boards
-    then go on emitting if this process is killed.
+    any link on a system without POSIX, is opened in this process, with a warning: the boards then
+    keep emitting if this process is killed.
 
     Parameters
     ----------
-    link : to the boards; it is opened and closed here.
-    cap : largest amplitude of an element, a share of full scale; drives above it are scaled down.
-        By default each drive gets the cap that keeps a head 0.5 m off the array to 110 dB SPL in
-        open air, which takes about 50 ms for 1,000 elements. A cap of 1 is full scale.
+    link : link to the boards; opened and closed here.
+    cap : largest amplitude of an element, as a share of full scale; larger drives are scaled down.
+        By default the level at a head 0.5 m from the array is limited to 110 dB SPL in open air for
+        each drive, which takes about 50 ms for 1,000 elements. A cap of 1 is full scale.
     ramp : duration of the ramp [s].
-    patience : time that boards emit without a call [s].
+    patience : time without a call after which the boards are silenced [s].
     log : file to which the link process writes one line per event: the time on the system's
         monotonic clock (``time.monotonic``) [s], and the event.
     resumes : whether the next drive is played, over the ramp, after the boards were silenced
@@ -72,17 +72,16 @@ class Emission:
 
     Attributes
     ----------
-    process : number of the process that holds the link; None where it is this one, or before it is
-        open.
+    process : id of the process that holds the link; None if it is this one, or before it is open.
     share : share of the newest drive's amplitude that the boards played when it was sent; below 1
         on a ramp.
 
     Raises
     ------
     InvalidInput
-        If the cap is not above 0 and at most 1, or a time is negative or not finite. Without a cap
-        drives are rejected for boards that cannot be turned down, such as those without levels of
-        amplitude, and for links that do not know the poses of several boards.
+        If the cap is not above 0 and at most 1, or a time is negative or not finite. Without a cap,
+        drives are rejected for boards without amplitude levels, and for links to several boards
+        with unknown poses.
     """
 
     link: Link
@@ -104,7 +103,7 @@ class Emission:
             )
         file = None
         if log is not None:
-            # Absolute: the link process may stand in another folder.
+            # Absolute, because the link process may have another working directory.
             file = Path(of_kind(log, str | Path, "the log", "a path")).absolute()
         self.link = link
         self.share: float = 1.0
@@ -123,8 +122,8 @@ class Emission:
 
     def __enter__(self) -> "Emission":
         if self._settings.log is not None:
-            # Emptied here and appended to by the link process: a file that cannot be written is
-            # rejected before anything is sent.
+            # Emptied here, so that an unwritable file is rejected before anything is sent; the link
+            # process appends to it.
             try:
                 self._settings.log.write_text("")
             except OSError as error:
@@ -141,7 +140,7 @@ class Emission:
                 self._unlisten()
                 raise
             if self._link_process.process is None:
-                # A link in this process ends with it; one in another process notices by itself.
+                # A link in this process ends with it; a link process notices the end itself.
                 atexit.register(self._end)
             else:
                 self.link._elsewhere = lambda name, *arguments: self._ask("ask", name, *arguments)
@@ -163,7 +162,7 @@ class Emission:
                 self._end()
             finally:
                 self._unlisten()
-        # An exception on its way out must not be replaced by that of a signal.
+        # An exception that is being raised must not be replaced by that of a signal.
         if kind is None:
             self._obey()
 
@@ -185,8 +184,8 @@ class Emission:
                 self._over = process.close() or "it has ended"
             except LinkFailed as error:
                 self._over = "the link process was lost"
-                # Where silence was confirmed, an error on closing adds nothing, unless the link
-                # process was lost. Silence that failed is the graver fault.
+                # If silence was confirmed, an error on closing is irrelevant, unless the link
+                # process was lost. Failed silence is the more serious error.
                 silenced = failed is None or failed.code != "silence_failed"
                 if error.code != "link_failed" and silenced:
                     failed = error
@@ -195,28 +194,27 @@ class Emission:
 
     @property
     def process(self) -> int | None:
-        """Number of the process that holds the link; None if it is this one, or not open."""
+        """Id of the process that holds the link; None if it is this one, or not open."""
         return None if self._link_process is None else self._link_process.process
 
     def send(self, drive: Drive, wait: bool = True) -> Frame:
-        """Play a drive from now on; the first drive, and one after silence, rise over the ramp.
+        """Play a drive from now on; the first drive, and the first after silence, have a ramp.
 
         Parameters
         ----------
         drive : amplitude of every element.
-        wait : whether to wait for the end of the ramp; otherwise ``share`` holds how far the ramp
-            has come.
+        wait : whether to wait for the end of the ramp; otherwise ``share`` holds its progress.
 
         Returns
         -------
-        The frame that the boards play at the end of the ramp and at full amplitude of a modulation.
+        The frame that the boards play at the end of the ramp, at the peak of any modulation.
 
         Raises
         ------
         InvalidInput
             If the drive is for another number of elements.
         LinkFailed
-            If the link fails, or the emission was ended before.
+            If the link fails or the emission has ended.
         """
         check_drive(drive, "what is emitted")
         self.link.check_elements(len(drive))
@@ -225,10 +223,10 @@ class Emission:
     def cycle(self, sequence: Sequence, wait: bool = True) -> None:
         """Repeat the frames of a sequence from now on.
 
-        A sequence of the same length and rate as the one before continues at the same place in the
-        round. A modulation ends. The first sequence rises over the ramp; where boards repeat it
-        themselves, only its most powerful frame does. A file gets the frame that is due.
-        ``wait`` is that of ``send``.
+        A sequence of the same length and rate as the previous one continues at the same position.
+        A modulation ends. The first sequence rises over the ramp; if boards repeat it themselves,
+        only its most powerful frame does. A file gets the frame that is due.
+        ``wait`` is as for ``send``.
 
         Raises
         ------
@@ -241,24 +239,24 @@ class Emission:
         self._play(sequence.drives, np.ones(len(sequence)), sequence.rate, wait)
 
     def play(self, sequence: Sequence, seconds: float) -> Played:
-        """Repeat a sequence as ``cycle`` does, and hold it for some time after the ramp.
+        """Repeat a sequence like ``cycle``, and hold it for some time after the ramp.
 
         Parameters
         ----------
         sequence : drives and their rate.
-        seconds : duration [s]; a file gets as many frames as it lasts.
+        seconds : duration [s]; a file gets all frames of that time.
 
         Returns
         -------
-        What was played. Boards that repeat a sequence themselves drop nothing; otherwise frames
-        that would be late by a whole frame are dropped, which keeps the rate.
+        Statistics of the playback. Boards that repeat a sequence themselves drop nothing; otherwise
+        frames that would be late by a whole frame are dropped, which keeps the rate.
 
         Raises
         ------
         InvalidInput
             If the boards or the link cannot play it.
         LinkFailed
-            If the link fails, or the emission was ended before or meanwhile.
+            If the link fails, or the emission has ended or ends meanwhile.
         """
         self._check_sequence(sequence)
         return self._played(sequence.drives, np.ones(len(sequence)), sequence.rate, seconds)
@@ -269,12 +267,12 @@ class Emission:
         """Play a drive with amplitude modulation for some time [s].
 
         Skin only feels a modulated drive. By default the force follows a cosine of 200 Hz. Boards
-        without levels of amplitude vary the number of elements that are on. The drive rises over
-        the ramp.
+        without amplitude levels vary the number of elements that are on. The drive rises over the
+        ramp.
 
         Returns
         -------
-        What was played.
+        Statistics of the playback.
 
         Raises
         ------
@@ -300,7 +298,7 @@ class Emission:
         Raises
         ------
         InvalidInput
-            If the modulation is too fast for the boards (the fastest).
+            If the modulation is too fast for the boards.
         LinkFailed
             If the link fails, or the emission was ended before.
         """
@@ -312,7 +310,7 @@ class Emission:
 
         Parameters
         ----------
-        fade : duration [s].
+        fade : duration of the fade [s].
         wait : whether to wait for its end.
 
         Raises
@@ -325,7 +323,7 @@ class Emission:
             self._outlast(left)
 
     def stop(self) -> None:
-        """Silence the boards at once, for good.
+        """Silence the boards at once and permanently.
 
         Raises
         ------
@@ -340,7 +338,7 @@ class Emission:
         Raises
         ------
         LinkFailed
-            If the emission was ended before, or the link has failed.
+            If the emission has ended or the link has failed.
         """
         self._ask("beat")
 
@@ -350,10 +348,10 @@ class Emission:
         Raises
         ------
         LinkFailed
-            If the emission was ended before or meanwhile, or the link fails.
+            If the emission has ended or ends meanwhile, or the link fails.
         """
         self.beat()
-        # A file has no time to hold.
+        # A file has no time axis.
         if not self.link.real_time:
             return
         end = time.monotonic() + seconds
@@ -414,7 +412,7 @@ class Emission:
         rate: float,
         seconds: float,
     ) -> Played:
-        """Play frames for some time [s], and return what was played."""
+        """Play frames for some time [s], and return the statistics."""
         total = max(round(seconds * rate), 1)
         if not self.link.real_time:
             self._play(drives, factors, rate, written=total)
@@ -452,7 +450,7 @@ class Emission:
 
     @contextmanager
     def _shielded(self) -> Iterator[None]:
-        """Put signals off while the link is in use by the main thread, which receives them."""
+        """Postpone signals while the main thread, which receives them, uses the link."""
         step = int(threading.current_thread() is threading.main_thread())
         self._inside += step
         try:
@@ -465,7 +463,7 @@ class Emission:
             return
         for name in ("SIGINT", "SIGTERM", "SIGHUP"):
             kind = getattr(signal, name, None)
-            # A process that was started with nohup outlives its terminal.
+            # A process started with nohup continues after its terminal is closed.
             by_nohup = name == "SIGHUP" and kind and signal.getsignal(kind) == signal.SIG_IGN
             if kind is not None and not by_nohup:
                 self._handlers[kind] = signal.signal(kind, self._on_signal)
@@ -496,21 +494,21 @@ class Emission:
 
 
 def frames_of_period(frequency: float, fastest: float) -> tuple[int, float]:
-    """Choose the number of frames of a period of a modulation, and their rate [frames/s].
+    """Choose the number of frames per period of a modulation, and their rate [frames/s].
 
-    Boards without a limit of their own play frames that last whole periods of the 40 kHz sound: of
-    16 to 40 frames, the number that comes nearest to the frequency, and among equals the one
-    nearest to 20. Slower serial lines get an even number of frames, up to 20; 2 are on and off.
+    On boards without a rate limit, a frame lasts whole periods of the 40 kHz sound. Of 16 to 40
+    frames, the number that best matches the frequency is chosen, and among equals the one nearest
+    to 20. Slower serial lines get an even number of frames, up to 20; 2 frames are on and off.
 
     Parameters
     ----------
-    frequency : of the modulation [Hz].
+    frequency : modulation frequency [Hz].
     fastest : largest rate of the boards [frames/s].
 
     Raises
     ------
     InvalidInput
-        "out_of_range"; the message has the nearest frequency that the boards can play.
+        "out_of_range"; the message states the nearest frequency that the boards can play.
 
     Examples
     --------
@@ -518,7 +516,7 @@ def frames_of_period(frequency: float, fastest: float) -> tuple[int, float]:
     ((20, 4000.0), (2, 80.0))
     """
     if np.isfinite(fastest):
-        # 1e-9: a quotient that should be whole may be rounded down.
+        # 1e-9, because rounding may leave a whole quotient slightly too small.
         count = int(fastest / frequency + 1e-9)
         if count < 2:
             nearest = np.floor(fastest / 2)

@@ -1,4 +1,4 @@
-"""A link that writes frames to a file, to inspect them or for boards without a link."""
+"""A link that writes frames to a file, for inspection or for boards without a link."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,7 +19,7 @@ from airtact.emission.link import Link
 from airtact.errors import InvalidInput, about, of_kind
 from airtact.files.atomic import written
 
-# Endings of files: those of drives, and the bytes for the boards.
+# File name extensions: those of drives, and the one for the bytes of the boards.
 ENDINGS = (*DRIVE_ENDINGS, ".bin")
 
 
@@ -27,27 +27,27 @@ def load_drive(path: str | Path, *, rate: float | None = None) -> Drive | Drives
     """Read a drive or a sequence from a file.
 
     It reads the files of ``Drive.save``, ``Sequence.save`` and ``FileLink``, except for ``.bin``.
-    Amplitudes and phases are the computed ones, to 1e-15 (in a table to nine digits), not the
-    rounded levels; a ``FileLink`` writes rounded frames.
+    The saved amplitudes and phases are the computed ones, to 1e-15 (in a table to nine digits);
+    those of a ``FileLink`` are rounded to the levels of the boards.
 
     Parameters
     ----------
-    path : ends in .h5, .npz or .csv.
-    rate : frames a second, where the file does not hold the rate.
+    path : file that ends in .h5, .npz or .csv.
+    rate : frames per second, if the file does not contain the rate.
 
     Returns
     -------
-    A ``Sequence`` where there is a rate, else a ``Drive``.
+    A ``Sequence`` if there is a rate, else a ``Drive``.
 
     Raises
     ------
     InvalidInput
-        If the file cannot be read, has a later format, holds numbers that no drive has, or holds
-        several frames and no rate.
+        If the file cannot be read, has a later format, contains numbers that are not valid in a
+        drive, or contains several frames but no rate.
     """
     path = Path(of_kind(path, str | Path, "the file of a drive", "its path"))
     contents = read_drive_file(path)
-    # Faults of the contents name the file.
+    # Errors in the contents name the file.
     with about(path.name):
         rate = contents.frame_rate(rate)
     return Drive(contents.drives[0]) if rate is None else Drives(contents.drives, rate)
@@ -56,12 +56,12 @@ def load_drive(path: str | Path, *, rate: float | None = None) -> Drive | Drives
 class FileLink(Link):
     """Link that writes its frames to a file when it is closed.
 
-    It has no clock: a sequence is written completely with its rate, as fast as possible, without a
-    ramp and without the silence at the end. ``load_drive`` reads all but ``.bin``.
+    A complete sequence is written with its rate, as fast as possible, without a ramp and without
+    silence at the end. ``load_drive`` reads all formats but ``.bin``.
 
     Parameters
     ----------
-    path : file, .npz, .csv, .h5 or .bin.
+    path : file that ends in .npz, .csv, .h5 or .bin.
     board : name of the kind of board.
     boards : number of boards.
     """

@@ -1,4 +1,4 @@
-"""Base class of the links to boards, and a link that records frames."""
+"""Base class of links to boards, and a link that records frames."""
 
 import hashlib
 import os
@@ -21,12 +21,12 @@ from airtact.geometry.pose import Pose
 from airtact.transducers.levels import Levels
 
 
-class LinkFailed(RuntimeError):  # noqa: N818 (reads as what it is in a traceback)
+class LinkFailed(RuntimeError):  # noqa: N818 (reads well in a traceback)
     """Failure of an open link; the message describes what was sent last.
 
     Attributes
     ----------
-    code : kind of fault, such as "link_failed"; it stays when the message changes.
+    code : kind of error, such as "link_failed"; it stays the same when the message changes.
     """
 
     def __init__(self, sentence: str, *, code: str) -> None:
@@ -34,28 +34,27 @@ class LinkFailed(RuntimeError):  # noqa: N818 (reads as what it is in a tracebac
         self.code = code
 
     def __reduce__(self) -> Any:
-        # The default would lose the code, which is passed by name.
+        # The default would lose the code, which is a keyword argument.
         return partial(type(self), code=self.code), (str(self),)
 
 
 class Link(ABC):
     """Connection to boards of one kind: open it, send frames or play a sequence, stop, close.
 
-    A link sends every frame unchanged. ``Emission`` makes it safe: ramp, cap, watchdog, and silence
-    at the end.
+    A link sends every frame unchanged. ``Emission`` adds the safety: ramp, cap, watchdog, and
+    silence at the end.
 
     Attributes
     ----------
     codec : messages of its boards.
     name : name in commands.
-    boards, elements : number of boards, and of elements on all of them.
-    poses : of the boards, from the board's frame to the array's; None where they are not known.
-    plays_itself : whether boards repeat an uploaded sequence and modulate the amplitude themselves,
-        or need every frame in time.
-    real_time : whether a frame is emitted when it is sent, so that frames must be sent at their
-        times.
-    fastest : largest rate that it carries [frames/s].
-    last : frame that was sent last, or None.
+    boards, elements : number of boards, and of elements on all boards together.
+    poses : poses of the boards, from the board's frame to the array's; None if unknown.
+    plays_itself : whether boards repeat an uploaded sequence and modulate the amplitude themselves;
+        otherwise every frame must be sent in time.
+    real_time : whether a frame is emitted when it is sent, so that frames must be sent on time.
+    fastest : largest rate of the link [frames/s].
+    last : last frame sent, or None.
     sent : number of frames sent since it was opened.
     """
 
@@ -76,7 +75,7 @@ class Link(ABC):
             )
         self.elements = boards * len(self.codec.board)
         self.boards = boards
-        # The level around a single board does not depend on its pose.
+        # The level around a single board does not depend on its pose, so any pose will do.
         self.poses: Sequence[Pose] | None = [Pose.identity()] if boards == 1 else None
         self.last: Frame | None = None
         self.sent = 0
@@ -88,7 +87,7 @@ class Link(ABC):
         self._unlock()
 
     def __getstate__(self) -> dict[str, Any]:
-        # The lock belongs to this process, and so does the way to the other one.
+        # The lock and the connection to the link process belong to this process.
         return {**vars(self), "_elsewhere": None, "_locked": None}
 
     @property
@@ -136,7 +135,7 @@ class Link(ABC):
         Raises
         ------
         InvalidInput
-            If the frame is for another number of elements or other levels, or the link is not open.
+            If the frame has another number of elements or other levels, or the link is not open.
         LinkFailed
             If the link fails.
         """
@@ -152,7 +151,7 @@ class Link(ABC):
         Raises
         ------
         InvalidInput
-            As ``send`` and ``check_sequence``, or if the boards cannot.
+            As ``send`` and ``check_sequence``, or if the boards cannot repeat a sequence.
         LinkFailed
             If the link fails.
         """
@@ -161,7 +160,7 @@ class Link(ABC):
                 f"{self.codec.board.name} boards store no sequences: send frame by frame.",
                 code="not_supported",
             )
-        # Before anything is sent: boards must not keep half of a sequence.
+        # Check all frames before sending any, so that boards never store half a sequence.
         for frame in frames:
             self._check(frame)
         self.check_sequence(len(frames), rate)
@@ -176,7 +175,7 @@ class Link(ABC):
         Raises
         ------
         InvalidInput
-            If there is no frame, or the rate is not above zero or over ``fastest``.
+            If there is no frame, or the rate is not above zero or exceeds ``fastest``.
         """
         if frames < 1:
             raise InvalidInput(f"a sequence needs at least 1 frame, not {frames}.", code="empty")
@@ -197,7 +196,7 @@ class Link(ABC):
             )
 
     def stop(self) -> None:
-        """Silence the boards and have them confirm it, where they can.
+        """Silence the boards and have them confirm it, if they can.
 
         Raises
         ------
@@ -212,21 +211,21 @@ class Link(ABC):
         self.sent += 1
 
     def probe(self) -> None:
-        """Check that the boards are still connected, where the link can; they go on emitting.
+        """Check that the boards are still connected, if the link can; they keep emitting.
 
         Raises
         ------
         LinkFailed
-            If they are not.
+            If the boards are not connected.
         """
         if self._open:
             with self._reporting("looking for the boards"):
                 self._look()
 
     def close(self) -> None:
-        """Close the connection. Boards go on emitting, so call ``stop`` before."""
+        """Close the connection. Boards keep emitting, so call ``stop`` first."""
         if self._open:
-            # Closed even if that fails: the operating system frees the port.
+            # Count as closed even if that fails: the operating system frees the port.
             self._open = False
             try:
                 with self._reporting("closing"):
@@ -241,11 +240,11 @@ class Link(ABC):
 
         Parameters
         ----------
-        envelope : factors on the amplitudes, from 0 to 1, over one period; None for none.
-        rate : factors a second.
+        envelope : factors on the amplitudes, from 0 to 1, for one period; None for no modulation.
+        rate : factors per second.
         """
 
-    def collect(self) -> None:  # noqa: B027 (most links keep nothing)
+    def collect(self) -> None:  # noqa: B027 (most links store nothing)
         """Fetch the link's data from its process before that process ends."""
 
     def zero(self) -> Frame:
@@ -254,11 +253,11 @@ class Link(ABC):
         return Frame(nothing, nothing, self.levels)
 
     def _resource(self) -> str | None:
-        """Return the name of a resource for one process at a time, such as a port, or None."""
+        """Return the name of a resource that only one process may use, such as a port, or None."""
         return None
 
     def _unlock(self) -> None:
-        # Called by __del__ too, where __init__ may have failed before the lock.
+        # __del__ calls this too, even if __init__ failed before the lock existed.
         locked = getattr(self, "_locked", None)
         if locked is not None:
             self._locked = None
@@ -277,7 +276,7 @@ class Link(ABC):
         self._transmit(self.zero())
 
     def _look(self) -> None:  # noqa: B027 (links that cannot check do nothing)
-        """Raise an error for ``_reporting`` if the boards are gone."""
+        """Raise an error for ``_reporting`` if the boards are no longer connected."""
 
     @abstractmethod
     def _end(self) -> None: ...
@@ -333,7 +332,7 @@ class RecordingLink(Link):
     Attributes
     ----------
     frames : frames that were sent.
-    seconds : when each was sent, since opening [s].
+    seconds : time at which each frame was sent, since opening [s].
     """
 
     name = "recording"
@@ -351,7 +350,7 @@ class RecordingLink(Link):
 
     @property
     def seconds(self) -> list[float]:
-        """When each was sent, since opening [s]."""
+        """Time at which each frame was sent, since opening [s]."""
         self.collect()
         return self._seconds
 
@@ -365,8 +364,8 @@ class RecordingLink(Link):
             self._seconds += seconds
 
     def recorded(self, first: int) -> tuple[list[Frame], list[float]]:
-        """Return up to 64 frames from the ``first`` on, and when they were sent."""
-        # 64 at once: the player must not be kept from the watchdog by a long message.
+        """Return up to 64 frames, starting with frame ``first``, and when they were sent."""
+        # At most 64, because a long message would delay the watchdog.
         return self._frames[first : first + 64], self._seconds[first : first + 64]
 
     def _begin(self) -> None:
@@ -388,7 +387,7 @@ def lock_boards(resource: str) -> int | None:
     Raises
     ------
     InvalidInput
-        "link_in_use": another process holds them.
+        "link_in_use": another process uses the boards.
     """
     try:
         import fcntl
@@ -400,7 +399,7 @@ def lock_boards(resource: str) -> int | None:
         file = os.open(path, os.O_RDONLY | os.O_CREAT | os.O_CLOEXEC, 0o666)
     except PermissionError:
         file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)  # made by another user
-    # Wait 0.5 s for a link that is just being closed.
+    # Wait 0.5 s in case a link is just being closed.
     end = time.monotonic() + 0.5
     while True:
         try:

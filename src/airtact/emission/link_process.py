@@ -1,9 +1,8 @@
-"""The process that holds a link, and its owner's side, which starts it and replaces it if lost.
+"""The process that holds a link, and the owner's code that starts it and replaces it if lost.
 
-The process plays for its owner, and silences the boards without it. Nothing that ends the owner
-ends this process before the boards are silent. It has a session of its own, ignores every signal
-that it can, and notices at once when the owner's end of the connection closes or the owner is
-gone.
+The link process plays for its owner, and silences the boards when the owner ends. Whatever ends the
+owner does not end the link process before the boards are silent: it has its own session, ignores
+every signal that it can, and notices at once when the owner or its connection ends.
 """
 
 import copy
@@ -26,13 +25,13 @@ from airtact.emission.link import Link, LinkFailed
 from airtact.emission.player import Player, Settings
 from airtact.errors import InvalidInput
 
-# Time that a link process may take to answer before it is ended [s].
+# Time that a link process may take to answer before it is killed [s].
 ANSWER_TIMEOUT = 30.0
 
-# Time that a link process may take to open its link before it is ended [s].
+# Time that a link process may take to open its link before it is killed [s].
 OPENING_TIMEOUT = 120.0
 
-# Time that a link process may take to end once its link is closed [s].
+# Time that a link process may take to exit after its link is closed [s].
 ENDING_TIMEOUT = 5.0
 
 
@@ -41,11 +40,11 @@ class Channel:
 
     Parameters
     ----------
-    end : of a pair of connected sockets.
+    end : one of a pair of connected sockets.
     patience : time that the other side may take to accept a message [s].
     """
 
-    # Precedes each message: its length in bytes.
+    # Header of each message: its length in bytes.
     LENGTH = struct.Struct("<Q")
 
     def __init__(self, end: socket.socket, patience: float = 10.0) -> None:
@@ -54,14 +53,14 @@ class Channel:
         self._received = bytearray()
 
     def send(self, message: tuple[object, ...]) -> None:
-        """Send objects that can be pickled; raise OSError if the other side does not take them."""
+        """Send picklable objects; raise OSError if the other side does not accept them."""
         data = pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL)
-        # A owner that does not read must not keep the player from the watchdog.
+        # An owner that does not read must not block the player's watchdog.
         self._socket.settimeout(self._patience)
         self._socket.sendall(self.LENGTH.pack(len(data)) + data)
 
     def receive(self, seconds: float) -> tuple[Any, ...] | None:
-        """Return the next message or None in time; raise EOFError if the other side is gone."""
+        """Return the next message, or None after the timeout; raise EOFError at the end."""
         end = time.monotonic() + seconds
         while (message := self._complete()) is None:
             self._socket.settimeout(max(end - time.monotonic(), 0.0))
@@ -92,16 +91,16 @@ class Channel:
 
 
 class LinkProcess:
-    """A link that is open in a process of its own, or in a thread of this process where it must be.
+    """A link that is open in its own process, or in a thread of this process if necessary.
 
     Parameters
     ----------
-    link : not open.
-    settings : how it is played.
+    link : link, not open yet.
+    settings : settings of the playback.
 
     Attributes
     ----------
-    process : number of the process that holds the link; None where it is this one.
+    process : id of the process that holds the link; None if it is this one.
     """
 
     def __init__(self, link: Link, settings: Settings) -> None:
@@ -122,7 +121,7 @@ class LinkProcess:
                 f"is killed, its {link.elements} elements go on emitting.",
                 stacklevel=4,
             )
-        # A socket, not a pipe: its end is noticed on both sides.
+        # A socket instead of a pipe, because both sides notice its end.
         ours, theirs = socket.socketpair()
         self._channel = Channel(ours)
         if reason is None:
@@ -145,7 +144,7 @@ class LinkProcess:
             self.end()
             raise
         if self._child is not None:
-            # A thread: the boards must fall silent even while the owner computes.
+            # A thread, because the boards must fall silent even while the owner computes.
             self._watcher = threading.Thread(target=self._watch, name="link watcher", daemon=True)
             self._watcher.start()
 
@@ -155,7 +154,7 @@ class LinkProcess:
         Raises
         ------
         InvalidInput, LinkFailed
-            The errors of the link; "link_process_lost" if its process is gone.
+            The errors of the link, or "link_process_lost" if its process has ended.
         """
         with self._lock:
             if self._lost is not None:
@@ -177,8 +176,7 @@ class LinkProcess:
         return value
 
     def _answer(self, seconds: float) -> Any:
-        # A link that emits nothing may take as long as it needs: writing a long sequence takes
-        # minutes.
+        # No limit for a link that emits nothing: writing a long sequence takes minutes.
         end = time.monotonic() + (seconds if self._link.real_time else math.inf)
         while (left := end - time.monotonic()) > 0.0:
             answer = self._channel.receive(min(left, seconds))
@@ -188,7 +186,7 @@ class LinkProcess:
         return None
 
     def _lose(self, event: str) -> None:
-        """Note why the link process is lost; end it where it only does not answer."""
+        """Note why the link process is lost; kill it if it does not answer."""
         if self._child is not None:
             if event != "ended":
                 self._child.kill()
@@ -207,9 +205,9 @@ class LinkProcess:
         )
 
     def _watch(self) -> None:
-        """Have another process silence the boards as soon as the link process is gone."""
+        """Have another process silence the boards as soon as the link process has ended."""
         assert self._child is not None
-        # Polled, as a thread that waits for the process keeps other threads from waiting for it.
+        # Polled, because a thread that waits for the process blocks other threads that do so.
         while self._child.poll() is None:
             time.sleep(0.01)
         if self._child.returncode == 0 and self._closing:
@@ -227,12 +225,12 @@ class LinkProcess:
             )
 
     def close(self) -> str | None:
-        """Close the link; return why the emission was over.
+        """Close the link; return why the emission ended.
 
         Raises
         ------
         LinkFailed
-            "link_process_lost" or "silence_failed" if the process was lost.
+            "link_process_lost" or "silence_failed", if the process was lost.
         """
         try:
             self._closing = True
@@ -247,7 +245,7 @@ class LinkProcess:
             self.end()
 
     def end(self) -> None:
-        """Close the connection, which ends the process, and wait for that."""
+        """Close the connection, which ends the process, and wait for its end."""
         self._closing = True
         self._channel.close()
         if self._child is not None:
@@ -276,7 +274,7 @@ def why_here(link: Link) -> str | None:
 
 def _start(end: socket.socket) -> "subprocess.Popen[bytes]":
     module = "airtact.emission.link_process"
-    # The process finds the same modules as this one, and signals to this session do not reach it.
+    # The process can import the same modules, and signals to this session do not reach it.
     paths = os.pathsep.join(os.path.abspath(path) for path in sys.path)
     try:
         return subprocess.Popen(
@@ -300,7 +298,7 @@ def _start(end: socket.socket) -> "subprocess.Popen[bytes]":
 def serve(
     channel: Channel, gone: Callable[[], bool] = lambda: False, here: Link | None = None
 ) -> None:
-    """Play a link, ``here`` or from the first message, until its owner closes it or is gone."""
+    """Play a link, ``here`` or from the first message, until its owner closes it or ends."""
     player: Player | None = None
     try:
         while not gone():
@@ -314,7 +312,7 @@ def serve(
                         link, settings = arguments
                         opened = Player(here or link, settings)
                         opened.open()
-                        # Only now: a link that did not open is not silenced, and this process ends.
+                        # Set only now: a link that did not open is not silenced.
                         player = opened
                     else:
                         answer = getattr(player, name)(*arguments)
@@ -325,7 +323,7 @@ def serve(
                     return
             if player is not None:
                 player.step()
-    except (EOFError, OSError):  # the owner is gone: silence the boards below
+    except (EOFError, OSError):  # the owner has ended: silence the boards below
         pass
     finally:
         if player is not None:
@@ -334,7 +332,7 @@ def serve(
 
 
 def _carried(error: BaseException) -> BaseException:
-    """Return an error as another process can raise it."""
+    """Return an error in a form that another process can raise."""
     if isinstance(error, InvalidInput | LinkFailed):
         error.__cause__ = error.__context__ = None
         return error
@@ -342,7 +340,7 @@ def _carried(error: BaseException) -> BaseException:
 
 
 def _end(player: Player) -> None:
-    # No owner is left to report to, so silence that is not confirmed is tried again for 5 s.
+    # There is no owner to report to, so try again for 5 s if silence is not confirmed.
     for _ in range(50):
         try:
             player.finish("its process was gone")
@@ -354,9 +352,9 @@ def _end(player: Player) -> None:
 
 
 def main() -> None:
-    """Serve the owner whose connection and process number are the arguments."""
-    # Children that a library starts must be waited for, and faults of the machine must not repeat
-    # for ever.
+    """Serve the owner whose connection and process id are the arguments."""
+    # Ignore all signals but SIGCHLD, needed to wait for child processes of libraries, and hardware
+    # faults, which would repeat forever.
     needed = {
         signal.SIGCHLD,
         signal.SIGSEGV,

@@ -1,4 +1,4 @@
-"""Table of the links to boards: the name of each, its boards, its setting, and how it is built."""
+"""Table of the links to boards: name, boards, setting and constructor of each link."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -13,22 +13,22 @@ from airtact.errors import InvalidInput
 from airtact.geometry.pose import Pose
 from airtact.transducers.boards import BOARDS
 
-# Setting of a link: network address (interface, AMS net id, host:port), serial port or file.
+# Setting of a link: network address (interface, AMS net id or host:port), serial port or file.
 Setting = Literal["address", "port", "out"]
 
 
 @dataclass(frozen=True)
 class LinkKind:
-    """One way to boards.
+    """A kind of link to boards.
 
     Attributes
     ----------
     name : name in commands.
-    boards : names of the kinds of boards that it goes to.
+    boards : names of the supported kinds of boards.
     make : builds the link, not open yet, from the kind of board, the poses, the speed of sound
         [m/s] and the setting.
-    takes : setting that it takes, if any.
-    example : a value of the setting where the link needs one; empty where it is optional.
+    takes : its setting, if any.
+    example : example of a required setting; empty if the setting is optional.
     """
 
     name: str
@@ -48,7 +48,7 @@ def _autd3(name: str) -> LinkKind:
     )
 
 
-# All links, in the order of lists.
+# All links, in display order.
 LINKS = (
     *(_autd3(name) for name in THROUGH),
     LinkKind(
@@ -69,14 +69,14 @@ LINKS = (
 
 
 def links_of(board: str) -> Sequence[str]:
-    """Return the names of the links that go to a kind of board."""
+    """Return the names of the links for a kind of board."""
     return [link.name for link in LINKS if board in link.boards]
 
 
 def link_to(
     name: str, board: str, poses: Sequence[Pose], sound_speed: float, **settings: str | Path | None
 ) -> Link:
-    """Build a link by its name, not open yet; ``settings`` are named as in ``Setting``.
+    """Build a link by its name, not open yet; the names of ``settings`` are those of ``Setting``.
 
     Raises
     ------

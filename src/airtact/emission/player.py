@@ -1,4 +1,4 @@
-"""Playback of one link in its process: ramp, cap, modulation, sequences, watchdog, silence, log."""
+"""Playback on a link, in its process: ramp, cap, modulation, sequences, watchdog, silence, log."""
 
 import time
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from airtact.emission.link import Link, LinkFailed
 
 @dataclass(frozen=True)
 class Settings:
-    """Ramp [s], patience of the watchdog [s], log file, and whether an emission resumes."""
+    """Ramp [s], watchdog timeout [s], log file, and whether an emission resumes."""
 
     ramp: float
     patience: float
@@ -33,32 +33,32 @@ class Cycle:
 
     def at(self, now: float) -> Any:
         """Return the item that is due at a time [s]."""
-        # 1e-6: a frame that is due must not be the one before, by rounding.
+        # 1e-6, so that rounding does not select the previous frame.
         return self.items[int((now - self.begun) * self.rate + 1e-6) % len(self.items)]
 
 
 class Player:
-    """Plays one link step by step. Nothing here waits: every command returns at once.
+    """Plays on a link step by step; every command returns at once.
 
-    ``Emission`` calls the methods without an underscore by name. ``step`` does what is due. The
-    next command that feeds the watchdog raises the fault of a step.
+    ``Emission`` calls the methods without an underscore by name. ``step`` does the work that is
+    due. If a step fails, the next command that feeds the watchdog raises its error.
     """
 
     def __init__(self, link: Link, settings: Settings) -> None:
         self.link = link
         self.over: str | None = None
         self._settings = settings
-        self._failure: LinkFailed | None = None  # to silence the boards
-        self._trouble: Exception | None = None  # in a step
+        self._failure: LinkFailed | None = None  # failure to silence the boards
+        self._trouble: Exception | None = None  # error of a step
         self._log: TextIO | None = None
-        # What is played: (drive, factor, frame) of each frame; a single drive is one frame.
+        # (drive, factor, frame) of each frame that is played; a single drive is one frame.
         self._sound: Cycle | None = None
         self._strongest: tuple[np.ndarray, float, Frame] | None = None
         self._modulation: Cycle | None = None
         self._share = 1.0
         self._gain = 0.0
-        self._slope = 0.0  # of the gain in each step of a ramp
-        self._pause = 0.0  # between two steps [s]
+        self._slope = 0.0  # change of the gain per step of a ramp
+        self._pause = 0.0  # pause between two steps [s]
         self._next_step = 0.0
         self._next_frame = 0.0
         self._dropped = 0
@@ -71,7 +71,7 @@ class Player:
     def open(self) -> None:
         """Open the link and the log."""
         if self._settings.log is not None:
-            # Append: where this process replaces a lost one, the log goes on.
+            # Append, so that the log continues if this process replaces a lost one.
             self._log = self._settings.log.open("a", buffering=1, encoding="utf-8")
         self.link.open()
         self._write("opened")
@@ -87,19 +87,19 @@ class Player:
     ) -> tuple[Frame, float, float]:
         """Repeat drives, or one drive at several factors, from now on.
 
-        A rate [frames/s] ends a modulation. Frames of the same number and rate as those before
-        continue at their place in the round.
+        A rate [frames/s] ends a modulation. If the number of frames and the rate stay the same,
+        playback continues at the same position.
 
         Parameters
         ----------
-        drives, factors : a frame plays the next drive, times its factor.
-        rate : frames a second; 0 for a single drive.
-        cap : largest amplitude of an element, a share of full scale.
-        written : number of frames that a link without a clock gets; 0 for the one that is due.
+        drives, factors : each frame plays one drive times one factor.
+        rate : frames per second; 0 for a single drive.
+        cap : largest amplitude of an element, as a share of full scale.
+        written : number of frames for a link without a clock; 0 for the frame that is due.
 
         Returns
         -------
-        The strongest frame, the rest of the ramp [s], and the gain.
+        The strongest frame, the remaining time of the ramp [s], and the gain.
         """
         self._feed()
         link = self.link
@@ -115,7 +115,7 @@ class Player:
         else:
             self._sound = Cycle(items, rate, now)
             self._next_frame = now
-        # Where boards repeat frames themselves, only the most powerful one rises and fades.
+        # If boards repeat frames themselves, only the most powerful one rises and fades.
         powers = factors * np.linalg.norm(drives, axis=1)
         self._strongest = strongest = items[int(powers.argmax())]
         full = strongest[2]
@@ -126,7 +126,7 @@ class Player:
         if not link.real_time:
             frames = [item[2] for item in items]
             if written:
-                # Frames of a file are counted, not timed: all are written at once.
+                # A file has no timing: write all frames at once.
                 link.play([frames[index % len(frames)] for index in range(written)], rate)
             else:
                 self._transmit(self._sound.at(now)[2])
@@ -138,18 +138,18 @@ class Player:
         elif self._gain == 0.0 or self._slope < 0.0:
             self._begin_ramp(self._settings.ramp, 1.0)
             self._change_gain()
-        # A paced frame is sent when it is due; silence cannot wait for that.
+        # Paced frames are sent when they are due, but silence must not wait for that.
         if full.silent or self._paced is None:
             self._show()
         self._fed = time.monotonic()
         return full, self.left(), self._gain
 
     def dropped(self) -> int:
-        """Return how many frames were left out so far, because they would have been late."""
+        """Return the number of frames left out so far because they would have been late."""
         return self._dropped
 
     def modulate(self, envelope: Float64[np.ndarray, "frames"] | None, rate: float) -> None:
-        """Modulate the amplitude from now on; None ends that."""
+        """Modulate the amplitude from now on; None ends the modulation."""
         self._feed()
         if self.link.plays_itself:
             self.link.modulate(envelope, rate)
@@ -162,7 +162,7 @@ class Player:
             self._transmit(self._now())
 
     def silence(self, fade: float) -> float:
-        """Fade to silence; return how long that takes [s]. The next drive rises over the ramp."""
+        """Fade to silence; return the duration [s]. The next drive rises over the ramp."""
         self._feed()
         if self._emitting:
             self._begin_ramp(fade, -1.0)
@@ -170,12 +170,12 @@ class Player:
         return self.left()
 
     def beat(self) -> float:
-        """Feed the watchdog; return how long a ramp still takes [s]."""
+        """Feed the watchdog; return the remaining time of a ramp [s]."""
         self._feed()
         return self.left()
 
     def finish(self, why: str) -> None:
-        """Silence the boards for good; the first reason is kept."""
+        """Silence the boards permanently; the first reason is kept."""
         if self.over is None:
             self.over = why
         elif self._failure is None:
@@ -188,7 +188,7 @@ class Player:
         return getattr(self.link, name)(*arguments)
 
     def close(self) -> str | None:
-        """Close the link; return why the emission was over."""
+        """Close the link; return why the emission ended."""
         try:
             self.link.close()
         finally:
@@ -198,10 +198,10 @@ class Player:
                 self._log = None
         return self.over
 
-    # --- what is due ---
+    # --- steps ---
 
     def left(self) -> float:
-        """Return how long a ramp or a fade still takes [s]; 0 only when it is over."""
+        """Return the remaining time of a ramp or fade [s]; 0 only when it is complete."""
         if self._slope == 0.0:
             return 0.0
         end = 1.0 if self._slope > 0.0 else 0.0
@@ -209,9 +209,9 @@ class Player:
         return max(self._next_step - time.monotonic() + self._pause * (steps - 1), 1e-3)
 
     def wait(self) -> float:
-        """Return the time until something is due [s]."""
+        """Return the time until the next step is due [s]."""
         now = time.monotonic()
-        # At least 20 times a second, to notice a owner that is gone.
+        # At least 20 times a second, to notice when the owner has ended.
         due = [now + 0.05]
         if self._emitting:
             due.append(self._fed + self._settings.patience)
@@ -223,7 +223,7 @@ class Player:
         return max(min(due) - now, 0.0)
 
     def step(self) -> None:
-        """Do what is due now."""
+        """Do the work that is due now."""
         if self.over is not None or not self.link.real_time:
             return
         try:
@@ -248,19 +248,19 @@ class Player:
             self._ramp_step()
         paced = self._paced
         if paced is not None and self._gain > 0.0 and now >= self._next_frame:
-            # Keep the grid of times: a late frame does not delay those after it.
+            # Keep the time grid, so that a late frame does not delay later ones.
             missed = int((now - self._next_frame) * paced.rate)
             self._dropped += missed
             self._next_frame += (1 + missed) / paced.rate
             self._transmit(self._now())
-        # Boards that play on are asked ten times a second whether they are still connected.
+        # Check ten times a second that boards that play by themselves are still connected.
         if self._emitting and now - self._looked > 0.1:
             self._looked = now
             self.link.probe()
 
     @property
     def _paced(self) -> Cycle | None:
-        """The frames or the modulation that must be sent in time."""
+        """Frames or modulation that must be sent on time."""
         if self.link.plays_itself or self._sound is None:
             return None
         return self._sound if self._sound.rate else self._modulation
@@ -268,7 +268,7 @@ class Player:
     # --- ramps ---
 
     def _begin_ramp(self, seconds: float, sign: float) -> None:
-        # 25 ms: steps short enough to be inaudible, and slow enough for every link.
+        # Steps of 25 ms are short enough to be inaudible and long enough for every link.
         steps = max(int(np.ceil(seconds / 0.025)), 1)
         self._slope = sign / steps
         self._pause = seconds / steps
@@ -276,7 +276,7 @@ class Player:
     def _change_gain(self) -> None:
         self._gain = min(max(self._gain + self._slope, 0.0), 1.0)
         self._next_step = time.monotonic() + self._pause
-        # The steps add up to 1 except for rounding.
+        # The steps add up to 1 only up to rounding.
         if min(self._gain, 1.0 - self._gain) < 1e-6:
             self._gain = float(round(self._gain))
             self._slope = 0.0
@@ -315,7 +315,7 @@ class Player:
         audible = self.link.real_time and (
             not frame.silent or (self._paced is not None and self._gain > 0.0)
         )
-        # True before the call: a fault in the middle of it may leave the boards emitting.
+        # Set before the call, because an error during it may leave the boards emitting.
         self._emitting = self._emitting or audible
         self.link.send(frame)
         self._emitting = audible
@@ -328,7 +328,7 @@ class Player:
         self._note(frames)
 
     def _note(self, frames: Sequence[Frame]) -> None:
-        """Log the largest amplitude that was sent; a link that just answered need not be probed."""
+        """Log the largest amplitude sent, and postpone the next check of the connection."""
         self._looked = time.monotonic()
         largest = max(float(frame.levels.amplitudes[frame.amplitude.max()]) for frame in frames)
         self._write(f"frame {self.link.sent} loudest {largest:.4g}")
@@ -368,9 +368,9 @@ class Player:
             self._write("silence confirmed")
 
     def _write(self, event: str) -> None:
-        """Write a line of the log: the system's monotonic clock [s] and the event."""
+        """Write a line of the log: time on the system's monotonic clock [s], and event."""
         if self._log is not None:
             try:
                 self._log.write(f"{time.monotonic():.6f} {event}\n")
             except OSError:
-                self._log = None  # a full disk is no reason to stop
+                self._log = None  # do not stop because of a full disk

@@ -15,7 +15,7 @@ from airtact.errors import InvalidInput, extra, of_kind
 # Time that a board may take to accept a frame or to answer it [s].
 PATIENCE = 0.5
 
-# Number of times that a frame without an answer is sent.
+# Number of times that an unanswered frame is sent.
 TRIES = 3
 
 
@@ -31,15 +31,14 @@ class SerialLink(Link):
 
     A Nano16 echoes the reset and the swap of a frame; a frame without the echo is sent again. A
     SonicSurface never answers: a frame counts as sent when the port has sent all its bytes. Both
-    boards keep two buffers, and each swap brings back the buffer before; silence is therefore sent
-    twice.
+    kinds have two buffers, and each swap brings back the previous one, so silence is sent twice.
 
     Parameters
     ----------
     port : device, such as /dev/ttyUSB0 or COM3.
     board : "sonicsurface" or "nano16".
     boards : number of boards; the first is the primary, the second the secondary.
-    boot : time for the first answer [s]; a Nano16 restarts when its port is opened.
+    boot : time limit of the first answer [s]; a Nano16 restarts when its port is opened.
     """
 
     name = "serial"
@@ -88,7 +87,7 @@ class SerialLink(Link):
         self._deliver(self.zero())
 
     def _look(self) -> None:
-        # Sending the last frame again changes nothing, and it fails if the cable is gone.
+        # Sending the last frame again changes nothing, but fails if the cable is unplugged.
         if self.last is not None:
             self._deliver(self.last)
 
@@ -101,8 +100,8 @@ class SerialLink(Link):
             with super()._reporting(doing):
                 yield
         except Exception as error:
-            # A terminal that is gone raises termios.error, which is no OSError; not every system
-            # has the module.
+            # A lost terminal raises termios.error, which is no OSError; not every system has the
+            # module.
             if type(error).__module__ != "termios":
                 raise
             raise self._failed(doing, f"{self.port} is gone ({error})") from error
@@ -114,7 +113,7 @@ class SerialLink(Link):
         tries = 0
         while tries < TRIES or time.monotonic() < end:
             tries += 1
-            # Noise and late answers of earlier frames must not count as this one's.
+            # Discard noise and late answers to earlier frames.
             self._line.reset_input_buffer()
             self._line.write(message)
             sent_by = time.monotonic() + PATIENCE
@@ -129,9 +128,9 @@ class SerialLink(Link):
         raise self._failed("waiting for an answer", f"{self.port} did not answer {tries} frames")
 
     def _answered(self, message: bytes) -> bool:
-        """Wait for the bytes of the board's answer in their order; skip noise between them."""
+        """Wait for the bytes of the board's answer in order; skip noise between them."""
         waiting = list(self.codec.echo)
-        # The answer follows the last byte of the message: 10 bits a byte.
+        # The answer follows the last byte of the message, at 10 bits per byte.
         end = (
             time.monotonic() + PATIENCE / TRIES + 10.0 * len(message) / (self.codec.baud or np.inf)
         )
@@ -143,7 +142,7 @@ class SerialLink(Link):
 
     def _cannot_open(self, error: Exception) -> str:
         number = getattr(error, "errno", None)
-        # 11 EAGAIN and 16 EBUSY; pyserial names the lock in its message where it has no number.
+        # 11 is EAGAIN, 16 EBUSY; without a number, pyserial mentions the lock in its message.
         if number in (11, 16) or "lock" in str(error):
             return (
                 f"the port {self.port} is busy (error {number}): close the program that holds it."

@@ -1,4 +1,4 @@
-"""The live loop: it turns the newest frame into a drive, and fades to silence if that is unsafe."""
+"""The live loop: it turns the newest frame into a drive and fades to silence if that is unsafe."""
 
 import time
 from collections import Counter, deque
@@ -25,15 +25,15 @@ from airtact.live.scene import Amplitudes, LiveScene, foci_on
 from airtact.live.session import SessionWriter
 from airtact.live.sources import FrameClock, HandSource, checked_seconds
 
-# Shortest time between the beginnings of two drives [s].
+# Shortest time between the starts of two drives [s].
 MIN_INTERVAL = 1.0 / 120.0
 
 # Time between two reports of the status [s].
 REPORT_INTERVAL = 0.5
 
-# Median times above which a part of the loop is late [s], and how the status says so: age of the
-# newest frame when a drive is begun, the age of the newest solved hand when the drive is in the
-# air, and the time that the link takes to accept a drive.
+# Median times above which a part of the loop is late [s], with the words of the status: the age of
+# the newest frame when a drive is started, the age of the newest solved hand when the drive is in
+# the air, and the time that the link takes to accept a drive.
 LATE = {
     "frames": (0.05, "frames {:.0f} ms old"),
     "solver": (0.1, "solver {:.0f} ms behind"),
@@ -50,7 +50,7 @@ class Status:
     state : state of the loop, with the reason for silence.
     rate : drives per second.
     age : median time from the newest frame to the sound in the air [s]; NaN without drives.
-    kept : median expected share of the attainable pressure; NaN where it is not known.
+    kept : median expected share of the attainable pressure; NaN if unknown.
     late : median times of the parts that are too slow [s]: "frames", "solver", "link".
     """
 
@@ -80,18 +80,18 @@ class Followed:
     ----------
     seconds : duration.
     frames : number of good frames of the hand.
-    drives : drives that reached the link, silence included.
+    drives : number of drives that reached the link, including silence.
     rate : drives per second while there was sound; 0 without sound.
     age, oldest : time from the newest frame to the sound in the air, median and 95th percentile
         [s]; NaN without drives.
     delay : time from a frame's arrival to the first drive made with it at the link, 95th percentile
         [s]; NaN without drives.
-    kept : median expected share of the attainable pressure; NaN where it is not known.
-    faded : how often the sound faded to silence, by the reason.
-    dropped : rows that the session lacks because the disk was too slow.
-    health : of the stream of frames.
+    kept : median expected share of the attainable pressure; NaN if unknown.
+    faded : how often the sound faded to silence, by reason.
+    dropped : number of rows missing from the session because the disk was too slow.
+    health : health of the stream of frames.
     stopped : whether the emergency stop was pressed.
-    state : state at the end, and why where it was silent.
+    state : state at the end, with the reason for silence.
     """
 
     seconds: float
@@ -132,7 +132,7 @@ class Followed:
 
     def record(self) -> dict[str, float | str | dict[str, int] | None]:
         """Return all values by name for JSON, with None for unknown numbers."""
-        # NaN differs from itself.
+        # Only NaN differs from itself.
         return {name: value if value == value else None for name, value in asdict(self).items()}
 
 
@@ -150,33 +150,33 @@ def follow(
     page: PageProcess | None = None,
     report: Callable[[Status], None] = lambda status: None,
 ) -> Followed:
-    """Let the sound follow a hand until the time is over, the frames end, or Ctrl-C.
+    """Let the sound follow a hand until the time is over, the frames end or Ctrl-C is pressed.
 
     Parameters
     ----------
     scene : the fixed part of the scene.
-    hands : source of the frames; it is begun and closed here, as ``maker`` and ``session`` are
-        closed.
-    maker : makes the drives.
+    hands : source of the frames; started and closed here.
+    maker : makes the drives; closed here.
     output : receives the drives; by default they are not emitted.
-    seconds : duration; until the frames end by default.
-    session : records the run.
-    latency : least time from the picture to the frame's arrival, for trackers with their own clock
-        [s].
-    cap : largest amplitude of an element, a share of full scale. By default the one that keeps a
-        head 0.5 m off the array to 110 dB SPL, computed for the first drive; 1 without boards.
+    seconds : duration [s]; by default until the frames end.
+    session : records the run; closed here.
+    latency : shortest time from the camera image to the frame's arrival, for trackers with their
+        own clock [s].
+    cap : largest amplitude of an element, as a share of full scale. By default it limits the level
+        at a head 0.5 m from the array to 110 dB SPL, computed for the first drive; 1 without
+        boards.
     controls : initial settings; those of the page replace them.
     page : shows every moment, and changes the controls.
     report : called twice a second with the status.
 
     Returns
     -------
-    A summary of the run. Ctrl-C ends it early, in silence.
+    A summary of the run. Ctrl-C silences the output and ends the run early.
 
     Raises
     ------
     InvalidInput
-        If time, latency or cap are at fault, or the link cannot be opened.
+        If the duration, latency or cap is invalid, or the link cannot be opened.
     LinkFailed
         If the boards fail; those that answer are silent.
     """
@@ -197,7 +197,7 @@ def follow(
 def capped(
     amplitudes: Complex128[np.ndarray, "*shape"], cap: float
 ) -> Complex128[np.ndarray, "*shape"]:
-    """Scale amplitudes as a whole so that none exceeds a cap."""
+    """Scale all amplitudes by one factor so that none exceeds a cap."""
     return min(1.0, cap / float(np.abs(amplitudes).max(initial=1e-12))) * amplitudes
 
 
@@ -215,16 +215,16 @@ class _Loop:
     page: PageProcess | None
     gain: Gain = field(default_factory=Gain)
     modulated: bool = False
-    # Times by the frames' clock and by that of the computer, from which the next is due.
+    # Times by the frames' clock and by the computer's, from which the next due time follows.
     arrivals: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=16))
     answered: float = -np.inf  # time in the newest frame that a drive was made with
     fault: str | None = "waiting for a hand"  # reason for silence
     last_good: float = -np.inf  # when the last good frame was taken
-    begun: float = 0.0  # when the last drive was begun
-    duration: float = MIN_INTERVAL / 2.0  # of making and sending a drive, running mean
-    moment: Moment | None = None  # the last that was safe
+    begun: float = 0.0  # when the last drive was started
+    duration: float = MIN_INTERVAL / 2.0  # running mean of the time to make and send a drive
+    moment: Moment | None = None  # the last safe one
     hand: Hand | None = None
-    # Times of the newest drives that played, see ``LATE``, and their expected shares.
+    # Times of the newest drives with sound, see ``LATE``, and their expected shares.
     played: deque[dict[str, float]] = field(default_factory=lambda: deque(maxlen=4096))
     delays: deque[float] = field(default_factory=lambda: deque(maxlen=4096))
     frames: int = 0
@@ -243,7 +243,7 @@ class _Loop:
         begun = time.monotonic()
         reported = begun
         stream = hands.begin(self.arrived)
-        # One thread: a second one would wait for the cores of the solvers.
+        # One thread only: further ones would compete with the solvers for processor cores.
         with threadpool_limits(1), suppress(KeyboardInterrupt):
             while (now := time.monotonic()) < begun + duration:
                 if hands.ended and self.silent:
@@ -274,20 +274,20 @@ class _Loop:
         playing = self.fault is None and self.controls.playing
         if playing or not self.silent:
             until = self._next_drive()
-        # During a fade this time has passed already: with it, nothing would pace the drives.
+        # During a fade this time has already passed and could not pace the drives.
         if playing:
             until = min(until, self.last_good + MAX_FRAME_AGE)
         return max(until - time.monotonic(), 0.0)
 
     def _next_drive(self) -> float:
-        """Return when to begin a drive without a new frame, so that the next one need not wait."""
+        """Return when to start a drive without a new frame, so as not to delay the next frame."""
         begin = self.begun + float(np.clip(2.0 * self.duration, MIN_INTERVAL, 1.0 / 66.0))
         if len(self.arrivals) > 1:
             first = self.arrivals[0][1]
             last = self.arrivals[-1][1]
             due = last + (last - first) / (len(self.arrivals) - 1)
-            # A frame that is due while the drive would be made is waited for, with 4 ms for its
-            # jitter, unless the drive would come more than 22 ms after the previous one.
+            # If a frame is due while the drive would be made, wait for it, and 4 ms longer because
+            # of jitter, unless the drive would come more than 22 ms after the previous one.
             wait_until = due + 4e-3
             overlaps = begin < wait_until and begin + self.duration > due
             if overlaps and wait_until < self.begun + 1.0 / 45.0:
@@ -295,7 +295,7 @@ class _Loop:
         return begin
 
     def advance(self, frame: HandFrame | None) -> None:
-        """Take a frame, if there is one, and emit the drive that is due."""
+        """Take a frame, if any, and emit the drive that is due."""
         if frame is not None:
             self._take(frame)
         if self.output.stopped:
@@ -313,11 +313,11 @@ class _Loop:
         try:
             self._emit(now, on)
         except LinkFailed:
-            if not self.output.stopped:  # the emergency stop came in between
+            if not self.output.stopped:  # else the emergency stop came in between
                 raise
 
     def _end_for_good(self, state: State, why: str) -> None:
-        """Record that the emergency stop or Ctrl-C has silenced the output."""
+        """Record that the emergency stop or Ctrl-C silenced the output."""
         before = self.gain.share
         self.gain = Gain()
         self.fault = why
@@ -326,7 +326,7 @@ class _Loop:
             self._note(silence, time.monotonic(), before)
 
     def _fade_out(self) -> None:
-        """Fade to silence, unless a signal silenced the boards already."""
+        """Fade to silence, unless a signal has already silenced the boards."""
         self.fault = self.fault or "ended"
         try:
             while not self.silent and not self.output.stopped:
@@ -343,7 +343,7 @@ class _Loop:
             if self.fault is not None and self.last_good == -np.inf:
                 self.fault = f"waiting for the {side} hand: the frames are of the {frame.side} one"
             return
-        # A faulty frame silences at once; only missing frames have MAX_FRAME_AGE.
+        # A faulty frame silences at once; MAX_FRAME_AGE applies to missing frames only.
         hand = hand_of(frame, self.scene)
         self.hand = None
         if isinstance(hand, str):
@@ -370,7 +370,7 @@ class _Loop:
             else:
                 on = False
                 self.fault = fault
-        # Gain acts on all that is sent, so the sound rises and fades without a step.
+        # The gain scales everything that is sent, so the sound rises and fades without a step.
         before = self.gain.share
         share = self.gain.advance(now, on)
         if self.moment is None or (before == 0.0 and not on):
@@ -384,7 +384,7 @@ class _Loop:
         made = time.monotonic()
         self._send(amplitudes, share, cap)
         sent = time.monotonic()
-        # The session records what the boards emitted, which rise over a ramp of their own.
+        # The session records what the boards emitted, including their own ramp.
         emitted = self.output.share * amplitudes
         moment = replace(self.moment, amplitudes=emitted, state=state, frames=None)
         self._note(moment, sent, before)
@@ -429,10 +429,10 @@ class _Loop:
             return None
 
     def _fault_of(self, moment: Moment | None) -> str | None:
-        """Return in a few words why a drive must not be emitted, or None."""
+        """Return a short reason not to emit a drive, or None."""
         if moment is not None and moment.joints is not None and moment.foci is not None:
             return self.workspace.fault(moment.joints, moment.foci)
-        # No prediction: the hand of the newest frame shows whether it left the workspace.
+        # Without a prediction, the newest frame shows whether the hand left the workspace.
         fault = None
         if self.hand is not None:
             fault = self.workspace.fault(self.hand.joints, foci_on(self.hand, self.scene))

@@ -12,11 +12,11 @@ from airtact.hands.tracking.frame import HandFrame
 from airtact.live.scene import Amplitudes, Foci, Frames, Joints, LiveScene
 
 # Basis of a drive: distances, without the hand; a solution of the last phalanges or of the whole
-# hand; or a solution of the whole hand in an earlier pose, moved with its bones.
+# hand; or a solution of the whole hand, carried from an earlier pose with the bones.
 Rule = Literal["distances", "phalanges", "hand", "carried"]
 
-# State of the loop: it waits for a hand, plays, fades after a hand was lost, is silent, or was
-# stopped for good.
+# State of the loop: waiting for a hand, playing, fading after the hand was lost, silent, or stopped
+# permanently.
 State = Literal["waiting", "playing", "fading", "silent", "stopped"]
 
 
@@ -27,19 +27,18 @@ class Moment:
     Attributes
     ----------
     time : when the sound is expected in the air, on the tracker's clock [s].
-    frame_time : time in the newest frame that was used [s].
-    joints : (25, 3) of the hand as predicted for ``time`` [m], or None where it is lost.
-    foci : (F, 3) as predicted for ``time`` [m], or None.
+    frame_time : timestamp of the newest frame used [s].
+    joints : (25, 3) joints predicted for ``time`` [m], or None if the hand is lost.
+    foci : (F, 3) foci predicted for ``time`` [m], or None.
     amplitudes : (E,) complex share of full scale; zeros for silence.
-    pressures : (F,) predicted at the foci [Pa], or None.
+    pressures : (F,) predicted pressures at the foci [Pa], or None.
     rule : basis of the drive.
-    shape_age : time from the pose that was solved to ``time`` [s]; None for distances.
-    behind : time from the newest pose that was solved, used or not, to ``time`` [s]; None before
-        the first solution and while the solvers rest because of noise.
+    shape_age : time from the solved pose to ``time`` [s]; None for distances.
+    behind : time from the newest solved pose, used or not, to ``time`` [s]; None before the first
+        solution and while the solvers pause because of noise.
     kept : expected share of the attainable pressure at the weakest focus, or None.
     state : state of the loop.
-    frames : (N, E) drives that are played in turn instead of ``amplitudes`` where foci move; or
-        None.
+    frames : (N, E) drives played in turn instead of ``amplitudes`` if the foci move, or None.
     """
 
     time: float
@@ -66,16 +65,16 @@ def silent_moment(scene: LiveScene, time: float, frame_time: float) -> Moment:
 
 @dataclass(frozen=True)
 class Controls:
-    """Settings that the page or a program changes while the loop runs.
+    """Settings that the page or a program can change while the loop runs.
 
     Attributes
     ----------
     ignore_hand : whether drives are focused by distances, without the hand.
     method : name of the method that makes the drives; None for the scene's.
-    cap : largest amplitude of an element, a share of full scale.
-    offset : of all foci from the skin [m]; None for the scene's.
-    modulated : whether the amplitude is modulated, or the foci move.
-    playing : False silences until it is True again.
+    cap : largest amplitude of an element, as a share of full scale.
+    offset : distance of all foci from the skin [m]; None for the scene's.
+    modulated : whether the amplitude is modulated or the foci move.
+    playing : whether there is sound.
     """
 
     ignore_hand: bool = False
@@ -87,11 +86,11 @@ class Controls:
 
 
 class DriveMaker(ABC):
-    """Maker of drives for a moving hand; ``take`` and ``make`` must return at once."""
+    """Maker of drives for a moving hand; ``take`` and ``make`` must not block."""
 
     @abstractmethod
     def take(self, frame: HandFrame) -> None:
-        """Take the tracker's newest frame, in the scene's frame; it replaces older ones."""
+        """Take the tracker's newest frame, in scene coordinates; it replaces older ones."""
 
     @abstractmethod
     def make(self, time: float, controls: Controls) -> Moment:

@@ -1,4 +1,4 @@
-"""Where the drives of the live loop go: to boards through an emission, or nowhere."""
+"""Outputs of the live loop: boards, through an emission, or none."""
 
 from pathlib import Path
 from typing import Any
@@ -13,17 +13,17 @@ from airtact.transducers.modulation import AmplitudeModulation
 
 
 class Output:
-    """Receiver of drives, for use in a ``with`` block, which ends in silence.
+    """Receiver of drives; a ``with`` block ends in silence.
 
     This class emits nothing; subclasses raise ``LinkFailed`` if their boards fail.
 
     Attributes
     ----------
-    words : where drives go.
-    stopped : whether the emergency stop was pressed, after which nothing is emitted.
+    words : description of the output.
+    stopped : whether the emergency stop was pressed; nothing is emitted after that.
     levels : amplitudes and phases of the boards; None without boards.
-    share : of the newest drive's amplitude that was emitted when it was sent; less than 1 while the
-        sound rises.
+    share : share of the newest drive's amplitude that was emitted when it was sent; less than 1
+        while the sound rises.
     """
 
     words: str = "no boards"
@@ -38,31 +38,31 @@ class Output:
         """End in silence."""
 
     def send(self, amplitudes: Amplitudes) -> None:
-        """Emit a drive from now on; return once it has reached the link."""
+        """Emit a drive from now on; return when it has reached the link."""
 
     def cycle(self, frames: Frames, rate: float) -> None:
-        """Emit frames in turn at a rate [1/s]; they continue at the current place in the round."""
+        """Emit frames in turn at a rate [1/s], starting at the current position in the round."""
 
     def beat(self) -> None:
-        """Keep playing, or keep silent."""
+        """Keep the output as it is, and feed the watchdog."""
 
     def modulate(self, modulation: AmplitudeModulation | None) -> None:
         """Modulate the amplitude of all that is sent from now on."""
 
     def stop(self) -> None:
-        """Emergency stop: silence at once and for good. Any thread may call it."""
+        """Emergency stop: silence at once and permanently. Any thread may call it."""
         self.stopped = True
 
 
 class Boards(Output):
-    """Boards behind a link; the sound rises over 0.2 s from the first drive after a silence.
+    """Boards behind a link; after silence the sound rises within 0.2 s.
 
-    Drives are sent as they are: the loop has capped them.
+    Drives are sent unchanged, because the loop has capped them.
 
     Parameters
     ----------
-    link : the way to the boards.
-    log : file for one line per event at the link, as that of ``Emission``.
+    link : link to the boards.
+    log : file for one line per event at the link, as for ``Emission``.
     """
 
     def __init__(self, link: Link, log: Path | None = None) -> None:
@@ -83,7 +83,7 @@ class Boards(Output):
         self.share = self._emission.share
 
     def cycle(self, frames: Frames, rate: float) -> None:
-        """Send frames that are played in turn."""
+        """Send frames to be played in turn."""
         self._emission.cycle(Sequence(frames, rate), wait=False)
         self.share = self._emission.share
 
@@ -92,12 +92,12 @@ class Boards(Output):
         self._emission.beat()
 
     def modulate(self, modulation: AmplitudeModulation | None) -> None:
-        """Have the boards modulate the amplitude at their own rate."""
+        """Have the boards modulate the amplitude themselves."""
         self._emission.set_modulation(modulation)
 
     def stop(self) -> None:
         """Send the zero frame now."""
-        # First, so that nothing is sent from now on even where the link is not open yet.
+        # Set first, so that nothing is sent from now on even if the link is not open yet.
         self.stopped = True
         try:
             self._emission.stop()

@@ -54,14 +54,14 @@ def run(
 
     Parameters
     ----------
-    setup : scene whose foci ride on a hand, see ``live_scene``.
-    hands : source of the frames, as of ``hands_from``.
-    output : where drives go, as of ``output_to``; nowhere by default.
-    folder : where ``session.h5`` is written.
-    seconds : duration; to the end of a recording, or until Ctrl-C, by default.
-    latency : least time from the picture to the frame's arrival, for trackers with their own clock
-        [s].
-    cap : largest amplitude of an element, a share of full scale; a safe one by default, see
+    setup : scene whose foci are on a hand, see ``live_scene``.
+    hands : source of the frames, as returned by ``hands_from``.
+    output : receiver of the drives, as returned by ``output_to``; none by default.
+    folder : folder for ``session.h5``.
+    seconds : duration [s]; by default to the end of a recording or until Ctrl-C.
+    latency : shortest time from the camera image to the frame's arrival, for trackers with their
+        own clock [s].
+    cap : largest amplitude of an element, as a share of full scale; a safe one by default, see
         ``follow``.
     ignore_hand : whether drives are focused by distances, without the hand.
     page : port and host of the page; no page by default.
@@ -70,9 +70,9 @@ def run(
     Raises
     ------
     InvalidInput
-        An argument is at fault; nothing was emitted then.
+        If an argument is invalid; nothing was emitted.
     LinkFailed
-        The boards failed.
+        If the boards fail.
     """
     checked_seconds(seconds)
     checked_latency(latency)
@@ -115,13 +115,13 @@ def record(
     ----------
     file : recording to write, ``.jsonl``, in the tracker's frame.
     source : "websocket" or "osc", with ":PORT" for another port and 0 for a free one.
-    seconds : duration; until Ctrl-C by default.
-    report_step : called with the address once it listens.
+    seconds : duration [s]; until Ctrl-C by default.
+    report_step : called with the address once it is open.
 
     Raises
     ------
     InvalidInput
-        An argument is at fault, the port is taken, or no frame came.
+        If an argument is invalid, the port is taken, or no frame was received.
     """
     duration = checked_seconds(seconds)
     if file.suffix != ENDING:
@@ -157,20 +157,20 @@ def record(
 
 
 def hands_from(setup: Setup, source: str | None, folder: Path) -> HandSource:
-    """Open the source of the frames that a run is to follow.
+    """Open the source of the frames for a run.
 
     Parameters
     ----------
-    setup : its tracker pose moves the frames of recordings and trackers to the scene.
+    setup : its tracker pose transforms the frames of recordings and trackers to the scene.
     source : a recording, a session or its folder, "websocket" or "osc", with ":PORT" for another
         port and 0 for a free one; "page" for the hand on the page; by default an example motion,
         repeated.
-    folder : where the session of the run is written, which cannot be its source.
+    folder : folder for the session of the run, which cannot be the source.
 
     Raises
     ------
     InvalidInput
-        The source does not exist, cannot be read, or its port is taken.
+        If the source does not exist or cannot be read, or its port is taken.
     """
     if source is None:
         motion = load_recording(example("reaching.jsonl"))
@@ -211,18 +211,18 @@ def _received(source: str, setup: Setup | None, every: bool = False) -> Received
 def output_to(
     setup: Setup, folder: Path, board: str | None, link: str | None, **settings: str | None
 ) -> Output:
-    """Return where the drives of a run go: boards behind a link, or nowhere without both.
+    """Return the output of a run: boards behind a link, or none if both are missing.
 
     Parameters
     ----------
     setup : its array must be made of these boards.
-    folder : where the link's files are written.
+    folder : folder for the files of the link.
     board, link, settings : as for ``link_to``.
 
     Raises
     ------
     InvalidInput
-        The scene cannot be followed, or the link does not fit.
+        If the scene cannot be followed, or the link does not fit.
     """
     scene = live_scene(setup)
     if link is None and board is None:
@@ -252,7 +252,7 @@ def output_to(
 
 
 def drive_at_rest(setup: Setup) -> DriveFile:
-    """Return the drive from distances for the hand of the scene file, to choose a safe level."""
+    """Return the drive from distances for the hand of the scene file, to find a safe level."""
     scene = live_scene(setup)
     drive = focus_by_distance(scene.array, setup.target, scene.medium, scene.frequency)
     return DriveFile(

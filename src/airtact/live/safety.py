@@ -1,4 +1,4 @@
-"""Checks that decide on silence (hand lost, out of reach or through the array), and the fade."""
+"""Checks for silence (hand lost, out of reach or inside the array), and the fade."""
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -13,9 +13,9 @@ from airtact.transducers.placement import check_reach
 # Largest time without a good frame before the hand counts as lost [s].
 MAX_FRAME_AGE = 0.15
 
-# Duration of a fade from full amplitude to silence and back [s].
+# Duration of a fade from full amplitude to silence, or back [s].
 FADE = 0.085
-# With the time to notice that the hand is lost, silence comes within 0.1 s of the event.
+# Together, the sound is silent within 0.1 s of the last good frame.
 
 
 class Workspace:
@@ -27,7 +27,7 @@ class Workspace:
         self._radius = float(scene.array.element.reach)
 
     def fault(self, joints: Joints, foci: Foci) -> str | None:
-        """Return in a few words why a hand with these foci must not get sound, or None."""
+        """Return a short reason why a hand with these foci must not get sound, or None."""
         distances, _ = self._elements.query(foci)
         if float(distances.max()) > 0.6:  # farther from every element: the hand has left [m]
             return f"left the workspace: a focus is {distances.max():.2g} m from the array"
@@ -35,13 +35,13 @@ class Workspace:
             check_reach(self._scene.array, foci)
         except InvalidInput as fault:
             return f"left the workspace: {fault}"
-        # The skin of each bone is compared with the elements at 6 points along the bone.
+        # Compare the skin of each bone with the elements at 6 points along the bone.
         share = np.linspace(0.0, 1.0, 6)[:, None]
         starts, ends = np.array(BONES).T
         skin = radii_of(self._scene.radii, None, joints)
         radii = (1.0 - share) * skin[starts] + share * skin[ends]
         centres = (1.0 - share[..., None]) * joints[starts] + share[..., None] * joints[ends]
-        # The bound makes the search 30 times faster; beyond it there is room enough.
+        # The upper bound makes the search 30 times faster; larger distances are safe.
         bound = float(radii.max()) + self._radius
         distances, _ = self._elements.query(centres, distance_upper_bound=bound)
         room = float((distances - radii).min()) - self._radius
@@ -55,7 +55,7 @@ class Workspace:
 
 
 def hand_of(frame: HandFrame, scene: LiveScene) -> Hand | str:
-    """Return the hand of a frame, or in a few words why there is none."""
+    """Return the hand of a frame, or a short reason why there is none."""
     if frame.lost:
         return "lost"
     if frame.landmarks is None:
@@ -67,18 +67,18 @@ def hand_of(frame: HandFrame, scene: LiveScene) -> Hand | str:
 
 
 class Gain:
-    """Share of the amplitude that the loop sends; it rises and falls within ``FADE``."""
+    """Factor on the amplitude that the loop sends; it rises and falls within ``FADE``."""
 
     def __init__(self) -> None:
         self.share: float = 0.0
         self._then: float | None = None
 
     def advance(self, now: float, on: bool) -> float:
-        """Move on to a time [s], up or down, and return the share."""
+        """Advance to a time [s], up or down, and return the factor."""
         step = 0.0 if self._then is None else max(now - self._then, 0.0)
         self._then = now
         if on:
-            # After a stall the sound still rises in steps: at most 30 ms of the fade at once.
+            # After a stall the sound still rises gradually: at most 30 ms of the fade at once.
             self.share = min(self.share + min(step, 0.03) / FADE, 1.0)
         else:
             self.share = max(self.share - step / FADE, 0.0)

@@ -1,8 +1,8 @@
-"""The fixed part of a live scene, and a hand in a pose with the foci on it.
+"""The fixed part of a live scene, and a posed hand with the foci on it.
 
-The effect of a hand on the sound at a focus depends on the relative positions of the bones of all
-foci, and much less on the pose of the whole hand. ``gap_change`` measures the first difference
-between two poses, ``turn`` the second.
+The effect of a hand on the sound at a focus depends mainly on the relative positions of the bones
+that carry foci, and much less on the pose of the whole hand. ``gap_change`` compares the relative
+positions in two poses, ``turn`` the orientations of the hand.
 """
 
 from collections.abc import Sequence
@@ -39,7 +39,7 @@ class MovingFoci:
 
     Attributes
     ----------
-    places : (N, K) index of the place that each of K foci starts from, in each of N frames.
+    places : (N, K) index of the place from which each of K foci starts, in each of N frames.
     shifts : (N, K, 3) offset from that place, in the axes of its bone (``PosedHand.frames``) [m].
     rate : frames per second.
     words : short description.
@@ -55,16 +55,17 @@ class MovingFoci:
 
 @dataclass(frozen=True, eq=False)
 class WithImages:
-    """An array of E elements, with the images in a rigid plane of those that are not part of it.
+    """An array of E elements, and the images in a rigid plane of elements that are not part of it.
 
-    The hand scatters the sound of both. Multiple reflections between hand and plane are left out:
-    their phase turns with every millimetre of height, so no solution of another pose would apply.
+    The hand scatters the sound of both. Multiple reflections between hand and plane are ignored:
+    their phase changes with every millimetre of height, so solutions for other poses would be
+    useless.
 
     Attributes
     ----------
     array : R sources: the elements, then their images.
     imaged : (R - E,) element of each image.
-    strengths : (E,) 2 for elements that are part of the plane and so their own image, else 1.
+    strengths : (E,) 2 for elements in the plane, which are their own images, else 1.
     """
 
     array: PhasedArray
@@ -75,13 +76,13 @@ class WithImages:
 
     @classmethod
     def of(cls, array: PhasedArray, planes: Sequence[Plane]) -> "WithImages":
-        """Add the images in a plane; without planes there are none."""
+        """Add the images in a plane, if there is one."""
         imaged = np.zeros(0, dtype=np.int64)
         strengths = np.ones(len(array))
         for plane in planes:
             off = ~flush(plane, array)
             imaged = np.flatnonzero(off)
-            # The plane doubles a point in it; the sensitivity of a face is that in a board.
+            # The plane doubles a point source in it. A face's sensitivity already includes a board.
             strengths = np.where(off | array.element.directional, 1.0, 2.0)
             # Reflection of directions: n - 2 (n·p) p, with the plane's normal p.
             mirror = np.eye(3) - 2.0 * np.outer(plane.normal, plane.normal)
@@ -117,10 +118,10 @@ class LiveScene:
     Attributes
     ----------
     medium : medium of the sound.
-    frequency : of the sound [Hz].
-    array : transducers in the scene's frame, which is also the frame of the tracked hand.
-    side : of the hand that carries the foci.
-    radii : (25,) of the skin around each joint [m]; None for those of a generic hand.
+    frequency : frequency of the sound [Hz].
+    array : transducers in scene coordinates, which the tracked hand shares.
+    side : side of the hand that carries the foci.
+    radii : (25,) radius of the skin around each joint [m]; None for those of a generic hand.
     places : places of the hand, such as ``"thumb.pad"``, that carry the F foci.
     offsets : (F,) distances of the foci from the skin [m].
     method : name of the method that makes the drives.
@@ -155,14 +156,14 @@ class LiveScene:
 
 
 def live_scene(setup: Setup) -> LiveScene:
-    """Return the fixed part of a scene file whose hand is to be followed.
+    """Return the fixed part of a scene file with a hand to follow.
 
     Raises
     ------
     InvalidInput
-        The scene is not one sound-hard hand with all foci on its places; it asks for pressures,
-        phases or suppression; or the path of a moving focus leaves the skin, has more than 64
-        frames, or is run too fast for frames of whole periods of the sound.
+        If the scene is not one sound-hard hand with all foci on its places; if it requests
+        pressures, phases or suppression; or if the path of a moving focus leaves the skin, has more
+        than 64 frames, or is too fast for frames of whole periods of the sound.
     """
     name = _file_name(setup)
     check_no_boards(setup.scene, "live")
@@ -228,11 +229,11 @@ def _moving_foci(setup: Setup, motion: Motion, scene: LiveScene) -> MovingFoci:
         shifts = np.einsum("fnj,fij->nfi", paths - target.points[:, None], frames)
         places = np.tile(np.arange(foci), (len(shifts), 1))
         words = "each focus runs along a path"
-    # Boards play sequences of a few frames at least: a short path is repeated.
+    # Boards need sequences of a few frames at least, so short paths are repeated.
     repeat = -(-MIN_FRAMES // len(places))
     places = np.repeat(places, repeat, axis=0)
     shifts = np.repeat(shifts, repeat, axis=0)
-    if len(places) > 64:  # each frame is a drive, and each pose needs all of them
+    if len(places) > 64:  # every pose needs a drive for each frame
         raise InvalidInput(
             f"{_file_name(setup)}: live makes at most 64 frames of a path for each pose, not "
             f"{len(places)}: give frames = {DEFAULT_FRAMES}.",
@@ -246,7 +247,7 @@ def _moving_foci(setup: Setup, motion: Motion, scene: LiveScene) -> MovingFoci:
             f"{setup.frequency / len(places):.4g} Hz or less.",
             code="out_of_range",
         )
-    # Frames last whole periods of the sound, so that boards can play them at their own clock.
+    # Frames last whole periods of the sound, so that boards can play them by their own clock.
     rate = setup.frequency / round(setup.frequency / (rounds * len(places)))
     words = f"{words} {rate / len(places):.3g} times a second"
     return MovingFoci(places, fixed(shifts), rate, words)
@@ -255,7 +256,7 @@ def _moving_foci(setup: Setup, motion: Motion, scene: LiveScene) -> MovingFoci:
 def hand_in(scene: LiveScene, landmarks: Float64[np.ndarray, "landmarks 3"]) -> Hand:
     """Return the hand with these landmarks, or joints (25, 3) [m]; raises as ``hand_from_joints``.
 
-    The side is not checked again: it was checked with the frame.
+    The side is not checked again, because it was checked with the frame.
     """
     joints = joints_of(landmarks)
     check_finger_order(joints)
@@ -278,10 +279,10 @@ class PosedHand:
 
     Attributes
     ----------
-    hand : in the scene's frame.
+    hand : the hand, in scene coordinates.
     foci : (F, 3) [m].
     frames : (F, 3, 3) axes of the bone of each focus, one per row.
-    distances : (K,) between all pairs of the foci and the ends of their bones [m].
+    distances : (K,) distances between all pairs of the foci and the ends of their bones [m].
     directions : (F, S, 3) unit vectors from each focus to elements spread over the array, in the
         axes of its bone.
     """
@@ -296,7 +297,7 @@ class PosedHand:
 
 
 def bone_of(place: str) -> tuple[int, int]:
-    """Return the joints at both ends of the bone that carries a place.
+    """Return the indices of the joints at both ends of the bone that carries a place.
 
     >>> bone_of("index.pad")
     (8, 9)
@@ -312,16 +313,16 @@ def pose_hand(scene: LiveScene, joints: Joints, offset: float | None = None) -> 
     Parameters
     ----------
     scene : its places, offsets, radii and array are used.
-    joints : (25, 3) in the scene's frame [m].
+    joints : (25, 3) joints in scene coordinates [m].
     offset : replaces the scene's offsets of the foci from the skin [m].
 
     Raises
     ------
     InvalidInput
-        As ``hand_from_joints``, or a place is unknown; the side is not checked.
+        As ``hand_from_joints``, or if a place is unknown; the side is not checked.
     """
     hand = hand_in(scene, joints)
-    # The directions of 12 elements, spread over the array, show how far a hand has turned.
+    # The directions of 12 elements, spread over the array, show the orientation of a hand.
     elements = scene.array.positions[:: max(1, len(scene.array) // 12)]
     foci = foci_on(hand, scene, offset)
     frames = []

@@ -1,4 +1,4 @@
-"""The session of a run, ``session.h5``: written while the loop runs and read afterwards."""
+"""The session file of a run, ``session.h5``: written while the loop runs and read afterwards."""
 
 import pickle
 import struct
@@ -28,7 +28,7 @@ from airtact.transducers.element import Element
 from airtact.transducers.layout import PhasedArray
 from airtact.transducers.modulation import AmplitudeModulation
 
-# Name of the file in the folder of a session.
+# File name in the folder of a session.
 FILE = "session.h5"
 
 # The file stores rules and states by their index.
@@ -44,16 +44,16 @@ class Session:
     ----------
     scene : the fixed part of the scene.
     text : the scene file.
-    amplitudes : (N, E) of N drives, share of full scale.
-    time_in_air : (N,) time at which each reached the link, on the clock of the frames [s].
-    drive_frame_time : (N,) time in the newest frame that each used [s].
+    amplitudes : (N, E) amplitudes of N drives, as shares of full scale.
+    time_in_air : (N,) time at which each drive reached the link, on the clock of the frames [s].
+    drive_frame_time : (N,) timestamp of the newest frame that each drive used [s].
     rules, states : (N,) basis of each drive, and state of the loop.
-    kept : (N,) expected share of the attainable pressure; NaN where it is not known.
-    shape_age : (N,) age of the solution that each was made from [s]; NaN without.
-    foci : (N, F, 3) as predicted [m]; NaN where the hand was lost.
-    joints : (N, 25, 3) of the hand as predicted [m]; NaN where it was lost.
-    frame_time : (M,) of the tracker's frames [s].
-    landmarks : (M, 25, 3) in the scene's frame [m]; NaN where the hand was lost.
+    kept : (N,) expected share of the attainable pressure; NaN if unknown.
+    shape_age : (N,) age of the solution used by each drive [s]; NaN without a solution.
+    foci : (N, F, 3) predicted foci [m]; NaN if the hand was lost.
+    joints : (N, 25, 3) predicted joints of the hand [m]; NaN if it was lost.
+    frame_time : (M,) timestamps of the tracker's frames [s].
+    landmarks : (M, 25, 3) landmarks in scene coordinates [m]; NaN if the hand was lost.
     """
 
     scene: LiveScene
@@ -74,26 +74,26 @@ class Session:
 
     @property
     def playing(self) -> Bool[np.ndarray, "drives"]:
-        """Drives that are neither silent nor fading, (N,)."""
+        """Mask (N,) of the drives that are neither silent nor fading."""
         return (np.array(self.states) == "playing") & self.amplitudes.any(axis=1)
 
 
 class SessionWriter:
     """Writes a session while it runs; ``frame`` and ``drive`` return at once.
 
-    A process of its own appends the rows, so that neither a slow disk delays the loop nor a killed
-    loop damages the file.
+    A separate process appends the rows, so that a slow disk does not delay the loop and a killed
+    loop does not damage the file.
 
     Parameters
     ----------
-    path : file to write; it is replaced.
+    path : file to write; an existing one is replaced.
     scene : the fixed part of the scene.
     text : the scene file's text.
 
     Raises
     ------
     OSError
-        When the file cannot be written.
+        If the file cannot be written.
     """
 
     def __init__(self, path: Path, scene: LiveScene, text: str = "") -> None:
@@ -117,12 +117,12 @@ class SessionWriter:
         self._thread.start()
 
     def frame(self, frame: HandFrame) -> None:
-        """Take a frame of the hand, in the scene's frame."""
+        """Record a frame of the hand, in scene coordinates."""
         landmarks = None if frame.landmarks is None else joints_of(frame.landmarks)
         self._take("frames", {"time": frame.time, "landmarks": landmarks})
 
     def drive(self, moment: Moment, time_in_air: float) -> None:
-        """Take a drive that reached the link at a time of the frames' clock [s]."""
+        """Record a drive that reached the link at a time of the frames' clock [s]."""
         self._take(
             "drives",
             {
@@ -144,7 +144,7 @@ class SessionWriter:
         Raises
         ------
         OSError
-            When not all could be written, such as on a full disk.
+            If rows could not be written, for example on a full disk.
         """
         self._done.set()
         self._thread.join()
@@ -160,7 +160,7 @@ class SessionWriter:
             self._rows.append((group, row))
 
     def _send(self, header: dict[str, Any]) -> None:
-        """Send the rows to the writer, in a thread: a full pipe must not hold up the loop."""
+        """Send the rows to the writer in a thread, so that a full pipe does not delay the loop."""
         pipe = self._process.stdin
         assert pipe is not None
 
@@ -229,7 +229,7 @@ def _header(scene: LiveScene, text: str) -> dict[str, Any]:
         "array/gains": np.asarray(array.gains),
         "array/face_points": np.asarray(element.points),
         "array/face_weights": np.asarray(element.weights),
-        # A session without frames or drives also has these columns.
+        # A session without frames or drives has these columns, too.
         "+frames/time": np.zeros(0),
         "+frames/landmarks": np.zeros((0, 25, 3)),
         "+drives/amplitudes": np.zeros((0, len(array)), dtype=np.complex64),
@@ -242,7 +242,7 @@ def _header(scene: LiveScene, text: str) -> dict[str, Any]:
 
 
 def read_session(path: str | Path) -> Session:
-    """Read a session, including one whose loop was killed.
+    """Read a session, even if its loop was killed.
 
     Parameters
     ----------
@@ -251,7 +251,7 @@ def read_session(path: str | Path) -> Session:
     Raises
     ------
     InvalidInput
-        The file cannot be read, is no session, or is of a newer version; the message begins with
+        If the file cannot be read, is no session, or has a newer version; the message begins with
         its name.
     """
     with _opened(path) as file:
@@ -286,7 +286,7 @@ def read_session(path: str | Path) -> Session:
 
 
 def recording_of(path: str | Path) -> Recording:
-    """Read the frames of a session as a recording, in the scene's frame.
+    """Read the frames of a session as a recording, in scene coordinates.
 
     Parameters
     ----------
@@ -295,7 +295,7 @@ def recording_of(path: str | Path) -> Recording:
     Raises
     ------
     InvalidInput
-        As ``read_session``, or the session has no frame.
+        As ``read_session``, or if the session has no frame.
     """
     session = read_session(path)
     if not len(session.frame_time):
@@ -313,7 +313,7 @@ def recording_of(path: str | Path) -> Recording:
 
 @contextmanager
 def _opened(path: str | Path) -> Iterator[Any]:
-    """Open a session file, or the one in a folder, and translate its faults."""
+    """Open a session file, or the one in a folder, and convert errors to ``InvalidInput``."""
     import h5py
 
     path = Path(path)

@@ -1,4 +1,4 @@
-"""Sources of hands (a recording, trackers by socket, the page), and the tracker's clock."""
+"""Sources of frames (a recording, trackers by socket, the page), and the tracker's clock."""
 
 import time
 from collections import deque
@@ -16,10 +16,10 @@ from airtact.hands.tracking.receivers import OscReceiver, WebSocketReceiver
 from airtact.hands.tracking.recordings import Recording
 from airtact.hands.tracking.stream import HandStream
 
-# Largest time from a tracker's picture to the arrival of its frame [s].
+# Largest time from a tracker's camera image to the arrival of its frame [s].
 MAX_LATENCY = 0.5
 
-# Clocks of trackers may run faster or slower than ours by this share.
+# Largest relative drift of a tracker's clock.
 DRIFT = 1e-3
 
 # Takes a frame and the time of its arrival, by ``time.monotonic`` [s].
@@ -27,19 +27,19 @@ OnFrame = Callable[[HandFrame, float], None]
 
 
 class HandSource:
-    """Source of frames of a hand, in the scene's frame, from ``begin`` to ``close``.
+    """Source of frames of a hand, in scene coordinates, from ``begin`` to ``close``.
 
-    Other code may feed ``stream``, such as the page for a hand that is dragged there.
+    Other code may feed ``stream``; the page does so for a hand that is dragged there.
 
     Parameters
     ----------
-    words : origin of the frames, in a few words.
-    tracker : pose of the tracker, from its frame to the scene's.
-    every : whether to use frames that newer ones overtook, as for a recording.
+    words : short description of the source.
+    tracker : pose of the tracker in the scene.
+    every : whether to use frames overtaken by newer ones, as for a recording.
 
     Attributes
     ----------
-    stream : of the frames.
+    stream : stream of the frames.
     ended : whether no more frames will come.
     """
 
@@ -53,7 +53,7 @@ class HandSource:
         self._lock = Lock()
 
     def begin(self, on_frame: OnFrame) -> HandStream:
-        """Call ``on_frame`` with the frames that came so far and with every one that is used."""
+        """Call ``on_frame`` with the frames received so far and with every later one."""
         with self._lock:
             self._on_frame = on_frame
             while self._early:
@@ -61,7 +61,7 @@ class HandSource:
         return self.stream
 
     def close(self) -> None:
-        """End what runs."""
+        """Stop the source."""
 
     def _arrived(self, frame: HandFrame) -> None:
         now = time.monotonic()
@@ -73,7 +73,7 @@ class HandSource:
 
 
 class _MovedStream(HandStream):
-    """A stream whose frames are moved from the tracker's frame to the scene's."""
+    """A stream that transforms frames from tracker to scene coordinates."""
 
     def __init__(
         self, pose: Pose | None, on_frame: Callable[[HandFrame], None], every: bool
@@ -92,13 +92,13 @@ class RecordedHands(HandSource):
 
     Parameters
     ----------
-    recording : as ``load_recording`` returns it.
-    loop : whether it restarts at its end, with times that go on.
+    recording : recording, as returned by ``load_recording``.
+    loop : whether it restarts at its end, with continuing times.
 
     Raises
     ------
     InvalidInput
-        If a recording of a single frame is to be played in a loop.
+        If a recording of a single frame should be played in a loop.
     """
 
     def __init__(self, recording: Recording, loop: bool = False) -> None:
@@ -138,7 +138,8 @@ class RecordedHands(HandSource):
         """Yield the frames repeatedly, with times and sequence numbers that continue."""
         frames = self.frames
         times = np.array([frame.time for frame in frames])
-        # The first frame of a round follows the last one of the previous at the usual interval.
+        # The first frame of a round follows the last one of the previous round at the usual
+        # interval.
         duration = times[-1] - times[0] + float(np.median(np.diff(times)))
         count = frames[-1].sequence - min(frame.sequence for frame in frames) + 1
         rounds = 0
@@ -153,19 +154,19 @@ class RecordedHands(HandSource):
 
 
 class ReceivedHands(HandSource):
-    """Source that receives frames from trackers, at a socket that opens at once.
+    """Source that receives frames from trackers at a socket, which it opens at once.
 
     Parameters
     ----------
     kind : "websocket" or "osc".
     port : port to listen at; 0 takes a free one.
-    tracker : pose of the tracker, from its frame to the scene's.
-    every : whether to use frames that newer ones overtook, as for a recording.
+    tracker : pose of the tracker in the scene.
+    every : whether to use frames overtaken by newer ones, as for a recording.
 
     Raises
     ------
     InvalidInput
-        The port is taken, or the extra is not installed.
+        If the port is taken or the extra is not installed.
     """
 
     def __init__(
@@ -203,7 +204,7 @@ def moved_to(recording: Recording, hand: Hand) -> Recording:
 
 
 def checked_seconds(seconds: float | None) -> float:
-    """Return a duration [s], infinity for None; raise as ``positive``."""
+    """Return the duration [s], or infinity for None; raise as ``positive``."""
     return np.inf if seconds is None else positive(seconds, "the duration", "s")
 
 
@@ -218,19 +219,19 @@ class FrameClock:
     """Estimates the tracker's clock from the times and arrivals of its frames.
 
     A tracker that uses a clock of this computer is recognised by its first frame. For any other
-    clock the offset is the smallest seen between a frame's time and its arrival, less ``latency``;
-    the tracker's clock may drift by 0.1 %.
+    clock, the offset is the smallest difference so far between arrival and time of a frame, minus
+    ``latency``. The tracker's clock may drift by 0.1 %.
 
     Parameters
     ----------
-    latency : least time from the picture to the frame's arrival, for trackers with their own clock
-        [s].
+    latency : shortest time from the camera image to the frame's arrival, for trackers with their
+        own clock [s].
     now : the computer's clock [s].
 
     Raises
     ------
     InvalidInput
-        When the latency is not from 0 to 0.5 s.
+        If the latency is not from 0 to 0.5 s.
     """
 
     def __init__(self, latency: float = 0.0, now: Callable[[], float] = time.monotonic) -> None:
@@ -240,12 +241,12 @@ class FrameClock:
         self._shared: Callable[[], float] | None = None
 
     def saw(self, taken: float, arrived: float) -> None:
-        """Take a frame's time on its own clock and that of its arrival on the computer's [s]."""
+        """Take a frame's time on its own clock and its arrival time on the computer's [s]."""
         if self._offset is None:
             for clock in (time.monotonic, time.time):
                 if self._shared is None and 0.0 <= clock() - taken <= MAX_LATENCY:
                     self._shared = clock
-        # The match was a coincidence, or the clock was reset, if the times part later.
+        # If the times diverge later, the match was a coincidence or the clock was reset.
         if self._shared is not None:
             late = self._shared() - taken
             if not -MAX_LATENCY <= late <= 4.0 * MAX_LATENCY:
@@ -254,7 +255,7 @@ class FrameClock:
         if self._offset is not None:
             smallest, then = self._offset
             drifted = smallest + DRIFT * (arrived - then)
-            # A much larger offset is a clock that restarted: the old smallest one is forgotten.
+            # A much larger offset means that the clock restarted: discard the old smallest one.
             if offset <= drifted + MAX_LATENCY:
                 offset = min(offset, drifted)
         self._offset = (offset, arrived)

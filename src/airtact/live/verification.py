@@ -1,4 +1,4 @@
-"""Verify a session: compare its drives with the best ones for the hand that was there."""
+"""Verification of a session: compare its drives with the best ones for the recorded hand."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,16 +21,16 @@ from airtact.timing import Progress, no_progress
 
 @dataclass(frozen=True, eq=False)
 class VerifiedSession:
-    """Pressures that chosen drives of a session gave the hand.
+    """Pressures on the hand from selected drives of a session.
 
     Attributes
     ----------
-    indices : (V,) of the drives.
-    times : (V,) at which they were in the air, on the clock of the frames [s].
-    pressures : (V, F) at the foci [Pa].
-    kept : (V,) pressure at the weakest focus relative to that of the drive made for the hand of
+    indices : (V,) indices of the drives.
+    times : (V,) times in the air, on the clock of the frames [s].
+    pressures : (V, F) pressures at the foci [Pa].
+    kept : (V,) pressure at the weakest focus, divided by that of the drive made for the hand at
         that time, at equal energy.
-    expected : (V,) the share that was expected when the drive was made; NaN where it was not known.
+    expected : (V,) share expected when the drive was made; NaN if unknown.
     rules : (V,) basis of the drives.
     """
 
@@ -60,7 +60,7 @@ def hand_at(session: Session, time: float) -> Joints:
     Raises
     ------
     InvalidInput
-        If no frame with a hand came before, or none after.
+        If there is no frame with a hand before or after that time.
     """
     seen = np.isfinite(session.landmarks[:, 0, 0])
     times = session.frame_time[seen]
@@ -87,17 +87,17 @@ def verify_session(
 
     Parameters
     ----------
-    session : as ``read_session`` returns it.
-    every : one in this many of the drives that play is verified.
+    session : session, as returned by ``read_session``.
+    every : every n-th drive with sound is verified.
     accuracy : relative error of the solutions.
-    truth : gives the joints (25, 3) [m] at a time of the frames' clock [s], where they are known
-        better than from the frames, which contain the tracker's noise and are interpolated.
+    truth : returns the joints (25, 3) [m] at a time of the frames' clock [s]; by default they are
+        interpolated between frames, which contain the tracker's noise.
     report_step : called with each drive.
 
     Raises
     ------
     InvalidInput
-        If no chosen drive has a hand at its time.
+        If there is no hand at the times of the selected drives.
     """
     scene = session.scene
     solver = BoundaryElement(accuracy=accuracy)
@@ -122,7 +122,7 @@ def verify_session(
         amplitudes = session.amplitudes[index]
         received = np.abs(transfer.matrix @ amplitudes)
         ideal = best(transfer, target)
-        # Equal energy: each weakest pressure is divided by the norm of its drive.
+        # For equal energy, divide each weakest pressure by the norm of its drive.
         share = float(received.min()) / float(np.linalg.norm(amplitudes))
         attainable = np.abs(transfer.pressure(ideal)).min() / np.linalg.norm(ideal.amplitudes)
         indices.append(index)

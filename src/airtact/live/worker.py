@@ -1,4 +1,4 @@
-"""Processes beside the loop, which work on the newest message and send messages back."""
+"""Worker processes of the loop, which process the newest message and send messages back."""
 
 import os
 import pickle
@@ -12,11 +12,11 @@ from typing import IO, Any, cast
 
 
 class Mailbox:
-    """Holder of the newest message, which replaces the one before.
+    """Holder of the newest message, which replaces the previous one.
 
     Attributes
     ----------
-    newest : the message, or None.
+    newest : newest message, or None.
     ended : whether no more messages come.
     """
 
@@ -34,7 +34,7 @@ class Mailbox:
             self._changed.notify_all()
 
     def end(self) -> None:
-        """Announce that no more messages come."""
+        """Signal that no more messages come."""
         with self._changed:
             self.ended = True
             self._changed.notify_all()
@@ -59,16 +59,16 @@ class Mailbox:
 
 
 class Worker:
-    """A process with one thread for linear algebra; no call waits for it.
+    """A process with one thread for linear algebra; its methods do not block.
 
-    It ends when it is closed and when this process is gone.
+    It ends when it is closed or when this process ends.
 
     Parameters
     ----------
-    work : runs in the process; a function of a module. Its arguments are a mailbox with what is
-        ``put``, a function that sends a message back from any thread, and ``arguments``.
-    arguments : can be pickled.
-    receive : called, by a thread of this class, with each message that comes back, and with None
+    work : module-level function that runs in the process. Its arguments are a mailbox with the
+        newest message, a function that sends a message back from any thread, and ``arguments``.
+    arguments : further arguments, which can be pickled.
+    receive : called, in a thread of this class, with each message that comes back, and with None
         when the process has ended.
     pause : shortest time between two messages to the process [s].
     """
@@ -86,7 +86,7 @@ class Worker:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env={**os.environ, **one_thread},
-            start_new_session=True,  # Ctrl-C reaches the loop alone, which ends this process
+            start_new_session=True,  # Ctrl-C reaches only the loop, which ends this process
         )
         self._receive = receive
         self._pause = pause
@@ -99,7 +99,7 @@ class Worker:
             thread.start()
 
     def put(self, message: object) -> None:
-        """Hand over the newest message."""
+        """Send the newest message to the process."""
         self._mailbox.put(message)
 
     def close(self) -> None:
@@ -134,7 +134,7 @@ def _dump(message: object, pipe: IO[bytes]) -> None:
 def main() -> None:
     """Do the work in the first message from the input, until the input ends."""
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
-    # Output of libraries must not come among the messages.
+    # Output of libraries must not mix with the messages.
     with open(os.devnull, "wb") as nothing:
         os.dup2(nothing.fileno(), sys.stdout.fileno())
     work, arguments = pickle.load(sys.stdin.buffer)
@@ -154,5 +154,5 @@ def main() -> None:
     Thread(target=listen, daemon=True).start()
     with suppress(BrokenPipeError):
         work(mailbox, send, *arguments)
-    # At once: an interpreter that ends while another thread reads, or is in a kernel, is aborted.
+    # Exit at once: a normal exit aborts if another thread is reading or runs compiled code.
     os._exit(0)

@@ -1,13 +1,12 @@
-"""Solutions of a whole hand on panels that bend with it, carried to the present pose.
+"""Solutions of a whole hand on panels that bend with it, adapted to the present pose.
 
 A whole hand takes about 0.2 s to solve. Its factors (see ``factors``) are outdated after 20 ms,
 because the phase of the sound that a neighbouring finger scatters changes with every millimetre.
 The strengths of the sources on the skin, relative to the direct sound of the beacon, hardly change:
 they are smooth functions of the position on each bone. The sources are therefore moved with their
-bones, their phases follow the paths from the focus, and they radiate from their present positions.
+bones, their phases are updated for the new paths from the focus, and their field is evaluated anew.
 This takes 20 ms and makes a solution of 0.1 s ago about right. Until the next such step, the
-sources of each bone are combined, and the phase of their sound follows the path through their
-centre.
+sources of each bone are combined, and their phase is updated for the path through their centre.
 """
 
 from collections.abc import Sequence
@@ -36,12 +35,12 @@ from airtact.live.drives.factors import ACCURACY, Factors, HandFactors, part_of
 from airtact.live.drives.moving import phasors
 from airtact.live.scene import Foci, Joints, LiveScene, PosedHand, gap_change, pose_hand
 
-# Share of the elements that a panel must face. Leaving out the others halves the unknowns and costs
-# 0.01 of the pressure.
+# Share of the elements that a panel must face. Leaving out all other panels halves the unknowns and
+# costs 1 % of the pressure.
 MIN_SEEN = 0.5
 
 Points = Float64[np.ndarray, "points 3"]
-# How much each bone moves each point.
+# Weight of each bone in the motion of each point.
 Weights = Float64[np.ndarray, "points hulls"]
 
 
@@ -55,7 +54,7 @@ class Bones:
     def motions_to(
         self, now: "Bones"
     ) -> tuple[Float64[np.ndarray, "hulls 3 3"], Float64[np.ndarray, "hulls 3"]]:
-        """Return the rotation (from the right) and the shift of each bone to where it is now."""
+        """Return each bone's rotation (applied from the right) and shift to its new position."""
         turns = np.einsum("hij,hik->hjk", self.axes, now.axes)
         return turns, now.starts - np.einsum("hj,hjk->hk", self.starts, turns)
 
@@ -108,7 +107,7 @@ class ElementSubset:
         while len(chosen) < count:
             chosen.append(int(away.argmax()))
             away = np.minimum(away, np.linalg.norm(positions - positions[chosen[-1]], axis=1))
-        # Each value is found from the 8 nearest chosen elements.
+        # Each value is interpolated between the 8 nearest chosen elements.
         interpolate = RBFInterpolator(
             positions[chosen], np.eye(count), min(8, count), kernel="linear", degree=0
         )
@@ -130,10 +129,10 @@ class SkinSources:
 
     Attributes
     ----------
-    time : that the pose was predicted for, on the tracker's clock [s].
+    time : time of the predicted pose, on the tracker's clock [s].
     posed, bones : the pose.
-    points : (N, 3) of the sources [m].
-    weights : (N, H) how much each bone moves them.
+    points : (N, 3) positions of the sources [m].
+    weights : (N, H) weight of each bone in their motion.
     strengths : (N, F) [Pa·m].
     straight : (F,) strengths of the beacons; 2 for a beacon on the skin.
     """
@@ -151,20 +150,21 @@ class SkinSources:
     ) -> "CarriedFactors":
         """Carry the sources to another pose, at a time [s].
 
-        The sound that each bone scatters is evaluated at a subset of the elements only.
+        The sound scattered by each bone is evaluated at a subset of the elements only.
         """
         wavenumber = scene.wavenumber
         bones = bones_of(posed.hand)
         points = _moved(self.points, self.weights, self.bones, bones)
         elements = scene.with_images.array.positions[subset.chosen]
         detour = _distances(points, posed.foci) - _distances(self.points, self.posed.foci)
-        # The strength follows the path from the focus to the source, the wave that from there on.
+        # The strength has the phase of the path from the focus to the source, the wave that of the
+        # path from the source to the element.
         strengths = self.strengths * phasors(wavenumber.real * detour)
         beacons = np.eye(len(posed.foci), dtype=np.complex128)
         straight = monopole_pressure(elements, posed.foci, beacons, wavenumber, "float32")
         waves = np.zeros((len(PARTS), *straight.T.shape), dtype=np.complex64)
         centres = np.zeros((len(PARTS), len(posed.foci), 3))
-        # Sorted by bone, the sources of each are a slice.
+        # Once sorted by bone, the sources of a bone are a slice.
         owner = self.weights.argmax(axis=1)
         order = np.argsort(owner, kind="stable")
         points = points[order]
@@ -179,11 +179,11 @@ class SkinSources:
                 elements, points[of_bone], strengths[of_bone], wavenumber, "float32"
             )
             waves[part] = (scattered / straight).T
-        # Without the phase of the path through the centre the waves vary slowly over the array.
+        # Without the phase of the path through the centre, the waves vary slowly across the array.
         waves *= phasors(-wavenumber.real * detours(centres, posed.foci, elements))
         waves = subset.interpolated(waves)
-        # Share that is lost when carried far, fitted to 32 pairs of poses of an open hand whose
-        # fingers wave, with foci at its palm and all fingertips: at most 0.17, over 5 mm of change.
+        # Share of pressure lost by carrying a solution far: at most 0.17, at a change of 5 mm.
+        # Fitted to 32 pairs of poses of an open, waving hand with foci at palm and all fingertips.
         change = float(gap_change(self.posed.distances, posed.distances))
         return CarriedFactors(
             part="carried",
@@ -202,15 +202,15 @@ class SkinSources:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CarriedFactors(HandFactors):
-    """Factors, split by the bone that scatters the sound.
+    """Factors of a hand, split by the bone that scatters the sound.
 
     Attributes
     ----------
-    straight : (F,) the part of ``factors`` that comes directly from the focus.
-    bones : of the pose.
+    straight : (F,) direct part of ``factors``, without scattering.
+    bones : bones of the pose.
     centres : (H, F, 3) centre of the sources of each bone for each focus [m].
-    waves : (H, F, R) the part of ``factors`` that each bone scatters, without the phase of the
-        detour through the centre of its sources.
+    waves : (H, F, R) part of ``factors`` scattered by each bone, without the phase of the detour
+        through the centre of its sources.
     """
 
     straight: Float64[np.ndarray, "foci"]
@@ -235,7 +235,7 @@ def _detoured(
     straight: Float64[np.ndarray, "foci"],
     waves: Complex64[np.ndarray, "hulls foci sources"],
 ) -> Factors:
-    """Add up the sound that comes straight and that by way of each bone, with their centres [m]."""
+    """Add the direct sound and the sound scattered by each bone, given the bones' centres [m]."""
     elements = scene.with_images.array.positions
     wavenumber = scene.wavenumber.real
     return _kernels.detoured_waves(centres, foci, elements, straight, waves, wavenumber)
@@ -255,7 +255,7 @@ def detours(
 def _distances(
     points: Float[np.ndarray, "points 3"], targets: Float[np.ndarray, "targets 3"]
 ) -> Float[np.ndarray, "points targets"]:
-    # |p - q|² = p² - 2 p·q + q², in place: no array of all differences is made.
+    # |p - q|² = p² - 2 p·q + q², computed in place to avoid an array of all differences.
     squares = points @ (-2.0 * targets.T)
     squares += np.einsum("pd,pd->p", points, points)[:, None] + np.einsum(
         "qd,qd->q", targets, targets
@@ -268,10 +268,10 @@ class BendingPanels:
 
     Parameters
     ----------
-    scene : of the live loop.
-    posed : the hand in the pose.
+    scene : scene of the live loop.
+    posed : the hand in the pose of the mesh.
     accuracy : relative error of the solutions.
-    min_seen : share of the elements that a panel must face; 0 keeps all.
+    min_seen : share of the elements that a panel must face; 0 keeps all panels.
 
     Raises
     ------
@@ -297,7 +297,7 @@ class BendingPanels:
         corners = self._panels.corners.reshape(-1, 3)
         self._corner_weights = hull_weights(hand.shape.hulls, corners)
         self._inside_weights = hull_weights(hand.shape.hulls, self._panels.inside)
-        # Six sources on each panel move as its corners do on average; then come the inner ones.
+        # The six sources on a panel move like the mean of its corners. The inner ones come last.
         panel_weights = self._corner_weights.reshape(-1, 6, len(PARTS)).mean(axis=1)
         self._source_weights = np.concatenate(
             [np.repeat(panel_weights, 6, axis=0), self._inside_weights]
@@ -307,7 +307,7 @@ class BendingPanels:
     def solved(self, posed: PosedHand, time: float) -> SkinSources:
         """Solve another pose, at a time [s]; raises ``NotConverged``."""
         bones, corners, inside = self._bent(posed)
-        # Below a relative residual of 0.2 the panels are the larger error.
+        # Below a relative residual of 0.2, the error of the panels dominates.
         solution = self._panels.radiated(corners, inside, Target(posed.foci).beacons(), 0.2)
         return SkinSources(
             time=time,
@@ -320,7 +320,7 @@ class BendingPanels:
         )
 
     def received(self, posed: PosedHand, sources: Monopoles, residual: float) -> DirectSolution:
-        """Solve another pose for sources away from it, on all panels; raises as ``solved``."""
+        """Solve another pose for sources off the skin, on all panels; raises as ``solved``."""
         _, corners, inside = self._bent(posed)
         return self._panels.received(corners, inside, sources, residual)
 
@@ -331,7 +331,7 @@ class BendingPanels:
         )
         skin = posed.hand.shape.hulls.look(corners)
         lifted = skin.distance - self._heights
-        # Corners that bent off the skin by up to 2 mm are put back onto it.
+        # Bending moves corners up to 2 mm off the skin: project them back onto it.
         lifted = np.where(np.abs(lifted) < 2e-3, lifted, 0.0)
         corners -= lifted[:, None] * skin.gradient
         inside = _moved(self._panels.inside, self._inside_weights, self._bones, bones)
@@ -339,14 +339,14 @@ class BendingPanels:
 
 
 class BendingHand:
-    """Solver of a whole hand in successive poses, which carries the solutions to other poses.
+    """Solver of a whole hand in successive poses, which adapts the solutions to other poses.
 
     ``solved`` and ``carried`` may run in two threads.
 
     Parameters
     ----------
-    scene : of the live loop.
-    accuracy, min_seen : of the panels, see ``BendingPanels``.
+    scene : scene of the live loop.
+    accuracy, min_seen : as for ``BendingPanels``.
     """
 
     def __init__(
@@ -355,7 +355,7 @@ class BendingHand:
         self._scene = scene
         self._accuracy = accuracy
         self._min_seen = min_seen
-        # A quarter of the elements: interpolation between them is 3 to 4 % off.
+        # A quarter of the elements: interpolation between them has an error of 3 to 4 %.
         elements = scene.with_images.array.positions
         self._subset = ElementSubset.of(elements, -(-len(elements) // 4))
         self._panels: list[BendingPanels] = []
@@ -367,21 +367,21 @@ class BendingHand:
         return self._panels_for(posed).solved(posed, time)
 
     def received(self, joints: Joints, sources: Monopoles, residual: float) -> DirectSolution:
-        """Solve a pose for sources away from it, to a relative residual; raises as ``solved``."""
+        """Solve a pose for sources off the skin, to a relative residual; raises as ``solved``."""
         posed = pose_hand(self._scene, joints)
         return self._panels_for(posed).received(posed, sources, residual)
 
     def _panels_for(self, posed: PosedHand) -> BendingPanels:
         changes = [gap_change(panels.posed.distances, posed.distances) for panels in self._panels]
-        if not changes or min(changes) > 5e-3:  # too far to bend: the panels would be distorted [m]
+        if not changes or min(changes) > 5e-3:  # [m]; bending further would distort the panels
             made = BendingPanels(self._scene, posed, self._accuracy, self._min_seen)
             self._panels = [*self._panels[-5:], made]
             return made
         return self._panels[int(np.argmin(changes))]
 
     def keep(self, solution: SkinSources) -> None:
-        """Let a solution be carried from now on; the newest 60 are kept."""
-        # A new list, as another thread reads the old one.
+        """Store a solution for ``carried``; the newest 60 are kept."""
+        # Make a new list, because another thread reads the old one.
         self._solutions = [*self._solutions[-59:], solution]
 
     def carried(self, joints: Joints, time: float) -> CarriedFactors | None:

@@ -1,7 +1,7 @@
-"""Effect of a hand on the sound of each element at each focus: a factor on the open-air pressure.
+"""Effect of a hand on the pressure from each element at each focus, relative to open air.
 
-The factors are solved for one pose of a hand. They change slowly as the hand moves on, unlike the
-pressure itself, whose phase turns with every millimetre of path. The transfer matrix of a nearby
+The factors are solved for one pose of a hand. They change slowly as the hand moves, unlike the
+pressure itself, whose phase changes with every millimetre of path. The transfer matrix of a nearby
 pose is therefore the product of the factors and the open-air matrix of that pose, which has a
 closed form.
 """
@@ -36,7 +36,7 @@ from airtact.live.scene import (
     pose_hand,
 )
 
-# Relative error of the solutions; a smaller one improves the pressure by less than 0.01.
+# Relative error of the solutions; a smaller one improves the pressure by less than 1 %.
 ACCURACY = 0.06
 
 Factors = Complex64[np.ndarray, "foci sources"]
@@ -44,15 +44,15 @@ Factors = Complex64[np.ndarray, "foci sources"]
 
 @dataclass(frozen=True, eq=False)
 class HandFactors:
-    """A solution for a part of a hand in one pose.
+    """Solution for a part of a hand in one pose.
 
     Attributes
     ----------
     part : part of the hand that was solved.
-    time : that the pose was predicted for, on the tracker's clock [s].
-    foci, distances, directions : of the pose, see ``PosedHand``.
-    factors : (P, R) on the open-air pressure of each source at each point of ``beacon_points``.
-    share : fraction of a fresh solution's pressure that remains after it was carried from another
+    time : time of the predicted pose, on the tracker's clock [s].
+    foci, distances, directions : the pose, as in ``PosedHand``.
+    factors : (P, R) factors on the open-air pressure of each source at each of ``beacon_points``.
+    share : fraction of a fresh solution's pressure that remains after carrying it from another
         pose.
     """
 
@@ -98,16 +98,14 @@ def part_of(hand: Hand, part: str, places: Sequence[str], edge: float = 10e-3) -
 
 
 def rigid_part(hand: Hand, place: str) -> Surface:
-    """Return the surface of the last phalanx, or the palm, as a body by itself."""
+    """Return the surface of the last phalanx, or of the palm, as a separate closed body."""
     hulls = _selected(hand.shape.hulls, hulls_of("phalanges", [place]))
-    # Only the balls of these hulls are kept. Hulls of two balls have -1 in place of the third.
+    # Keep only the balls of these hulls. Hulls of two balls have -1 in place of the third.
     balls, parts = np.unique(hulls.parts, return_inverse=True)
     missing = int(balls[0] == -1)
     parts = parts.reshape(-1, 3).astype(np.int64) - missing
     renumbered = Hulls(hulls.balls[balls[missing:]], parts, hulls.blend, hulls.apart)
-    return _surface(
-        renumbered, 3e-3
-    )  # small triangles [m], so that separate bodies are recognised early
+    return _surface(renumbered, 3e-3)  # [m]; small triangles show early that bodies are separate
 
 
 def _selected(hulls: Hulls, chosen: list[int]) -> Hulls:
@@ -127,10 +125,10 @@ def solved(scene: LiveScene, joints: Joints, part: Rule, time: float) -> HandFac
 
     Parameters
     ----------
-    scene : of the live loop.
-    joints : (25, 3) of the hand [m].
+    scene : scene of the live loop.
+    joints : (25, 3) joints of the hand [m].
     part : ``"phalanges"`` or ``"hand"``.
-    time : of the pose, on the tracker's clock [s].
+    time : time of the pose, on the tracker's clock [s].
 
     Raises
     ------
@@ -141,13 +139,13 @@ def solved(scene: LiveScene, joints: Joints, part: Rule, time: float) -> HandFac
     """
     posed = pose_hand(scene, joints)
     solver = BoundaryElement(accuracy=ACCURACY, estimate=False)
-    # The surface gets the edge of the solver's panels, so that both have the same mesh.
+    # Use the edge length of the solver's panels, so that both share one mesh.
     edge = solver.panel_edge(scene.medium.wavelength(scene.frequency))
     surface = part_of(posed.hand, part, scene.places, edge)
     # Beacons at the foci give all elements at once, by reciprocity.
     air = Scene(scene.medium, [sound_hard(surface)], frequency=scene.frequency)
     elements = scene.with_images.array.positions
-    # Within 12 mm of the skin the pressure at an element needs both integral equations.
+    # Within 12 mm of the skin, the pressure at an element needs both integral equations.
     near = bool((surface.depth(elements) > -12e-3).any())
     field = replace(solver, estimate=near).radiate(
         air, Target(beacon_points(scene, posed)).beacons()
@@ -171,22 +169,22 @@ def factors_of(
         scene.wavenumber,
         "float64",
     )
-    # An image is inside the skin, where there is no pressure, if the hand reaches behind the plane.
+    # If the hand reaches behind the plane, an image may lie inside it, where the pressure is 0.
     received = np.where(np.isfinite(received), received, 0.0)
     factors = np.ascontiguousarray((received / open_air).T.astype(np.complex64))
     return HandFactors(part, time, posed.foci, posed.distances, posed.directions, factors)
 
 
 class RigidParts:
-    """The last phalanges of the foci of a scene, each a rigid body that is factorised once.
+    """The last phalanges that carry the foci of a scene, as rigid bodies that are factorised once.
 
-    A new pose takes about a fifth of the time of ``solved``. A tracker's bones change their lengths
-    from frame to frame; these bodies do not. All foci are on fingers.
+    A new pose takes about a fifth of the time of ``solved``. The bodies keep their size, although
+    the bone lengths of a tracker vary from frame to frame. All foci must be on fingers.
 
     Parameters
     ----------
-    scene : of the live loop.
-    joints : (25, 3) of the hand from which the bodies are made [m].
+    scene : scene of the live loop.
+    joints : (25, 3) joints of the hand from which the bodies are made [m].
 
     Raises
     ------
@@ -200,17 +198,17 @@ class RigidParts:
         self._surfaces = [rigid_part(self._reference.hand, place) for place in scene.places]
         self._lengths = _bone_lengths(scene, joints)
         air = self._air([Pose.identity()] * len(self._surfaces))
-        # Finer than ACCURACY, as the bodies are factorised once and accuracy costs no time later.
+        # Finer than ACCURACY: the bodies are factorised once, so accuracy costs no time later.
         solver = BoundaryElement(accuracy=0.045, estimate=False)
         self._solver = solver.factorised(air, refined=self._reference.foci)
 
     def solved(self, joints: Joints, time: float) -> HandFactors:
-        """Solve another pose; parameters and errors are those of ``solved``."""
+        """Solve another pose; parameters and exceptions are those of ``solved``."""
         scene = self._scene
         posed = pose_hand(scene, joints)
-        # Running mean of the lengths of the bones, for ``outgrown``.
+        # Running mean of the bone lengths, for ``outgrown``.
         self._lengths += 0.02 * (_bone_lengths(scene, joints) - self._lengths)
-        # Each body moves with the axes of its bone and the focus before it.
+        # Each body moves with the axes of its bone and the focus in front of it.
         turns = np.swapaxes(posed.frames, 1, 2) @ self._reference.frames
         shifts = posed.foci - np.einsum("fij,fj->fi", turns, self._reference.foci)
         poses = [Pose(turn, shift) for turn, shift in zip(turns, shifts, strict=True)]
@@ -221,7 +219,7 @@ class RigidParts:
 
     @property
     def outgrown(self) -> bool:
-        """Whether the bones have differed from the bodies for long, as for another hand."""
+        """Whether the mean bone lengths differ from the bodies, for example for another hand."""
         change = self._lengths - _bone_lengths(self._scene, self._reference.hand.joints)
         return bool(np.abs(change).max() > 1.5e-3)
 
@@ -238,7 +236,7 @@ class PartSolver:
 
     Parameters
     ----------
-    scene : of the live loop.
+    scene : scene of the live loop.
     """
 
     def __init__(self, scene: LiveScene) -> None:
@@ -246,7 +244,7 @@ class PartSolver:
         self._rigid: RigidParts | None = None
 
     def solved(self, joints: Joints, part: Rule, time: float) -> HandFactors:
-        """Solve a part; parameters and errors are those of the function ``solved``."""
+        """Solve a part; parameters and exceptions are those of the function ``solved``."""
         if part == "phalanges" and "palm" not in self._scene.places:  # too large for a rigid part
             with suppress(InvalidInput):  # bodies that touch are solved as one
                 if self._rigid is None or self._rigid.outgrown:
@@ -288,7 +286,7 @@ class OpenAir:
             away = self._faces - focus[:, None, None]
             away *= away
             distance = np.sqrt(away[0] + away[1] + away[2])
-            # e^{ikr}/r by real functions: a complex exponential takes three times as long.
+            # e^{ikr}/r from real functions: a complex exponential takes three times as long.
             phase = np.float32(self._wavenumber.real) * distance
             size = np.exp(np.float32(-self._wavenumber.imag) * distance) / distance
             row.real = self._weights @ (size * np.cos(phase))

@@ -1,7 +1,7 @@
 """Library of solutions, and the choice of the best one for the present pose.
 
 The value of a solution depends on how similar its pose is to the present one, not on its age: a
-hand that pinches again returns to poses that were solved before.
+hand that pinches again returns to poses solved before.
 """
 
 from collections.abc import Iterable
@@ -14,19 +14,19 @@ from airtact.live.drives.factors import HandFactors
 from airtact.live.moment import Rule
 from airtact.live.scene import LiveScene, PosedHand, gap_change, turn
 
-# A value for each pose that was solved.
+# One value for each solved pose.
 Poses = Float64[np.ndarray, "poses"]
 
 
 @dataclass(frozen=True)
 class Share:
-    """Share of the attainable pressure that a drive gives, by the fit of the solved pose.
+    """Share of the attainable pressure that a drive gives, for three kinds of solved poses.
 
     Attributes
     ----------
-    same : if the present pose is the solved one.
-    different : if it is very different.
-    spoiled : if the tracker's noise has spoiled the solved pose.
+    same : share if the present pose is the solved one.
+    different : share if it is very different.
+    spoiled : share if the tracker's noise makes the solution useless.
     """
 
     same: float
@@ -43,7 +43,7 @@ SHARES: dict[Rule, Share] = {
 }
 
 
-# Number of foci that the shares are fitted to.
+# Number of foci for which the shares were fitted.
 FITTED_FOCI = 2
 
 # Change of the gaps between the foci's bones at which a solution loses most of its benefit [m].
@@ -55,42 +55,42 @@ def expected_kept(
 ) -> Poses:
     """Return the expected share of the attainable pressure at the weakest focus of a drive.
 
-    The shares are medians over 1,700 pairs of poses, one solved and one played, of a thumb and an
-    index finger that open and close 200 mm before 2 x 2 flat boards while the hand moves by 150 mm,
-    by solutions of the whole hand. The share falls within a millimetre, an eighth of the
-    wavelength, because of multiple reflections between both fingers; the benefit of a whole hand is
-    lost as fast as that of the phalanges.
+    The shares are medians of 1,700 pairs of poses, one solved and one played, with solutions of the
+    whole hand. Thumb and index finger open and close 200 mm in front of 2 x 2 flat boards while the
+    hand moves by 150 mm. The share falls within a millimetre, an eighth of the wavelength, because
+    of multiple reflections between both fingers. The benefit of a whole hand is lost as fast as
+    that of the phalanges.
 
-    The effect of noise is fitted to drives for the same motion seen with 0 and 1 mm of it
-    (``benchmarks/live.py``); for a whole hand that is carried, to 30 drives each for an open hand
-    that waves its fingers, seen with 0, 0.5 and 1 mm: it kept 0.89, 0.51 and 0.46 in the median,
-    distances 0.56, 0.55 and 0.54. Noise in the solved pose matters most: a solution without noise
-    keeps 0.61 for poses with 1 mm. The decrease with the number of foci is from 160 pairs of poses
-    of an open hand with foci at its palm and all fingertips.
+    The effect of noise is fitted to drives for the same motion with 0 and 1 mm of noise
+    (``benchmarks/live.py``). For a carried whole hand it is fitted to 30 drives each for an open
+    hand with waving fingers and 0, 0.5 and 1 mm of noise: the median share was 0.89, 0.51 and 0.46,
+    and for distances 0.56, 0.55 and 0.54. Noise in the solved pose matters most: a solution without
+    noise keeps 0.61 for poses with 1 mm. The decrease with the number of foci was measured with 160
+    pairs of poses of an open hand with foci at its palm and all fingertips.
 
     Parameters
     ----------
-    part : that was solved; for distances the poses do not matter.
-    gap : ``gap_change`` from the solved pose to that of now [m].
-    turned : ``turn`` from the one to the other [rad].
+    part : solved part; for distances the poses do not matter.
+    gap : ``gap_change`` from the solved pose to the present one [m].
+    turned : ``turn`` from the solved pose to the present one [rad].
     noise : standard deviation of each coordinate of the tracker's landmarks [m].
     foci : number of foci.
     """
     share = SHARES[part]
     if part == "carried":
-        # The sound by way of each bone is carried along with it: poses may differ more. The gaps of
-        # the whole hand are noisier than those of the foci's bones.
+        # Carried solutions follow the bones, so poses may differ more. The gaps of the whole hand
+        # are noisier than those of the foci's bones.
         difference = unlike(gap, turned) / 4.0
         gap_noise = 3.0
     else:
         difference = unlike(gap, turned, foci)
-        gap_noise = 1.5  # relative to the noise of a coordinate of the tracker
+        gap_noise = 1.5  # divided by the noise of a coordinate of the tracker
     same = share.same
     if part == "phalanges":
         same -= 0.0175 * max(foci - FITTED_FOCI, 0)
     same = max(same, share.different)
-    # Without noise the share falls from ``same`` to ``different`` as the poses part. Noise then
-    # takes it to ``spoiled``, and finally takes the foci themselves out of the sound.
+    # Without noise the share falls from ``same`` to ``different`` as the poses diverge. Noise
+    # lowers it to ``spoiled``, and stronger noise makes the sound miss the foci altogether.
     clean = share.different + (same - share.different) * np.exp(-difference)
     certain = np.exp(-((gap_noise * noise / GAP_SCALE) ** 2))
     at_focus = np.exp(-((noise / 3.3e-3) ** 2))
@@ -98,7 +98,7 @@ def expected_kept(
 
 
 def unlike(gap: Poses, turned: Poses, foci: int = FITTED_FOCI) -> Poses:
-    """Return how different poses are; at 1 most of the benefit of a solution is lost."""
+    """Return the difference of poses; at 1 most of the benefit of a solution is lost."""
     scale = (max(foci, FITTED_FOCI) / FITTED_FOCI) ** 2
     return scale * ((gap / GAP_SCALE) ** 2 + (turned / 0.2) ** 2)
 
@@ -108,7 +108,7 @@ def worth_solving(parts: Iterable[Rule], noise: float, foci: int) -> bool:
 
     Parameters
     ----------
-    parts : that are solved.
+    parts : solved parts.
     noise : standard deviation of each coordinate of the tracker's landmarks [m].
     foci : number of foci.
     """
@@ -122,28 +122,28 @@ class Library:
 
     Parameters
     ----------
-    part : that was solved.
-    scene : of the live loop.
+    part : solved part.
+    scene : scene of the live loop.
     """
 
     def __init__(self, part: Rule, scene: LiveScene) -> None:
         self.part: Rule = part
         points = len(scene.places) + (0 if scene.moving is None else scene.moving.places.size)
         sources = len(scene.with_images.array)
-        # At most 400 solutions or 96 MB of factors, but at least 40 solutions. Of carried ones 16
-        # are enough, as their sources are kept by the process that solves them.
+        # At most 400 solutions or 96 MB of factors, but at least 40 solutions. 16 are enough for
+        # carried ones, as the process that solves them keeps their sources.
         fitting = 12_000_000 // (points * sources)
         self._capacity = 16 if part == "carried" else min(max(fitting, 40), 400)
         self._solutions: list[HandFactors] = []
         self._distances = np.empty((0, 0))
         self._directions = np.empty((0, 0, 0, 0))
-        # Filled, so that the memory is claimed now: a part that is first solved after an hour must
-        # not find too little.
+        # Filled, so that the memory is claimed now: it must not run out when a part is first
+        # solved after an hour.
         self._factors = np.full((self._capacity, points, sources), 0, dtype=np.complex64)
         self._oldest = 0
 
     def add(self, solution: HandFactors) -> None:
-        """Store a solution in place of one for nearly the same pose, or of the oldest if full."""
+        """Store a solution; it replaces one for nearly the same pose, or the oldest if full."""
         if not self._solutions:
             self._distances = np.empty((self._capacity, *solution.distances.shape))
             self._directions = np.empty((self._capacity, *solution.directions.shape))
@@ -158,25 +158,25 @@ class Library:
             elif index == self._capacity:
                 index = self._oldest
                 self._oldest = (self._oldest + 1) % self._capacity
-        # The solution refers to the row of the table, so that its factors are in memory only once.
+        # The solution refers to the row of the table, so its factors are in memory only once.
         self._factors[index] = solution.factors
         self._solutions[index : index + 1] = [replace(solution, factors=self._factors[index])]
         self._distances[index] = solution.distances
         self._directions[index] = solution.directions
 
     def best(self, posed: PosedHand, noise: float = 0.0) -> tuple[float, HandFactors | None]:
-        """Return the share that is expected of the best solution for a pose, and that solution.
+        """Return the expected share of the best solution for a pose, and that solution.
 
         Parameters
         ----------
-        posed : the hand now.
+        posed : the hand in its present pose.
         noise : standard deviation of each coordinate of the tracker's landmarks [m].
         """
         if not self._solutions:
             return 0.0, None
         gap, turned = self._changes(posed.distances, posed.directions)
         foci = len(posed.foci)
-        # The expected share falls with the difference: the nearest pose is the best one.
+        # The expected share falls with the difference, so the nearest pose is the best one.
         index = int(unlike(gap, turned, foci).argmin())
         nearest = slice(index, index + 1)
         kept = expected_kept(self.part, gap[nearest], turned[nearest], noise, foci)

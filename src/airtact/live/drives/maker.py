@@ -26,8 +26,8 @@ from airtact.live.scene import Amplitudes, Foci, Joints, LiveScene, Rows, pose_h
 
 
 def solved_for(scene: LiveScene) -> list[Rule]:
-    """Return the parts to solve, each in a process: phalanges and hand, or carried hands."""
-    # With three foci, or one at the palm, the sound of the other fingers and the palm matters.
+    """Return the parts to solve, each in its own process: phalanges and hand, or carried hands."""
+    # With three foci, or one at the palm, scattering by the other fingers and the palm matters.
     many = len(scene.places) >= 3 or "palm" in scene.places
     return ["carried"] if many and scene.moving is None else ["phalanges", "hand"]
 
@@ -35,23 +35,24 @@ def solved_for(scene: LiveScene) -> list[Rule]:
 class HandAware(DriveMaker):
     """Maker of drives that account for the hand.
 
-    The transfer matrix is the open-air matrix of the present pose times the factors of one stored
-    solution: the one that is expected to give most of the attainable pressure. If open air alone is
-    expected to give more, it is used. While noise makes all solutions useless, the solvers rest.
-    Frames are smoothed and predicted by a Kalman filter.
+    The transfer matrix is the open-air matrix of the present pose times the factors of the stored
+    solution with the largest expected pressure. The open-air matrix alone is used if it is expected
+    to give more. The solvers pause while noise makes all solutions useless. A Kalman filter smooths
+    and predicts the frames.
 
     The method ``"best"`` is ``weighted_gerchberg_saxton`` here, which takes less than a millisecond
-    and comes within 1 % of it. "robust" and "robust_phase_only" are best for 16 samples of
-    where the foci may be, by the uncertainty of the prediction (8 samples with over 3 foci).
+    and comes within 1 % of it. "robust" and "robust_phase_only" are optimised for 16 samples of the
+    positions of the foci, drawn from the uncertainty of the prediction (8 samples for more than 3
+    foci).
 
     Parameters
     ----------
     scene : the fixed part of the scene.
     noise : standard deviation of each coordinate of the tracker's landmarks [m]; estimated from the
         frames by default.
-    agility : how suddenly joints change their velocity, see ``Predictor`` [m²/s³].
-    solvers : solve hands; by default the processes of ``solved_for``. Without any, drives are
-        focused by distances.
+    agility : spectral density of the acceleration of joints, see ``Predictor`` [m²/s³].
+    solvers : solvers of hands; by default the processes of ``solved_for``. Without solvers, drives
+        are focused by distances.
 
     Attributes
     ----------
@@ -78,13 +79,13 @@ class HandAware(DriveMaker):
             solvers = [SolverProcess(scene, part) for part in self._parts]
         self._solvers = list(solvers)
         self._newest: HandFrame | None = None
-        self._solved: float | None = None  # time of the newest pose that was solved
+        self._solved: float | None = None  # time of the newest solved pose
         self._previous = np.zeros(len(scene.array), dtype=np.complex128)
         self.fault: str | None = None
         self.solutions = 0
 
     def take(self, frame: HandFrame) -> None:
-        """Take the tracker's newest frame; an older one, or one of the other hand, is ignored."""
+        """Take the tracker's newest frame; older frames and those of the other hand are ignored."""
         newest = self._newest
         if frame.side != self._scene.side or (newest is not None and frame.time <= newest.time):
             return
@@ -92,9 +93,9 @@ class HandAware(DriveMaker):
         self._predictor.take(frame)
 
     def make(self, time: float, controls: Controls) -> Moment:
-        """Make the drive for sound that is in the air at a time [s]; zeros where there is no hand.
+        """Make the drive for sound that is in the air at a time [s]; zeros if there is no hand.
 
-        Cap, modulation and ``playing`` are left to the loop.
+        The loop applies cap, modulation and ``playing``.
         """
         self._collect()
         if self._newest is None:
@@ -104,7 +105,7 @@ class HandAware(DriveMaker):
             if frame.landmarks is None:
                 return silent_moment(self._scene, time, self._newest.time)
             joints = joints_of(frame.landmarks)
-            # Velocities of the joints from those of the landmarks, over 20 ms.
+            # Velocities of the joints from the motion of the landmarks within 20 ms.
             later = frame.landmarks + 0.02 * self._predictor.velocities()
             velocities = (joints_of(later, tolerance=1.0) - joints) / 0.02
             if self._solving:
@@ -123,7 +124,7 @@ class HandAware(DriveMaker):
 
     @property
     def _solving(self) -> bool:
-        """Whether the solvers work; they rest while noise spoils their solutions."""
+        """Whether the solvers work; they pause while noise makes their solutions useless."""
         return worth_solving(self._parts, self._predictor.noise, len(self._scene.places))
 
     def _collect(self) -> None:
@@ -153,7 +154,7 @@ class HandAware(DriveMaker):
         if solution is not None:
             rows = rows * solution.at(self._scene, posed)
         method = controls.method or self._scene.method
-        # A jump of the global phase would click at the link, without an effect at the foci.
+        # A jump of the global phase has no effect at the foci, but the boards would click.
         amplitudes = turned_towards(self._made(method, rows, posed.foci, time), self._previous)
         self._previous = amplitudes
         frames = None
@@ -186,30 +187,31 @@ class HandAware(DriveMaker):
 
 def off_by(spread: float) -> float:
     """Return the assumed deviation of each focus along each axis [m] for a spread [m]."""
-    # Foci are off relative to each other by a third of the spread (0.27 to 0.39 for 1 and 2 mm of
-    # noise, in the box and before the flat boards of benchmarks/live.py). All foci together are off
-    # by more, which matters less.
+    # Foci deviate relative to each other by a third of the spread (0.27 to 0.39 for 1 and 2 mm of
+    # noise, in the box and in front of the flat boards of benchmarks/live.py). Their common
+    # deviation is larger, but matters less.
     off = spread / 3.0
-    # Foci within 0.2 mm count as certain, and no drive makes up for more than 1.5 mm.
+    # Foci within 0.2 mm count as certain, and no drive can compensate for more than 1.5 mm.
     return 0.0 if off < 0.2e-3 else min(off, 1.5e-3)
 
 
 def robust_drive(
     scene: LiveScene, rows: Rows, foci: Foci, spread: float, phase_only: bool
 ) -> Amplitudes:
-    """Return the drive whose weakest focus keeps most in the worst tenth of the possible poses.
+    """Return the drive whose weakest focus keeps most pressure in the worst tenth of the poses.
 
     Parameters
     ----------
     scene : its array, medium and frequency are used.
     rows : (F, R) pressure at the expected foci per unit drive of each element and image [Pa].
-    foci : (F, 3) expected [m].
+    foci : (F, 3) expected foci [m].
     spread : standard deviation of each coordinate of the prediction [m].
-    phase_only : whether every element is at full scale; otherwise the drive is best for its energy.
+    phase_only : whether every element is at full scale; otherwise the drive is optimal at equal
+        energy.
 
     Returns
     -------
-    (E,) amplitudes, the largest of magnitude 1; for certain foci the drive with the strongest
+    (E,) amplitudes, the largest of magnitude 1; for certain foci the drive that maximises the
     weakest focus.
     """
     folded = scene.with_images.folded
@@ -219,7 +221,7 @@ def robust_drive(
         start = weighted_gerchberg_saxton(transfer, Target(foci)).amplitudes
     else:
         start = balanced(expected, False, 30)
-    # ``start`` is improved for samples of where the foci may be, unless they are certain.
+    # Improve ``start`` for samples of the positions of the foci, unless they are certain.
     off = off_by(spread)
     if not off:
         return start / np.abs(start).max()
@@ -232,8 +234,8 @@ def displaced(
 ) -> Complex128[np.ndarray, "samples foci sources"]:
     """Return samples of the rows of foci that deviate by ``off`` (rms) along each axis [m].
 
-    The effect of the hand moves with the foci. An element is far away compared with ``off``, so the
-    phase of its sound changes by the shift along its direction.
+    The effect of the hand moves with the foci. Elements are far away compared with ``off``, so the
+    phase changes only by the shift along the direction of the element.
     """
     directions = foci[:, None] - scene.with_images.array.positions
     directions = directions / np.linalg.norm(directions, axis=2, keepdims=True)
@@ -249,7 +251,7 @@ def _deviations(foci: int) -> Float64[np.ndarray, "samples foci 3"]:
     """Draw antithetic deviations of unit variance from scrambled Sobol points."""
     from scipy.stats import qmc
 
-    pairs = 8 if foci <= 3 else 4  # 48 rows in all take a millisecond or two
+    pairs = 8 if foci <= 3 else 4  # 48 rows in total take a millisecond or two
     numbers = qmc.Sobol(3 * foci, scramble=True, rng=np.random.default_rng(0)).random(pairs)
     normal = ndtri(np.clip(numbers, 1e-6, 1.0 - 1e-6))
     return np.concatenate([normal, -normal]).reshape(2 * pairs, foci, 3)

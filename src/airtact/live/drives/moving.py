@@ -1,4 +1,4 @@
-"""Drives for foci that run along paths on a moving hand, a round of frames for each pose."""
+"""Drives for foci that move along paths on a moving hand: one round of frames for each pose."""
 
 from collections.abc import Callable
 
@@ -20,7 +20,7 @@ class Rounds:
 
     Parameters
     ----------
-    scene : of the live loop.
+    scene : scene of the live loop.
     moving : paths of its foci.
     open_air : returns the pressure at foci (F, 3) per unit drive of each source in open air (F, R)
         [Pa].
@@ -44,16 +44,16 @@ class Rounds:
 
         Parameters
         ----------
-        posed : the hand now.
-        factors : (N K, R) of the hand on the pressure at each focus of each frame; None for open
-            air.
-        method : name of the method that makes each drive; "best", like those for samples, means
-            weighted Gerchberg-Saxton.
+        posed : the hand in its present pose.
+        factors : (N K, R) factors of the hand on the pressure at each focus of each frame; None for
+            open air.
+        method : name of the method that makes each drive. "best" and the robust methods mean
+            weighted Gerchberg-Saxton here.
 
         Returns
         -------
-        (N, E) drives. Each has the global phase closest to the previous frame and to its own in the
-        previous round, so that amplitudes and phases step little from frame to frame.
+        (N, E) drives. Each has the global phase closest to the previous frame and to the same frame
+        of the previous round, so that amplitudes and phases change little from frame to frame.
         """
         points = moving_points(self._moving, posed)
         rows = self._rows(posed, points.reshape(-1, 3))
@@ -74,7 +74,7 @@ class Rounds:
     def _rows(self, posed: PosedHand, points: Points) -> PointRows:
         """Return the pressure at displaced foci per unit drive in open air [Pa].
 
-        An element radiates beside a place as it does towards the place itself: only the distance
+        The directivity towards a displaced focus is that towards its place: only the distance
         differs.
         """
         places = self._moving.places.ravel()
@@ -90,8 +90,8 @@ class Rounds:
         return np.sqrt(np.einsum("ped,ped->pe", away, away))
 
     def _projected(self, matrices: Complex128[np.ndarray, "frames together elements"]) -> Frames:
-        """Maximise the weakest focus of each frame, every element at full scale."""
-        # Start from the phases at the foci of the last round, drawn towards neighbouring frames.
+        """Maximise the weakest focus of each frame, with every element at full scale."""
+        # Start from the last round's phases at the foci, averaged with neighbouring frames.
         relative = phase(self._phases * phase(self._phases[:, :1]).conj())
         neighbours = np.roll(relative, 1, axis=0) + np.roll(relative, -1, axis=0)
         start = phase(relative + 0.5 * neighbours)
@@ -115,8 +115,8 @@ def phasors(phases: Float[np.ndarray, "*any"]) -> Complex64[np.ndarray, "*any"]:
 
 
 def aligned(frames: Frames, previous: Frames | None) -> Frames:
-    """Turn the phase of each frame, in place, towards its neighbour and the previous round."""
-    # Without the latter, a frame unlike its neighbour could reverse the phase of all that follow.
+    """Align the global phase of each frame, in place, with its neighbour and the previous round."""
+    # Without the previous round, a frame unlike its neighbour could reverse all later phases.
     for index in range(len(frames)):
         towards = np.zeros_like(frames[index])
         if index:
@@ -130,6 +130,6 @@ def aligned(frames: Frames, previous: Frames | None) -> Frames:
 def turned_towards(
     drives: Complex128[np.ndarray, "*shape"], reference: Complex128[np.ndarray, "*shape"]
 ) -> Complex128[np.ndarray, "*shape"]:
-    """Give drives the global phase closest to a reference; it is not perceptible at a focus."""
+    """Give drives the global phase closest to a reference; this has no effect at a focus."""
     product = complex(np.vdot(drives, reference))
     return drives * (product / abs(product)) if product else drives

@@ -17,7 +17,7 @@ from airtact.live.scene import Joints, LiveScene
 from airtact.live.worker import Mailbox, Worker
 from airtact.timing import give_way
 
-# Older requests are not solved [s]: the hand is lost, or the loop stalls.
+# Older requests are not solved [s], because the hand is lost or the loop stalls.
 MAX_REQUEST_AGE = 0.3
 
 # Pause after a hand that could not be solved [s].
@@ -30,10 +30,10 @@ class Request:
 
     Attributes
     ----------
-    time : of the hand as given, on the tracker's clock [s].
+    time : time of the joints, on the tracker's clock [s].
     joints : (25, 3) [m].
     velocities : (25, 3) [m/s].
-    sent : when it was sent, by ``time.monotonic`` [s].
+    sent : time of sending, by ``time.monotonic`` [s].
     """
 
     time: float
@@ -44,7 +44,7 @@ class Request:
     __repr__ = in_short
 
     def after(self, ahead: float) -> Joints:
-        """Extrapolate the joints by a time [s]; where that is no hand, they stay as they are."""
+        """Extrapolate the joints by a time [s]; leave them unchanged if the result is no hand."""
         try:
             return joints_of(self.joints + ahead * self.velocities)
         except InvalidInput:
@@ -58,8 +58,8 @@ class SolverProcess:
 
     Parameters
     ----------
-    scene : of the live loop.
-    part : of the hand.
+    scene : scene of the live loop.
+    part : part of the hand to solve.
     """
 
     def __init__(self, scene: LiveScene, part: Rule) -> None:
@@ -71,7 +71,7 @@ class SolverProcess:
         self._worker.put(request)
 
     def solutions(self) -> list[HandFactors | str]:
-        """Return the solutions since the last call, and the messages of failed ones."""
+        """Return the solutions since the last call, and the messages of failed requests."""
         answers = [self._solutions.popleft() for _ in range(len(self._solutions))]
         return [answer for answer in answers if answer is not None]
 
@@ -84,7 +84,7 @@ def solve_hands(
     mailbox: Mailbox, send: Callable[[HandFactors | str], None], scene: LiveScene, part: Rule
 ) -> None:
     """Solve a part of the newest hand in the mailbox repeatedly, until the mailbox ends."""
-    # Phalanges and carried sound are needed at once; a whole hand takes its time.
+    # Phalanges and carried solutions are urgent; whole hands are not.
     give_way(15 if part == "hand" else 5)
     if part != "carried":
         solver = PartSolver(scene)
@@ -93,13 +93,13 @@ def solve_hands(
     # A second thread solves whole hands; this one carries their solutions to new hands.
     hand = BendingHand(scene)
     Thread(target=_solve_to_carry, args=(hand, mailbox), daemon=True).start()
-    # More often than every 30 ms would take time from solving for no benefit.
+    # Carrying more often than every 30 ms would slow down solving without a benefit.
     _answer(mailbox, send, hand.carried, 0.03)
 
 
 def solved_ahead(seconds: float) -> float:
-    """Return how far ahead of a hand its solution should be [s], by the solving time [s]."""
-    # A solution is ready after one solving time and in use for another: the middle is best.
+    """Return how far ahead of a request to solve [s], given the solving time [s]."""
+    # A solution is ready after one solving time and in use for another: aim at the middle.
     return 1.5 * seconds
 
 
@@ -109,13 +109,13 @@ def _answer(
     solve: Callable[[Joints, float], HandFactors | None],
     interval: float = 0.0,
 ) -> None:
-    """Answer the newest request repeatedly, at least an interval apart [s], until the end."""
-    seconds = 0.02  # mean solving time: a guess before any was measured
+    """Answer the newest request repeatedly, at most once per interval [s], until the end."""
+    seconds = 0.02  # mean solving time; an initial guess
     while (request := mailbox.look(MAX_REQUEST_AGE)) is not None:
         begun = time.monotonic()
         try:
-            # The request has aged in the mailbox, and that time is added. A hand is extrapolated
-            # by 60 ms at most, for its solution to be used as it is.
+            # Add the time that the request spent in the mailbox. Extrapolate a hand by 60 ms at
+            # most if its solution is used without carrying it.
             ahead = min(solved_ahead(seconds) + begun - request.sent, 0.06)
             answer = solve(request.after(ahead), request.time + ahead)
             seconds += 0.3 * (time.monotonic() - begun - seconds)
@@ -128,12 +128,12 @@ def _answer(
 
 
 def _solve_to_carry(hand: BendingHand, mailbox: Mailbox) -> None:
-    """Solve whole hands, at a priority below that of the thread that carries their solutions."""
+    """Solve whole hands, at a lower priority than the thread that carries their solutions."""
     with suppress(AttributeError, OSError):
         nice = os.getpriority(os.PRIO_PROCESS, 0) + 5
         os.setpriority(os.PRIO_PROCESS, get_native_id(), nice)
     while (request := mailbox.look(MAX_REQUEST_AGE)) is not None:
-        # The pose of 0.1 s from now: a solution comes late, and serves for a while.
+        # Solve the pose 0.1 s ahead: a solution takes time and is then used for a while.
         ahead = 0.1 + time.monotonic() - request.sent
         try:
             hand.keep(hand.solved(request.after(ahead), request.time + ahead))

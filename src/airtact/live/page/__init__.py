@@ -1,1 +1,1 @@
-"""The page of the live loop, in a process of its own: a view in three dimensions, and controls."""
+"""The page of the live loop, served by its own process: a 3-D view and controls."""

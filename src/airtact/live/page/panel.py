@@ -1,4 +1,4 @@
-"""The panels beside the view (settings, status, curves), the hand to drag, and the painting."""
+"""The panels beside the view (settings, status, curves), the hand to drag, and the page updates."""
 
 import time
 from collections import deque
@@ -81,10 +81,10 @@ class Panel:
 
     Parameters
     ----------
-    server : shows them.
+    server : server of the page.
     scene : the fixed part of the scene.
     controls : initial settings.
-    send : sends controls, and the emergency stop, to the loop.
+    send : sends controls and the emergency stop to the loop.
     """
 
     def __init__(
@@ -125,10 +125,10 @@ class Panel:
 
         Parameters
         ----------
-        moment : the newest one.
+        moment : newest moment.
         drives : number of moments so far.
-        sound : shown on skin and slice, or None.
-        largest : pressure at the end of the colours [Pa].
+        sound : pressure shown on skin and slice, or None.
+        largest : upper limit of the colour scale [Pa].
         """
         now = time.monotonic()
         age = np.nan if moment.joints is None else 1e3 * (moment.time - moment.frame_time)
@@ -164,7 +164,8 @@ class Panel:
         start.disabled = self._controls.playing
         pause.disabled = not self._controls.playing
 
-        # Asynchronous callbacks run on the server's own thread, behind no other callback.
+        # Asynchronous callbacks run on the server's own thread, so other callbacks do not delay
+        # them.
         async def stop(_: Any) -> None:
             self._send(EMERGENCY)
             self._stopped = True
@@ -305,7 +306,7 @@ def _number(value: float, unit: str) -> str:
 
 
 def legend_html(look: Look, sound: Sound | None, largest: float) -> str:
-    """Explain the colours of the elements, of the skin and of the slice."""
+    """Write the legend of the colours of elements, skin and slice."""
     if look.array == "phase":
         array = _bar(PHASES, "0", "phase of the elements", "2π")
     else:
@@ -326,15 +327,15 @@ def _bar(colours: UInt8[np.ndarray, "steps 3"], low: str, name: str, high: str) 
 
 
 class DraggedHand:
-    """A hand that is dragged on the page, its fingers turned by sliders: a tracker at 60 frames/s.
+    """Hand that is dragged on the page and has sliders for its fingers: a tracker at 60 frames/s.
 
-    It gives frames while it is ``watched`` only: closing the page counts as losing the hand.
+    It gives frames only while it is ``watched``: closing the page counts as losing the hand.
 
     Parameters
     ----------
-    server : of the page.
-    side : of the hand.
-    joints : (25, 3) where the hand starts [m].
+    server : server of the page.
+    side : ``"right"`` or ``"left"``.
+    joints : (25, 3) initial joints [m].
     send : sends the frames to the loop.
     """
 
@@ -355,7 +356,7 @@ class DraggedHand:
         Thread(target=self._give, daemon=True).start()
 
     def joints(self) -> Joints:
-        """Return the joints as they are on the page now (25, 3) [m]."""
+        """Return the present joints on the page (25, 3) [m]."""
         joints = self._joints
         for finger, angle in enumerate(self._angles):
             if angle.value:
@@ -367,7 +368,7 @@ class DraggedHand:
         sequence = 0
         while True:
             if self.watched:
-                # With fingers bent beyond what is possible the hand is lost until they are back.
+                # While fingers are bent beyond their limits, the hand counts as lost.
                 with suppress(FaultyFrame):
                     self._send(HandFrame(time.monotonic(), self._side, sequence, self.joints()))
                 sequence += 1
@@ -386,11 +387,11 @@ def paint(
 
     Parameters
     ----------
-    server : of the page.
-    mailbox : has the newest moment, and the number of moments so far.
+    server : server of the page.
+    mailbox : contains the newest moment and the number of moments so far.
     send : sends messages to the loop.
     scene : the fixed part of the scene.
-    joints : (25, 3) of a hand to drag [m], or None.
+    joints : (25, 3) initial joints of a hand to drag [m], or None.
     controls : initial settings.
     """
     view = View(server, scene)
@@ -410,7 +411,7 @@ def paint(
                 with server.atomic():
                     view.update(moment, panel.look)
             panel.update(moment, drives, view.sound, view.largest)
-        # 13 pictures a second: the processor of the loop may draw them as well. At least
-        # 30 % of the time is left to the loop, however slow the computer is.
+        # 13 pictures a second, because they may be drawn on the loop's processor. Even on a slow
+        # computer the loop keeps at least 30 % of the time.
         spent = time.monotonic() - start
         time.sleep(max(1.0 / 13.0 - spent, 3.0 / 7.0 * spent))

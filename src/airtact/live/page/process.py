@@ -24,21 +24,21 @@ Message = str | InvalidInput | Controls | HandFrame
 class PageProcess:
     """Process of lower priority that serves the page; the loop never waits for it.
 
-    Use it in a ``with`` block. Only the newest moment goes to the page, from a thread of its own,
-    so that a page that stalls, or ten that are open, cost the loop nothing. If the process dies,
-    the loop goes on without a page.
+    Use it in a ``with`` block. A separate thread sends only the newest moment to the page, so slow
+    or many open pages do not delay the loop. If the process dies, the loop continues without a
+    page.
 
     Parameters
     ----------
     scene : the fixed part of the scene.
-    port : port to listen at; 0 takes a free one, which is in ``address``.
-    host : address to listen at; for any but ``127.0.0.1``, ``address`` has a token, without which
-        nothing is served.
+    port : port to listen at; 0 takes a free one, which is part of ``address``.
+    host : address to listen at; unless it is ``127.0.0.1``, ``address`` contains a token that every
+        request must have.
     hand : (25, 3) initial joints of a hand to drag on the page [m]; none by default.
-    stream : fed with the frames of this hand, by the clock ``time.monotonic``. They come only while
-        the page is open: closing the page counts as losing the hand.
+    stream : receives the frames of this hand, with times of ``time.monotonic``, while the page is
+        open. Closing the page counts as losing the hand.
     controls : initial settings.
-    on_emergency : called at once, by a thread of this class, when the emergency stop is pressed.
+    on_emergency : called at once, in a thread of this class, when the emergency stop is pressed.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class PageProcess:
     Raises
     ------
     InvalidInput
-        When the port is taken, or viser is not installed.
+        If the port is taken or viser is not installed.
     """
 
     def __init__(
@@ -93,7 +93,7 @@ class PageProcess:
         self.close()
 
     def show(self, moment: Moment) -> None:
-        """Show a moment, unless a newer one comes first; call it at every pass of the loop."""
+        """Show a moment, unless a newer one comes first; call it in every pass of the loop."""
         self._drives += 1
         self._worker.put((moment, self._drives))
 
@@ -122,7 +122,7 @@ def serve_page(
     hand: Joints | None,
     controls: Controls,
 ) -> None:
-    """Serve the page until the loop ends; the mailbox has the newest moment and their number."""
+    """Serve the page until the loop ends; the mailbox has the newest moment and their count."""
     try:
         with extra("live", "to go without a page give --no-page; the page needs viser"):
             from airtact.live.page.panel import paint
@@ -132,5 +132,5 @@ def serve_page(
         send(fault)
         return
     send(address)
-    give_way(5)  # only now: starting computes, and the user waits for the page
+    give_way(5)  # only after the start, because the user waits for the page
     paint(server, mailbox, send, scene, hand, controls)

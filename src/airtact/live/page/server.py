@@ -1,8 +1,8 @@
 """The server of the page: viser, with a check of every request. Only the page imports this.
 
-viser serves any client, takes another port if one is taken, and opens a tunnel to the
-internet when a page asks for it. Here it gets a socket that is bound already, and every request is
-checked first. A page of another site in the same browser is recognised by its ``Origin``, or by its
+viser serves any client, takes another port if its port is taken, and opens a tunnel to the internet
+when a page requests it. Here it gets a socket that is already bound, and every request is checked
+first. A page of another site in the same browser is recognised by its ``Origin``, or by its
 ``Host`` if it uses another name for this computer.
 """
 
@@ -26,15 +26,15 @@ HERE = ("127.0.0.1", "localhost")
 
 
 def path_within(path: str, host: str, origin: str | None, token: str | None) -> str | None:
-    """Return the path behind the token, or None if the request must be rejected.
+    """Return the path after the token, or None if the request must be rejected.
 
     Parameters
     ----------
     path : requested path, such as ``"/"``.
-    host : name and port by which this server was addressed.
-    origin : of the page that sends the request, such as ``"http://127.0.0.1:8940"``; None for
-        programs other than browsers.
-    token : first part of the path of every address; None for pages on this computer only.
+    host : name and port of this server in the request.
+    origin : origin of the page that sends the request, such as ``"http://127.0.0.1:8940"``; None
+        for programs other than browsers.
+    token : required first part of the path; None if only this computer is served.
     """
     if origin is not None and origin not in (f"http://{host}", f"https://{host}"):
         return None
@@ -47,13 +47,12 @@ def path_within(path: str, host: str, origin: str | None, token: str | None) -> 
 
 
 def start_server(port: int, host: str) -> tuple[viser.ViserServer, str]:
-    """Start viser behind a guard, and return it with the address of the page.
+    """Start viser with a check of requests, and return it with the address of the page.
 
     Raises
     ------
     InvalidInput
-        When the port is taken or does not exist, or viser is not the version that this was written
-        for.
+        If the port is taken or does not exist, or the version of viser is not supported.
     """
     bound = _bound_socket(port, host)
     port = bound.getsockname()[1]
@@ -67,7 +66,7 @@ def start_server(port: int, host: str) -> tuple[viser.ViserServer, str]:
             f"viser {viser.__version__} does not let requests be checked: install viser 1.1.",
             code="extra_missing",
         )
-    # No tunnel to the internet.
+    # Disable the tunnel to the internet.
     for message in (_messages.ShareUrlRequest, _messages.ShareUrlDisconnect):
         server._websock_server.unregister_handler(message)
     name = socket.gethostname() if host in ("0.0.0.0", "") else host
@@ -99,7 +98,7 @@ def _bound_socket(port: int, host: str) -> socket.socket:
 @contextmanager
 def _guarding(bound: socket.socket, token: str | None) -> Iterator[list[bool]]:
     """Give viser's server a socket and a check of requests; yield whether viser used them."""
-    # viser has no public way to pass either, so the function that it calls is replaced meanwhile.
+    # viser has no public way to pass either, so the function that it calls is replaced for now.
     serve = websocket_server.serve
     served = []
 

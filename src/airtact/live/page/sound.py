@@ -1,7 +1,7 @@
 """The pressure that the page shows on the skin and in a slice, with scattering by the hand.
 
-The whole hand is solved for the newest drive, on panels that bend with it, in a process of low
-priority. This takes the better part of a second, so the page states the age of the result.
+A process of low priority solves the whole hand for the newest drive, on panels that bend with it.
+This takes most of a second, so the page states the age of the result.
 """
 
 import time
@@ -46,7 +46,7 @@ class Section:
     ----------
     foci : (3,) centre of the foci [m].
     across : axis normal to the slice.
-    offset : of the slice from the foci along that axis [m].
+    offset : offset of the slice from the foci along that axis [m].
     """
 
     foci: Vector
@@ -55,7 +55,7 @@ class Section:
 
     @property
     def axes(self) -> Float64[np.ndarray, "3 3"]:
-        """Axes along the slice, up in it and across it, one per row; a right-handed system."""
+        """Right-handed axes, one per row: right and up in the slice, then its normal."""
         x, y, z = np.eye(3)
         along, up = {"x": (y, z), "y": (x, z), "z": (x, y)}[self.across]
         return np.stack([along, up, np.cross(along, up)])
@@ -66,7 +66,7 @@ class Section:
         return self.foci + self.offset * np.abs(self.axes[2])
 
     def points(self) -> Points:
-        """Return the points, row by row from the top [m]."""
+        """Return the points of the slice, row by row from the top [m]."""
         along, up, _ = self.axes
         steps = np.linspace(-0.5, 0.5, SLICE_POINTS) * SLICE_SIZE
         points = self.middle + steps[None, :, None] * along - steps[:, None, None] * up
@@ -79,9 +79,9 @@ def enlarged(field: Complex128[np.ndarray, "points"]) -> Float64[np.ndarray, "ro
 
 
 def element_sources(scene: LiveScene, amplitudes: Amplitudes, middle: Vector) -> Monopoles:
-    """Return elements and images as monopoles that radiate as strongly as towards ``middle`` [m].
+    """Return monopoles as strong as the elements and images are towards ``middle`` [m].
 
-    Near there the pressure is that of the whole elements.
+    Near ``middle`` the pressure is that of the full elements.
     """
     array = scene.with_images.array
     directions = middle - array.positions
@@ -104,11 +104,11 @@ class SoundRequest:
 
     Attributes
     ----------
-    time : by ``time.monotonic`` [s].
-    joints : (25, 3) of the hand [m].
+    time : time of the request, by ``time.monotonic`` [s].
+    joints : (25, 3) joints of the hand [m].
     foci : (F, 3) [m].
-    amplitudes : (E,) of the drive, share of full scale.
-    skin : (V, 3) points on its skin [m].
+    amplitudes : (E,) amplitudes of the drive, as shares of full scale.
+    skin : (V, 3) points on the skin [m].
     section : the slice.
     """
 
@@ -126,10 +126,10 @@ class Sound:
 
     Attributes
     ----------
-    time : when it was requested, by ``time.monotonic`` [s].
+    time : time of the request, by ``time.monotonic`` [s].
     skin : (V,) peak pressure on the skin [Pa].
     section : the slice.
-    field : (P,) pressure at its points [Pa], 0 inside the hand.
+    field : (P,) pressure at the points of the slice [Pa], 0 inside the hand.
     """
 
     time: float
@@ -162,8 +162,8 @@ class SoundSolver:
         """
         sources = element_sources(self._scene, request.amplitudes, request.foci.mean(axis=0))
         solution = self._hand.received(request.joints, sources, 0.05)
-        # On the skin the pressure is interpolated between the three nearest nodes of the panels;
-        # the bound avoids a division by zero at a node.
+        # Interpolate the pressure on the skin between the three nearest nodes of the panels; the
+        # lower bound avoids a division by zero at a node.
         nodes = KDTree(solution.surface.nodes.points)
         away, nearest = nodes.query(request.skin, 3)
         weights = 1.0 / np.maximum(away, 1e-5) ** 2
@@ -180,7 +180,7 @@ def _field_around(
     """Return the pressure at points; 0 inside the hand."""
     skin = hulls.look(points)
     outside = skin.distance > 0.0
-    # The panels are too coarse within 1 mm of the skin: such points are lifted to that distance.
+    # Within 1 mm of the skin the panels are too coarse, so such points are moved to that distance.
     lift = np.maximum(1e-3 - skin.distance, 0.0)
     lifted = points + lift[:, None] * skin.gradient
     field = np.zeros(len(points), dtype=np.complex128)
@@ -197,7 +197,7 @@ class SoundProcess:
 
     Attributes
     ----------
-    newest : sound, or None.
+    newest : newest result, or None.
     """
 
     def __init__(self, scene: LiveScene) -> None:
@@ -224,5 +224,5 @@ def _solve_sounds(mailbox: Mailbox, send: Callable[[Sound], None], scene: LiveSc
         begun = time.process_time()
         with suppress(InvalidInput, NotConverged):
             send(solver.solved(request))
-        # Solving takes at most 40 % of a processor.
+        # Limit solving to 40 % of a processor.
         time.sleep(1.5 * (time.process_time() - begun))

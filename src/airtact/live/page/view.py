@@ -33,7 +33,7 @@ from airtact.reports.solids import SHEET, sheet_of, towards_viewer
 # Colours of a colour map.
 STEPS = 256
 
-# Corners of an element's disc; few, as a software renderer slows down with each.
+# Corners of an element's disc; few, because each slows down a software renderer.
 CORNERS = 6
 
 SKIN_COLOUR = (205, 180, 165)
@@ -43,7 +43,7 @@ Colours = UInt8[np.ndarray, "vertices 3"]
 
 
 def colour_map(name: str) -> UInt8[np.ndarray, "steps 3"]:
-    """Return a colour map of matplotlib (256, 3)."""
+    """Return a colour map of Matplotlib (256, 3)."""
     colours = matplotlib.colormaps[name](np.linspace(0.0, 1.0, STEPS))
     return (255 * colours[:, :3]).round().astype(np.uint8)
 
@@ -63,7 +63,7 @@ class Look:
     skin : whether the pressure on the skin is shown.
     slice : whether the slice is shown.
     across : axis normal to the slice.
-    offset : of the slice from the centre of the foci along that axis [m].
+    offset : offset of the slice from the centre of the foci along that axis [m].
     """
 
     array: Literal["phase", "amplitude"] = "phase"
@@ -78,7 +78,7 @@ class View:
 
     Parameters
     ----------
-    server : shows it.
+    server : server of the page.
     scene : the fixed part of the scene.
     """
 
@@ -89,7 +89,7 @@ class View:
         self._solving = SoundProcess(scene)
         self._middle = expected_middle(scene)
         self._peak = 0.0  # running mean of the largest pressure, for the colours [Pa]
-        self.sound: Sound | None = None  # that skin and slice show
+        self.sound: Sound | None = None  # shown on skin and slice
         # viser has no public way to draw unlit vertex colours or to draw less often.
         script = Path(__file__).with_name("drawing.js").read_text(encoding="utf-8")
         server._websock_server.queue_message(RunJavascriptMessage(script))
@@ -130,7 +130,7 @@ class View:
         if np.any(moment.amplitudes):
             self.sound = self._sound_of(moment, moment.joints, moment.foci, vertices, look)
         if self.sound is not None and self.sound is not previous:
-            # The colours follow the largest pressure slowly, so that they do not flicker.
+            # The colour scale follows the largest pressure slowly, so that it does not flicker.
             parts = (self.sound.skin, self.sound.field)
             peak = max(float(np.quantile(np.abs(part), 0.998)) for part in parts)
             self._peak += (1.0 if self._peak == 0.0 else 0.3) * (peak - self._peak)
@@ -141,8 +141,8 @@ class View:
 
     @property
     def largest(self) -> float:
-        """Pressure at the end of the colours of skin and slice [Pa]."""
-        # Pressures above 60 % of the largest share the last colour, so that the others differ.
+        """Upper limit of the colour scale of skin and slice [Pa]."""
+        # Pressures above 60 % of the largest share the last colour, so that lower ones differ.
         return max(0.6 * self._peak, 1.0)
 
     def _sound_of(
@@ -166,7 +166,7 @@ class View:
         colours = np.broadcast_to(np.array(SKIN_COLOUR, dtype=np.uint8), vertices.shape)
         if pressures is not None:
             colours = self._coloured(pressures)
-        # Surfaces that look down are a little darker, as in light from above.
+        # Downward surfaces are a little darker, as in light from above.
         colours = in_light((colours * (0.8 + 0.2 * normals[:, 2:])).astype(np.uint8))
         if self._hand is None:
             self._hand = self._add_coloured("/hand", vertices, self._skin.triangles, colours)
@@ -180,7 +180,7 @@ class View:
 
     def _show_slice(self, sound: Sound) -> None:
         pressures = enlarged(sound.field)
-        # Transparent at low pressures, so that objects behind the slice stay visible.
+        # Low pressures are transparent, so that objects behind the slice stay visible.
         opaque = 255 * np.clip(0.1 + 3.0 * pressures / self.largest, 0.0, 0.95)
         self._slice.image = np.dstack([self._coloured(pressures), opaque.astype(np.uint8)])
         self._slice.position = sound.section.middle
@@ -263,7 +263,7 @@ class View:
             scene.add_label(
                 f"/labels/{place}",
                 place,
-                # Labels of neighbours stay apart.
+                # Keep the labels of neighbouring foci apart.
                 anchor="top-right" if index % 2 else "bottom-left",
                 visible=False,
             )
@@ -278,7 +278,7 @@ class View:
         colours: Colours,
     ) -> tuple[viser.MeshHandle, viser.PointCloudHandle]:
         """Add a mesh, and invisible points whose colours ``drawing.js`` gives to its vertices."""
-        # viser can change the colours of points, but not those of a mesh, without sending it again.
+        # viser can recolour points without sending them again, but not meshes.
         scene = self._server.scene
         mesh = scene.add_mesh_simple(
             name,
@@ -293,11 +293,11 @@ class View:
 
 
 class MovingSkin:
-    """The skin of one hand, meshed in the first pose and carried along by its bones.
+    """The skin of one hand, meshed in the first pose and moved with its bones.
 
     Parameters
     ----------
-    radii : (25,) of the skin around each joint [m]; None for those of a generic hand.
+    radii : (25,) radius of the skin around each joint [m]; None for those of a generic hand.
 
     Attributes
     ----------
@@ -313,12 +313,12 @@ class MovingSkin:
     def at(self, joints: Joints) -> tuple[Vertices, Vertices]:
         """Return vertices on the skin (V, 3) [m] and the unit normals there (V, 3)."""
         length = hand_length(joints)
-        # A hand whose length changed by a tenth belongs to someone else and is meshed again.
+        # If the length changed by a tenth, it is another person's hand: mesh it again.
         if self._first is None or abs(length / self._length - 1.0) > 0.1:
             self._radii = radii_of(self._given_radii, None, joints)
             self._length = length
             hulls, _ = hand_hulls(joints, self._radii)
-            # Edges of 5 mm: over half a wavelength, but a software renderer slows down with each.
+            # Edges of 5 mm exceed half a wavelength, but more would slow down software renderers.
             mesh = even_skin(hulls, 5e-3)
             self._first = hulls, mesh, hull_weights(hulls, mesh.vertices)
             self.triangles = mesh.triangles
@@ -331,7 +331,7 @@ class MovingSkin:
 
 
 def expected_middle(scene: LiveScene) -> Float64[np.ndarray, "3"]:
-    """Return where a hand is expected (3,) [m]: 0.2 m before a flat array, else in its middle."""
+    """Return the expected position of a hand (3,) [m]: 0.2 m from a flat array, else its middle."""
     positions = scene.array.positions
     front = scene.array.normals.mean(axis=0)
     middle = 0.5 * (positions.min(axis=0) + positions.max(axis=0))
@@ -342,7 +342,7 @@ def expected_middle(scene: LiveScene) -> Float64[np.ndarray, "3"]:
 def element_colours(
     amplitudes: Amplitudes, shown: Literal["phase", "amplitude"]
 ) -> UInt8[np.ndarray, "elements 3"]:
-    """Colour elements by their phase, grey where silent, or by their amplitude."""
+    """Colour elements by their phase (grey if silent) or by their amplitude."""
     if shown == "amplitude":
         steps = np.clip(np.abs(amplitudes) * (STEPS - 1), 0, STEPS - 1)
         return AMPLITUDES[steps.astype(np.int64)]
@@ -352,7 +352,7 @@ def element_colours(
 
 
 def in_light(colours: UInt8[np.ndarray, "*any 3"]) -> UInt8[np.ndarray, "*any 3"]:
-    """Return colours of a screen (sRGB, IEC 61966-2-1) as amounts of light, which a mesh takes."""
+    """Convert screen colours (sRGB, IEC 61966-2-1) to linear light, which meshes need."""
     values = np.arange(256) / 255
     linear = np.where(values <= 10 / 255, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
     return (255 * linear).round().astype(np.uint8)[colours]
