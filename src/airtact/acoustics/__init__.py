@@ -1,4 +1,4 @@
-"""What is in the air: media, bodies, sources and targets. No acoustics is solved here."""
+"""Scenes: media, bodies, sources and targets. The solvers are in ``solvers``."""
 
 import lazy_loader
 

@@ -14,7 +14,7 @@ from airtact.acoustics.target_points import Points, check_count, frame_of, space
 from airtact.errors import LARGEST_NUMBER, SMALLEST_NUMBER, InvalidInput, Vector, positive
 from airtact.files.bounded import bytes_of
 
-# Largest size of an SVG drawing [bytes]; the reader's time grows with the square of the size
+# Largest size of an SVG drawing [bytes]; the reading time grows with the square of the size
 MAX_DRAWING_BYTES = 500_000
 
 # Largest number of straight and curved parts of a drawing, counted for each use
@@ -32,21 +32,21 @@ def text(
     normal: Vector = (0.0, 0.0, 1.0),
     up: Vector | None = None,
 ) -> Points:
-    """Points (F, 3) [m] of text in single strokes, the centre lines of Hershey's letters (1967).
+    """Points (F, 3) [m] of text in Hershey's single-stroke letters (1967).
 
     Parameters
     ----------
     words : text in ASCII.
-    height : of a capital letter [m].
-    spacing : largest distance of neighbours along a stroke [m].
+    height : height of a capital letter [m].
+    spacing : largest distance between neighbours along a stroke [m].
     centre : (3,) middle of the text [m].
     normal : (3,) direction to the reader.
-    up : (3,) direction of the letters' tops; None for y, or z where the normal is nearly y.
+    up : (3,) direction of the letters' tops; None for y, or z if the normal is nearly y.
 
     Raises
     ------
     InvalidInput
-        If the text is empty or a letter is not in the font, or as for ``polyline``.
+        If the text is empty, a letter is not in the font, or ``polyline`` would raise it.
 
     Examples
     --------
@@ -68,7 +68,7 @@ def text(
     font.load_default_font("futural")
     font.normalize_rendering(1.0)  # otherwise y would run down
     strokes = [np.array(stroke, dtype=np.float64) for stroke in font.strokes_for_text(words)]
-    # The height of the font's own capitals differs from font to font.
+    # The height of capitals differs from font to font.
     capital = np.concatenate([np.array(stroke) for stroke in font.strokes_for_text("H")])
     scale = positive(height, "the height of a letter", "m") / float(np.ptp(capital[:, 1]))
     strokes = [stroke * scale for stroke in strokes]
@@ -88,16 +88,17 @@ def svg_path(
     Parameters
     ----------
     source : an .svg file, or the text of one path, such as "M 0 0 L 10 0 C 10 5 5 10 0 10 Z".
-    width : of the whole drawing [m], or its height where it has no width.
-    spacing : largest distance of neighbours along a line [m].
+    width : width of the drawing [m], or its height if it has no width.
+    spacing : largest distance between neighbours along a line [m].
     centre : (3,) middle of the drawing [m].
     normal : (3,) direction to the viewer.
-    up : (3,) direction of its top; None for y, or z where the normal is nearly y.
+    up : (3,) direction of the drawing's top; None for y, or z if the normal is nearly y.
 
     Raises
     ------
     InvalidInput
-        If the file cannot be read or is not SVG, has no lines or too many, or as for ``polyline``.
+        If the file cannot be read, is not SVG, has no lines or too many, or ``polyline`` would
+        raise it.
     """
     width = positive(width, "the width of the drawing", "m")
     spacing = positive(spacing, "the spacing", "m")
@@ -110,7 +111,7 @@ def svg_path(
         _check_curves(_numbers_in(source) + _letters_in(source), name)
     strokes = _strokes_of(drawing, name)
     corners = np.concatenate([np.empty((0, 2)), *strokes])
-    # Written as `not ... <=`, which NaN does not pass either.
+    # Written as `not ... <=`, so that NaN is rejected too.
     farthest = np.abs(corners).max(initial=0.0)
     if not farthest <= LARGEST_NUMBER:
         raise InvalidInput(
@@ -131,7 +132,7 @@ def _strokes_of(drawing: bytes | str, name: str) -> Strokes:
     import svgelements
 
     try:
-        with np.errstate(all="ignore"):  # the caller names numbers that are too large
+        with np.errstate(all="ignore"):  # the caller reports numbers that are too large
             if isinstance(drawing, bytes):
                 elements = svgelements.SVG.parse(io.BytesIO(drawing)).elements()
                 shapes = [item for item in elements if isinstance(item, svgelements.Shape)]
@@ -139,7 +140,7 @@ def _strokes_of(drawing: bytes | str, name: str) -> Strokes:
                 shapes = [drawing]
             parts = [part for shape in shapes for part in svgelements.Path(shape).as_subpaths()]
             strokes = [_corners(svgelements.Path(part)) for part in parts]
-    except Exception as error:  # the reader fails in its own way on each kind of damage
+    except Exception as error:  # the reader raises different errors for each kind of damage
         raise InvalidInput(f"{name} is not SVG: {error}.", code="file_unreadable") from None
     return [stroke for stroke in strokes if len(stroke) > 1]
 
@@ -159,7 +160,7 @@ def _corners(line: Any) -> Float64[np.ndarray, "corners 2"]:
 def _checked_drawing(drawing: bytes, name: str) -> bytes:
     """Check the size of an SVG file before the reader expands it, and drop its style sheets.
 
-    The reader takes minutes for style sheets, which move no line.
+    The reader takes minutes for style sheets, which do not move any line.
     """
     try:
         root = ElementTree.fromstring(drawing)
@@ -170,7 +171,7 @@ def _checked_drawing(drawing: bytes, name: str) -> bytes:
     counts: dict[ElementTree.Element, int] = {}
 
     def count(element: ElementTree.Element, level: int) -> int:
-        if level > 64:  # also where an element uses itself
+        if level > 64:  # also if an element uses itself
             raise InvalidInput(
                 f"{name} nests or uses elements more than 64 levels deep; flatten it.",
                 code="file_too_large",
@@ -186,7 +187,7 @@ def _checked_drawing(drawing: bytes, name: str) -> bytes:
             inside = list(element)
             if element.tag.rpartition("}")[2] == "use" and link[1:] in by_id:
                 inside.append(by_id[link[1:]])
-            # Even an empty element costs the reader as much as a curve of six numbers.
+            # Even an empty element takes the reader as long as a curve of six numbers.
             total = 6 + sum(_numbers_in(value) for value in attributes.values())
             total += _letters_in(attributes.get("d", ""))
             counts[element] = total + sum(count(part, level + 1) for part in inside)
@@ -208,7 +209,7 @@ def _letters_in(path: str) -> int:
 
 
 def _check_curves(numbers: int, name: str) -> None:
-    """Raise where a drawing has too many curves: six numbers, or one element, count as one."""
+    """Raise if a drawing has too many curves; six numbers or one element count as one curve."""
     if numbers // 6 > MAX_CURVES:
         raise InvalidInput(
             f"{name} has about {numbers // 6:,} curves, more than {MAX_CURVES:,}; simplify it.",
@@ -226,7 +227,7 @@ def _laid_out(
     middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
     spacing = positive(spacing, "the spacing", "m")
     lengths = [np.linalg.norm(np.diff(stroke, axis=0), axis=1).sum() for stroke in strokes]
-    # Where strokes cross or follow each other, up to four of five points are left out below.
+    # If strokes cross or follow each other, up to four in five points are left out below.
     check_count(0.2 * np.maximum(np.array(lengths) / spacing, 1.0).sum(), spacing)
     axes = np.stack([right, upwards])
     points = [_along((stroke - middle) @ axes, spacing) for stroke in strokes]
@@ -244,7 +245,7 @@ def _along(corners: Float64[np.ndarray, "corners 3"], spacing: float) -> Points:
     corners = corners[np.append(True, moving)]
     steps = steps[moving]
     lengths = lengths[moving]
-    # Corners would be rounded off where points are spaced evenly over the whole stroke.
+    # Points spaced evenly over the whole stroke would round off its corners.
     cosine = np.einsum("ij,ij->i", steps[1:], steps[:-1]) / (lengths[1:] * lengths[:-1])
     sharp = 1 + np.flatnonzero(cosine < 0.5)  # the stroke bends by more than 60 degrees
     points = []

@@ -18,18 +18,18 @@ from airtact.geometry.surface import Surface
 # Points up to this distance behind a plane count as on it [m]
 ON_PLANE = 1e-9
 
-# Smallest distance of a body from a plane [m]: the body and its image are then as far apart as two
+# Smallest distance of a body from a plane [m]; the body and its image are then as far apart as two
 # bodies must be
 MIN_GAP = 0.5 * NEAREST
 
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """An infinite rigid plane, made by ``plane``; sound is on the side of its normal.
+    """An infinite rigid plane, made by ``plane``; the sound is on the side of its normal.
 
     Attributes
     ----------
-    point : (3,) any point of it [m].
+    point : (3,) any point of the plane [m].
     normal : (3,) unit normal.
     """
 
@@ -54,7 +54,7 @@ class Plane:
         return Plane(fixed(motion.apply(self.point)), fixed(motion.rotate(self.normal)))
 
     def kept_by(self, motion: Pose) -> bool:
-        """Whether a rigid motion maps the plane onto itself, as shifts along it do.
+        """Whether a rigid motion, such as a shift along the plane, maps the plane onto itself.
 
         A field solved in front of the plane remains valid after such a motion of the bodies.
         """
@@ -73,7 +73,7 @@ def plane(point: Vector, normal: Vector, ratio: complex | float | None = None) -
     Parameters
     ----------
     point : (3,) any point of the plane [m].
-    normal : (3,) direction to the side of the sound, of any length.
+    normal : (3,) direction to the side with the sound, of any length.
     ratio : None. A plane with an impedance Z/(ρc) is rejected, because images are exact for rigid
         planes only.
 
@@ -116,8 +116,8 @@ def planes_of(planes: Sequence[Plane], surfaces: Sequence[Surface]) -> tuple[Pla
     for index, plane in enumerate(planes):
         of_kind(plane, Plane, f"plane {index}", "plane(point, normal)")
     if len(planes) > 1:
-        # The sum over the images between parallel planes does not converge; planes that cross make
-        # a corner, which has other images.
+        # The sum over the images between parallel planes does not converge. Crossing planes form a
+        # corner, which has other images.
         raise InvalidInput(
             f"the scene has {len(planes)} planes, but at most one is supported; leave out those "
             "far from the foci.",
@@ -167,7 +167,7 @@ def before_planes(
 def check_before_planes(
     planes: Sequence[Plane], points: Real[np.ndarray, "points 3"], name: str
 ) -> None:
-    """Raise "behind_plane" where one of the points (P, 3) [m] is behind a plane."""
+    """Raise "behind_plane" if one of the points (P, 3) [m] is behind a plane."""
     for plane in planes:
         height = plane.height(points)
         behind = np.flatnonzero(height < -ON_PLANE)

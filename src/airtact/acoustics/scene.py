@@ -109,9 +109,9 @@ def impedance(surface: Surface, ratio: complex | float) -> Obstacle:
     Parameters
     ----------
     surface : closed surface of the body.
-    ratio : Z/(ρc), Z being pressure over the velocity into the surface for e^{-iωt}; finite, not
-        zero, its real part not negative. ``BoundaryElement`` and ``FiniteElement`` solve such
-        bodies, ``SphereSeries`` one sphere.
+    ratio : Z/(ρc), where Z is the pressure divided by the velocity into the surface for e^{-iωt}.
+        It must be finite and not zero, with a real part that is not negative. ``BoundaryElement``
+        and ``FiniteElement`` solve such bodies, ``SphereSeries`` one sphere.
 
     Raises
     ------
@@ -122,7 +122,7 @@ def impedance(surface: Surface, ratio: complex | float) -> Obstacle:
 
 
 def filled(surface: Surface, medium: Medium) -> Obstacle:
-    """Build a body from its closed surface and the fluid that fills it, which sound enters."""
+    """Build a body from its closed surface and the fluid that fills it; sound enters it."""
     return Obstacle(surface, "filled", medium=medium)
 
 
@@ -194,7 +194,7 @@ class Scene:
                 code="out_of_range",
             )
         for index, obstacle in enumerate(self.obstacles):
-            # One vertex suffices: a body in millimetres is far beyond this.
+            # One vertex suffices, because a body in millimetres is far beyond this limit.
             distance = math.hypot(*obstacle.surface.vertices[obstacle.surface.triangles[0, 0]])
             if distance > 10.0:
                 raise InvalidInput(
@@ -228,9 +228,9 @@ class Scene:
     def depth(self, points: Real[np.ndarray, "points 3"]) -> Float64[np.ndarray, "points"]:
         """Depth of points (P, 3) [m] in a body [m].
 
-        It is the largest over all bodies, negative outside, -inf when there are none.
+        It is the largest over all bodies, negative outside, and -inf if there are no bodies.
 
-        Raise ``InvalidInput`` when they are of another shape, NaN or infinite.
+        Raise ``InvalidInput`` if the points have the wrong shape, or are NaN or infinite.
         """
         points = points_of(points, "points", least=0)
         depth = np.full(len(points), -np.inf)
@@ -279,9 +279,9 @@ def admittances(scene: Scene) -> Complex128[np.ndarray, "bodies"]:
 
 
 def check_outside(scene: Scene, points: Real[np.ndarray, "points 3"], name: str) -> None:
-    """Raise "inside_body" or "behind_plane" where points lie in a body or behind a plane.
+    """Raise "inside_body" or "behind_plane" if points lie in a body or behind a plane.
 
-    ``name`` is that of a point: "focus", "transducer".
+    ``name`` is what a point is called, such as "focus" or "transducer".
     """
     points = points_of(points, f"{name} points")
     check_not_inside(scene.depth(points), points, name)
@@ -291,7 +291,7 @@ def check_outside(scene: Scene, points: Real[np.ndarray, "points 3"], name: str)
 def check_not_inside(
     depth: Float64[np.ndarray, "points"], points: Float64[np.ndarray, "points 3"], name: str
 ) -> None:
-    """Raise "inside_body" where points lie deeper in a body than ``CONTACT``."""
+    """Raise "inside_body" if points lie deeper in a body than ``CONTACT``."""
     count = int((depth > CONTACT).sum())
     if count:
         deepest = int(depth.argmax())
@@ -305,9 +305,9 @@ def check_not_inside(
 
 
 def check_sources(scene: Scene, sources: Monopoles, planes: bool = False) -> None:
-    """Raise where the sources are of the wrong type, inside a body or behind a plane.
+    """Raise if the sources have the wrong type, are inside a body or behind a plane.
 
-    The error calls the sources of ``Target.beacons`` foci. ``planes`` is whether the solver
+    The error calls the sources of ``Target.beacons`` foci. ``planes`` tells whether the solver
     supports planes.
     """
     of_kind(scene, Scene, "the scene", "Scene(medium, obstacles, frequency)")
@@ -321,7 +321,7 @@ def check_sources(scene: Scene, sources: Monopoles, planes: bool = False) -> Non
 
 
 def check_no_planes(scene: Scene, solver: str) -> None:
-    """Raise where the scene has planes or reflecting boards, which ``solver`` does not support."""
+    """Raise if the scene has planes or reflecting boards, which ``solver`` does not support."""
     if scene.planes:
         raise InvalidInput(
             f"the scene has {counted(len(scene.planes), 'plane', 'planes')}, which {solver} does "
@@ -333,7 +333,7 @@ def check_no_planes(scene: Scene, solver: str) -> None:
 
 
 def check_no_boards(scene: Scene, solver: str) -> None:
-    """Raise where the scene has reflecting boards, which ``solver`` does not support."""
+    """Raise if the scene has reflecting boards, which ``solver`` does not support."""
     if scene.boards:
         raise InvalidInput(
             f"the scene has {counted(len(scene.boards), 'body', 'bodies')} of reflecting boards, "

@@ -9,7 +9,7 @@ from scipy.spatial.distance import cdist
 
 from airtact.errors import InvalidInput, check_finite, complex_numbers, in_short, points_of
 
-# Points nearer to a source than this are at the source [m]
+# Points closer to a source than this count as at the source [m]
 STANDS_ON = 1e-9
 
 
@@ -17,7 +17,7 @@ STANDS_ON = 1e-9
 class Monopoles:
     """N point sources with S independent excitations, which a solver solves separately.
 
-    A monopole of strength s alone in open air gives p = s e^{ikr}/r.
+    A monopole of strength s, alone in open air, gives the pressure p = s e^{ikr}/r.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ class Monopoles:
 
 
 def check_off_sources(points: Real[np.ndarray, "points 3"], sources: Monopoles) -> None:
-    """Raise "misplaced" where a receiver is nearer to a source than ``STANDS_ON``.
+    """Raise "misplaced" if a receiver is closer to a source than ``STANDS_ON``.
 
     The pressure is infinite there.
     """
@@ -90,18 +90,18 @@ def nearest_source(
 ) -> tuple[Float64[np.ndarray, "points"], Int64[np.ndarray, "points"]]:
     """Distance [m] and index of the nearest source of each point.
 
-    Where no source is within reach, the distance is larger and the index arbitrary.
+    If no source is within reach, the distance is larger and the index is arbitrary.
     """
-    columns = np.ascontiguousarray(points.T)  # many times quicker than a minimum over three columns
+    columns = np.ascontiguousarray(points.T)  # far faster than a minimum over three columns
     low = columns.min(axis=1, initial=np.inf) - within
     high = columns.max(axis=1, initial=-np.inf) + within
     # Most points are far from all sources; the box around them contains few sources.
     inside = np.flatnonzero(((sources.positions >= low) & (sources.positions <= high)).all(axis=1))
     if not len(inside) or not len(points):
         return np.full(len(points), np.inf), np.zeros(len(points), dtype=np.int64)
-    if len(inside) <= 16:  # then all distances are quicker than a search tree
+    if len(inside) <= 16:  # computing all distances is faster than a search tree
         distances = cdist(sources.positions[inside], points)
         return distances.min(axis=0), inside[distances.argmin(axis=0)]
-    # Nothing farther than the bound matters.
+    # Sources beyond the bound do not matter.
     distance, source = KDTree(sources.positions).query(points, distance_upper_bound=2 * within)
     return np.asarray(distance), np.asarray(source)

@@ -1,7 +1,7 @@
 """``Stored``: a solver that caches its fields in a folder.
 
-An entry is a checksum and a NumPy archive with the field's dataclasses as a JSON tree and its
-arrays. Scene and sources are not stored, because the caller has them.
+An entry is a checksum and a NumPy archive. The archive contains the field's arrays and its
+dataclasses as a JSON tree. Scene and sources are not stored, because the caller has them.
 """
 
 import hashlib
@@ -39,7 +39,7 @@ def name_of(*values: object) -> str:
     Raises
     ------
     InvalidInput
-        A value cannot be hashed, such as a solver that is no dataclass.
+        A value cannot be hashed, such as a solver that is not a dataclass.
     """
     arrays: list[np.ndarray] = []
     tree = json.dumps([_tree(value, arrays, {}) for value in values], sort_keys=True)
@@ -54,7 +54,7 @@ def name_of(*values: object) -> str:
 def program(package: Path = Path(errors.__file__).parent) -> str:
     """Digest of the Python files and compiled kernels of airtact."""
     digest = hashlib.blake2b(digest_size=20)
-    # Another version of airtact may compute other numbers.
+    # Another version of airtact may give different numbers.
     for file in [*sorted(package.rglob("*.py")), Path(str(_kernels.__file__))]:
         digest.update(file.name.encode() + hashlib.blake2b(file.read_bytes()).digest())
     return digest.hexdigest()
@@ -101,7 +101,7 @@ def _tree(value: object, arrays: list[np.ndarray], references: Mapping[int, str]
     if isinstance(value, complex):
         return {"complex": [value.real, value.imag]}
     if isinstance(value, np.ndarray) and value.dtype.kind in "biufc":
-        # JSON has no arrays: the tree has the index of each.
+        # JSON has no NumPy arrays, so the tree has the index of each.
         arrays.append(value)
         return {"array": len(arrays) - 1}
     if isinstance(value, tuple | list):
@@ -139,7 +139,7 @@ def _value(tree: Any, arrays: list[np.ndarray], references: Mapping[str, object]
         case {"table": table}:
             return restored(table)
         case {"module": str(module), "class": name, "fields": table}:
-            # Only dataclasses of airtact are made, whatever a damaged file names.
+            # Only dataclasses of airtact are built, even if a damaged file names others.
             if not module.startswith("airtact."):
                 raise ValueError(module)
             kind: Any = getattr(importlib.import_module(module), name)
@@ -150,12 +150,12 @@ def _value(tree: Any, arrays: list[np.ndarray], references: Mapping[str, object]
 
 
 class Stored(Solver):
-    """A solver that stores its fields in a folder and reads them again.
+    """A solver that stores its fields in a folder and reads them back.
 
-    The key of a field includes everything that determines it, to the last bit: vertices and
-    mid-edge points, boundaries, medium, frequency, sources, settings of the solver, and airtact's
-    code. An entry is written completely or not at all, even if several processes write or one is
-    killed. A damaged entry is detected by its checksum and solved again. When the folder exceeds
+    The key of a field includes everything that affects it, to the last bit: vertices and mid-edge
+    points, boundaries, medium, frequency, sources, settings of the solver, and airtact's code. An
+    entry is written completely or not at all, even if several processes write or one is killed. A
+    damaged entry is detected by its checksum, and its field is solved again. If the folder exceeds
     ``most_bytes``, the least recently used entries are deleted. A field that cannot be stored, such
     as one of finite elements, is still solved; the warnings of its report give the reason. Code
     outside airtact is not part of the key: after changing your own solver, use another folder.
@@ -206,7 +206,7 @@ class Stored(Solver):
         return Stored(self.solver.reporting(progress), self.folder, self.most_bytes)
 
     def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
-        """Field of the monopoles, read from the folder or solved; errors as of the solver.
+        """Field of the monopoles, read from the folder or solved; raises the solver's errors.
 
         A stored field has ``store`` as the only step in its report's ``seconds``.
         """
@@ -220,7 +220,7 @@ class Stored(Solver):
             field = unpacked(bytes_of(path, self.most_bytes), key, scene, sources)
             if field is not None:
                 with suppress(OSError):
-                    path.touch()  # records when the entry was used last
+                    path.touch()  # records when the entry was last used
                 seconds = {"store": time.perf_counter() - begun}
                 return _with_report(field, replace(field.report, seconds=seconds))
         field = self.solver.radiate(scene, sources)

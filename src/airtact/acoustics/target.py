@@ -30,8 +30,8 @@ PerFocus = Num[np.ndarray, "foci"] | complex | float | int
 class Beacons(Monopoles):
     """The virtual sources of a target.
 
-    The first ``foci`` sources are at foci, the others at suppression points, whose panels are not
-    refined.
+    The first ``foci`` sources are at foci, the others at suppression points. Panels are not refined
+    near suppression points.
     """
 
     foci: int = 0
@@ -55,7 +55,7 @@ class Target:
     points : (F, 3) foci in the obstacles' frame [m].
     pressures : (F,) required peak pressures [Pa]; None makes the foci as strong as possible.
     shares : (F,) relative pressures, as strong as the array allows, or None. Without pressures and
-        shares all foci count equally.
+        shares, all foci have equal weight.
     phases : (F,) required phases [rad], from complex pressures or shares; None if the method
         chooses them.
     suppression_points : (Q, 3) points where the pressure is suppressed [m], none by default.
@@ -78,7 +78,7 @@ class Target:
     def __repr__(self) -> str:
         strength = "as strong as possible"
         if self.pressures is not None:
-            strength = f"{span(self.pressures, 'Pa')} asked"
+            strength = f"{span(self.pressures, 'Pa')} requested"
         elif self.shares is not None:
             strength = f"shares {span(self.shares, '').rstrip()}"
         return one_line(
@@ -103,7 +103,7 @@ class Target:
         ----------
         points : (F, 3) [m], or (3,) for one focus.
         pressures : (F,) peak pressures [Pa], one number for all foci, or None. Complex numbers fix
-            the phases too, real ones leave them to the method.
+            the phases too; with real numbers the method chooses them.
         shares : relative pressures in the same form; give at most one of the two.
         suppression_points : (Q, 3) where the pressure is suppressed [m].
 
@@ -169,7 +169,7 @@ class Target:
         ----------
         suppression : whether the suppression points follow as further beacons, (F + Q, F + Q).
         """
-        # Each beacon is an excitation of its own: its field is one row of the transfer matrix.
+        # Each beacon is a separate excitation; its field is one row of the transfer matrix.
         points = self.points
         if suppression:
             points = np.concatenate([points, self.suppression_points])
@@ -222,7 +222,7 @@ def _check_suppressed_foci(
 
 
 def _check_no_normal(points: Real[np.ndarray, "foci 3"] | Vector) -> None:
-    """Raise where a pair of a position and its unit normal was given as two foci."""
+    """Raise if a position and its unit normal were given as two foci."""
     if (
         isinstance(points, tuple)
         and len(points) == 2

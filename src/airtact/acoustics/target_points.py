@@ -1,7 +1,8 @@
 """Shapes as points for a ``Target``: lines, circles, spheres, surfaces of bodies.
 
-The spacing is the largest distance of neighbours along a line. Foci within half a wavelength merge,
-so a quarter to a half of a wavelength (2 to 4 mm at 40 kHz) gives an unbroken line.
+The spacing is the largest distance between neighbours along a line. Foci less than half a
+wavelength apart merge, so a quarter to a half of a wavelength (2 to 4 mm at 40 kHz) gives an
+unbroken line.
 """
 
 from collections.abc import Callable
@@ -36,8 +37,8 @@ def segment(start: Vector, end: Vector, spacing: float) -> Points:
 
     Parameters
     ----------
-    start, end : (3,) [m].
-    spacing : largest distance of neighbours [m].
+    start, end : (3,) ends of the line [m].
+    spacing : largest distance between neighbours [m].
 
     Raises
     ------
@@ -55,18 +56,18 @@ def segment(start: Vector, end: Vector, spacing: float) -> Points:
 def polyline(
     corners: Real[np.ndarray, "corners 3"], spacing: float, closed: bool = False
 ) -> Points:
-    """Points (F, 3) [m] of straight lines between corners, evenly spaced on each.
+    """Points (F, 3) [m] of straight lines between corners, evenly spaced on each line.
 
     Parameters
     ----------
-    corners : (C, 3) [m].
-    spacing : largest distance of neighbours [m].
+    corners : (C, 3) corners [m], which are included in the points.
+    spacing : largest distance between neighbours [m].
     closed : whether a line leads back from the last corner to the first.
 
     Raises
     ------
     InvalidInput
-        As for ``segment``, or there are fewer than two corners.
+        As for ``segment``, or there are fewer than two corners (three if closed).
     """
     corners = points_of(corners, "corners of a polyline")
     minimum = 3 if closed else 2
@@ -108,8 +109,8 @@ def circle(
     ----------
     centre : (3,) [m].
     radius : [m].
-    spacing : largest distance of neighbours along the circle [m].
-    normal : (3,) at right angles to its plane.
+    spacing : largest distance between neighbours along the circle [m].
+    normal : (3,) direction perpendicular to the circle's plane.
 
     Raises
     ------
@@ -140,7 +141,7 @@ def sphere_shell(centre: Vector, radius: float, spacing: float) -> Points:
     ----------
     centre : (3,) [m].
     radius : [m].
-    spacing : about the distance of neighbours [m].
+    spacing : approximate distance between neighbours [m].
 
     Raises
     ------
@@ -159,7 +160,7 @@ def sphere_shell(centre: Vector, radius: float, spacing: float) -> Points:
     check_count(count, spacing)
     index = np.arange(int(count)) + 0.5
     height = 1.0 - 2.0 * index / count
-    # The golden angle never lines points up in meridians.
+    # With the golden angle, points never line up along meridians.
     azimuth = np.pi * (1.0 + np.sqrt(5.0)) * index
     across = np.sqrt(1.0 - height**2)
     directions = np.stack([across * np.cos(azimuth), across * np.sin(azimuth), height], axis=1)
@@ -169,14 +170,14 @@ def sphere_shell(centre: Vector, radius: float, spacing: float) -> Points:
 def surface_points(
     surface: Surface, spacing: float, facing: Vector | None = None, within: float = 90.0
 ) -> Points:
-    """Points (Q, 3) [m] on the surface of a body, or on its side that faces a direction.
+    """Points (Q, 3) [m] on the surface of a body, or on the side that faces a direction.
 
-    They define a suppression zone.
+    Use them as suppression points.
 
     Parameters
     ----------
     surface : the body.
-    spacing : about the distance of neighbours [m].
+    spacing : approximate distance between neighbours [m].
     facing : (3,) direction of the outward normals, or None for the whole surface.
     within : the largest angle between normal and ``facing`` [degrees].
 
@@ -205,20 +206,20 @@ def surface_points(
             f"{np.asarray(facing).tolist()}.",
             code="empty",
         )
-    # After thinning, points are farther apart on average than their smallest distance.
+    # After thinning, the mean distance exceeds the smallest one.
     return spaced_apart(surface.shape.project(centres), 0.85 * spacing)
 
 
 def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Points:
     """Project points (P, 3) [m] to a surface and shift them along the normal.
 
-    It moves a drawing onto the hand.
+    Use it to put a drawing onto the hand.
 
     Parameters
     ----------
     points : (P, 3) [m].
     surface : the body.
-    offset : their distance from the surface [m], 0 to 0.02.
+    offset : distance of the shifted points from the surface [m], 0 to 0.02.
 
     Raises
     ------
@@ -237,7 +238,8 @@ def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Po
     offset = between(offset, 0.0, MAX_OFFSET, "the offset", "m", "give metres.")
     points = points_of(points, "points", least=0)
     projected = surface.shape.project(points).copy()
-    # Bodies such as hands project points near them only. Others start from the nearest triangle.
+    # Bodies such as hands project only points near them. Other points start from the nearest
+    # triangle.
     off = np.flatnonzero(np.abs(surface.depth(projected)) > 1e-6)
     if len(off):
         import trimesh
@@ -252,7 +254,8 @@ def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Po
         where = projected[short[0]]
         raise InvalidInput(
             f"point {int(short[0])}, shifted {1e3 * offset:.3g} mm off the surface at "
-            f"{in_mm(where)}, lies in a crevice or before another part of it; move the drawing.",
+            f"{in_mm(where)}, lies in a crevice or in front of another part of it; move the "
+            "drawing.",
             where,
             code="misplaced",
         )
@@ -260,7 +263,7 @@ def onto_surface(points: Points, surface: Surface, offset: float = 0.5e-3) -> Po
 
 
 def spaced_apart(points: Points, spacing: float) -> Float64[np.ndarray, "kept 3"]:
-    """Leave out points within ``spacing`` [m] of an earlier point that is not left out."""
+    """Leave out points within ``spacing`` [m] of an earlier point that is kept."""
     remaining = []
     dropped = np.zeros(len(points), dtype=bool)
     tree = KDTree(points)
@@ -276,7 +279,7 @@ def frame_of(
 ) -> tuple[Float64[np.ndarray, "3"], Float64[np.ndarray, "3"], Float64[np.ndarray, "3"]]:
     """Return unit vectors right, up and along the normal of a plane seen from its front.
 
-    ``up`` is projected to the plane; None stands for y, or z where the normal is nearly y.
+    ``up`` is projected onto the plane. None means y, or z if the normal is nearly y.
     """
     towards = point_of(normal, "the normal")
     length = float(np.linalg.norm(towards))
@@ -286,7 +289,7 @@ def frame_of(
             code="all_zero",
         )
     towards = towards / length
-    # Any direction but the normal will do.
+    # Any direction except the normal is valid.
     if up is None:
         up = (0.0, 1.0, 0.0) if abs(towards[1]) < 0.9 else (0.0, 0.0, 1.0)
     direction = point_of(up, "the direction up")
@@ -302,7 +305,7 @@ def frame_of(
 
 
 def check_count(count: float, spacing: float) -> None:
-    """Raise "too_many" where a spacing [m] gives more than ``MOST_POINTS``."""
+    """Raise "too_many" if a spacing [m] gives more than ``MOST_POINTS`` points."""
     if count > MOST_POINTS:
         raise InvalidInput(
             f"a spacing of {1e3 * spacing:.3g} mm gives {count:.0f} points, more than "
@@ -319,7 +322,7 @@ def outward(
     """Find unit directions (P, 3) in which ``Surface.depth`` or ``Scene.depth`` falls fastest."""
     step = 1e-4  # [m]
     shifts = step * np.concatenate([np.eye(3), -np.eye(3)])
-    # central differences; the direction is z where the depth is constant
+    # central differences; the direction is z if the depth is constant
     around = depth((points[:, None] + shifts).reshape(-1, 3)).reshape(-1, 6)
     gradients = around[:, 3:] - around[:, :3]
     length = np.linalg.norm(gradients, axis=1, keepdims=True)

@@ -6,12 +6,12 @@ import numpy as np
 
 from airtact.errors import InvalidInput, Vector, between, one_line, point_of
 
-# Smaller angles above zero are probably in radians [degree]
+# Angles between zero and this are probably in radians [degree]
 SMALLEST_ANGLE = 0.1
 
 _MILLIMETRES = "is it in millimetres? Give metres."
 
-# Largest value of each deviation, its unit, and the hint of the error beyond it
+# Largest value of each deviation, its unit, and the hint in the error for a larger value
 _LIMITS = {
     "position": (0.1, "m", _MILLIMETRES),
     "rotation": (90.0, "degrees", "hands are located more accurately."),
@@ -20,10 +20,10 @@ _LIMITS = {
     "along_skin": (0.1, "m", _MILLIMETRES),
     "age": (1.0, "s", "is it in milliseconds? Give seconds."),
     "temperature": (10.0, "K", "the temperature of a room is known better."),
-    "humidity": (0.5, "parts of 1", "5 per cent is humidity=0.05."),
-    "gain": (0.5, "parts of 1", "5 per cent is gain=0.05."),
+    "humidity": (0.5, "", "5 per cent is humidity=0.05."),
+    "gain": (0.5, "", "5 per cent is gain=0.05."),
     "phase": (90.0, "degrees", "no drive focuses with such phases."),
-    "dead": (0.9, "parts of 1", "10 per cent is dead=0.1."),
+    "dead": (0.9, "", "10 per cent is dead=0.1."),
     "board_position": (0.1, "m", _MILLIMETRES),
     "board_rotation": (90.0, "degrees", "boards are located more accurately."),
 }
@@ -37,26 +37,27 @@ class Uncertainty:
 
     Attributes
     ----------
-    position : of the hand, along each of x, y and z [m].
-    rotation : of a turn of the hand about a random axis through the middle of the foci [degree].
-    own_position, own_rotation : of each body separately, or of the bone that carries a focus; a
-        body turns about the middle of its own foci [m, degree].
-    along_skin : of each focus on its body, in each of two directions along the surface [m].
-    age : of the time since the pose was measured [s]; the hand moves at its velocity meanwhile.
-    velocity : (3,) of the hand in the obstacles' frame [m/s]; not a deviation.
-    temperature : of the air [K].
-    humidity : relative humidity of the air, in parts of 1.
-    gain : of the amplitude of each element, a share of it.
-    phase : of each element [degree].
-    dead : expected share of the elements that emit nothing.
-    board_position, board_rotation : of each board, as those of the hand; it turns about its middle
+    position : position of the hand, along each of x, y and z [m].
+    rotation : rotation of the hand about a random axis through the middle of the foci [degree].
+    own_position, own_rotation : position and rotation of each body separately, or of the bone with
+        a focus [m, degree]. A body rotates about the middle of its foci.
+    along_skin : position of each focus on its body, in each of two directions along the surface
+        [m].
+    age : time since the pose was measured [s]; meanwhile the hand moves at ``velocity``.
+    velocity : (3,) velocity of the hand in the obstacles' frame [m/s]; not a deviation.
+    temperature : temperature of the air [K].
+    humidity : relative humidity of the air, as a fraction.
+    gain : amplitude of each element, as a fraction of it.
+    phase : phase of each element [degree].
+    dead : expected fraction of the elements that emit nothing; not a deviation.
+    board_position, board_rotation : position and rotation of each board about its middle
         [m, degree].
 
     Raises
     ------
     InvalidInput
-        "not_a_number"; "out_of_range": a number is negative, not finite or larger than makes sense
-        in its unit, or an angle is between 0 and 0.1 degrees, which is probably in radians.
+        "not_a_number"; "out_of_range": a number is negative, not finite or implausibly large in its
+        unit, or an angle is between 0 and 0.1 degrees, which is probably in radians.
 
     Examples
     --------
@@ -107,6 +108,6 @@ class Uncertainty:
     @property
     def shift(self) -> float:
         """Standard deviation of a focus along one axis, without rotations [m]."""
-        # The hand is off by its way since the pose was measured.
+        # The hand has moved by this distance since the pose was measured.
         late = self.age * np.linalg.norm(self.velocity)
         return float(np.sqrt(self.position**2 + self.own_position**2 + late**2))

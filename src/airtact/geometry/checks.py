@@ -28,13 +28,13 @@ from airtact.geometry.mesh.topology import shells
 from airtact.geometry.primitives import Capsule, nearest_on_segments
 from airtact.geometry.surface import Body, Surface
 
-# Smallest distance of two bodies [m]: panels cannot resolve less air between them.
+# Smallest distance between two bodies [m]; panels cannot resolve a narrower gap.
 NEAREST = 0.3e-3
 
 # Smallest thickness of a body [m].
 THINNEST = 0.5e-3
 
-# Bodies that passed; surfaces are immutable, so a moved body is not checked again.
+# Bodies that passed the checks; surfaces are immutable, so a moved body is not checked again.
 _PASSED: WeakSet[Body] = WeakSet()
 
 
@@ -135,7 +135,7 @@ def thin_part(surface: Surface) -> tuple[float, Vector3] | None:
 
 
 def _stands_alone(surface: Surface, centres: PointVectors) -> Bool[np.ndarray, "points"]:
-    """Whether the body is too thin everywhere within ``THINNEST`` of points."""
+    """Whether the body is too thin everywhere within ``THINNEST`` of each point."""
     directions = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3), axis=3).reshape(-1, 3)
     shares = np.array([0.4, 0.7, 1.0])
     around = THINNEST * (shares[:, None, None] * unit(directions)).reshape(-1, 3)
@@ -146,11 +146,11 @@ def _stands_alone(surface: Surface, centres: PointVectors) -> Bool[np.ndarray, "
     return alone
 
 
-# --- distances of bodies ----------------------------------------------------------------------
+# --- distances between bodies ------------------------------------------------------------------
 
 
 class Approach(NamedTuple):
-    """Distance of two bodies [m], negative where they overlap, and a position (3,) there [m]."""
+    """Distance between two bodies [m], negative if they overlap, and a position (3,) there [m]."""
 
     gap: float
     position: Vector3
@@ -177,7 +177,7 @@ def check_apart(surfaces: Sequence[Surface]) -> None:
 
 
 def approach(first: Surface, second: Surface, within: float = np.inf) -> Approach | None:
-    """Distance of the true surfaces of two bodies; None if it is at least ``within`` [m]."""
+    """Distance between the true surfaces of two bodies; None if it is at least ``within`` [m]."""
     if isinstance(first.shape, Capsule) and isinstance(second.shape, Capsule):
         on_first, on_second = nearest_on_segments(first.shape.axis, second.shape.axis)
         across = on_second - on_first
@@ -188,7 +188,7 @@ def approach(first: Surface, second: Surface, within: float = np.inf) -> Approac
         first, second = second, first  # the depth in a capsule is fast
     low = np.maximum(first.vertices.min(axis=0), second.vertices.min(axis=0))
     high = np.minimum(first.vertices.max(axis=0), second.vertices.max(axis=0))
-    # The curved surface lies off the triangles by at most half an edge.
+    # The curved surface is at most half an edge away from the triangles.
     bulge = 0.5 * float(first.edge_lengths.max() + second.edge_lengths.max())
     if np.linalg.norm(np.maximum(low - high, 0.0)) >= within + bulge:
         return None
@@ -199,7 +199,7 @@ def approach(first: Surface, second: Surface, within: float = np.inf) -> Approac
         gaps = -first.shape.depth(points)
         if gaps.min() < within:
             nearest = Approach(float(gaps.min()), points[gaps.argmin()])
-    # Panels of the first body that may be nearer are cut until their nodes are 0.1 mm apart.
+    # Panels of the first body that may be closer are cut until their nodes are 0.1 mm apart.
     panels = first.quadratic_triangles
     panels = panels[_near_box(panels[:, 0], second.vertices, within + 3.0 * bulge)]
     while len(panels):
@@ -210,7 +210,7 @@ def approach(first: Surface, second: Surface, within: float = np.inf) -> Approac
         lowest = gaps.reshape(-1, 6).min(axis=1)
         longest = longest_edges(panels)
         chosen = np.flatnonzero((lowest - 0.5 * longest < within) & (longest > 0.2e-3))
-        if nearest is not None:  # a few of the nearest panels suffice
+        if nearest is not None:  # the few nearest panels suffice
             chosen = chosen[np.argsort(lowest[chosen])[:256]]
         elif len(chosen) > 10_000:  # wide parallel faces that are just far enough apart
             return None

@@ -40,7 +40,7 @@ from airtact.geometry.shape import BEND, Shape
 
 @dataclass(frozen=True, eq=False)
 class MeshShape(Shape):
-    """A mesh of quadratic triangles at a pose; ``cached`` are panels at rest by their settings."""
+    """A mesh of quadratic triangles at a pose; ``cached`` has panels at rest by their settings."""
 
     mesh: QuadraticMesh
     pose: Pose
@@ -80,7 +80,7 @@ class MeshShape(Shape):
 
     @property
     def quadratic_triangles(self) -> QuadraticTriangles:
-        """Its panels (T, 6, 3) [m]."""
+        """The triangles of the mesh as panels (T, 6, 3) [m]."""
         return self.pose.apply(self.mesh.quadratic_triangles)
 
     def edge_middles(self, corners: EdgeVectors) -> EdgeVectors:
@@ -140,7 +140,7 @@ def covered(mesh: QuadraticMesh, edge: float, away: float = np.inf) -> Quadratic
     extent = float(np.ptp(mesh.vertices, axis=0).max())
     shorter = min(edge, 0.5 * extent)
     fault = None
-    # A part smaller than the edge may vanish. A shorter edge is tried if the volume is wrong.
+    # A part smaller than the edge may vanish. If the volume is wrong, a shorter edge is tried.
     for _ in range(4):
         try:
             panels = _new_panels(mesh, shorter, away)
@@ -185,7 +185,7 @@ def _on_surface(mesh: QuadraticMesh, new: RidgedMesh, edge: float) -> QuadraticT
     on_ridge = np.unique(new.ridges)
     if len(on_ridge):
         corners[on_ridge] = mesh.project_on_sharp_edges(new.vertices[on_ridge])
-    # A far projection is on another part of the surface, and is ignored.
+    # A far projection belongs to another part of the surface, and is ignored.
     outlying = np.linalg.norm(corners - new.vertices, axis=1) > 0.3 * edge
     corners[outlying] = new.vertices[outlying]
     edges, inverse = np.unique(
@@ -204,7 +204,7 @@ def _on_surface(mesh: QuadraticMesh, new: RidgedMesh, edge: float) -> QuadraticT
 def _cut_where_it_helps(
     mesh: QuadraticMesh, panels: QuadraticTriangles, edge: float, away: float
 ) -> Pieces:
-    """Cut panels in four that turn or deviate too much, if the pieces deviate less."""
+    """Cut panels that turn or deviate too much in four, if the pieces deviate less."""
     too_far = 0.004 * edge
     finished = []
     for _ in range(4):
@@ -215,9 +215,9 @@ def _cut_where_it_helps(
             break
         pieces, _ = cut(panels[rough], np.full(int(rough.sum()), 2))
         pieces = mesh.fitted(pieces)
-        # Cutting reduces the deviation from a smooth surface by a factor of 8 or more, and from a
-        # rough one by less. The limit is a half for panels that are too far off, and a fifth for
-        # those that only exceed ``away``.
+        # Cutting reduces the deviation from a smooth surface to 1/8 or less, but less from a rough
+        # one. Cuts are kept if they reduce it to a half for panels that are too far off, and to a
+        # fifth for those that only exceed ``away``.
         enough = np.where(deviation[rough] > too_far, 0.5, 0.2) * deviation[rough]
         mean_square = np.mean(mesh.deviation(pieces).reshape(-1, 4) ** 2, axis=1)
         better = (np.sqrt(mean_square) < enough) | steep[rough]

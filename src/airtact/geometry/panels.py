@@ -1,8 +1,9 @@
 """Curved quadratic (six-node) panels of a given size for the solvers.
 
-Panels need not meet corner to corner, so each can be cut independently. They are smaller beside
-points, in gaps and walls, and where flat faces enclose a cavity. Multiple reflections repeat the
-same error, most of it at corners, where the errors of the nearest panels do not cancel.
+Panels need not meet corner to corner, so each can be cut independently. They are smaller near given
+points, in gaps and walls, and where flat faces enclose a cavity. In a cavity, multiple reflections
+repeat the same error. Most of it arises at corners, where the errors of the nearest panels do not
+cancel.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,13 +27,14 @@ from airtact.geometry.mesh.quadratic_triangles import (
 )
 from airtact.geometry.shape import BEND, Shape
 
-# Longest edge of a typical triangle, over the edge of the equilateral one of the same area.
+# Ratio of a typical triangle's longest edge to the edge of the equilateral one of the same area.
 LONGEST_TO_EQUILATERAL = 1.2
 
-# Longest edge of panels beside a point, over their distance from it.
+# Ratio of the longest edge of panels beside a point to their distance from it.
 LARGEST_TO_POINT = 1.7
 
-# Longest edge of panels that face another body or another part of their body, over the gap.
+# Ratio of the longest edge of panels that face another body, or another part of their body, to the
+# gap.
 LARGEST_TO_GAP = 1.0
 
 
@@ -46,8 +48,8 @@ class Panels:
         [m], outward.
     body : (T,) index of the body of each panel.
     deviation : (T,) largest distance of each panel from the true surface [m].
-    farthest : (B,) largest distance of the panels of each body from its given triangles [m].
-    mean_distance : (B,) mean of that distance over the area [m].
+    farthest : (B,) largest distance of each body's panels from the triangles of its surface [m].
+    mean_distance : (B,) area-weighted mean of this distance [m].
     """
 
     quadratic_triangles: QuadraticTriangles
@@ -86,7 +88,7 @@ def panels_of(
         coarse = bodies[index]
         replaced = _in_faces(coarse, facing)
         if replaced.any():
-            # An edge smaller by this factor gives 0.4 of the error.
+            # The error is proportional to the cube of the edge, so this factor gives 0.4 of it.
             fine = shapes[index].panels(0.4 ** (1 / 3) * edge, bend, away)
             bodies[index] = np.concatenate([coarse[~replaced], fine[_in_faces(fine, facing)]])
     bodies = [
@@ -134,7 +136,7 @@ def _refined(
     obstacles: Real[np.ndarray, "obstacles 3"],
     smallest: float,
 ) -> Pieces:
-    """Cut panels in four until none is larger than points, gaps and thin walls allow."""
+    """Cut panels in four until their size suits near points, gaps and thin walls."""
     beside_point = LONGEST_TO_EQUILATERAL * smallest
     in_gap = LONGEST_TO_EQUILATERAL * smallest * 0.25
     points = np.asarray(points, dtype=np.float64)
@@ -147,7 +149,7 @@ def _refined(
         if not shape.thinnest:
             by_gaps = np.minimum(by_gaps, _allowed_by_own_surface(panels, new))
         allowed = np.minimum(np.maximum(beside_point, by_points), np.maximum(in_gap, by_gaps))
-        # All panels beside a point are fitted to the surface, including those that are not cut.
+        # All panels beside a point are fitted to the surface, even if they are not cut.
         beside = np.flatnonzero(edges > np.minimum(by_points, by_gaps))
         if len(beside):
             fitted = shape.fitted(pieces[beside])
@@ -165,7 +167,7 @@ def _refined(
 def _allowed(
     panels: QuadraticTriangles, edges: PanelSizes, points: Points, factor: float
 ) -> PanelSizes:
-    """Longest edge of each panel by its distance from points [m]; may be infinite if large."""
+    """Longest edge of each panel by its distance from points [m]; may be inf if large."""
     limit = float(edges.max()) * 1.001 / factor
     return factor * _kernels.panel_distances(panels, points, limit)
 
@@ -173,11 +175,11 @@ def _allowed(
 def _allowed_by_own_surface(
     panels: QuadraticTriangles, chosen: Int64[np.ndarray, "chosen"]
 ) -> Float64[np.ndarray, "chosen"]:
-    """Longest edge of chosen panels by the opposite surface across a gap or wall [m]."""
-    share = 0.75  # range of the search for the other side, over the longest edge
+    """Longest edge [m] of chosen panels, limited by the gap or wall opposite each."""
+    share = 0.75  # ratio of the search radius for the opposite side to the longest edge
     edges = longest_edges(panels)
     reach = share * float(edges[chosen].max())
-    # The other side is near and faces the opposite direction, so the tree holds normals too.
+    # The opposite side is near and has the opposite normal, so the tree includes normals.
     centres, normals = middles_of(panels)
     tree = KDTree(np.concatenate([centres, reach * normals], axis=1))
     queries = np.concatenate([centres[chosen], -reach * normals[chosen]], axis=1)
@@ -185,8 +187,8 @@ def _allowed_by_own_surface(
     met = np.flatnonzero(distance < share * edges[chosen])
     gap = centres[np.asarray(opposite)[met]] - centres[chosen][met]
     across = np.einsum("nd,nd->n", gap, normals[chosen][met])
-    # Bent walls enclose cavities, whose resonances amplify errors. Flat plates need less: with two
-    # thicknesses they would cost four times as much.
+    # Bent walls enclose cavities, whose resonances amplify errors. Flat plates may have larger
+    # panels: a limit of two thicknesses would cost four times as much.
     to_wall = np.where(_are_flat(panels[chosen][met]), 4.0, 2.0)
     allowed = np.full(len(chosen), np.inf)
     allowed[met] = np.abs(across) * np.where(across > 0, LARGEST_TO_GAP, to_wall)
@@ -207,7 +209,7 @@ def _halved_in_corners(panels: QuadraticTriangles) -> Pieces:
     flat = np.flatnonzero(_are_flat(panels))
     if not len(flat):
         return panels.copy()  # the caller may change the result in place
-    # Edges with the same middle are the same edge.
+    # Two edges with the same middle are one edge.
     middles = panels[flat, 3:].reshape(-1, 3)
     edge = np.unique(np.round(middles / 1e-9), axis=0, return_inverse=True)[1].ravel()
     order = np.argsort(edge, kind="stable")
@@ -225,7 +227,7 @@ def _halved_in_corners(panels: QuadraticTriangles) -> Pieces:
 
 @dataclass(frozen=True, eq=False)
 class _Face:
-    """Flat panels in one plane: its unit normal, distance from the origin, their middles [m]."""
+    """Flat panels in one plane: unit normal, distance from the origin and panel centres [m]."""
 
     normal: Float64[np.ndarray, "3"]
     distance: float

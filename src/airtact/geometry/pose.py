@@ -24,7 +24,7 @@ class Pose:
 
     Attributes
     ----------
-    rotation : (3, 3) proper rotation matrix.
+    rotation : (3, 3) rotation matrix, without reflection.
     translation : (3,) [m].
 
     Raises
@@ -71,19 +71,19 @@ class Pose:
 
     @classmethod
     def identity(cls) -> "Pose":
-        """Make the identity."""
+        """Make the identity motion."""
         return cls(np.eye(3), np.zeros(3))
 
     @classmethod
     def shift(cls, translation: Vector) -> "Pose":
-        """Translate by (3,) [m] without a turn."""
+        """Translate by (3,) [m] without a rotation."""
         return cls(np.eye(3), point_of(translation, "the shift"))
 
     @classmethod
     def between(cls, first: Vector, second: Vector) -> "Pose":
         """Rotate one direction (3,) to another by the smallest angle.
 
-        For opposite directions the axis is an arbitrary perpendicular one.
+        For opposite directions the axis is any perpendicular direction.
         """
         start = point_of(first, "the first direction")
         end = point_of(second, "the second direction")

@@ -115,7 +115,7 @@ class Capsule(Shape):
         return [RidgedMesh(np.array(surface.vertices), np.array(surface.triangles), no_ridges)]
 
     def flat_mesh(self, away: float) -> FlatMesh:
-        """Flat triangles at most ``away`` [m] off, and at most 1 % of the radius."""
+        """Flat triangles at most ``away`` [m], and at most 1 % of the radius, off the surface."""
         sagitta = min(away, 0.01 * self.radius)
         mesh = self.mesh(float(np.sqrt(8.0 * sagitta * self.radius)))
         return mesh.vertices, mesh.triangles
@@ -123,14 +123,14 @@ class Capsule(Shape):
     def panels(self, edge: float, bend: float = BEND, away: float = math.inf) -> QuadraticTriangles:
         """Cover it with curved panels as large as equilateral triangles of a given edge [m].
 
-        They turn by at most ``bend`` [rad] from edge to edge.
+        The panels turn by at most ``bend`` [rad] from edge to edge.
         """
         # Panels around a pole are narrow, so 1.35 times as many are needed.
         needed = 1.35 * self.area / (np.sqrt(3) / 4 * edge**2)
         length = self.length / self.radius
         max_rings = math.ceil(max(2.0 * self.radius / edge, 2.0 / bend)) + 3
         min_around = math.ceil(2.0 * math.pi / (1.001 * bend))
-        # With 3 or 4 points around for each ring of a cap, panels are about as high as wide.
+        # With 3 or 4 points around per ring of a cap, panels are about as high as wide.
         options = []
         for rings in range(2, max_rings + 1):
             for around in range(max(3 * rings, min_around), 4 * rings + 1):
@@ -141,8 +141,8 @@ class Capsule(Shape):
         vertices, triangles = _mesh(rings, around, length)
         nodes = with_middles(self.radius * vertices[triangles]).reshape(-1, 3)
         nodes = self._around_axis(nodes, self.radius)
-        # Quadratics through points of a round surface enclose a smaller volume: move the nodes
-        # outwards until the volume is exact.
+        # Quadratics through points of a round surface enclose too small a volume, so the nodes are
+        # moved outwards until the volume is exact.
         missing = self.volume - enclosed_volume(nodes.reshape(-1, 6, 3))
         nodes = self._around_axis(nodes, self.radius + missing / self.area)
         return self.pose.apply(nodes).reshape(-1, 6, 3)
@@ -156,14 +156,14 @@ class Capsule(Shape):
         """
         edge = positive(edge, "edge", "m")
         check_size(self.extent)
-        max_rings = 400  # 1.6 million triangles: beyond it the edge is in a wrong unit
+        max_rings = 400  # 1.6 million triangles; with more the edge is probably in a wrong unit
         fewest = max_rings + 1
         if edge > self.radius / max_rings:
             fewest = max(2, math.ceil(1.6 * self.radius / edge))
         for rings in range(fewest, max_rings + 1):
             around = 5 * rings  # five triangles round a pole keep every angle above 30 degrees
             count = _triangle_count(rings, around, self.length / self.radius)
-            if count > 2_000_000:  # a length is in a wrong unit
+            if count > 2_000_000:  # a length is probably in a wrong unit
                 raise InvalidInput(
                     f"a capsule of {1e3 * self.radius:.4g} mm radius and "
                     f"{1e3 * self.length:.4g} mm length needs {count:,} triangles, more than "
@@ -191,7 +191,7 @@ class Capsule(Shape):
 
 
 def sphere(radius: float, edge: float, centre: Vector = (0, 0, 0)) -> Surface:
-    """Make a sphere. Solvers use the exact shape and their own panels, whatever the edge.
+    """Make a sphere. Solvers use the exact shape and their own panels, not its mesh.
 
     Parameters
     ----------
@@ -247,7 +247,7 @@ def turn_from_z(direction: Vector3) -> Float64[np.ndarray, "3 3"]:
 def nearest_on_segments(
     first: Float64[np.ndarray, "2 3"], second: Float64[np.ndarray, "2 3"]
 ) -> tuple[Vector3, Vector3]:
-    """Point of each of two segments (2, 3) [m] that is nearest to the other.
+    """Nearest points [m] of two segments (2, 3) to each other.
 
     Source: C. Ericson, *Real-Time Collision Detection*, Morgan Kaufmann (2005), section 5.1.9.
     """
@@ -312,7 +312,7 @@ def _triangles(rings: int, around: int, bands: int) -> Triangles:
 
 
 def _bands(around: int, length: float) -> int:
-    # Height of an equilateral triangle over one edge of the waist.
+    # Height of an equilateral triangle on an edge of the cylinder's rim.
     step = math.sqrt(3.0) * math.sin(math.pi / around)
     # A cylinder too short for a band of good triangles gets none: both caps share one ring in its
     # middle.
@@ -329,7 +329,7 @@ def _inner_points(rings: int, around: int) -> int:
 
 
 def _ring_points(ring: int, rings: int, around: int) -> int:
-    """Count the points of a ring, in proportion to its index: 3 or more, ``around`` on the last."""
+    """Count the points of a ring: proportional to its index, at least 3, the last ``around``."""
     return max(3, (2 * around * ring + rings) // (2 * rings))
 
 
@@ -337,8 +337,8 @@ def _ring_points(ring: int, rings: int, around: int) -> int:
 def _cap(rings: int, around: int) -> tuple[Vertices, Triangles]:
     """Mesh the upper half of the unit sphere: the pole, then ring i at polar angle (π/2)(i/m).
 
-    Between two rings, the edges of both are ordered by their middles, and each forms a triangle
-    with the point of the other ring before it.
+    Between two rings, the edges of both are ordered by their middles. Each edge forms a triangle
+    with the preceding point of the other ring.
     """
     points = [np.array([[0.0, 0.0, 1.0]])]
     triangles = []

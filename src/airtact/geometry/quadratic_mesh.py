@@ -71,12 +71,12 @@ class QuadraticMesh:
 
     @cached_property
     def quadratic_triangles(self) -> QuadraticTriangles:
-        """Its triangles (T, 6, 3) as panels; neighbours share corners and middles [m]."""
+        """The triangles as panels (T, 6, 3) [m]; neighbours share corners and midpoints."""
         return np.concatenate([self.vertices[self.triangles], self._curved[0]], axis=1)
 
     @property
     def sharp(self) -> EdgeMask:
-        """Which of the edges 01, 12, 20 are sharp (T, 3)."""
+        """Whether each of the edges 01, 12, 20 is sharp (T, 3)."""
         return self._curved[1]
 
     @cached_property
@@ -131,7 +131,7 @@ class QuadraticMesh:
     def depth(self, points: Points) -> PointLengths:
         """Distance to the surface [m] of points (P, 3) [m], positive inside.
 
-        The sign follows from the normal at the closest point; on edges and corners from the
+        The sign follows from the normal at the closest point, or on edges and corners from the
         angle-weighted mean normal (J. A. Bærentzen, H. Aanæs, IEEE Trans. Vis. Comput. Graph. 11,
         243 (2005)).
         """
@@ -207,7 +207,7 @@ class QuadraticMesh:
         return tuple(pieces)
 
     def with_short_edges(self, longest: float) -> RidgedMesh:
-        """Split its triangles, on the surface, until no edge is longer than ``longest`` [m]."""
+        """Split the triangles along the surface until no edge exceeds ``longest`` [m]."""
         return with_short_edges(self.quadratic_triangles, self.triangles, self.sharp, longest)
 
     def deviation(self, panels: QuadraticTriangles) -> Float64[np.ndarray, "panels"]:
@@ -217,14 +217,14 @@ class QuadraticMesh:
         return np.sqrt(distance**2 @ (2 * _RULE_WEIGHTS))
 
     def fitted(self, panels: QuadraticTriangles) -> QuadraticTriangles:
-        """Fit panels (P, 6, 3) so that the surface lies evenly on both sides of each [m]."""
+        """Fit panels (P, 6, 3) [m] to the surface with the least mean square distance."""
         return self.levelled(self.project(panels.reshape(-1, 3)).reshape(-1, 6, 3))
 
     def levelled(self, panels: QuadraticTriangles) -> QuadraticTriangles:
         """Move nodes of panels (P, 6, 3) along normals to the least mean square distance.
 
-        Panels with their nodes on a surface lie inside a round one, and follow the roughness of a
-        rough one at their nodes. The least-squares quadratic avoids both.
+        Panels with nodes on the surface lie inside a round surface, and follow the roughness of a
+        scan at their nodes. The least-squares quadratic avoids both.
         """
         depth = self.depth(np.einsum("qn,tnd->tqd", _RULE_SHAPE, panels).reshape(-1, 3))
         rise = depth.reshape(-1, len(_RULE_POINTS)) @ _RULE_FIT.T
@@ -245,7 +245,7 @@ class QuadraticMesh:
 def _along_ridge(
     share: Float64[np.ndarray, "*points"],
 ) -> tuple[Float64[np.ndarray, "*points 3"], Float64[np.ndarray, "*points 3"]]:
-    """Shape functions of start, middle and end of an edge at a share of it, and derivatives."""
+    """Shape functions of an edge's start, middle and end at a fraction of it, and derivatives."""
     shape = np.stack(
         [(1 - share) * (1 - 2 * share), 4 * share * (1 - share), share * (2 * share - 1)], axis=-1
     )

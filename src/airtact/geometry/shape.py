@@ -1,4 +1,4 @@
-"""The interface of a body's true surface; the defaults are those of a closed form."""
+"""The interface of a body's true surface, with the defaults for a closed form."""
 
 import math
 from abc import ABC, abstractmethod
@@ -90,16 +90,16 @@ class Shape(ABC):
         return self.project(straight.reshape(-1, 3)).reshape(straight.shape)
 
     def off_triangles(self, points: Points) -> PointLengths:
-        """Distance of points (P, 3) from the triangles that define it, 0 for closed forms [m]."""
+        """Distance [m] of points (P, 3) from the defining triangles, 0 for closed forms."""
         return np.zeros(len(points))
 
     @abstractmethod
     def panels(self, edge: float, bend: float = BEND, away: float = math.inf) -> QuadraticTriangles:
         """Cover it with curved panels as large as equilateral triangles of a given edge [m].
 
-        Panels of a closed form turn by at most about ``bend`` [rad] from edge to edge. Panels of a
-        mesh are smaller where it is smooth and they would deviate by more than ``away`` [m] in root
-        mean square.
+        Panels of a closed form turn by at most about ``bend`` [rad] from edge to edge. On a
+        smooth part of a mesh, panels are small enough to deviate by at most about ``away`` [m] in
+        root mean square.
         """
 
     @abstractmethod
@@ -107,7 +107,7 @@ class Shape(ABC):
         """Points (P, 3) [m] with the same axis-aligned bounding box as the body."""
 
     def farthest(self, direction: Vector3) -> Vector3:
-        """Farthest point of the body (3,) along a unit direction [m]."""
+        """Farthest point of the body (3,) [m] along a unit direction."""
         points = self.extreme_points()
         return points[(points @ direction).argmax()]
 
@@ -117,4 +117,4 @@ class Shape(ABC):
 
     @abstractmethod
     def moved(self, pose: Pose) -> "Shape":
-        """Move it rigidly."""
+        """Move the shape rigidly."""

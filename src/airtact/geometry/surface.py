@@ -56,8 +56,8 @@ class Surface:
     ----------
     vertices : (V, 3) [m].
     triangles : (T, 3) vertex indices.
-    midpoints : (T, 3, 3) points of the true surface over the middles of edges 01, 12, 20 [m]; None
-        to curve the panels by the normals of the triangles around each vertex.
+    midpoints : (T, 3, 3) points of the true surface over the middles of edges 01, 12, 20 [m]. If
+        None, the panels are curved by the normals of the triangles around each vertex.
     primitive : the exact shape that the triangles approximate, or None.
     sharp_degrees : angle between neighbouring triangles above which their edge remains sharp; 0
         for flat triangles.
@@ -69,7 +69,7 @@ class Surface:
     InvalidInput
         For wrong shapes, NaN or infinity, indices out of range, an extent over 2 m or under 0.5
         mm, degenerate triangles, an open or inside-out mesh, and midpoints that neighbours do not
-        share. Self-intersections are checked by ``Scene``.
+        share. ``Scene`` checks for self-intersections.
 
     Examples
     --------
@@ -85,7 +85,7 @@ class Surface:
     primitive: Shape | None = None
     sharp_degrees: float = SHARP_DEGREES
     repairs: tuple[str, ...] = ()
-    # The shape of triangles that were checked before they were moved, or repaired.
+    # The shape of triangles that were already checked, or repaired.
     _known_shape: InitVar[Shape | None] = None
     shape: Shape = field(init=False, repr=False, compare=False)
 
@@ -192,7 +192,7 @@ class Surface:
     def depth(self, points: Points) -> PointLengths:
         """Depth of points (P, 3) [m] under the true surface [m]; negative outside.
 
-        Raise ``InvalidInput`` if they have another shape or are not finite.
+        Raise ``InvalidInput`` if their shape is wrong or they are not finite.
         """
         return self.shape.depth(points_of(points, "points", least=0))
 

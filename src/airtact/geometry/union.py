@@ -1,7 +1,8 @@
 """Merging of bodies that overlap, touch or nearly touch.
 
-Narrow gaps between two bodies are filled with balls where the sum of the distances to both is at
-most the gap and their surfaces face each other. Furrows with a wide angle remain.
+Narrow gaps between two bodies are filled with balls. A ball is placed where the sum of the
+distances to both bodies is at most the gap and their surfaces face each other. Furrows with a wide
+angle remain.
 """
 
 from collections.abc import Sequence
@@ -30,11 +31,12 @@ FLAT_TOLERANCE = 10e-6
 
 
 def merged(surfaces: Sequence[Surface], gap: float = NEAREST) -> Surface:
-    """Merge bodies that overlap, touch or are nearer than a gap into one.
+    """Merge bodies that overlap, touch or are less than a gap apart into one.
 
-    Balls of 0.6 mm diameter, or 1.2 gaps if larger, fill the air between two bodies where the sum
-    of the distances to both is at most the gap and their surfaces face each other: completely
-    within 17 degrees, decreasing to nothing at 53 degrees. Furrows with a wider angle remain.
+    Balls with a diameter of 0.6 mm, or 1.2 gaps if larger, fill the air between two bodies where
+    the sum of the distances to both is at most the gap and their surfaces face each other. The
+    filling is complete within 17 degrees and decreases to nothing at 53 degrees. Furrows with a
+    wider angle remain.
     Enclosed air is filled. Elsewhere the surface is unchanged within 10 micrometres.
 
     Parameters
@@ -83,7 +85,7 @@ def merged(surfaces: Sequence[Surface], gap: float = NEAREST) -> Surface:
         parts.append(solid_of(*_bridge(bodies[first], bodies[second], near, gap)).simplify(8e-6))
     union = Manifold.batch_boolean(parts, OpType.Add)
     for _ in range(2):
-        # An original mesh can be simplified across the borders of its former parts.
+        # Declared as original, the mesh can be simplified across the borders of its parts.
         union = union.as_original().simplify(1e-6)
     vertices, triangles = flat_mesh_of(union)
     piece = shells(triangles)
@@ -101,7 +103,7 @@ def merged(surfaces: Sequence[Surface], gap: float = NEAREST) -> Surface:
 
 
 def _flattened(body: Surface) -> FlatMesh:
-    """Flat triangles within ``FLAT_TOLERANCE`` of the true surface: its own, split where needed."""
+    """Triangles of a body, split until they are within ``FLAT_TOLERANCE`` of the true surface."""
     if isinstance(body.shape, Capsule):
         return body.shape.flat_mesh(FLAT_TOLERANCE)
     return near_surface(body.quadratic_triangles, body.triangles, FLAT_TOLERANCE)
@@ -110,7 +112,7 @@ def _flattened(body: Surface) -> FlatMesh:
 def _links(
     bodies: Sequence[Surface], chosen: list[int], gap: float
 ) -> dict[tuple[int, int], Approach]:
-    """Pairs of bodies no farther apart than the gap; raise ``InvalidInput`` if not all connect."""
+    """Pairs of bodies at most a gap apart; raise ``InvalidInput`` if they do not connect all."""
     near = {}
     for first, second in combinations(chosen, 2):
         distance = approach(bodies[first], bodies[second])
@@ -139,7 +141,7 @@ def _bridge(first: Surface, second: Surface, near: Approach, gap: float) -> Flat
 
     edge = gap / 2.0
     radius = max(0.3e-3, 0.6 * gap)
-    # The balls stand on a grid.
+    # The balls are centred on a grid.
     centres = np.concatenate([_filling(first, second, near, gap), near.position[None]])
     low = centres.min(axis=0)
     steps = np.round((centres - low) / edge).astype(np.int64)
@@ -149,7 +151,7 @@ def _bridge(first: Surface, second: Surface, near: Approach, gap: float) -> Flat
     empty = np.ones(shape, dtype=bool)
     empty[tuple((steps + margin).T)] = False
     level = edge * np.asarray(distance_transform_edt(empty)) - radius
-    level[np.abs(level) < 0.05 * edge] = 0.05 * edge  # makes no slivers at grid points
+    level[np.abs(level) < 0.05 * edge] = 0.05 * edge  # avoids slivers at grid points
     vertices, triangles, _, _ = marching_cubes(
         level, 0.0, spacing=(edge,) * 3, gradient_direction="descent"
     )
@@ -165,7 +167,7 @@ def _filling(first: Surface, second: Surface, near: Approach, gap: float) -> Poi
     def depths(points: Points) -> tuple[PointLengths, PointLengths]:
         return first.shape.depth(points), second.shape.depth(points)
 
-    # Start with about eight cubes along the box and halve those that may hold filling.
+    # Start with about eight cubes along the box and halve those that may contain filling.
     size = edge * 2.0 ** max(0, round(np.log2((high - low).max() / (8.0 * edge))))
     counts = np.maximum(np.ceil((high - low) / size), 1)
     cubes = np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=3).reshape(-1, 3)
@@ -182,9 +184,9 @@ def _filling(first: Surface, second: Surface, near: Approach, gap: float) -> Poi
         cubes = (2 * cubes[:, None] + corners).reshape(-1, 3)
         size = size / 2.0
     points = low + size * (cubes + 0.5)
-    # The gradient of the sum of distances is the sum of two outward normals: 0 where surfaces face
-    # each other, of length 1.41 at a right angle. From 0.3 on the width decreases, at 0.9 nothing
-    # is filled.
+    # The gradient of the sum of distances is the sum of two outward normals: 0 if the surfaces face
+    # each other, of length 1.41 at a right angle. The width decreases from 0.3 on; from 0.9 on
+    # nothing is filled.
     gradient = []
     for step in edge * np.eye(3):
         ahead = np.sum(depths(points + step), axis=0)

@@ -10,14 +10,14 @@ from airtact.errors import InvalidInput, counted, fixed, in_short
 from airtact.geometry.pose import Pose, nearest_motion
 
 # Radius of the piston with the pattern of Nippon Ceramic's T4010A1 at 40 kHz [m]. Its case has a
-# radius of 5 mm. It is 6 dB down at 50 degrees off the axis, as the maker's curve is, which the
-# AUTD3 SDK holds as a table (its ``T4010A1``: 0.708, 0.501 and 0.355 of the axis at 40, 50 and 60
-# degrees; the piston has 0.62, 0.49 and 0.38).
+# radius of 5 mm. It is 6 dB down at 50 degrees off the axis, like the maker's curve. The AUTD3 SDK
+# has this curve as a table (its ``T4010A1``): 0.708, 0.501 and 0.355 of the pressure on the axis at
+# 40, 50 and 60 degrees; the piston has 0.62, 0.49 and 0.38.
 NICERA_RADIUS = 4.0e-3
 
 # Radius of the piston for Murata's MA40S4S at 40 kHz, in a case of 4.95 mm radius [m]. It is 6 dB
-# down at 42 degrees off the axis; the data sheet gives 80 degrees from side to side. Others of this
-# size, such as those of boards built from kits, are near it.
+# down at 42 degrees off the axis; the data sheet gives 80 degrees from side to side. Other
+# transducers of this size, such as those in kits, are similar.
 MURATA_RADIUS = 4.5e-3
 
 
@@ -28,19 +28,19 @@ class Board:
     Attributes
     ----------
     name : name in commands and scene files.
-    title : name in print.
+    title : name in printed text.
     positions : (E, 3) centres of the transducers in the order of elements [m].
     channels : (E,) index of each element in the board's message, from 0.
-    message_length : number of channels of the message, of which some may have no transducer.
-    outline : width (along x) and height (along y) of the board [m]; None where it is unknown or
-        differs.
-    placed : whether the board fixes the positions of its transducers; else ``positions`` are an
+    message_length : number of channels of the message; some may have no transducer.
+    outline : width (along x) and height (along y) of the board [m]; None if it is unknown or
+        varies.
+    placed : whether the board fixes the positions of its transducers; if not, ``positions`` are an
         example.
     max_boards : largest number of boards on one link.
     amplitudes, phases : number of levels of each.
     transducer : kind of transducer.
     radius : radius of the piston with the pattern of that transducer [m], see ``piston``.
-    source : documents of layout and message.
+    source : documents that describe the layout and the message.
     """
 
     name: str
@@ -90,7 +90,7 @@ def boards_needed(board: Board, elements: int) -> int:
     Raises
     ------
     InvalidInput
-        "sizes_differ": they are not a multiple of a board's; "too_many": more than one link takes.
+        "sizes_differ": they do not fill whole boards; "too_many": one link takes fewer boards.
     """
     count = _whole_boards(board, elements)
     if count > board.max_boards:
@@ -119,7 +119,7 @@ def kind_of_array(
     positions: Real[np.ndarray, "elements 3"], normals: Real[np.ndarray, "elements 3"]
 ) -> tuple[Board, list[Pose]] | None:
     """Find the kind of the boards of an array and their poses; None if it is not made of boards."""
-    # Kinds of one pitch differ in the order of their elements, so at most one of them fits.
+    # Kinds with the same pitch differ in the order of their elements, so at most one fits.
     for board in BOARDS.values():
         if board.placed:
             with suppress(InvalidInput):
@@ -134,7 +134,7 @@ def poses_of_boards(
 ) -> list[Pose]:
     """Find the pose of each board of an array, board by board in the order of the elements.
 
-    The rotation is the one of least squares (Kabsch, Acta Cryst. A 32, 922, 1976).
+    The rotation is a least-squares fit (Kabsch, Acta Cryst. A 32, 922, 1976).
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def poses_of_boards(
     Raises
     ------
     InvalidInput
-        If the elements are not a multiple of a board's, or are not laid out like boards.
+        If the elements do not fill whole boards, or are not laid out like boards.
     """
     board = board_named(board) if isinstance(board, str) else board
     count = _whole_boards(board, len(positions))

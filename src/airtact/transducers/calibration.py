@@ -13,10 +13,10 @@ from airtact.files.text_table import read_text_table
 from airtact.geometry.pose import Pose
 from airtact.transducers.layout import PhasedArray
 
-# Columns of the table: index from 0, amplitude over the nominal one, phase lag [rad].
+# Columns of the table: index from 0, amplitude relative to the nominal one, phase lag [rad].
 COLUMNS = ("element", "gain", "phase")
 
-# Further columns, all or none: deviation from the position [m], and turn of the face [rad].
+# Optional columns, all or none: deviation from the position [m], and rotation of the face [rad].
 MOTION = ("x", "y", "z", "turn_x", "turn_y", "turn_z")
 
 
@@ -24,7 +24,7 @@ def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, 
     """Read the gains of an array's elements from a .csv file.
 
     Its columns are ``element``, ``gain`` and ``phase``: the index of an element from 0, its
-    pressure over that of a nominal one, and the phase by which it lags behind a nominal one [rad].
+    pressure relative to that of a nominal one, and the phase by which it lags behind it [rad].
     Gain 0 is a dead element. Elements that are not listed are nominal.
 
     Parameters
@@ -40,8 +40,8 @@ def load_calibration(path: str | Path, elements: int) -> Complex128[np.ndarray, 
     ------
     InvalidInput
         If the file cannot be read, a column is missing, or a line holds a cell that is not a
-        number, an element that does not exist or appeared before, or a gain that is negative or
-        over 10; the sentence names the line.
+        number, an element that does not exist or is repeated, or a gain that is negative or over
+        10. The message names the line.
     """
     path = Path(of_kind(path, str | Path, "the calibration", "the path of a .csv file"))
     table = read_text_table(path)
@@ -104,11 +104,11 @@ def calibrated_by(path: str | Path, array: PhasedArray) -> PhasedArray:
                 f"{column}, which must be below {limit:.3g}: give metres and radians.",
                 code="out_of_range",
             )
-    # Elements that are not listed keep their place.
+    # Elements that are not listed keep their positions.
     motions = np.zeros((len(array), 6))
     elements = table.numbers(COLUMNS[0]).astype(np.int64)
     motions[elements] = np.stack([table.numbers(name) for name in MOTION], axis=1)
-    # SciPy wants writable arrays, and those of an array are read-only.
+    # SciPy needs writable arrays, but those of a ``PhasedArray`` are read-only.
     turns = Rotation.from_rotvec(motions[:, 3:])
     return PhasedArray(
         array.positions + motions[:, :3],
@@ -141,7 +141,7 @@ def save_calibration(
     shifts = np.stack([pose.apply(point) - point for pose, point in pairs])
     turns = Rotation.from_matrix(np.stack([pose.rotation for pose in deviations])).as_rotvec()
     numbers = np.column_stack([np.abs(gains), np.angle(gains), shifts, turns])
-    # Nine digits: a micrometre over a kilometre, far below any measurement.
+    # Nine digits resolve a micrometre in a kilometre, far below any measurement.
     lines = [",".join((*COLUMNS, *MOTION))] + [
         ",".join([str(index), *(f"{value:.9g}" for value in row)])
         for index, row in enumerate(numbers)

@@ -16,12 +16,12 @@ from airtact.errors import (
 )
 
 # Peak pressure of one transducer at full scale, 1 m away on its axis [Pa·m]: √2 times 3.10 Pa rms,
-# the amplitude in AUTD3's SDK. It is uncalibrated, and other sources differ by a factor of 2:
-# measure your own device where pascals matter.
+# the amplitude in AUTD3's SDK. It is uncalibrated, and other sources differ by a factor of 2.
+# Measure your own device if pressures in pascal matter.
 DEFAULT_SENSITIVITY = 4.38
 
-# Largest product of wavenumber and radius by number of points, for an error of the far pattern of
-# 1.5e-3
+# Largest product of wavenumber and radius for each number of points; the far pattern then has an
+# error of 1.5e-3
 MAX_PISTON_SIZE = {12: 3.5, 19: 4.8}
 
 
@@ -36,8 +36,8 @@ class Element:
     points : (Q, 3) points of the face relative to the element's position [m].
     weights : (Q,) contribution of each point to the pressure; their sum is 1.
     sensitivity : peak pressure at full scale, 1 m away on the axis [Pa·m]; uncalibrated by default.
-    directional : whether the element radiates only to the half space in front of its face, where
-        foci and bodies must be.
+    directional : whether the element radiates only into the half space in front of its face. Foci
+        and bodies must be there.
     radius : radius of the face [m]; 0 for a point.
 
     Raises
@@ -87,7 +87,7 @@ class Element:
 
     @property
     def kind(self) -> str:
-        """The kind in words: "monopoles", "pistons of 4.5 mm"."""
+        """Kind of element in words, such as "monopoles" or "pistons of 4.5 mm"."""
         if self.radius:
             return f"pistons of {1e3 * self.radius:g} mm"
         count = len(self.points)
@@ -125,7 +125,7 @@ class Element:
     def far_pattern(
         self, directions: Real[np.ndarray, "directions 3"], wavenumber: float
     ) -> Complex[np.ndarray, "directions"]:
-        """Far pressure in some directions relative to that on the axis.
+        """Far-field pressure in some directions relative to the axis.
 
         Parameters
         ----------
@@ -144,8 +144,8 @@ def monopole(sensitivity: float = DEFAULT_SENSITIVITY) -> Element:
 
     Parameters
     ----------
-    sensitivity : peak pressure at full scale, 1 m away [Pa·m]; that of AUTD3 unless given,
-        uncalibrated.
+    sensitivity : peak pressure at full scale, 1 m away [Pa·m]; by default that of
+        AUTD3, which is uncalibrated.
 
     Raises
     ------
@@ -166,11 +166,12 @@ def piston(radius: float, sensitivity: float = DEFAULT_SENSITIVITY, points: int 
     The pattern is that of Kinsler, Frey, Coppens and Sanders, Fundamentals of Acoustics (4th
     edition), section 7.4.
 
-    The disc is 19 points, the rule of degree 9 of Albrecht (ZAMM 40, 514, 1960; S2 9-1 in Stroud,
-    Approximate Calculation of Multiple Integrals, 1971): in the far field the error is of order
-    x¹⁰, 1.8e-4 of the axis at ka = 4 and 1e-3 at ka = 4.8. At 40 kHz that is a radius of 5.5 and
-    6.5 mm. With 12 points it is the rule of degree 7 (S2 7-1 in Stroud), which costs less: 3.3e-4
-    at ka = 2.9, 1.3e-3 at ka = 3.5. A larger piston raises an error where it meets a frequency.
+    With 19 points, the disc uses Albrecht's rule of degree 9 (ZAMM 40, 514, 1960; S2 9-1 in Stroud,
+    Approximate Calculation of Multiple Integrals, 1971). Its error in the far field is of order
+    x¹⁰: 1.8e-4 of the pressure on the axis at ka = 4 and 1e-3 at ka = 4.8, which are radii of 5.5
+    and 6.5 mm at 40 kHz. With 12 points it uses the cheaper rule of degree 7 (S2 7-1 in Stroud),
+    with errors of 3.3e-4 at ka = 2.9 and 1.3e-3 at ka = 3.5. A piston too large for its points is
+    rejected when it is used at a frequency.
 
     Parameters
     ----------
@@ -203,7 +204,7 @@ def piston(radius: float, sensitivity: float = DEFAULT_SENSITIVITY, points: int 
         raise InvalidInput(
             f"there is no piston of {points} points: take 12 or 19.", code="out_of_range"
         )
-    # Boards take 12 points: their transducers have ka below 3.5, and cost grows with the points.
+    # Boards use 12 points, because their transducers have ka below 3.5 and more points cost more.
     places, weights = _degree_7() if points == 12 else _degree_9()
     return Element(radius * places, weights, sensitivity, directional=True, radius=radius)
 
@@ -224,7 +225,7 @@ def _degree_7() -> tuple[Float64[np.ndarray, "12 3"], Float64[np.ndarray, "12"]]
 def _degree_9() -> tuple[Float64[np.ndarray, "19 3"], Float64[np.ndarray, "19"]]:
     """Return the points and weights of S2 9-1 on the unit disc."""
     root = np.sqrt(111.0)
-    # Radius, weight and first angle of each ring of six points, around one in the middle.
+    # Radius, weight and first angle of each ring of six points, around a point in the middle.
     rings = (
         (np.sqrt((96 - 4 * root) / 155), (110297 + 5713 * root) / 2045952, 0.0),
         (np.sqrt(4 / 5), 125 / 3072, np.pi / 6),
@@ -241,7 +242,7 @@ def _ring(distance: float, count: int, start: float) -> Float64[np.ndarray, "poi
 
 
 def check_pattern(element: Element, wavenumber: complex | float) -> None:
-    """Raise "out_of_range" where the points of a face are too few for a wavenumber [rad/m]."""
+    """Raise "out_of_range" if a face has too few points for a wavenumber [rad/m]."""
     # The rules integrate polynomials up to their degree, and the phase over a face grows with ka.
     size = wavenumber.real * element.radius
     count = len(element.points)

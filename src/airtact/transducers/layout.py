@@ -41,7 +41,7 @@ class PhasedArray:
     element : kind of transducer at every position. By default a piston of 4.5 mm radius, which
         radiates forwards only, or a monopole if no normals are given.
     tangents : (E, 3) direction of each element's x axis, which orients the points of its face;
-        stored as unit vectors. By default any direction across the normal.
+        stored as unit vectors. By default any direction perpendicular to the normal.
     gains : (E,) factor of amplitude and phase of each element relative to a nominal one, in the
         phasor Re[p e^{−iωt}]: 1 by default, 0 for a dead element. See ``calibrated``.
 
@@ -49,7 +49,8 @@ class PhasedArray:
     ------
     InvalidInput
         If there is no element, shapes do not match, a number is not finite, the elements span over
-        10 m, a normal is zero, a tangent is not across its normal, or all elements are dead.
+        10 m, a normal is zero, a tangent is not perpendicular to its normal, or all elements are
+        dead.
     """
 
     positions: Float64[np.ndarray, "elements 3"]
@@ -142,7 +143,7 @@ class PhasedArray:
         return fixed(self.positions[:, None, :] + offsets)
 
     def moved(self, pose: Pose) -> "PhasedArray":
-        """Move the array rigidly: positions x become pose.apply(x), and the faces turn with it."""
+        """Move the array rigidly: positions x become pose.apply(x), and the faces rotate too."""
         of_kind(pose, Pose, "the motion of an array", "Pose(rotation, translation)")
         # A rigid motion needs no new checks, and a moving hand needs many motions per second.
         # Directions are normalised, so that rounding does not accumulate.
@@ -165,12 +166,12 @@ class PhasedArray:
         ----------
         point : (3,) such as a focus [m].
         direction : (3,) from the point to the middle of the array, of any length above zero.
-        distance : between the two [m].
+        distance : distance between the two [m].
 
         Raises
         ------
         InvalidInput
-            The elements radiate to all sides, so that the array has no front; the direction is
+            The elements radiate in all directions, so the array has no front; the direction is
             zero; or the distance is not above zero.
 
         Examples
@@ -184,7 +185,7 @@ class PhasedArray:
         distance = positive(distance, "the distance of an array", "m")
         outward = _unit(point_of(direction, "the direction to an array")[None], "direction")[0]
         front = self.normals.mean(axis=0)
-        # Unit normals that mostly cancel: a box has 0, a bowl of half a sphere 0.5.
+        # The mean unit normal is 0 for a box and 0.5 for a hemispherical bowl.
         if np.linalg.norm(front) < 0.3:
             raise InvalidInput(
                 f"the normals of {counted(len(self), 'element', 'elements')} point to all sides, "
@@ -207,7 +208,7 @@ class PhasedArray:
         Raises
         ------
         InvalidInput
-            If there is not one for each element, one is not finite, or all are 0.
+            If the number of gains is wrong, a gain is not finite, or all are 0.
         """
         return PhasedArray(self.positions, self.normals, self.element, self.tangents, gains)
 
@@ -269,7 +270,7 @@ def board_array(
     board : name of the kind, such as "autd3".
     poses : pose of each board, from the board's frame, in which it radiates to +z, to the array's.
         By default one board at the origin.
-    element : kind of transducer; the board's own piston unless given, see ``Board.radius``.
+    element : kind of transducer; by default the board's piston, see ``Board.radius``.
 
     Raises
     ------
@@ -296,13 +297,14 @@ def _flat(board: Board, element: Element | None) -> PhasedArray:
 def autd3_board(pose: Pose | None = None, element: Element | None = None) -> PhasedArray:
     """Place the 249 transducers of one AUTD3 board, in the order of the AUTD3 SDK.
 
-    A grid of 18 (x) by 14 (y) cells, 10.16 mm apart; the cells (1, 1), (2, 1) and (16, 1) are
-    empty. The index runs along x fastest. The origin is transducer 0; the board radiates along +z.
+    The board is a grid of 18 (x) by 14 (y) cells, 10.16 mm apart. The cells (1, 1), (2, 1) and
+    (16, 1) are empty. The index runs along x fastest. The origin is transducer 0, and the board
+    radiates along +z.
 
     Parameters
     ----------
-    pose : maps the board's frame to the array's; the identity unless given.
-    element : kind of transducer; the board's own piston unless given, see ``Board.radius``.
+    pose : pose of the board in the array's frame; by default the identity.
+    element : kind of transducer; by default the board's piston, see ``Board.radius``.
 
     Examples
     --------
@@ -321,20 +323,19 @@ def _centred(board: Board, element: Element | None) -> PhasedArray:
 def surrounding_box(element: Element | None = None, board: str | None = None) -> PhasedArray:
     """Build the paper's array (section 3.3): four AUTD3 boards around a box of 14 x 14 x 18 cm.
 
-    The origin is the centre of the box and z its long axis. The faces stand at x = +70 mm, x = -70
-    mm, y = +70 mm and y = -70 mm, in that order, each a board centred on its face and radiating
-    inwards, in the board's own order. The board's x axis (18 elements) runs along +z on every face,
-    so its y axis (14 elements) runs along +y, -y, -x and +x: each face is the first one turned
-    about z. A real board is 151.4 mm wide, but this box is 140 mm: boards would extend 5.7 mm
-    beyond their neighbours at each corner. ``board="autd3"`` makes a box that real boards fit.
+    The origin is the centre of the box and z its long axis. The faces are at x = +70 mm, x = -70
+    mm, y = +70 mm and y = -70 mm, in that order. On each face a board is centred and radiates
+    inwards. Elements have the order of the board. The board's x axis (18 elements) runs along +z on
+    every face, so its y axis (14 elements) runs along +y, -y, -x and +x: each face is the first one
+    rotated about z. The box is 140 mm wide, but a real board is 151.4 mm: boards would extend 5.7
+    mm beyond their neighbours at each corner. ``board="autd3"`` makes a box that real boards fit.
 
     Parameters
     ----------
-    element : kind of transducer; the board's own piston unless given. The paper takes
-        ``monopole()`` (its section 4.1).
-    board : name of a real board: the faces are then half its height from the centre, so that thin
-        boards touch along their long edges (75.7 mm from the centre for "autd3"). By default the
-        paper's box.
+    element : kind of transducer; by default the board's piston. The paper uses ``monopole()`` (its
+        section 4.1).
+    board : name of a real board. The faces are then half its height from the centre (75.7 mm for
+        "autd3"), so that thin boards touch along their long edges. By default the paper's box.
 
     Raises
     ------
@@ -358,7 +359,7 @@ def surrounding_box(element: Element | None = None, board: str | None = None) ->
         np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]),
         np.array([distance, 0.0, 0.0]),
     )
-    # Turned about z to +x, −x, +y, −y. Exact cosines and sines keep the faces free of rounding.
+    # Rotated about z to +x, −x, +y, −y. Exact cosines and sines avoid rounding of the faces.
     turns = [
         np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
         for cosine, sine in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
@@ -370,12 +371,12 @@ def flat_boards(rows: int = 2, columns: int = 2, element: Element | None = None)
     """AUTD3 boards edge to edge in the plane z = 0, centred on the origin, radiating to +z.
 
     Columns of boards run along x, 192.0 mm apart, and rows along y, 151.4 mm apart (the outline of
-    a board). Boards follow one another along x first, each in its own order.
+    a board). Boards are numbered along x first; their elements keep the board's order.
 
     Parameters
     ----------
-    rows, columns : how many boards along y and along x.
-    element : kind of transducer; the board's own piston unless given, see ``Board.radius``.
+    rows, columns : number of boards along y and along x.
+    element : kind of transducer; by default the board's piston, see ``Board.radius``.
 
     Raises
     ------

@@ -17,8 +17,8 @@ class Levels:
 
     Attributes
     ----------
-    amplitudes : (A,) share of full scale that each level of amplitude gives, rising from 0 to 1; A
-        is 2 to 256. A board with two levels only switches elements on and off.
+    amplitudes : (A,) amplitude of each level as a fraction of full scale, rising from 0 to 1; A is
+        2 to 256. A board with two levels only switches elements on and off.
     phases : number of levels of phase, 2 to 256; level k is k/phases of a turn.
 
     Raises
@@ -86,7 +86,7 @@ class Levels:
         return self.phases == levels.phases and np.array_equal(self.amplitudes, levels.amplitudes)
 
     def nearest(self, shares: Real[np.ndarray, "*elements"]) -> Int64[np.ndarray, "*elements"]:
-        """Find the nearest level to each share of full scale.
+        """Find the nearest level to each fraction of full scale.
 
         Boards with two levels switch on each element above a thousandth of full scale.
         """
@@ -108,7 +108,7 @@ class Levels:
 
 
 def _check_count(levels: int, name: str) -> int:
-    # Levels are stored in bytes. Booleans are integers in Python, but no numbers of levels.
+    # Levels are stored in bytes. Booleans are integers in Python, but not numbers of levels.
     integer = isinstance(levels, int | np.integer) and not isinstance(levels, bool)
     if not integer or not 2 <= levels <= 256:
         raise InvalidInput(
@@ -117,5 +117,5 @@ def _check_count(levels: int, name: str) -> int:
     return int(levels)
 
 
-# 256 amplitudes and 256 phases, as the paper's array and AUTD3 have them.
+# 256 amplitudes and 256 phases, as in the paper's array and AUTD3.
 EIGHT_BITS = Levels.even(256, 256)

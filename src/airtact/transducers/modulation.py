@@ -20,8 +20,8 @@ class AmplitudeModulation:
 
     Attributes
     ----------
-    frequency : of the force [Hz].
-    depth : the force varies between its largest and 1 − depth of that; above 0 to 1.
+    frequency : frequency of the force [Hz].
+    depth : the force varies between its maximum and 1 − depth of it; above 0, at most 1.
 
     Raises
     ------
@@ -41,7 +41,7 @@ class AmplitudeModulation:
                 "to some 1000 Hz: give that or less, such as 200.",
                 code="out_of_range",
             )
-        depth = number(self.depth, "the depth of the modulation", "shares of 1")
+        depth = number(self.depth, "the depth of the modulation", "")
         if not 0.0 < depth <= 1.0:
             raise InvalidInput(
                 f"the depth of the modulation is {depth:g}, but it must be above 0 and at most 1.",
@@ -52,26 +52,26 @@ class AmplitudeModulation:
     def envelope(self, frames: int) -> Float64[np.ndarray, "frames"]:
         """Return the factor on the amplitudes in each frame of a period; it starts at 1.
 
-        Radiation force goes with the square of the pressure, so frame n has √(1 − depth (1 − cos
-        2πn/N)/2).
+        Radiation force is proportional to the square of the pressure, so the factor of frame n is
+        √(1 − depth (1 − cos 2πn/N)/2).
 
         Examples
         --------
         >>> (AmplitudeModulation(depth=1.0).envelope(4) ** 2).round(12).tolist()
         [1.0, 0.5, 0.0, 0.5]
         """
-        # Rounding must not put a negative number under the root.
+        # Rounding must not make the argument of the root negative.
         angle = 2.0 * np.pi * np.arange(frames) / frames
         return np.sqrt(np.maximum(1.0 - self.depth * (1.0 - np.cos(angle)) / 2.0, 0.0))
 
 
 def check_rate(rate: float, clock: float, slowest: int, board: str) -> None:
-    """Check that a rate [frames/s] is a clock [Hz] over a whole number up to ``slowest``."""
+    """Check that a rate [frames/s] is a clock [Hz] divided by an integer up to ``slowest``."""
     # Boards count whole ticks of their clock per frame.
     divide = min(max(round(clock / rate), 1), slowest)
     if abs(clock / divide - rate) > 1e-6 * rate:
         raise InvalidInput(
-            f"{rate:g} frames/s are not {clock:g} Hz over a whole number up to {slowest}: the "
-            f"nearest that {board} plays is {clock / divide:.7g} frames/s.",
+            f"{rate:g} frames/s are not {clock:g} Hz divided by a whole number up to {slowest}: "
+            f"the nearest that {board} plays is {clock / divide:.7g} frames/s.",
             code="out_of_range",
         )

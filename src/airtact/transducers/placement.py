@@ -25,13 +25,13 @@ def check_placement(
 ) -> None:
     """Check the placement of an array in a scene.
 
-    Foci (F, 3) must be in front of directional elements, and so must bodies, except in scenes with
-    reflecting boards, which shade them.
+    Foci (F, 3) and bodies must be in front of directional elements. In scenes with reflecting
+    boards, bodies may be behind the elements, because the boards shade them.
 
     Raises
     ------
     InvalidInput
-        "bodies_overlap": two elements are nearer than the radius of their faces; "bodies_overlap"
+        "bodies_overlap": two elements are closer than the radius of their faces; "bodies_overlap"
         or "inside_body": an element reaches into a body; "behind_plane": an element is behind a
         plane; "behind_faces": a focus or a body, or its image in a plane, is behind the face of a
         directional element; "not_supported": an element is not in the face of a reflecting board;
@@ -63,13 +63,13 @@ def check_placement(
 
 
 def check_apart(array: PhasedArray) -> None:
-    """Raise where two elements overlap, because a board placed twice would double the pressure."""
+    """Raise if two elements overlap, because a board placed twice would double the pressure."""
     if len(array) < 2:
         return
     distances, neighbours = map(np.asarray, KDTree(array.positions).query(array.positions, k=2))
     first = int(distances[:, 1].argmin())
     distance = distances[first, 1]
-    # Points have no radius, but no two transducers are a tenth of a millimetre apart.
+    # Points have no radius, but real transducers are more than a tenth of a millimetre apart.
     if distance >= max(array.element.radius, 1e-4):
         return
     second = int(next(index for index in neighbours[first] if index != first))
@@ -86,10 +86,9 @@ def check_apart(array: PhasedArray) -> None:
 def overlapping_boards(
     array: PhasedArray,
 ) -> tuple[int, int, Float64[np.ndarray, "3"]] | None:
-    """Return two boards of an array that overlap, and a point in both [m]; None where none do.
+    """Return two boards of an array that overlap, and a point in both [m]; None if none do.
 
-    Boards that pass each other by up to 6 mm at their edges do not count: those of the paper's box
-    do by 5.7 mm.
+    Overlaps of up to 6 mm at the edges do not count, because those of the paper's box are 5.7 mm.
     """
     kind = kind_of_array(array.positions, array.normals)
     if kind is None or kind[0].outline is None:
@@ -121,7 +120,7 @@ def _check_body(
 ) -> None:
     middle = vertices.mean(axis=0)
     radius = np.sqrt(np.max(np.sum((vertices - middle) ** 2, axis=1)))
-    # A bounding sphere settles the usual case, because hulls of fine meshes are slow.
+    # A bounding sphere decides the usual case, because hulls of fine meshes are slow.
     if _height(array, middle[None]).min() > radius:
         return
     # The farthest vertices behind a face belong to the convex hull.
@@ -132,7 +131,7 @@ def _check_body(
 def _check_images(
     plane: Plane, scene: Scene, array: PhasedArray, foci: Real[np.ndarray, "foci 3"] | None
 ) -> None:
-    """Raise where the image of a body or focus in a plane is behind a face."""
+    """Raise if the image of a body or focus in a plane is behind a face."""
     # The image of the element would radiate backwards.
     radiating = ~flush(plane, array)
     if foci is not None:
@@ -158,7 +157,7 @@ def planes_behind(scene: Scene, array: PhasedArray) -> tuple[Plane, ...]:
 
 def _check_outside_bodies(scene: Scene, array: PhasedArray) -> None:
     depth = scene.depth(array.positions)
-    # An array in millimetres is metres away from everything.
+    # An array in millimetres is metres away from everything else.
     if scene.obstacles:
         _check_metres(-depth, "the nearest body")
     reach = array.element.reach
@@ -192,7 +191,7 @@ def _check_metres(distances: Depths, place: str) -> None:
 
 
 def check_reach(array: PhasedArray, foci: Real[np.ndarray, "foci 3"]) -> None:
-    """Raise where a focus (F, 3) is over 10 m away, or behind the face of a directional element."""
+    """Raise if a focus (F, 3) is over 10 m away, or behind the face of a directional element."""
     for index, focus in enumerate(foci):
         offsets = array.positions - focus
         _check_metres(np.sqrt(np.einsum("ed,ed->e", offsets, offsets)), f"focus {index}")
@@ -250,7 +249,7 @@ def open_air_bound(
         received = _kernels.apply_monopoles(
             targets, point[None], unit, complex(wavenumber), "float64"
         )
-        # All elements arrive in phase, so the magnitudes add up.
+        # The sound of all elements arrives in phase, so the magnitudes add up.
         waves = np.abs(received.reshape(len(array), -1) @ element.weights)
         if element.directional:
             before = np.einsum("ed,ed->e", point - array.positions, array.normals) > 0.0

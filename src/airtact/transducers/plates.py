@@ -29,7 +29,7 @@ def reflecting_boards(array: PhasedArray, thickness: float = THICKNESS) -> tuple
     Parameters
     ----------
     array : made of boards whose outline is known.
-    thickness : from the faces of the transducers to the back of a board [m], 0.5 to 50 mm.
+    thickness : distance from the faces of the transducers to the back of a board [m], 0.5 to 50 mm.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def reflecting_boards(array: PhasedArray, thickness: float = THICKNESS) -> tuple
             seams.append(wide[first] ^ wide[second] ^ hull)
     union = Manifold.batch_boolean([*plates, *seams], OpType.Add)
     assert union.status() == Error.NoError  # boxes
-    # removes steps of up to 1 µm in the faces
+    # simplifying removes steps of up to 1 µm in the faces
     surfaces = []
     for part in union.as_original().simplify(1e-6).decompose():
         mesh = part.to_mesh64()
@@ -86,7 +86,7 @@ def reflecting_boards(array: PhasedArray, thickness: float = THICKNESS) -> tuple
 
 
 def flush(plane: Plane, array: PhasedArray) -> Bool[np.ndarray, "elements"]:
-    """Return which elements are flush in a plane: in it, and radiating along its normal."""
+    """Return which elements lie in a plane and radiate along its normal."""
     parallel = array.normals @ plane.normal > 1.0 - 1e-9
     return parallel & (np.abs(plane.height(array.positions)) < CONTACT)
 
@@ -94,8 +94,9 @@ def flush(plane: Plane, array: PhasedArray) -> Bool[np.ndarray, "elements"]:
 def strength_in(scene: Scene, array: PhasedArray) -> Float64[np.ndarray, "elements"]:
     """Return the factor of the strength of each element in a scene.
 
-    It is 1 in the open, and 1/2 in reflecting boards and for directional elements flush in a plane:
-    a rigid face doubles a source, but the sensitivity is already that of a transducer in a board.
+    It is 1 in the open, and 1/2 in reflecting boards and for directional elements flush in a plane.
+    A rigid face doubles a source, but the sensitivity already includes this doubling, because it is
+    stated for a transducer in a board.
 
     Raises
     ------

@@ -1,1 +1,1 @@
-"""How sound travels: a scene and monopoles in, a radiated field out."""
+"""Solvers: from a scene and monopoles to the radiated field."""

@@ -55,7 +55,7 @@ class OpenAirField(RadiatedField):
 
 @dataclass(frozen=True)
 class FreeField(Solver):
-    """Sound in open air or before a plane in closed form, for scenes without obstacles."""
+    """Sound in open air or in front of a plane in closed form, for scenes without obstacles."""
 
     def radiate(self, scene: Scene, sources: Monopoles) -> OpenAirField:
         """Field of the monopoles in a scene without obstacles.
@@ -63,7 +63,7 @@ class FreeField(Solver):
         Raises
         ------
         InvalidInput
-            If the scene has obstacles, or an argument is of another kind.
+            If the scene has obstacles, or an argument has the wrong type.
         """
         check_sources(scene, sources, planes=True)
         if len(scene.obstacles) > 0:

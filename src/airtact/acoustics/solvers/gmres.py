@@ -45,8 +45,8 @@ def gmres(
     product : returns A v for each row v of an array (sides, unknowns).
     right_sides : each b, as a row.
     tolerance : relative residual that all right-hand sides must reach.
-    error : relative error of the solution at which to stop, about. An ill-conditioned A, as for
-        sound in a cavity, leaves a large error at a small residual, and needs more iterations.
+    error : approximate relative error of the solution at which to stop. An ill-conditioned A, as
+        for sound in a cavity, leaves a large error at a small residual, and needs more iterations.
     most_iterations : largest number of iterations.
 
     Raises
@@ -111,8 +111,8 @@ def _settled(
 ) -> bool:
     """Whether all solutions have an error of about ``error``, or A is well-conditioned.
 
-    The relative error is at most the residual over the least singular value of A. GMRES's triangle
-    has about the same least singular value.
+    The relative error is at most the residual divided by the smallest singular value of A. GMRES's
+    triangular matrix has about the same smallest singular value.
     """
     if math.isinf(error):
         return True
@@ -121,5 +121,5 @@ def _settled(
     triangles[:, row, column] = spaces.triangles[:, : len(row)]
     least = np.linalg.svd(triangles, compute_uv=False)[:, -1]
     size = least * np.linalg.norm(spaces.weights[:, :steps], axis=1)
-    # Without cavities the error is 1.3 to 2.7 times the residual: 3 is well-conditioned.
+    # Without cavities the error is 1.3 to 2.7 times the residual, so up to 3 is well-conditioned.
     return bool(((residuals <= error * size) | (3.0 * size >= 1.0)).all())

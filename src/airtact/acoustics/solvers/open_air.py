@@ -12,7 +12,7 @@ from airtact.acoustics.solvers.arrays import Gradients, Lengths, Points, Pressur
 def differences(
     pressure: Callable[[Points], Pressures], points: Points, step: Lengths
 ) -> Gradients:
-    """∇p [Pa/m] by central differences, whose error falls as the fourth power of the step [m].
+    """Pressure gradient ∇p [Pa/m] by fourth-order central differences with a given step [m].
 
     The pressure must exist two steps away on all sides.
     """

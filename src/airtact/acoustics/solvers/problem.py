@@ -1,4 +1,4 @@
-"""The interface of every solver: a scene and monopoles in, a radiated field out."""
+"""The interface of every solver: from a scene and monopoles to the radiated field."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -46,8 +46,8 @@ class SolveReport:
         surfaces.
     seconds : wall time by step [s].
     settings : the solver's settings.
-    warnings : sentences for the reader of the result.
-    citations : sources of the method.
+    warnings : a sentence for each warning.
+    citations : references for the method.
     farthest_off_triangles, mean_off_triangles : largest and mean distance of the panels from the
         triangles of the surface, of the worst body [m]; 0 for primitives.
     """
@@ -98,7 +98,7 @@ class SurfaceField:
 
     @classmethod
     def empty(cls, sources: Monopoles) -> "SurfaceField":
-        """No points, for a field without a surface pressure."""
+        """Surface field without points, for a field without a surface pressure."""
         pressure = np.zeros((0, sources.strengths.shape[1]), dtype=np.complex128)
         return cls(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), pressure)
 
@@ -138,7 +138,7 @@ class RadiatedField(ABC):
     @property
     @abstractmethod
     def on_surface(self) -> SurfaceField:
-        """Total pressure on the surfaces of the bodies; arrays of length 0 where there are none."""
+        """Total pressure on the surfaces of the bodies; arrays of length 0 if there are none."""
 
     @property
     def scattering_sources(self) -> Monopoles | None:
@@ -147,7 +147,7 @@ class RadiatedField(ABC):
 
     @property
     def without_images(self) -> "RadiatedField | None":
-        """The field without the images of sources and bodies in a plane; None where unknown."""
+        """The field without the images of sources and bodies in a plane; None if unknown."""
         return None if self.scene.planes else self
 
     # Public methods check their points once; solvers implement the methods with an underscore.
@@ -183,9 +183,9 @@ class RadiatedField(ABC):
         """Particle velocity v = ∇p/(iωρ) [m/s] along x, y and z, of each excitation.
 
         It is computed by central differences of ``at`` over 1/40 of a wavelength, or less near a
-        surface. Points within 1/200 of a wavelength of a surface count as on it: there it is the
-        tangential velocity, plus the velocity into an impedance. It is NaN where not ``valid``, and
-        on the surface of a filled body. Errors as of ``at``.
+        surface. Points within 1/200 of a wavelength of a surface count as on it. The result there
+        is the tangential velocity, plus the velocity into an impedance. It is NaN where not
+        ``valid``, and on the surface of a filled body. It raises the same errors as ``at``.
         """
         points = self._receivers(points)
         scene = self.scene
@@ -211,7 +211,7 @@ class RadiatedField(ABC):
         return gradient / (2j * np.pi * scene.frequency * density[:, None, None])
 
     def _mirrored_at(self, points: Vectors) -> Pressures:
-        """Pressure at points, of which those behind a rigid plane are mirrored to its front."""
+        """Pressure at points; points behind a rigid plane are first mirrored to its front."""
         for plane in self.scene.planes:
             behind = plane.height(points) < 0.0
             points = np.where(behind[:, None], plane.image(points), points)
@@ -220,7 +220,7 @@ class RadiatedField(ABC):
     def _surface_gradient(self, obstacle: Obstacle, points: Vectors) -> Gradients:
         """∇p on the surface of a body [Pa/m]: along it, and along the normal by its impedance."""
         project = obstacle.surface.shape.project
-        # The pressure at the nearest surface point has no slope across the surface.
+        # The pressure at the nearest surface point does not vary along the normal.
         step = np.full(len(points), self.scene.wavelength / 40.0)
         gradient = differences(lambda shifted: self._at(project(shifted)), project(points), step)
         if obstacle.ratio is not None:
@@ -255,7 +255,7 @@ class RadiatedField(ABC):
         )
 
     def nowhere(self, points: Points) -> Pressures:
-        """NaN for each point and excitation."""
+        """Pressures of NaN for each point and excitation."""
         return np.full((len(points), self.excitations), np.nan, dtype=np.complex128)
 
     def error_at(self, points: Points) -> Float64[np.ndarray, "excitations"]:
@@ -263,14 +263,14 @@ class RadiatedField(ABC):
         return np.full(self.excitations, self.report.estimated_error)
 
     def report_at(self, points: Points) -> SolveReport:
-        """Return the report with the error at points [m], if larger, and a warning if too large."""
+        """Return the report with the error at points [m] if that is larger, and any warning."""
         return self.report
 
 
 def surrounding_points(scene: Scene, points: Vectors) -> Float64[np.ndarray, "around 3"]:
     """Return 128 points on a sphere 8 λ outside the bodies, about where an array would be.
 
-    Solvers compare two solutions there. The points spread along a Fibonacci spiral.
+    Solvers compare two solutions there. The points lie on a Fibonacci spiral.
     """
     centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
     radius = np.linalg.norm(points - centre, axis=1).max() + 8 * scene.wavelength
@@ -293,7 +293,7 @@ class Solver(ABC):
     def reporting(self, progress: Progress | None) -> "Solver":
         """Return the solver with a callback, such as ``print``, that gets the name of each step.
 
-        Solvers in closed form have no steps and return themselves.
+        Solvers in closed form have no steps, so they are returned unchanged.
         """
         if progress is None or not hasattr(self, "progress"):
             return self

@@ -30,7 +30,7 @@ from airtact.files.text_table import TextTable, read_text_table
 
 TimeSign = Literal["e^{-iωt}", "e^{+jωt}"]
 
-# Nodes nearer to each other than this coincide [m]
+# Nodes closer together than this coincide [m]
 SAME_NODE = 1e-9
 
 
@@ -38,18 +38,18 @@ SAME_NODE = 1e-9
 class SampledField(RadiatedField):
     """A field interpolated from its pressure at nodes; NaN outside their convex hull.
 
-    A Delaunay triangulation joins the nodes to tetrahedra. Inside each the field interpolates
-    p·r·e^{-ikr} linearly, where r is the distance from the nearest source, because the phase of
-    e^{ikr}/r varies far faster than the rest. The tetrahedra also fill the bodies: do not use
-    points inside them. The error is not estimated (NaN).
+    A Delaunay triangulation joins the nodes to tetrahedra. Inside each, p·r·e^{-ikr} is
+    interpolated linearly, where r is the distance from the nearest source, because the phase of
+    e^{ikr}/r varies far faster than the rest. The tetrahedra also fill the bodies, so do not use
+    points inside bodies. The error is not estimated (NaN).
 
     Attributes
     ----------
-    scene : what the field was computed for.
+    scene : the scene for which the field was computed.
     sources : the monopoles that emit it.
     nodes : (N, 3) [m].
-    pressures : (N, S) for each of the S excitations of the sources, as e^{-iωt}; (N,) is one
-        excitation [Pa].
+    pressures : (N, S) pressures [Pa] for the time factor e^{-iωt}, for each of the S excitations of
+        the sources; (N,) is one excitation.
 
     Raises
     ------
@@ -167,15 +167,16 @@ def load_samples(
     The file has the columns x, y, z, and for each excitation a column of complex numbers such as
     ``0.5-1.2i``, or two columns named ``..._real`` and ``..._imag``. Lines that begin with % or #
     are comments; the last one may name the columns, as in COMSOL's files. Rows with NaN, which
-    COMSOL writes in solids, are left out. Of several frequencies that of the scene is used.
+    COMSOL writes in solids, are left out. If the file has several frequencies, that of the scene is
+    used.
 
     Parameters
     ----------
     path : the file.
-    scene : the scene of that field.
+    scene : the scene of the field.
     sources : the monopoles that emit it, one excitation for each pressure column.
     time_sign : "e^{-iωt}" as in airtact, or "e^{+jωt}" as in COMSOL, which conjugates pressures.
-    scale : metres per unit of the file's lengths; by default that of its comment "Length unit", or
+    scale : metres per unit of the file's lengths; by default as in its comment "Length unit", or
         1.
 
     Raises
@@ -246,7 +247,7 @@ def _scale_of(table: TextTable, scale: float | None) -> float:
 
 
 def _of_frequency(names: Sequence[str], frequency: float) -> list[str]:
-    """Return the columns of pressures at the scene's frequency; refuse levels in decibels."""
+    """Return the columns of pressures at the scene's frequency; reject levels in decibels."""
     for name in names:
         if "(db)" in name:
             raise InvalidInput(
@@ -294,8 +295,8 @@ def _excitations(
 
 def _check_sign(sampled: SampledField, time_sign: str) -> tuple[str, ...]:
     """Check that the phase grows away from the sources; warn if it fits neither sign."""
-    # Around a source in open air the fits are 1 and near 0; around sources on bodies 0.57 to 1 and
-    # up to 0.16.
+    # The fits to the right and the wrong sign are 1 and near 0 around a source in open air; around
+    # sources on bodies they are 0.57 to 1 and up to 0.16.
     stated, opposite = _fits(sampled)
     if opposite > max(1.5 * stated, 0.4):
         raise InvalidInput(
@@ -323,7 +324,7 @@ def _fits(sampled: SampledField) -> Float64[np.ndarray, "2"]:
     for column in range(sampled.sources.strengths.shape[1]):
         for source in np.flatnonzero(sampled.sources.strengths[:, column]):
             distance = np.linalg.norm(nodes - sampled.sources.positions[source], axis=1)
-            # Nodes within 3 wavelengths, but 1,000 of them at least.
+            # Nodes within 3 wavelengths, but at least 1,000.
             reach = max(3.0 * sampled.scene.wavelength, np.sort(distance)[:1000][-1])
             near = (distance <= reach) & (distance > SAME_NODE)
             level = pressures[near, column] * distance[near]

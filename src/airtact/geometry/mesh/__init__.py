@@ -1,1 +1,1 @@
-"""Plain arrays of vertices and triangles: no physics, no Surface."""
+"""Functions on plain arrays of vertices and triangles, without physics or ``Surface``."""

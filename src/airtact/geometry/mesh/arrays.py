@@ -14,7 +14,7 @@ VertexSizes = Float64[np.ndarray, "vertices"]
 # Indices of the three vertices of each triangle.
 Triangles = Int64[np.ndarray, "triangles 3"]
 
-# Triangles of a result whose number differs from that of the arguments.
+# Triangles of a result; their number differs from that of the arguments.
 NewTriangles = Int64[np.ndarray, "_ 3"]
 
 # Positions of the corners of each triangle [m].

@@ -1,8 +1,8 @@
 """Curving of a triangle mesh by its normals: midpoints of the edges on a smooth surface.
 
-Every edge has a tangent at each end: its projection onto the tangent plane there. The normal of
-that plane is the mean of the triangles around the corner up to the next sharp edges, weighted by
-their angles. Along a sharp edge that continues smoothly, the tangent is the direction of that line.
+Every edge has a tangent at each end: its projection onto the tangent plane there. The normal of the
+plane is the angle-weighted mean normal of the triangles around the corner, up to the next sharp
+edges. Along a sharp edge that continues smoothly, the tangent follows the line of sharp edges.
 The midpoint of the edge moves to the middle of a circular arc with these tangents. Spheres and
 cylinders become exactly round, flat faces remain flat, and sharp edges remain sharp.
 
@@ -38,7 +38,7 @@ from airtact.geometry.mesh.topology import (
     smooth_patches,
 )
 
-# Smallest angle at the rim of a cap, and largest angle of its triangles to their mean
+# Smallest angle at the rim of a cap, and largest angle between its triangles and their mean
 _CAP_DEGREES = 40.0
 
 
@@ -93,7 +93,7 @@ def _rises(
 
 
 def _is_folded(panels: QuadraticTriangles, flat: TriangleVectors) -> TriangleMask:
-    """Whether a panel turns by over 60 degrees from its flat triangle at any of its nodes."""
+    """Whether a panel turns by over 60 degrees from its flat triangle at any node."""
     corners = panels[:, :3]
     rise = panels[:, 3:] - 0.5 * (corners + np.roll(corners, -1, axis=1))
     twice_area = np.linalg.norm(area_vectors(corners), axis=1)
@@ -115,10 +115,10 @@ def _caps(
     flat: TriangleVectors,
     bent: EdgeMask,
 ) -> tuple[TriangleMask, EdgeMask]:
-    """Triangles of caps and edges of their rims.
+    """Triangles of caps and the edges of their rims.
 
-    A cap is a patch between bent edges of at least six triangles with nearly the same normal, whose
-    vertices are all on its rim.
+    A cap is a patch of at least six triangles with nearly the same normal between bent edges. All
+    its vertices are on its rim.
     """
     if not bent.any():
         return np.zeros(len(triangles), dtype=bool), bent
@@ -127,7 +127,7 @@ def _caps(
     mean = np.stack([np.bincount(patch, weights=area * flat[:, axis]) for axis in range(3)], axis=1)
     smallest_cosine = np.ones(len(mean))
     np.minimum.at(smallest_cosine, patch, np.einsum("td,td->t", unit(mean)[patch], flat))
-    # A vertex whose lowest and highest patch agree lies inside that patch.
+    # A vertex with the same lowest and highest patch lies inside that patch.
     lowest = np.full(int(triangles.max()) + 1, len(mean))
     highest = np.full(int(triangles.max()) + 1, -1)
     np.minimum.at(lowest, triangles, patch[:, None])
@@ -145,7 +145,7 @@ def _in_tangent_plane(along: EdgeVectors, normals: EdgeVectors) -> EdgeVectors:
 
 
 def _half_tangent(tangent: EdgeVectors, along: EdgeVectors) -> EdgeVectors:
-    """Vector of length tan(a/2) across an edge, for its tangent at an angle a; zero over 60°."""
+    """Vector of length tan(a/2) across an edge with a tangent at the angle a; zero over 60°."""
     cosine = np.einsum("tei,tei->te", tangent, along)[:, :, None]
     across = (tangent - cosine * along) / (1 + np.maximum(cosine, 0))
     return np.where(cosine > np.cos(np.radians(60.0)), across, 0.0)
@@ -166,7 +166,7 @@ def _corner_normals(
 
 
 def _sectors(triangles: Triangles, twins: Twins, sharp: EdgeMask) -> Int64[np.ndarray, "corners"]:
-    """Label the corners 3 t + c that share a vertex and no sharp edge separates."""
+    """Label corners 3 t + c that share a vertex and are not separated by a sharp edge."""
     if not sharp.any():
         return triangles.ravel()
     # Edge c of a triangle starts at its corner c, and the twin of that edge ends there.
@@ -178,9 +178,9 @@ def _sectors(triangles: Triangles, twins: Twins, sharp: EdgeMask) -> Int64[np.nd
 def _ridge_tangents(
     along: EdgeVectors, triangles: Triangles, sharp: EdgeMask
 ) -> tuple[EdgeVectors, EdgeVectors]:
-    """Directions of sharp edges at their start and end, as parts of a line of sharp edges.
+    """Tangents of sharp edges at their start and end, along a line of sharp edges.
 
-    Where the line ends, forks or turns sharply, it is the direction of the edge itself.
+    If the line ends, forks or turns sharply there, the tangent is the direction of the edge.
     """
     triangle, edge = np.nonzero(sharp)
     start = triangles[triangle, edge]
@@ -193,8 +193,8 @@ def _ridge_tangents(
     )
     straight_on = np.linalg.norm(total, axis=1) < 2 * np.sin(np.radians(SHARP_DEGREES / 2))
     through = (count == 2) & straight_on
-    # Of two edges that leave a vertex, the first and the reversed second run the same way: their
-    # sum is twice the first minus the total.
+    # Of two edges that leave a vertex, the first and the reversed second have the same direction.
+    # Their sum is twice the first minus the total.
     leaving = along.copy()
     at_start = through[start]
     leaving[triangle[at_start], edge[at_start]] = unit(2 * out[at_start] - total[start[at_start]])

@@ -1,13 +1,14 @@
 """Upper limits of the edge length at each vertex when larger triangles replace a fine mesh.
 
 Each function finds one kind of detail that large triangles would lose, and returns a limit [m] for
-each vertex, at most ``largest``:
+each vertex, at most ``largest``, the edge length wanted elsewhere:
 
 - ``bend_sizes``: tight bends, across which a large triangle would cut;
-- ``wall_sizes``: thin walls, whose two sides would deviate too much, or cross;
+- ``wall_sizes``: thin walls, whose sides would stray too far from the true surface, or cross each
+  other;
 - ``strip_sizes``: narrow strips between two sharp edges, in which slivers would form.
 
-Remeshing takes the smallest limit at each vertex.
+A ridge is a sharp edge of the mesh. Remeshing takes the smallest limit at each vertex.
 """
 
 import numpy as np
@@ -17,43 +18,43 @@ from airtact.geometry.mesh.arrays import Ridges, Triangles, VertexSizes, Vertice
 from airtact.geometry.mesh.quadratic_triangles import area_vectors, unit
 from airtact.geometry.mesh.topology import are_among, edge_ends, edge_twins, smooth_patches
 
-# Longest edge on a thin wall, over the wall's thickness.
+# Ratio of the longest edge on a thin wall to the wall's thickness.
 MAX_EDGE_TO_WALL = 3.0
 
 
 def bend_sizes(
-    vertices: Vertices, triangles: Triangles, ridges: Ridges, largest: float, share: float = 1.0
+    vertices: Vertices, triangles: Triangles, ridges: Ridges, largest: float, factor: float = 1.0
 ) -> VertexSizes:
-    """Longest edge at each vertex over which the surface turns by about a radian.
+    """At each vertex, the edge length over which the surface turns by 1 to 1.4 rad.
 
     The radius of a bend is estimated from pairs of triangles whose normals differ by 75 to 150
     degrees and that lie on a common arc. Pairs across a sharp edge (``ridges``) are ignored.
-    ``share`` is a factor of the edges, below 1 if panels must be nearer to the surface.
+    ``factor`` scales the limits; it is below 1 if panels must be nearer to the surface.
     """
     corners = vertices[triangles]
     centres = corners.mean(axis=1)
     normals = unit(area_vectors(corners))
     patch = smooth_patches(edge_twins(triangles), are_among(edge_ends(triangles), ridges))
 
-    # The surface may turn by 1.4 rad along an edge of a wide bend, so only bends limit edges whose
-    # radius is below the largest size over 1.4 and the share. The shortest chord that is accepted,
-    # 75 degrees of the widest such bend, is the search radius.
-    reach = 2 * np.sin(np.radians(75.0) / 2) / (share * 1.4) * largest
+    # The surface may turn by 1.4 rad along an edge of a wide bend, so only bends
+    # with a radius below largest / (1.4 factor) limit the edges. The search radius is the chord
+    # that 75 degrees span on the widest of them.
+    reach = 2 * np.sin(np.radians(75.0) / 2) / (factor * 1.4) * largest
     first, second = KDTree(centres).query_pairs(reach, output_type="ndarray").T
 
     # Below 75 degrees the pair may be a kink between two flat parts. Above 150 degrees it is more
     # likely the other side of a wall.
     cosine = np.einsum("pd,pd->p", normals[first], normals[second])
-    narrowest, widest = np.cos(np.radians([75.0, 150.0]))
-    bent = (cosine < narrowest) & (cosine > widest) & (patch[first] == patch[second])
+    cos_75, cos_150 = np.cos(np.radians([75.0, 150.0]))
+    bent = (cosine < cos_75) & (cosine > cos_150) & (patch[first] == patch[second])
     first = first[bent]
     second = second[bent]
     chord = centres[second] - centres[first]
     length = np.linalg.norm(chord, axis=1)
 
-    # On a common arc through the angle a, the chord of length 2 R sin(a/2) meets both normals at
-    # the sine of a/2, with opposite signs. Pairs that deviate by over 0.35 in this sine
-    # are on no common arc.
+    # On a common arc of angle a and radius R, the chord has length 2 R sin(a/2). The unit chord has
+    # the components −sin(a/2) and +sin(a/2) along the two normals. Pairs whose components deviate
+    # by more than 0.35 are not on a common arc.
     half_sine = np.sqrt(0.5 * (1 - cosine[bent]))
     at_first = np.einsum("pd,pd->p", chord, normals[first]) / length
     at_second = np.einsum("pd,pd->p", chord, normals[second]) / length
@@ -62,9 +63,9 @@ def bend_sizes(
     radius = length[on_arc] / (2 * half_sine[on_arc])
 
     # The surface may turn by 1 rad along an edge in the tightest bends, rising to 1.4 rad at a
-    # radius of 0.3 of the largest size: the remesher (MMG) refines wide bends by itself.
+    # radius of 0.3 of the largest size, because MMG itself refines wide bends.
     turn = 1.0 + (1.4 - 1.0) * np.minimum(1.0, radius / (0.3 * largest))
-    limit = share * radius * turn
+    limit = factor * radius * turn
     triangle_limits = np.full(len(triangles), largest)
     np.minimum.at(triangle_limits, first[on_arc], limit)
     np.minimum.at(triangle_limits, second[on_arc], limit)
@@ -79,8 +80,8 @@ def wall_sizes(vertices: Vertices, triangles: Triangles, largest: float) -> Vert
     np.add.at(normals, triangles, area_vectors(vertices[triangles])[:, None])
     normals = unit(normals)
     # The other side of a wall is near and has the opposite normal, so the tree contains positions
-    # and scaled normals, and the queries have reversed normals. ``reach`` is the largest distance
-    # and the length of the normals: opposite sides may deviate by about 60 degrees.
+    # and scaled normals, and the queries have reversed normals. ``reach`` is both the largest
+    # distance and the length of the normals, so opposite sides may be 60 degrees from parallel.
     reach = 0.6 * largest
     tree = KDTree(np.concatenate([vertices, reach * normals], axis=1))
     queries = np.concatenate([vertices, -reach * normals], axis=1)
@@ -98,16 +99,17 @@ def wall_sizes(vertices: Vertices, triangles: Triangles, largest: float) -> Vert
 def strip_sizes(vertices: Vertices, ridges: Ridges, largest: float) -> VertexSizes:
     """Longest edge at each vertex: twice the distance from its sharp edge to the next one.
 
-    Corners count as narrow, because another sharp edge begins there.
+    Vertices off sharp edges get ``largest``. Near a corner the limit falls too, as the other edge
+    of the corner is close.
     """
     width = np.full(len(vertices), largest / 2.0)
     if not len(ridges):
         return 2.0 * width
-    # Distances to other ridges are measured to eight points on each.
+    # Distances to other ridges are measured at eight points on each.
     steps = 8
     ends = vertices[ridges]
-    share = np.arange(steps) / steps
-    samples = (ends[:, :1] + share[:, None] * (ends[:, 1:] - ends[:, :1])).reshape(-1, 3)
+    fractions = np.arange(steps) / steps
+    samples = (ends[:, :1] + fractions[:, None] * (ends[:, 1:] - ends[:, :1])).reshape(-1, 3)
     tree = KDTree(samples)
     for start, end in (ridges.T, ridges.T[::-1]):
         along = unit(vertices[end] - vertices[start])
@@ -118,8 +120,8 @@ def strip_sizes(vertices: Vertices, ridges: Ridges, largest: float) -> VertexSiz
         sample = near["j"]
         gap = samples[sample] - vertices[start][row]
         distance = near["v"]
-        # Only points that lie sideways, over 60 degrees off the ridge, and on a ridge that does not
-        # share this vertex bound a strip.
+        # A sample bounds a strip if it lies sideways, more than 60 degrees off the ridge, and on a
+        # ridge that does not share this vertex.
         sideways = np.abs(np.einsum("pd,pd->p", gap, along[row])) < 0.5 * distance
         separate = (ridges[sample // steps] != start[row][:, None]).all(axis=1) & sideways
         np.minimum.at(width, start[row[separate]], distance[separate])

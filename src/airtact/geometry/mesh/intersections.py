@@ -1,8 +1,8 @@
 """Pairs of triangles of a mesh that cross or touch.
 
 Two triangles meet if an edge of one meets the other. Neighbours always meet in their common corner
-or edge. If triangles with a common corner also meet elsewhere, a ray from the corner through such a
-point leaves one of them at the edge opposite the corner, so only those edges are tested. Triangles
+or edge. If triangles with a common corner also meet at another point, a ray from the corner to that
+point leaves one of them at the edge opposite the corner. Only these edges are tested. Triangles
 with a common edge cross only if they are folded flat onto each other.
 """
 
@@ -27,7 +27,7 @@ _EDGES = ([0, 1], [1, 2], [2, 0])
 
 def self_crossings(corners: Corners, triangles: Triangles) -> IndexPairs:
     """Pairs of triangles of one mesh that cross or touch beyond their shared corners, sorted."""
-    # Triangles touch below the rounding of positions in a mesh of this extent.
+    # Triangles touch if they are closer than the rounding of positions in a mesh of this extent.
     tolerance = 1e-9 * float(np.ptp(corners.reshape(-1, 3), axis=0).max())
     pairs = _pairs_within(corners, tolerance)
     normals = unit(area_vectors(corners))
@@ -59,7 +59,7 @@ def _same_corners(
 def _turned(
     corners: Corners, members: Int64[np.ndarray, "n"], shared: Bool[np.ndarray, "n 3"]
 ) -> PairedCorners:
-    """Corners of triangles from their shared corner on, or, if two are shared, from the third."""
+    """Corners of triangles, starting with the shared one, or the third if two are shared."""
     front = np.where(
         np.count_nonzero(shared, axis=1) == 2, shared.argmin(axis=1), shared.argmax(axis=1)
     )
@@ -96,7 +96,7 @@ def _corner_neighbours_meet(
 
 
 def _folded(first: PairedCorners, second: PairedCorners, tolerance: float) -> PairMask:
-    """Whether triangles that share their last two corners lie on each other."""
+    """Whether triangles that share their last two corners are folded onto each other."""
     normal = unit(area_vectors(second))
     height = np.einsum("ni,ni->n", first[:, 0] - second[:, 0], normal)
     # Folded triangles are on the same side of the common edge.
@@ -109,7 +109,7 @@ def _pairs_within(corners: Corners, tolerance: float) -> IndexPairs:
     """Pairs i < j of triangles whose boxes overlap."""
     centres = corners.mean(axis=1)
     reach = np.linalg.norm(corners - centres[:, None, :], axis=2).max(axis=1)
-    # Triangles are grouped by size, because a large triangle would widen the search around all.
+    # Triangles are grouped by size, because one large triangle would widen the search for all.
     size = np.floor(np.log2(reach))
     groups = []
     for level in np.unique(size):

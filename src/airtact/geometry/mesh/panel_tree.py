@@ -16,8 +16,8 @@ BoxCorners = Float64[np.ndarray, "boxes 3"]
 class PanelTree:
     """A binary tree of boxes around curved panels.
 
-    The corners of the boxes ``lower`` and ``upper`` [m] are stored as a heap: box 1 holds all
-    panels, box b the boxes 2 b and 2 b + 1. The leaves hold the panels in the given ``order``.
+    The corners of the boxes ``lower`` and ``upper`` [m] are stored as a heap: box 1 contains all
+    panels, and box b contains boxes 2 b and 2 b + 1. The leaves contain the panels in ``order``.
     """
 
     quadratic_triangles: QuadraticTriangles
@@ -30,8 +30,7 @@ class PanelTree:
     ) -> tuple[Int64[np.ndarray, "points"], Float64[np.ndarray, "points 2"], PointLengths]:
         """Closest panel of points (P, 3) [m], reference coordinates there, and distances [m].
 
-        Where no panel is nearer than ``within`` [m], the panel is arbitrary and the distance
-        infinite.
+        If no panel is closer than ``within`` [m], the panel is arbitrary and the distance infinite.
         """
         return _kernels.closest_on_panels(
             points, self.quadratic_triangles, self.order, self.lower, self.upper, within
@@ -39,7 +38,7 @@ class PanelTree:
 
 
 def panel_tree(panels: QuadraticTriangles) -> PanelTree:
-    """Order panels (T, 6, 3) so that neighbours are near, and build boxes around them by halves."""
+    """Order panels (T, 6, 3) by position, and build boxes around them by repeated halving."""
     panels = np.ascontiguousarray(panels)
     corners = panels[:, :3]
     # A quadratic panel lies in the convex hull of its Bézier control points.

@@ -42,7 +42,7 @@ def shape_gradients(points: References) -> tuple[NodeWeights, NodeWeights]:
 def points_at(
     panels: QuadraticTriangles, references: Real[np.ndarray, "panels 2"]
 ) -> tuple[PanelVectors, PanelVectors]:
-    """One point of each panel [m], and the outward normal there, of twice the area as length."""
+    """One point of each panel [m], and the outward normal there, of length twice the area."""
     along_u, along_v = (
         np.einsum("tn,tnd->td", gradient, panels) for gradient in shape_gradients(references)
     )
@@ -57,7 +57,7 @@ def middles_of(panels: QuadraticTriangles) -> tuple[PanelVectors, PanelVectors]:
 
 
 def normals_at(panels: QuadraticTriangles, reference: Real[np.ndarray, "2"]) -> PanelVectors:
-    """Outward normals as of ``points_at``, of all panels at the same reference coordinates."""
+    """Outward normals of all panels at the same reference coordinates; see ``points_at``."""
     return points_at(panels, np.broadcast_to(reference, (len(panels), 2)))[1]
 
 
@@ -69,7 +69,7 @@ def with_middles(
 
 
 def area_vectors(corners: Corners) -> TriangleVectors:
-    """Outward normal of each flat triangle, of twice its area as length [m²]."""
+    """Outward normal of each flat triangle, of length twice its area [m²]."""
     return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
@@ -109,7 +109,7 @@ def smallest_angles(panels: QuadraticTriangles) -> PanelSizes:
 def cut(
     panels: QuadraticTriangles, parts: Int[np.ndarray, "panels"]
 ) -> tuple[Pieces, Int64[np.ndarray, "_"]]:
-    """Cut each panel into ``parts``² pieces of the same surface; also the panel of each piece."""
+    """Cut each panel into ``parts``² pieces; also return the panel of each piece."""
     parents = np.repeat(np.arange(len(parts)), parts * parts)
     pieces = panels[parents]
     for count in np.flatnonzero(np.bincount(parts)).tolist():
@@ -137,7 +137,7 @@ def _piece_shapes(count: int) -> Float64[np.ndarray, "pieces 6 6"]:
 def gauss_square(
     points: int,
 ) -> tuple[Float64[np.ndarray, "points 2"], Float64[np.ndarray, "points"]]:
-    """Points and weights of the Gauss rule of points² on the unit triangle, a collapsed square."""
+    """Points and weights of a collapsed Gauss rule of points² on the unit triangle."""
     x, weights = np.polynomial.legendre.leggauss(points)
     u, v = (grid.ravel() for grid in np.meshgrid(0.5 * (x + 1), 0.5 * (x + 1)))
     return np.stack([u, v * (1 - u)], axis=1), np.outer(weights, weights).ravel() / 4 * (1 - u)
@@ -145,7 +145,7 @@ def gauss_square(
 
 def enclosed_volume(panels: QuadraticTriangles) -> float:
     """Volume inside closed panels [m³], exact for the quadratic surface."""
-    # The divergence theorem: the integral of position times normal is three volumes. One matrix
+    # By the divergence theorem, the integral of position times normal is three volumes. One matrix
     # product evaluates positions and both derivatives at all quadrature points.
     nodes = panels.transpose(2, 1, 0).reshape(3, 6, -1)
     values = _volume_rule() @ (nodes - nodes[:, :1, :1])

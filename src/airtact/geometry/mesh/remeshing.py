@@ -1,4 +1,4 @@
-"""Remeshing of a closed mesh with sharp edges by MMG.
+"""Remeshing of a closed mesh with sharp edges, with MMG.
 
 Source: C. Dapogny, C. Dobrzynski, P. Frey, "Three-dimensional adaptive domain remeshing, implicit
 domain meshing, and applications to free and moving boundary problems", J. Comput. Phys. 262, 358
@@ -29,7 +29,7 @@ from airtact.geometry.mesh.quadratic_triangles import (
 )
 from airtact.geometry.mesh.topology import edge_ends, edge_twins
 
-# Shortest edge, except along sharp edges of the shape, over the target edge.
+# Ratio of the shortest edge, except along sharp edges of the shape, to the target edge.
 MIN_EDGE = 0.06
 
 
@@ -48,7 +48,7 @@ def coarsened(mesh: RidgedMesh, edge: float, wall: float = np.inf) -> RidgedMesh
     This removes the roughness of scans, which MMG would resolve as bends. ``wall`` is the thickness
     of the thinnest wall [m], which limits the deviation so that its rim remains.
     """
-    fine = 0.25  # mean edge, over the edge, of a mesh that is coarsened and of the result
+    fine = 0.25  # ratio of the mean edge to ``edge``, of a mesh to be coarsened and of the result
     if edge_lengths(mesh.vertices[mesh.triangles]).mean() > fine * edge:
         return mesh
     # 0.06 of the edge is about the roughness of a scan.
@@ -72,8 +72,8 @@ def remeshed(
     wall : as in ``coarsened``.
     """
     deviation = min(0.15, 0.3 * wall / edge)
-    # MMG makes fewer triangles than expected from the largest edge, which is shortened until 90 %
-    # of the expected number is reached.
+    # MMG makes fewer triangles than expected from the largest edge, so the edge is shortened until
+    # 90 % of the expected number is reached.
     for stretch in (1.4, 1.2, 1.0):
         result = _mmg(mesh, np.clip(sizes / edge, MIN_EDGE, stretch), edge, deviation)
         if len(result.triangles) >= 0.9 * expected:
@@ -101,8 +101,8 @@ def _mmg(surface: RidgedMesh, sizes: VertexSizes, edge: float, deviation: float)
             hmax=max(sizes.max(), 1.1 * MIN_EDGE),
             hmin=MIN_EDGE,
             hausd=deviation,
-            hgrad=1.5,  # largest ratio of neighbouring edges
-            angle=0,  # MMG detects no sharp edges of its own
+            hgrad=1.5,  # largest ratio between neighbouring edges
+            angle=0,  # MMG does not detect sharp edges itself
             verbose=-1,
         )
     except RuntimeError as fault:
@@ -186,7 +186,7 @@ def _split_edges(
 
 @cache
 def _split_pieces() -> dict[int, list[list[int]]]:
-    """Pieces of a triangle, by their nodes, for every set of split edges, bits for 01, 12, 20."""
+    """Nodes of the pieces of a triangle, for each set of split edges (bits for 01, 12, 20)."""
     result = {0: [[0, 1, 2]]}
     two_split = [[0, 3, 2], [3, 1, 4], [3, 4, 2]]
     for pattern, pieces in ((1, [[0, 3, 2], [3, 1, 2]]), (3, two_split)):

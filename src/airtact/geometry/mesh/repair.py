@@ -1,9 +1,9 @@
 """Repair of damaged triangle meshes; meshes with ambiguous damage are rejected.
 
-Each step leaves an intact mesh unchanged, and notes its repairs in one sentence with a count and
-the position of the first. The order matters: vertices are merged before triangles are compared,
-holes are filled in consistently oriented meshes, slivers are removed from closed ones. Source of
-the kinds of damage and of the order: M. Attene, M. Campen, L. Kobbelt, "Polygon mesh
+Each step leaves an intact mesh unchanged, and notes its repairs in one sentence with their number
+and the position of the first. The order matters: vertices are merged before triangles are compared,
+holes are filled after triangles are oriented, and slivers are removed from closed meshes. Source
+for the kinds of damage and the order: M. Attene, M. Campen, L. Kobbelt, "Polygon mesh
 repairing: an application perspective", ACM Computing Surveys 45(2), 2013, sections 2 and 3.
 """
 
@@ -40,7 +40,7 @@ from airtact.geometry.mesh.topology import (
 if TYPE_CHECKING:
     from manifold3d import Manifold
 
-# Largest width of a crack, and height of a sliver [m], by which the surface may move.
+# Largest width of a crack, and height of a sliver [m]. The surface may move by this distance.
 MAX_CRACK = 5e-6
 
 
@@ -224,7 +224,7 @@ def _without_repeats(vertices: Vertices, triangles: Triangles, notes: list[str])
 
 
 def without_slivers(vertices: Vertices, triangles: Triangles, notes: list[str]) -> FlatMesh:
-    """Remove triangles of a closed mesh that are so flat that their normals are meaningless."""
+    """Remove triangles of a closed mesh that are too flat to have meaningful normals."""
     corners = vertices[triangles]
     longest = longest_edges(corners)
     twice_area = np.linalg.norm(area_vectors(corners), axis=1)
@@ -244,14 +244,14 @@ def without_slivers(vertices: Vertices, triangles: Triangles, notes: list[str]) 
 
 
 def solid_of(vertices: Vertices, triangles: Triangles) -> "Manifold":
-    """Body of manifold3d of a closed mesh."""
+    """Convert a closed mesh to a body of manifold3d."""
     from manifold3d import Manifold, Mesh64
 
     return Manifold(Mesh64(np.array(vertices), triangles.astype(np.uint64)))
 
 
 def flat_mesh_of(solid: "Manifold") -> FlatMesh:
-    """Vertices and triangles of a body of manifold3d."""
+    """Convert a body of manifold3d to vertices and triangles."""
     mesh = solid.to_mesh64()
     return mesh.vert_properties[:, :3].astype(np.float64), mesh.tri_verts.astype(np.int64)
 
@@ -302,7 +302,7 @@ def _without_holes(
 def _rims(triangles: Triangles) -> list[Indices]:
     """Vertices around each hole, in the direction of the lid's triangles."""
     border = np.flatnonzero(edge_twins(triangles).ravel() < 0)
-    # The rim runs against the triangles beside it. Holes that meet in a vertex are separated there.
+    # The rim runs opposite to the triangles beside it. Holes that meet in a vertex are separated.
     starts = np.roll(triangles, -1, axis=1).ravel()[border].tolist()
     ends = triangles.ravel()[border].tolist()
     after: dict[int, list[int]] = {}
@@ -428,8 +428,8 @@ def _turned_outward(vertices: Vertices, triangles: Triangles, notes: list[str]) 
 
 def _check_no_bow_ties(vertices: Vertices, triangles: Triangles, twins: Twins) -> None:
     """Check that no parts of a closed mesh are joined by a single vertex."""
-    # Corners around a vertex form one ring, or several where parts only touch. The lowest corner of
-    # each ring is found by jumps of doubled length.
+    # Corners around a vertex form one ring, or several if parts only touch there. Jumps of doubled
+    # length find the lowest corner of each ring.
     jump = (3 * (twins // 3) + (twins + 1) % 3).ravel()
     lowest = np.arange(len(jump))
     while True:

@@ -25,7 +25,7 @@ SHARP_DEGREES = 75.0
 def edge_twins(triangles: AnyTriangles) -> Twins:
     """Find the reverse of each directed edge 01, 12, 20, as index 3 t + e (triangle t, edge e).
 
-    It is -1 where there is none, -2 where the directed edge itself occurs more than once.
+    It is -1 if there is none, and -2 if the directed edge itself occurs more than once.
     """
     start = triangles.astype(np.int64)
     end = np.roll(start, -1, axis=1)
@@ -59,7 +59,7 @@ def edge_ends(triangles: AnyTriangles) -> Int[np.ndarray, "triangles 3 2"]:
 def are_among(
     edges: Int[np.ndarray, "*edges 2"], listed: Int[np.ndarray, "*listed 2"]
 ) -> Bool[np.ndarray, "*edges"]:
-    """Whether edges, as pairs of vertices in any order, are among those listed."""
+    """Whether each edge, a pair of vertices in any order, is in a list."""
     count = max(int(edges.max(initial=0)), int(listed.max(initial=0))) + 1
     return np.isin(np.sort(edges, axis=-1) @ [count, 1], np.sort(listed, axis=-1) @ [count, 1])
 
@@ -78,13 +78,13 @@ def shells(triangles: AnyTriangles, twins: Twins | None = None) -> TriangleLabel
 def components(
     start: Int[np.ndarray, "links"], end: Int[np.ndarray, "links"], count: int
 ) -> Int64[np.ndarray, "members"]:
-    """Label the connected components of a graph of ``count`` members, by the ends of its links."""
+    """Label the connected components of a graph of ``count`` nodes with the given links."""
     links = coo_array((np.ones(len(start), dtype=bool), (start, end)), shape=(count, count))
     return connected_components(links, directed=False)[1].astype(np.int64)
 
 
 def smooth_patches(twins: Twins, borders: EdgeMask) -> TriangleLabels:
-    """Label the patches of a closed mesh that some of its edges separate."""
+    """Label the patches of a closed mesh that the border edges separate."""
     triangle, edge = np.nonzero(~borders)
     return components(triangle, twins[triangle, edge] // 3, len(twins))
 

@@ -21,10 +21,10 @@ from airtact.errors import InvalidInput, in_short
 # Panels of a block, of six unknowns each
 PANELS = _kernels.lanes // 6
 
-# Number format of a matrix in memory; bfloat16 is the upper half of a float32, right to 0.2 %
+# Number format of a matrix in memory; bfloat16 is the upper half of a float32, accurate to 0.2 %
 Store = Literal["bfloat16", "float32", "float64"]
 
-# Bytes of a matrix up to which the free memory is not looked up
+# The free memory is not checked for matrices up to this size [bytes]
 ALWAYS_FREE = 2**26
 
 
@@ -51,14 +51,14 @@ def blocks_of(unknowns: int) -> int:
 def block_order(centres: Float64[np.ndarray, "panels 3"]) -> Int64[np.ndarray, "panels"]:
     """Return the order in which the panels of each block lie together.
 
-    The panels are bisected across the direction of their largest extent, and each half again.
-    Moving the bodies rigidly keeps their blocks.
+    The panels are bisected repeatedly across the direction of their largest extent. Rigid motions
+    of the bodies do not change their blocks.
     """
     return _kernels.block_order(centres, PANELS)
 
 
 def near_blocks(panels: int, *lists: NearLists) -> Bool[np.ndarray, "blocks blocks"]:
-    """Mark the pairs of blocks that have a point of the one near a panel of the other.
+    """Mark the pairs of blocks in which a point of one is near a panel of the other.
 
     Each list has the near panels of points that are spread evenly over the panels.
     """
@@ -78,10 +78,10 @@ class BlockMatrix:
     ----------
     count : unknowns.
     whole : the blocks that are stored entry by entry.
-    blocks : their rows, each of real parts, then imaginary parts, padded with zeros; in words of
-        the number format, of which bfloat16 puts two into one.
-    far : the blocks that are sums of low-rank terms: ``ranks`` terms, whose factors start at
-        ``begin``; first those along the columns of a block, then those along its rows.
+    blocks : rows of these blocks, each with real parts, then imaginary parts, padded with zeros. A
+        word holds one number of the format, or two in bfloat16.
+    far : the blocks that are sums of low-rank terms. Each has ``ranks`` terms, whose factors start
+        at ``begin``: first the factors along the block's columns, then those along its rows.
     factors : the factors of the low-rank terms, in the same format.
     """
 
@@ -104,7 +104,7 @@ class BlockMatrix:
         pairs = BlockPairs.of(whole)
         far_pairs = BlockPairs.of(~whole)
         rows = len(pairs.column) * lanes
-        # A processor reads 64 bytes at once: rows that begin there are read in fewer pieces.
+        # A processor reads 64 bytes at once, so rows aligned to 64 bytes need fewer reads.
         size = (rows + room) * 2 * words
         line = 64 // word.itemsize
         numbers = np.empty(size + line, dtype=word)
@@ -166,9 +166,9 @@ def check_memory(count: int, store: Store, blocks: int, factors: int = 0) -> Non
 def worth_eliminating(unknowns: int, excitations: int) -> bool:
     """Whether Gaussian elimination is faster than iterations.
 
-    It is from 0.05 right-hand sides for each unknown (measured at 2,000 to 5,000 unknowns and
-    accuracies from 0.02 to 0.005): GMRES's vectors exceed the caches then. At 16,000 unknowns the
-    matrix takes 2 GiB in single precision.
+    It is faster from 0.05 right-hand sides for each unknown (measured at 2,000 to 5,000 unknowns
+    and accuracies from 0.02 to 0.005), because GMRES's vectors then exceed the caches. At 16,000
+    unknowns the matrix takes 2 GiB in single precision.
     """
     return excitations >= 0.05 * unknowns and unknowns <= 16_000
 
@@ -180,7 +180,7 @@ def eliminate(
 ) -> GmresResult:
     """Solve with the sum of matrices without low-rank blocks, by Gaussian elimination.
 
-    The residuals are all that of the sum of the right-hand sides, which takes one product.
+    Every residual is set to that of the sum of the right-hand sides, which takes one product.
     """
     total: Complex[np.ndarray, "nodes nodes"] = matrices[0].dense()
     for matrix in matrices[1:]:

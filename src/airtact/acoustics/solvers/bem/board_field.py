@@ -2,8 +2,8 @@
 
 The pressure near elements in a face varies faster than panels resolve, so the direct solution fails
 there. The monopoles of the transposed solution on the boards radiate the boards' reflections.
-Together with the elements they are the sources of a second, smaller solve around the other bodies,
-which is also accurate on and near their surfaces.
+With the elements, they are the sources of a second, smaller solve around the other bodies, which is
+also accurate on and near the surfaces of these bodies.
 """
 
 from dataclasses import dataclass, replace
@@ -31,7 +31,7 @@ class BoardField(RadiatedField):
     ----------
     scene : the other bodies.
     boards : the boards alone.
-    around : field of elements and boards as sources.
+    around : field with elements and boards as sources.
     reach : distance from a board below which the field is unknown [m].
     """
 
@@ -70,7 +70,7 @@ def in_boards(scene: Scene, sources: Monopoles) -> Bool[np.ndarray, "sources"]:
 
 
 def elements_and_boards(solved: BoundaryField) -> Monopoles:
-    """Return the sources of a field, and the monopoles by which its boards scatter."""
+    """Return the sources of a field, and the monopoles that radiate its boards' scattering."""
     transposed = solved.without_images.transposed
     nodes = np.isin(transposed.surface.nodes.body, solved.scene.boards)
     of_boards = np.concatenate([nodes, nodes[:: _kernels.sharing]])

@@ -82,19 +82,21 @@ def values_with_images(
 class BoundaryField(RadiatedField):
     """The field of monopoles around bodies, solved by ``BoundaryElement``.
 
-    The direct solution gives the pressure on and near the surface. Elsewhere the transposed
-    solution gives it for excitations with a source near the surface, and the mean of both solutions
-    for the others, which makes the field reciprocal. Many points close together, such as those of a
-    picture, are evaluated in cells, with an additional error of 4 % of the accuracy; the direct
-    solution then serves all excitations without a source near the surface. ``InvalidInput`` is
-    raised on and near the surface where the direct equation was not solved (``estimate=False``).
+    The direct solution gives the pressure on and near the surface. Elsewhere the pressure is that
+    of the transposed solution for excitations with a source near the surface, and the mean of both
+    solutions for the others, which makes the field reciprocal. Many points close together, such as
+    those of a picture, are evaluated in cells, with an additional error of 4 % of the accuracy. The
+    direct solution is then used for all excitations without a source near the surface.
+    ``InvalidInput`` is raised on and near the surface if the direct equation was not solved
+    (``estimate=False``).
 
     Attributes
     ----------
     surface : collocation points of the bodies, without their images in a plane.
     pressure : the direct solution, the pressure at the nodes [Pa]; None if not solved for.
-    density, factors : the transposed solution; None if not solved for, and 2 for sources on a body.
-    accuracy : target of the relative error.
+    density : the transposed solution; None if not solved for.
+    factors : factor of each source's strength, 2 on a body and 1 elsewhere.
+    accuracy : target relative error.
     max_error : relative error above which the report has a warning.
     """
 
@@ -136,9 +138,9 @@ class BoundaryField(RadiatedField):
 
     @property
     def scattering_sources(self) -> Monopoles | None:
-        """The transposed solution's monopoles; None where a source touches a body.
+        """Monopoles of the transposed solution; None if a source touches a body.
 
-        There are none before a plane, because the sources' images would be missing.
+        It is also None in front of a plane, because the sources' images would be missing.
         """
         if self.density is None or (self.factors > 1).any() or self.scene.planes:
             return None
@@ -179,7 +181,7 @@ class BoundaryField(RadiatedField):
         located = locate(self.scene, self._mirrored.nodes, points, self._mirrored.near_rule)
         out = self.nowhere(points)
         near = located.outside & located.near
-        # projected points are not in the plane of a picture any more, so cells leave them out
+        # projected points are no longer in the plane of a picture, so cells leave them out
         off = located.outside & ~located.contact
         error = 0.04 * self.accuracy if self._mirrored.precision == "float32" else 0.0
         cells = cells_of(located.points[off], self.scene.wavelength, error)
@@ -202,7 +204,7 @@ class BoundaryField(RadiatedField):
     def _in_cells(self, cells: Cells, located: Located, off: Mask, total: bool) -> Pressures:
         """Pressure [Pa] at many points, those ``off`` the surface in cells.
 
-        Each solution is evaluated at all of them if one of them needs it.
+        Each solution is evaluated at all points if one of them needs it.
         """
         out = self.nowhere(located.points)
         points = located.points[off]
@@ -210,7 +212,7 @@ class BoundaryField(RadiatedField):
         direct = self._served_by_both | (self.density is None)
         if not direct.all() and not near.all():
             out[off] = self.transposed.at(points, total, cells)
-        # near the surface, or for sources away from it, the direct solution is the better one
+        # the direct solution is better near the surface, and for sources away from it
         close = located.near & located.outside
         if direct.any() or close.any():
             refined = self.direct.refined(located.points[close])
@@ -224,7 +226,7 @@ class BoundaryField(RadiatedField):
 
     @cached_property
     def _served_by_both(self) -> Bool[np.ndarray, "excitations"]:
-        """Excitations whose sources are all away from the surface, if both equations are solved."""
+        """Excitations with all sources away from the surface, if both equations were solved."""
         if self.pressure is None:
             return np.zeros(self.excitations, dtype=bool)
         nodes = self._mirrored.nodes
@@ -240,10 +242,10 @@ class BoundaryField(RadiatedField):
     def error_at(self, points: Points) -> Float64[np.ndarray, "excitations"]:
         """Relative error of the direct solution over points, for each excitation.
 
-        It is the difference of both solutions, plus 15 % of the accuracy times the scattered
-        pressure for the errors of panels and quadrature that both share. Points on or near the
-        surface are moved away by a panel's radius where there is room, because the transposed
-        solution is accurate only there. NaN without a direct solution.
+        It is the difference between both solutions, plus 15 % of the accuracy times the scattered
+        pressure for the errors of panels and quadrature that both share. The transposed solution is
+        accurate only away from the surface, so points on or near it are moved away by a panel's
+        radius if there is room. NaN without a direct solution.
         """
         squares, size = self._errors(points_of(points, "points"))
         size = np.linalg.norm(size, axis=0)
@@ -255,7 +257,7 @@ class BoundaryField(RadiatedField):
             unknown = np.full((len(points), self.excitations), np.nan)
             return unknown, unknown
         points = self._lifted(points)
-        # their difference shows the errors that they do not share
+        # the difference of both solutions shows the errors that they do not share
         transposed = self.transposed.at(points)
         difference = self.direct_at(points) - transposed
         scattered = transposed - incident_pressure(points, self.sources, self._mirrored)
@@ -281,8 +283,8 @@ class BoundaryField(RadiatedField):
         """Return the report with the worst error estimated at points [m], if that is larger.
 
         Points inside bodies are left out. The error is relative to the pressure at the point, or to
-        a tenth of that at the strongest point. A warning names the worst point where the error
-        exceeds ``max_error``. Without a direct solution or points the report is unchanged.
+        a tenth of the strongest pressure if that is larger. If an error exceeds ``max_error``, a
+        warning names the worst point. Without a direct solution or points the report is unchanged.
         """
         points = points_of(points, "points", least=0)
         outside = (self.scene.depth(points) <= 0.0) & before_planes(self.scene.planes, points)
@@ -290,11 +292,12 @@ class BoundaryField(RadiatedField):
         if self.pressure is None or self.density is None or not len(points):
             return self.report
         squares, _ = self._errors(points)
-        # Relative to the pressure at the point, which in a shadow is far below that next to it. A
-        # point with almost no pressure matters less than a strong one.
+        # The error is relative to the pressure at the point, which is low in a shadow. A point with
+        # almost no pressure matters less than a strong one.
         pressure = self._at(points)
-        # Near the surface, refined panels give a better pressure than plain ones. In a shadow both
-        # are inaccurate if panels are too large; the better one by about half their difference.
+        # Near the surface, refined panels give a more accurate pressure than plain ones. In a
+        # shadow both are inaccurate if panels are too large; the error of the refined ones is about
+        # half of the difference.
         squares = squares + np.abs(0.5 * (pressure - self.direct_at(points))) ** 2
         pressure = np.abs(pressure)
         size = np.maximum(pressure, 0.1 * pressure.max(axis=0))

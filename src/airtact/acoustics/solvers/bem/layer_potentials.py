@@ -4,9 +4,9 @@ With the normal n outward and the sources' pressure p_inc, Green's formula outsi
 p = p_inc + D[p], where D is the double layer. On a surface of impedance Z, ∂p/∂n = −(ikρc/Z) p, so
 the single layer of (ikρc/Z) p is added; "double layer" includes it here.
 
-A panel far from a point is summed over its nodes. A near one takes a near integral, which is added
-as a correction: the integral less the plain sum. With k = 0 and p = 1 the double layer is the solid
-angle of the bodies, which separates points inside from points outside.
+For a panel far from a point, the integral is a sum over the panel's nodes. For a near panel a
+correction is added: the near integral minus this plain sum. With k = 0 and p = 1 the double
+layer is the solid angle of the bodies, which separates points inside from points outside.
 """
 
 from dataclasses import dataclass, replace
@@ -48,8 +48,8 @@ class NearRule:
 
     Attributes
     ----------
-    reach : panels whose centre is within this many of their radii from a point are near.
-    gauss_points : points along the angle and the radius, before the stretching adds more.
+    reach : a panel is near if its centre is within this many panel radii of the point.
+    gauss_points : points along the angle and the radius, before stretching adds more.
     """
 
     reach: float
@@ -59,7 +59,7 @@ class NearRule:
 class NearRows(_kernels.NearRows):
     """Corrections for the near panels of some points, listed as by ``near_lists``.
 
-    ``excess`` (pairs, 6) is the near integral for each node of a panel, less the node's plain term.
+    ``excess`` (pairs, 6) is the near integral for each node of a panel minus the node's plain term.
     """
 
     def split(self, points: int) -> tuple["NearRows", "NearRows"]:
@@ -89,7 +89,7 @@ def near_rows(
 ) -> NearRows:
     """Compute the corrections that near panels add to the plain sums.
 
-    The plain sums leave out nodes nearer than ``min_distance`` [m]. In float32 no point may touch
+    The plain sums leave out nodes closer than ``min_distance`` [m]. In float32 no point may touch
     a panel at its edge. ``lists`` are the near panels, if they have been listed before.
     """
     if lists is None:
@@ -123,15 +123,15 @@ def double_layer_pressure(
 
     Parameters
     ----------
-    cells : the points sorted into cells; none of them may be on a panel then.
-    nodal : whether all points are on panels and away from their edges, as nodes are; the near
-        integrals need no more than the working precision then.
+    cells : the points sorted into cells; then none of them may be on a panel.
+    nodal : whether all points are on panels and away from their edges, as nodes are; then the near
+        integrals need only the working precision.
     contact : which points were projected onto a panel.
     """
     layer = nodes.layer(wavenumber)
     if cells is None:
-        # float32 does not resolve the position of a node nearer than ``min_distance``; the plain
-        # sum may leave such nodes out if their panels are all near ones
+        # float32 does not resolve the position of a node closer than ``min_distance``. The plain
+        # sum may leave such nodes out if all their panels are near.
         min_distance = 1e-3 * float(np.abs(nodes.points - nodes.points.mean(axis=0)).max())
         reach = 0.5 * (near_rule.reach - 1) * nodes.radii.min()
         if precision != "float32" or min_distance >= reach:
@@ -164,7 +164,8 @@ def _near_groups(
 
     Adjacent panels deviate from the true surface by different lengths. If a point on one panel
     counted as above or below the next, the solid angle at their common corner would be halved or
-    doubled. So it touches the next panel too if it is within the sum of both contact lengths.
+    doubled. The point therefore touches the next panel too if it is within the sum of both contact
+    lengths.
     """
     first, panel = near_lists(nodes, points, near_rule.reach * nodes.radii)
     near = np.diff(first) > 0
@@ -229,7 +230,7 @@ def find_contacts(nodes: Nodes, points: Points) -> Contacts:
     """Find the points that touch the surface, each with its nearest panel."""
     first, panel = near_lists(nodes, points, 1.1 * nodes.radii)
     target = np.repeat(np.arange(len(points)), np.diff(first))
-    # The integrals are of no interest, so one Gauss point will do.
+    # The integrals are not used, so one Gauss point suffices.
     _, distance, reference = _kernels.near_integrals(
         False, points, target, panel, nodes.panels, wavenumber=0j, quadrature=near_quadrature(1, 1)
     )
@@ -241,7 +242,7 @@ def find_contacts(nodes: Nodes, points: Points) -> Contacts:
 
 
 def project_contacts(nodes: Nodes, points: Points) -> tuple[Vectors, Mask]:
-    """Project points that touch the surface onto their panel; also return which those are."""
+    """Project points that touch the surface onto their panel; also return which points touch."""
     points = np.array(points, dtype=np.float64)
     target, panel, reference = find_contacts(nodes, points)
     contact = np.zeros(len(points), dtype=bool)
@@ -278,16 +279,16 @@ def locate(scene: Scene, nodes: Nodes, points: Points, near_rule: NearRule) -> L
     """Locate points relative to the panels.
 
     Away from the panels the solid angle decides, or the scene's signed distance if all surfaces
-    are closed forms. Near the panels the signed distance decides where it exceeds the panels'
-    deviation from the true surface; closer points are projected, or take near integrals of the
-    solid angle. Points behind a plane are not outside.
+    are closed forms. Near the panels the signed distance decides if it exceeds the panels'
+    deviation from the true surface. Closer points are projected, or are decided by near integrals
+    of the solid angle. Points behind a plane are not outside.
     """
     positions = np.array(points, dtype=np.float64)
     contact = np.zeros(len(positions), dtype=bool)
     outside = np.ones(len(positions), dtype=bool)
     first, panel = near_lists(nodes, positions, near_rule.reach * nodes.radii)
     near = np.diff(first) > 0
-    # outside the box around all panels every point is outside
+    # every point beyond the box around all panels is outside
     reach = nodes.radii[:, None]
     lower = (nodes.centres - reach).min(axis=0)
     upper = (nodes.centres + reach).max(axis=0)
@@ -302,7 +303,7 @@ def locate(scene: Scene, nodes: Nodes, points: Points, near_rule: NearRule) -> L
         depth = scene.depth(positions[measured])
         outside[measured] = depth < 0
         in_box[measured] = False
-        # the solid angle is −1 inside; away from the panels each of them is summed as one node
+        # the solid angle is −1 inside; away from the panels, each panel is summed as one node
         area = nodes.weighted_normals.reshape(-1, 6, 3).sum(axis=1)
         layer = _kernels.Layer(nodes.centres, area, np.empty(0, dtype=np.complex128), 0j)
         ones = np.ones((len(nodes.points), 1), dtype=np.complex128)
@@ -314,7 +315,7 @@ def locate(scene: Scene, nodes: Nodes, points: Points, near_rule: NearRule) -> L
         close = measured[np.abs(depth) < CONTACT_REACH * touch[measured]]
         positions[close], contact[close] = project_contacts(nodes, positions[close])
         outside[contact] = True
-        # between true surface and panel the panels decide, because they carry the field
+        # between the true surface and the panels the panels decide, because they carry the field
         doubtful = measured[(np.abs(depth) < touch[measured]) & ~contact[measured]]
         solid = double_layer_pressure(positions[doubtful], nodes, ones, 0j, near_rule, "float32")
         outside[doubtful] = np.real(solid[:, 0]) > -0.5

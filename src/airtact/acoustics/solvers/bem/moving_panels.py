@@ -1,7 +1,7 @@
 """Panels of a deforming body, which are meshed once; the caller supplies moved corners.
 
-Meshing a body takes as long as filling its matrix, and the panels of a body that bends smoothly,
-such as a hand, remain good.
+Meshing a body takes as long as filling its matrix. If the body bends smoothly, like a hand, its
+panels remain well shaped.
 """
 
 from dataclasses import dataclass, replace
@@ -58,12 +58,12 @@ class MovingPanels:
     def facing(self, points: Points, share: float) -> "MovingPanels":
         """Keep the panels that face at least a share of some points (P, 3) [m].
 
-        The sound from sources before the body to such points hardly depends on panels that face
-        away from most of them.
+        Sound from sources in front of the body to such points hardly depends on panels that face
+        away from most of the points.
         """
         nodes = self._surface(self.corners, self.inside).nodes
         normals = nodes.panel_normals
-        # a panel faces a point that is before its plane
+        # a panel faces a point that is in front of its plane
         height = np.einsum("pd,pd->p", normals, nodes.centres)
         seen = np.einsum("pd,qd->pq", normals, points) > height[:, None]
         facing = seen.mean(axis=1) >= share
@@ -112,8 +112,8 @@ class MovingPanels:
     ) -> DirectSolution:
         """Solve the direct equation for moved panels, which is accurate on the body too.
 
-        It needs all panels. Parameters and errors are those of ``radiated``; the sources are away
-        from the body.
+        It needs all panels. Parameters and errors are those of ``radiated``. The sources must be
+        away from the body.
         """
         surface = self._surface(corners, inside)
         right = direct_right_side(surface, sources.positions, sources.strengths)

@@ -1,18 +1,19 @@
 """The dual-surface equation on curved panels: its matrix and its right-hand sides.
 
 For a sound-hard body and outgoing waves e^{+ikr}/r the pressure p on the surface solves, at each
-point x of the surface and a second point x' = x − δ n inside the body,
+point x of the surface, with a second point x' = x − δ n inside the body,
 
     p(x)/2 − D[p](x) + i D[p](x') = p_inc(x) − i p_inc(x'),
 
-where p_inc is the pressure of the sources alone and D the double layer; on a surface of impedance Z
-a single layer is added to D (``layer_potentials``). The second point makes the solution unique at
-every frequency. With the other sign of i, GMRES takes many times the iterations.
+where p_inc is the pressure of the sources alone and D is the double layer. On a surface of
+impedance Z, a single layer is added to D (``layer_potentials``). The second point makes the
+solution unique at every frequency. With the other sign of i, GMRES takes many times the iterations.
 
-Collocation at the nodes makes this a linear system: one row for each node x_i, one column for each
-node x_j, whose entries are 1/2 δ_ij − D(x_i, x_j) + i D(x'_g(i), x_j) with near panels' integrals
-corrected; three neighbouring nodes share the second point of their group g. Solving the transposed
-system gives the strengths of monopoles at x and x' that radiate the scattered field (reciprocity).
+Collocation at the nodes makes this a linear system with one row for each node x_i and one column
+for each node x_j. Its entries are 1/2 δ_ij − D(x_i, x_j) + i D(x'_g(i), x_j), with corrected
+integrals over near panels. Three neighbouring nodes share the second point of their group g. By
+reciprocity, solving the transposed system gives the strengths of monopoles at x and x' that radiate
+the scattered field.
 
 A. Mohsen, R. Piscoya, M. Ochmann, Acta Acustica united with Acustica 97 (2011) 699.
 """
@@ -45,8 +46,9 @@ from airtact.acoustics.solvers.open_air import monopole_pressure
 from airtact.acoustics.sources import Monopoles
 from airtact.errors import in_short
 
-# Bodies at least this thick are not thin; a larger thickness is not measured [λ]
-MAX_THIN = 2 / 3
+# Bodies thicker than this get x' at 0.2 λ = 0.3 · 2/3 λ; the thickness is measured only up to
+# here [λ]
+THICK_FROM = 2 / 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,14 +81,14 @@ def dual_surface(
     precision: str,
     least_thickness: Float64[np.ndarray, "nodes"] | None = None,
 ) -> DualSurface:
-    """Put the second points 0.2 λ under the surface, or at 0.3 of a thin body's local thickness.
+    """Put the second points under the surface at 0.3 of the local thickness, at most 0.2 λ.
 
-    Sharing each point among three nodes saves a third of the kernels at the same accuracy.
+    Sharing each point among three nodes saves a third of the kernel evaluations at equal accuracy.
     ``least_thickness`` is a lower bound of the thickness at each node [m].
     """
     wavelength = 2 * np.pi / wavenumber.real
     # deeper points would come near the opposite side of a thin body
-    depth = 0.3 * thickness(nodes, MAX_THIN * wavelength, least_thickness)
+    depth = 0.3 * thickness(nodes, THICK_FROM * wavelength, least_thickness)
     inside = (nodes.points - depth[:, None] * nodes.normals).reshape(-1, _kernels.sharing, 3)
     shifted = np.einsum("gsd->gd", inside) / _kernels.sharing  # np.mean takes ten times as long
     return DualSurface(nodes, shifted, wavenumber, near_rule, precision)
@@ -101,9 +103,9 @@ def assemble(
     ----------
     surface : nodes and second collocation points.
     store : number format of the matrix.
-    error : Frobenius norm of the errors of all low-rank blocks together, over that of the 1/2 on
-        the diagonal; None stores every block entry by entry.
-    image : give the contribution of the bodies' image in this plane. The image has the same
+    error : Frobenius norm of the errors of all low-rank blocks together, divided by that of the 1/2
+        on the diagonal; None stores every block entry by entry.
+    image : fill only the contribution of the bodies' image in this plane. The image has the same
         pressure, and its double layer at x is that of the bodies at the image of x, so only the
         collocation points change; the 1/2 is left out.
 
@@ -120,33 +122,36 @@ def assemble(
         points = image.image(points)
         shifted = image.image(shifted)
         centres = image.image(centres)
-    # entries of panels near a collocation point are corrected by a near integral
+    # the entries of panels near a collocation point are corrected by a near integral
     collocation_points = np.concatenate([points, shifted])
     rows = near_rows(
         nodes, collocation_points, surface.wavenumber, surface.near_rule, surface.precision
     )
     near, near_shifted = rows.split(len(points))
-    # blocks with such entries, or with panels close to each other, are stored whole
-    blocks = blocks_of(len(points))
-    whole = np.ones((blocks, blocks), dtype=bool)
+    # blocks with corrected entries, or with panels close to each other, are stored whole
+    block_rows = blocks_of(len(points))
+    stored_whole = np.ones((block_rows, block_rows), dtype=bool)
     if error is not None:
         # low-rank terms converge fast where panels are more than 0.2 λ apart
         gap = 0.2 * 2 * np.pi / surface.wavenumber.real
         beside = near_lists(nodes, centres, 2 * nodes.radii + gap)
         corrected = [(part.first, part.panel) for part in (near, near_shifted)]
-        whole = near_blocks(len(nodes.centres), beside, *corrected)
+        stored_whole = near_blocks(len(nodes.centres), beside, *corrected)
     layer = nodes.layer(surface.wavenumber)
 
-    # Low-rank terms first, because their number is known only once they are filled. A block has 12
-    # terms or so, of two factors each; there is room for a mean of 24, and beyond that the blocks
-    # are computed again. The diagonal's norm is shared evenly among all blocks.
-    tolerance = 0.5 * (error or 0.0) * math.sqrt(_kernels.lanes / blocks)
-    stored = int(np.count_nonzero(whole))
-    needed = 2 * 24 * (whole.size - stored)
+    # The allowed error, error · ‖I/2‖ = error · ½ √(blocks · lanes), is shared evenly (in squares)
+    # among the blocks² blocks.
+    tolerance = 0.5 * (error or 0.0) * math.sqrt(_kernels.lanes / block_rows)
+    # Low-rank terms come first, because their number is known only once they are filled. A block
+    # has about 12 terms of two factors each. There is room for 24 on average; if that is not
+    # enough, the fill is repeated with the room it reported.
+    stored = int(np.count_nonzero(stored_whole))
+    needed = 2 * 24 * (stored_whole.size - stored)
     while True:
         room = needed
-        check_memory(len(points), store, stored, room // 2)  # often half of the room is used
-        matrix = BlockMatrix.empty(len(points), store, whole, room)
+        # check for half the room, since the terms usually need no more
+        check_memory(len(points), store, stored, room // 2)
+        matrix = BlockMatrix.empty(len(points), store, stored_whole, room)
         if room:
             needed = _kernels.dual_low_rank(
                 points, shifted, layer, matrix.far, tolerance, matrix.factors
@@ -172,7 +177,7 @@ def direct_right_side(
     positions: SourcePoints,
     strengths: Complex[np.ndarray, "sources excitations"],
 ) -> NodeValues:
-    """Right-hand side p_inc(x) − i p_inc(x') of some monopoles."""
+    """Right-hand side p_inc(x) − i p_inc(x') of monopoles; the caller adds their images."""
     collocation_points = np.concatenate([surface.nodes.points, surface.shifted])
     pressure = monopole_pressure(
         collocation_points, positions, strengths, surface.wavenumber, "float64"
@@ -189,13 +194,15 @@ def transposed_right_side(
 ) -> tuple[NodeValues, Float64[np.ndarray, "sources"]]:
     """Right-hand side of the transposed equation: the transposed double layer of the monopoles.
 
-    With planes, their images are included. Also returns the factor of each strength: 1 off the
-    surface, 2 on it, where Green's formula gives half the pressure.
+    The images of the sources in ``planes`` are added here. Also return the factor of each strength:
+    1 off the surface, 2 on it. On the surface Green's formula gives half the pressure, p/2 = p_inc
+    + D[p], so by reciprocity a source there counts twice. This holds for any impedance, because D
+    includes the single layer.
     """
     positions, contact = project_contacts(surface.nodes, positions)
-    # a source on a hard surface acts together with its image
     factors = np.where(contact, 2.0, 1.0)
     emitting = with_images(planes, Monopoles(positions, factors[:, None] * strengths))
+    # images follow the sources and touch nothing
     touching = np.zeros(len(emitting.positions), dtype=bool)
     touching[: len(contact)] = contact
     right = double_layer_transposed(

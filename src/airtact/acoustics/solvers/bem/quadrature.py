@@ -28,7 +28,7 @@ from airtact.geometry.mesh.quadratic_triangles import points_at, shape_functions
 def _degree_four_rule() -> tuple[Float64[np.ndarray, "6 2"], Float64[np.ndarray, "6"]]:
     """Six-point rule of degree 4 on the unit triangle (Strang & Fix 1973; Cowper 1973).
 
-    The first three points lie about corner 1, the others about the edge facing it.
+    The first three points lie near corner 1, the others near the opposite edge.
     """
     root = np.sqrt(38 - 44 * np.sqrt(2 / 5))
     spread = np.sqrt(213125 - 53320 * np.sqrt(10))
@@ -42,13 +42,14 @@ def _degree_four_rule() -> tuple[Float64[np.ndarray, "6 2"], Float64[np.ndarray,
     return np.array(points)[neighbours], np.array(weights)[neighbours]
 
 
-# Largest distance of a point that touches a panel from the true surface, from which the panel
-# deviates by less than 2/3 of its contact length [contact lengths]
+# Largest distance from the true surface of a point that touches a panel [contact lengths]. The
+# panel deviates from the surface by less than 2/3 of its contact length.
 CONTACT_REACH = 2.0
 
 RULE_POINTS, RULE_WEIGHTS = _degree_four_rule()
 
-# (19, 6) shape functions at the six nodes, their u and v derivatives, and at the centre
+# (19, 6) shape functions and their u and v derivatives at the six nodes, and the functions at the
+# centre
 RULE = np.concatenate(
     [
         shape_functions(RULE_POINTS),
@@ -107,7 +108,7 @@ class Nodes:
         return _kernels.Panels(self.quadratic_triangles, self.contact)
 
     def single_layer(self, wavenumber: complex) -> SingleLayer:
-        """ikρc/Z times area [m], which is −∂p/∂n over p times area; empty if all are hard."""
+        """ikρc/Z times area [m], the ratio of −∂p/∂n to p times area; empty if all are hard."""
         if not self.admittance.any():
             return np.empty(0, dtype=np.complex128)
         return 1j * wavenumber * np.repeat(self.admittance, 6) * self.weights
@@ -142,7 +143,7 @@ def place_nodes(
         weights=weights,
         body=np.repeat(body, 6),
         quadratic_triangles=panels,
-        # a thousandth of the radius, or more where the panel misses the true surface
+        # a thousandth of the radius, or more if the panel deviates from the true surface
         contact=np.maximum(1e-3 * radii, 1.5 * deviation),
         centres=centres,
         radii=radii,
@@ -161,7 +162,7 @@ def near_quadrature(angular: int, radial: int) -> _kernels.NearQuadrature:
 
 
 def near_lists(nodes: Nodes, points: Points, limits: PanelLengths) -> NearLists:
-    """List the panels whose centre is nearer to each point than the panel's limit [m].
+    """List the panels whose centre is closer to each point than the panel's limit [m].
 
     Those of point i are ``panel[first[i] : first[i + 1]]``.
     """
@@ -176,9 +177,9 @@ def thickness(
 
     It is at most ``largest``. Nodes whose ``lower_bound`` reaches that are skipped.
 
-    The ball shrinks until it contains no other node, then until the closest point of the panels to
-    its centre lies on it, because a panel may enter it between nodes (J. Ma, S. W. Bae, S. Choi,
-    The Visual Computer 28, 7 (2012)).
+    The ball shrinks until it contains no other node. It then shrinks until the panels' closest
+    point to its centre lies on it, because a panel may enter it between nodes (J. Ma,
+    S. W. Bae, S. Choi, The Visual Computer 28, 7 (2012)).
     """
     diameter = np.full(len(nodes.points), float(largest))
     unknown = (
@@ -194,7 +195,7 @@ def thickness(
     centres = nodes.points - 0.5 * largest * nodes.normals
     first, panel = near_lists(nodes, centres[unknown], 0.5 * largest + nodes.radii)
     node = np.repeat(unknown, np.diff(first))
-    # below a cosine of 0.5 between the normals, parts of the panel may face away from the node
+    # if the cosine between the normals is below 0.5, parts of the panel may face away from the node
     apart = np.einsum("ed,ed->e", nodes.panel_normals[panel], nodes.normals[node]) < 0.5
     apart &= nodes.body[6 * panel] == nodes.body[node]
     node = node[apart]
@@ -207,8 +208,8 @@ def thickness(
     node = node[reached]
     panel = panel[reached]
 
-    # the ball that touches the node from inside and just meets a node of the panel; a panel that
-    # faces the same way belongs to a concave edge, which is not thin
+    # The ball touches the node from inside and just meets a node of the panel. A panel that faces
+    # the same way belongs to a concave edge, which is not thin.
     gap = nodes.points[node, None] - by_panel[panel]
     depth = np.einsum("ejd,ed->ej", gap, nodes.normals[node])
     normals = nodes.normals.reshape(-1, 6, 3)[panel]
@@ -218,7 +219,7 @@ def thickness(
     np.minimum.at(diameter, node, met)
     node = np.unique(node)
     tree = panel_tree(nodes.quadratic_triangles)
-    for _ in range(4):  # each round leaves a quarter of the ball's excess, or less
+    for _ in range(4):  # each iteration leaves at most a quarter of the ball's excess radius
         normals = nodes.normals[node]
         centres = nodes.points[node] - 0.5 * diameter[node, None] * normals
         panel, reference, distance = tree.closest(centres, 0.49 * diameter[node])

@@ -56,9 +56,9 @@ class DirectSolution:
 
         Parameters
         ----------
-        points : positions [m]; those on the surface were projected onto it.
-        contact : which points are on the surface, where the integral equation gives twice the
-            incident pressure plus the double layer.
+        points : positions [m]; those on the surface are projected onto it by the caller.
+        contact : which points are on the surface. There the pressure is twice the incident pressure
+            plus the double layer.
         on_surface : nodes and pressure on the surface; by default those of the solution.
         cells : the points sorted into cells, if that is faster.
         nodal : whether all points are on panels and away from their edges.
@@ -93,23 +93,23 @@ class DirectSolution:
     def refined(self, points: Vectors) -> NodalPressure:
         """Return nodes and pressure on the surface, with smaller panels near some points.
 
-        The panels near the points are cut in four. The pressure on the pieces is that of the
-        integral equation itself, which is smoother than the quadratic through the six nodes:
-        Nyström's interpolation (Atkinson, The Numerical Solution of Integral Equations of the
-        Second Kind, 1997, section 4).
+        The panels near the points are cut in four. The pressure on the pieces follows from the
+        integral equation itself, and is smoother than the quadratic through the six nodes (Nyström
+        interpolation, Atkinson, The Numerical Solution of Integral Equations of the Second Kind,
+        1997, section 4).
         """
         nodes = self.surface.nodes
         first, panel = near_lists(nodes, points, self.surface.near_rule.reach * nodes.radii)
         near_points = np.repeat(points, np.diff(first), axis=0)
         offset = nodes.points.reshape(-1, 6, 3)[panel] - near_points[:, None]
         height = np.einsum("nsd,nsd->ns", offset, nodes.normals.reshape(-1, 6, 3)[panel])
-        # a flat sound-hard panel has no double layer in its plane
+        # the double layer of a flat sound-hard panel is zero in its plane
         in_plane = (np.abs(height).max(axis=1) < 1e-9) & (nodes.admittance[panel] == 0)
         close = np.zeros(len(nodes.centres), dtype=bool)
         close[panel[~in_plane]] = True
         if not close.any():
             return nodes, self.pressure
-        # the pressure on the pieces is that of the integral equation, by Nyström interpolation
+        # the pressure on the pieces follows from the integral equation, by Nyström interpolation
         pieces, parents = cut(nodes.quadratic_triangles[close], np.full(int(close.sum()), 2))
         contact = nodes.contact[close][parents]
         admittance = nodes.admittance[close][parents]
@@ -133,7 +133,7 @@ class TransposedSolution:
 
     Attributes
     ----------
-    density : their strengths at the nodes [Pa·m].
+    density : strengths of the monopoles at the nodes [Pa·m].
     factors : 1 for sources off the surface, 2 for those on it, which radiate with their image.
     """
 
@@ -158,7 +158,7 @@ class TransposedSolution:
     def _scattering(
         self,
     ) -> tuple[Float64[np.ndarray, "monopoles 3"], Complex128[np.ndarray, "monopoles excitations"]]:
-        """Their positions and strengths, without the checks of ``Monopoles``."""
+        """Positions and strengths of ``scattering``, without the checks of ``Monopoles``."""
         # three nodes share a second point, which radiates −i times the sum of their strengths
         groups = self.density.reshape(-1, _kernels.sharing, self.density.shape[1])
         points = np.concatenate([self.surface.nodes.points, self.surface.shifted])
@@ -186,11 +186,11 @@ class TransposedSolution:
 def incident_pressure(
     points: Points, sources: Monopoles, surface: DualSurface, cells: Cells | None = None
 ) -> Pressures:
-    """Pressure of the sources alone [Pa]; beyond 1 λ in the working precision."""
+    """Pressure of the sources alone [Pa]; beyond 1 λ, in the working precision."""
     if cells is not None:
         layer = monopole_layer(sources.positions, surface.wavenumber)
         pressure = cells.sums(layer, sources.strengths)
-        near = 1e-4  # single precision does not suffice that close to a source [m]
+        near = 1e-4  # single precision does not suffice closer to a source [m]
         beside = np.flatnonzero(nearest_source(points, sources, near)[0] < near)
         pressure[beside] = incident_pressure(points[beside], sources, surface)
         return pressure

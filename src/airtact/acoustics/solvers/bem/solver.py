@@ -37,7 +37,7 @@ from airtact.acoustics.solvers.bem.board_field import (
 from airtact.acoustics.solvers.bem.field import BoundaryField
 from airtact.acoustics.solvers.bem.layer_potentials import NearRule, near_surface
 from airtact.acoustics.solvers.bem.operator import (
-    MAX_THIN,
+    THICK_FROM,
     DualSurface,
     assemble,
     direct_right_side,
@@ -69,20 +69,20 @@ CITATIONS = (
     "matrices",
 )
 
-# Beginning of the warning about the direct solution, which drives do not depend on
+# Beginning of the warning about the direct solution; drives do not depend on that solution
 OF_THE_DIRECT = "the pressure at points (direct solution)"
 
 
-# Least accuracy at which the matrix is stored in bfloat16, which changes the field by a thousandth
+# Smallest accuracy at which the matrix is stored in bfloat16. This changes the field by 0.1 %.
 BFLOAT16_ACCURACY = 0.003
 
-# Least accuracy of a preview, whose panels are integrated coarsely
+# Smallest accuracy of a preview, whose panels are integrated coarsely
 PREVIEW_ACCURACY = 0.02
 
-# Error of the low-rank blocks over the accuracy
+# Ratio of the error of the low-rank blocks to the accuracy
 LOW_RANK_ERROR = 0.2
 
-# One of the two equations that a solve is made of
+# The two equations of a solve
 Equation = Literal["transposed", "direct"]
 
 
@@ -91,23 +91,23 @@ class BoundaryElement(Solver):
     """Boundary elements for sound-hard and impedance bodies, without spurious interior resonances.
 
     A discontinuous quadratic Nyström method on curved six-node panels solves the dual-surface
-    equation by GMRES, twice: the transposed solution is accurate away from the bodies for sources
-    on or near their surfaces, the direct solution is the pressure on and near the surfaces, and the
-    difference of both estimates the error. Hundreds of excitations are solved by Gaussian
+    equation twice by GMRES. The transposed solution is accurate away from the bodies, even for
+    sources on or near their surfaces. The direct solution is the pressure on and near the surfaces.
+    The difference of both estimates the error. Hundreds of excitations are solved by Gaussian
     elimination.
 
     Attributes
     ----------
     accuracy : target of the relative error away from the surfaces (0.01 is 1 %). It sets the size
         of the panels; 0.03 suits a preview.
-    precision : "float32" or "float64", of the iteration and the matrix; with "float32" and an
-        accuracy of 0.003 or more the matrix is stored in bfloat16.
+    precision : precision of the iteration and the matrix, "float32" or "float64". With "float32"
+        and an accuracy of 0.003 or more, the matrix is stored in bfloat16.
     estimate : whether to solve both equations. Without it a solve takes about half the time and the
         estimated error is NaN. Only the transposed equation is solved, which suffices for a
         transfer matrix, and the field raises ``InvalidInput`` on and near the surfaces. Scenes with
-        reflecting boards solve the direct equation instead. At an accuracy of 0.06 or coarser the
-        solution is for drives only: they correlate to 0.995 with the exact ones, while pressures
-        had errors up to 8 %.
+        reflecting boards solve the direct equation instead. At an accuracy of 0.06 or coarser, use
+        the solution for drives only: their correlation with the exact ones was 0.995, while
+        pressures had errors up to 8 %.
     enough : relative error above which the report has a warning; by default the accuracy.
     progress : callback that gets the name of each step as it begins, such as ``print``.
 
@@ -167,9 +167,9 @@ class BoundaryElement(Solver):
         Parameters
         ----------
         scene : bodies, sound-hard or of an impedance. Their images in a plane take no unknowns.
-        sources : monopoles outside the bodies or on their surfaces, before a plane or on it. For
-            those in the faces of reflecting boards the field around the other bodies is returned;
-            panels are not refined near them.
+        sources : monopoles outside the bodies or on their surfaces, and in front of a plane or on
+            it. If some are in the faces of reflecting boards, the field around the other bodies is
+            returned, and panels are not refined near these sources.
 
         Raises
         ------
@@ -189,10 +189,10 @@ class BoundaryElement(Solver):
     def _from_boards(
         self, scene: Scene, sources: Monopoles, inside: Bool[np.ndarray, "sources"]
     ) -> BoardField:
-        """Solve for sources of which some are in the faces of reflecting boards.
+        """Solve for sources, some of them in the faces of reflecting boards.
 
-        The transposed solution around everything gives monopoles for the boards' reflections.
-        Together with the sources they are solved for around the other bodies.
+        The transposed solution around all obstacles gives monopoles that radiate the boards'
+        reflections. A second solve, around the other bodies, has these and the sources.
         """
         refined = sources.positions[~inside]
         # ten times the usual accuracy, because its error is not estimated
@@ -214,7 +214,7 @@ class BoundaryElement(Solver):
             warnings=(*with_boards.report.warnings, NOT_ESTIMATED, *around.report.warnings),
         )
         nodes = with_boards.surface.nodes
-        # within the largest radius of a board's panels its monopoles act one by one
+        # within the largest radius of a board's panels, its monopoles are too sparse
         reach = float(nodes.radii[np.isin(nodes.body[::6], scene.boards)].max())
         return BoardField(rest, sources, report, boards, around, reach)
 
@@ -226,14 +226,14 @@ class BoundaryElement(Solver):
         tolerance: float | None = None,
         equations: Sequence[Equation] = (),
     ) -> BoundaryField:
-        """Solve for sources of which none is in a board's face.
+        """Solve for sources, none of them in a board's face.
 
         Parameters
         ----------
         refined : points beside which the panels are smaller [m].
-        tolerance : residual to stop at; follows from the accuracy unless given.
-        equations : which to solve. By default both for an estimate; else the direct one for
-            elements in boards, or the transposed one.
+        tolerance : residual at which the iteration stops; by default it follows from the accuracy.
+        equations : which to solve. By default both if the error is estimated; else the direct one
+            if the scene has boards, or the transposed one.
         """
         if not equations:
             alone: Equation = "direct" if scene.boards else "transposed"
@@ -257,7 +257,7 @@ class BoundaryElement(Solver):
             elif self.precision == "float32":
                 if self.accuracy >= BFLOAT16_ACCURACY:
                     store = "bfloat16"
-                # The gap between a body and its image has more sound.
+                # The sound is stronger in the gap between a body and its image.
                 error = LOW_RANK_ERROR * self.accuracy * (0.2 if scene.planes else 1.0)
             matrices = [assemble(surface, store, error, plane) for plane in (None, *scene.planes)]
 
@@ -318,11 +318,12 @@ class BoundaryElement(Solver):
     def factorised(
         self, scene: Scene, refined: Points | None = None
     ) -> "at.acoustics.FactorisedBodies":
-        """Factorise each body once: a solver for these bodies, any sources and rigid motions.
+        """Factorise each body once, for any sources and rigid motions of the bodies.
 
-        It solves for a new pose of two fingers, or for other foci, in a fraction of the time of
-        ``radiate``. The field is known away from the bodies only, as without an estimate. The
-        factorisation takes as long as tens of solves: 2 s for two fingers of 1,100 unknowns each.
+        The solver that is returned solves for a new pose of two fingers, or for other foci, in a
+        fraction of the time of ``radiate``. Its field is known only away from the bodies, as
+        without an estimate. Factorising takes as long as tens of solves: 2 s for two fingers of
+        1,100 unknowns each.
         The time grows as the cube of a body's unknowns, to minutes for a hand of 8,000.
 
         Parameters
@@ -345,13 +346,13 @@ class BoundaryElement(Solver):
         if len(points):
             check_outside(scene, points, "refined")
         clock = Clock(self.progress)
-        goal = 0.5 * self.accuracy  # for the error of the skeletons; far from the bodies it is less
+        goal = 0.5 * self.accuracy  # for the error of the skeletons, which falls with distance
         with clock.step("panels", "covering the bodies with panels"):
             panels = self._panels(scene, points)
         bodies = []
         for body, obstacle in enumerate(scene.obstacles):
             with clock.step("bodies", f"factorising body {body}"):
-                # each body has a matrix of its own, without low-rank blocks
+                # each body has its own matrix without low-rank blocks
                 of_body = panels.body == body
                 nodes = place_nodes(
                     panels.quadratic_triangles[of_body],
@@ -456,7 +457,7 @@ class BoundaryElement(Solver):
         tolerance: float,
     ) -> GmresResult:
         """Solve with the sum of the matrices of the bodies and of their images, by GMRES."""
-        # scaled, because the squares would leave the range of single precision
+        # scaled, because squares would overflow or underflow in single precision
         size = np.abs(right).max(axis=0, initial=0.0)
         size[size == 0.0] = 1.0
         right_sides = np.ascontiguousarray((right / size).T, dtype=matrices[0].precision)
@@ -479,12 +480,12 @@ class BoundaryElement(Solver):
         return replace(result, solution=result.solution.astype(np.complex128) * size[:, None])
 
     def _surface(self, nodes: Nodes, scene: Scene, obstacles: Sequence[Obstacle]) -> DualSurface:
-        # closed forms know how thick they are; only elsewhere is the thickness measured
+        # the thickness of closed forms is known; it is measured only on other shapes
         thickness = np.empty(len(nodes.points))
         for index, obstacle in enumerate(obstacles):
             of_body = nodes.body == index
             thickness[of_body] = obstacle.surface.shape.thickness_at(
-                nodes.points[of_body], nodes.normals[of_body], MAX_THIN * scene.wavelength
+                nodes.points[of_body], nodes.normals[of_body], THICK_FROM * scene.wavelength
             )
         if self.precision == "float64":
             near_rule = NearRule(2.5, (6, 6))
@@ -507,7 +508,7 @@ class BoundaryElement(Solver):
             near=refined[scene.depth(refined) > -2 * smallest],
             smallest=smallest,
             bend=2 * np.pi / around,
-            # a surface that is away by d changes the phase of what it reflects by 2 k d
+            # moving a surface by d changes the phase of the reflected sound by 2 k d
             away=self.accuracy / (2 * scene.wavenumber.real),
             image=scene.planes[0].image if scene.planes else None,
             walls=scene.boards,
@@ -518,8 +519,8 @@ class BoundaryElement(Solver):
         return wavelength * float(np.sqrt(6 / self.nodes_per_square_wavelength * 4 / np.sqrt(3)))
 
     def _smallest_edge(self, scene: Scene) -> float:
-        """Edge below which no panel is refined for a source, half of the others' [m]."""
-        # The pressure on a yielding surface bends more, which takes 1.28 times as many nodes.
+        """Edge below which no panel is refined for a source: half of the usual edge [m]."""
+        # The pressure varies faster on a yielding surface, which takes 1.28 times as many nodes.
         yielding = np.abs(admittances(scene)).max(initial=0.0) > 0.1
         return 0.5 * self.panel_edge(scene.wavelength) / math.sqrt(1.28 if yielding else 1.0)
 
@@ -567,11 +568,11 @@ def _check_bodies(scene: Scene) -> None:
 
 
 def _probes(scene: Scene, nodes: Nodes, reach: float) -> Float64[np.ndarray, "probes 3"]:
-    """Points for the error estimate: around the bodies, or right before boards."""
+    """Points for the error estimate: around the bodies, or close in front of boards."""
     if not scene.boards:
         return surrounding_points(scene, nodes.points)
     panels = np.flatnonzero(np.isin(nodes.body[::6], scene.boards))
     panels = panels[:: math.ceil(len(panels) / 512)]
-    # two radii off, because the monopoles of the transposed solution act one by one nearer
+    # two radii off, because the transposed solution's monopoles are too sparse for nearer points
     before = nodes.centres[panels] + 2.0 * nodes.radii[panels, None] * nodes.normals[6 * panels]
     return before[(scene.depth(before) < 0.0) & ~near_surface(nodes, before, reach)]

@@ -15,10 +15,11 @@ from airtact.acoustics.solvers.arrays import Points, SourcePoints
 from airtact.acoustics.solvers.chebyshev import chebyshev_weights
 from airtact.errors import in_short
 
-# Relative error, points along each edge of a cell's grid, near distance from its corners [λ]
+# Relative error, number of points along each edge of a cell's grid, and distance from its corners
+# within which sources are near [λ]
 GRIDS = ((1e-3, 8, 0.3), (2e-5, 10, 0.6))
 
-# Largest number of grid points per point at which cells are faster
+# Largest ratio of grid points to points at which cells are faster
 MAX_GRID_SHARE = 0.5
 
 

@@ -1,4 +1,4 @@
-"""Factorise the sparse complex symmetric matrix of finite elements by Pardiso or NGSolve."""
+"""Factorise the sparse complex symmetric matrix of finite elements with Pardiso or NGSolve."""
 
 import ctypes
 import importlib.metadata
@@ -25,7 +25,7 @@ from airtact.errors import InvalidInput, NotConverged
 # Largest number of refinements for single precision; two or three usually suffice
 MAX_REFINEMENTS = 12
 
-# Up to this order a residual of 1e-3 suffices: the error of the elements is far larger
+# Up to this order a residual of 1e-3 suffices, because the error of the elements is far larger
 COARSE_ORDER = 5
 
 
@@ -94,8 +94,8 @@ class Pardiso(Factor):
     """MKL's Pardiso in single precision, refined against the matrix in double precision.
 
     Generalised conjugate residuals (S. Eisenstat, H. Elman, M. Schultz, SIAM J. Numer. Anal. 20
-    (1983) 345) converge also where plain refinement does not. ``residual`` is the largest residual
-    over the right-hand side.
+    (1983) 345) converge even if plain refinement does not. ``residual`` is the largest residual
+    relative to the right-hand side.
     """
 
     def __init__(
@@ -106,8 +106,8 @@ class Pardiso(Factor):
         library.MKL_Set_Num_Threads(thread_count())
         self._residual = residual
         matrix = _upper_backwards(form, free)
-        # By Pardiso's numbers from 0: METIS in all threads, pivots of 1e-8 at least, single pivots
-        # (pairs take a third longer and leave as large a residual), and single precision.
+        # Pardiso's settings, numbered from 0: METIS in all threads, pivots of at least 1e-8, single
+        # pivots (pairs take a third longer for the same residual), and single precision.
         values = {0: 1, 1: 3, 9: 8, 17: -1, 20: 0, 27: 1, 34: 1}
         settings = (ctypes.c_int * 64)()
         for number, value in values.items():
@@ -134,7 +134,7 @@ class Pardiso(Factor):
             scale = np.abs(residual).max() or 1.0
             step = self._solved_once(residual / scale)
             change = np.where(self.free[:, None], self._times(self.form.mat, step), 0)
-            # An orthogonal change does not undo the gain of earlier ones.
+            # A change orthogonal to earlier ones does not undo their gain.
             for earlier, its_change in directions:
                 part = (its_change.conj() * change).sum(axis=0)
                 step = step - part * earlier
@@ -183,7 +183,7 @@ def _pardiso(
 ) -> None:
     """Run a phase of Pardiso.
 
-    12 factorises, 33 solves for the columns of ``right``, -1 releases the memory.
+    Phase 12 factorises, 33 solves for the columns of ``right``, and -1 releases the memory.
     """
 
     def integer(number: int) -> Any:
@@ -208,8 +208,8 @@ def _pardiso(
 def _upper_backwards(form: AssembledForm, free: Bool[np.ndarray, "unknowns"]) -> csr_array:
     """Upper triangle of the free unknowns, the last row first.
 
-    NGSolve keeps the lower triangle: read backwards, it is the upper one of a matrix whose unknowns
-    are reversed.
+    NGSolve stores the lower triangle. Read backwards, it is the upper triangle of the matrix with
+    reversed unknowns.
     """
     entries, columns, row_starts = (np.asarray(part) for part in form.mat.CSR())
     rows = np.repeat(np.arange(len(free)), np.diff(row_starts.astype(np.int64)))
@@ -227,7 +227,7 @@ def _upper_backwards(form: AssembledForm, free: Bool[np.ndarray, "unknowns"]) ->
 
 @cache
 def pardiso_library() -> str | None:
-    """Path of MKL's library, or None where the package ``mkl`` is not installed."""
+    """Path of MKL's library, or None if the package ``mkl`` is not installed."""
     try:
         files = importlib.metadata.distribution("mkl").files or []
     except importlib.metadata.PackageNotFoundError:
@@ -236,9 +236,9 @@ def pardiso_library() -> str | None:
 
 
 def chosen_method(method: str) -> str:
-    """Factorisation taken for "found", "sparsecholesky" or "pardiso".
+    """Factorisation to use for "found", "sparsecholesky" or "pardiso".
 
-    Raise "extra_missing" where ``mkl`` is not installed for "pardiso".
+    Raise "extra_missing" if "pardiso" is requested and ``mkl`` is not installed.
     """
     installed = pardiso_library() is not None
     if method == "found":
@@ -255,10 +255,10 @@ def chosen_method(method: str) -> str:
 def factorised(
     form: AssembledForm, free: Bool[np.ndarray, "unknowns"], order: int, method: str
 ) -> Factor:
-    """Factorise the assembled matrix of elements of an order by "sparsecholesky" or "pardiso"."""
+    """Factorise the assembled matrix of elements of an order with the named method."""
     if method == "sparsecholesky":
         return SparseCholesky(form, free)
-    # largest residual over the right-hand side after refinement
+    # largest residual after refinement, relative to the right-hand side
     residual = 1e-3 if order <= COARSE_ORDER else 1e-6
     return Pardiso(form, free, residual)
 
@@ -266,11 +266,12 @@ def factorised(
 def check_memory(
     box: Box, wavelength: float, order: int, elements_per_wavelength: float, method: str
 ) -> None:
-    """Raise "too_little_memory" before a factorisation for which the machine lacks memory."""
+    """Raise "too_little_memory" if the memory does not suffice for a factorisation."""
     volume = float((box.outer_high - box.outer_low).prod()) / wavelength**3
-    # Netgen fills a cube whose edge is that of the tetrahedra with some 8 of them.
+    # Netgen fills a cube with some 8 tetrahedra of the cube's edge length.
     unknowns = 8.0 * volume * elements_per_wavelength**3 * order**3 / 6
-    # Nested dissection leaves entries by the 4/3 power of the unknowns; half as much goes on top.
+    # With nested dissection the entries grow as the 4/3 power of the unknowns; half as much memory
+    # is added as workspace.
     bytes_per_entry, fill = (8, 10.0) if method == "pardiso" else (16, 14.0)
     size = 1.5 * bytes_per_entry * fill * unknowns ** (4 / 3)
     free = available_memory()

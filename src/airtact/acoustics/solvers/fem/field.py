@@ -32,7 +32,7 @@ from airtact.acoustics.solvers.problem import (
 from airtact.acoustics.sources import Monopoles
 from airtact.errors import in_mm
 
-# Distance from a filled body up to which a source is a point load near the body too [λ]
+# Sources within this distance of a filled body are point loads even near the body [λ]
 TOUCHING = 0.04
 
 
@@ -44,18 +44,18 @@ class PointSources:
     strengths: Strengths
 
     def chosen(self, mask: Bool[np.ndarray, "sources"]) -> "PointSources":
-        """Select some."""
+        """Select the sources of a mask."""
         return PointSources(self.positions[mask], self.strengths[mask])
 
     def joined(self, added: Sequence["PointSources"]) -> "PointSources":
-        """Join these and others."""
+        """Append other sources."""
         return PointSources(
             np.concatenate([self.positions, *(sources.positions for sources in added)]),
             np.concatenate([self.strengths, *(sources.strengths for sources in added)]),
         )
 
     def pressure(self, points: Points, wavenumber: complex) -> Pressures:
-        """Their free field at points (P, 3) [λ]."""
+        """Free field of the monopoles at points (P, 3) [λ]."""
         if not len(self.positions) or not len(points):
             return np.zeros((len(points), self.strengths.shape[1]), dtype=np.complex128)
         return monopole_pressure(points, self.positions, self.strengths, wavenumber, "float64")
@@ -67,10 +67,10 @@ class Solution:
 
     Attributes
     ----------
-    system : what was solved.
+    system : the equation that was solved.
     outer : monopoles whose free field is added.
-    parts : of each parity that is not negligible, the (unknowns, S) finite elements on the mirrors'
-        positive side.
+    parts : (unknowns, S) coefficients of the finite elements on the mirrors' positive side, for
+        each parity that is not negligible.
     """
 
     system: System
@@ -95,14 +95,14 @@ class Solution:
     def scattered(self, points: Points, clear: bool = False) -> Pressures:
         """Scattered pressure at points (P, 3) [λ] off the bodies, by the surface integral.
 
-        Fewer quadrature points serve points that are ``clear`` of the bodies.
+        Fewer quadrature points are used for points that are ``clear`` of the bodies.
         """
         system = self.system
         surface = system.coarse_surface if clear else system.surface
         interior = system.interior
         positions = np.concatenate([surface.points, interior.points])
         normals = np.concatenate([surface.normals, interior.normals])
-        # Kirchhoff and Helmholtz: the solution itself is the test function of L_y.
+        # Kirchhoff-Helmholtz integral: the solution itself is the test function of L_y.
         w_d, w_s, w_v = system.weights / (4 * np.pi)
         dipole_weights = w_d[surface.body] * surface.areas
         dipole_weights = np.concatenate([dipole_weights, np.zeros(len(interior.body))])[:, None]
@@ -140,11 +140,11 @@ class Solution:
 
 
 def solve(system: System, outer: PointSources, inner: PointSources) -> Solution:
-    """Solve for ``outer`` monopoles by what they scatter, for ``inner`` ones as loads."""
+    """Solve for the field scattered from ``outer`` monopoles, and ``inner`` point loads."""
     every = parities(system.mirrors)
     right = np.zeros((len(every), system.unknowns, outer.strengths.shape[1]), dtype=np.complex128)
     if len(outer.positions):
-        # The part of a source with some parity is its images with that parity's signs.
+        # The part of a source with a parity is the sum of its images with that parity's signs.
         for number, positions in enumerate(images(system.mirrors, outer.positions)):
             scattered = system.right_hand_side(positions, outer.strengths)
             for row, parity in enumerate(every):
@@ -223,8 +223,8 @@ class FiniteField(RadiatedField):
     def _images(self) -> list[PointSources]:
         """Images of the sources near bodies that sound does not enter.
 
-        The rest of the pressure is smooth there. An image is as deep in the nearest body as its
-        source is above it; bodies that are too thin have none.
+        Without the images the scattered pressure is smooth there. An image is as deep in the
+        nearest body as its source is above it. Bodies that are too thin have none.
         """
         length = self.scene.wavelength
         near = beside(self.scene, self.sources.positions) & ~self._touching_filled
@@ -266,7 +266,7 @@ class FiniteField(RadiatedField):
             pressure[away] = self._scattered_away(points[away])
         if close.any():
             scattered = self._at(points[close]) - self._incident(points[close])
-            # unknown at a source there, where both are infinite
+            # unknown at such a source, where both pressures are infinite
             pressure[close] = np.where(np.isfinite(scattered), scattered, np.nan)
         return pressure
 
@@ -294,7 +294,8 @@ def beside(scene: Scene, points: Points) -> Mask:
 def solved_from_afar(system: System, scene: Scene, sources: Monopoles) -> Solution:
     """Solve with the sources near the bodies as point loads.
 
-    By reciprocity this is as accurate away from the bodies as a far source's pressure near them.
+    By reciprocity, the result far from the bodies is as accurate as the pressure of a far source
+    near them.
     """
     near = beside(scene, sources.positions)
     scaled = _scaled(scene, sources)

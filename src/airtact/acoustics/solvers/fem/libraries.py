@@ -39,7 +39,7 @@ def netgen_libraries() -> tuple[ModuleType, ModuleType]:
 
 
 def thread_count() -> int:
-    """Return ``OMP_NUM_THREADS`` if it is set, else the processors of this process."""
+    """Return ``OMP_NUM_THREADS``, else the number of processors available to this process."""
     count = os.environ.get("OMP_NUM_THREADS", "")
     return int(count) if count.isdigit() and int(count) > 0 else processor_count()
 
@@ -55,7 +55,7 @@ def many_threads() -> Iterator[None]:
 
 @contextmanager
 def heeding_interrupts() -> Iterator[None]:
-    """Restore Ctrl-C after meshing, when Netgen would end the process."""
+    """Restore the handling of Ctrl-C after meshing; with Netgen's handler it ends the process."""
     try:
         yield
     finally:

@@ -1,4 +1,4 @@
-"""Tetrahedra by Netgen, in a box around the bodies and in the perfectly matched layer around it.
+"""Tetrahedra from Netgen, in a box around the bodies and in the perfectly matched layer around it.
 
 Netgen meshes the flat faces, to which the triangles of the bodies are added. A deformation curves
 the tetrahedra next to the bodies. Lengths are in wavelengths, so that Netgen's tolerances do not
@@ -27,13 +27,13 @@ from airtact.acoustics.solvers.fem.surface_mesh import SurfaceMesh, surface_mesh
 from airtact.acoustics.solvers.fem.symmetry import Mirror
 from airtact.errors import InvalidInput, in_mm
 
-# Netgen's limit of the growth of edges
+# Netgen's limit on the growth of edges
 GRADING = 0.9
 
 # Fraction of its straight volume that a curved tetrahedron must keep everywhere
 MIN_STRETCH = 0.02
 
-# Points nearer to each other than this coincide [λ]
+# Points closer together than this coincide [λ]
 SAME_POINT = 1e-6
 
 AIR = 1
@@ -109,7 +109,8 @@ class Tetrahedra:
         """Smallest ratio of a volume element to that of the straight tetrahedron, and its index.
 
         A tetrahedron with a ratio of 0 or less is folded. Samples lie 15 % inwards from corners and
-        midpoints, because between two faces on a smooth surface the ratio is 0 without harm.
+        midpoints, because the ratio may be 0 between two faces on a smooth surface. This does no
+        harm.
         """
         midpoints = 0.5 * (np.eye(4)[EDGES[:, 0]] + np.eye(4)[EDGES[:, 1]])
         samples = 0.85 * np.concatenate([np.eye(4), midpoints]) + 0.15 / 4
@@ -195,7 +196,7 @@ def meshed(
         sides = surface.vertices[surface.triangles]
         lengths = np.linalg.norm(sides - np.roll(sides, 1, axis=1), axis=2)
         if lengths.min() < SAME_POINT * scene.wavelength:
-            # Netgen crashes on two vertices that coincide at two mirrors.
+            # Netgen crashes if two vertices coincide at two mirrors.
             fault = InvalidInput(
                 f"triangles of {1e3 * edge:.3g} mm collapse where mirrors cut a body; increase "
                 "elements_per_wavelength.",
@@ -207,7 +208,7 @@ def meshed(
         if not _fills_box(mesh, box, surface, filled, scene.wavelength):
             fault = InvalidInput(
                 "Netgen cannot fill the box around the bodies with tetrahedra on triangles of "
-                f"{1e3 * edge:.3g} mm: a body is too thin, or two are too near each other; "
+                f"{1e3 * edge:.3g} mm: a body is too thin, or two are too close together; "
                 "increase elements_per_wavelength, or use BoundaryElement.",
                 code="mesh_faulty",
             )
@@ -236,7 +237,7 @@ def _tetrahedra(
 
     The boundaries are named ``surface0``, ``surface1`` ... for the bodies and ``wall0``, ``wall2``,
     ``wall4`` for mirrors across x, y, z; the materials ``air``, ``layer`` and ``body0``, ``body1``
-    ... Where Netgen fails, tetrahedra are missing.
+    ... Tetrahedra are missing if Netgen fails.
     """
     meshing, _ = netgen_libraries()
     vertices, flat, regions = _flat_faces(surface, box, filled, wavelength, size)
@@ -266,7 +267,7 @@ def _tetrahedra(
     for body, inside in enumerate(filled):
         if inside:
             mesh.SetMaterial(BODY + body, f"body{body}")
-    # In filled bodies, tetrahedra would reach twice the edge with faster growth.
+    # With faster growth, tetrahedra in filled bodies would reach twice the edge.
     mesh.GenerateVolumeMesh(maxh=size, grading=0.3 if any(filled) else GRADING)
     return mesh
 
@@ -330,7 +331,7 @@ def _flat_faces(
     inside, outside, side, axis = np.array(names, dtype=np.int64)[elements["index"] - 1].T
     corners = vertices[triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    # Netgen orients the faces either way.
+    # Netgen may orient a face inwards or outwards.
     wrong = (normals[np.arange(len(axis)), axis] > 0) != (side == 1)
     triangles[wrong] = triangles[wrong][:, ::-1]
     return vertices, triangles, np.stack([inside, outside, 2 * axis + side], axis=1)
@@ -414,7 +415,7 @@ def _curved(mesh: NetgenMesh, surface: SurfaceMesh, wavelength: float) -> Tetrah
     triangles = on_surface[surface.triangles]
     ends = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
     ends = np.sort(ends, axis=1)
-    # The key of an edge is one number of its two vertices.
+    # The key of an edge combines its two vertex indices in one number.
     keys, first = np.unique(ends[:, 0] * len(vertices) + ends[:, 1], return_index=True)
     straight = 0.5 * (vertices[ends[first, 0]] + vertices[ends[first, 1]])
     bend = surface.middles.reshape(-1, 3)[first] / wavelength - straight
@@ -437,7 +438,7 @@ def _fills_box(
     expected = float((box.outer_high - box.outer_low).prod())
     hollow = ~np.array(filled)[surface.body]
     if hollow.any():
-        # Relative to a point on all mirrors, cuts there add no volume.
+        # Relative to a point on all mirrors, the cuts at mirrors add no volume.
         flat = surface.vertices[surface.triangles[hollow]] - box.low
         expected -= float(np.linalg.det(flat).sum()) / 6
     return bool(abs(volume / expected - 1) < 1e-6)

@@ -33,18 +33,18 @@ MARGIN = 0.3
 class FiniteElement(Solver):
     """Finite elements for sound-hard, impedance and filled bodies, with absorption.
 
-    Curved tetrahedra of high order fill a tight box around the bodies, a perfectly matched layer
-    (PML) around it absorbs what leaves, and the pressure outside follows from that on the bodies by
-    the surface integral of Kirchhoff and Helmholtz. The paper's pinch without symmetry has 170,000
+    Curved tetrahedra of high order fill a tight box around the bodies. A perfectly matched layer
+    (PML) around the box absorbs outgoing sound. The pressure outside follows from the pressure on
+    the bodies by the Kirchhoff-Helmholtz integral. The paper's pinch without symmetry has 170,000
     unknowns; a solve takes 7 s with the package ``mkl`` (``pip install 'airtact[mkl]'``,
     recommended) and 27 s without it, on two cores.
 
     Attributes
     ----------
     order : polynomial order of tetrahedra of the nominal edge, 1 to 10. Larger and smaller ones get
-        higher and lower orders, which halves the cost for the same accuracy, except below order 4
-        or 1.5 elements per wavelength.
-    elements_per_wavelength : wavelength over the nominal edge of the tetrahedra.
+        higher and lower orders, which halves the cost for the same accuracy. Below order 4 or 1.5
+        elements per wavelength, all have the same order.
+    elements_per_wavelength : wavelength divided by the nominal edge of the tetrahedra.
     symmetry : axes across which the scene is mirror symmetric, such as ``("x", "y")``, through the
         middle of the bodies; "found" uses all symmetries. Sources need not be symmetric.
     factorisation : "pardiso" of MKL, in single precision with refinement in double;
@@ -95,7 +95,7 @@ class FiniteElement(Solver):
     def reaching(cls, accuracy: float) -> "FiniteElement":
         """Choose the order for an accuracy: 4 for 3 % or more, 5 down to 0.5 %, else 6.
 
-        ``accuracy`` is the target of the relative error away from the surface, 0.001 to 0.3; other
+        ``accuracy`` is the target relative error away from the surface, 0.001 to 0.3; other
         values raise ``InvalidInput``.
         """
         between(accuracy, 1e-3, 0.3, "accuracy", "", "0.01 is 1 %.")
@@ -114,7 +114,7 @@ class FiniteElement(Solver):
         return self.factorised(scene).radiate(scene, sources)
 
     def factorised(self, scene: Scene) -> "FactorisedScene":
-        """Mesh and assemble a scene once: a solver for this scene alone, and for many sources.
+        """Mesh and assemble a scene once; the solver returned takes any sources in this scene.
 
         Raises
         ------
@@ -129,7 +129,7 @@ class FiniteElement(Solver):
             )
         method = chosen_method(self.factorisation)
         clock = Clock(self.progress)
-        # Each mirror halves the unknowns; asymmetric sources take a factor for each parity.
+        # Each mirror halves the unknowns. Asymmetric sources need a factorisation for each parity.
         mirrors = mirrors_of(scene, None if self.symmetry == "found" else tuple(self.symmetry))
         shapes = [obstacle.surface.shape for obstacle in scene.obstacles]
         points = np.concatenate([shape.extreme_points() for shape in shapes])
@@ -141,7 +141,7 @@ class FiniteElement(Solver):
         check_memory(box, scene.wavelength, self.order, self.elements_per_wavelength, method)
         with clock.step("meshing"):
             mesh, surface, tetrahedra = meshed(scene, box, self.elements_per_wavelength)
-        # On coarser meshes and at lower orders, orders cannot be reduced.
+        # On coarser meshes and at lower nominal orders, the order cannot be reduced further.
         grades = self.order >= 4 and self.elements_per_wavelength >= 1.5
         with clock.step("assembling"):
             system = assembled(

@@ -18,10 +18,10 @@ from airtact.geometry.mesh.edge_limits import bend_sizes, strip_sizes
 from airtact.geometry.mesh.remeshing import RidgedMesh, remeshed
 from airtact.geometry.shape import Shape
 
-# Longest edge over the nominal edge
+# Ratio of the longest edge to the nominal edge
 MAX_EDGE_RATIO = 1.5
 
-# Edge along a bend over the one along which it turns by one radian
+# Ratio of the edge along a bend to the length over which the bend turns by one radian
 BEND_RATIO = 0.6
 
 
@@ -192,7 +192,7 @@ def _with_cut(mesh: RidgedMesh, mirror: Mirror) -> RidgedMesh:
         split = cut >= 0
         halves = [np.stack([ridges[split, end], cut[split]], axis=1) for end in (0, 1)]
         ridges = np.concatenate([ridges[~split], *halves])
-    # Edges on the plane of the triangles on its positive side part the two sides.
+    # The new sharp edges are the edges on the plane of the triangles on its positive side.
     positive = side[triangles].sum(axis=1) > 0
     ends = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2)
     on_plane = (side[ends] == 0).all(axis=2) & positive[:, None]

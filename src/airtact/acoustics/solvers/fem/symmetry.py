@@ -34,8 +34,7 @@ class Mirror:
 def mirrors_of(scene: Scene, axes: Sequence[str] | None) -> tuple[Mirror, ...]:
     """Planes of symmetry of a scene, through the middle of the bodies.
 
-    None takes all symmetries, ``axes`` those across the named axes; a missing one raises
-    "does_not_match".
+    None finds all symmetries. ``axes`` names those to use; a missing one raises "does_not_match".
     """
     shapes = [obstacle.surface.shape for obstacle in scene.obstacles]
     # Sources do not matter: any source is a sum of even and odd parts.

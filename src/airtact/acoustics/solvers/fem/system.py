@@ -52,15 +52,15 @@ class System:
 
     Attributes
     ----------
-    mirrors : planes that the box ends at [λ].
+    mirrors : planes at which the box ends [λ].
     panels : the bodies' surfaces as meshed [λ].
-    mesh, space, form : NGSolve's mesh, unknowns and assembled matrix, the unknowns inside
-        tetrahedra eliminated.
+    mesh, space, form : NGSolve's mesh, unknowns, and assembled matrix without the unknowns inside
+        tetrahedra, which are eliminated.
     surface, interior : quadrature points of right-hand sides, on the surfaces and inside the filled
         bodies.
     coarse_surface : fewer quadrature points on the surfaces, enough for receivers a wavelength off.
     weights : (3, bodies) w_d, w_s and w_v of the weak form.
-    method : "pardiso" or "sparsecholesky", which factorises the matrix.
+    method : solver that factorises the matrix, "pardiso" or "sparsecholesky".
     factors : a factor for each parity excited so far.
     """
 
@@ -91,7 +91,7 @@ class System:
 
     @cached_property
     def free(self) -> dict[tuple[int, ...], Bool[np.ndarray, "unknowns"]]:
-        """Which unknowns an excitation of each parity about the mirrors may have."""
+        """Unknowns that may be nonzero for an excitation of each parity about the mirrors."""
         return {parity: self._free(parity, shared=False) for parity in parities(self.mirrors)}
 
     def _free(self, parity: Sequence[int], shared: bool) -> Bool[np.ndarray, "unknowns"]:
@@ -108,7 +108,7 @@ class System:
 
     def factor(self, parity: tuple[int, ...]) -> Factor:
         """Factorised matrix for a parity, made when it is first needed."""
-        # A factor takes most of the time and memory, and many sources excite one parity only.
+        # Factorising takes most of the time and memory, and many sources excite only one parity.
         if parity not in self.factors:
             free = self._free(parity, shared=True)
             self.factors[parity] = factorised(self.form, free, self.order, self.method)
@@ -162,9 +162,9 @@ class System:
         return folded, image
 
     def holding(self, points: Points) -> tuple[Indices, Barycentric]:
-        """Tetrahedron of each folded point [λ] and its coordinates there.
+        """Tetrahedron of each folded point [λ], and barycentric coordinates in it.
 
-        Raise "misplaced" where there is none.
+        Raise "misplaced" for points in no tetrahedron.
         """
         number, weights = self.tetrahedra.holding(points)
         lost = np.flatnonzero(number < 0)
@@ -212,10 +212,10 @@ def assembled(
     method: str,
     graded: float | None,
 ) -> System:
-    """Assemble the equation on a mesh of Netgen's, in wavelengths.
+    """Assemble the equation on a mesh from Netgen, in wavelengths.
 
-    ``graded`` is the edge that this order is for [λ], others getting their own; None for the same
-    order everywhere.
+    ``graded`` is the edge length with this order [λ]; other edges get other orders. None gives the
+    same order everywhere.
     """
     ngsolve = ngsolve_library()
     panels = surface.quadratic_triangles / scene.wavelength
@@ -262,24 +262,24 @@ def _bend(mesh: CurvedMesh, tetrahedra: Tetrahedra) -> None:
             weights = np.zeros(4)
             weights[EDGES[edge]] = 0.5
             values = np.asarray(shape.CalcShape(*weights[:3])).ravel()
-            # After the four vertices come the edges, of which one shape function is not 0 here.
+            # The edges follow the four vertices. Only one of their shape functions is not 0 here.
             bubble = 4 + int(np.argmax(np.abs(values[4:])))
             bend[:, unknowns[bubble]] = tetrahedra.bends[number, edge] / values[bubble]
     mesh.SetDeformation(deformation)
 
 
-# Largest difference of an order above the nominal one
+# Largest difference between an order and the nominal one
 MAX_ABOVE = 4
 
 
 # Netgen's tetrahedra are up to three times larger and smaller than the nominal size. With one order
 # everywhere the largest determine the error and the smallest the cost; graded orders balance both.
 def longest_served(order: int, size: float, ease: float = 1.0) -> Float64[np.ndarray, "orders"]:
-    """Longest edges [λ] that orders 1, 2 ... serve as well as one order serves a given edge.
+    """Longest edges [λ] for orders 1, 2 ... with the same error as one order on a given edge.
 
-    A polynomial of order p misses e^{ikx} over an edge h by 2 (kh/4)^(p+1) / (p+1)! (interpolation
-    after Chebyshev). ``order`` serves the edge ``size`` [λ]; ``ease`` is how much more error is
-    allowed.
+    A polynomial of order p approximates e^{ikx} over an edge h with the error 2 (kh/4)^(p+1) /
+    (p+1)! (Chebyshev interpolation). ``order`` is used on the edge ``size`` [λ]; ``ease`` is the
+    factor by which the error may be larger.
     """
     error = ease * (0.5 * np.pi * size) ** (order + 1) / factorial(order + 1)
     powers = range(2, order + MAX_ABOVE + 2)
@@ -295,7 +295,7 @@ def grade_orders(
     size: float,
     surface: Real[np.ndarray, "nodes 3"],
 ) -> None:
-    """Give edges, faces and tetrahedra the orders that their lengths need.
+    """Set the orders of edges, faces and tetrahedra according to their lengths.
 
     An edge of ``size`` [λ] gets ``order``; ``surface`` are points all over the surfaces [λ].
     """
@@ -303,7 +303,7 @@ def grade_orders(
     points = np.array([vertex.point for vertex in mesh.vertices])
     ends = np.array([[vertex.nr for vertex in edge.vertices] for edge in mesh.edges])
     lengths = np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1)
-    # Sound may be slower in a filling: edges beside it are longer in its wavelengths.
+    # Sound may be slower in a filling, so edges beside it span more of its wavelengths.
     factors = np.ones(mesh.nedge)
     for body, obstacle in enumerate(scene.obstacles):
         if obstacle.medium is not None:
@@ -325,8 +325,8 @@ def grade_orders(
     for kind, edges in edges_of.items():
         longest = lengths[edges].max(axis=1)
         middle = middles[edges].mean(axis=1)
-        # Errors in the layer and far from the surfaces hardly return: three times the error is
-        # allowed there.
+        # Errors in the layer and far from the surfaces hardly affect the result, so three times the
+        # error is allowed there.
         in_layer = ((middle < low) | (middle > high)).any(axis=1)
         eased = in_layer | (near.query(middle)[0] > 0.5)
         orders = np.where(

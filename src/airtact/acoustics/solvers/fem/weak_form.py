@@ -4,19 +4,19 @@ The paper's equation (8), divided by the density of the air and 4π, in waveleng
 
     ∫ w (∇p · ∇v − k² p v) dV − ∮ (ik/ratio) p v dS = L(v),
 
-w being 1 in air and the ratio of the densities in a filled body. A monopole G(x, y) = e^{ikr}/r
-makes the scattered pressure with the right-hand side
+where w is 1 in air and the ratio of the densities in a filled body. For a monopole G(x, y) =
+e^{ikr}/r, the right-hand side of the scattered pressure is
 
     L_y(v) = ∮ (w_d ∂G/∂n + w_s G) v dS + ∫_body w_v G v dV,
 
-and by the symmetry of the form L_y(p) is also the scattered pressure, times 4π, that a total
-pressure p makes at y (Kirchhoff and Helmholtz): n points out of the body, w_d = 1 − w, w_s =
-ik/ratio, w_v = −w (k² − k_body²).
+where n points out of the body, w_d = 1 − w, w_s = ik/ratio and w_v = −w (k² − k_body²). Because the
+form is symmetric, L_y(p) of the total pressure p is also 4π times the scattered pressure at y (the
+Kirchhoff-Helmholtz integral).
 
-In the perfectly matched layer (PML) around the box, which absorbs outgoing sound without reflecting
-it, the coordinates are complex, so that a wave decays along them: J.-P. Berenger, J. Comput. Phys.
+The perfectly matched layer (PML) around the box absorbs outgoing sound without reflecting it. Its
+coordinates are complex, so that a wave decays along them: J.-P. Berenger, J. Comput. Phys.
 114 (1994) 185; F. Collino, P. Monk, SIAM J. Sci. Comput. 19 (1998) 2061. Its terms are written out,
-because NGSolve's own layer takes twice as long.
+because NGSolve's built-in layer takes twice as long.
 """
 
 from dataclasses import dataclass
@@ -41,7 +41,7 @@ LAYER_THICKNESS = 0.55
 
 
 def weak_form(scene: Scene, box: Box, mesh: CurvedMesh, space: FiniteSpace) -> Expression:
-    """Left-hand side, as a symbolic form of NGSolve's."""
+    """Left-hand side, as a symbolic form of NGSolve."""
     ngsolve = ngsolve_library()
     trial, test = space.TnT()
     squared = _plain(complex(scene.wavenumber * scene.wavelength) ** 2)
@@ -80,7 +80,7 @@ def _layer_form(
     stretches = []  # derivatives of the complex coordinates along x, y and z
     for x, bottom, top in zip(axes, low.tolist(), high.tolist(), strict=True):
         beyond = ngsolve.IfPos(x - top, 1, ngsolve.IfPos(bottom - x, 1, 0))
-        # Across the layer and back a wave decays by e^{-2 · 2π · 1.4 · 0.55}, to 6e-5.
+        # Across the layer and back, a wave decays by the factor e^{-2 · 2π · 1.4 · 0.55} = 6e-5.
         stretches.append(1 + 1j * 1.4 * beyond)
     volume = stretches[0] * stretches[1] * stretches[2]
     layer = ngsolve.dx(definedon=mesh.Materials("layer"))

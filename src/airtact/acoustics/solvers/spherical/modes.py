@@ -1,4 +1,4 @@
-"""The separated series of one sphere in the field of point sources, at any distance.
+"""Separation-of-variables series for one sphere in the field of point sources.
 
 With γ the angle between point and source, z = ka and h_n the outgoing spherical Hankel function,
 the scattered pressure of a monopole e^{ikR}/R at radius r0 >= a is Σ t_n [h_n(kr)/h_n(z)]
@@ -7,10 +7,9 @@ inside a fluid sphere (Bowman, Senior & Uslenghi, Electromagnetic and Acoustic S
 Shapes, 1987, sections 10.3 and 10.4; Anderson, J. Acoust. Soc. Am. 22, 426, 1950, for the fluid). A
 boundary enters as f' + β_n f = 0 at r = a.
 
-When source and point come near the surface the terms fall only like (a²/(r r0))^n. Two things keep
-the sum short: the static images, which carry the singular part, are summed in closed form, and the
-rest of the tail is taken by summation by parts (Yennie, Ravenhall & Wilson, Phys. Rev. 95, 500,
-1954).
+If source and point are near the surface, the terms fall only as (a²/(r r0))^n. Two steps keep the
+sum short. The static images, which carry the singular part, are summed in closed form. The rest of
+the tail is summed by parts (Yennie, Ravenhall & Wilson, Phys. Rev. 95, 500, 1954).
 """
 
 from collections import deque
@@ -32,7 +31,7 @@ from airtact.acoustics.solvers.spherical.radial_functions import (
 )
 from airtact.errors import NotConverged
 
-# Largest error of the summed series over the open-air pressure of the same source at the same point
+# Largest error of the summed series, relative to the open-air pressure of the same source there
 ACCURACY = 1e-8
 
 _MAX_TERMS = 20_000
@@ -51,7 +50,7 @@ class SphereModes:
     wavenumber : k outside [1/m].
     admittance : ρc/Z of the surface, 0 for sound-hard; unused when there is a fluid inside.
     inner_wavenumber : k1 of the fluid inside [1/m], or None.
-    density_ratio : density outside over density inside; unused without a fluid.
+    density_ratio : density outside divided by density inside; unused without a fluid.
     """
 
     radius: float
@@ -111,7 +110,7 @@ class SphereModes:
         return complex(point), complex(point / total)
 
     def first_safe_order(self) -> int:
-        """Order past which the terms fall: beyond both ka and k1 a."""
+        """Order beyond which the terms fall: above both ka and k1 a."""
         largest = max(abs(self.size), abs((self.inner_wavenumber or 0.0) * self.radius))
         return int(largest + 5.0 * np.cbrt(largest) + 10.0)
 
@@ -225,8 +224,8 @@ class _Tail:
         reduced_after = (1.0 + self.ratio**2) * after - 2.0 * self.ratio * (
             up(order) * here + down(order + 2) * last
         )
-        # Close to the image the second step would divide the terms' rounding by a distance to the
-        # fourth power.
+        # Close to the image the second step would divide the terms' rounding errors by a distance
+        # to the fourth power.
         second = np.where(square > 0.01**2, left_over(reduced, reduced_after) / square, 0.0)
         return partial + left_over(here, after) + second
 
@@ -239,7 +238,7 @@ def _summed(
 ) -> ComplexPairs | None:
     """Add terms until two estimates of the complete sum agree; None if they never do.
 
-    The second estimate takes a quarter more terms.
+    The second estimate uses a quarter more terms.
     """
     check = first_check
     last_estimate = None
@@ -259,7 +258,7 @@ def _summed(
             return estimate
         if order >= _MAX_TERMS:
             return None
-        # The tail is taken a quarter later again, so that agreement is no chance.
+        # The next estimate is a quarter later, so that agreement by chance is unlikely.
         check = min(int(1.25 * order) + 4, _MAX_TERMS)
         last_estimate = estimate
     return None

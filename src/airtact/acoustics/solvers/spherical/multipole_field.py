@@ -1,14 +1,14 @@
 """The scattered field as a multipole expansion, evaluated without sums over the surfaces.
 
 Outside the smallest ball around the bodies the scattered pressure is Σ a_nm h_n(kr) Y_nm, and
-orders far beyond k times the radius of the ball are negligible. The coefficients are found on one
-sphere, the expansion is tabulated once on interpolation spheres around the bodies, and the field is
-interpolated between their points: along the angles as a Fourier series by a kernel of few points
-(A. H. Barnett, J. Magland, L. af Klinteberg, SIAM J. Sci. Comput. 41 (2019) C479), along 1/r by
-Chebyshev polynomials.
+orders far beyond k times the radius of the ball are negligible. The coefficients are computed on
+one sphere, and the expansion is tabulated once on interpolation spheres around the bodies. The
+field is interpolated between their points: along the angles as a Fourier series by a kernel of few
+points (A. H. Barnett, J. Magland, L. af Klinteberg, SIAM J. Sci. Comput. 41 (2019) C479), along 1/r
+by Chebyshev polynomials.
 
-In front of a rigid plane the field u of the bodies alone is expanded. With that of their images the
-scattered pressure at x is u(x) + u(x*), x* being the image of x, plus that of the sources' images.
+In front of a rigid plane, the field u of the bodies without their images is expanded. The scattered
+pressure at x is u(x) + u(x*), where x* is the image of x, plus the pressure of the sources' images.
 """
 
 from dataclasses import dataclass, replace
@@ -37,7 +37,7 @@ from airtact.acoustics.solvers.spherical.radial_functions import outgoing_shapes
 from airtact.errors import InvalidInput, in_short, of_kind
 from airtact.timing import Clock, Progress
 
-# Gap between the bodies and the smallest sphere [λ]: some solutions are invalid nearer
+# Gap between the bodies and the smallest sphere [λ]; some solutions are invalid closer to a body
 MARGIN = 1.0
 
 # Points along each angle of an interpolated value
@@ -46,7 +46,7 @@ SPREAD = 5
 
 @dataclass(frozen=True, eq=False)
 class InterpolationSpheres:
-    """Scattered pressure over its carrier wave, on concentric spheres around some bodies.
+    """Scattered pressure divided by its carrier wave, on concentric spheres around bodies.
 
     Attributes
     ----------
@@ -139,7 +139,7 @@ class MultipoleField(RadiatedField):
         return out
 
     def error_at(self, points: Points) -> Float64[np.ndarray, "excitations"]:
-        """Relative error of each excitation, estimated when the expansion was made."""
+        """Relative error of each excitation, estimated when the field was expanded."""
         return self.errors
 
     def _away(self, points: Vectors) -> Pressures:
@@ -153,7 +153,7 @@ class MultipoleField(RadiatedField):
         )
 
     def _expanded(self, points: Vectors) -> Mask:
-        """Whether points (P, 3) are in front of planes, and with their images off the spheres."""
+        """Whether points (P, 3) are in front of planes and, like their images, off the spheres."""
         planes = self.scene.planes
         offsets = images_in(planes, points) - self.spheres.centre
         outside = np.einsum("pd,pd->p", offsets, offsets) >= self.spheres.radius**2
@@ -164,10 +164,10 @@ class MultipoleField(RadiatedField):
 def multipole_expansion(field: RadiatedField, *, progress: Progress | None = None) -> RadiatedField:
     """Expand the scattered part of a field in outgoing waves, for a hand that moves rigidly.
 
-    Evaluation then takes the same short time whatever the number of unknowns: a transfer matrix of
-    996 elements after a rigid motion in about 2 ms. Points within a wavelength of the ball around
-    the bodies are evaluated as before. In front of a fixed plane one solve serves the motions that
-    map the plane onto itself (``Plane.kept_by``).
+    The time of an evaluation then does not depend on the number of unknowns: a transfer matrix of
+    996 elements after a rigid motion takes about 2 ms. Points within a wavelength of the ball
+    around the bodies are evaluated as before. In front of a fixed plane, one solve is valid for all
+    motions that map the plane onto itself (``Plane.kept_by``).
 
     Parameters
     ----------
@@ -176,8 +176,8 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
 
     Returns
     -------
-    The same field. Its report's ``settings`` hold the relative error of the expansion,
-    ``expansion_error``, measured at 100 random points; above 0.001 the report has a warning.
+    The same field. The ``settings`` of its report contain ``expansion_error``, the relative error
+    of the expansion at 100 random points; above 0.001 the report has a warning.
 
     Raises
     ------
@@ -219,15 +219,15 @@ def multipole_expansion(field: RadiatedField, *, progress: Progress | None = Non
         count = int(np.ceil(0.3 * reach)) + 5
         smallest = radius + MARGIN * scene.wavelength
         strengths = _coefficients(alone, centre, smallest, order)
-        # Radii from the sphere to infinity, where the field over its carrier wave is smooth in 1/r
+        # From the sphere to infinity, the field without its carrier wave is smooth in 1/r.
         shrinkings = 0.5 - 0.5 * np.cos(np.pi * (np.arange(count) + 0.5) / count)
         arguments = smallest / shrinkings * scene.wavenumber
         shapes = outgoing_shapes(arguments, smallest * scene.wavenumber)
         radial = np.stack([next(shapes) for _ in range(order + 1)])
         spheres = InterpolationSpheres(centre, smallest, order, _table(strengths, radial))
     with clock.step("expansion", "comparing it with the field"):
-        # Random points, because a grid could fall on that of the table; from the smallest sphere to
-        # twenty times as far away.
+        # The points are random, because a grid could coincide with the table's, and lie between the
+        # smallest sphere and twenty times its radius.
         random = np.random.default_rng(0)
         ways = random.normal(size=(100, 3))
         ways /= np.linalg.norm(ways, axis=1, keepdims=True)
@@ -280,7 +280,8 @@ def _coefficients(
     field: RadiatedField, centre: Float64[np.ndarray, "3"], radius: float, order: int
 ) -> Complex128[np.ndarray, "orders degrees excitations"]:
     """Coefficients of the waves Y_nm h_n(kr)/h_n(k radius), m = 0, 1, ... -2, -1."""
-    # Gauss-Legendre latitudes and equal longitudes integrate products of two such orders exactly.
+    # Gauss-Legendre latitudes and equally spaced longitudes integrate products of two such orders
+    # exactly.
     cosines, weights = np.polynomial.legendre.leggauss(order + 1)
     polar = np.arccos(cosines)[:, None]
     azimuth = 2 * np.pi * np.arange(2 * order + 1) / (2 * order + 1)
@@ -331,11 +332,11 @@ def _table(
     wide = np.zeros((fine, fine, *series.shape[2:]), dtype=np.complex64)
     polar_orders = np.fft.fftfreq(around, 1 / around).astype(int)
     azimuth_orders = np.fft.fftfreq(degrees, 1 / degrees).round().astype(int)
-    # Divided out here, because interpolation by the kernel multiplies by it.
+    # The kernel's transform is divided out here, because interpolation multiplies by it.
     scale = 1 / np.outer(_transform(polar_orders, fine), _transform(azimuth_orders, fine))
     wide[np.ix_(polar_orders, azimuth_orders)] = np.moveaxis(series, 0, 1) * scale[:, :, None, None]
     table = np.asarray(ifft2(wide, axes=(0, 1), norm="forward", overwrite_x=True))
-    # Rows and columns are repeated beyond the ends, so that a window never wraps.
+    # Rows and columns are repeated beyond the ends, so that a window never wraps around.
     rows, columns = (
         np.arange(-(SPREAD // 2), count + (SPREAD + 1) // 2) % fine for count in (around, fine)
     )
@@ -353,7 +354,7 @@ def _window(angles: Lengths, step: float) -> tuple[Indices, Float32[np.ndarray, 
 def _kernel(off: Float64[np.ndarray, "*shape"]) -> Float64[np.ndarray, "*shape"]:
     """Weight exp(β √(1 - x²)) of a grid point at a distance in steps.
 
-    The sharpness β is for tables with twice the points that the expansion needs.
+    The sharpness β suits tables with twice as many points as the expansion needs.
     """
     root = np.sqrt(np.maximum(1 - (2 * off / SPREAD) ** 2, 0))
     return np.exp(2.3 * SPREAD * (root - 1))

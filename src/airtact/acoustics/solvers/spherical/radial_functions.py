@@ -1,9 +1,9 @@
-"""Radial functions and Legendre polynomials of every order, as quotients that never overflow.
+"""Radial functions and Legendre polynomials of every order, as ratios that never overflow.
 
-Spherical Hankel functions h_n of the first kind grow like n! and Bessel functions j_n shrink as
-fast, so both leave the range of floating point. Only quotients are formed here: h_n(z)/h_n(z0) by
-upward recurrence, where h is the growing solution and the recurrence is stable, and j_n/j_(n-1) by
-downward recurrence (Miller; DLMF 3.6(iii) and 10.51.1).
+Spherical Hankel functions h_n of the first kind grow like n! and Bessel functions j_n shrink at
+the same rate, so both leave the range of floating point. Only ratios are
+formed here: h_n(z)/h_n(z0) by upward recurrence, which is stable because h is the growing solution,
+and j_n/j_(n-1) by downward recurrence (Miller; DLMF 3.6(iii) and 10.51.1).
 """
 
 from collections.abc import Iterator
@@ -36,7 +36,7 @@ def outgoing_ratios(
 def outgoing_shapes(
     arguments: Complex[np.ndarray, "arguments"], reference: complex
 ) -> Iterator[Complex128[np.ndarray, "arguments"]]:
-    """Yield h_n(z)/h_n(z0) over h_0(z)/h_0(z0): ``outgoing_ratios`` without the carrier wave."""
+    """Yield h_n(z)/h_n(z0) divided by h_0(z)/h_0(z0), without the carrier wave."""
     shape = np.ones(len(arguments), dtype=np.complex128)
     quotient = 1.0 / arguments - 1j
     for order, reference_quotient in enumerate(outgoing_quotients(reference), start=1):
@@ -128,7 +128,7 @@ def legendre_polynomials(
     while True:
         yield polynomial
         step = (order * step - (2 * order + 1) * versine * polynomial) / (order + 1)
-        # Steps between neighbouring orders: their sum does not lose digits near γ = 0.
+        # The sum of the steps between neighbouring orders does not lose digits near γ = 0.
         polynomial = polynomial + step
         order += 1
 
@@ -136,7 +136,7 @@ def legendre_polynomials(
 def image_sums(
     ratio: Float64[np.ndarray, "*shape"], versine: Float64[np.ndarray, "*shape"]
 ) -> tuple[Float64[np.ndarray, "*shape"], Float64[np.ndarray, "*shape"]]:
-    """Sum Σ x^n P_n(cos γ) and Σ x^n P_n(cos γ)/(n + 1), of a point and a line of images.
+    """Sum Σ x^n P_n(cos γ) and Σ x^n P_n(cos γ)/(n + 1) for a point and a line of images.
 
     They are 1/√(1 - 2x cos γ + x²) and its mean over [0, x] (DLMF 18.12.11), for x in [0, 1] but
     not both x = 1 and γ = 0.

@@ -43,7 +43,7 @@ class SphereField(RadiatedField):
     """The field of monopoles around one sphere, and inside it if it is filled.
 
     Its error is 1e-8 of the open-air pressures. ``NotConverged`` is raised at a point within
-    micrometres of a source that touches the surface. ``centre`` is the sphere's [m].
+    micrometres of a source that touches the surface. ``centre`` is the centre of the sphere [m].
     """
 
     modes: SphereModes
@@ -99,17 +99,17 @@ class SphereField(RadiatedField):
     def _scattered(self, points: Points, inside: bool, alone: bool = False) -> Pressures:
         """Sum the series at points on one side of the surface.
 
-        The error is ``ACCURACY`` of the open-air pressure; or, ``alone``, of that at the distance
-        of the image too, which is finite at the source itself.
+        The error is ``ACCURACY`` of the open-air pressure. With ``alone`` this pressure is taken at
+        least at the distance of the image, so that it is finite at the source itself.
         """
         pressure = np.zeros((len(points), self.excitations), dtype=np.complex128)
         radii, directions = self._polar(points)
         source_radii, source_directions = self._polar(self.sources.positions)
-        # Rounding may put what is on the surface a little below it.
+        # Rounding may put sources on the surface a little below it.
         source_radii = np.maximum(source_radii, self.modes.radius)
         if not inside:
             radii = np.maximum(radii, self.modes.radius)
-        # Points of a block take about as many terms, and as many as fit the cache.
+        # Points of a block need about the same number of terms; a block fits the cache.
         order = np.argsort(KDTree(self.sources.positions).query(points)[0])
         rows = max(1, PAIRS_PER_BLOCK // len(self.sources.positions))
         for first in range(0, len(points), rows):

@@ -1,7 +1,7 @@
 """Bodies factorised one by one, for foci that change and bodies that move rigidly.
 
-Each body is reduced once (``reduced_body``). The skeletons of the placed bodies scatter the fields
-of each other and radiate the field around them.
+Each body is reduced once (``reduced_body``). The skeletons of the placed bodies scatter each
+other's fields and radiate the field around the bodies.
 """
 
 from collections.abc import Iterator, Sequence
@@ -58,7 +58,7 @@ class PlacedBody:
 
     @cached_property
     def local(self) -> Pose:
-        """From the scene to the body's own frame."""
+        """Pose from the scene to the body's own frame."""
         return self.pose.inverse()
 
     @cached_property
@@ -134,7 +134,7 @@ class Coupling:
 
     @classmethod
     def of(cls, placed: Sequence[PlacedBody]) -> "Coupling | None":
-        """Couple each body to each other one; None where two are too near for their skeletons."""
+        """Couple each pair of bodies; None if two are too close for their skeletons."""
         for index, first in enumerate(placed):
             for second in placed[:index]:
                 points = second.pose.apply(second.reduced.surface.nodes.points)
@@ -154,7 +154,7 @@ class Coupling:
         """Apply the equation for the densities y on all skeletons: y_b + Σ_c S_b K_cbᵀ y_c."""
         out = densities.copy()
         for body, rows in enumerate(self.parts):
-            # field of the other bodies at the columns of this one, then its scattering
+            # field of the other bodies at the columns of this body, then its scattering
             incident = [
                 product(self.blocks[emitter, body], densities[:, part], transposed=True)
                 for emitter, part in enumerate(self.parts)
@@ -232,7 +232,7 @@ class FactorisedField(RadiatedField):
     def _scattering(
         self, points: Vectors
     ) -> tuple[Float64[np.ndarray, "sources 3"], Complex[np.ndarray, "sources excitations"]]:
-        """Monopoles that radiate to some points: those at the skeletons, or fewer if far."""
+        """Monopoles that radiate to some points: at the skeletons, or fewer for far points."""
         positions = []
         strengths = []
         begin = 0
@@ -241,7 +241,7 @@ class FactorisedField(RadiatedField):
             far = reduced.far
             density = self.densities[begin : begin + len(reduced.rows)]
             begin += len(density)
-            # far receivers such as an array take fewer monopoles
+            # fewer monopoles suffice for far receivers such as an array
             if body.clear_of(points, far.reach):
                 positions.append(body.pose.apply(far.positions))
                 strengths.append(product(far.combinations, density.T).T)
@@ -253,13 +253,13 @@ class FactorisedField(RadiatedField):
 
 @dataclass(frozen=True, eq=False)
 class FactorisedBodies(Solver):
-    """A solver for bodies that were factorised one by one, wherever each of them is moved.
+    """A solver for bodies that were factorised one by one, at any later poses.
 
     Attributes
     ----------
     scene : the bodies as they were factorised.
     bodies : their reductions.
-    fallback : solver of scenes where two bodies are too near each other.
+    fallback : solver of scenes in which two bodies are too close together.
     tolerance : relative residual of the iteration over the bodies.
     smallest : edge below which no panel was refined [m].
     report : how the bodies were factorised.
@@ -280,9 +280,9 @@ class FactorisedBodies(Solver):
     def radiate(self, scene: Scene, sources: Monopoles) -> RadiatedField:
         """Solve for the monopoles, with each body where the scene has it.
 
-        The scene has the same bodies, each of them moved rigidly or not, in the same medium at the
-        same frequency. The monopoles are outside the bodies or on their surfaces. Where two bodies
-        are nearer to each other than the skeletons' reach, ``fallback`` solves the scene.
+        The scene must have the same bodies, moved rigidly or not, in the same medium at the same
+        frequency. The monopoles are outside the bodies or on their surfaces. If two bodies are
+        closer together than the skeletons' reach, ``fallback`` solves the scene.
 
         Raises
         ------
@@ -303,7 +303,7 @@ class FactorisedBodies(Solver):
             right_sides = [
                 body.right_side(sources.positions, strengths, factors > 1).T for body in placed
             ]
-            # the products one after another: between them the threads would fall asleep
+            # the products run one after another, because threads would fall asleep between them
             alone = [
                 product(body.reduced.solved, side)
                 for body, side in zip(placed, right_sides, strict=True)
@@ -328,7 +328,7 @@ class FactorisedBodies(Solver):
         )
 
     def _coarse(self, placed: Sequence[PlacedBody], sources: Monopoles) -> Iterator[str]:
-        """Warn of sources so near a surface that its panels should be smaller."""
+        """Warn of sources so close to a surface that its panels should be smaller."""
         for index, body in enumerate(placed):
             distance, node = body.reduced.tree.query(body.local.apply(sources.positions))
             edges = body.reduced.panel_edges[np.asarray(node) // 6]
@@ -357,7 +357,7 @@ class FactorisedBodies(Solver):
         return Coupling.of([PlacedBody(body, Pose.identity()) for body in self.bodies])
 
     def _coupling(self, scene: Scene) -> Coupling | None:
-        """Place the bodies where the scene has them; None where they are too near each other."""
+        """Place the bodies as in the scene; None if two are too close together."""
         if scene.medium != self.scene.medium or scene.frequency != self.scene.frequency:
             raise InvalidInput(
                 f"the bodies were factorised for {self.scene.frequency:g} Hz in "

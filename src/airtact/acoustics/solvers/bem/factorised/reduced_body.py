@@ -1,8 +1,8 @@
 """The scattering of one body, reduced to a few of its nodes: its own matrix is inverted once.
 
-Some distance away, the incident field at the nodes of a body and the field that the nodes radiate
-are determined, to any accuracy, by a few of them, its skeletons: all other nodes are linear
-combinations of those, for any sources and receivers outside. The nodes and the combinations follow
+For sources and receivers some distance away, a few nodes of a body, its skeletons, determine the
+incident field at all nodes and the field that the nodes radiate, to any accuracy. All other nodes
+are linear combinations of the skeletons. The nodes and the combinations follow
 from monopoles on a surface around the body (the proxy surface).
 
 Source: P. G. Martinsson and V. Rokhlin, "A fast direct solver for boundary integral equations in
@@ -31,7 +31,8 @@ from airtact.geometry.mesh.quadratic_triangles import longest_edges
 Proxies = Float64[np.ndarray, "proxies 3"]
 Columns = Float64[np.ndarray, "columns 3"]
 
-# Vectors up to which a compiled loop multiplies: BLAS is slower and leaves threads spinning
+# A compiled loop multiplies up to this many vectors, because BLAS is slower and leaves threads
+# spinning
 FEW = 8
 
 
@@ -39,8 +40,8 @@ FEW = 8
 class RoundedMatrix:
     """A complex matrix in half the memory of single precision.
 
-    Each row is 16-bit integers (real and imaginary parts in turn) times its own scale. A number is
-    off by half a scale at most: 1.5e-5 of the row's largest.
+    Each row is 16-bit integers (real and imaginary parts in turn) times its own scale. The
+    error of a number is at most half a scale: 1.5e-5 of the largest in its row.
     """
 
     numbers: Int16[np.ndarray, "rows columns 2"]
@@ -88,13 +89,13 @@ def product(
 
 @dataclass(frozen=True, eq=False)
 class FarMonopoles:
-    """A few monopoles that radiate the same to far points as the skeleton of the rows.
+    """A few monopoles that radiate the same field to far points as the skeleton of the rows.
 
     Attributes
     ----------
-    reach : distance from all nodes beyond which they serve [m].
+    reach : distance from all nodes beyond which they are valid [m].
     positions : [m].
-    combinations : matrix from the densities on the skeleton to their strengths.
+    combinations : matrix from the densities on the skeleton to the monopoles' strengths.
     error : relative error at points near the reach.
     """
 
@@ -113,13 +114,13 @@ class ReducedBody:
     Attributes
     ----------
     surface : the collocation points.
-    reach : distance from all nodes beyond which the skeletons serve [m].
+    reach : distance from all nodes beyond which the skeletons are valid [m].
     rows : nodes of the matrix's rows where incident fields are evaluated.
     columns : nodes of the matrix's columns, which radiate.
     solved : transposed solution on ``rows`` from the right-hand side at all nodes.
     scattering : the same from the right-hand side at ``columns``: the scattering matrix.
-    error : relative error of the scattering against all nodes, to points as near as the reach, for
-        sources there and beside the surface.
+    error : relative error of the scattering compared with all nodes, at points as near as the
+        reach, for sources there and beside the surface.
     tree : the nodes, for distances.
     far : fewer monopoles for points farther away.
     """
@@ -163,8 +164,8 @@ def reduced_body(surface: DualSurface, reach: float, goal: float) -> ReducedBody
 
     Parameters
     ----------
-    reach : distance from all nodes beyond which the skeletons serve [m].
-    goal : target of the relative error of the scattering.
+    reach : distance from all nodes beyond which the skeletons are valid [m].
+    goal : target relative error of the scattering.
     """
     tree = KDTree(surface.nodes.points)
     proxies = _proxies(surface.nodes, tree, reach)
@@ -207,7 +208,7 @@ def _far_monopoles(
     tolerance: float,
     kind: type[np.complexfloating],
 ) -> FarMonopoles:
-    """Find a few of the rows' monopoles that radiate the same beyond one wavelength."""
+    """Find a few of the rows' monopoles that radiate the same field beyond one wavelength."""
     reach = 2 * np.pi / surface.wavenumber.real
     candidates = _row_points(surface, rows)
     points = _proxies(surface.nodes, tree, reach)
@@ -232,8 +233,8 @@ def _error_check(
 ) -> Callable[[np.ndarray, np.ndarray, Matrix, Matrix], float]:
     """Return a function that measures the relative error of skeletons and their scattering.
 
-    It is the larger one for sources as near as the reach and sources beside the surface, at points
-    near the reach. About 64 of each are taken.
+    It is the larger of the errors for sources as near as the reach and for sources beside the
+    surface, at points near the reach. About 64 of each are used.
     """
     nodes = surface.nodes
     sources = np.arange(0, len(proxies), -(-len(proxies) // 64))
@@ -265,7 +266,7 @@ def _error_check(
 
 
 def _proxies(nodes: Nodes, tree: KDTree, reach: float) -> Proxies:
-    """Place monopoles around the body: off every node, and 2.5 times as far off every second."""
+    """Place monopoles off every node, and 2.5 times as far off every second node."""
     inner = nodes.points + reach * nodes.normals
     outer = nodes.points[::2] + 2.5 * reach * nodes.normals[::2]
     everywhere = np.concatenate([inner, outer])
@@ -316,11 +317,11 @@ def _skeleton(
     count: int,
     tolerance: float,
 ) -> tuple[Int64[np.ndarray, "skeleton"], Complex128[np.ndarray, "skeleton nodes"]]:
-    """Find nodes of which all others are linear combinations, and those combinations.
+    """Find nodes of which all others are linear combinations, and these combinations.
 
-    An interpolative decomposition of the right-hand sides for ``count`` random combinations of the
-    proxies, doubled until a few are redundant (E. Liberty, F. Woolfe, P. G. Martinsson, V. Rokhlin,
-    M. Tygert, PNAS 104 (2007) 20167).
+    They follow from an interpolative decomposition of the right-hand sides for ``count`` random
+    combinations of the proxies. The count is doubled until a few are redundant (E. Liberty,
+    F. Woolfe, P. G. Martinsson, V. Rokhlin, M. Tygert, PNAS 104 (2007) 20167).
     """
     random = np.random.default_rng(0)
     kind = np.complex128 if surface.precision == "float64" else np.complex64
