@@ -206,8 +206,9 @@ def number(value: float, what: str, unit: str) -> float:
     """Return a real number as a float, or raise "not_a_number"; NaN and infinity pass."""
     array = np.asarray(value if np.isscalar(value) or isinstance(value, np.ndarray) else None)
     if array.ndim != 0 or array.dtype.kind not in "iuf":
+        in_unit = f", in {unit}" if unit else ""
         raise InvalidInput(
-            f"{what} is {_described(value)}, but it must be one real number, in {unit}.",
+            f"{what} is {_described(value)}, but it must be one real number{in_unit}.",
             code="not_a_number",
         )
     return float(array)

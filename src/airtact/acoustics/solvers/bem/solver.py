@@ -135,7 +135,7 @@ class BoundaryElement(Solver):
 
     def __post_init__(self) -> None:
         for name, share in (("accuracy", self.accuracy), ("enough", self.max_error)):
-            number(share, name, "parts of 1")
+            number(share, name, "")
             if not 1e-4 <= share <= 0.3:
                 raise InvalidInput(
                     f"{name} is {share:g}, but it must lie between 0.0001 and 0.3 (0.01 is 1 %).",
