@@ -1,4 +1,4 @@
-"""A drive in the emulator of AUTD3's makers, its field beside that of airtact.
+"""Play a drive in AUTD3's own emulator, and compare its field with airtact's.
 
     python examples/autd3_emulator.py [FOLDER]
 

@@ -43,7 +43,7 @@ try:
         for frame in at.hands.replay(motion.frames):  # in real time
             tracker.send(at.hands.to_json(frame))
 finally:
-    loop.terminate()  # as Ctrl-C in a terminal: the sound fades, the session is closed
+    loop.terminate()  # like Ctrl-C in a terminal: the sound fades and the session is closed
     loop.wait()
 
 session = at.live.read_session(folder / "live")

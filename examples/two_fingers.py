@@ -22,15 +22,15 @@ scene = at.Scene(at.air(celsius=22.0), bodies, frequency=40e3)
 target = at.Target(fingers.foci(offset=0.5e-3), pressures=1500.0)
 array = at.surrounding_box()
 
-# Each focus becomes a source. The sound that reaches a transducer from there equals the sound that
-# the transducer sends there, so one solve serves all 996.
+# A source at a focus makes the same pressure at a transducer as the transducer makes at the focus,
+# so one solve per focus serves all 996.
 solver = at.BoundaryElement(accuracy=0.03)
 transfer = at.transfer_matrix(solver.radiate(scene, target.beacons()), array)
 aware = at.best(transfer, target)
 unaware = at.best(at.open_air_matrix(scene, array, target), target)
 unaware = at.Drive(unaware.factor_to_match(aware) * unaware.amplitudes)  # to the same energy
 
-# The pressures come from another, finer solve, with the transducers as sources.
+# A second, finer solve with the transducers as sources gives the pressures.
 drives = {"for the fingers": aware, "for empty air": unaware}
 figure, axes = plt.subplots(1, 2, figsize=(10, 3.5), layout="constrained")
 for ax, (name, drive) in zip(axes, drives.items(), strict=True):

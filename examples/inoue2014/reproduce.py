@@ -3,7 +3,7 @@
 Run ``python examples/inoue2014/reproduce.py [--quick] [--out FOLDER] [--parts PART ...]``. The
 results go into FOLDER (``out/inoue2014``) as ``results.md`` with its figures, and the numbers of
 each figure and table as CSV files. Each part is written as soon as it is done, so an interrupted
-run keeps the parts before.
+run keeps the finished parts.
 """
 
 import argparse
@@ -121,7 +121,7 @@ class Results:
 
 @dataclass(frozen=True)
 class Fingers:
-    """Thumb and finger as capsules, tip to tip along x, with all that the paper leaves open.
+    """Thumb and finger as capsules, tip to tip along x, with all parameters the paper leaves open.
 
     ``gap`` and ``radius`` are in metres; ``tilt`` is in degrees, 0 to 90, which lays both along x.
     """
@@ -160,7 +160,7 @@ class Fingers:
 
     @property
     def beacons(self) -> at.Monopoles:
-        """Both beacons in phase, as the paper's plane of symmetry makes them."""
+        """Both beacons in phase, as the paper's plane of symmetry implies."""
         return at.Monopoles(self.foci, np.ones(2))
 
 
@@ -242,7 +242,7 @@ def beacons(results: Results, extent: Extent, solved: Solved) -> None:
     results.add(
         "## The field of the beacons (Fig. 5)",
         "The paper meshes a quarter of its whole box, which took COMSOL about 120 minutes. Here a "
-        f"tight box round the fingers is meshed ({report.settings['tetrahedra']} tetrahedra of "
+        f"tight box around the fingers is meshed ({report.settings['tetrahedra']} tetrahedra of "
         "order "
         f"{report.settings['order']}, {report.nodes} unknowns) and solved in "
         f"{sum(report.seconds.values()):.1f} s; outside it the field follows from the surface "
@@ -297,13 +297,13 @@ def pressures(results: Results, extent: Extent, solved: Solved) -> None:
         ratio = compared.ratios(held)[1].mean()
         squared = (compared.ratios(held)[1] ** 2).mean()
         rows.append([held, f"{ratio:.3f}", f"{squared:.3f}", "about half", "0.60"])
-    results.add("Pressure at the foci, ignored over considered:")
+    results.add("Pressure at the foci, ignored divided by considered:")
     header = ["held equal", "pressure", "pressure squared", "paper, simulated", "paper, measured"]
     results.table(header, rows)
 
 
 def microphone(results: Results, extent: Extent, solved: Solved) -> None:
-    """Fig. 8 to 10: a virtual measurement round one focus with a quarter-inch microphone."""
+    """Fig. 8 to 10: a virtual measurement around one focus with a quarter-inch microphone."""
     focus = solved.fingers.foci[1]
     points = plane(10e-3, 10e-3, extent.scan_step, focus[0])
     readings = at.evaluation.Microphone().read(solved.compared.field, points.reshape(-1, 3))
@@ -313,9 +313,9 @@ def microphone(results: Results, extent: Extent, solved: Solved) -> None:
     results.data("microphone", header, np.column_stack([points.reshape(-1, 3), read]))
     results.add(
         "## A virtual measurement (Fig. 8 to 10)",
-        "A quarter-inch microphone looks down along z and moves round the focus on the right "
+        "A quarter-inch microphone points down along z and moves around the focus on the right "
         "finger. "
-        "It reads the mean pressure over its face with 1 % of noise and does not scatter sound. At "
+        "It measures the mean pressure over its face with 1 % noise and does not scatter sound. At "
         f"{int(np.isnan(read[:, 0]).sum())} of {len(read)} positions a finger is in its way.",
     )
     largest = np.nanmax(read[:, :2])
@@ -328,7 +328,7 @@ def microphone(results: Results, extent: Extent, solved: Solved) -> None:
         [held, f"{ratio:.3f}", f"{ratio**2:.3f}", "0.60"]
         for held, ratio in zip(HELD_EQUAL, peak_ratios(read, solved.factors), strict=True)
     ]
-    results.add("Largest reading, ignored over considered:")
+    results.add("Largest reading, ignored divided by considered:")
     results.table(["held equal", "pressure", "pressure squared", "paper"], rows)
 
 
@@ -340,7 +340,7 @@ def noisy(pressure: np.ndarray) -> np.ndarray:
 
 
 def peak_ratios(read: np.ndarray, factors: np.ndarray) -> tuple[float, float, float]:
-    """Largest readings (N, 4) ignored over considered, for each of ``HELD_EQUAL``."""
+    """Largest readings (N, 4), ignored divided by considered, for each of ``HELD_EQUAL``."""
     considered, ignored, considered_phases, ignored_phases = np.nanmax(read, axis=0)
     energy = ignored / considered
     return energy * factors[0] / factors[1], energy, ignored_phases / considered_phases
@@ -374,7 +374,7 @@ def differences(results: Results, extent: Extent, solved: Solved) -> None:
     results.add(
         "## Water against rigid, boundary against finite elements (Table 1)",
         "The paper fills its fingers with water, which reflects 0.9994 of the pressure; everything "
-        "above has them rigid. Relative differences of the beacons' field:",
+        "above models them as rigid. Relative differences of the beacons' field:",
     )
     header = ["field", "against", "at the transducers", "in the plane, 0.5 λ off the fingers"]
     results.table(header, [[*row[:2], f"{row[2]:.2%}", f"{row[3]:.2%}"] for row in rows])
@@ -389,7 +389,7 @@ def relative_error(values: np.ndarray, reference: np.ndarray) -> float:
 
 
 def ratio_of(fingers: Fingers, extent: Extent) -> np.ndarray:
-    """Pressure ignored over considered for each of ``HELD_EQUAL``, mean over the foci (3,)."""
+    """Pressure ignored divided by considered per ``HELD_EQUAL``, mean over the foci (3,)."""
     scene, target = fingers.scene, at.Target(fingers.foci)
     solver = at.BoundaryElement(accuracy=extent.sweep_drive)
     transfer = at.transfer_matrix(solver.radiate(scene, target.beacons()), ARRAY)
@@ -404,7 +404,7 @@ def ratio_of(fingers: Fingers, extent: Extent) -> np.ndarray:
 
 
 def ratios(results: Results, extent: Extent) -> None:
-    """Sweep gap, radius, tilt and way of entering."""
+    """Sweep gap, radius, tilt and direction of entry."""
     swept = [Fingers(gap, radius) for gap, radius in product(extent.gaps, extent.radii)]
     for gap, tilt, way in product(extent.tilt_gaps, extent.tilts, extent.ways):
         swept.append(Fingers(gap, 8e-3, tilt, way))
@@ -426,7 +426,7 @@ def ratios(results: Results, extent: Extent) -> None:
         "what "
         f"it holds equal between its drives. Over {len(found)} pairs of fingers the pressure at "
         "the "
-        f"foci, ignored over considered, is: {'; '.join(spans)}.",
+        f"foci, ignored divided by considered, is: {'; '.join(spans)}.",
     )
     caption = "Pressure ratio over gap, radius and tilt. Red lines: the paper's 0.60 and 0.50."
     results.figure("sweep", draw_ratios(extent, found), caption)
@@ -443,7 +443,7 @@ def ratios(results: Results, extent: Extent) -> None:
 
 
 def draw_ratios(extent: Extent, found: dict[Fingers, np.ndarray]) -> Figure:
-    """Draw the ratio over gap and radius above, and over the tilt below."""
+    """Draw the ratio against gap and radius above, and against tilt below."""
     figure = Figure(figsize=(12.0, 7.0), layout="constrained")
     grid = figure.subplots(2, 3, sharey="row")
     shades = colormaps["viridis"](np.linspace(0, 0.88, max(len(extent.tilt_gaps), 3)))
@@ -475,7 +475,7 @@ def draw_ratios(extent: Extent, found: dict[Fingers, np.ndarray]) -> Figure:
 
 @dataclass(frozen=True)
 class Nodes:
-    """A field known at nodes alone, read as the paper does."""
+    """A field known only at nodes, interpolated as in the paper."""
 
     points: np.ndarray
     pressure: np.ndarray
@@ -484,7 +484,7 @@ class Nodes:
 
     @cached_property
     def tree(self) -> KDTree:
-        """Search of the nearest nodes."""
+        """Search tree for the nearest nodes."""
         return KDTree(self.points)
 
     def literal(self, points: np.ndarray) -> np.ndarray:
@@ -506,7 +506,7 @@ class Nodes:
         flat = np.abs(np.linalg.det(edges)) < 1e-12 * np.linalg.norm(edges, axis=1).prod(axis=1)
         edges[flat] = np.eye(3)
         others = np.linalg.solve(edges, (points - corners[:, 0])[:, :, None])[:, :, 0]
-        others[flat] = 0.0  # the nearest node has all the weight where the 4 lie in a plane
+        others[flat] = 0.0  # the nearest node has all the weight if the 4 are coplanar
         return nearest, np.concatenate([1 - others.sum(axis=1, keepdims=True), others], axis=1)
 
 
@@ -534,7 +534,7 @@ def random_poses(count: int) -> list[at.Pose]:
 
 
 def rigid_motion(results: Results, extent: Extent) -> None:
-    """Read one solution at the transducers of a moved hand in several ways."""
+    """Evaluate one solution at the transducers for moved hands in several ways."""
     fingers = Fingers()
     beacon = at.Monopoles(fingers.foci[1:], np.ones(1))
     field = at.BoundaryElement(accuracy=0.01).radiate(fingers.scene, beacon)
@@ -571,7 +571,7 @@ def rigid_motion(results: Results, extent: Extent) -> None:
         "## Rigid motion (section 3.3)",
         f"One solution serves every rigid motion. The hand was moved {len(poses)} times at "
         "random, by "
-        "up to 5 mm along each axis and 10 degrees, and the beacon read at the 996 transducers: by "
+        "up to 5 mm along each axis and 10 degrees, and the beacon evaluated at the transducers: by "
         "the surface integral, and by the paper's scheme, linear interpolation between the 4 "
         "nearest "
         f"nodes. Most points lie outside the tetrahedron of these ({', '.join(shares)}), where the "
@@ -609,7 +609,7 @@ class Mesh:
 
 
 def mesh_sizes(results: Results, extent: Extent) -> None:
-    """Solve with several orders and mesh sizes, each in a process of its own."""
+    """Solve with several orders and mesh sizes, each in a separate process."""
     fingers = Fingers()
     accuracy = extent.reference
     exact, coarser = (
@@ -626,7 +626,7 @@ def mesh_sizes(results: Results, extent: Extent) -> None:
     expected: dict[int, float] = {}  # seconds of an order at one element per wavelength
     for mesh in waiting:
         size = mesh.elements_per_wavelength
-        # The unknowns grow with the cube of the size, and at first the time does, too.
+        # The unknowns grow with the cube of the size, and so does the time for small meshes.
         over_limit = expected.get(mesh.order, 0.0) * size**3 > extent.study_limit
         if over_limit or time.perf_counter() - begun > extent.study_budget:
             continue
@@ -646,7 +646,7 @@ def mesh_sizes(results: Results, extent: Extent) -> None:
         "best. "
         f"{len(solved)} combinations of order and mesh were solved; those expected to take over "
         f"{extent.study_limit:g} s were not. The error is that of the beacons' pressure at the "
-        f"transducers, against boundary elements (known to about {uncertain:.1%}). A box round the "
+        f"transducers, against boundary elements (error about {uncertain:.1%}). A box around the "
         "fingers is meshed; the pressure outside follows from the surface integral.",
     )
     good = [one for one in solved if one.error <= 0.02]
@@ -661,7 +661,7 @@ def mesh_sizes(results: Results, extent: Extent) -> None:
 
 
 def run_mesh(mesh: Mesh, exact: np.ndarray, limit: float) -> Mesh | None:
-    """Solve in a process of its own; None where that fails or takes too long."""
+    """Solve in a separate process; return None if it fails or takes too long."""
     script = Path(__file__).with_name("solve_mesh.py")
     settings = json.dumps([mesh.order, mesh.elements_per_wavelength])
     call = [sys.executable, str(script), settings]
@@ -676,7 +676,7 @@ def run_mesh(mesh: Mesh, exact: np.ndarray, limit: float) -> Mesh | None:
 
 
 def draw_meshes(extent: Extent, solved: list[Mesh]) -> Figure:
-    """Draw the error over time, memory and elements per wavelength."""
+    """Draw the error against time, memory and elements per wavelength."""
     figure = Figure(figsize=(12.0, 4.5), layout="constrained")
     row = figure.subplots(1, 3, sharey=True)
     colours = colormaps["viridis"](np.linspace(0, 0.92, len(extent.study_orders)))

@@ -16,7 +16,7 @@ import airtact as at
 
 def peak_memory() -> float:
     """Return the peak memory of this process [bytes]; NaN where it is unknown."""
-    status = Path("/proc/self/status")  # ru_maxrss would count the parent's memory, too
+    status = Path("/proc/self/status")  # ru_maxrss would include the parent's memory
     if not status.exists():
         return math.nan
     lines = status.read_text(encoding="ascii").splitlines()

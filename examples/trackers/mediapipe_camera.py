@@ -1,7 +1,7 @@
 """Send the hands that MediaPipe finds in camera images to airtact, as JSON by websocket.
 
-MediaPipe 0.10.21 wants NumPy 1, airtact NumPy 2, so this file imports nothing of airtact and runs
-in an environment of its own::
+MediaPipe 0.10.21 needs NumPy 1, airtact NumPy 2. This file does not import airtact and runs in its
+own environment::
 
     python3 -m venv camera
     camera/bin/pip install mediapipe==0.10.21 'websockets<17'

@@ -26,7 +26,7 @@ def test_an_example_is_taken_where_no_file_has_its_name(capsys, monkeypatch, tmp
     monkeypatch.chdir(tmp_path)
     printed, errors = done(capsys, "check", "pinch")
     taken, _, steps = errors.partition("\n")
-    assert taken == f"There is no file pinch here: taking the example {at.example('pinch')}"
+    assert taken == f"There is no file pinch here: using the example {at.example('pinch')}"
     assert only_steps(steps)
     assert "thumb" in printed
 

@@ -109,7 +109,7 @@ def test_suppression_zones_stand_beside_the_foci(read) -> None:
             (POINT, "circle = { centre = [0, 0, 0], radius = 1, spacing = 1 }"),
             ("foci[0]: give exactly one of ", "; 2 given"),
         ),
-        ("key_misplaced", (POINT, "offset = 1e-3"), ("foci[0]: offset goes only with at",)),
+        ("key_misplaced", (POINT, "offset = 1e-3"), ("foci[0]: offset is valid only with at",)),
         (
             "too_many",
             ("[[foci]]\ncircle = { centre = [0, 0, 0.03], radius = 10.0, spacing = 3e-3 }",),

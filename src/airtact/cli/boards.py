@@ -24,7 +24,7 @@ def boards() -> None:
             "1" if board.max_boards == 1 else f"1 to {board.max_boards}",
         )
     links = [
-        f"{board.name}: {board.title}, by {', '.join(links_of(board.name))}"
+        f"{board.name}: {board.title}, through {', '.join(links_of(board.name))}"
         for board in BOARDS.values()
     ]
     try:

@@ -1,4 +1,4 @@
-"""``airtact calibrate``: calibrate boards, gains and sound speed by the array's transmissions."""
+"""``airtact calibrate``: calibrate boards, gains and sound speed from transmissions."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -52,9 +52,10 @@ def calibrate(
 ) -> None:
     """Calibrate the poses of a scene's boards, the gains of the elements and the sound speed.
 
-    ECHOES is an .h5 file of what the elements of the empty array receive from each other. The
-    boards must face each other, the codes must distinguish the elements, and direct sound must be
-    included. Writes a table that a scene reads by calibration = "calibration.csv" under [array].
+    ECHOES is an .h5 file of the pressures that the elements of the empty array receive from each
+    other. The boards must face each other, the codes must distinguish the elements, and direct
+    sound must be included. Writes a table that a scene reads with
+    calibration = "calibration.csv" under [array].
     """
     with progress() as report_step:
         report_step(f"reading {scene.name}")

@@ -129,7 +129,7 @@ def _fit(
     edge: float | None,
     report_step: Progress,
 ) -> Shown:
-    # Without a given edge the fitted surface keeps its own.
+    # Without ``edge`` the fitted surface keeps its triangles.
     import numpy as np
 
     from airtact.files.atomic import writable_folder
@@ -142,7 +142,7 @@ def _fit(
     writable_folder(file.parent)
     eye = None if camera is None else np.array(camera, dtype=np.float64)
     fitted = at.fit_hand(points, joints, side, eye, progress=report_step)
-    report_step("bringing its skin to the points")
+    report_step("moving its skin to the points")
     surface = fitted.surface if edge is None else fitted.skin(edge)
     shape = cast("HandShape | MeshShape", surface.shape)
     if isinstance(shape, MeshShape):

@@ -48,7 +48,7 @@ from airtact.cli.options import (
     "--verify",
     "session",
     type=OUT_FILE,
-    help="Verify drives of an earlier session (session.h5 or its folder), in some seconds each.",
+    help="Verify drives of an earlier session (session.h5 or its folder); each takes seconds.",
 )
 @click.option(
     "--drives", type=click.IntRange(min=1), help="Number of drives to --verify; 10 by default."
@@ -57,7 +57,7 @@ from airtact.cli.options import (
     "--latency",
     type=float,
     default=0.0,
-    help="Least delay from the tracker's picture to the emission in seconds; 0 by default.",
+    help="Smallest delay from the tracker's picture to the emission in seconds; 0 by default.",
 )
 @click.option(
     "--ignore-hand",
@@ -89,7 +89,7 @@ from airtact.cli.options import (
     help="Port of the page; 0 takes a free one.",
 )
 @click.option(
-    "--host", default="127.0.0.1", show_default=True, help="Address that the page is served at."
+    "--host", default="127.0.0.1", show_default=True, help="Address at which the page is served."
 )
 @as_json
 @quiet

@@ -87,7 +87,7 @@ def mesh(surface: Path, edge: float | None, file: Path, **settings: float | None
     angles = smallest_angles(triangles)
     worst = f"{angles.min():.1f}°, 1 of 100 panels below {np.percentile(angles, 1):.1f}°"
     longest = 1e3 * float(longest_edges(triangles).max())
-    # Distances over λ/20 change the phase of the reflected sound.
+    # Distances above λ/20 change the phase of the reflected sound.
     farthest = float(panels.farthest.max())
     mean = _gap(panels.mean_distance.max())
     facts = [
@@ -116,13 +116,13 @@ def mesh(surface: Path, edge: float | None, file: Path, **settings: float | None
 
 
 def usual_edge(wavelength: float) -> float:
-    """Return the edge of the panels of a solve with 1 % accuracy [m].
+    """Return the panel edge length [m] for a solve at 1 % accuracy.
 
     >>> import airtact as at
     >>> f"{1e3 * usual_edge(at.air(celsius=20.0).wavelength(40e3)):.2f} mm"
     '5.49 mm'
     """
-    # A panel has 6 nodes, and an equilateral triangle of edge a the area √3/4 a².
+    # A panel has 6 nodes; an equilateral triangle of edge a has the area √3/4 a².
     density = at.BoundaryElement(accuracy=0.01).nodes_per_square_wavelength
     return wavelength * math.sqrt(6.0 / density * 4.0 / math.sqrt(3))
 
@@ -138,11 +138,11 @@ def _checked_edge(edge: float, surface: "Surface") -> float:
             code="does_not_match",
         )
     count = surface.area / (math.sqrt(3) / 4 * edge**2)
-    # More take minutes to make, and no solver can use a tenth of them.
+    # More panels take minutes to make, and no solver can use a tenth of them.
     if count > 300_000:
         raise at.InvalidInput(
             f"edge is {edge:g} m, which gives {count:.2g} panels, more than 300000: give a larger "
-            "one.",
+            "edge.",
             code="too_many",
         )
     return edge

@@ -29,7 +29,7 @@ class InputFile(click.ParamType):
 
         file = file_or_example(value)
         if file != Path(value) and not wanted(QUIET):
-            click.echo(f"There is no file {value} here: taking the example {file}", err=True)
+            click.echo(f"There is no file {value} here: using the example {file}", err=True)
         return file
 
 
@@ -109,8 +109,8 @@ def scene_here(context: click.Context, argument: click.Parameter, scene: Path) -
         and not scene.exists()
     ):
         raise at.InvalidInput(
-            f"no scene was named, and there is no {scene} here: name one, or write one by airtact "
-            "init.",
+            f"no scene was named, and there is no {scene} here: name one, or write one with "
+            "airtact init.",
             code="file_missing",
         )
     return scene
@@ -179,9 +179,9 @@ def agreed(question: str) -> None:
     # A script or a pipe must not emit by accident.
     if not sys.stdin.isatty():
         raise at.InvalidInput(
-            "no confirmation is possible without a terminal, so 0 frames were sent: give --yes to "
+            "no confirmation is possible without a terminal, so nothing was sent: give --yes to "
             "emit without asking.",
             code="link_failed",
         )
     if not click.confirm(question, default=False):
-        raise at.InvalidInput("0 frames were sent, because you answered no.", code="link_failed")
+        raise at.InvalidInput("nothing was sent, because you answered no.", code="link_failed")

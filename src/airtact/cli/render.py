@@ -55,7 +55,7 @@ def render(
         if method is not None:
             setup = replace(setup, method=method)
         writable_folder(folder)
-        # Files of an older run are removed once this run has a drive. Before, they are not complete
+        # Files of an older run are removed once this run has a drive. Until then they are not
         # files of this run.
         saved = False
         try:
@@ -108,7 +108,7 @@ def _table(result: "Rendering") -> "Table":
     asked = result.setup.target.pressures
     columns = {"pressure": result.pressures}
     if asked is not None:
-        columns["asked"] = asked
+        columns["requested"] = asked
     if result.control_pressures is not None:
         columns[result.verification.names[1]] = result.control_pressures
     table = plain_table("focus", *columns)

@@ -1,4 +1,4 @@
-"""``airtact sense``: locate the hand by echoes of the array's own transmissions."""
+"""``airtact sense``: locate the hand from echoes of the array's own transmissions."""
 
 import json
 from pathlib import Path
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @click.command(
-    short_help="Locate the hand by echoes.",
+    short_help="Locate the hand from echoes.",
     epilog="Example: airtact sense pinch --simulate --noise 20 --out out/sensed",
 )
 @scene

@@ -1,4 +1,4 @@
-"""The bodies of a scene file: built from their tables, named, and merged where asked."""
+"""The bodies of a scene file: built from their tables, named, and merged if requested."""
 
 import math
 from collections.abc import Callable, Collection, Sequence
@@ -166,9 +166,10 @@ def _scanned_hand(table: ObstacleTable, folder: Path, used: Collection[str]) -> 
 def _merged(
     names: Sequence[str], obstacles: Sequence[Obstacle]
 ) -> tuple[list[str], list[Obstacle]]:
-    """Merge sound-hard bodies that overlap, touch or are nearer than ``NEAREST`` [m].
+    """Merge sound-hard bodies that overlap, touch or are less than ``NEAREST`` [m] apart.
 
-    The names of merged bodies are joined by " + ". The order is that of the first of each group.
+    The names of merged bodies are joined by " + ". Groups are in
+    the order of their first bodies.
     """
     from scipy.cluster.hierarchy import DisjointSet
 

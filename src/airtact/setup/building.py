@@ -68,14 +68,14 @@ def read_scene(
     ------
     InvalidInput
         The file cannot be read, has a wrong key or value, or describes an impossible scene; the
-        message begins with the file's name and the table at fault. "unknown_key": ``changes`` has
-        the path of no key.
+        message begins with the file's name and the table at fault. "unknown_key": a path
+        in ``changes`` names no key.
     """
     path = file_or_example(path)
     if path.suffix.lower() == ".json":
         raise InvalidInput(
-            f'{path.name} is not a scene file (.toml). Name it in a scene by hand = "{path.name}" '
-            "under [[obstacles]]; airtact hand shows it.",
+            f'{path.name} is not a scene file (.toml). To use it, write hand = "{path.name}" under '
+            "[[obstacles]] of a scene; airtact hand shows it.",
             code="unknown_format",
         )
     text = text_of(path, LARGEST_SCENE_FILE)
@@ -182,7 +182,8 @@ def _solver(file: SceneFile, scene: Scene) -> Solver:
     for index, obstacle in enumerate(scene.obstacles):
         if obstacle.boundary == "filled":
             raise InvalidInput(
-                f"{name} does not solve body {index}, which is filled: name finite_element.",
+                f"{name} does not solve body {index}, which is filled: set "
+                'name = "finite_element".',
                 code="not_supported",
             )
     return default_solver(scene, accuracy)
@@ -292,7 +293,9 @@ def _wanted(file: SceneFile, counts: list[int]) -> dict[str, Num[np.ndarray, "fo
         if not missing:
             values[key] = np.repeat(np.array(of_tables, dtype=np.float64), counts)
     if "pressure" in values and "share" in values:
-        raise InvalidInput("the foci have pressures and shares: give either.", code="options_clash")
+        raise InvalidInput(
+            "the foci have pressures and shares: give only one of them.", code="options_clash"
+        )
     if not values:
         return {}
     # Phases of a Target are those of complex pressures or shares.

@@ -70,7 +70,7 @@ class Contender:
 
     @property
     def suppression_level(self) -> float:
-        """Mean of p² at the suppression points over that at the foci [dB]; NaN without points."""
+        """Mean of p² at the suppression points relative to the foci [dB]; NaN without points."""
         if not len(self.suppression_points):
             return float("nan")
         ratio = np.mean(self.suppression_points**2) / np.mean(self.pressures**2)
@@ -90,7 +90,7 @@ class MethodComparison:
         verification.
     transfer : transfer matrix of the drives.
     beacons : report of the solve behind the transfer matrix.
-    bound : upper bound of the pressure over weight at the worst focus, within full scale [Pa].
+    bound : upper bound of pressure divided by weight at the worst focus, within full scale [Pa].
     field : verification solve, one excitation for each contender.
     seconds : wall time by step [s].
     """
@@ -146,13 +146,13 @@ class MethodComparison:
         return sorted(self.contenders, key=rank)
 
     def worst(self, contender: Contender) -> float:
-        """Return the least pressure over weight of the foci with a weight above 0 [Pa]."""
+        """Return the smallest pressure divided by weight of the foci with a weight above 0 [Pa]."""
         weights = self.setup.target.weights
         asked = weights > 0.0
         return float((contender.pressures[asked] / weights[asked]).min())
 
     def of_the_bound(self, contender: Contender) -> float:
-        """Return the pressure at the worst focus at full scale over the bound."""
+        """Return the pressure at the worst focus at full scale, divided by the bound."""
         return self.worst(contender) / contender.emitted.peak / self.bound
 
     def label(self, contender: Contender) -> str:
@@ -218,7 +218,7 @@ def compare(
     """Compare all methods for a setup, or some drives of an array as ``evaluation.compare`` does.
 
     All methods use one transfer matrix. One more accurate solve verifies their drives. The method
-    of the setup has no influence.
+    of the setup is ignored.
 
     Parameters
     ----------

@@ -158,7 +158,7 @@ def _block(root: h5py.Group, name: str, index: int, kind: str) -> h5py.Group:
 
 
 def _write_image(group: h5py.Group, box: Box, pressure: Complex[np.ndarray, "points"]) -> None:
-    # The format counts along z first, and an extent includes both ends.
+    # The arrays run z, y, x, and an extent includes both ends.
     across, along, deep = box.counts
     group.attrs["WholeExtent"] = np.array([0, across - 1, 0, along - 1, 0, deep - 1])
     group.attrs["Origin"] = box.origin
@@ -182,7 +182,7 @@ def _write_polygons(group: h5py.Group, bodies: Sequence[Surface]) -> None:
     )
     group.create_dataset("NumberOfPoints", data=np.array([len(vertices)]))
     group.create_dataset("Points", data=vertices)
-    # The reader needs all four kinds of cells, also empty ones.
+    # The reader needs all four kinds of cells, even if they are empty.
     for name in ("Vertices", "Lines", "Polygons", "Strips"):
         cells = triangles if name == "Polygons" else np.empty((0, 3), dtype=np.int64)
         part = group.create_group(name)

@@ -52,7 +52,9 @@ def parse_scene(text: str, changes: Mapping[str, Value] | None = None) -> SceneF
             data = with_changes(data, changes)
         _check_numbers(data, "")
     except RecursionError:
-        raise InvalidInput("lists or tables are nested too deep.", code="file_too_large") from None
+        raise InvalidInput(
+            "lists or tables are nested too deeply.", code="file_too_large"
+        ) from None
     except InvalidInput:
         raise
     except ValueError as error:  # also for numbers with thousands of digits
@@ -212,8 +214,8 @@ def with_changes(data: Mapping[str, Any], changes: Mapping[str, Value]) -> dict[
     Raises
     ------
     InvalidInput
-        "unknown_key": a path is that of no key; the message lists those that exist. "given_twice":
-        two paths are those of one key.
+        "unknown_key": a path names no key; the message lists the existing keys. "given_twice": two
+        paths name one key.
 
     Examples
     --------

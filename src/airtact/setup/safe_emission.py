@@ -101,8 +101,8 @@ class Plan:
             if not frame.silent:
                 exact = Drive(row if levels.phase_only else share * row)
                 pressures = np.abs(transfer.pressure(exact))
-                # A frame of a sequence is made for some of the foci. The little that it leaves at
-                # the others may change by any factor.
+                # A frame of a sequence is made for some of the foci. The weak pressure at the
+                # other foci may change by any factor.
                 meant = pressures > 0.1 * pressures.max()
                 changes.extend(rounding_error(transfer, exact, frame)[meant])
         frames = [frame_at(row, levels, share).drive() for row in stored.drives]
@@ -201,7 +201,7 @@ def plan(
         modulation = (modulation or stored.modulation) if rate is None and not constant else None
         made = Plan(stored, kind, modulation)
         head = made.head
-        made.poses  # noqa: B018 (raises where the transducers are not those of such boards)
+        made.poses  # noqa: B018 (raises if the transducers are not those of such boards)
     chosen = head.safe_cap() if cap is None else cap
     if not np.isfinite(head.at(chosen)[0]):
         raise InvalidInput(
@@ -225,8 +225,8 @@ def sound_speed_of(stored: DriveFile) -> float:
     """Return the speed of sound of a drive; that of air at 20 °C if the file has none."""
     if stored.frequency is not None and abs(stored.frequency - FREQUENCY) > 1.0:
         raise InvalidInput(
-            f"the drive is for {stored.frequency:g} Hz, and boards emit {FREQUENCY:g} Hz: make it "
-            "for that.",
+            f"the drive is for {stored.frequency:g} Hz, but boards emit {FREQUENCY:g} Hz: make it "
+            "for that frequency.",
             code="does_not_match",
         )
     return (stored.medium or air()).sound_speed
@@ -260,7 +260,7 @@ def emit(
 
     Parameters
     ----------
-    log : file that gets a line on each event, see ``Emission``.
+    log : file that receives a line for each event, see ``Emission``.
 
     Returns
     -------
@@ -274,7 +274,7 @@ def emit(
         The link failed; the message says what was sent last.
     """
     stored = made.stored
-    # Checked before the link is opened, so that nothing is emitted where the boards cannot play it.
+    # Checked before the link is opened, so that nothing is emitted if the boards cannot play it.
     played = None
     if made.rate is not None:
         link.check_sequence(len(stored.drives), made.rate)

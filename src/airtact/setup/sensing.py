@@ -45,9 +45,9 @@ class Simulation:
 
     Attributes
     ----------
-    noise : rms of the echoes over that of the noise [dB].
+    noise : signal-to-noise ratio of the echoes [dB].
     position, degrees : offset [m] and turn [°] of the hand.
-    seed : of the noise and the directions.
+    seed : seed of the noise and the directions.
     opened : difference of the gap of a pinch from the scene file's [m].
     """
 
@@ -60,21 +60,21 @@ class Simulation:
 
 @dataclass(frozen=True, eq=False)
 class Sensed:
-    """Where the hand is, relative to the scene file, and what correcting the drive gains.
+    """Pose of the hand relative to the scene file, and the pressures with a corrected drive.
 
     Attributes
     ----------
     setup, fitted : the scene file, and the same with the gap found.
-    located : the pose found; it maps the scene file's obstacles to where they are, in the same
+    located : the pose found, from the obstacles of the scene file to the actual ones, in the same
         frame.
-    echoes : that the pose was found from.
+    echoes : the echoes from which the pose was found.
     shifts : translation of the bodies' middle [m] and turn [rad] of the pose found, from the scene
         file's pose; of simulated echoes also from the true pose.
     before, after : (F,) pressure at each focus of the actual hand under the drive for the scene
         file's pose and under that for the pose found [Pa].
-    unexplained : (2, R) residual at each receiver for both poses, over the echoes' rms.
-    gap, true_gap : of the scene file's pinch, and of the simulated one [m], or None. The gap found
-        is ``located.opening``.
+    unexplained : (2, R) residual at each receiver for both poses, divided by the echoes' rms.
+    gap, true_gap : gaps of the scene file's pinch and of the simulated one [m], or None. The gap
+        found is ``located.opening``.
     seconds : wall time by step [s].
     """
 
@@ -130,7 +130,7 @@ def sense(
     ----------
     setup : read from a scene file.
     echoes : measured echoes, or what to simulate.
-    store : folder in which solved fields are stored and found again.
+    store : folder in which solved fields are stored and reused.
 
     Raises
     ------
@@ -210,7 +210,7 @@ def sense(
         def transfer(setup: Setup, pose: Pose) -> TransferMatrix:
             return transfer_matrix(waves(setup), setup.array.seen_from(pose))
 
-        # Without a simulated truth the pose that was found takes its place.
+        # Without a simulated true pose, the pose found takes its place.
         actual = transfer(fitted, located.pose) if true is None else transfer(really, true)
 
         def pressures(setup: Setup, pose: Pose) -> Float64[np.ndarray, "foci"]:
@@ -228,7 +228,7 @@ def sense(
             unexplained(echoes, scattering, setup.array, Pose.identity()),
             unexplained(echoes, final, setup.array, located.pose),
         ]
-    # Shifts are those of the bodies' middle: about the origin a turn would count as a shift.
+    # Shifts are those of the bodies' centre; at the origin a rotation would add a shift.
     centre = scattering.centre[None]
     pose = located.pose
     shifts = []
@@ -325,7 +325,7 @@ def _simulated_array(array: PhasedArray, medium: Medium, seed: int) -> tuple[Pha
     random = np.random.default_rng([seed, 2])
     boards = boards_of(array)
     motions = random.normal(size=(len(boards), 6)) * np.repeat([5e-4, 5e-3], 3)
-    motions[0] = 0.0  # the first board is the frame that the others are found in
+    motions[0] = 0.0  # the first board defines the frame
     # Log magnitude and phase [rad] of the gains.
     logarithm = random.normal(size=(2, len(array))) * np.array([0.1, 0.2])[:, None]
     true = join([moved(board, motion) for board, motion in zip(boards, motions, strict=True)])

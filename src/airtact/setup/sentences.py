@@ -96,16 +96,16 @@ def reach_cautions(setup: Setup) -> tuple[str, ...]:
             )
         if 0.0 < pressure < 50.0:
             cautions.append(
-                f"{name} asks for {pressure:.3g} Pa, too little to be felt: is it in kilopascal? "
-                "Give pascals."
+                f"{name} has a request of {pressure:.3g} Pa, too little to be felt: is it in "
+                "kilopascal? Give pascals."
             )
         if pressure > gain * bound:
             words = {1.0: "", 2.0: ", and at most about twice that on a hard surface"}.get(
                 gain, ", and at most about four times that on a hard surface beside a plane"
             )
             cautions.append(
-                f"{name} asks for {pressure:,.0f} Pa, but all elements at full scale give "
-                f"{bound:,.0f} Pa in open air{words}. Ask for less, or use more boards."
+                f"{name} has a request of {pressure:,.0f} Pa, but all elements at full scale give "
+                f"{bound:,.0f} Pa in open air{words}. Request less, or use more boards."
             )
     return tuple(cautions)
 
@@ -144,7 +144,7 @@ def share_of_bound(setup: Setup, transfer: TransferMatrix, drive: Drive) -> str:
         f"{len(frame.levels.amplitudes)} levels of amplitude and {frame.levels.phases} of phase"
     )
     if not np.any(frame.drive().amplitudes):
-        return f"Rounded to {levels} this drive is silent: ask for higher pressures."
+        return f"Rounded to {levels} this drive is silent: request higher pressures."
     bound = upper_bound(transfer, setup.target, tolerance=1e-2)
     exact = bound.reached(transfer, setup.target, drive)
     rounded = bound.reached(transfer, setup.target, frame.drive())

@@ -40,7 +40,7 @@ class Setup:
     method : name of the method that makes the drive, a key of ``drives.METHODS``.
     levels : amplitudes and phases to which the drive is rounded.
     modulation : makes the drive perceptible; None for a constant drive.
-    uncertainty : of hand, air and transducers, or None.
+    uncertainty : uncertainty of hand, air and transducers, or None.
     samples, seed : number of samples of the uncertainty for the drive, and their seed.
     bodies, foci : a name for each body and each focus.
     board : kind of the boards of the array, or None.
@@ -133,11 +133,11 @@ class Setup:
         with about("array"):
             beacons = self.target.beacons(suppression=True)
             check_placement(self.scene, self.array, beacons.positions)
-            self.poses  # noqa: B018 (raises where the array is not made of such boards)
+            self.poses  # noqa: B018 (raises if the array is not made of such boards)
         with about("drive"):
             if self.method not in METHODS:
                 raise InvalidInput(
-                    f'"{self.method}" is not a method here; {nearest(self.method, METHODS)}',
+                    f'"{self.method}" is not a method; {nearest(self.method, METHODS)}',
                     code="unknown_name",
                 )
             if self.method in FOR_SAMPLES and self.uncertainty is None and not self.followed:

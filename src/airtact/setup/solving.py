@@ -36,7 +36,7 @@ def stored(solver: Solver, store: Path | None) -> Solver:
 
 
 def solve_beacons(setup: Setup, clock: Clock, store: Path | None = None) -> RadiatedField:
-    """Solve for a beacon at each focus and suppression point; as multipoles with uncertainty."""
+    """Solve for a beacon at each focus and suppression point; multipoles if uncertain."""
     target = setup.target
     foci = f"focus ({len(target.points)})"
     if len(target.suppression_points):

@@ -239,7 +239,7 @@ def _computed(
             raise InvalidInput(
                 f"a process ended unexpectedly with {len(futures)} of {len(waiting)} points left. "
                 "Likely causes: too little memory, or a script that calls sweep outside of "
-                'if __name__ == "__main__". Stored points stay.',
+                'if __name__ == "__main__". Stored points are kept.',
                 code="link_closed",
             ) from None
         finally:
@@ -248,16 +248,17 @@ def _computed(
 
 
 def process_count(points: int, limit: int | None = None, memory: float = 0.0) -> int:
-    """Return the number of processes, each of which takes some ``memory`` [bytes].
+    """Return the number of processes if each needs ``memory`` [bytes].
 
-    It is ``limit``, by default the number of processors, but not above the number of points or what
-    fits into 80 % of the available memory. Raise "too_little_memory" if one does not fit.
+    It is ``limit``, by default the number of processors, but at most the number of points and the
+    number that fits into 80 % of the available memory. Raise "too_little_memory" if one process
+    does not fit.
     """
     free = available_memory()
     if memory > free:
         raise InvalidInput(
             f"one point takes about {memory / 1e9:.2g} GB, and {free / 1e9:.2g} GB are available: "
-            "end other programs, or ask for less accuracy.",
+            "end other programs, or request less accuracy.",
             code="too_little_memory",
         )
     fitting = 0.8 * free / memory if memory else np.inf
@@ -266,10 +267,10 @@ def process_count(points: int, limit: int | None = None, memory: float = 0.0) ->
 
 @contextmanager
 def processes(count: int) -> Iterator[Executor]:
-    """Start processes that end with the block, also at an error or when this program is killed."""
+    """Start processes that end with the block, even after an error or if the program is killed."""
     # A forked child inherits locks that threads hold, and may hang.
     context = get_context("spawn")
-    # The processes end when this end of the pipe closes, also by a kill of this program.
+    # The processes end when this end of the pipe closes, even because this program is killed.
     watched, held = context.Pipe(duplex=False)
     arguments: Any = (watched,)  # a connection only in name on Windows
     pool = ProcessPoolExecutor(
@@ -285,7 +286,7 @@ def processes(count: int) -> Iterator[Executor]:
 
 
 def _begin_process(watched: Connection) -> None:
-    """Take one thread for linear algebra, leave Ctrl-C to the parent, and end with it."""
+    """Use one thread for linear algebra, ignore Ctrl-C, and end with the parent process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ[name] = "1"  # of libraries that are loaded later

@@ -66,7 +66,7 @@ class Table(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
                 holds = any(self._has(condition) for condition in rule.conditions)
                 words = " or ".join(rule.conditions)
                 if present and holds == (rule.words == "not with"):
-                    verb = "does not go" if holds else "goes only"
+                    verb = "cannot be combined" if holds else "is valid only"
                     raise InvalidInput(f"{field.name} {verb} with {words}.", code="key_misplaced")
                 if holds and not present and rule.words == "needed by":
                     raise InvalidInput(f"{words} needs {field.name}: add it.", code="key_missing")
@@ -310,7 +310,7 @@ class SphereShellTable(Table, frozen=True):
 
 
 class TextTable(Table, frozen=True):
-    """Points of writing in single strokes.
+    """Points of text in single strokes.
 
     Attributes
     ----------
@@ -372,7 +372,7 @@ class SurfacePointsTable(Table, frozen=True):
 
 
 class Shape(Table, frozen=True):
-    """Points: one, or those of a shape.
+    """One point, or the points of a shape.
 
     Attributes
     ----------
@@ -417,7 +417,7 @@ class FocusTable(Shape, frozen=True):
 
 
 class SuppressionTable(Shape, frozen=True):
-    """Where the sound is suppressed: points, or a surface.
+    """Points, or a surface, where the sound is suppressed.
 
     Attributes
     ----------
@@ -454,7 +454,7 @@ class LevelsTable(Table, frozen=True):
 
 
 class ModulationTable(Table, frozen=True):
-    """What makes the drive perceptible; skin hardly feels a constant force.
+    """Modulation that makes the drive perceptible; skin hardly feels a constant force.
 
     Attributes
     ----------
@@ -488,7 +488,7 @@ class DriveTable(Table, frozen=True):
     ----------
     method : name of the method.
     levels : number of levels of amplitude and phase that the drive is rounded to.
-    modulation : what makes the drive perceptible.
+    modulation : variation that makes the drive perceptible.
     """
 
     method: str = "best"
@@ -540,11 +540,11 @@ class SceneFile(Table, frozen=True):
     array : the transducers.
     foci : points that a person feels.
     medium : fluid around the bodies; air at 20 °C if left out.
-    suppression : points with as little sound as possible.
+    suppression : points where the sound is suppressed.
     obstacles : bodies.
     planes : a rigid plane; at most one.
     frequency : frequency of the sound [Hz].
-    merge_bodies : whether sound-hard bodies that overlap or are nearer than 0.3 mm become one.
+    merge_bodies : whether sound-hard bodies that overlap or are under 0.3 mm apart are merged.
     most_points : largest number of foci and suppression points together.
     solver : how the field is computed.
     drive : how the drive is made.
