@@ -1,6 +1,6 @@
 """Write the tables of keys in scene-file.md from the tables of the schema: ``python docs/scene_file.py``.
 
-The tables stand between ``<!-- table NAME -->`` and ``<!-- end -->``; the rest of the page is
+The tables are between ``<!-- table NAME -->`` and ``<!-- end -->``; the rest of the page is
 written by hand.
 """
 
@@ -22,7 +22,7 @@ TYPES = {bool: "true or false", float: "number", int: "whole number", str: "text
 
 
 def filled(page: str) -> str:
-    """Return the page with its tables of keys written anew."""
+    """Return the page with its tables of keys rewritten."""
     return PLACE.sub(lambda place: place[1] + table_of(getattr(tables, place[2])) + place[3], page)
 
 

@@ -19,7 +19,12 @@ point = [0.0, 0.0, {height}]
     ("layout", "height", "pressure", "words"),
     [
         ("surrounding_box", 0.5, "", ("focus 1 is out of the array's reach", "7.5%")),
-        ("flat_boards", 0.1, "pressure = 1e6", ("focus 1 asks for 1,000,000 Pa", "in open air")),
+        (
+            "flat_boards",
+            0.1,
+            "pressure = 1e6",
+            ("focus 1 has a request of 1,000,000 Pa", "in open air"),
+        ),
         ("flat_boards", 0.2, "pressure = 5e3", ()),
     ],
 )

@@ -185,7 +185,7 @@ def test_a_faulty_array_file_is_rejected(read, tmp_path, code, text, sentence):
         (
             "key_misplaced",
             ["[medium]\ncelsius = 20.0\ndensity = 1.2\n", ARRAY, BALL, FOCUS],
-            "medium: density goes only with sound_speed.",
+            "medium: density is valid only with sound_speed.",
         ),
         (
             "key_missing",
@@ -222,12 +222,12 @@ def test_a_faulty_array_file_is_rejected(read, tmp_path, code, text, sentence):
         (
             "key_misplaced",
             [MEDIUM, ARRAY, BALL, "scale = 2.0\n", FOCUS],
-            "obstacles[0]: scale goes only with surface.",
+            "obstacles[0]: scale is valid only with surface.",
         ),
         (
             "key_misplaced",
             [MEDIUM, ARRAY, BALL, "ratio = 2.0\n", FOCUS],
-            'obstacles[0]: ratio goes only with boundary = "impedance".',
+            'obstacles[0]: ratio is valid only with boundary = "impedance".',
         ),
         (
             "key_missing",
@@ -274,7 +274,7 @@ def test_a_faulty_array_file_is_rejected(read, tmp_path, code, text, sentence):
         (
             "key_misplaced",
             [MEDIUM, ARRAY, "rows = 2\n", BALL, FOCUS],
-            'array: rows goes only with layout = "flat_boards".',
+            'array: rows is valid only with layout = "flat_boards".',
         ),
         (
             "key_missing",
@@ -290,7 +290,7 @@ def test_a_faulty_array_file_is_rejected(read, tmp_path, code, text, sentence):
                 BALL,
                 FOCUS,
             ],
-            "array.pose: rotation does not go with axis.",
+            "array.pose: rotation cannot be combined with axis.",
         ),
         (
             "out_of_range",
@@ -305,7 +305,7 @@ def test_a_faulty_array_file_is_rejected(read, tmp_path, code, text, sentence):
         (
             "key_misplaced",
             [MEDIUM, ARRAY, BALL, FOCUS, "offset = 1e-3\n"],
-            "foci[0]: offset goes only with at",
+            "foci[0]: offset is valid only with at",
         ),
         (
             "key_misplaced",
@@ -315,7 +315,7 @@ def test_a_faulty_array_file_is_rejected(read, tmp_path, code, text, sentence):
                 "[[obstacles]]\npinch = {}\n",
                 '[[foci]]\nat = "thumb.pad"\nonto = "thumb"\n',
             ],
-            "foci[0]: onto does not go with at.",
+            "foci[0]: onto cannot be combined with at.",
         ),
         (
             "unknown_name",
@@ -365,7 +365,7 @@ def test_a_faulty_array_file_is_rejected(read, tmp_path, code, text, sentence):
         (
             "unknown_name",
             [MEDIUM, ARRAY, BALL, FOCUS, '[drive]\nmethod = "time_reversl"\n'],
-            'drive: "time_reversl" is not a method here; did you mean time_reversal?',
+            'drive: "time_reversl" is not a method; did you mean time_reversal?',
         ),
         (
             "out_of_range",
@@ -481,7 +481,7 @@ def test_calibration_is_read_from_beside_the_scene(read, tmp_path) -> None:
         (
             '[array]\nlayout = "flat_boards"\nboard = "autd3"',
             "key_misplaced",
-            'array: board goes only with layout = "surrounding_box" or layout = "boards".',
+            'array: board is valid only with layout = "surrounding_box" or layout = "boards".',
         ),
         (
             ONE_BOARD + 'calibration = "none.csv"',
@@ -607,8 +607,12 @@ def test_the_examples_are_felt(name: str) -> None:
             "drive: modulation: the depth of the modulation is 1.5",
         ),
         ('kind = "lm"\npath = "square"', "unknown_name", 'path = "square"'),
-        ('kind = "lm"\nlength = 3e-3', "key_misplaced", "length goes only with"),
-        ('kind = "lm"\npath = "line"\nradius = 3e-3', "key_misplaced", "radius does not go with"),
+        ('kind = "lm"\nlength = 3e-3', "key_misplaced", "length is valid only with"),
+        (
+            'kind = "lm"\npath = "line"\nradius = 3e-3',
+            "key_misplaced",
+            "radius cannot be combined with",
+        ),
         ('kind = "stm"\npath = "points"', "too_few", "there is 1"),
         ('kind = "lm"\nspeed = 3', "unknown_key", "drive.modulation.speed"),
     ],
