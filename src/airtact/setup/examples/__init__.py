@@ -43,7 +43,7 @@ def example(name: str, endings: tuple[str, ...] = ENDINGS) -> Path:
 
 
 def file_or_example(path: str | Path, endings: tuple[str, ...] = ENDINGS) -> Path:
-    """Return a path, or the example of that name where no file has it.
+    """Return a path, or the example of that name if no such file exists.
 
     A path with a folder is never an example. Raise as ``example`` for a name without an ending.
     """
@@ -54,5 +54,5 @@ def file_or_example(path: str | Path, endings: tuple[str, ...] = ENDINGS) -> Pat
         return example(file.name, endings)
     except InvalidInput as fault:
         if file.suffix:
-            return file  # whoever reads it reports that it is missing
+            return file  # the reader reports that it is missing
         raise InvalidInput(f"there is no file {file} here, and {fault}", code=fault.code) from None
